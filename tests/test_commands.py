@@ -37,6 +37,8 @@ ELSEWHERE = {
         "starts processes; tests/cli/test_cli_executors.py runs it",
     "resgrid solve map.yaml --goal 5,0 --boundary neumann --method petsc --ranks 2 -o field.npz":
         "needs PETSc; tests/planning/test_petsc.py runs it",
+    'resgrid solve map.yaml --goal 5,0 --method petsc --launcher "srun -n 64" -o field.npz':
+        "needs PETSc and Slurm; tests/planning/test_petsc.py runs another launcher",
 }  # fmt: skip
 """Shown commands that are not run here, and why."""
 

@@ -24,12 +24,12 @@ from resgrid.circuit.postprocess import (
 from resgrid.core.netlist import GROUND, Netlist
 from resgrid.errors import AccuracyError
 from resgrid.solvers.factors import EXACT_ROWS, Factor
-from resgrid.solvers.laplacian import count_connections
+from resgrid.solvers.laplacian import conductance_statistics
 from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.progress import Progress, ProgressMonitor
 from resgrid.solvers.refinement import CERTAIN, is_answer
 from resgrid.solvers.scaled import unscaled
-from resgrid.solvers.threads import ThreadTeam
+from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 _LARGEST_ROUNDING = 1e-10
 """Largest rounding error of a sum of source voltages, relative to the smallest source voltage."""
@@ -95,7 +95,7 @@ class _Run(NamedTuple):
         with self.timed("factor"):
             if not system.size:
                 return None
-            return factor_laplacian(system.laplacian, self.method, accuracy=self.accuracy, team=self.team)
+            return factor_laplacian(system.laplacian, self.method, accuracy=self.accuracy, threads=self.team)
 
 
 class _Solution(NamedTuple):
@@ -118,13 +118,14 @@ class _Solution(NamedTuple):
 def _solve_normwise(system: Equations, run: _Run, rtol: float) -> OperatingPoint:
     """Factor, substitute and read with a normwise backward error of at most `rtol`."""
     factors = run.factor(system)
-    name = factors.name if factors else "none"
+    name, threads = (factors.name, factors.threads.size) if factors else ("none", 1)
 
     def read(x: NDArray[np.float64]) -> OperatingPoint:
         watch = run.watch
         return read_normwise(
-            system, x, method=name, seconds=run.seconds, iterations=watch.iterations, backward_error=watch.error
-        )
+            system, x, method=name, seconds=run.seconds, iterations=watch.iterations, backward_error=watch.error,
+            threads=threads,
+        )  # fmt: skip
 
     with run.timed("substitute"):
         try:
@@ -139,12 +140,14 @@ def _solve_normwise(system: Equations, run: _Run, rtol: float) -> OperatingPoint
 def _substitute_and_read(system: Equations, run: _Run) -> _Solution:
     """Factor, substitute and read with componentwise accuracy."""
     factors = run.factor(system)
-    name = factors.name if factors else "none"
+    name, team = (factors.name, factors.threads) if factors else ("none", SINGLE_THREAD)
     with run.timed("substitute"):
-        values = node_values(system, factors, run.watch, run.team)
+        values = node_values(system, factors, run.watch, team)
         del factors  # free the memory
     with run.timed("read"):
-        point, residual, imprecise = read_entrywise(system, values, run.team, method=name, seconds=run.seconds)
+        point, residual, imprecise = read_entrywise(
+            system, values, team, method=name, seconds=run.seconds, threads=team.size
+        )
     has_both_signs = point.log_drop is None and point.potential is None
     entry_error = np.inf if has_both_signs else run.watch.bound + float(np.finfo(np.float64).eps)
     point = replace(point, iterations=run.watch.iterations, backward_error=run.watch.error, entry_error=entry_error)
@@ -185,7 +188,7 @@ def _suggests_cancellation(system: Equations, point: OperatingPoint) -> bool:
         return True
     if not (few and system.size):
         return False
-    found = count_connections(system.laplacian)
+    found = conductance_statistics(system.laplacian)
     return bool(found.smallest < _STIFF * found.largest)
 
 
@@ -194,6 +197,7 @@ def _recover(system: Equations, run: _Run, solution: _Solution) -> _Solution:
     from resgrid.circuit.current_recovery import recover_currents
 
     tiny, rails, watch = _tiny_currents(system, solution.point), system.rails, run.watch
+    team = run.team if solution.point.threads > 1 else SINGLE_THREAD
     with run.timed("balance"):
         found, direct = recover_currents(system)
         if found is None or not (tiny is None or np.isfinite(found.entry_error)):
@@ -202,9 +206,9 @@ def _recover(system: Equations, run: _Run, solution: _Solution) -> _Solution:
         if rails is None:
             values = values_above(system, found.heights)
         elif not watch.bound <= CERTAIN:
-            values = node_values(system, direct, ProgressMonitor(), run.team)
+            values = node_values(system, direct, ProgressMonitor(), team)
         point, residual, imprecise = read_entrywise(
-            system, values, run.team, found, tiny, method=first.method, seconds=run.seconds
+            system, values, team, found, tiny, method=first.method, seconds=run.seconds, threads=first.threads
         )
         proved = rails is not None and is_answer(watch.error, watch.bound)
         if proved and point.kcl_residual > max(first.kcl_residual, DIRECTION_RESIDUAL):

@@ -69,6 +69,8 @@ class OperatingPoint:
         nonlinear resistors it begins with ``"newton, "``.
     seconds : mapping of str to float
         Wall-clock time of each stage.
+    threads : int
+        Number of threads that the solve used: 1 if several would not be faster.
     iterations : int
         Steps of the iterative method, summed over right-hand sides and refinement; 0 for the direct method.
     backward_error : float
@@ -106,6 +108,7 @@ class OperatingPoint:
     undriven: NDArray[np.int64]
     method: str
     seconds: Mapping[str, float]
+    threads: int = 1
     iterations: int = 0
     backward_error: float = 0.0
     entry_error: float = np.inf

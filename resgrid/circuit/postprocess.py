@@ -27,7 +27,7 @@ from resgrid.solvers.laplacian import Rails
 from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.refinement import minus, quotient
 from resgrid.solvers.scaled import Scaled, canonical, power
-from resgrid.solvers.threads import ALONE, ThreadTeam
+from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 OUT_OF_RANGE = (
     "a voltage exceeds 1.8e308 V, the range of double precision: the injected currents are too large for the "
@@ -242,9 +242,9 @@ def _normwise_currents(system: Equations, heights: NDArray[np.float64]) -> Branc
 
 
 def _branch_currents(
-    netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], values: NodeValues, team: ThreadTeam = ALONE,
-    falling: NDArray[np.float64] | None = None, recovered: RecoveredCurrents | None = None,
-    tiny: BranchCurrents | None = None,
+    netlist: Netlist, forest: SourceForest, unknown: NDArray[np.int32], values: NodeValues,
+    team: ThreadTeam = SINGLE_THREAD, falling: NDArray[np.float64] | None = None,
+    recovered: RecoveredCurrents | None = None, tiny: BranchCurrents | None = None,
 ) -> tuple[BranchCurrents, NDArray[np.float64], bool]:  # fmt: skip
     """Compute branch currents, or take the recovered ones, and check Kirchhoff's current law at every node.
 

@@ -61,10 +61,12 @@ def solve(
     rtol : float
         Largest backward error for ``"normwise"``.
     threads : int
-        Number of threads; the result has the same digits for any number.  ``"multigrid"`` on grids of more than about
-        120,000 cells distributes the sweeps over the finest levels and the kernels over rows and resistors.  Two
-        right-hand sides are solved at the same time: the drop and the height if the ties to the high rail are weak, or
-        the positive and the negative source currents.  Circuits with nonlinear resistors use one thread.
+        Largest number of threads; the result has the same digits for any number.  ``"multigrid"`` uses several on
+        planes of at least 250,000 nodes and on volumes of at least 500,000: for sweeps over the finest levels, for
+        kernels over rows and resistors, and for two right-hand sides at the same time (the drop and the height if the
+        ties to the high rail are weak, or the positive and the negative source currents).  Smaller circuits, the
+        direct method and circuits with nonlinear resistors are not faster with several threads and use one;
+        `OperatingPoint.threads` is the number used.
     progress : callable, optional
         Called after every step of an iterative method with the number of steps, the residual relative to the start of
         the current pass, and an estimate of the remaining seconds of that pass (None without progress).  With several

@@ -198,7 +198,7 @@ _SCENE_OPTIONS: tuple[Decorator, ...] = (
          help="Share of the Dirichlet field, 1: away from obstacles, 0: past them (Neumann); repeatable."),
     _key("--set", "settings", metavar="KEY=VALUE", type=SceneKey(), multiple=True,
          help="Any other key, such as chip.supply=3."),
-    _key("--threads", metavar="N", type=click.IntRange(1), default=1, help="For solving."),
+    _key("--threads", metavar="N", type=click.IntRange(1), default=1, help="Most threads; small circuits use one."),
     _map("--format", type=Suggested("name", "ros", "movingai", "voxels", "image", "epic", "npy"),
          help="ros, movingai, voxels, image, epic or npy, where the name hides it."),
     _map("--map-dialect", "dialect_", type=Suggested("name", "nav2", "nav2-jazzy", "ros1"),
@@ -289,11 +289,14 @@ def output_option(help_text: str, *, required: bool = False, of_folder: bool = F
 
 
 def with_method(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The options ``--method`` and ``--ranks``, of verbs that solve one circuit."""
+    """The options ``--method``, ``--ranks`` and ``--launcher``, of subcommands that solve one circuit."""
     options = (
         click.option("--method", type=click.Choice(["auto", "direct", "multigrid", "petsc"]), default="auto",
                      help="How to solve; petsc is for grids that do not fit otherwise."),
         click.option("--ranks", metavar="N", type=click.IntRange(1), help="Processes of --method petsc.  [default: 2]"),
+        click.option("--launcher", metavar="COMMAND",
+                     help="Command that starts the processes of --method petsc in place of mpiexec and --ranks, their "
+                     "number included: 'srun -n 64'. All computers must share the folder for files (TMPDIR)."),
     )  # fmt: skip
     return _decorated(function, options)
 

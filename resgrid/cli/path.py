@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 def command(
     source: CommandInput, output: str | None, queries: str | None, limit: int | None, shorten: bool,
     keep_clearance: float | None, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None,
-    method: str, ranks: int | None,
+    method: str, ranks: int | None, launcher: str | None,
 ) -> int:  # fmt: skip
     """Follow the current from every start of SCENE to a goal, for every k; every path is certified.
 
@@ -74,7 +74,7 @@ def command(
         raise InputError("--limit counts queries: give --queries too")
     if output is not None and queries is None:
         check_routes_file(output)
-    job = open_job(source, require_goal=queries is None, method=method, ranks=ranks)
+    job = open_job(source, require_goal=queries is None, method=method, ranks=ranks, launcher=launcher)
     ignored = report_ignored(job, "grid")
     if queries is not None:
         if shorten or speed:

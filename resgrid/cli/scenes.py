@@ -26,13 +26,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """A scene, the space that was cut from it, and how it is solved: on how many threads, by which method and ranks."""
+    """A scene, its space, and the options of its solver: threads, method, ranks and their launcher."""
 
     scene: rg.Scene
     space: rg.ConfigurationSpace
     threads: int = 1
     method: str = "auto"
     ranks: int | None = None
+    launcher: str | None = None
 
     @cached_property
     def problem(self) -> Problem:
@@ -77,12 +78,13 @@ class Job:
     def _work(self) -> SolveOptions:
         from resgrid.planning.pipeline import solve_options
 
-        return solve_options(self.method, self.ranks, threads=self.threads, observe=_observe)
+        return solve_options(self.method, self.ranks, self.launcher, threads=self.threads, observe=_observe)
 
 
 def open_job(
-    source: CommandInput, *, require_goal: bool = True, method: str | None = None, ranks: int | None = None
-) -> Job:
+    source: CommandInput, *, require_goal: bool = True, method: str | None = None, ranks: int | None = None,
+    launcher: str | None = None,
+) -> Job:  # fmt: skip
     """Read a scene with its changes, and cut it into cells, if what its method takes fits in memory."""
     with stage("read the scene"):
         scene = _load_scene(source)
@@ -95,7 +97,7 @@ def open_job(
     cells = math.prod(axis.cells for axis in scene.axes)
     with stage("cut it into cells", seconds=3e-7 * cells) as progress:
         space = rg.build_space(scene, require_goal=require_goal, progress=progress.count)
-    return Job(scene, space, source.threads, method or "auto", ranks)
+    return Job(scene, space, source.threads, method or "auto", ranks, launcher)
 
 
 def _say_degrees(scene: rg.Scene) -> None:
@@ -256,6 +258,7 @@ def solution_summary(name: str, op: rg.OperatingPoint, space: rg.ConfigurationSp
         "kcl_residual": op.kcl_residual,
         "power": op.power,
         "solver": op.method,
+        "threads": op.threads,
         "iterations": op.iterations,
         "backward_error": op.backward_error,
         "entry_error": op.entry_error if math.isfinite(op.entry_error) else None,

@@ -28,8 +28,9 @@ from resgrid.errors import InputError
 )  # fmt: skip
 @with_method
 def command(
-    source: CommandInput, output: str | None, worst: int | None, raw: str | None, method: str, ranks: int | None
-) -> int:
+    source: CommandInput, output: str | None, worst: int | None, raw: str | None, method: str, ranks: int | None,
+    launcher: str | None,
+) -> int:  # fmt: skip
     """Solve the resistor grid of SCENE, or a resistive DECK, and print what its meters read.
 
     Of a SCENE, FILE.npz holds potential (1 on obstacles, 0 on goals; NaN where there is no node), log_drop (the
@@ -56,7 +57,7 @@ def command(
         data = {**about, **solution_record(op, 10 if worst is None else worst)}
         lines = _deck_lines(data)
     else:
-        job = open_job(source, method=method, ranks=ranks)
+        job = open_job(source, method=method, ranks=ranks, launcher=launcher)
         ignored = report_ignored(job, "circuit")
         name, wiring = job.problem.only_wiring()
         about, title = {}, job.scene.title
@@ -85,7 +86,8 @@ def _scene_lines(data: dict[str, Any], shape: tuple[int, ...]) -> Iterable[str]:
     if data["entry_error"] is not None:
         yield f"  every entry right   to {data['entry_error']:.1e} of itself, as KCL proves"
     yield f"  power               {data['power']:.6g} W"
-    yield f"  solver              {data['solver']}"
+    threads = f", {data['threads']} threads" if data["threads"] > 1 else ""
+    yield f"  solver              {data['solver']}{threads}"
 
 
 def _ranked_lines(data: dict[str, Any], shape: tuple[int, ...]) -> Iterable[str]:

@@ -61,17 +61,19 @@ class Ranked:
     report: Report
 
 
-def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int) -> Ranked:
-    """Solve a circuit of a space, ideal and with merged rails, on so many ranks.
+def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int | None, launcher: str | None = None) -> Ranked:
+    """Solve a circuit of a space, ideal and with merged rails, on some number of ranks.
 
-    Files lie in the system's folder for temporary ones (``TMPDIR``) and are gone at the end, whatever happens.
+    The files lie in the system's folder for temporary files (``TMPDIR``), and are removed at the end.
+    With a `launcher`, a command that includes the number of ranks, `ranks` is None.  Its ranks may run on other
+    computers: the folder must then be shared by all of them, under one path, and memory is checked on none of them.
 
     Raises
     ------
     InputError
-        If the wiring does not fit, or PETSc refuses an option of ``PETSC_OPTIONS``.
+        If the wiring does not fit, PETSc refuses an option of ``PETSC_OPTIONS``, or the launcher is of another MPI.
     ToolMissingError
-        If there is no PETSc.
+        If there is no PETSc, or no such launcher.
     BudgetError
         If memory or the disk has no room.
     CircuitError
@@ -86,24 +88,39 @@ def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int) -> Ranke
         raise InputError(NO_GOAL)
     if not space.goal_connected.any():
         raise CircuitError(WALLED_IN)
-    cores = os.cpu_count() or 1
-    if ranks > cores:
-        warnings.warn(f"more ranks ({ranks}) than cores ({cores}): they wait for one another", stacklevel=2)
-    petsc = find_petsc()
-    cells = space.cell.size
-    job, remedy = f"solving {cells:,} cells by method 'petsc' on {ranks} ranks", "take fewer ranks, or larger cells"
-    require_memory(_BYTES[space.ndim] * cells + _BYTES_OF_RANK * ranks, job, remedy)
+    petsc, cells = find_petsc(launcher), space.cell.size
+    if launcher is None:
+        assert ranks is not None
+        _require_memory_of(space, ranks)
     with temporary_folder() as folder:
         require_disk(_disk(space), folder, f"{cells:,} cells in mapped files")
         seconds = dict[str, float]()
         start = time.perf_counter()
         write_equations(space, wiring, folder, RTOL)
+        if launcher is not None:
+            _write_through(folder)
         seconds["assemble"] = time.perf_counter() - start
         report = run_ranks(petsc, folder, ranks)
         start = time.perf_counter()
         field = _read(space, wiring, np.load(folder / "answer.npy", mmap_mode="r"), folder)
         seconds |= {**report.seconds, "read": time.perf_counter() - start}
     return Ranked(field, replace(report, seconds=seconds))
+
+
+def _require_memory_of(space: ConfigurationSpace, ranks: int) -> None:
+    """Raise BudgetError if this computer lacks memory for some ranks; warn if it lacks cores."""
+    cores, cells = os.cpu_count() or 1, space.cell.size
+    if ranks > cores:
+        warnings.warn(f"more ranks ({ranks}) than cores ({cores}): they wait for one another", stacklevel=3)
+    job, remedy = f"solving {cells:,} cells by method 'petsc' on {ranks} ranks", "take fewer ranks, or larger cells"
+    require_memory(_BYTES[space.ndim] * cells + _BYTES_OF_RANK * ranks, job, remedy)
+
+
+def _write_through(folder: Path) -> None:
+    """Write cached pages of all files to the disk, so that other computers that share the folder read them."""
+    for file in folder.glob("*.npy"):
+        with file.open("r+b") as opened:
+            os.fsync(opened.fileno())
 
 
 def slabs(space: ConfigurationSpace) -> Iterator[tuple[int, int]]:

@@ -53,13 +53,16 @@ class SolveOptions:
     """Options of the solve stages of the pipeline.
 
     `solver`: function that solves a netlist; `threads`: number of threads; `observe`: function that runs and displays
-    each stage; `ranks`: number of PETSc processes that solve fields without a netlist, 0 to use `solver`.
+    each stage; `by_petsc`: whether PETSc processes solve fields without a netlist; `ranks`: their number; `launcher`:
+    command that starts them and sets their number.
     """
 
     solver: Solver = solve
     threads: int = 1
     observe: Observe = run_silently
-    ranks: int = 0
+    by_petsc: bool = False
+    ranks: int | None = None
+    launcher: str | None = None
 
     def solve(self, netlist: Netlist, stage: str) -> OperatingPoint:
         """Return the operating point of a netlist; `stage` is the displayed name of the stage."""
@@ -69,20 +72,28 @@ class SolveOptions:
 
     def solve_ranked(self, space: ConfigurationSpace, wiring: Wiring) -> Ranked:
         """Return the field of a space, solved by PETSc processes."""
-        stage, seconds = f"solve the {wiring.boundary} chip on {self.ranks} ranks", 2.0 + 1e-5 * space.cell.size
-        ranked: Ranked = self.observe(stage, solve_ranked, space, wiring, self.ranks, seconds=seconds)
+        by = f"on {self.ranks} ranks" if self.launcher is None else f"by {self.launcher}"
+        stage, seconds = f"solve the {wiring.boundary} chip {by}", 2.0 + 1e-5 * space.cell.size
+        ranked: Ranked = self.observe(stage, solve_ranked, space, wiring, self.ranks, self.launcher, seconds=seconds)
         return ranked
 
 
 DEFAULT_OPTIONS = SolveOptions()
 
 
-def solve_options(method: str, ranks: int | None = None, **options: Any) -> SolveOptions:
-    """Return the solve options for a method; `ranks`: number of processes, for the method "petsc" only, default 2."""
+def solve_options(method: str, ranks: int | None = None, launcher: str | None = None, **options: Any) -> SolveOptions:
+    """Return the solve options for a method; `ranks` (2 by default) and `launcher` belong to method "petsc" only."""
     if method == PETSC:
-        return SolveOptions(ranks=2 if ranks is None else ranks, **options)
+        if ranks is not None and launcher is not None:
+            raise InputError(
+                f"ranks = {ranks!r} and launcher = {launcher!r}: the launcher sets the number of ranks; leave out ranks"
+            )
+        ranks = 2 if ranks is None and launcher is None else ranks
+        return SolveOptions(by_petsc=True, ranks=ranks, launcher=launcher, **options)
     if ranks is not None:
         raise InputError(f"ranks = {ranks!r} needs method = 'petsc', not {method!r}; leave ranks out")
+    if launcher is not None:
+        raise InputError(f"launcher = {launcher!r} needs method = 'petsc', not {method!r}; leave launcher out")
     return SolveOptions(partial(solve, method=method), **options)
 
 
@@ -306,7 +317,7 @@ def solve_problem(problem: Problem, *, scaled: bool = False, work: SolveOptions 
     for name, wiring in wirings.items():
         if why_undriven(space, wiring) is not None:
             pure[name] = undriven_field(space, wiring)
-        elif work.ranks:
+        elif work.by_petsc:
             pure[name] = work.solve_ranked(space, wiring).field
         else:
             netlist = compile_circuit(space, wiring, scaled=scaled, work=work)

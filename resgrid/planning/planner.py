@@ -112,6 +112,7 @@ def plan(
     k: float | None = None,
     method: str = "auto",
     ranks: Count | None = None,
+    launcher: str | None = None,
     **options: Unpack[WiringOptions],
 ) -> Planner:
     """Solve a space once, for paths from any number of starts.
@@ -133,6 +134,10 @@ def plan(
         direction-safe cells, and streamlines end at all other cells with ``no_current`` and a `Streamline.reason`.
     ranks : int, optional
         Number of processes for ``method="petsc"``, 2 by default.
+    launcher : str, optional
+        For ``method="petsc"``: command that starts the processes and sets their number, such as ``"srun -n 64"``, in
+        place of ``mpiexec`` with `ranks`.  Processes on other computers need the folder for temporary files
+        (``TMPDIR``) under one path, and a Python with petsc4py at one place (``RESGRID_PETSC_PYTHON``).
     **options
         Fields of `Wiring`, such as ``boundary="neumann"``: instead of a wiring, or changes to it.
 
@@ -147,7 +152,7 @@ def plan(
     AccuracyError
         If the solution is not direction-safe, or a PETSc process terminates early.
     ToolMissingError
-        If PETSc is not installed; the message explains the installation.
+        If PETSc or the program of the launcher is not installed; the message explains the installation.
     BudgetError
         If the solution would not fit in memory, or on the disk.
 
@@ -158,7 +163,7 @@ def plan(
     >>> str(path.outcome), round(path.length, 3), round(path.clearance, 3)
     ('reached', 9.036, 0.347)
     """
-    work = solve_options(method, ranks)
+    work = solve_options(method, ranks, launcher)
     if isinstance(where, Scene):
         require_uniform(where, "plan()")
     problem = problem_of(where, wiring, k=k, **options)

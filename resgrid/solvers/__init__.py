@@ -1,1 +1,1 @@
-"""Solvers: a matrix of conductances, a right-hand side, and a grid or none; they know no netlist."""
+"""Linear solvers for Laplacians: `(matrix, right-hand side, grid or None) -> x`. They do not depend on netlists."""

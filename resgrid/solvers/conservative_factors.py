@@ -1,14 +1,14 @@
-"""Solve with factors that conserve current to the last digit, for currents and voltages as integers.
+"""Integer solves with exactly current-conserving factors, for stiff networks.
 
-Elimination of a row distributes the current into that row over its neighbours and the ground, in fixed fractions.  The
-factors know each fraction to a few roundings (Grassmann, Taksar & Heyman 1985), so that the fractions of a row sum to
-one up to rounding only: a current of 1e24 A would lose 1e8 A on the way, and the ground conductances of a group of
-rows that stiff resistors join may carry less than that.  Here the largest fraction of each row is one minus all others,
-and sums are integers: all that enters a group of rows leaves it.
+Elimination of a row distributes its current over its neighbours and the ground, in fixed fractions. Each fraction is
+known to a few rounding errors (Grassmann, Taksar & Heyman 1985), so that the fractions of a row sum to one only up to
+rounding. A current of 1e24 A would then lose 1e8 A, and the ground conductances of a group of rows that stiff resistors
+join may carry less than that. Therefore the largest fraction of each row is computed as one minus all others, and
+currents and voltages are integers: the currents into and out of a group of rows are equal.
 
-The result is exact for a network whose conductances differ from the given ones by a few roundings, whatever their
-ratios: the energy of the error of a solution is a small fraction, some ``n**1.5`` roundings, of the energy of the
-solution.  So iterative refinement with exact residuals converges for every network.
+The result is exact for a network whose conductances differ from the given ones by a few rounding errors, whatever their
+ratios. The energy of the error of a solution is at most some ``n**1.5`` rounding errors times the energy of the
+solution. Iterative refinement with exact residuals therefore converges for every network.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from resgrid.solvers.supernodal import SupernodalFactors
 _MANTISSA = 53
 
 Fixed = tuple[int, int]
-"""A positive double as an integer and the number of binary digits behind the point."""
+"""A positive double as an integer and its number of binary places after the point."""
 
 
 def fixed(value: float) -> Fixed:
@@ -34,22 +34,22 @@ def fixed(value: float) -> Fixed:
 
 
 class Column(NamedTuple):
-    """Elimination of one row.
+    """Elimination step of one row.
 
-    `row`; `shares`: neighbours that come later and the fractions of the current that they receive, without the
-    neighbour of the largest one; `largest`: that neighbour, -1 for the ground; `leak`: fraction that goes to the
-    ground, unless that is the largest one; `resistance`: inverse of the pivot, in ohms.
+    `row`; `fractions`: later neighbours and the fractions of the current that they receive, without the neighbour of
+    the largest fraction; `largest`: that neighbour, -1 for the ground; `leak`: fraction that goes to the ground, None
+    if this is the largest one or 0; `resistance`: inverse of the pivot, in ohms.
     """
 
     row: int
-    shares: list[tuple[int, Fixed]]
+    fractions: list[tuple[int, Fixed]]
     largest: int
     leak: Fixed | None
     resistance: Fixed
 
 
 def columns_of(factors: SupernodalFactors) -> list[Column]:
-    """List the rows in the order of elimination."""
+    """Return the elimination steps in the order of elimination."""
     (order, place, nodes), (indptr, indices, edges, ground), values, pivot, _ = factors
     size, kept = len(order), int(nodes.first[-1])
     grounded, columns = ground[order].tolist(), []
@@ -62,9 +62,11 @@ def columns_of(factors: SupernodalFactors) -> list[Column]:
         largest = max(given, default=(0.0, -1))
         if leak > largest[0]:
             largest = leak, -1
-        shares = [(to, fixed(part)) for part, to in given if to != largest[1]]
+        fractions = [(to, fixed(part)) for part, to in given if to != largest[1]]
         columns.append(
-            Column(int(order[k]), shares, largest[1], fixed(leak) if largest[1] >= 0 < leak else None, fixed(1.0 / d))
+            Column(
+                int(order[k]), fractions, largest[1], fixed(leak) if largest[1] >= 0 < leak else None, fixed(1.0 / d)
+            )
         )
 
     for k in range(kept, size):
@@ -80,26 +82,26 @@ def columns_of(factors: SupernodalFactors) -> list[Column]:
 
 
 def substitute(columns: list[Column], current: list[int], places: int) -> list[int]:
-    """Voltages of all rows for the currents into them; both are integers in units of their own.
+    """Return the voltages of all rows for the currents into them.
 
-    A unit of current through a resistor of one ohm makes ``2**places`` units of voltage.
+    Both are integers. A unit of current through a resistor of one ohm gives ``2**places`` units of voltage.
     """
     current, voltage = current.copy(), [0] * len(current)
-    for row, shares, largest, leak, _ in columns:
+    for row, fractions, largest, leak, _ in columns:
         if amps := current[row]:
-            left = amps
-            for to, (mantissa, shift) in shares:
+            remaining = amps
+            for to, (mantissa, shift) in fractions:
                 part = amps * mantissa >> shift
                 current[to] += part
-                left -= part
+                remaining -= part
             if largest >= 0:
                 if leak:
-                    left -= amps * leak[0] >> leak[1]
-                current[largest] += left
-    for row, shares, largest, leak, (ohms, digits) in reversed(columns):
+                    remaining -= amps * leak[0] >> leak[1]
+                current[largest] += remaining
+    for row, fractions, largest, leak, (ohms, digits) in reversed(columns):
         rise = scaled(current[row] * ohms, places - digits)
         base = voltage[largest] if largest >= 0 else 0
-        for to, (mantissa, shift) in shares:
+        for to, (mantissa, shift) in fractions:
             rise += (voltage[to] - base) * mantissa >> shift
         if leak:
             rise -= base * leak[0] >> leak[1]

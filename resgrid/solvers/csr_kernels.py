@@ -1,4 +1,4 @@
-"""Compiled loops that bring a netlist's conductances into compressed rows, and multiply by them."""
+"""Kernels that convert conductances to compressed sparse rows (CSR) and compute residuals with them."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from resgrid.solvers.scaled import Floats, Indices, Reals
 def conductances_by_row(
     pairs: Indices, conductance: Floats, row: Indices, size: int
 ) -> tuple[Indices, Indices, Floats]:
-    """Symmetric compressed rows of the conductances between rows, sorted, parallel resistors summed, and no diagonal.
+    """Return sorted symmetric CSR arrays of the conductances between rows, parallel ones summed, without a diagonal.
 
-    Rows are filled with lower neighbours from the front and with upper ones from behind: where a grid's resistors come
-    axis by axis, they are sorted then.
+    Rows are filled with lower neighbours from the front and with upper ones from the back. Resistors of a grid come
+    axis by axis, so that the result is already sorted.
     """
     indptr = np.zeros(size + 1, np.int32)
     for k in range(len(pairs)):
@@ -56,7 +56,7 @@ def conductances_by_row(
 
 @inner
 def sort(keys: Indices, values: Floats | Indices, begin: int, end: int) -> None:
-    """Sort a part of an array, and what belongs to its entries, or itself once more (Shell 1959)."""
+    """Sort a slice of `keys` in place and permute that slice of `values` alike; both may be one array (Shell 1959)."""
     gap = 1
     while 16 * gap < end - begin:
         gap = 3 * gap + 1
@@ -72,7 +72,7 @@ def sort(keys: Indices, values: Floats | Indices, begin: int, end: int) -> None:
 
 @inner
 def _sum_repeats(indptr: Indices, indices: Indices, data: Floats) -> int:
-    """Sum what stands in a sorted row several times; returns where the rows end."""
+    """Sum repeated columns of sorted rows, in place; returns the new number of entries."""
     end = 0
     for i in range(len(indptr) - 1):
         begin, indptr[i] = indptr[i], end
@@ -88,7 +88,7 @@ def _sum_repeats(indptr: Indices, indices: Indices, data: Floats) -> int:
 
 @inner
 def find(parent: Indices, node: int) -> int:
-    """Root of a node in a union-find, whose trees have their smallest node as root; halves the way there."""
+    """Return the root of a node in a union-find, which is the smallest node of its tree; halves the path to it."""
     above = parent[node]
     while above != node:
         top = parent[above]
@@ -100,7 +100,7 @@ def find(parent: Indices, node: int) -> int:
 
 @inner
 def join(parent: Indices, a: int, b: int) -> None:
-    """Make one tree of the trees of two nodes."""
+    """Merge the trees of two nodes."""
     a, b = find(parent, a), find(parent, b)
     if a != b:
         parent[max(a, b)] = min(a, b)
@@ -110,13 +110,13 @@ def join(parent: Indices, a: int, b: int) -> None:
 def compare_edges(
     pairs: Indices, conductance: Floats, row: Indices, strongest: Floats, weak: float
 ) -> tuple[int, float, float, float, int]:
-    """How many conductances there are between rows, their smallest, their largest, their sum, and how many are weak.
+    """Return number, minimum, maximum and sum of the conductances between rows, and the number of weak ones.
 
-    Weak ones are below ``weak`` times the strongest one at either of their rows.
+    Weak conductances are below ``weak`` times the strongest one at either of their rows.
 
-    Shapes: `strongest` (n,): room, comes as 0.
+    Shapes: `strongest` (n,): work array, 0 on entry.
     """
-    count, smallest, largest, total, feeble = 0, np.inf, 0.0, 0.0, 0
+    count, smallest, largest, total, weak_count = 0, np.inf, 0.0, 0.0, 0
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
         if i >= 0 and j >= 0 and i != j:
@@ -128,15 +128,18 @@ def compare_edges(
         for k in range(len(pairs)):
             i, j = row[pairs[k, 0]], row[pairs[k, 1]]
             if i >= 0 and j >= 0 and i != j and conductance[k] < weak * max(strongest[i], strongest[j]):
-                feeble += 1
-    return count, smallest, largest, total, feeble
+                weak_count += 1
+    return count, smallest, largest, total, weak_count
 
 
 @kernel
 def row_residual(
     matrix: tuple[Indices, Indices, Reals, Floats], slot: Indices, b: Floats, x: Floats, r: Floats
 ) -> float:
-    """``r = b - A x``, differences first, every row put at its slot; ``b, x`` (n,) by rows; returns ``|r|``."""
+    """Compute ``r = b - A x`` from differences of `x`; write row ``i`` to ``r[slot[i]]``; return ``|r|``.
+
+    Shapes: `slot, b, x` (n,), in the order of rows; `r` (n,).
+    """
     indptr, indices, conductance, ground = matrix
     total = 0.0
     for i in range(len(slot)):

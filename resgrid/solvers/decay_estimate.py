@@ -1,8 +1,8 @@
-"""By how many decades a potential falls, foreseen from the graph alone.
+"""Estimate from the graph alone by how many orders of magnitude a potential falls.
 
-The answer of a coarse level would tell as well, and better in the open: of the true decades it found 0.7 to 0.95 in
-planes and volumes, but 0.2 to 0.7 where corridors are narrower than its blocks, and it costs the levels first, which
-circuits that are then solved directly do not need.
+The solution on a coarse multigrid level would be an alternative. It found 0.7 to 0.95 of the true orders of magnitude
+in open planes and volumes, but 0.2 to 0.7 where corridors are narrower than its blocks. It also needs the levels, which
+circuits that are then solved directly do not.
 """
 
 from __future__ import annotations
@@ -11,63 +11,67 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid._internal.jit import kernel
-from resgrid.solvers.laplacian import VOLUME, Connections, Laplacian, Rows
+from resgrid.solvers.laplacian import VOLUME, ConductanceStatistics, Laplacian, Rows
 from resgrid.solvers.llvm_intrinsics import prefetch
 from resgrid.solvers.scaled import Indices
 
-WHOLE_STEPS = 0.7
-"""Potentials fall over straight distances, ways on a grid are longer."""
+STRAIGHTNESS = 0.7
+"""Ratio of straight distances, over which potentials fall, to distances along the grid."""
 
-_MOST_REST, _SHARE_OF_REST = 5_000, 50
-"""Nodes behind slits that are left out: so many at most, and one in so many."""
+_MOST_EXCLUDED, _EXCLUDED_OF = 5_000, 50
+"""Upper limits on the nodes excluded from the estimate: absolute, and as 1/N of all nodes."""
 
 _PARTS = 64.0
-"""Parts of a factor of e in which steps are counted."""
+"""Number of units per factor of e in which path costs are counted."""
 
 _SEEN = -1
-"""End of a list of nodes; whatever is less stands for the cost of a step to a node that has not been reached."""
+"""End of a list of nodes; smaller values encode the cost of a step to a node that has not been reached."""
 
 
-def foresee_decades(laplacian: Laplacian, found: Connections) -> float:
-    """Rough number of decades that a potential between two rails falls over the graph; 0 for other circuits.
+def estimate_decades(laplacian: Laplacian, statistics: ConductanceStatistics) -> float:
+    """Return by how many orders of magnitude a potential falls between two rails, estimated; 0 for other circuits.
 
-    The lowest nodes are left out, if they are few: they are found directly (`resgrid.solvers.refinement`).
+    The lowest nodes are excluded if they are few, since they are solved directly (`resgrid.solvers.refinement`).
 
-    Along a corridor ``w`` cells wide it falls by ``exp(-pi sqrt(d) / w)`` a cell, in ``d = 1`` or 2 cross dimensions;
-    behind walls of ``k`` times the resistance between cells by ``exp(-sqrt(2 d / (k w)))`` where that is less.  On 20
-    spaces and maps the estimate was 0.9 to 1.7 times the true number, in volumes 2 times.
+    Along a corridor ``w`` cells wide the potential falls by ``exp(-pi sqrt(d) / w)`` per cell, in ``d = 1`` or 2 cross
+    dimensions. With a contact resistance to the obstacles of ``k`` times the resistance between cells the factor is
+    ``exp(-sqrt(2 d / (k w)))`` if that fall is slower. On 20 spaces and maps the estimate was 0.9 to 1.7 times the true
+    number, in volumes 2 times.
     """
     rails = laplacian.rails
-    if rails is None or not found.entries:
+    if rails is None or not statistics.entries:
         return 0.0
-    cross = 2.0 if found.entries > VOLUME * laplacian.size else 1.0
+    cross = 2.0 if statistics.entries > VOLUME * laplacian.size else 1.0
     to_low, to_high = rails.to_low, rails.to_high
     tied = to_high[to_high > 0]
-    wall = max(found.mean / float(tied.mean()) - 1.0, 0.0) if tied.size else 0.0  # beyond what is between nodes
-    rest = min(_MOST_REST, laplacian.size // _SHARE_OF_REST)
+    # Contact resistance in excess of the resistance between nodes, relative to the latter.
+    wall = max(statistics.mean / float(tied.mean()) - 1.0, 0.0) if tied.size else 0.0
+    excluded = min(_MOST_EXCLUDED, laplacian.size // _EXCLUDED_OF)
     ends, rate = (to_low > 0, to_high > 0), np.pi * np.sqrt(cross)
-    factors = decay(laplacian.as_rows(), ends, rate, wall / (2.0 * cross), rest)
-    return float(WHOLE_STEPS * factors / np.log(10.0))
+    factors = decay(laplacian.as_rows(), ends, rate, wall / (2.0 * cross), excluded)
+    return float(STRAIGHTNESS * factors / np.log(10.0))
 
 
-def decay(rows: Rows, ends: tuple[NDArray[np.bool_], NDArray[np.bool_]], rate: float, wall: float, rest: int) -> float:
-    """Factors of e by which a potential falls, about, but at the ``rest`` lowest nodes.
+def decay(
+    rows: Rows, ends: tuple[NDArray[np.bool_], NDArray[np.bool_]], rate: float, wall: float, excluded: int
+) -> float:
+    """Return the approximate number of factors of e by which a potential falls, without the ``rest`` lowest nodes.
 
-    ``ends``: the nodes that touch the low rail and the high rail.  Where the nearest contact with the high rail lies
-    ``r`` steps away, the corridor counts as ``w = 2 r + 1`` wide, and the potential falls by ``((w / rate)**2 + w
-    wall)**(-1/2)`` a step: as between plain rails where there is no ``wall``, by the square root of what leaks through
-    it where that is large.
+    ``ends``: masks of the nodes that touch the low rail and the high rail. If the nearest contact with the high rail
+    lies ``r`` steps away, the corridor is taken to be ``w = 2 r + 1`` cells wide. The potential then falls by ``((w /
+    rate)**2 + w wall)**(-1/2)`` factors of e per step. The first term is the Dirichlet case; the second term is the
+    leakage through contact resistances, if it is large.
     """
     (low, high), n = ends, len(ends[0])
     depth, buckets = np.full(n, _SEEN - 2, dtype=np.int32), np.full(int(_PARTS * rate) + 2, _SEEN, dtype=np.int32)
-    walk(rows, high, depth, n, buckets[:2])
+    cheapest_paths(rows, high, depth, n, buckets[:2])
     costs = costs_by_depth(n, rate, wall)[np.where(depth < 0, n, depth)]
     buckets[:] = _SEEN
-    return walk(rows, low, _SEEN - 1 - costs, n - rest, buckets) / _PARTS
+    return cheapest_paths(rows, low, _SEEN - 1 - costs, n - excluded, buckets) / _PARTS
 
 
 def costs_by_depth(deepest: int, rate: float, wall: float) -> Indices:
-    """What a step costs by depth, in parts of a factor of e, at least one; nothing where there is no depth."""
+    """Return the cost of a step by depth, at least one unit of 1/`_PARTS` of a factor of e; 0 at the last index."""
     costs = np.ones(deepest + 1, dtype=np.int32)
     width = 2.0 * np.arange(min(deepest, int(_PARTS * rate))) + 1.0
     costs[: len(width)] = np.maximum(1.0, _PARTS / np.sqrt((width / rate) ** 2 + width * wall))
@@ -76,23 +80,24 @@ def costs_by_depth(deepest: int, rate: float, wall: float) -> Indices:
 
 
 @kernel
-def walk(rows: Rows, begin: NDArray[np.bool_], cost: Indices, kept: int, head: Indices) -> int:
-    """What the cheapest ways to the ``kept`` nearest nodes cost, at most.
+def cheapest_paths(rows: Rows, begin: NDArray[np.bool_], cost: Indices, wanted: int, head: Indices) -> int:
+    """Return the largest cost of a cheapest path to the ``kept`` nearest nodes (Dial 1969).
 
-    By buckets (Dial 1969): since a step costs what the node it leads to does, the first way found to a node is the
-    best.
+    The cost of a step depends only on the node that it leads to, so that the first path found to a node is the
+    cheapest.
 
-    Shapes: `begin` (n,): where ways begin; `cost` (n,): of a step to a node, less than there are buckets, comes as
-    ``_SEEN - 1 - cost``, and becomes the cost of the way to it, if there is one; `head` (buckets,): comes as -1.
+    Shapes: `begin` (n,): nodes where paths begin; `cost` (n,): cost of a step to each node, below the number of
+    buckets. On entry it is encoded as ``_SEEN - 1 - cost``; on exit it is the cost of the path to each reached node.
+    `head` (buckets,): -1 on entry.
     """
-    # Lists of nodes in the buckets: their heads, and the one after every node, until it is passed.
+    # Linked lists of the nodes in the buckets: `head`, and the successor of every node until it is visited.
     after, buckets, waiting, seen = cost, len(head), 0, 0
     for node in range(len(begin)):
         if begin[node]:
             after[node], head[0] = head[0], node
             waiting += 1
     now, bucket = 0, 0
-    while waiting > 0 and seen < kept:
+    while waiting > 0 and seen < wanted:
         node = head[bucket]
         if node == _SEEN:
             now += 1

@@ -1,18 +1,18 @@
-"""What every method of solving makes of a nodal laplacian: something to solve with, many times.
+"""Factors of a Laplacian by either method, to solve for many right-hand sides.
 
-The direct method: factors are made in positive numbers alone (`resgrid.solvers.supernodal`), and substitution keeps an
-exponent beside every number, for a potential that falls below 1e-308.  The answer is refined with residuals in which
-differences come first, until the violations of KCL, summed, prove every entry right, or in small circuits until KCL
+The direct method: subtraction-free (GTH) factors (`resgrid.solvers.supernodal`), and substitution with an exponent for
+every number, for potentials below 1e-308. The answer is refined with residuals that are computed from differences.
+Refinement ends when the sum of the violations of KCL bounds the error of every entry, or in small circuits when KCL
 holds to the rounding of the voltages (`resgrid.solvers.refinement`).
 
-The multigrid method: normwise answers by iteration, entrywise ones by refinement; the algorithm is told on one page in
-`resgrid.solvers.multigrid`.
+The multigrid method: normwise answers by iteration, entrywise answers by refinement; `resgrid.solvers.multigrid`
+describes the algorithm.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
@@ -25,7 +25,7 @@ from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.refinement import Refined, refine
 from resgrid.solvers.scaled import Floats, Scaled
-from resgrid.solvers.threads import ALONE, ThreadTeam
+from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 if TYPE_CHECKING:
     from resgrid.solvers.multigrid.hierarchy import Hierarchy
@@ -33,30 +33,37 @@ if TYPE_CHECKING:
     from resgrid.solvers.symbolic import Symbolic
 
 EXACT_ROWS = 20_000
-"""Rows up to which KCL holds to rounding: their answers are the nearest doubles, on every machine the same."""
+"""Number of rows up to which KCL holds to rounding: answers are the nearest doubles, equal on every machine."""
 
 _REFINED_DIRECTLY, _REFINED = 1e-28, 1e-26
-"""Componentwise backward error that is enough where no current flows: the noise of double-double arithmetic, or more
-where every digit takes steps."""
+"""Sufficient componentwise backward errors where no current flows, of the direct method and of multigrid.
+
+The first is the rounding error of double-double arithmetic. The second is larger, since multigrid iterates for every
+digit.
+"""
 
 _ROUNDINGS = 16.0 * np.finfo(np.float64).eps
-"""Share of itself by which factors and substitution in positive numbers put an entry off for every row, at most."""
+"""Bound on the relative error of an entry per row, due to subtraction-free factors and substitution."""
 
-_LEAST_SHARE = 1e-150
-"""Entry of ``-L`` from which products of two are no subnormal numbers."""
+_LEAST_ENTRY = 1e-150
+"""Smallest entry of ``-L`` for which products of two entries are normal numbers."""
 
 _MOST_PASSES = 4
-"""Solutions and corrections of a direct method: each gains most of the digits, or none."""
+"""Maximum number of corrections of a direct solution: each one gains most of the digits, or none."""
 
 
 @dataclass(frozen=True, eq=False)
 class Factor(ABC):
-    """A matrix, `laplacian`, made ready for many right-hand sides."""
+    """A factorization or preconditioner of the matrix `laplacian`, for many right-hand sides.
+
+    `threads`: run its solves.
+    """
 
     laplacian: Laplacian
+    threads: ThreadTeam = field(default=SINGLE_THREAD, kw_only=True)
 
     name: ClassVar[str]
-    """The method."""
+    """Name of the method."""
 
     def solve(
         self,
@@ -66,7 +73,7 @@ class Factor(ABC):
         guess: ArrayLike | None = None,
         watch: ProgressMonitor | None = None,
     ) -> Floats:
-        """Solve to a normwise backward error.  Shapes: `rhs` (n,), `guess` (n,); returns (n,)."""
+        """Solve to a normwise backward error. Shapes: `rhs` (n,), `guess` (n,); returns (n,)."""
         check_rtol(rtol)
         begin = None if guess is None else self._one_per_row("guess", guess)
         return self._solve(self._one_per_row("rhs", rhs), rtol, begin, watch)
@@ -74,13 +81,13 @@ class Factor(ABC):
     def solve_nonnegative(
         self, rhs: ArrayLike | Scaled, *, watch: ProgressMonitor | None = None
     ) -> tuple[Scaled, float]:
-        """Solve for a right-hand side (n,) without negative entries, entry by entry; returns the solution (n,)."""
+        """Solve with entrywise accuracy for `rhs` (n,) >= 0; returns the solution (n,) and its backward error."""
         currents = self._one_per_row("rhs", rhs.hi if isinstance(rhs, Scaled) else rhs)
         if currents.min(initial=0.0) < 0.0:
             row = int(np.argmin(currents))
             raise InputError(
-                f"rhs[{row}] is negative, and only currents of one sign are solved for entry by entry; solve for both "
-                "signs apart, or use Factor.solve"
+                f"rhs[{row}] = {currents[row]:g} is negative, and entrywise accuracy needs currents of one sign; solve "
+                "for positive and negative currents separately, or use Factor.solve"
             )
         found = self._refined(rhs if isinstance(rhs, Scaled) else currents, watch)
         if watch is not None:
@@ -88,7 +95,7 @@ class Factor(ABC):
         return found.solution, found.error
 
     def _judged(self, x: Floats, error: float, rtol: float, watch: ProgressMonitor | None) -> Floats:
-        """The solution, if its backward error is small enough."""
+        """Return the solution, or raise AccuracyError if its backward error exceeds `rtol`."""
         if not error <= rtol:
             raise AccuracyError(
                 f"method {self.name!r} stagnates at a backward error of {error:.1e}, above rtol = {rtol:.1e}; use "
@@ -101,13 +108,14 @@ class Factor(ABC):
 
     @abstractmethod
     def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: ProgressMonitor | None) -> Floats:
-        """As `solve`, for contiguous arrays of the right shape."""
+        """Solve to a normwise backward error of `rtol`; all arrays are contiguous and of shape (n,)."""
 
     @abstractmethod
     def _refined(self, rhs: Floats | Scaled, watch: ProgressMonitor | None) -> Refined:
-        """As `solve_nonnegative`, for contiguous arrays of the right shape."""
+        """Solve with entrywise accuracy for a nonnegative contiguous right-hand side (n,)."""
 
     def _one_per_row(self, name: str, values: ArrayLike) -> Floats:
+        """Return values as a contiguous array (n,); InputError for a wrong shape or values that are not finite."""
         array = np.ascontiguousarray(real_numbers(name, values), dtype=np.float64)
         if array.shape != (self.laplacian.size,):
             raise InputError(
@@ -120,7 +128,7 @@ class Factor(ABC):
 
 
 def check_rtol(rtol: float) -> None:
-    """Refuse a backward error that is none."""
+    """Raise InputError unless 0 < rtol < 1."""
     check_number("rtol", rtol, "a number between 0 and 1", above=0.0, below=1.0)
 
 
@@ -130,9 +138,10 @@ class DirectFactor(Factor):
 
     factors: SupernodalFactors
     name: ClassVar[str] = "direct"
+    """Name of the method."""
 
     def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: ProgressMonitor | None) -> Floats:
-        """As every `Factor` does, corrected until it is right enough, or a few times (Higham 2002, section 12.1)."""
+        """Solve by substitution, with a few steps of iterative refinement (Higham 2002, section 12.1)."""
         del guess
         from resgrid.solvers.csr_kernels import row_residual
 
@@ -148,28 +157,28 @@ class DirectFactor(Factor):
         return self._judged(x, error, rtol, watch)
 
     def _refined(self, rhs: Floats | Scaled, watch: ProgressMonitor | None) -> Refined:
-        """As every `Factor` does."""
+        """Solve by substitution in scaled numbers, refined to entrywise accuracy."""
         del watch
         factors, exact = self.factors, self.laplacian.size <= EXACT_ROWS
-        sure = self._certainty() if exact else np.inf
+        bound = self._certainty() if exact else np.inf
         return refine(
             self.laplacian,
             rhs,
             lambda m, e, _: factors.substitute(m, e),
             _REFINED_DIRECTLY,
             exact=exact,
-            sure=sure,
+            first_bound=bound,
         )
 
     def _certainty(self) -> float:
-        """Share of itself by which substitution puts an entry off, at most; infinite where shares may underflow."""
+        """Return a relative error bound for entries after substitution; infinite if entries of ``L`` may underflow."""
         values = self.factors.values
         least = values.min(initial=1.0, where=values > 0.0)
-        return _ROUNDINGS * self.laplacian.size if least > _LEAST_SHARE else np.inf
+        return _ROUNDINGS * self.laplacian.size if least > _LEAST_ENTRY else np.inf
 
 
 def factor_direct(laplacian: Laplacian, order: Symbolic | None = None) -> DirectFactor:
-    """Factor a matrix, in an order that has been found or in the one that suits it."""
+    """Factor a matrix, in a given order of elimination or in one that suits it."""
     from resgrid.solvers.supernodal import factor_supernodes
 
     laplacian = laplacian.with_rows()
@@ -178,38 +187,38 @@ def factor_direct(laplacian: Laplacian, order: Symbolic | None = None) -> Direct
 
 @dataclass(frozen=True, eq=False)
 class MultigridFactor(Factor):
-    """A matrix and the hierarchy that preconditions it; `team`: whose threads take the steps."""
+    """A matrix, and the hierarchy that preconditions it."""
 
     hierarchy: Hierarchy
-    team: ThreadTeam = ALONE
     name: ClassVar[str] = "multigrid"
+    """Name of the method."""
 
     def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: ProgressMonitor | None) -> Floats:
-        """As every `Factor` does; the residual norm is brought to ``rtol |b|`` where rounding allows.
+        """Solve by preconditioned conjugate gradients to a residual norm of ``rtol |b|``, as far as rounding allows.
 
-        From a guess on, the iteration also ends where it estimates the error of every voltage to be at most ``rtol``
-        of the largest one: where all currents meet in a few cells, as at the goal of open obstacles, the residual
-        norm asks for much more than that.
+        With a guess the iteration also ends if the estimated error of every voltage is at most ``rtol`` of the largest
+        voltage. If all currents meet in a few cells, as at the goal of open obstacles, the residual norm is much
+        stricter than that.
         """
         from resgrid.solvers.multigrid.conjugate_gradients import iterate
         from resgrid.solvers.multigrid.krylov import norm
 
-        x, residual = iterate(self.laplacian, self.hierarchy, rhs, rtol, guess, watch, self.team)
-        scale = 2.0 * self.hierarchy.largest_degree * norm(x, self.team) + norm(rhs, self.team)
+        x, residual = iterate(self.laplacian, self.hierarchy, rhs, rtol, guess, watch, self.threads)
+        scale = 2.0 * self.hierarchy.largest_degree * norm(x, self.threads) + norm(rhs, self.threads)
         error = residual / (scale or 1.0)
         return self._judged(x, error, rtol, watch)
 
     def _refined(self, rhs: Floats | Scaled, watch: ProgressMonitor | None) -> Refined:
-        """As every `Factor` does."""
+        """Solve by multigrid, refined to entrywise accuracy."""
         from resgrid.solvers.multigrid.conjugate_gradients import approximate
 
-        passes = partial(approximate, self.laplacian, self.hierarchy, watch, team=self.team)
-        return refine(self.laplacian, rhs, passes, _REFINED, anew=True, team=self.team)
+        passes = partial(approximate, self.laplacian, self.hierarchy, watch, threads=self.threads)
+        return refine(self.laplacian, rhs, passes, _REFINED, resolve=True, threads=self.threads)
 
 
-def factor_multigrid(laplacian: Laplacian, *, team: ThreadTeam = ALONE) -> MultigridFactor:
-    """Coarsen a matrix; it keeps its rows if it is no grid of two colours."""
+def factor_multigrid(laplacian: Laplacian, *, threads: ThreadTeam = SINGLE_THREAD) -> MultigridFactor:
+    """Build the multigrid hierarchy of a matrix; compressed rows are kept unless the matrix is a two-coloured grid."""
     from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
-    hierarchy = build_hierarchy(laplacian, team)
-    return MultigridFactor(laplacian if hierarchy.grid else laplacian.with_rows(), hierarchy, team)
+    hierarchy = build_hierarchy(laplacian, threads)
+    return MultigridFactor(laplacian if hierarchy.grid else laplacian.with_rows(), hierarchy, threads=threads)

@@ -1,12 +1,13 @@
-"""What was made ready for one circuit serves others: many chips of it, and the same one with changed cells.
+"""Reuse a hierarchy or an ordering for other circuits: Monte Carlo samples, and warm starts after local changes.
 
-Many chips: one of a grid has its own finest level, and the nominal coarse ones; of other circuits, the nominal order.
+Monte Carlo samples: a sample of a grid has its own finest level and shares the coarse levels of the nominal chip.
+Samples of other circuits share the nominal elimination order.
 
-Warm start: the equations of a grid change in a window, old levels precondition, old voltages begin.  The finest level
-is written over where its equations have changed; coarser levels stay.  In the window the new equations are solved at
-once, with the voltages around it held.  What lies outside follows along one mode ``v``: with ``A v = 0`` outside and in
-the window (the drop from the high rail; or 1, above the only rail), ``x + alpha v`` is best, in the energy norm, for
-``alpha = v.(b - A x) / v.A v``, and both products come from the window's rim alone.
+Warm start: the equations of a grid change in a window. The old levels precondition, and the old voltages are the
+initial guess. The finest level is overwritten where its equations have changed; coarser levels stay. In the window the
+new equations are solved at once, with the voltages around it held fixed. The outside follows along one mode ``v``. With
+``A v = 0`` outside and in the window (the drop from the high rail; or 1, above a single rail), ``x + alpha v`` is
+optimal in the energy norm for ``alpha = v.(b - A x) / v.A v``. Both products come from the rim of the window alone.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from resgrid.errors import AccuracyError
 from resgrid.solvers.factors import factor_multigrid
 from resgrid.solvers.laplacian import Grid, Laplacian
-from resgrid.solvers.multigrid.conjugate_gradients import ROUNDING, Stop, converge, iterate
+from resgrid.solvers.multigrid.conjugate_gradients import ROUNDING, StoppingRule, converge, iterate
 from resgrid.solvers.multigrid.grid_level import lay_out
 from resgrid.solvers.multigrid.hierarchy import GridProblem, Hierarchy, build_hierarchy, finest_stencils
 from resgrid.solvers.multigrid.krylov import norm
@@ -33,44 +34,48 @@ from resgrid.solvers.supernodal import factor_supernodes
 from resgrid.solvers.symbolic import Symbolic
 
 _FEW = 300
-"""Resistors that tell in which unit a chip is solved."""
+"""Number of sampled resistors from whose median a chip's unit of conductance is computed."""
 
 _LEFT = 16 * ROUNDING
-"""Share of ``|A| |x|`` up to which a residual may be what rounding leaves."""
+"""Residual relative to ``|A| |x|`` up to which a residual may be due to rounding."""
 
 _ROUNDINGS = 1e-13
-"""What factors in positive numbers make of roundings."""
+"""Relative error of subtraction-free factors due to rounding."""
 
 _FORBIDDEN = 1e-9
-"""Error that is let pass where rounding forbids a smaller one."""
+"""Smallest tolerance that is applied to the error of voltages, relative to the largest."""
 
 _EVEN = 1e4
-"""Range of conductances within which steps tell the error that is left: beyond, strong ones hide that of weak ones."""
+"""Ratio of conductances up to which steps estimate the remaining error; beyond, strong ones hide the error of weak
+ones."""
 
 _WINDOW_RTOL = 1e-10
-"""Residual of a window: the mode outside is found from small differences at its rim."""
+"""Residual of a window's solution: the outside mode is computed from small differences at the rim."""
 
 Box = tuple[slice, ...]
-"""Some cells of a grid, axis by axis."""
+"""A box of cells of a grid: one slice per axis."""
 
 Chips = Iterable[tuple[Laplacian, Floats]]
-"""Matrices of chips whose nodes are joined as the nominal one's, and what drives their rows."""
+"""Matrices of chips with the connections of the nominal one, and the currents into their rows."""
 
 Solver = Callable[[Chips, float], Iterator[Floats | None]]
-"""Solutions (n,) for chips, one by one, to a tolerance; None for one that is none."""
+"""Yields the solution (n,) of every chip to a tolerance; None where it fails."""
 
 
 def solve_by_levels(
     nominal: Laplacian, hierarchy: Hierarchy, start: Floats, chips: Chips, rtol: float
 ) -> Iterator[Floats | None]:
-    """As `Solver`; a chip has its own finest level and the coarse ones of the nominal chip.  Shapes: `start` (n,)."""
+    """Yield the solution (n,) of every chip, None where it stagnates; coarse levels are those of the nominal chip.
+
+    Shapes: `start` (n,): the nominal solution.
+    """
     grid, listed, ordinary = nominal.grid, nominal.listed, hierarchy.largest_degree / hierarchy.unit
     assert hierarchy.grid is not None and grid is not None and listed is not None
     few, cells = slice(None, None, max(1, len(listed.conductance) // _FEW)), grid.of_rows(listed.row).vertex
     problem: GridProblem | None = None
     for chip, drive in chips:
         assert chip.listed is not None
-        # Most of its conductances are as large in this unit as the nominal ones are in theirs.
+        # In this unit the median conductance equals that of the nominal chip in its own unit.
         unit = hierarchy.unit * float(np.median(chip.listed.conductance[few] / listed.conductance[few]))
         laid_out = lay_out(*chip.listed, cells[hierarchy.box], chip.ground, unit)
         assert laid_out is not None
@@ -81,16 +86,16 @@ def solve_by_levels(
         if problem is None:
             problem = GridProblem(finest, hierarchy.levels, currents, x)
         else:
-            problem.begin(finest, currents, x)
-        # A row whose own diagonal exceeds an ordinary one counts for so much less.
+            problem.set_finest(finest, currents, x)
+        # A row is weighted by the ratio of the nominal diagonal to its own, if that is larger.
         wanted = rtol * norm((currents * (ordinary / np.maximum(level.degree, ordinary))).ravel())
-        residual = converge(problem, Stop(wanted, ROUNDING * float(level.degree.max()), unit), None)
+        residual = converge(problem, StoppingRule(wanted, ROUNDING * float(level.degree.max()), unit), None)
         solution = x.ravel()[slot]
         yield solution if residual <= max(wanted, _LEFT * ordinary * norm(solution)) else None
 
 
 def solver_by_levels(laplacian: Laplacian, drive: Floats) -> Solver | None:
-    """Lay a grid out by colour; None where it has no two colours.  Shapes: `drive` (n,)."""
+    """Return a solver that shares a grid's coarse levels; None unless it has two colours. Shapes: `drive` (n,)."""
     hierarchy = build_hierarchy(laplacian)
     if hierarchy.grid is None:
         return None
@@ -98,7 +103,10 @@ def solver_by_levels(laplacian: Laplacian, drive: Floats) -> Solver | None:
 
 
 def solve_in_order(order: Symbolic, chips: Chips, rtol: float) -> Iterator[Floats | None]:
-    """As `Solver`, by elimination; ``rtol`` bounds the error of voltages, relative to the largest."""
+    """Yield the solution (n,) of every chip by elimination in a common order; None where it is not accurate.
+
+    ``rtol`` bounds the error of voltages, relative to the largest.
+    """
     for chip, drive in chips:
         try:
             factors = factor_supernodes(chip, order)
@@ -106,7 +114,7 @@ def solve_in_order(order: Symbolic, chips: Chips, rtol: float) -> Iterator[Float
             yield None
             continue
         solution = factors.solve(drive)
-        # Entries of a solution for currents of one sign are right to some roundings.
+        # Entries of a solution for currents of one sign are accurate to some rounding errors.
         summed = factors.solve(np.abs(drive)) if drive.min() < 0.0 else solution
         right = _ROUNDINGS * np.abs(summed).max() <= max(rtol, _FORBIDDEN) * np.abs(solution).max()
         yield solution if right else None
@@ -118,8 +126,8 @@ class WarmGrid:
 
     `hierarchy`: of a grid of two colours, all of whose rows are cells; `finest`: its finest level, into which changes
     are written; `lattice`: of that level; `slot`, of the grid's shape: slot of every cell, 0 for none; `flat`: whether
-    constants are the mode outside of windows, for there is a single rail; otherwise it is ``1 - x``; `b, x` (2,
-    slots): in units of the hierarchy, and in volts.
+    the mode outside of windows is constant, since there is a single rail; otherwise it is ``1 - x``; `b, x` (2, slots):
+    in units of the hierarchy, and in volts.
     """
 
     hierarchy: Hierarchy
@@ -132,7 +140,7 @@ class WarmGrid:
 
     @classmethod
     def of(cls, laplacian: Laplacian, drive: Floats, flat: bool) -> WarmGrid | None:
-        """Levels of a grid, at rest; None where it is no grid of two colours that coarsens by blocks."""
+        """Build the levels of a grid, with solution 0; None unless it has two colours and coarsens by blocks."""
         hierarchy, grid = build_hierarchy(laplacian), laplacian.grid
         if hierarchy.grid is None or grid is None:
             return None
@@ -143,7 +151,7 @@ class WarmGrid:
         return cls(hierarchy, hierarchy.grid, lattice, slot, flat, b, x)
 
     def solve(self, rtol: float, watch: ProgressMonitor) -> None:
-        """Iterate from the latest solution on.
+        """Iterate from the latest solution.
 
         Raises
         ------
@@ -154,23 +162,28 @@ class WarmGrid:
         hierarchy, largest = self.hierarchy, self.hierarchy.largest_degree / self.hierarchy.unit
         degree = self.finest.true.black_degree
         even = float(degree.max()) <= _EVEN * float(degree.min(where=degree > 0.0, initial=np.inf))
-        stop = Stop(allowed, ROUNDING * largest, hierarchy.unit, self.x if begun else None, rtol if even else 0.0)
+        stop = StoppingRule(
+            allowed, ROUNDING * largest, hierarchy.unit, self.x if begun else None, rtol if even else 0.0
+        )
         size = converge(GridProblem(self.finest, hierarchy.levels, self.b, self.x), stop, watch)
         scale = 2.0 * largest * norm(self.x.ravel()) + norm(self.b.ravel())
         error = size / (scale or 1.0)
         if not error <= rtol:
-            raise AccuracyError(f"a warm start stagnates at a backward error of {error:.1e}, above rtol = {rtol:.1e}")
+            raise AccuracyError(
+                f"the warm start stagnates at a backward error of {error:.1e}, above rtol = {rtol:.1e}; use a larger "
+                "rtol, or solve without a warm start"
+            )
         watch.done(error)
 
     @property
     def values(self) -> Floats:
-        """The latest solution in every cell of the grid, of its shape; undefined where a cell has no row."""
+        """The latest solution in every cell, of the grid's shape; undefined where a cell has no row."""
         return self.x.ravel()[self.slot]
 
     def change(self, box: Box, core: Box, laplacian: Laplacian, drive: Floats, *, solve: bool, follow: bool) -> None:
-        """Take over the equations of a box of cells; solve them, and let the outside follow.
+        """Replace the equations of a box of cells; with `solve` solve them, with `follow` correct the outside too.
 
-        `core`: those cells of the box whose equations are whole; `laplacian` (n, n): on the grid of the box, its rows
+        `core`: the cells of the box whose equations are complete; `laplacian` (n, n): on the grid of the box, its rows
         in C order; `drive` (n,): current into every row, in amperes.
         """
         assert laplacian.grid is not None
@@ -181,8 +194,8 @@ class WarmGrid:
         before = x[slot]
         if not solve:
             new = before == 0.0
-            fed, degree = (drive + laplacian.edges @ before)[new], laplacian.diagonal[new]
-            x[slot[new]] = np.divide(fed, degree, out=np.zeros_like(fed), where=degree > 0.0)
+            inflow, degree = (drive + laplacian.edges @ before)[new], laplacian.diagonal[new]
+            x[slot[new]] = np.divide(inflow, degree, out=np.zeros_like(inflow), where=degree > 0.0)
             return
         inner = np.full_like(vertex, -1)
         inner[core] = vertex[core]
@@ -204,7 +217,7 @@ class WarmGrid:
         x[slot[own]] = after
 
     def _write(self, there: Indices, core: Box, laplacian: Laplacian, drive: Floats) -> None:
-        """Write the equations of a window's core, whose cells stand at some slots (cells,), over those of the level."""
+        """Overwrite the level's equations in a window's core, whose cells have the slots `there` (cells,)."""
         assert laplacian.listed is not None and laplacian.grid is not None
         finest, vertex, unit = self.finest, laplacian.grid.vertex, self.hierarchy.unit
         cells = laplacian.grid.of_rows(laplacian.listed.row).vertex
@@ -222,7 +235,7 @@ class WarmGrid:
         self._aggregate(to, fresh[1].black_inverse[of] > 0.0)
 
     def _aggregate(self, slot: Indices, present: NDArray[np.bool_]) -> None:
-        """Black slots that are new join the aggregate of a black one behind the strongest red neighbour."""
+        """Assign new black slots to the aggregate of a black slot behind their strongest red neighbour."""
         target, faces, distance = self.finest.aggregate, self.finest.true.faces, self.lattice.distance
         target[slot[~present]] = 0
         for k in slot[present & (target[slot] == 0)].tolist():

@@ -1,6 +1,6 @@
-"""The one matrix of all solvers: a graph of conductances, and what ties its rows to nodes of known voltage.
+"""The matrix of all solvers: a graph of conductances, and conductances from its rows to nodes of known voltage.
 
-Beside it the few numbers that a method is chosen by.
+Also the statistics from which a method is chosen.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
     from scipy import sparse
 
 MOST_NUMBERED = 2**31 - 1
-"""Rows, entries of rows, and slots are numbered with 32 bits."""
+"""Largest number of rows, entries or slots, which have 32-bit indices."""
 
 VOLUME = 4.2
-"""Neighbours a node above which corridors have two dimensions across."""
+"""Mean number of neighbours above which corridors have two cross dimensions."""
 
 WEAK = 0.1
-"""A conductance is weak below this share of the strongest one at either of its ends."""
+"""A conductance is weak if it is below this fraction of the strongest one at either of its ends."""
 
 
 class EdgeList(NamedTuple):
-    """Edges as a list: edge ``k`` joins the rows ``row[ends[k]]`` by ``conductance[k]``, in siemens.
+    """List of edges: edge ``k`` joins the rows ``row[ends[k]]`` by ``conductance[k]``, in siemens.
 
     `ends` (m, 2): vertices; `conductance` (m,); `row` (vertices,): row of every vertex, -1 where its voltage is known.
-    Edges within a row, or with an end at a known voltage, are no entries of the matrix.
+    Edges within a row, or with an end at a known voltage, are not entries of the matrix.
     """
 
     ends: Indices
@@ -41,7 +41,7 @@ class EdgeList(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Edges as compressed rows, symmetric and without a diagonal; as loops take them; scipy takes long to import.
+    """Symmetric CSR arrays of the edges, without a diagonal, as arguments of kernels and without an import of scipy.
 
     `indptr` (n + 1,); `indices, data` (entries,): columns, sorted in every row, and conductances in siemens.
     """
@@ -52,13 +52,13 @@ class Rows(NamedTuple):
 
     @classmethod
     def of(cls, array: sparse.csr_array) -> Rows:
-        """The rows of an array, which are sorted, in the same memory where its numbers are."""
+        """Return a view of a CSR array, which is sorted in place."""
         array.sort_indices()
         return cls(array.indptr.astype(np.int32, copy=False), array.indices.astype(np.int32, copy=False), array.data)
 
     @property
     def array(self) -> sparse.csr_array:
-        """The same as an array (n, n), in the same memory."""
+        """View as a scipy array (n, n)."""
         from scipy import sparse
 
         size = len(self.indptr) - 1
@@ -68,7 +68,7 @@ class Rows(NamedTuple):
 
     @property
     def listed(self) -> EdgeList:
-        """Every pair of rows once, the lower one first."""
+        """The edges as a list, each one once, lower row first."""
         each = np.arange(len(self.indptr) - 1, dtype=np.int32)
         row = np.repeat(each, np.diff(self.indptr))
         upper = self.indices > row
@@ -76,7 +76,7 @@ class Rows(NamedTuple):
 
 
 class Graph(NamedTuple):
-    """A graph as loops take it: conductances by rows, in any order, and leaks to nodes of known voltage.
+    """A graph as argument of kernels: conductances by rows, in any order, and leaks to nodes of known voltage.
 
     `indptr` (n + 1,), `indices, conductance` (entries,), `leak` (n,); in siemens, or in a unit.
     """
@@ -94,33 +94,33 @@ class Graph(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Where the vertices of a grid lie: `vertex`, of the grid's shape, -1 for none; `periodic`: axes that are rings."""
+    """Positions of vertices in a grid: `vertex`, of the grid's shape, -1 for none; `periodic`: axes that are rings."""
 
     vertex: Indices
     periodic: tuple[bool, ...]
 
     @property
     def simple(self) -> bool:
-        """Whether no two edges join the same cells: only the two across a ring of two cells do."""
+        """Whether no two edges join the same cells, as they do across a ring of two cells."""
         return not any(ring and cells == 2 for ring, cells in zip(self.periodic, self.vertex.shape, strict=True))
 
     @property
     def dimensions(self) -> int:
-        """Axes along which there are more than two cells."""
+        """Number of axes with more than two cells."""
         return sum(cells > 2 for cells in self.vertex.shape)
 
     def of_rows(self, row: Indices) -> Grid:
-        """The same grid with rows for vertices.  Shapes: `row` (vertices,)."""
+        """Return the grid with rows in place of vertices. Shapes: `row` (vertices,)."""
         return Grid(np.append(row, np.int32(-1))[self.vertex], self.periodic)
 
 
 @dataclass(frozen=True, eq=False)
 class Rails:
-    """The two voltages that a circuit with two rails hangs between.
+    """The two supply voltages of a circuit with two rails.
 
-    `high, low`: voltages in volts; ``high`` is the obstacle rail (or the driven start) where there is a map of cells;
-    `size`: number of rows; `row, conductance, at_high` (ties,): which row hangs on a rail, by how much, in siemens, and
-    whether that is the high one; the same row may do so several times.
+    `high, low`: voltages in volts; for a map of cells ``high`` is the obstacle rail (or the driven start); `size`:
+    number of rows; `row, conductance, at_high` (ties,): the row of each tie to a rail, its conductance in siemens, and
+    whether the rail is the high one. A row may have several ties.
     """
 
     high: float
@@ -132,25 +132,27 @@ class Rails:
 
     @property
     def to_high(self) -> Floats:
-        """Conductance from every row to the high rail, in siemens, shape (n,); summed anew."""
+        """Conductance from every row to the high rail, in siemens, shape (n,); a new array."""
         return self._summed(self.at_high)
 
     @property
     def to_low(self) -> Floats:
-        """The same for the low rail."""
+        """Conductance from every row to the low rail, in siemens, shape (n,); a new array."""
         return self._summed(~self.at_high)
 
     def _summed(self, some: NDArray[np.bool_]) -> Floats:
+        """Sum the conductances of some ties by row, shape (n,)."""
         return np.asarray(np.bincount(self.row[some], self.conductance[some], self.size), dtype=np.float64)
 
 
 @dataclass(frozen=True)
-class Connections:
-    """Counts over the conductances between rows.
+class ConductanceStatistics:
+    """Statistics of the conductances between rows.
 
-    `entries`: twice their number: the entries of the `coupling`; `weak`: share of conductances that are weak beside the
-    strongest one at either of their ends; `mean`: mean conductance, in siemens; 0 where there is none; `decades`: by
-    which they differ; `smallest, largest`: the range of all conductances, those to rails included, in siemens.
+    `entries`: number of off-diagonal entries, twice the number of conductances; `weak`: fraction of conductances that
+    are weak relative to the strongest one at either end; `mean`: mean conductance, in siemens, 0 without any;
+    `decades`: ratio of the largest to the smallest one, in orders of magnitude; `smallest, largest`: range of all
+    conductances, including those to rails, in siemens.
     """
 
     entries: int
@@ -165,12 +167,12 @@ class Connections:
 class Laplacian:
     """``(A x)_i = sum_j g_ij (x_i - x_j) + g_i x_i``: edge and ground conductances, never a summed diagonal.
 
-    A symmetric positive definite M-matrix whenever every connected part holds a row of positive ground conductance.
+    A symmetric positive definite M-matrix if every connected component has a row of positive ground conductance.
 
-    `ground` (n,): conductance from every row to nodes of known voltage, in siemens; `listed, compressed`: its edges,
-    as a list, as rows, or both (`with_rows`); `grid`: where the vertices of the list lie (without one, the rows), if
-    they are a grid's; `dimensions`: those that the graph fills: of its grid; 2 for others; `rails`: how `ground`
-    divides between two rails, where there are just two and nothing else drives.
+    `ground` (n,): conductance from every row to nodes of known voltage, in siemens; `listed, compressed`: its edges as
+    a list, as rows, or both (`with_rows`); `grid`: positions of the vertices of the list (without a list, of the rows)
+    if they form a grid; `dimensions`: dimensions of its grid; 2 for other graphs; `rails`: how `ground` divides between
+    two rails, if there are exactly two and no other drive.
     """
 
     ground: Floats
@@ -186,11 +188,11 @@ class Laplacian:
         return len(self.ground)
 
     def as_rows(self) -> Rows:
-        """The edges as rows."""
+        """Return the edges as compressed rows."""
         return self.compressed or _compress(self.listed, self.size)
 
     def with_rows(self) -> Laplacian:
-        """The same, with its rows at hand for whoever asks for them more than once."""
+        """Return a copy with cached compressed rows."""
         return self if self.compressed else replace(self, compressed=self.as_rows())
 
     @property
@@ -200,26 +202,26 @@ class Laplacian:
 
     @property
     def graph(self) -> Graph:
-        """The whole matrix as loops take it."""
+        """The whole matrix as argument of kernels."""
         return Graph(*self.as_rows(), self.ground)
 
     @property
     def diagonal(self) -> Floats:
-        """Diagonal of the matrix, in siemens, shape (n,): all conductances at a row, summed."""
+        """Diagonal of the matrix, in siemens, shape (n,): the sum of all conductances at each row."""
         return np.asarray(self.edges.sum(axis=1) + self.ground, dtype=np.float64)
 
     @property
     def matrix(self) -> sparse.csr_array:
-        """The whole matrix, in siemens, shape (n, n): for factors, whose pivots are differences anyway."""
+        """The whole matrix, in siemens, shape (n, n): for factorizations with rounded pivots only."""
         from scipy import sparse
 
         return sparse.csr_array(sparse.diags_array(self.diagonal, format="csr") - self.edges)
 
     @property
     def branches(self) -> tuple[sparse.csr_array, Floats]:
-        """What joins the rows to each other, every pair once: ``B^T diag(value) B``, for products of differences.
+        """The edges as ``B^T diag(value) B``, each one once.
 
-        Returns `incidence` (m, n), `value` (m,), in siemens.
+        Returns the incidence matrix (m, n) and `value` (m,), in siemens.
         """
         from scipy import sparse
 
@@ -230,7 +232,7 @@ class Laplacian:
 
     @property
     def elements(self) -> tuple[sparse.csr_array, Floats]:
-        """The `branches` and, behind them, what ties rows to nodes of known voltage: all of the matrix."""
+        """The `branches`, followed by the conductances from rows to nodes of known voltage: the whole matrix."""
         from scipy import sparse
 
         (incidence, value), tied = self.branches, self.ground > 0
@@ -238,13 +240,13 @@ class Laplacian:
         return sparse.csr_array(sparse.vstack([incidence, ties])), np.append(value, self.ground[tied])
 
     def within(self, rows: NDArray[np.bool_]) -> Laplacian:
-        """Only some of the rows; the others count as nodes of known voltage."""
+        """Restrict the matrix to some rows; the others count as nodes of known voltage."""
         from scipy import sparse
 
         return self.grouped(sparse.csr_array(sparse.eye_array(self.size, format="csr")[rows]))
 
     def grouped(self, groups: sparse.csr_array) -> Laplacian:
-        """Groups of rows, `groups` (m, n), as one row each; rows of no group count as nodes of known voltage."""
+        """Merge groups of rows, `groups` (m, n), into one row each; other rows count as nodes of known voltage."""
         from scipy import sparse
 
         own = groups @ self.edges
@@ -259,7 +261,7 @@ class Laplacian:
 
 
 def _compress(listed: EdgeList | None, size: int) -> Rows:
-    """Rows of a list of edges."""
+    """Return the CSR arrays of a list of edges; BudgetError for more entries than 32-bit indices can number."""
     from resgrid.solvers.csr_kernels import conductances_by_row
 
     assert listed is not None
@@ -272,21 +274,21 @@ def _compress(listed: EdgeList | None, size: int) -> Rows:
     return Rows(*conductances_by_row(*listed, size))
 
 
-def count_connections(laplacian: Laplacian) -> Connections:
-    """Count and compare the conductances between rows.
+def conductance_statistics(laplacian: Laplacian) -> ConductanceStatistics:
+    """Compute statistics of the conductances between rows.
 
-    Resistors are counted one by one, unless some are parallel; on a grid, where only the two across a ring of two cells
-    are, no rows are needed.
+    Resistors are counted one by one, unless some are parallel. On a grid only resistors across a ring of two cells are
+    parallel, so that no compressed rows are needed.
     """
     from resgrid.solvers.csr_kernels import compare_edges
 
-    grid, room = laplacian.grid, np.zeros(laplacian.size)
-    found = compare_edges(*(laplacian.listed or laplacian.as_rows().listed), room, WEAK)
+    grid, strongest = laplacian.grid, np.zeros(laplacian.size)
+    found = compare_edges(*(laplacian.listed or laplacian.as_rows().listed), strongest, WEAK)
     if (grid is None or not grid.simple) and 2 * found[0] > len((rows := laplacian.as_rows()).data):
-        found = compare_edges(*rows.listed, np.zeros_like(room), WEAK)
+        found = compare_edges(*rows.listed, np.zeros_like(strongest), WEAK)
     inner, smallest, largest, total, weak = found
     present = laplacian.ground[laplacian.ground > 0]
-    return Connections(
+    return ConductanceStatistics(
         entries=2 * inner,
         weak=weak / inner if inner else 0.0,
         mean=total / inner if inner else 0.0,

@@ -1,15 +1,15 @@
-"""What compiled loops ask of the processor that numba has no word for.
+"""LLVM instructions for kernels that numba does not expose.
 
-Arrays that stand at an address: whoever made a table of addresses keeps the arrays.
+Array views of memory addresses: the owner of a table of addresses must keep the arrays alive.
 
-Jobs that threads share in compiled code: parts are claimed by whoever is free, with atomic operations on an array.
+Work sharing between threads in compiled code: free threads claim parts of a job, by atomic operations on an array. A
+thread without a processor core claims no part and is not waited for. A thread that waits for a part of another thread
+yields its core repeatedly and never sleeps.
 
-A thread that gets no core claims nothing, and is not waited for; who waits for a part in another's hands gives up its
-core to others, again and again, and never sleeps.
-
-Subnormal numbers counted as zero: behind a rail a potential falls by any number of decades, and single precision ends
-at 1e-38.  Down to 1e-45 follow subnormal numbers, which x86 processors work on many times as slowly: bands of them
-across a maze tripled the time of its field.  What lies so far below the largest residual is left to later passes.
+Flush of subnormal numbers to zero: behind a rail a potential falls by any number of orders of magnitude, and the normal
+numbers of single precision end at 1e-38. Below, down to 1e-45, numbers are subnormal, and x86 processors are many times
+slower with them: bands of subnormal numbers across a maze tripled the time of its field. Values so far below the
+largest residual are left to later passes.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ _arrays: Any = arrayobj
 Integers = NDArray[np.int64]
 
 _FLUSHED = np.uint32(0x1F80 | 1 << 15 | 1 << 6)
-"""The control and status register (MXCSR) as it begins, but results are flushed to zero, and so are operands."""
+"""Value of the control and status register (MXCSR) that flushes subnormal results and operands to zero."""
 
 _BITS, _ADDRESS = ir.IntType(32), ir.IntType(8).as_pointer()
 _IS_X86 = platform.machine().lower() in ("x86_64", "amd64")
 
 
 def _generate_view(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    """The array at an address, which is the first argument, as its shape is the others."""
+    """Generate code for an array view; the arguments are its address and its shape."""
     view, (address, *shape) = _arrays.make_array(signature.return_type)(context, builder), arguments
     size = context.get_abi_sizeof(context.get_data_type(signature.return_type.dtype))
     strides = [context.get_constant(types.intp, size)]
@@ -53,6 +53,8 @@ def _generate_view(context: Any, builder: Any, signature: Any, arguments: Any) -
 
 
 def _view(number: Any) -> Any:
+    """Return an intrinsic that views an address as a vector of numbers of a type."""
+
     def viewing(_typing: Any, _address: Any, _count: Any) -> Any:
         return types.Array(number, 1, "C")(types.int64, types.int64), _generate_view
 
@@ -60,6 +62,7 @@ def _view(number: Any) -> Any:
 
 
 def _viewing_sides(_typing: Any, _address: Any, _sides: Any, _count: Any) -> Any:
+    """Declare an intrinsic that views an address as a matrix of float32."""
     return types.Array(types.float32, 2, "C")(types.int64, types.int64, types.int64), _generate_view
 
 
@@ -68,6 +71,8 @@ singles_by_side: Any = intrinsic(_viewing_sides)
 
 
 def _prefetching(_typing: Any, array: Any, _place: Any) -> Any:
+    """Declare an intrinsic that prefetches an element of an array."""
+
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         whole = _arrays.make_array(array)(context, builder, arguments[0])
         place = _numba.get_item_pointer(context, builder, array, whole, [arguments[1]])
@@ -80,10 +85,12 @@ def _prefetching(_typing: Any, array: Any, _place: Any) -> Any:
 
 
 prefetch: Any = intrinsic(_prefetching)
-"""Have an element of an array brought into the cache, for a loop that does not run along it."""
+"""Prefetch an element of an array into the cache, for irregular access."""
 
 
 def _controlling(_typing: Any, _value: Any) -> Any:
+    """Declare an intrinsic that exchanges the control register of the processor."""
+
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         if not _IS_X86:
             return arguments[0]
@@ -102,34 +109,35 @@ _control: Any = intrinsic(_controlling)
 
 @inner
 def flush_subnormals() -> np.uint32:
-    """Let this thread's compiled loops take subnormal numbers for zero; returns what restores them.
+    """Treat subnormal numbers as zero in kernels of this thread; returns the state for `restore_subnormals`.
 
-    Does nothing on other processors, which work on subnormal numbers at full speed.
+    Does nothing on other processors than x86, which handle subnormal numbers at full speed.
     """
     return np.uint32(_control(_FLUSHED))
 
 
 @inner
 def restore_subnormals(before: np.uint32) -> None:
-    """Undo `flush_subnormals`."""
+    """Restore the treatment of subnormal numbers that `flush_subnormals` returned."""
     _control(before)
 
 
 _LEFT, _DONE, KIND, LEVEL, VISIT, _OVER = 0, 8, 16, 17, 18, 24
-"""Where in the array stand how many parts of the job are left, and are done, what and where it is to be done, and
-whether no other follows."""
+"""Indices into the shared state: numbers of unclaimed and of finished parts; kind, level and visit of the sweep; end
+flag."""
 
 PLACES = 32
+"""Length of the shared state; its atomic counters lie in separate cache lines."""
 
 _SPINS = 32
-"""Looks at the array between two offers of the core to others."""
+"""Reads of the shared state between two yields of the core."""
 
 _PATIENCE = 50_000
-"""Offers of its core after which a helper that finds nothing to do leaves, for its caller may have been interrupted."""
+"""Yields after which a helper without work leaves, since its caller may have been interrupted."""
 
 
 def _atomic(operation: str) -> Any:
-    """What changes a place of an array at once, whoever else does, and returns what stood there."""
+    """Return an intrinsic that changes an array element atomically and returns its old value."""
 
     def changing(_typing: Any, array: Any, _place: Any, _value: Any) -> Any:
         def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -143,6 +151,8 @@ def _atomic(operation: str) -> Any:
 
 
 def _yielding(_typing: Any) -> Any:
+    """Declare an intrinsic that yields the processor core to other threads."""
+
     def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
         if sys.platform != "win32":
             offer = _numba.get_or_insert_function(builder.module, ir.FunctionType(ir.IntType(32), []), "sched_yield")
@@ -158,7 +168,7 @@ _offer_core: Any = intrinsic(_yielding)
 
 @inner
 def announce(state: Integers, kind: int, level: int, visit: int, parts: int) -> None:
-    """Begin a job; the one before has been waited for."""
+    """Publish a job of some parts; the previous job must be finished."""
     state[KIND], state[LEVEL], state[VISIT] = kind, level, visit
     _put(state, _DONE, 0)
     _put(state, _LEFT, parts)
@@ -166,19 +176,19 @@ def announce(state: Integers, kind: int, level: int, visit: int, parts: int) -> 
 
 @inner
 def claim(state: Integers) -> int:
-    """A part of the job that nobody has claimed; negative for none."""
+    """Claim a part of the job; returns its number, or a negative number if all parts are claimed."""
     return int(_add(state, _LEFT, -1) - 1) if _add(state, _LEFT, 0) > 0 else -1
 
 
 @inner
 def finish(state: Integers) -> None:
-    """Note that a part is done."""
+    """Atomically increment the number of finished parts of a job."""
     _add(state, _DONE, 1)
 
 
 @inner
 def wait_for(state: Integers, parts: int) -> None:
-    """Wait until so many parts are done."""
+    """Wait until a number of parts is finished."""
     spins = 0
     while _add(state, _DONE, 0) < parts:
         spins += 1
@@ -188,13 +198,13 @@ def wait_for(state: Integers, parts: int) -> None:
 
 @inner
 def end_jobs(state: Integers) -> None:
-    """Tell the helpers that no other job follows."""
+    """Signal to the helpers that no further job follows."""
     _put(state, _OVER, 1)
 
 
 @inner
 def await_part(state: Integers) -> int:
-    """A part of this job or a later one, as soon as there is one; -1 if no other follows."""
+    """Wait for a part of this job or a later one and claim it; returns -1 if no further job follows."""
     spins = 0
     while _add(state, _OVER, 0) == 0 and spins < _SPINS * _PATIENCE:
         part = claim(state)
@@ -207,5 +217,5 @@ def await_part(state: Integers) -> int:
 
 
 def begin_jobs(state: Integers) -> None:
-    """Tell that jobs follow."""
+    """Clear the end flag before the first job."""
     state[_OVER] = 0

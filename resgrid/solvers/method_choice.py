@@ -1,7 +1,8 @@
-"""Which methods there are, which one suits a laplacian, and what each costs, estimated before it is taken.
+"""Choose the method for a Laplacian by the estimated costs of all methods.
 
-Seconds are those of one core of the computer on which ``benchmarks/choice.py`` measured all methods on planes, volumes,
-mazes and netlists; it tells what the choice loses against the best of them. Only their ratios matter.
+Costs are seconds on one core of the computer on which ``benchmarks/choice.py`` measured all methods on planes, volumes,
+mazes and netlists. That benchmark also measures the loss of the choice against the best method. Only ratios of costs
+matter.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ import numpy as np
 from resgrid._internal.memory import require_memory
 from resgrid.errors import InputError
 from resgrid.solvers.factors import EXACT_ROWS, Factor, factor_direct, factor_multigrid
-from resgrid.solvers.laplacian import VOLUME, Connections, Laplacian, count_connections
-from resgrid.solvers.threads import ALONE, ThreadTeam
+from resgrid.solvers.laplacian import VOLUME, ConductanceStatistics, Laplacian, conductance_statistics
+from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 if TYPE_CHECKING:
     from resgrid.solvers.symbolic import Symbolic
@@ -23,14 +24,15 @@ METHODS = ("direct", "multigrid")
 
 
 class Seconds(NamedTuple):
-    """The table: seconds a row, unless said.
+    """Measured costs, in seconds per row unless stated otherwise.
 
-    `corridor, across`: a direct solution along corridors, and for every square cell of their width (plane, volume);
-    `row, exact_row`: of factors and substitution but for their entries, and where the answer is the nearest double;
-    `entry, product`: an entry of the factors, a product; `order`: an order of minimum fill; `levels`: levels,
-    however few the rows, in all; `open, mazy`: directions by multigrid on a grid between rails; `decade`: for every
-    decade that the potential falls (plane, volume); `fed, fed_mazy, fed_sparse, fed_netlist`: directions where one rail
-    is driven; `netlist, netlist_decade`: between rails off grids; `normwise`: voltages alone in narrow corridors.
+    `corridor, across`: a direct solution along corridors, and its increase per squared width in cells (plane, volume);
+    `row, exact_row`: direct factors and substitution without their entries, and the same where answers are the nearest
+    doubles; `entry, product`: per entry of the factors, per product; `order`: ordering by minimum fill; `levels`:
+    building levels, in seconds per solve; `open, tortuous`: directions by multigrid on a grid between two rails, with
+    wide and with narrow corridors; `decade`: per order of magnitude that the potential falls (plane, volume); `driven,
+    driven_tortuous, driven_sparse, driven_netlist`: directions with a single rail and driven nodes; `netlist,
+    netlist_decade`: between two rails off grids; `normwise`: voltages of normwise accuracy.
     """
 
     corridor: tuple[float, float] = (0.5e-6, 0.7e-6)
@@ -42,12 +44,12 @@ class Seconds(NamedTuple):
     order: float = 2e-6
     levels: float = 4e-3
     open: float = 0.33e-6
-    mazy: float = 0.7e-6
+    tortuous: float = 0.7e-6
     decade: tuple[float, float] = (0.02e-6, 0.012e-6)
-    fed: float = 0.5e-6
-    fed_mazy: float = 0.9e-6
-    fed_sparse: float = 4e-6
-    fed_netlist: float = 1.6e-6
+    driven: float = 0.5e-6
+    driven_tortuous: float = 0.9e-6
+    driven_sparse: float = 4e-6
+    driven_netlist: float = 1.6e-6
     netlist: float = 4e-6
     netlist_decade: float = 0.04e-6
     normwise: float = 0.45e-6
@@ -55,41 +57,44 @@ class Seconds(NamedTuple):
 
 SECONDS = Seconds()
 
-ROOM = 20.0
-"""Cells across a corridor from which cycles converge as in the open."""
+OPEN_WIDTH = 20.0
+"""Width of corridors, in cells, from which cycles converge as in open space."""
 
-SPARSE = 2.5
-"""Cells across corridors, chains and trees in which cycles take longest: rows have three neighbours, or fewer."""
+SPARSE_WIDTH = 2.5
+"""Width of corridors, in cells, below which cycles take longest: chains and trees, whose rows have at most three
+neighbours."""
 
 
 class MethodChoice(NamedTuple):
-    """A method for a laplacian, and what was found out on the way to it.
+    """The chosen method, with the statistics and the ordering computed while choosing.
 
-    `laplacian`: with its rows, where they had to be made; `accuracy`: of the answers it was chosen for; `found`: counts
-    over it; `method`; `order`: of a direct method; None where the order by fill is to be taken.
+    `laplacian`: with compressed rows, if they were needed; `accuracy`: of the answers; `statistics`: of its
+    conductances; `method`; `order`: elimination order of the direct method; None if the order by fill is still to be
+    computed.
     """
 
     laplacian: Laplacian
     accuracy: str
-    found: Connections
+    statistics: ConductanceStatistics
     method: str
     order: Symbolic | None = None
 
     @property
     def memory(self) -> float:
-        """Estimate of its peak memory above the netlist, in bytes.
+        """Estimated peak memory in addition to the netlist, in bytes.
 
-        Entries of narrow circuits' factors are counted (`resgrid.solvers.symbolic`); in the open there are about ``n
-        log n`` of them on planes, ``n**(4/3)`` in three dimensions, ``n**(3/2)`` in four (George & Liu 1981), with
-        constants measured on open grids, which fill most.  Those of multigrid are a tenth above what was measured on
-        grids, which do without compressed rows, and on other netlists; directions take rows and scaled numbers besides.
+        The entries of a known elimination order are counted (`resgrid.solvers.symbolic`). Otherwise there are about ``n
+        log n`` entries on planes, ``n**(4/3)`` in three dimensions, ``n**(3/2)`` in four (George & Liu 1981), with
+        constants measured on open grids, which have the most fill. The constants of multigrid are a tenth above the
+        measured ones, on grids (without compressed rows) and on other netlists. Directions additionally need compressed
+        rows and scaled numbers.
         """
         laplacian, order, n = self.laplacian, self.order, self.laplacian.size
         if self.method == "multigrid":
             on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
             if self.accuracy == "direction":
                 on_nodes, on_entries = on_nodes + 60.0, on_entries + 18.0
-            return on_nodes * n + on_entries * self.found.entries + _ON_LEVELS
+            return on_nodes * n + on_entries * self.statistics.entries + _ON_LEVELS
         if order is not None:
             return 8.0 * (order.entries + len(order.nodes.rows)) + _ON_ROWS * n
         fill = {2: 2.6 * n * np.log2(n + 2), 3: 10.0 * n ** (4 / 3), 4: 4.5 * n ** (3 / 2)}
@@ -97,30 +102,53 @@ class MethodChoice(NamedTuple):
 
 
 _SMALL = 2000
-"""Rows up to which the direct method is always quicker."""
+"""Number of rows up to which the direct method is always faster."""
 
 _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
-"""Share of weak conductances above which cycles are too many; in a volume direct factors cost so much more."""
+"""Fraction of weak conductances above which multigrid needs too many cycles, in planes and in volumes.
 
-_EVEN, _PATCHED = 3.0, 0.4
-"""Decades by which conductances of a plane may differ; those of the time that each one more takes."""
+The limit of volumes is higher, since their direct factors cost more.
+"""
+
+_EVEN, _CONTRAST = 3.0, 0.4
+"""Orders of magnitude of conductances on a plane that cost no time; orders of magnitude in time per further one."""
 
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
-"""By how many decades any maze's potential falls, and from how many on refinement takes too long."""
+"""Orders of magnitude that the potential of any maze falls at least, and from which refinement takes too long."""
 
 _ON_LEVELS = 0.5e6
-"""Bytes that multigrid takes, whatever the size."""
+"""Memory of multigrid independent of the size, in bytes."""
 
 _ON_ROWS = 500.0
-"""Peak memory of a direct solution besides its factors, in bytes a row."""
+"""Peak memory of a direct solution without its factors, in bytes per row."""
+
+
+THREADED_ROWS = {2: 250_000, 3: 500_000}
+"""Number of rows of a grid, by dimension, from which the multigrid method uses several threads.
+
+Speed of two threads relative to one (``benchmarks/results.md``, unloaded computer): planes 1.2 to 1.3 at 1024^2, 1.4 at
+512^2 with two right-hand sides; volumes 0.92 at 64^3.  Alternating runs on a loaded computer, minimum of all runs:
+planes 0.85 at 256^2, 1.4 at 512^2, 1.3 at 1024^2; volumes 1.2 to 1.3 at 80^3, 1.1 to 1.3 at 100^3.  The limit of
+volumes also applies in four dimensions.  No size with a gain was found off grids (0.92 to 1.04 at 100,000 and 300,000
+nodes) and for the direct method (0.86 to 1.0).
+"""
+
+
+def threads_for(choice: MethodChoice, threads: ThreadTeam) -> ThreadTeam:
+    """Return the threads, or a single one for a matrix that several threads would not solve faster."""
+    laplacian = choice.laplacian
+    if choice.method != "multigrid" or laplacian.grid is None:
+        return SINGLE_THREAD
+    return threads if laplacian.size >= THREADED_ROWS[min(max(laplacian.dimensions, 2), 3)] else SINGLE_THREAD
 
 
 def factor_laplacian(
-    laplacian: Laplacian, method: str, *, accuracy: str = "direction", team: ThreadTeam = ALONE
+    laplacian: Laplacian, method: str, *, accuracy: str = "direction", threads: ThreadTeam = SINGLE_THREAD
 ) -> Factor:
-    """Make a system ready to be solved, on a team's threads, unless it would not fit in memory.
+    """Choose a method and factor the matrix with it; BudgetError if the factors do not fit in memory.
 
-    An ``accuracy`` of ``"normwise"`` tells that no answer needs to be right entry by entry.
+    `accuracy`: "direction" for entrywise accurate answers, "normwise" for answers with a small backward error only;
+    `threads`: are used only if they make the solve faster.
     """
     from resgrid.solvers.symbolic import order_by_fill
 
@@ -132,97 +160,149 @@ def factor_laplacian(
         "use fewer cells, or a machine with more memory",
     )
     if choice.method == "multigrid":
-        return factor_multigrid(choice.laplacian, team=team)
+        return factor_multigrid(choice.laplacian, threads=threads_for(choice, threads))
     return factor_direct(choice.laplacian, choice.order or order_by_fill(choice.laplacian))
 
 
 def check_method(method: str) -> None:
-    """Refuse a method that is none."""
+    """Raise InputError for an unknown method."""
     if method != "auto" and method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
 
 
 def choose_method(laplacian: Laplacian, method: str = "auto", accuracy: str = "direction") -> MethodChoice:
-    """Choose a method beforehand, where none is given: the one that would take less time.
+    """Choose the faster method by estimated costs, unless one is given.
 
-    Direct where the laplacian is small, or narrow; where conductances differ so wildly from node to node that no coarse
-    grid stands for them; and between two rails where the potential falls by more decades than refinement wins back in
-    that time, some fifteen a pass.
+    The direct method is chosen for small or narrow matrices, and if conductances vary so strongly from node to node
+    that no coarse grid represents them. Between two rails it is also chosen if the potential falls by more orders of
+    magnitude than refinement recovers in the same time, at about fifteen per pass.
     """
     from resgrid.solvers.symbolic import order_by_distance
 
     if accuracy == "direction" or laplacian.grid is None or not laplacian.grid.simple:
         laplacian = laplacian.with_rows()
-    found = count_connections(laplacian)
-    rough = found.weak > (_ROUGH_VOLUME if found.entries > VOLUME * laplacian.size else _ROUGH)
+    statistics = conductance_statistics(laplacian)
+    iterative = MethodChoice(laplacian, accuracy, statistics, "multigrid")
     if method == "multigrid":
-        return MethodChoice(laplacian, accuracy, found, method)
-    if method == "auto" and laplacian.size >= _SMALL and found.entries and not rough:
-        choice = _in_less_time(laplacian, found, accuracy)
+        return iterative
+    rough = statistics.weak > (_ROUGH_VOLUME if statistics.entries > VOLUME * laplacian.size else _ROUGH)
+    if method == "auto" and laplacian.size >= _SMALL and statistics.entries and not rough:
+        faster = _faster_for_directions if accuracy == "direction" else _faster_for_voltages
+        choice = faster(iterative, _corridors_of(laplacian, statistics))
         if choice is not None:
             return choice
     laplacian = laplacian.with_rows()
-    return MethodChoice(laplacian, accuracy, found, "direct", order_by_distance(laplacian))
+    return MethodChoice(laplacian, accuracy, statistics, "direct", order_by_distance(laplacian))
 
 
-def _in_less_time(laplacian: Laplacian, found: Connections, accuracy: str) -> MethodChoice | None:
-    """The direct method in either order, if it takes less time than multigrid would; None where it must be taken.
+class Corridors(NamedTuple):
+    """Quantities that determine the costs of a matrix.
 
-    For voltages alone it may do so in the order by distance, along the narrowest corridors, chains and trees, and where
-    planes are patched of conductances that differ by many decades.  The fall of the potential is not asked for where
-    corridors are narrow enough for any.
+    `width`: of its corridors, in cells, estimated from the neighbours that nodes lack; `along`: seconds of a direct
+    solution in the order by distance, estimated from the width; `contrast`: factor on the time of multigrid for planes
+    whose conductances span many orders of magnitude.
     """
-    from resgrid.solvers.decay_estimate import foresee_decades
-    from resgrid.solvers.symbolic import order_by_distance, order_by_fill
 
-    n, dimensions, fall, foreseen = laplacian.size, laplacian.dimensions, None, None
-    volume, missing = dimensions > 2, 2.0 * dimensions - found.entries / n
-    # Cells across corridors, by the neighbours that nodes lack.
+    width: float
+    along: float
+    contrast: float
+
+
+def _corridors_of(laplacian: Laplacian, statistics: ConductanceStatistics) -> Corridors:
+    """Return the quantities that determine the costs of a matrix, from statistics alone."""
+    n, dimensions = laplacian.size, laplacian.dimensions
+    volume, missing = dimensions > 2, 2.0 * dimensions - statistics.entries / n
     width = 2.0 * (dimensions - 1) / missing if missing > 0.0 else np.inf
     along = (SECONDS.corridor[volume] + SECONDS.across[volume] * width**2) * n
     plane = laplacian.grid is not None and dimensions == 2
-    patched = 10.0 ** max(_PATCHED * (found.decades - _EVEN), 0.0) if plane else 1.0
-    if width < SPARSE or patched > 1.0:
-        laplacian = laplacian.with_rows()
-    if accuracy == "direction":
-        fall = _LEAST_DECADES
-        if along >= patched * multigrid_seconds(laplacian, width, fall):
-            fall = foreseen = foresee_decades(laplacian, found)
-            if fall > _MOST_DECADES:
-                return None
-    seconds = patched * multigrid_seconds(laplacian, width, fall)
-    if width < SPARSE if fall is None else along < seconds:
-        narrow = order_by_distance(laplacian)
-        if narrow is not None and direct_seconds(narrow) < seconds:
-            return MethodChoice(laplacian, accuracy, found, "direct", narrow)
-        fall = None if fall is None else foreseen or foresee_decades(laplacian, found)
-        seconds = patched * multigrid_seconds(laplacian, width, fall)
+    contrast = 10.0 ** max(_CONTRAST * (statistics.decades - _EVEN), 0.0) if plane else 1.0
+    return Corridors(width, along, contrast)
+
+
+def _faster_for_directions(iterative: MethodChoice, corridors: Corridors) -> MethodChoice | None:
+    """Return the faster method for entrywise answers; None if the potential falls too far for multigrid.
+
+    The fall of the potential is estimated only if the order by distance is not faster for the smallest fall already.
+    """
+    from resgrid.solvers.decay_estimate import estimate_decades
+
+    laplacian, (width, along, contrast) = iterative.laplacian, corridors
+    seconds = contrast * multigrid_seconds(laplacian, width, _LEAST_DECADES)
+    narrow = along < seconds
+    choice = _by_distance(iterative, seconds) if narrow else None
+    if choice is not None:
+        return choice
+    fall = estimate_decades(laplacian, iterative.statistics)
+    if fall > _MOST_DECADES and not narrow:
+        return None
+    seconds = contrast * multigrid_seconds(laplacian, width, fall)
+    if not narrow and along < seconds:
+        choice = _by_distance(iterative, seconds)
+    return choice or _by_fill(iterative, seconds) or iterative
+
+
+def _faster_for_voltages(iterative: MethodChoice, corridors: Corridors) -> MethodChoice:
+    """Return the faster method for normwise answers.
+
+    The direct method can be faster in the order by distance along very narrow corridors, chains and trees, and in the
+    order by fill on planes whose conductances span many orders of magnitude.
+    """
+    seconds = corridors.contrast * multigrid_seconds(iterative.laplacian, corridors.width, None)
+    if corridors.width < SPARSE_WIDTH or corridors.contrast > 1.0:
+        iterative = iterative._replace(laplacian=iterative.laplacian.with_rows())
+    choice = _by_distance(iterative, seconds) if corridors.width < SPARSE_WIDTH else None
+    if choice is None and corridors.contrast > 1.0:
+        choice = _by_fill(iterative, seconds)
+    return choice or iterative
+
+
+def _by_distance(iterative: MethodChoice, seconds: float) -> MethodChoice | None:
+    """Return the direct method in the order by distance if it takes less than some seconds."""
+    from resgrid.solvers.symbolic import order_by_distance
+
+    order = order_by_distance(iterative.laplacian)
+    faster = order is not None and direct_seconds(order) < seconds
+    return iterative._replace(method="direct", order=order) if faster else None
+
+
+def _by_fill(iterative: MethodChoice, seconds: float) -> MethodChoice | None:
+    """Return the direct method in the order by fill if it takes less than some seconds, ordering included."""
+    from resgrid.solvers.symbolic import order_by_fill
+
+    laplacian, n = iterative.laplacian, iterative.laplacian.size
     left = seconds - (SECONDS.order + SECONDS.row) * n
-    asked = left > 0.0 and (fall is not None or patched > 1.0)
-    wide = order_by_fill(laplacian, left / SECONDS.entry) if asked else None
-    if wide is not None and direct_seconds(wide) + SECONDS.order * n < seconds:
-        return MethodChoice(laplacian, accuracy, found, "direct", wide)
-    return MethodChoice(laplacian, accuracy, found, "multigrid")
+    order = order_by_fill(laplacian, left / SECONDS.entry) if left > 0.0 else None
+    faster = order is not None and direct_seconds(order) + SECONDS.order * n < seconds
+    return iterative._replace(method="direct", order=order) if faster else None
 
 
 def direct_seconds(order: Symbolic) -> float:
-    """Time of a direct solution in an order that has been found."""
+    """Return the estimated seconds of a direct solution in a given order."""
     rows = len(order.order)
     on_rows = (SECONDS.row if rows > EXACT_ROWS else SECONDS.exact_row) * rows
     return on_rows + SECONDS.entry * order.entries + SECONDS.product * order.products
 
 
 def multigrid_seconds(laplacian: Laplacian, width: float, fall: float | None) -> float:
-    """Time of voltages by multigrid, or of directions, by the width of corridors and the fall of the potential."""
-    mazy = width < ROOM
+    """Return the estimated seconds of multigrid, by width of corridors (cells) and fall (orders of magnitude).
+
+    `fall` is None for normwise accuracy.
+    """
+    tortuous = width < OPEN_WIDTH
     if fall is None:
         a_row = SECONDS.normwise
-    elif laplacian.rails is None and width < SPARSE:
-        a_row = SECONDS.fed_sparse
+    elif laplacian.rails is None and width < SPARSE_WIDTH:
+        a_row = SECONDS.driven_sparse
     elif laplacian.rails is None:
-        a_row = SECONDS.fed_netlist if laplacian.grid is None else SECONDS.fed_mazy if mazy else SECONDS.fed
+        a_row = (
+            SECONDS.driven_netlist
+            if laplacian.grid is None
+            else SECONDS.driven_tortuous
+            if tortuous
+            else SECONDS.driven
+        )
     elif laplacian.grid is None:
         a_row = SECONDS.netlist + SECONDS.netlist_decade * fall
     else:
-        a_row = (SECONDS.mazy if mazy else SECONDS.open) + SECONDS.decade[laplacian.dimensions > 2] * fall
+        a_row = (SECONDS.tortuous if tortuous else SECONDS.open) + SECONDS.decade[laplacian.dimensions > 2] * fall
     return SECONDS.levels + a_row * laplacian.size

@@ -1,11 +1,11 @@
-"""Orders of the rows of a matrix: neighbours together, or so that its factors fill little.
+"""Kernels that order the rows of a matrix: breadth first, and by minimum fill.
 
-Approximate minimum fill (Rothberg & Eisenstat 1998) by approximate degrees (Amestoy, Davis & Duff 1996): the graph of
-what is left is never formed.  It is kept as a quotient graph: a row that has been eliminated stands, as an *element*,
-for the clique of the rows that it was joined to.  Rows with the same neighbours leave together: once one is eliminated,
-the others are joined to nothing but its element.
+Approximate minimum fill (Rothberg & Eisenstat 1998) by approximate degrees (Amestoy, Davis & Duff 1996). The remaining
+graph is never formed but kept as a quotient graph: an eliminated row becomes an *element*, which represents the clique
+of its former neighbours. Indistinguishable rows are eliminated together: after the elimination of one, the element is
+the only neighbour of the others.
 
-Numba takes seconds to import: only functions that are about to solve import this module.
+The import of numba takes seconds: only functions that are about to solve import this module.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from resgrid.solvers.llvm_intrinsics import prefetch
 from resgrid.solvers.scaled import Floats, Indices, Singles
 
 _WAITS, _JOINS = -1, -2
-"""In place of its step of elimination: of a row that is not eliminated, and of one that joins the newest element."""
+"""Values in place of an elimination step: the row is not eliminated; the row joins the newest element."""
 
 _SAMPLE = 8000
-"""Entries that tell how far apart neighbours are numbered."""
+"""Number of sampled entries from which the distance between the numbers of neighbours is estimated."""
 
 
-def far_share(indptr: Indices, indices: Indices) -> float:
-    """Share of a sample of neighbours that are numbered far apart: by more than a sixteenth of all."""
+def far_fraction(indptr: Indices, indices: Indices) -> float:
+    """Return the fraction of sampled neighbours whose numbers differ by more than a sixteenth of all rows."""
     some = np.arange(0, len(indices), 1 + len(indices) // _SAMPLE)
     apart = np.abs(indices[some] - (np.searchsorted(indptr, some, side="right") - 1))
     return float(np.count_nonzero(apart > len(indptr) // 16)) / max(len(some), 1)
@@ -39,9 +39,9 @@ def far_share(indptr: Indices, indices: Indices) -> float:
 def renumber(
     indptr: Indices, indices: Indices, conductance: Singles, leak: Floats
 ) -> tuple[tuple[Indices, Indices, Singles, Floats], Indices]:
-    """The same graph, its nodes numbered breadth first and written as they are reached, and their numbers (n,).
+    """Renumber the nodes of a graph breadth first (Cuthill & McKee 1969); returns the graph and the new numbers (n,).
 
-    So neighbours lie together (Cuthill & McKee 1969).
+    Neighbours are then close in memory. Rows are written in the order in which their nodes are reached.
     """
     n, entries = len(leak), len(indices)
     number, order = np.full(n, -1, np.int32), np.empty(n + 1, np.int32)
@@ -72,13 +72,13 @@ def renumber(
 
 
 class Quotient(NamedTuple):
-    """The quotient graph, and rows by what their elimination would fill.
+    """The quotient graph, and lists of rows by degree.
 
-    `near` (entries,): from `start[i]` on what row ``i`` is joined to: elements, so many as `elements[i]`, then rows;
-    `length[i]` in all; `first, last` (n,): where the members of an element begin and end in a list of all; `degree`
-    (n,): of elements how many members they had, of rows twice the root of what they fill; `outside, stamp` (n,): of
-    elements how many lie outside the newest one, and of which element that was told last; `head, after, before` (n,):
-    rows by their `degree`, as linked lists.
+    `near` (entries,): from `start[i]` on, the neighbours of row ``i``: `elements[i]` elements, then rows; `length[i]`
+    of them altogether; `first, last` (n,): begin and end of the members of an element in the list of members; `degree`
+    (n,): of an element its number of members, of a row twice the square root of its fill; `outside` (n,): of an
+    element, its number of members outside the newest one; `stamp` (n,): the newest element when `outside` was counted
+    last; `head, after, before` (n,): linked lists of the rows of each `degree`.
     """
 
     start: Indices
@@ -96,7 +96,7 @@ class Quotient(NamedTuple):
 
 
 def quotient_graph(indptr: Indices, indices: Indices) -> Quotient:
-    """The quotient graph before elimination, of a graph of rows `indptr` (n + 1,)."""
+    """Return the quotient graph before elimination, of a graph with rows `indptr` (n + 1,)."""
     n = len(indptr) - 1
     elements, first, last, degree, outside = np.zeros((5, n), dtype=np.int32)
     lists = np.full((4, n), -1, dtype=np.int32)
@@ -108,13 +108,13 @@ def quotient_graph(indptr: Indices, indices: Indices) -> Quotient:
 def minimum_fill(
     q: Quotient, place: Indices, kept: int, dense: int, most: float, most_members: int, step: Indices
 ) -> bool:
-    """Eliminate all rows, those that are not kept first, then one that fills least after another.
+    """Eliminate all rows in the order of least fill, after the rows that are not kept.
 
     Rows of more than ``dense`` neighbours come last.
 
-    Shapes: `place` (n,): not below ``kept`` for rows that are not kept; `step` (n,): when every row is eliminated;
-    those that are along with another have the same number.  Returns whether the factors have at most so many entries,
-    and elements so many members.
+    Shapes: `place` (n,): not below ``kept`` for rows that are not kept; `step` (n,): receives the elimination step of
+    every row, equal for rows that are eliminated together. Returns whether the factors have at most `most` entries, and
+    the elements at most `most_members` members.
     """
     n, least, size, k = len(step), 0, 0, 0
     left, entries = n, 0.0
@@ -147,7 +147,7 @@ def minimum_fill(
             return False
         for r in range(size, end):
             i = members[r]
-            # Of d rows joined anew c are joined already: (d^2 - c^2) / 2 entries fill.
+            # Elimination joins d rows, of which c are joined already: (d^2 - c^2) / 2 entries of fill.
             step[i], filled = _WAITS, float(q.degree[i]) * (q.degree[i] + 2 * total)
             degree = min(int(2.0 * math.sqrt(filled)), n - 1)
             _link(q, i, degree)
@@ -160,7 +160,7 @@ def minimum_fill(
 
 @inlined
 def _link(q: Quotient, i: int, degree: int) -> None:
-    """Put a row in front of those that fill as much."""
+    """Insert a row at the head of the list of its degree."""
     other = q.head[degree]
     q.degree[i], q.after[i], q.before[i], q.head[degree] = degree, other, -1, i
     if other >= 0:
@@ -169,7 +169,7 @@ def _link(q: Quotient, i: int, degree: int) -> None:
 
 @inlined
 def _unlink(q: Quotient, i: int) -> None:
-    """Take a row from among those that fill as much."""
+    """Remove a row from the list of its degree."""
     before, after = q.before[i], q.after[i]
     if after >= 0:
         q.before[after] = before
@@ -182,7 +182,7 @@ def _unlink(q: Quotient, i: int) -> None:
 @inlined
 @makes_arrays
 def with_room(numbers: Indices, size: int, more: int) -> Indices:
-    """A list of so many numbers, with room for more behind them."""
+    """Return the first `size` numbers in an array with at least `more` free entries after them."""
     if size + more <= len(numbers):
         return numbers
     longer = np.empty(2 * len(numbers) + more, np.int32)
@@ -193,7 +193,7 @@ def with_room(numbers: Indices, size: int, more: int) -> Indices:
 
 @inlined
 def _gather(q: Quotient, members: Indices, step: Indices, p: int, size: int) -> int:
-    """Make an element of a row: all that it is joined to, elements absorbed; returns where its members end."""
+    """Make an element of a row from its neighbours and the members of its elements; returns the end of its members."""
     for s in range(q.start[p], q.start[p] + q.length[p]):
         x, inside = q.near[s], s < q.start[p] + q.elements[p]
         first, last = (q.first[x], q.last[x]) if inside else (0, 1)
@@ -210,7 +210,7 @@ def _gather(q: Quotient, members: Indices, step: Indices, p: int, size: int) -> 
 
 @inlined
 def _count_outside(q: Quotient, members: Indices, begin: int, end: int, k: int) -> None:
-    """How many members of other elements lie outside the newest one, the ``k``-th."""
+    """Count the members of other elements that lie outside the newest one, the ``k``-th."""
     for r in range(begin, end):
         i = members[r]
         for s in range(q.start[i], q.start[i] + q.elements[i]):
@@ -222,9 +222,9 @@ def _count_outside(q: Quotient, members: Indices, begin: int, end: int, k: int) 
 
 @inlined
 def _prune(q: Quotient, members: Indices, step: Indices, p: int, begin: int, end: int) -> int:
-    """Join the members of a new element to it, instead of to each other and to elements within it.
+    """Connect the members of a new element to it, and drop edges between them and elements inside it.
 
-    Members that are joined to nothing else are eliminated along with it.  Returns where the others end.
+    Members without other neighbours are eliminated with it. Returns the end of the remaining members.
     """
     kept = begin
     for r in range(begin, end):

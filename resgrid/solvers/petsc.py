@@ -1,7 +1,9 @@
-"""PETSc's ranks as processes of their own: found, started with mpiexec, reported when one dies, ended on Ctrl-C.
+"""Run PETSc's ranks as separate processes: find PETSc, start the ranks, report failures, end them on Ctrl-C.
 
-Debian's PETSc belongs to Debian's own Python: `resgrid.solvers.petsc_worker` runs in that one, with the mpiexec beside
-it, and speaks through files.  ``RESGRID_PETSC_PYTHON`` names another Python that can import petsc4py.
+Debian's PETSc belongs to Debian's own Python: `resgrid.solvers.petsc_worker` runs in that Python, started by the
+mpiexec of the same folder, and exchanges data through files.  ``RESGRID_PETSC_PYTHON`` names another Python that can
+import petsc4py.  A launcher, such as ``srun -n 64``, replaces ``mpiexec -n N``: it then sets the number of ranks, and
+may start them on other computers that share the folder of the files.
 """
 
 from __future__ import annotations
@@ -9,6 +11,8 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
+import shutil
 import signal
 import subprocess
 import warnings
@@ -23,19 +27,25 @@ from resgrid.errors import AccuracyError, InputError, ToolMissingError
 PYTHON_VARIABLE = "RESGRID_PETSC_PYTHON"
 _DEBIAN = "/usr/lib/petscdir"
 _REMEDY = (
-    "method 'petsc' needs PETSc with petsc4py and mpiexec, and {what}: on Debian and Ubuntu type 'sudo apt-get install "
-    f"python3-petsc4py openmpi-bin', or set {PYTHON_VARIABLE} to a Python that imports petsc4py, mpiexec beside it"
+    "method 'petsc' needs PETSc with petsc4py and mpiexec, and {problem}: on Debian and Ubuntu type 'sudo apt-get "
+    f"install python3-petsc4py openmpi-bin', or set {PYTHON_VARIABLE} to a Python that imports petsc4py, mpiexec in "
+    "its folder"
 )
 _WORKER = Path(__file__).with_name("petsc_worker.py")
+
 _LAST_WORDS = 3
+"""Number of lines of PETSc's output that a message quotes."""
+
 _PATIENCE = 5.0
+"""Seconds that the launcher has to end its ranks before it is killed."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """How a system was solved: steps, residual of the right-hand side's norm, seconds of stages, each rank's memory.
+    """Statistics of a solve.
 
-    `peaks`: bytes, one for each rank, pages of mapped files included.
+    `iterations`; `error`: residual norm relative to the right-hand side; `preconditioner`: its name in PETSc;
+    `seconds`: of each stage; `peaks`: peak memory of every rank in bytes, including pages of mapped files.
     """
 
     iterations: int
@@ -46,20 +56,31 @@ class Report:
 
 
 class Petsc(NamedTuple):
-    """The mpiexec and the Python that have PETSc, and the environment they run in."""
+    """The Python that has PETSc, its environment, and the command that starts the ranks.
 
-    mpiexec: str
+    `launcher`: words of a command that includes the number of ranks; None for the mpiexec in the folder of `python`.
+    """
+
     python: str
     environment: dict[str, str]
+    launcher: tuple[str, ...] | None = None
+
+    def command(self, ranks: int | None) -> list[str]:
+        """Return the command that starts the ranks, up to their program; `ranks`: for mpiexec."""
+        prefix = self.launcher or (str(_mpiexec_of(self.python)), "-n", str(ranks))
+        return [*prefix, self.python, "-s"]
 
 
-def find_petsc() -> Petsc:
-    """Find PETSc; raises `ToolMissingError`, which says how to get it."""
+def find_petsc(launcher: str | None = None) -> Petsc:
+    """Find PETSc, and the program of the launcher; ToolMissingError, with a remedy, if one is missing.
+
+    `launcher`: command that starts the ranks, their number included; ``mpiexec -n N`` by default.
+    """
+    words = None if launcher is None else _words_of(launcher)
     python = os.environ.get(PYTHON_VARIABLE) or "/usr/bin/python3"
-    mpiexec = Path(python).with_name("mpiexec")
-    for what in (Path(python), mpiexec):
-        if not os.access(what, os.X_OK):
-            raise ToolMissingError(_REMEDY.format(what=f"there is no {what}"))
+    for program in (Path(python), *([] if words else [_mpiexec_of(python)])):
+        if not os.access(program, os.X_OK):
+            raise ToolMissingError(_REMEDY.format(problem=f"there is no {program}"))
     builds = sorted(Path(_DEBIAN).glob("*/*-real*"), reverse=True)
     reasons = []
     for petsc in (*builds, None):
@@ -70,50 +91,95 @@ def find_petsc() -> Petsc:
             stderr=subprocess.PIPE, text=True, errors="replace", check=False, timeout=60,
         )  # fmt: skip
         if probe.returncode == 0:
-            return Petsc(str(mpiexec), python, environment)
+            return Petsc(python, environment, words)
         reasons.append(_last_words(probe.stderr))
-    raise ToolMissingError(_REMEDY.format(what=f"{python} cannot import petsc4py ({reasons[0]})"))
+    raise ToolMissingError(_REMEDY.format(problem=f"{python} cannot import petsc4py ({reasons[0]})"))
 
 
-def run_ranks(petsc: Petsc, folder: Path, ranks: int) -> Report:
-    """Solve the system that a folder holds on so many ranks.
+def _mpiexec_of(python: str) -> Path:
+    """Return the mpiexec in the folder of a Python."""
+    return Path(python).with_name("mpiexec")
+
+
+def _words_of(launcher: str) -> tuple[str, ...]:
+    """Split a launcher into words, with the path of its program; ToolMissingError if there is no such program."""
+    try:
+        words = shlex.split(launcher)
+    except ValueError as error:
+        raise InputError(f"launcher = {launcher!r} is not a command ({error}); correct its quotes") from error
+    if not words:
+        raise InputError(f"launcher = {launcher!r} is empty; give one, such as 'srun -n 64', or leave it out")
+    program = shutil.which(words[0])
+    if program is None:
+        raise ToolMissingError(
+            f"launcher = {launcher!r}: there is no program {words[0]!r}; correct its name or path, or leave the "
+            "launcher out to use mpiexec"
+        )
+    return program, *words[1:]
+
+
+def run_ranks(petsc: Petsc, folder: Path, ranks: int | None) -> Report:
+    """Solve the system in a folder; `ranks`: their number, None if the launcher sets it.
 
     Raises
     ------
     InputError
-        If PETSc refuses an option of ``PETSC_OPTIONS``.
+        If PETSc refuses an option of ``PETSC_OPTIONS``, or the launcher belongs to another MPI than PETSc.
     AccuracyError
         If a rank fails or dies; the others are ended.
     """
-    log = folder / "log"
-    with log.open("wb") as out:
-        process = subprocess.Popen(
-            [petsc.mpiexec, "-n", str(ranks), petsc.python, "-s", str(_WORKER), str(folder)],
-            env=petsc.environment, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )  # fmt: skip
-        ending = weakref.finalize(process, _end, process)  # also where the thread that waits is left behind
-        try:
-            status = process.wait()
-        finally:  # Ctrl-C leaves no rank behind
-            ending.detach()
-            if process.poll() is None:
-                _end(process)
-    report, refused = folder / "report.json", folder / "refused"
+    log, program = folder / "log", [str(_WORKER), str(folder)]
+    if petsc.launcher is not None:  # other computers may have the folder, but not this installation
+        program = [str(shutil.copy(str(_WORKER), folder)), str(folder), "shared"]
+    status = _run([*petsc.command(ranks), *program], petsc, log)
+    report, refused, foreign = folder / "report.json", folder / "refused", folder / "foreign"
+    if foreign.exists():
+        command = shlex.join(petsc.command(ranks)[:-2])
+        raise InputError(
+            f"the launcher {command} belongs to another MPI than PETSc ({foreign.read_text()}); give the launcher of "
+            f"PETSc's MPI, or set {PYTHON_VARIABLE} to a Python whose petsc4py uses this MPI"
+        )
     if refused.exists():
         raise InputError(f"PETSc refuses an option of PETSC_OPTIONS: {refused.read_text()}; correct or unset it")
     said = log.read_text("utf-8", "replace")
     if status != 0 or not report.exists():
-        raise AccuracyError(f"PETSc ended without an answer (mpiexec's exit status {status}): {_last_words(said)}")
+        needs = (
+            f"; every computer needs the folder {folder.parent} (TMPDIR) and {petsc.python}" if petsc.launcher else ""
+        )
+        raise AccuracyError(
+            f"PETSc ended without an answer (the launcher's exit status is {status}): {_last_words(said)}{needs}"
+        )
     unused = re.findall(r"^Option left: name:(-\S+)", said, re.MULTILINE)
     if unused:
         warnings.warn(f"PETSc has no use for {', '.join(unused)} of PETSC_OPTIONS", stacklevel=2)
-    peaks = tuple(int((folder / f"peak_{rank}.json").read_text()) for rank in range(ranks))
-    return Report(**json.loads(report.read_text()), peaks=peaks)
+    data = json.loads(report.read_text())
+    peaks = tuple(int((folder / f"peak_{rank}.json").read_text()) for rank in range(data.pop("ranks")))
+    return Report(**data, peaks=peaks)
+
+
+def _run(command: list[str], petsc: Petsc, log: Path) -> int:
+    """Run the launcher with its output in a file, and end it on Ctrl-C; returns its exit status."""
+    with log.open("wb") as out:
+        try:
+            process = subprocess.Popen(
+                command, env=petsc.environment, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )  # fmt: skip
+        except OSError as error:
+            raise ToolMissingError(
+                f"{command[0]} cannot be run ({error.strerror}): correct the launcher, or leave it out to use mpiexec"
+            ) from error
+        ending = weakref.finalize(process, _end, process)  # also if the waiting thread is abandoned
+        try:
+            return process.wait()
+        finally:  # Ctrl-C leaves no rank behind
+            ending.detach()
+            if process.poll() is None:
+                _end(process)
 
 
 def _environment(petsc: Path | None) -> dict[str, str]:
-    """What the ranks find: Debian's PETSc; one thread each, as many as asked for, asleep while they wait."""
+    """Return the environment of the ranks: Debian's PETSc, one thread per rank, no busy waiting, no limit by cores."""
     given = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "VIRTUAL_ENV"))}
     given |= {
         "OPENBLAS_NUM_THREADS": "1",
@@ -130,7 +196,7 @@ def _environment(petsc: Path | None) -> dict[str, str]:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End mpiexec, which ends its ranks; if it does not in time, by force."""
+    """End the launcher, which ends its ranks; kill it if it does not end in time."""
     process.terminate()
     try:
         process.wait(_PATIENCE)
@@ -140,7 +206,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _last_words(log: str) -> str:
-    """The lines that say why: exceptions, and which rank was killed."""
+    """Return the lines of a log that report errors: exceptions, and the rank that was killed."""
     lines = [line.strip() for line in log.splitlines()]
     telling = [line for line in lines if "Error" in line or "signal" in line or "exited" in line]
-    return "; ".join(dict.fromkeys(telling[:_LAST_WORDS])) or " ".join(lines[-_LAST_WORDS:]) or "it said nothing"
+    return "; ".join(dict.fromkeys(telling[:_LAST_WORDS])) or " ".join(lines[-_LAST_WORDS:]) or "its log is empty"

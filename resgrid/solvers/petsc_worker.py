@@ -1,9 +1,10 @@
-"""A program of its own that PETSc's ranks run: a Laplacian from mapped files, each rank its rows; imports no resgrid.
+"""Program of PETSc's ranks: each rank reads its rows of a Laplacian from mapped files; does not import resgrid.
 
-``mpiexec -n N python3 petsc_worker.py FOLDER`` reads ``system.json``, ``ahead_0.npy`` ... (conductance from every cell
-to the next along an axis), ``ground.npy`` (its ties to nodes of known potential) and ``drive.npy``, and leaves
-``answer.npy`` and ``report.json``.  Cells are numbered in C order; a cell without any conductance is not solved for.
-It needs numpy and petsc4py alone, and runs in the Python that has them.
+``mpiexec -n N python3 petsc_worker.py FOLDER [shared]`` reads ``system.json``, ``ahead_0.npy`` ... (conductance from
+every cell to the next one along an axis), ``ground.npy`` (conductance to nodes of known potential) and ``drive.npy``,
+and writes ``answer.npy`` and ``report.json``. Cells are numbered in C order; a cell without any conductance is not
+solved for. The program needs numpy and petsc4py only, and runs in the Python that has them. All ranks need access to
+FOLDER; their number is the size of PETSc's communicator.
 """
 
 from __future__ import annotations
@@ -20,6 +21,11 @@ from typing import Any
 import numpy as np
 
 GAMG = {"pc_type": "gamg", "pc_gamg_agg_nsmooths": "1", "pc_gamg_threshold": "0.02", "mg_levels_pc_type": "jacobi"}
+"""Options of the algebraic multigrid preconditioners; geometric interpolation would cross walls.
+
+BoomerAMG takes longer than GAMG and less memory, and is accurate in a far larger part of a potential that falls by many
+orders of magnitude.
+"""
 BOOMERAMG = {"pc_type": "hypre", "pc_hypre_type": "boomeramg"}
 BOOMERAMG_3D = {
     **BOOMERAMG,
@@ -33,21 +39,24 @@ BoomerAMG takes longer than GAMG and less memory, and keeps far more of a potent
 """
 
 PASS, MOST_PASSES, MOST_STEPS = 1e-8, 5, 1000
-"""What a pass is to gain: conjugate gradients lose sight of the true residual, which the next pass begins with."""
+"""Relative residual of a pass, maximum number of passes, and of iterations per pass.
+
+The residual that conjugate gradients update drifts from the true one, from which the next pass starts.
+"""
 
 
 def rows_of(rank: int, ranks: int, cells: int) -> tuple[int, int]:
-    """First row of a rank, and that of the next."""
+    """Return the first row of a rank, and that of the next rank."""
     return cells * rank // ranks, cells * (rank + 1) // ranks
 
 
 def mapped(folder: Path, name: str, mode: Any = "r") -> Any:
-    """An array of the folder, flat, in C order of cells."""
+    """Map an array of the folder; returns it flat, in C order of cells."""
     return np.load(folder / f"{name}.npy", mmap_mode=mode).reshape(-1)
 
 
 def neighbours(cell: Any, axis: int, shape: list[int]) -> tuple[Any, Any]:
-    """Numbers of the next and the previous cell along an axis, wrapped.  Shapes: (n,), int64."""
+    """Return the numbers of the next and the previous cell along an axis, wrapped. Shapes: (n,), int64."""
     stride = int(np.prod(shape[axis + 1 :], dtype=np.int64))
     place, turn = cell // stride % shape[axis], stride * shape[axis]
     after = cell + stride - turn * (place == shape[axis] - 1)
@@ -56,7 +65,7 @@ def neighbours(cell: Any, axis: int, shape: list[int]) -> tuple[Any, Any]:
 
 
 def local_rows(folder: Path, shape: list[int], first: int, last: int, index: Any) -> tuple[Any, Any, Any]:
-    """Rows `first` to `last` of the matrix: where each begins, columns, values; 1 on the diagonal of what is no row."""
+    """Return rows `first` to `last` of the matrix in CSR format; cells without an unknown have 1 on the diagonal."""
     count, axes = last - first, len(shape)
     cell = np.arange(first, last, dtype=np.int64)
     column = np.empty((count, 2 * axes + 1), dtype=index)
@@ -68,7 +77,7 @@ def local_rows(folder: Path, shape: list[int], first: int, last: int, index: Any
         after, before = neighbours(cell, axis, shape)
         column[:, 2 * axis + 1], value[:, 2 * axis + 1] = after, ahead[first:last]
         column[:, 2 * axis + 2], value[:, 2 * axis + 2] = before, ahead[before]
-        if shape[axis] == 2:  # both are one cell, and an entry may come once
+        if shape[axis] == 2:  # both neighbours are one cell, and an entry must be unique
             value[:, 2 * axis + 1] += value[:, 2 * axis + 2]
             value[:, 2 * axis + 2] = 0.0
     np.sum(value, axis=1, out=value[:, 0])
@@ -83,7 +92,7 @@ def local_rows(folder: Path, shape: list[int], first: int, last: int, index: Any
 
 
 def configured(petsc: Any, matrix: Any, axes: int) -> Any:
-    """Conjugate gradients with algebraic multigrid; PETSC_OPTIONS says what else."""
+    """Return conjugate gradients with algebraic multigrid, or as PETSC_OPTIONS specify."""
     options = petsc.Options()
     options.setValue("options_left", "")
     given = options.getAll()
@@ -105,7 +114,7 @@ def configured(petsc: Any, matrix: Any, axes: int) -> Any:
 
 
 def solve(petsc: Any, solver: Any, matrix: Any, b: Any, rtol: float) -> tuple[Any, int, float]:
-    """The solution, steps, and the residual relative to `b`: as small as asked for, or as rounding lets it."""
+    """Return the solution, the number of iterations, and the relative residual: `rtol` or the limit of rounding."""
     x, correction, r = b.duplicate(), b.duplicate(), b.copy()
     x.set(0.0)
     grain = np.finfo(np.float64).eps * matrix.norm(petsc.NormType.INFINITY)
@@ -126,8 +135,18 @@ def solve(petsc: Any, solver: Any, matrix: Any, b: Any, rtol: float) -> tuple[An
     return x, steps, error
 
 
-def main(folder: Path) -> None:
-    """Solve what the folder holds; SystemExit says which option PETSc refuses."""
+def claim_rank(folder: Path, rank: int, ranks: int) -> None:
+    """Raise RuntimeError if another process has this rank: processes of a foreign launcher are rank 0 of 1 each."""
+    try:
+        (folder / f"rank_{rank}").open("x").close()
+    except FileExistsError as error:
+        problem = f"two of its processes are rank {rank} of {ranks}"
+        (folder / "foreign").write_text(problem)
+        raise RuntimeError(problem) from error
+
+
+def main(folder: Path, *, shared: bool = False) -> None:
+    """Solve the system of a folder, perhaps shared by several computers; SystemExit names an option PETSc refuses."""
     try:
         from petsc4py import PETSc
     except Exception as fault:
@@ -135,6 +154,7 @@ def main(folder: Path) -> None:
     started = time.perf_counter()
     system = json.loads((folder / "system.json").read_text())
     shape, comm = system["shape"], PETSc.COMM_WORLD
+    claim_rank(folder, comm.rank, comm.size)
     cells = int(np.prod(shape, dtype=np.int64))
     if cells > np.iinfo(PETSc.IntType).max:
         raise OverflowError(f"{cells:,} cells exceed this PETSc's {np.dtype(PETSc.IntType).name}: use its 64-bit build")
@@ -153,22 +173,24 @@ def main(folder: Path) -> None:
     x, iterations, error = solve(PETSc, solver, matrix, b, system["rtol"])
     answer = mapped(folder, "answer", "r+")
     answer[first:last] = x.getArray(readonly=True)
+    if shared:
+        answer.flush()
     solved = time.perf_counter()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     (folder / f"peak_{comm.rank}.json").write_text(json.dumps(peak))
     if comm.rank == 0:
         seconds = {"load": assembled - started, "factor": ready - assembled, "substitute": solved - ready}
-        report = {"iterations": iterations, "error": error, "seconds": seconds}
+        report = {"iterations": iterations, "error": error, "seconds": seconds, "ranks": comm.size}
         report["preconditioner"] = solver.getPC().getType()
         (folder / "report.json").write_text(json.dumps(report))
 
 
 if __name__ == "__main__":
     try:
-        main(Path(sys.argv[1]))
+        main(Path(sys.argv[1]), shared=sys.argv[2:] == ["shared"])
     except BaseException as failure:
         if isinstance(failure, SystemExit):
             Path(sys.argv[1], "refused").write_text(str(failure))
         traceback.print_exc()
         sys.stderr.flush()
-        os._exit(1)  # the other ranks wait for this one: mpiexec ends them when it sees that it is gone
+        os._exit(1)  # the other ranks wait for this one: mpiexec ends them after this exit

@@ -1,4 +1,4 @@
-"""Watching a solve from outside: how many steps it takes, how far it is, how accurate its answer is."""
+"""Monitor a running solve: number of iterations, progress, accuracy of its answer; and cancel it."""
 
 from __future__ import annotations
 
@@ -10,36 +10,36 @@ from collections.abc import Callable
 from resgrid.errors import InputError
 
 Progress = Callable[[int, float, float | None], None]
-"""Called after every step of an iteration: steps so far; residual norm relative to where the present pass began; and
-about how many seconds that pass still takes (None where nothing is gained)."""
+"""Called after every iteration with the number of iterations so far, the residual norm relative to the start of the
+present pass, and the estimated seconds until the end of that pass (None while the residual does not fall)."""
 
 
-class Stopped(Exception):  # noqa: N818 - it is no error
-    """The solve was told to end."""
+class Stopped(Exception):  # noqa: N818 - not an error
+    """The solve was cancelled."""
 
 
 class ProgressMonitor:
-    """What a factor tells while it solves.
+    """Iterations and accuracy of a solve, for one or several threads.
 
     Parameters
     ----------
     progress : Progress, optional
-        Whom to tell.
+        Function that is called after every iteration.
 
     Attributes
     ----------
     iterations : int
-        Steps of the iterative method, all right-hand sides and passes of refinement together; 0 without one.
+        Iterations, summed over all right-hand sides and passes of refinement; 0 for a direct method.
     error : float
-        Largest backward error of a solution, normwise or componentwise as promised; 0 until there is one.
+        Largest backward error of a solution, normwise or componentwise as requested; 0 until there is a solution.
     bound : float
-        Largest bound on the relative error of the entries of a solution, infinite where none was proved; 0 until there
+        Largest bound on the relative error of the entries of a solution, infinite without a proved bound; 0 until there
         is a solution.
     """
 
     def __init__(self, progress: Progress | None = None) -> None:
         if not (progress is None or callable(progress)):
-            raise InputError(f"progress = {progress!r} must be callable, or None")
+            raise InputError(f"progress = {progress!r} must be a function of (iterations, residual, seconds), or None")
         self.iterations = 0
         self.error = self.bound = 0.0
         self._progress = progress
@@ -48,17 +48,17 @@ class ProgressMonitor:
         self._pass = threading.local()
 
     def begin(self, residual: float, goal: float) -> None:
-        """A pass begins at a residual norm, and ends at another one."""
+        """Start a pass of an iteration, from a residual norm to a target norm."""
         here = self._pass
         here.start, here.goal, here.since = residual, goal, time.perf_counter()
 
     def step(self, residual: float) -> None:
-        """One more step is done, and has brought the residual norm here.
+        """Record one iteration and its residual norm.
 
         Raises
         ------
         Stopped
-            If the solve was told to end.
+            If the solve was cancelled.
         """
         if self._stopped:
             raise Stopped
@@ -68,17 +68,18 @@ class ProgressMonitor:
             self._progress(self.iterations, residual / (self._pass.start or 1.0), self._seconds_left(residual))
 
     def done(self, error: float, bound: float = math.inf) -> None:
-        """A solution of this backward error is reached, none of whose entries is off by more than this bound."""
+        """Record a solution: its backward error, and a bound on the relative error of its entries."""
         with self._lock:
             if not (error <= self.error or math.isnan(self.error)):
                 self.error = error
             self.bound = max(self.bound, bound)
 
     def stop(self) -> None:
-        """End the solve at its next step."""
+        """Cancel the solve at its next iteration."""
         self._stopped = True
 
     def _seconds_left(self, residual: float) -> float | None:
+        """Return the estimated seconds until the end of the pass; None while the residual does not fall."""
         here = self._pass
         if residual <= here.goal:
             return 0.0

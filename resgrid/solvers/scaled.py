@@ -1,4 +1,4 @@
-"""Numbers whose exponent never runs out."""
+"""Scaled numbers: doubles with an additional exponent, which cannot overflow or underflow."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BITS = 256
 """An exponent counts factors of ``2**BITS``."""
 
 NOISE = 2.0**-70
-"""Relative difference of two refined values below which it is noise."""
+"""Relative difference below which two refined values are equal up to rounding."""
 
 
 _LOG_BASE = BITS * np.log(2.0)
@@ -27,11 +27,11 @@ _POWERS.flags.writeable = False
 
 
 Numbers = tuple[Floats, Integers]
-"""Scaled numbers in single doubles: mantissas and exponents."""
+"""Scaled numbers as plain doubles: mantissas and exponents."""
 
 
 class Scaled(NamedTuple):
-    """Numbers ``(hi + lo) * 2**(256 exponent)``; two that differ by a share below `noise` may be the same."""
+    """Numbers ``(hi + lo) * 2**(256 exponent)``; relative differences below `noise` are rounding errors."""
 
     hi: Floats
     lo: Floats
@@ -40,7 +40,7 @@ class Scaled(NamedTuple):
 
     @staticmethod
     def of(values: Floats) -> Scaled:
-        """Plain doubles as scaled numbers."""
+        """Convert doubles to scaled numbers."""
         return Scaled(values, np.zeros(len(values)), np.zeros(len(values), dtype=np.int64))
 
     @property
@@ -55,7 +55,7 @@ class Scaled(NamedTuple):
 
 
 def canonical(m: Floats, e: Integers, *rest: Floats) -> None:
-    """Make scaled numbers canonical, ``2**-128 <= |m| < 2**128`` or 0, and what is added to them, in place."""
+    """Make scaled numbers canonical, ``2**-128 <= |m| < 2**128`` or 0, and rescale `rest` alike, in place."""
     steps = (np.frexp(m)[1] + (BITS // 2 - 1)) // BITS
     if steps.any():
         e += steps
@@ -64,12 +64,12 @@ def canonical(m: Floats, e: Integers, *rest: Floats) -> None:
 
 
 def power(exponent: Integers) -> Floats:
-    """``2**(256 exponent)``: 0 or infinity beyond the range of a double."""
+    """Return ``2**(256 exponent)``: 0 or infinity beyond the range of a double."""
     return np.asarray(_POWERS[np.clip(exponent, _LEAST, _MOST) - _LEAST])
 
 
 def unscaled(m: Floats, e: Integers) -> Floats:
-    """Scaled numbers as doubles: 0 or infinite beyond their range."""
+    """Return scaled numbers as doubles: 0 or infinite beyond their range."""
     if not e.any():
         return m.copy()
     with np.errstate(over="ignore", under="ignore"):
@@ -77,7 +77,7 @@ def unscaled(m: Floats, e: Integers) -> Floats:
 
 
 def logarithm(m: Floats, e: Integers) -> Floats:
-    """Natural logarithm of scaled numbers; -inf for those that are not positive."""
+    """Return the natural logarithm of scaled numbers; -inf for those that are not positive."""
     with np.errstate(divide="ignore"):
         log = np.log(np.maximum(m, 0.0))
     if e.any():

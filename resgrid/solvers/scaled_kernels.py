@@ -1,10 +1,10 @@
-"""Compiled loops in numbers whose exponent never runs out: their arithmetic, corrections and residuals.
+"""Kernels for scaled numbers: arithmetic, corrections and residuals.
 
 A *scaled* number is ``m * 2**(256 e)`` with a double ``m`` (canonical: ``2**-128 <= |m| < 2**128``, or 0) and a 64-bit
-integer ``e``.  A scaled double-double adds a second double, ``(hi + lo) * 2**(256 e)`` with ``|lo| <= ulp(hi) / 2``;
-its error-free sum and product are those of Knuth and Dekker (Ogita, Rump & Oishi 2005, algorithms 3.1 to 3.3).
+integer ``e``. A scaled double-double adds a second double, ``(hi + lo) * 2**(256 e)`` with ``|lo| <= ulp(hi) / 2``. The
+error-free sum and product are those of Knuth and Dekker (Ogita, Rump & Oishi 2005, algorithms 3.1 to 3.3).
 
-Numba takes seconds to import: only functions that are about to solve import this module.
+The import of numba takes seconds: only functions that are about to solve import this module.
 """
 
 from __future__ import annotations
@@ -27,17 +27,18 @@ _SPLITTER = 2.0**27 + 1.0
 _SETTLED = 1e-29
 _UNIT = 2.0**-53
 _NOTHING = 1e-290
-"""Residual below which a row is right: what the lower parts of values that are gone leave."""
+"""Residual below which a row is converged: underflow in the lower parts of values leaves residuals of this size."""
 
 NO_EXPONENT = -(2**62)
 _LOG_BASE = BITS * math.log(2.0)
 
 _ROW_ROUNDING = 12.0
-"""Rounding errors in a row's sum of currents beside one for each conductance, with a margin."""
+"""Number of rounding errors in a row's sum of currents, in addition to one per conductance, with a margin."""
 
 
 @inlined
 def _canonical(m: float, e: int) -> tuple[float, int]:
+    """Return a scaled number in canonical form."""
     if m == 0.0 or not math.isfinite(m):
         return m, e
     while abs(m) < _SMALL:
@@ -51,7 +52,7 @@ def _canonical(m: float, e: int) -> tuple[float, int]:
 
 @inlined
 def _shift(value: float, steps: int) -> float:
-    """``value * 2**(256 steps)``: 0 or infinity beyond the range of a double."""
+    """Return ``value * 2**(256 steps)``: 0 or infinity beyond the range of a double."""
     if steps == 0 or value == 0.0:
         return value
     if steps == 1:
@@ -63,7 +64,7 @@ def _shift(value: float, steps: int) -> float:
 
 @inlined
 def _add_product(m: float, e: int, factor: float, v: float, ve: int) -> tuple[float, int]:
-    """A scaled number and a double times another; of their terms what lies 2**256 below the other is dropped."""
+    """Return ``(m, e) + factor * (v, ve)`` in scaled numbers; a term 2**256 times smaller than the other is dropped."""
     t, te = _canonical(factor * v, ve)
     if m == 0.0 or t == 0.0:
         return (t, te) if m == 0.0 else (m, e)
@@ -73,6 +74,7 @@ def _add_product(m: float, e: int, factor: float, v: float, ve: int) -> tuple[fl
 
 @inlined
 def _two_sum(a: float, b: float) -> tuple[float, float]:
+    """Return a sum and its rounding error."""
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)
@@ -80,6 +82,7 @@ def _two_sum(a: float, b: float) -> tuple[float, float]:
 
 @inlined
 def _two_product(a: float, b: float) -> tuple[float, float]:
+    """Return a product and its rounding error."""
     p = a * b
     t = _SPLITTER * a
     a1 = t - (t - a)
@@ -92,7 +95,7 @@ def _two_product(a: float, b: float) -> tuple[float, float]:
 
 @inlined
 def _sum(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
-    """Sum of two double-doubles."""
+    """Return the sum of two double-doubles."""
     s, t = _two_sum(a, b)
     u, v = _two_sum(a_low, b_low)
     s, t = _two_sum(s, t + u)
@@ -119,7 +122,7 @@ def correct(x: Scaled, m: Floats, me: Integers, out: Scaled) -> None:
 def _add_inflow(
     r: float, r_low: float, g: float, v: float, v_low: float, own: float, own_low: float, exact: bool
 ) -> tuple[float, float, float]:
-    """A sum of currents with the one from another row; and that current."""
+    """Add the current from another row to a sum of currents; returns the sum and that current."""
     if exact:
         d, d_low = _sum(v, v_low, -own, -own_low)
         inflow, inflow_low = _two_product(g, d)
@@ -134,23 +137,23 @@ def residual(
     matrix: Graph, current: Numbers, x: Scaled, begin: int, end: int, plain: bool, exact: bool, floor: float,
     kept: float, out: Numbers,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
-    """Residual of KCL of some rows into ``out``, in scaled numbers; returns a `resgrid.solvers.refinement.Imbalance`.
+    """Compute the residual of KCL of some rows into ``out`` (scaled); returns a `resgrid.solvers.refinement.Imbalance`.
 
-    Row ``i`` is ``b_i - g_i x_i + sum_j g_ij (x_j - x_i)``: differences come first, so that off-diagonals and row
-    excess never meet in a rounded diagonal.  A difference of double-doubles is right to the last digits of a double
-    (of nearly equal values the upper parts subtract without error: Sterbenz 1974), and so the residual is right
-    relative to the currents at the row, which is all that counts.  Where it is to be ``exact``, sums and products are
-    double-doubles, too: where no current flows, differences of voltages then vanish to thirty digits.
+    Row ``i`` is ``b_i - g_i x_i + sum_j g_ij (x_j - x_i)``. Differences are formed first, so that off-diagonals and row
+    excess never meet in a rounded diagonal. A difference of double-doubles is accurate to the last digits of a double
+    (the upper parts of nearly equal values subtract without error: Sterbenz 1974). The residual is therefore accurate
+    relative to the currents at the row. With ``exact``, sums and products are double-doubles too: if no current flows,
+    differences of voltages then vanish to thirty digits.
 
-    Every row has the exponent of its largest value; in ``plain`` numbers all are 0.  Rows that are right to the
-    rounding of these sums come out as 0, so that a correction can turn to those that are smaller by many decades;
-    those that come in as 0 stay so up to ``kept`` times that rounding.
+    Every row has the exponent of its largest value; with ``plain`` all exponents are 0. Rows that are exact to the
+    rounding of these sums get the residual 0, so that a correction can address rows that are smaller by many orders of
+    magnitude. Rows that are 0 on entry remain 0 up to ``kept`` times that rounding error.
     """
     indptr, indices, conductance, ground = matrix
     injected, injected_e = current
     hi, lo, e = x.hi, x.lo, x.exponent
     r_out, r_e = out
-    backward, left, right, share, largest, largest_e, top = 0.0, 0.0, 0.0, 1.0, 0.0, 0, 0
+    backward, unconverged, converged, fraction, largest, largest_e, top = 0.0, 0.0, 0.0, 1.0, 0.0, 0, 0
     for i in range(begin, end):
         own, own_low, r, r_low = hi[i], lo[i], injected[i], 0.0
         if not plain:
@@ -179,19 +182,19 @@ def residual(
             return np.inf, np.inf, np.inf, 0.0, np.inf
         if wrong > backward * size:
             backward = wrong / size
-        if flow < share * size:
-            share = flow / size
+        if flow < fraction * size:
+            fraction = flow / size
         rounding = _SETTLED * size / flow if flow > 0.0 else 0.0
         rounding = rounding if exact else _UNIT * (_ROW_ROUNDING + indptr[i + 1] - indptr[i])
         violation = wrong / flow if wrong > 0.0 else 0.0
-        right += rounding
+        converged += rounding
         if wrong <= max(rounding * flow * (kept if r_out[i] == 0.0 else 1.0), _SETTLED * size):
-            r, right, r_e[i] = 0.0, right + violation, 0
+            r, converged, r_e[i] = 0.0, converged + violation, 0
         else:
             counted = violation if wrong > floor * size else 0.0
-            left, right, r_e[i] = left + counted, right + violation - counted, top
+            unconverged, converged, r_e[i] = unconverged + counted, converged + violation - counted, top
             if wrong > _shift(largest, largest_e - top):
                 largest, largest_e = wrong, top
         r_out[i] = r
     log_size = math.log(largest) + largest_e * _LOG_BASE if largest > 0.0 else -np.inf
-    return backward, left, right, share, log_size
+    return backward, unconverged, converged, fraction, log_size

@@ -1,11 +1,11 @@
-"""Factors by columns, and the diagonal of an inverse.
+"""Diagonal of an inverse matrix, from column-wise factors by the selected inverse.
 
-`inverse_diagonal` and `positive_inverse_diagonal` are exact and cost about as much as the factors themselves;
-`estimate_diagonal` needs only products with the inverse and tells how far it may be off.
+`inverse_diagonal` and `positive_inverse_diagonal` are exact and cost about as much as the factors themselves.
+`estimate_diagonal` needs only products with the inverse, and estimates its own error.
 
-`symmetric_factors` are made by differences (SuperLU; Li 2005), for what is not positive throughout, or needs a few
-digits alone: admittances and quadratic forms are complex, or have entries of both signs; preconditioners need few
-digits.  All other factors are made in positive numbers alone (`resgrid.solvers.supernodal`).
+`symmetric_factors` are ordinary factors with subtractions (SuperLU; Li 2005), for matrices that are not M-matrices, or
+where a few digits suffice: admittances and quadratic forms are complex or have entries of both signs; preconditioners
+need few digits. All other factors are subtraction-free (`resgrid.solvers.supernodal`).
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
     from resgrid.solvers.supernodal import SupernodalFactors
 
 _PANEL, _RELAXED = 3, 1
-"""Columns that are worked on together, and those of a subtree that count as one.
+"""Columns that SuperLU processes together, and columns of a subtree that it merges into a supernode.
 
-Columns of a grid's factors are short, and few have the same rows: with SuperLU's own 20 and 10, planes and mazes take
-1.7 times as long, and volumes no less.
+Columns of a grid's factors are short, and few have equal rows: with SuperLU's defaults, 20 and 10, planes and mazes
+take 1.7 times as long, and volumes as long as with these.
 """
 
 
 def symmetric_factors(matrix: Any) -> Any:
-    """Factor a symmetric matrix, real or complex, with diagonal pivots.  Shapes: `matrix` (n, n)."""
+    """Factor a symmetric matrix, real or complex, with diagonal pivots. Shapes: `matrix` (n, n)."""
     from scipy.sparse.linalg import splu
 
     try:
@@ -46,24 +46,28 @@ def symmetric_factors(matrix: Any) -> Any:
         )
     except RuntimeError as error:
         raise AccuracyError(
-            "the matrix is singular in double precision: its conductances span too many decades for a direct solution"
+            "the matrix is singular in double precision: its conductances span too many orders of magnitude for a "
+            "direct solution; check the largest and the smallest conductance"
         ) from error
     if np.any(factors.perm_r != factors.perm_c):
-        raise AccuracyError("a pivot vanished in double precision: the conductances span too many decades")
+        raise AccuracyError(
+            "a pivot vanished in double precision: the conductances span too many orders of magnitude for a direct "
+            "solution; check the largest and the smallest conductance"
+        )
     return factors
 
 
 def inverse_diagonal(matrix: Any) -> NDArray[Any]:
-    """All diagonal entries (n,) of the inverse of a symmetric sparse matrix (n, n), real or complex."""
+    """Return the diagonal (n,) of the inverse of a symmetric sparse matrix (n, n), real or complex."""
     factors = symmetric_factors(matrix)
     return _diagonal(np.argsort(factors.perm_c), factors.L, factors.U.diagonal())
 
 
 def positive_inverse_diagonal(factors: SupernodalFactors) -> Floats:
-    """All diagonal entries of the inverse of an M-matrix, right entry by entry; shape (n,)."""
+    """Return the diagonal (n,) of the inverse of an M-matrix, entrywise accurate."""
     symbolic, nodes, matrix = factors.symbolic, factors.symbolic.nodes, factors.matrix
     size, gone = len(symbolic.order), len(symbolic.order) - symbolic.kept
-    order, pivot = np.roll(symbolic.order, gone), np.roll(factors.pivot, gone)  # as they are eliminated
+    order, pivot = np.roll(symbolic.order, gone), np.roll(factors.pivot, gone)  # in the order of elimination
     rows_gone = sparse.csr_array(matrix[2::-1], shape=(size, size))[order[:gone]]
     degree = np.diff(rows_gone.indptr)
     length = np.repeat(symbolic.lengths, symbolic.widths)
@@ -78,7 +82,7 @@ def positive_inverse_diagonal(factors: SupernodalFactors) -> Floats:
 
 
 def random_signs(size: int, samples: int, seed: int) -> Floats:
-    """Vectors of random signs, shape (size, samples)."""
+    """Return vectors of random signs, shape (size, samples)."""
     return np.asarray(np.random.default_rng(seed).integers(0, 2, (size, samples)) * 2.0 - 1.0, dtype=np.float64)
 
 
@@ -92,7 +96,7 @@ def estimate_diagonal(signs: Floats, products: Floats) -> tuple[Floats, Floats]:
 
 
 def _diagonal(order: NDArray[Any], lower: sparse.csc_array, pivot: NDArray[Any]) -> NDArray[Any]:
-    """Diagonal of ``(L D L^T)^-1``, shape (n,), by the row that is eliminated at every place, `order` (n,)."""
+    """Return the diagonal of ``(L D L^T)^-1``, shape (n,); `order` (n,): rows in the order of elimination."""
     lower.sort_indices()
     starts = lower.indptr.astype(np.int64)
     inverse, diagonal = np.empty_like(lower.data), np.empty_like(lower.data, shape=len(order))
@@ -106,13 +110,13 @@ def _diagonal(order: NDArray[Any], lower: sparse.csc_array, pivot: NDArray[Any])
 def selected_inverse(
     starts: Integers, rows: Indices, lower: Floats | NDArray[np.complex128], pivot: Floats, inverse: Floats
 ) -> None:
-    """Entries of the inverse of ``L D L^T`` on the pattern of ``L`` (Takahashi, Fagan & Chen 1973).
+    """Compute the entries of the inverse of ``L D L^T`` on the pattern of ``L`` (Takahashi, Fagan & Chen 1973).
 
-    ``Z_ij = -sum_k Z_ik L_kj`` for ``i > j`` and ``Z_jj = 1 / D_j - sum_k Z_kj L_kj``, column by column from the last
-    one back.  All entries needed lie on the pattern, for it is closed under elimination.
+    ``Z_ij = -sum_k Z_ik L_kj`` for ``i > j`` and ``Z_jj = 1 / D_j - sum_k Z_kj L_kj``, column by column, the last one
+    first. All required entries lie on the pattern, since it is closed under elimination.
 
-    Shapes: `starts` (n + 1,), `rows, lower` (entries,): ``L`` by columns, sorted, its diagonal included; `pivot` (n,),
-    `inverse` of ``lower``.
+    Shapes: `starts` (n + 1,), `rows, lower` (entries,): ``L`` by columns, sorted, with its diagonal; `pivot` (n,),
+    `inverse` (entries,): receives the entries.
     """
     n = len(pivot)
     place = np.full(n, -1, dtype=np.int64)

@@ -1,9 +1,9 @@
-"""Supernodal factors ``P A P^T = L D L^T`` of an M-matrix, in sums, products and quotients of positive numbers alone.
+"""Subtraction-free supernodal factors ``P A P^T = L D L^T`` of an M-matrix (GTH).
 
-Every entry is right to some roundings, whatever the conductances (Grassmann, Taksar & Heyman 1985; O'Cinneide 1993).
-Substitution is done in scaled numbers (`resgrid.solvers.scaled_kernels`).
+Every entry is accurate to a few rounding errors, whatever the conductances (Grassmann, Taksar & Heyman 1985; O'Cinneide
+1993). Substitution is done in scaled numbers (`resgrid.solvers.scaled_kernels`).
 
-Numba takes seconds to import: only functions that are about to solve import this module.
+The import of numba takes seconds: only functions that are about to solve import this module.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from resgrid.solvers.scaled_kernels import NO_EXPONENT, _add_product, _canonical
 from resgrid.solvers.symbolic import Supernodes, Symbolic, order_rows
 
 _STRETCH = 2_000
-"""Supernodes eliminated at a time."""
+"""Number of supernodes per call of the factorization kernel, between which a solve can be interrupted."""
 
 _LEAST, _MOST = 2.0**-700, 2.0**700
-"""Range in which a sum of doubles has lost nothing that counts to underflow, and overflows nowhere."""
+"""Range in which a sum of doubles neither overflows nor loses significant terms to underflow."""
 
 
 class SupernodalFactors(NamedTuple):
-    """Factors ``L D L^T`` in such an order.
+    """Factors ``L D L^T`` and their elimination order.
 
-    `matrix`: what was factored; `values`: the entries of ``-L`` below the diagonal, supernode by supernode: which share
-    of a pivot goes to a later row; what stands above the diagonal is 0; `pivot` (n,): ``D`` in siemens, in the order of
-    ``symbolic``; `largest`: the largest diagonal entry of the matrix.
+    `matrix`: the factored matrix; `values`: the entries of ``-L`` below the diagonal, supernode by supernode: the
+    fraction of a pivot that goes to a later row; the entries above the diagonal are 0; `pivot` (n,): ``D`` in siemens,
+    in the order of ``symbolic``; `largest`: the largest diagonal entry of the matrix.
     """
 
     symbolic: Symbolic
@@ -42,20 +42,20 @@ class SupernodalFactors(NamedTuple):
     largest: float
 
     def substitute(self, m: Floats, e: Integers) -> Numbers:
-        """Both substitutions, in scaled numbers; ``m`` and ``e``, shape (n,), stay as they are."""
+        """Solve for scaled numbers by forward and back substitution; ``m`` and ``e``, shape (n,), are not modified."""
         by = self.symbolic
         x, exponent, column = m.take(by.order), e.take(by.order), np.empty(by.lengths.max(initial=0))
         substitute(self, x, exponent, column)
         return x.take(by.place), exponent.take(by.place)
 
     def solve(self, rhs: Floats) -> Floats:
-        """Solve for doubles, shape (n,); entry by entry right where none of them is negative."""
+        """Solve for doubles, shape (n,); entrywise accurate if all of them are nonnegative."""
         m, e = self.substitute(rhs, np.zeros(len(rhs), dtype=np.int64))
         return unscaled(m, e)
 
 
 def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) -> SupernodalFactors:
-    """Factor a matrix, in an order of its rows or of those of another one with the same entries, or one that suits."""
+    """Factor a matrix, in a given elimination order of this sparsity pattern or in one that suits it."""
     matrix, symbolic = laplacian.graph, symbolic or order_rows(laplacian)
     widths, size = symbolic.widths, symbolic.kept
     count = len(widths)
@@ -69,24 +69,25 @@ def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) ->
         np.empty(size), np.empty(symbolic.lengths.max(initial=0)), np.empty(widths.max(initial=0)),
     )  # fmt: skip
     in_range = bool(np.isfinite(pivot[size:]).all())
-    # In stretches, so that it can be interrupted.
+    # Supernodes are eliminated in batches, so that Ctrl-C is handled in between.
     for begin in range(0, count, _STRETCH):
         in_range = in_range and eliminate(factors, work, begin, min(begin + _STRETCH, count))
     if not in_range:
         raise AccuracyError(
-            "a pivot left the range of doubles: the conductances span too many decades for a direct solution"
+            "a pivot left the range of doubles: the conductances span too many orders of magnitude for a direct "
+            "solution; check the largest and the smallest conductance"
         )
     return factors
 
 
 class Workspace(NamedTuple):
-    """Where elimination keeps what it is at.
+    """Work arrays of the factorization.
 
-    `node_of` (kept,): supernode of every column; `waiting, following` (supernodes,): lists of the supernodes that are
-    next to be added to one: the first, and the one after each; -1 at the end; `after` (supernodes,): which of their
-    rows that one begins at; `at` (kept,): places of the rows of the supernode that is being eliminated; `grounded`
-    (kept,): shares of pivots that go to the ground; `column`: as long as the longest one; `weight` (columns,): as the
-    widest one.
+    `node_of` (kept,): supernode of every column; `waiting, following` (supernodes,): linked lists of the supernodes
+    that will update a supernode next: its first entry, and the successor of each; -1 at the end; `after` (supernodes,):
+    position of the first row of each that is not updated yet; `at` (kept,): positions of the rows in the current
+    supernode; `grounded` (kept,): fractions of pivots that go to the ground; `column`: as long as the longest
+    supernode; `weight`: as long as the widest one has columns.
     """
 
     node_of: Indices
@@ -101,11 +102,11 @@ class Workspace(NamedTuple):
 
 @kernel
 def eliminate(factors: SupernodalFactors, work: Workspace, begin: int, end: int) -> bool:
-    """Factor some supernodes in order, in sums, products and quotients of positive numbers alone.
+    """Factor some supernodes in order, subtraction-free; returns whether all pivots are positive and finite.
 
-    A row that is eliminated joins those it was joined to, and the ground, by ``c_i c_j / d``; its pivot ``d`` is the
-    sum of its conductances to later rows and to the ground, never a difference (Grassmann, Taksar & Heyman 1985).  So
-    every entry is right to some roundings, whatever the conductances.
+    Elimination of a row adds ``c_i c_j / d`` between its neighbours, and between them and the ground. Its pivot ``d``
+    is the sum of its conductances to later rows and to the ground, never a difference (Grassmann, Taksar & Heyman
+    1985). Every entry is therefore accurate to a few rounding errors, whatever the conductances.
     """
     nodes = factors.symbolic.nodes
     for node in range(begin, end):
@@ -125,7 +126,7 @@ def eliminate(factors: SupernodalFactors, work: Workspace, begin: int, end: int)
 
 @inlined
 def _wait(nodes: Supernodes, work: Workspace, node: int) -> None:
-    """Have a supernode wait for the one that its next row belongs to."""
+    """Append a supernode to the list of the supernode that contains its next row."""
     after = work.after[node]
     if after < nodes.start[node + 1]:
         target = work.node_of[nodes.rows[after]]
@@ -135,7 +136,7 @@ def _wait(nodes: Supernodes, work: Workspace, node: int) -> None:
 
 @inlined
 def _load(factors: SupernodalFactors, work: Workspace, node: int) -> None:
-    """Fill a supernode with the conductances that odd-even reduction leaves, ``g_ij + sum_k g_ik g_kj / d_k``."""
+    """Fill a supernode with the conductances after odd-even reduction, ``g_ij + sum_k g_ik g_kj / d_k``."""
     (order, place, nodes), (indptr, indices, edges, ground), values, pivot, _ = factors
     at, kept = work.at, len(work.at)
     length = nodes.start[node + 1] - nodes.start[node]
@@ -146,20 +147,20 @@ def _load(factors: SupernodalFactors, work: Workspace, node: int) -> None:
     for k in range(nodes.first[node], nodes.first[node + 1]):
         base, total = nodes.offset[node] + (k - nodes.first[node]) * length, ground[order[k]]
         for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-            j, first, last, share = indices[entry], entry, entry + 1, 1.0
+            j, first, last, fraction = indices[entry], entry, entry + 1, 1.0
             if place[j] >= kept:
-                first, last, share = indptr[j], indptr[j + 1], edges[entry] / pivot[place[j]]
-                total += share * ground[j]
+                first, last, fraction = indptr[j], indptr[j + 1], edges[entry] / pivot[place[j]]
+                total += fraction * ground[j]
             for other in range(first, last):
                 row = place[indices[other]]
                 if row > k:
-                    values[base + at[row]] += share * edges[other]
+                    values[base + at[row]] += fraction * edges[other]
         work.grounded[k] = total
 
 
 @inlined
 def _update(factors: SupernodalFactors, work: Workspace, other: int, node: int) -> None:
-    """Add what an eliminated supernode joins the columns of a later one to; moves on to its first row behind them."""
+    """Add the update of an eliminated supernode to the columns of a later one; advances to its next row."""
     nodes, values, at = factors.symbolic.nodes, factors.values, work.at
     rows = nodes.rows
     begin, end = work.after[other], nodes.start[other + 1]
@@ -189,7 +190,7 @@ def _update(factors: SupernodalFactors, work: Workspace, other: int, node: int) 
 def _weigh(
     factors: SupernodalFactors, work: Workspace, first: int, columns: int, here: int, apart: int, row: int
 ) -> None:
-    """Conductances from eliminated columns to a row, which their shares count by; adds what goes to the ground."""
+    """Compute the conductances from eliminated columns to a row; adds the row's conductance to the ground."""
     total = 0.0
     for k in range(columns):
         w = factors.pivot[first + k] * factors.values[here + k * apart]
@@ -200,7 +201,7 @@ def _weigh(
 
 @inlined
 def _eliminate_within(factors: SupernodalFactors, work: Workspace, node: int) -> bool:
-    """Eliminate the columns of a supernode that everything before has been added to."""
+    """Eliminate the columns of a supernode that has received all updates; returns whether its pivots are valid."""
     nodes, values, pivot, grounded = factors.symbolic.nodes, factors.values, factors.pivot, work.grounded
     first, base, width = nodes.first[node], nodes.offset[node], nodes.first[node + 1] - nodes.first[node]
     length = nodes.start[node + 1] - nodes.start[node]
@@ -222,6 +223,7 @@ def _eliminate_within(factors: SupernodalFactors, work: Workspace, node: int) ->
 
 @inner_fast
 def _sum(values: Floats, begin: int, end: int) -> float:
+    """Return the sum of a slice."""
     total = 0.0
     for i in range(begin, end):
         total += values[np.uint64(i)]
@@ -232,7 +234,7 @@ def _sum(values: Floats, begin: int, end: int) -> float:
 def _add_columns(
     target: Floats, there: int, values: Floats, here: int, apart: int, weight: Floats, columns: int, count: int
 ) -> None:
-    """Add columns of values that begin ``apart``, by their weights, four at a time."""
+    """Add weighted columns, whose values are `apart` entries from each other, to a slice; four at a time."""
     t, k = np.uint64(there), 0
     while k + 4 <= columns:
         w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
@@ -251,12 +253,12 @@ def _add_columns(
 
 @kernel
 def substitute(factors: SupernodalFactors, m: Floats, e: Integers, column: Floats) -> None:
-    """Solve in place, in scaled numbers: reduce, ``L D L^T x = b`` for the rows kept, put the others back.
+    """Solve in place, in scaled numbers: reduce, solve ``L D L^T x = b`` for the rows kept, restore the reduced rows.
 
-    Within a supernode numbers have one exponent in common, the largest; where a sum leaves the range of doubles so, the
-    supernode is gone through again number by number.
+    Within a supernode all numbers have a common exponent, the largest one. If a sum then leaves the range of doubles,
+    the supernode is repeated with one exponent per number.
 
-    Shapes: `m, e` (n,), in the order of elimination; `column` (longest supernode,): room.
+    Shapes: `m, e` (n,), in the order of elimination; `column` (longest supernode,): work array.
     """
     (order, place, nodes), (indptr, indices, edges, _), values, pivot, _ = factors
     n, kept = len(order), nodes.first[-1]
@@ -264,7 +266,7 @@ def substitute(factors: SupernodalFactors, m: Floats, e: Integers, column: Float
         m[k], e[k] = _canonical(m[k], e[k])
     for k in range(kept, n):
         for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-            _add_share(m, e, place[indices[entry]], edges[entry] / pivot[k], k)
+            _add_fraction(m, e, place[indices[entry]], edges[entry] / pivot[k], k)
     for node in range(len(nodes.first) - 1):
         _forward(nodes, values, m, e, column, node)
     for k in range(n):
@@ -273,46 +275,46 @@ def substitute(factors: SupernodalFactors, m: Floats, e: Integers, column: Float
         _backward(nodes, values, m, e, column, node)
     for k in range(kept, n):
         for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-            _add_share(m, e, k, edges[entry] / pivot[k], place[indices[entry]])
+            _add_fraction(m, e, k, edges[entry] / pivot[k], place[indices[entry]])
 
 
 @inlined
-def _add_share(m: Floats, e: Integers, to: int, share: float, of: int) -> None:
-    """Add a share of one scaled number to another."""
-    value, scale = _add_product(m[to], e[to], share, m[of], e[of])
+def _add_fraction(m: Floats, e: Integers, to: int, fraction: float, of: int) -> None:
+    """Add a fraction of the scaled number `of` to the scaled number `to`."""
+    value, scale = _add_product(m[to], e[to], fraction, m[of], e[of])
     m[to], e[to] = _canonical(value, scale)
 
 
 @inlined
 def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: Floats, node: int) -> None:
-    """Spread what is fed into the columns of a supernode over its rows."""
+    """Forward substitution in a supernode: distribute the currents into its columns over its rows."""
     begin, base, first = nodes.start[node], nodes.offset[node], nodes.first[node]
     length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - first
-    fed = 0
-    while fed < columns and m[first + fed] == 0.0:
-        fed += 1
-    if fed == columns:
+    first_nonzero = 0
+    while first_nonzero < columns and m[first + first_nonzero] == 0.0:
+        first_nonzero += 1
+    if first_nonzero == columns:
         return
-    common = _align(nodes.rows, begin, fed, length, m, e, column)
-    for c in range(fed, columns):
+    common = _align(nodes.rows, begin, first_nonzero, length, m, e, column)
+    for c in range(first_nonzero, columns):
         below = base + c * length + c + 1
         _add_columns(column, c + 1, values, below, length, column[c:], 1, length - c - 1)
     plain = True
-    for r in range(fed, length):
+    for r in range(first_nonzero, length):
         plain = plain and abs(column[r]) >= _LEAST
     if plain:
-        for r in range(fed, length):
+        for r in range(first_nonzero, length):
             row = nodes.rows[begin + r]
             m[row], e[row] = _canonical(column[r], common)
         return
-    for c in range(fed, columns):
+    for c in range(first_nonzero, columns):
         for r in range(c + 1, length):
-            _add_share(m, e, nodes.rows[begin + r], values[base + c * length + r], first + c)
+            _add_fraction(m, e, nodes.rows[begin + r], values[base + c * length + r], first + c)
 
 
 @inlined
 def _backward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: Floats, node: int) -> None:
-    """Solve for the rows of a supernode's columns, from those of the later ones."""
+    """Back substitution in a supernode: solve for its columns, from the values of later rows."""
     begin, base, first = nodes.start[node], nodes.offset[node], nodes.first[node]
     length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - first
     common = _align(nodes.rows, begin, ZERO, length, m, e, column)
@@ -326,12 +328,12 @@ def _backward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column:
         return
     for c in range(columns - 1, -1, -1):
         for r in range(c + 1, length):
-            _add_share(m, e, first + c, values[base + c * length + r], nodes.rows[begin + r])
+            _add_fraction(m, e, first + c, values[base + c * length + r], nodes.rows[begin + r])
 
 
 @inlined
 def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: Integers, column: Floats) -> int:
-    """Write some rows as doubles; returns the largest of their exponents, which is common to all then."""
+    """Convert the numbers of some rows to doubles with their largest exponent, which is returned."""
     common = NO_EXPONENT
     for r in range(skipped, length):
         row = rows[begin + r]
@@ -345,6 +347,7 @@ def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: I
 
 @inner_fast
 def _product(column: Floats, values: Floats, base: int, begin: int, end: int) -> float:
+    """Return the inner product of a slice with a column."""
     total, b = 0.0, np.uint64(base)
     for each in range(begin, end):
         i = np.uint64(each)

@@ -1,13 +1,13 @@
-"""Orders of elimination, and where the factors of a matrix have entries.
+"""Elimination orders, and the sparsity pattern of the factors of a matrix.
 
-Every other layer of rows is eliminated beforehand, where they are independent (odd-even reduction): factors of what is
-left have half of the entries, and take half of the products.  The others come in one of two orders:
+Every other layer of rows is eliminated beforehand if its rows are independent (odd-even reduction): the factors of the
+reduced matrix have half of the entries and take half of the products. The other rows come in one of two orders:
 
-- *by distance* from the ground, far ends first: along the corridors of a maze a row is joined to those across the
-  corridor alone, and fewer operations come of it than a general order takes to be found;
-- *by fill*, those first that fill least, for all that is wide.
+- *by distance* from the ground, far ends first: along the corridors of a maze only rows across the corridor are joined,
+  and the factorization takes fewer operations than the search for a general order;
+- *by fill*, rows of least fill first, for wide spaces.
 
-Numba takes seconds to import: only functions that are about to solve import this module.
+The import of numba takes seconds: only functions that are about to solve import this module.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from resgrid.solvers.ordering_kernels import minimum_fill, quotient_graph, with_
 from resgrid.solvers.scaled import Indices, Integers
 
 _MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 600
-"""Entries a row above which a circuit is not narrow, and factors in the order by fill are sooner made."""
+"""Entries per row, in planes and in volumes, above which a matrix is not narrow and the order by fill is faster."""
 
 _DENSE = 10.0
-"""A row of more than so many times the square root of all is eliminated last."""
+"""A row with more neighbours than this number times the square root of all rows is eliminated last."""
 
 _MOST_NEIGHBOURS = 8
-"""Of a row that is reduced away: they are joined to each other."""
+"""Largest number of neighbours of a row that odd-even reduction eliminates: it joins them to each other."""
 
 _WIDEST, _FEW, _SHARE = 16, 20.0, 0.2
-"""Most columns of a supernode, and how many of its entries may be zeros: so many, and such a share of all."""
+"""Largest number of columns of a supernode; number of zeros among its entries, and their fraction, that are allowed."""
 
 
 class Pattern(NamedTuple):
-    """The graph of all rows, and an order of them: those that odd-even reduction keeps, and behind them the others.
+    """The graph of all rows, and their order: the rows that odd-even reduction keeps, followed by the others.
 
     `indptr` (n + 1,), `indices`: neighbours of every row; `order` (n,): row ``order[k]`` is the ``k``-th; `place` (n,):
     its inverse.
@@ -50,11 +50,11 @@ class Pattern(NamedTuple):
 
 
 class Supernodes(NamedTuple):
-    """Supernodes of a unit lower triangular matrix: runs of columns kept as dense blocks (Ashcraft & Grimes 1989).
+    """Supernodes of a unit lower triangular matrix: runs of columns stored as dense blocks (Ashcraft & Grimes 1989).
 
-    `first` (supernodes + 1,): their first columns, and the number of all; `start` (supernodes + 1,): where their rows
-    begin in ``rows``; `rows`: their rows, ascending: first those of their own columns; `offset` (supernodes + 1,):
-    where their entries begin among the values: column by column, all as long as there are rows.
+    `first` (supernodes + 1,): their first columns, and the number of all columns; `start` (supernodes + 1,): begin of
+    their rows in ``rows``; `rows`: their rows, ascending, their own columns first; `offset` (supernodes + 1,): begin of
+    their entries among the values, which are stored column by column, each of full length.
     """
 
     first: Indices
@@ -64,9 +64,9 @@ class Supernodes(NamedTuple):
 
 
 class Symbolic(NamedTuple):
-    """An order of elimination, and where the factors have entries.
+    """An elimination order, and the sparsity pattern of the factors.
 
-    `order` (n,): the rows that odd-even reduction keeps as they are eliminated, and all others behind them; `place`
+    `order` (n,): the rows that odd-even reduction keeps, in the order of elimination, followed by the others; `place`
     (n,): its inverse; `nodes`: supernodes of the rows kept.
     """
 
@@ -81,27 +81,27 @@ class Symbolic(NamedTuple):
 
     @property
     def entries(self) -> int:
-        """Entries of all supernodes."""
+        """Number of entries of all supernodes."""
         return int(self.nodes.offset[-1])
 
     @property
     def products(self) -> float:
-        """Products that elimination takes, about."""
+        """Approximate number of products of the factorization."""
         return float(0.5 * np.sum(self.widths * self.lengths.astype(np.float64) ** 2))
 
     @property
     def widths(self) -> Indices:
-        """Columns of every supernode."""
+        """Number of columns of every supernode."""
         return np.diff(self.nodes.first)
 
     @property
     def lengths(self) -> Indices:
-        """Rows of every supernode."""
+        """Number of rows of every supernode."""
         return np.diff(self.nodes.start)
 
 
 def order_rows(laplacian: Laplacian) -> Symbolic:
-    """Order the rows of a matrix as suits it; BudgetError where the factors would have too many entries."""
+    """Order the rows by distance or by fill; BudgetError if the factors would have too many entries."""
     symbolic = order_by_distance(laplacian) or order_by_fill(laplacian)
     if symbolic is None:
         raise BudgetError(
@@ -112,21 +112,21 @@ def order_rows(laplacian: Laplacian) -> Symbolic:
 
 
 def order_by_distance(laplacian: Laplacian) -> Symbolic | None:
-    """Order the rows of a matrix by their distance from the ground; None where it is not narrow."""
+    """Order the rows by their distance from the ground; None for a matrix that is not narrow."""
     most = _MOST_FILL_OF_VOLUMES if laplacian.dimensions > 2 else _MOST_FILL
     return _order(laplacian, float(most * laplacian.size), by_fill=False)
 
 
 def order_by_fill(laplacian: Laplacian, most: float = np.inf) -> Symbolic | None:
-    """Order the rows of a matrix by approximate minimum fill.
+    """Order the rows by approximate minimum fill.
 
-    None for more than ``most`` entries of the factors, or more of their rows than can be numbered.
+    None if the factors would have more than ``most`` entries, or more rows than 32-bit indices can number.
     """
     return _order(laplacian, float(most), by_fill=True)
 
 
 def _order(laplacian: Laplacian, most: float, *, by_fill: bool) -> Symbolic | None:
-    """Reduce every other layer by distance from the row most tied to the lower rail, and order the other rows."""
+    """Eliminate every other layer by distance from the row most strongly tied to the low rail; order the other rows."""
     matrix, n = laplacian.graph, laplacian.size
     tied = laplacian.ground if laplacian.rails is None else laplacian.rails.to_low
     nearest_first, depth = np.empty(n + 1, dtype=np.int32), np.full(n, -1, dtype=np.int32)
@@ -151,12 +151,12 @@ def _order(laplacian: Laplacian, most: float, *, by_fill: bool) -> Symbolic | No
 
 @kernel
 def order_far_first(pattern: Pattern, root: int, nearest_first: Indices, depth: Indices) -> int:
-    """Order the rows that are kept, the farthest from a root first, and behind them the others.  Returns how many.
+    """Order the kept rows, farthest from a root first, followed by the others; returns the number of kept rows.
 
-    Not kept are the rows an odd number of steps from the root, or from the first row of another part, that have few
-    neighbours, and none as far from it: of a grid's cells, all of one colour.
+    Rows at an odd distance from the root, or from the first row of another component, are not kept if they have few
+    neighbours and none at an equal distance: on a grid, all cells of one colour.
 
-    Shapes: `nearest_first` (n + 1,); `depth` (n,): comes as -1.
+    Shapes: `nearest_first` (n + 1,); `depth` (n,): -1 on entry.
     """
     indptr, indices, order, place = pattern
     n, size = len(order), 0
@@ -193,7 +193,7 @@ def order_far_first(pattern: Pattern, root: int, nearest_first: Indices, depth: 
 
 @inlined
 def reached(pattern: Pattern, entry: int, kept: int) -> tuple[int, int]:
-    """Which entries stand for one: those of its row if that is not kept, whose neighbours are joined; else itself."""
+    """Return the range of entries that replaces an entry: the neighbours of its row if that is reduced, else itself."""
     j = pattern.indices[entry]
     if pattern.place[j] < kept:
         return entry, entry + 1
@@ -202,13 +202,13 @@ def reached(pattern: Pattern, entry: int, kept: int) -> tuple[int, int]:
 
 @kernel
 def postorder(pattern: Pattern, before: Indices, parent: Indices, last: Indices, branch: Indices) -> None:
-    """Renumber the rows kept so that every branch of the elimination tree stands together; it fills as before.
+    """Renumber the kept rows in postorder of the elimination tree, which does not change the fill.
 
-    A row's parent is the first later one that it is joined to once it is eliminated (Liu 1990); rows below every row,
-    itself included, are its branch.
+    The parent of a row is its first later neighbour after its elimination (Liu 1990); the rows below a row, itself
+    included, are its branch.
 
-    Shapes: `before` (kept,): their order so far; `parent, last, branch` (kept + 1,): ``last``: on the way up the latest
-    ancestor known, then where the next row below one ends.
+    Shapes: `before` (kept,): the previous order; `parent, last, branch` (kept + 1,): ``last`` is first the latest known
+    ancestor (path compression), then the end of the rows below a row.
     """
     indptr, indices, order, place = pattern
     n = len(before)
@@ -242,18 +242,18 @@ def list_supernodes(
     pattern: Pattern, kept: int, most: float, most_rows: int, first: Indices, start: Indices, seen: Indices,
     branch: Indices, sibling: Indices,
 ) -> tuple[int, Indices]:  # fmt: skip
-    """Gather columns of the factor into supernodes, and list their rows.
+    """Merge columns of the factor into supernodes, and list their rows.
 
-    A column has entries in the rows that it is joined to, and in those of the supernodes whose first row behind their
-    own it is (Liu 1990).  It goes with the supernode before where that fills few rows of the others with zeros.
+    A column has entries in the rows of its neighbours and of its children, which are the supernodes whose first row
+    after their own is this column (Liu 1990). It joins the previous supernode if that adds few zeros.
 
-    Shapes: `first, start, seen, branch, sibling` (kept + 1,): all come as -1.  Returns the number of supernodes; -1
-    where they come to have more entries than ``most``, or more rows than ``most_rows``; and their rows.
+    Shapes: `first, start, seen, branch, sibling` (kept + 1,): -1 on entry. Returns the number of supernodes, and their
+    rows; -1 for more entries than ``most``, or more rows than ``most_rows``.
     """
     n = kept
     rows = np.empty(10 * n, np.int32)
     node, area, end, columns, zeros = ZERO - 1, 0.0, ZERO, 0, 0
-    share = most / (n + n // 8)
+    per_row = most / (n + n // 8)
     for k in range(n):
         if node >= 0:
             if columns < _WIDEST and seen[k] == node:
@@ -266,7 +266,7 @@ def list_supernodes(
                 for r in range(end, longer):
                     seen[rows[r]] = -1
             area += columns * (end - start[node])
-            if area > share * (k + n // 8) or end + n > most_rows:
+            if area > per_row * (k + n // 8) or end + n > most_rows:
                 return -1, rows
             rows = with_room(rows, end, 2 * n)
             sort(rows, rows, start[node], end)
@@ -287,7 +287,7 @@ def _add_rows(
     pattern: Pattern, k: int, node: int, seen: Indices, branch: Indices, sibling: Indices, start: Indices,
     rows: Indices, end: int,
 ) -> int:  # fmt: skip
-    """Add the rows that a column has entries in to those of its supernode; returns where they end."""
+    """Append the rows of a column's entries to those of its supernode; returns their end."""
     indptr, indices, order, place = pattern
     kept = len(seen) - 1
     child = branch[k]

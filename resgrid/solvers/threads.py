@@ -1,4 +1,4 @@
-"""Threads that share the parts of a loop, and wait without spinning."""
+"""Threads that share the parts of a job, and wait without spinning."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from typing import Any, TypeVar
 Result = TypeVar("Result")
 
 _PIECE = 2**17
-"""Length of the pieces of a long loop."""
+"""Length of the slices of a long array that threads process one by one."""
 
 
 class ThreadTeam:
-    """A caller's thread and its helpers, which do the parts of a job side by side.
+    """The calling thread and helper threads, which run the parts of a job concurrently.
 
-    Whoever is free takes the next part, so that nobody waits for a helper that the computer gives no core: its part is
-    done by the caller then.  Several threads may call one team.
+    A free thread takes the next part. A helper without a processor core is therefore not waited for: the calling thread
+    runs its part. Several threads may use one team.
 
-    `size`: threads, the caller's included.  It is a context, behind which the helpers end.
+    `size`: number of threads, including the caller. As a context manager it ends the helpers on exit.
     """
 
     def __init__(self, size: int = 1) -> None:
@@ -27,22 +27,22 @@ class ThreadTeam:
         self._pool = ThreadPoolExecutor(size - 1, thread_name_prefix="resgrid") if size > 1 else None
 
     def __enter__(self) -> ThreadTeam:
-        """Return it."""
+        """Return the team."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End the helpers, as soon as they are done with the part in their hands."""
+        """End the helpers as soon as their current parts are finished."""
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
 
-    def share(self, part: Callable[[int], object], parts: int) -> None:
-        """Do ``part(0) ... part(parts - 1)``, in any order; an error in one of them is raised, the rest left out."""
+    def run_parts(self, part: Callable[[int], object], parts: int) -> None:
+        """Run ``part(0) ... part(parts - 1)`` in any order; an error in a part cancels the remaining ones."""
         if self._pool is None or parts < 2:
             for number in range(parts):
                 part(number)
             return
         numbers = list(range(parts))
-        left = iter(numbers)  # everybody's
+        left = iter(numbers)  # shared by all threads
 
         def work() -> None:
             for number in left:
@@ -61,20 +61,20 @@ class ThreadTeam:
                 helper.result()
 
     def together(self, jobs: Sequence[Callable[[], Any]]) -> list[Any]:
-        """Do some jobs side by side; returns their results in their order."""
+        """Run some functions concurrently; returns their results in the order of `jobs`."""
         results: list[Any] = [None] * len(jobs)
 
         def part(number: int) -> None:
             results[number] = jobs[number]()
 
-        self.share(part, len(jobs))
+        self.run_parts(part, len(jobs))
         return results
 
     def over(self, count: int, loop: Callable[[slice], Result]) -> list[Result]:
-        """Do a loop piece by piece; returns results of the same pieces whatever the number of threads."""
+        """Map a function over slices of ``range(count)``; the slices do not depend on the number of threads."""
         pieces = [slice(k, min(k + _PIECE, count)) for k in range(0, count, _PIECE)]
         return self.together([partial(loop, piece) for piece in pieces])
 
 
-ALONE = ThreadTeam()
-"""The caller's thread."""
+SINGLE_THREAD = ThreadTeam()
+"""The calling thread without helpers."""

@@ -17,7 +17,7 @@ from resgrid.core.compiler import compile_space
 from resgrid.core.netlist import Netlist
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError
-from resgrid.solvers.laplacian import WEAK, count_connections
+from resgrid.solvers.laplacian import WEAK, conductance_statistics
 from resgrid.solvers.method_choice import choose_method
 from resgrid.spice.read.deck import read_spice
 
@@ -158,7 +158,7 @@ def test_counts_are_those_of_the_compressed_rows(
         system = assemble(netlist.replace(conductance=netlist.conductance * spread))
     except CircuitError:
         return
-    found = count_connections(system.laplacian)
+    found = conductance_statistics(system.laplacian)
     coupling = system.laplacian.edges.toarray()
     strongest = coupling.max(axis=1, initial=0.0)
     present = coupling > 0
@@ -168,7 +168,7 @@ def test_counts_are_those_of_the_compressed_rows(
     assert found.weak == np.count_nonzero(weak) / max(np.count_nonzero(present), 1)
     assert (found.smallest, found.largest) == (values.min(initial=np.inf), values.max(initial=0.0))
     assert found.mean == pytest.approx(coupling[present].mean() if present.any() else 0.0, rel=1e-12)
-    of_rows = count_connections(replace(system.laplacian, listed=None, compressed=system.laplacian.as_rows()))
+    of_rows = conductance_statistics(replace(system.laplacian, listed=None, compressed=system.laplacian.as_rows()))
     assert of_rows == replace(found, mean=pytest.approx(found.mean, rel=1e-12))
 
 
@@ -178,5 +178,5 @@ def test_a_grid_is_judged_without_compressed_rows(boundary: str, monkeypatch: py
     cell = (np.random.default_rng(3).random((120, 120)) < 0.1).astype(np.uint8)
     cell[30, 30] = 2
     system = assemble(compile_space(space_of(cell), boundary=boundary))
-    assert count_connections(system.laplacian).entries > 0
+    assert conductance_statistics(system.laplacian).entries > 0
     assert choose_method(system.laplacian, accuracy="normwise").method == "multigrid"

@@ -247,7 +247,7 @@ def test_rails_of_cells_are_refused():
 def test_what_is_no_space_is_refused():
     with pytest.raises(rg.InputError, match="must be a ConfigurationSpace"):
         rg.circuit.WarmStart().solve("rooms.toml")
-    with pytest.raises(rg.InputError, match="progress = 1 must be callable"):
+    with pytest.raises(rg.InputError, match="progress = 1 must be"):
         rg.circuit.WarmStart().solve(room((3,)), progress=1)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -125,6 +126,63 @@ def test_the_command_line_solves_and_plans(tmp_path: Path) -> None:
     paths = [call("path", scene, "--boundary", "neumann", *words).stdout for words in ((), ("--method", "petsc"))]
     assert paths[0] == paths[1]
     assert call("solve", scene, "--ranks", 2).exit_code == 2
+
+
+def test_a_launcher_replaces_mpiexec_and_sets_the_number_of_ranks(tmp_path: Path) -> None:
+    scene = tmp_path / "room.toml"
+    scene.write_text(ROOM)
+    result = call("solve", scene, "--method", "petsc", "--launcher", "mpiexec -n 2", "--json")
+    assert result.exit_code == 0, result.stderr
+    data = json.loads(result.stdout)
+    assert data["ranks"] == len(data["peak_bytes"]) == 2
+    space = scatter((12, 10), (), 4)
+    by_launcher, by_ranks = (
+        rg.plan(space, method="petsc", **options).field for options in ({"launcher": "mpiexec -n 2"}, {"ranks": 2})
+    )
+    np.testing.assert_array_equal(by_launcher.potential, by_ranks.potential)
+
+
+@pytest.mark.parametrize(
+    ("launcher", "status", "message"),
+    [
+        ("no-such-launcher -n 2", 3, "there is no program 'no-such-launcher'; correct its name or path"),
+        ("", 2, "launcher = '' is empty; give one, such as 'srun -n 64'"),
+        ("mpiexec -n '2", 2, "is not a command (No closing quotation); correct its quotes"),
+    ],
+)
+def test_a_launcher_that_cannot_start_is_one_message(launcher: str, status: int, message: str, tmp_path: Path) -> None:
+    scene = tmp_path / "room.toml"
+    scene.write_text(ROOM)
+    result = call("solve", scene, "--method", "petsc", "--launcher", launcher)
+    assert result.exit_code == status
+    assert result.stderr.count("\n") == 1 and message in result.stderr and not result.stdout
+
+
+def test_a_launcher_excludes_ranks_and_other_methods() -> None:
+    space = scatter((5, 5), (), 0)
+    with pytest.raises(rg.InputError, match="the launcher sets the number of ranks; leave out ranks"):
+        rg.plan(space, method="petsc", ranks=2, launcher="mpiexec -n 2")
+    with pytest.raises(rg.InputError, match="belongs to method = 'petsc', not to 'auto'"):
+        rg.plan(space, launcher="mpiexec -n 2")
+
+
+def test_a_launcher_that_is_no_program_or_starts_nothing_is_reported(tmp_path: Path) -> None:
+    space = scatter((5, 5), (), 0)
+    launcher = tmp_path / "launcher"
+    launcher.write_bytes(b"\0")
+    launcher.chmod(0o755)
+    with pytest.raises(ToolMissingError, match=r"launcher cannot be run \(Exec format error\): correct the launcher"):
+        rg.plan(space, method="petsc", launcher=str(launcher))
+    with pytest.raises(AccuracyError, match=r"every computer needs the folder .* \(TMPDIR\) and "):
+        rg.plan(space, method="petsc", launcher="false")
+
+
+def test_a_launcher_of_another_mpi_is_rejected(tmp_path: Path) -> None:
+    launcher = tmp_path / "launcher"  # starts two processes that do not know each other
+    launcher.write_text('#!/bin/sh\n"$@"\n"$@"\n')
+    launcher.chmod(0o755)
+    with pytest.raises(rg.InputError, match=r"another MPI than PETSc \(two of its processes are rank 0 of 1\)"):
+        rg.plan(scatter((5, 5), (), 0), method="petsc", launcher=str(launcher))
 
 
 def test_where_it_is_missing_one_sentence_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -71,7 +71,7 @@ def above_one_node(finest: Finest) -> GridProblem:
 @njit
 def finished(table: NDArray[Any], state: NDArray[np.int64]) -> tuple[float, float, float]:
     """The way up to the finest level."""
-    return cycle.finish_grid(table, state, ZERO, ZERO)
+    return cycle.ascend_grid(table, state, ZERO, ZERO)
 
 
 @settings(max_examples=60)
@@ -104,7 +104,7 @@ def test_the_schur_complement_is_that_of_dense_elimination(
         problem = above_one_node(finest)
         v, w = problem.vectors, problem.vectors.w
         v.before[:], v.r[:], v.s[:] = z, r, s
-        problem.write_into(z)
+        problem.set_output(z)
         zr, zw, zs = finished(problem.table, problem.state)
         size = np.abs(schur).sum(axis=1).max() * np.abs(z).max()
         degree = matrix.diagonal()[black]
@@ -265,5 +265,5 @@ def test_work_space_is_not_shared_but_conductances_are() -> None:
     rooms = np.zeros((2, 2, 2, len(hierarchy.grid.aggregate)))
     both = [GridProblem(hierarchy.grid, hierarchy.levels, *room) for room in rooms]
     one, other = (problem.table for problem in both)
-    assert not np.any(one["red_fed"][1:] == other["red_fed"][1:])
+    assert not np.any(one["red_rhs"][1:] == other["red_rhs"][1:])
     assert np.array_equal(one["faces"], other["faces"])

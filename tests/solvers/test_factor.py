@@ -63,7 +63,7 @@ def test_what_is_no_current_is_refused(factors: Factor) -> None:
     negative = np.ones(n)
     negative[5] = -1e-300
     for rhs in (negative, Scaled.of(negative)):
-        with pytest.raises(rg.InputError, match=r"rhs\[5\] is negative"):
+        with pytest.raises(rg.InputError, match=r"rhs\[5\] = -1e-300 is negative"):
             factors.factors.solve_nonnegative(rhs)
 
 

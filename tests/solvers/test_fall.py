@@ -11,8 +11,8 @@ from resgrid.circuit.solve import solve
 from resgrid.core.compiler import compile_space
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError
-from resgrid.solvers.decay_estimate import costs_by_depth, decay, foresee_decades
-from resgrid.solvers.laplacian import count_connections
+from resgrid.solvers.decay_estimate import costs_by_depth, decay, estimate_decades
+from resgrid.solvers.laplacian import conductance_statistics
 
 RATE, WALL = np.pi, 0.3
 LN10 = np.log(10.0)
@@ -52,4 +52,4 @@ def test_corridors_fall_as_foreseen(width):
     drop = solve(netlist).log_drop
     truth = -np.quantile(drop[np.isfinite(drop)], 0.02) / LN10
     laplacian = assemble(netlist).laplacian
-    assert 0.9 < foresee_decades(laplacian, count_connections(laplacian)) / truth < 1.8
+    assert 0.9 < estimate_decades(laplacian, conductance_statistics(laplacian)) / truth < 1.8

@@ -74,7 +74,7 @@ def test_aggregates_are_connected_and_their_sums_conserve_conductance(
     graph = random_graph(nodes, per_node, seed)
     aggregate, count = graph_coarsening.grow_aggregates(graph, 4, strict)
     assert np.array_equal(np.unique(aggregate), np.arange(count))
-    summed = dense(Graph(*graph_coarsening.sum_up(graph, aggregate, count)))
+    summed = dense(Graph(*graph_coarsening.aggregate_graph(graph, aggregate, count)))
     spread = np.eye(count)[aggregate]
     assert np.allclose(summed, spread.T @ dense(graph) @ spread, rtol=1e-12, atol=1e-12)
     coupled = dense(graph) < 0
@@ -105,8 +105,8 @@ def test_renumbering_brings_neighbours_together() -> None:
     rows = (upper + upper.T).tocsr()
     indptr, indices = rows.indptr.astype(np.int32), rows.indices.astype(np.int32)
     moved, _ = ordering.renumber(indptr, indices, rows.data.astype(np.float32), np.ones(side * side))
-    assert ordering.far_share(indptr, indices) > 0.7
-    assert ordering.far_share(*moved[:2]) < 0.1
+    assert ordering.far_fraction(indptr, indices) > 0.7
+    assert ordering.far_fraction(*moved[:2]) < 0.1
 
 
 @pytest.mark.parametrize("seed", range(3))

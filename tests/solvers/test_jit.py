@@ -79,7 +79,7 @@ def test_a_loop_is_compiled_anew_when_one_that_it_calls_has_changed_in_another_f
 
     assert told() == told() == 1.0
     called = package / "solvers" / "scaled_kernels.py"
-    source, head = called.read_text(), '    """Sum of two double-doubles."""\n'
+    source, head = called.read_text(), '    """Return the sum of two double-doubles."""\n'
     assert head in source
     called.write_text(source.replace(head, head + "    a = 2.0 * a + 2.0 * b\n    b = 0.0\n"))
     assert told() == 2.0

@@ -10,9 +10,9 @@ from resgrid.core.compiler import compile_space
 from resgrid.core.netlist import Netlist
 from resgrid.errors import BudgetError, CircuitError, InputError
 from resgrid.solvers import method_choice as methods
-from resgrid.solvers.decay_estimate import WHOLE_STEPS, foresee_decades
+from resgrid.solvers.decay_estimate import STRAIGHTNESS, estimate_decades
 from resgrid.solvers.factors import factor_multigrid
-from resgrid.solvers.laplacian import count_connections
+from resgrid.solvers.laplacian import conductance_statistics
 from resgrid.solvers.multigrid import graph_coarsening
 from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.symbolic import order_by_distance
@@ -22,7 +22,7 @@ BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance
 
 def foreseen_decades(system: Equations) -> float:
     """By how many decades the potential of a circuit falls, about."""
-    return foresee_decades(system.laplacian, count_connections(system.laplacian))
+    return estimate_decades(system.laplacian, conductance_statistics(system.laplacian))
 
 
 def blocks(shape: tuple[int, ...], seed: int, share: float = 0.2) -> np.ndarray:
@@ -160,7 +160,7 @@ def test_decades_are_foreseen_along_corridors_behind_walls_of_any_resistance(wid
     netlist = compile_space(space_of(corridor), boundary="wall", resistance=1.0, wall_resistance=wall)
     log_drop = solve(netlist, method="direct").log_drop
     decades = -log_drop[np.isfinite(log_drop)].min() / np.log(10.0)
-    assert 0.7 < foreseen_decades(assemble(netlist)) / WHOLE_STEPS / decades < 1.8
+    assert 0.7 < foreseen_decades(assemble(netlist)) / STRAIGHTNESS / decades < 1.8
 
 
 def test_potentials_that_walls_hold_up_take_multigrid() -> None:

@@ -64,7 +64,7 @@ def test_what_lies_along_a_slit_is_found_from_what_flows_in(length: int) -> None
     wrong[rows], exponent[rows] = -1e-13, 0
     left = np.zeros(system.size)
     left[np.random.default_rng(1).choice(rows, len(rows) // 2, replace=False)] = 1.0
-    found = refinement.few_rows(system.laplacian, left, Scaled(wrong, np.zeros_like(wrong), exponent), current)
+    found = refinement.resolve_rows(system.laplacian, left, Scaled(wrong, np.zeros_like(wrong), exponent), current)
     assert found is not None
     np.testing.assert_allclose(found.log, exact.log, rtol=0, atol=1e-11)
 
@@ -80,5 +80,5 @@ def test_rows_without_a_digit_are_found_anew(monkeypatch: pytest.MonkeyPatch) ->
     assert direct.log_drop is not None
     assert point.log_drop[np.isfinite(point.log_drop)].min() < -150 * np.log(10.0)
     np.testing.assert_allclose(point.log_drop, direct.log_drop, rtol=0, atol=point.entry_error, equal_nan=True)
-    monkeypatch.setattr(refinement, "few_rows", lambda *_: None)
+    monkeypatch.setattr(refinement, "resolve_rows", lambda *_: None)
     assert point.iterations < 0.5 * solve(netlist, method="multigrid").iterations

@@ -138,5 +138,5 @@ def test_what_lower_parts_leave_of_values_that_are_gone_is_right() -> None:
     none, hi, lo, left = np.zeros(2, np.int64), np.zeros(2), np.array([0.0, 5e-324]), np.ones(2)
     matrix = Graph(indptr, indices, one, one)
     found = refinement.imbalance(matrix, (np.zeros(2), none), Scaled(hi, lo, none), (left, none.copy()), floor=1e-20)
-    assert (found.backward, found.left, found.log_size) == (0.0, 0.0, -np.inf)
+    assert (found.backward, found.unconverged, found.log_size) == (0.0, 0.0, -np.inf)
     assert not left.any()

@@ -1,7 +1,7 @@
 """Threads inside one solve: the same digits, whatever their number, and nothing left behind when it ends early."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -12,13 +12,24 @@ from numpy.typing import NDArray
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.solvers import llvm_intrinsics
+from resgrid.solvers import llvm_intrinsics, method_choice
 from resgrid.solvers.multigrid import hierarchy, krylov, levels
 from resgrid.solvers.multigrid.levels import Slab
 from resgrid.solvers.threads import ThreadTeam
 
 SHAPES = [(448, 384), (56, 64, 48)]
 WIRINGS = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2e4}]
+
+
+ROWS = dict(method_choice.THREADED_ROWS)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def small_problems_use_threads() -> Iterator[None]:
+    """Use several threads for small problems, too."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(method_choice, "THREADED_ROWS", dict.fromkeys(ROWS, 0))
+        yield
 
 
 def room(shape: tuple[int, ...], seed: int, *, rings: bool = False) -> rg.ConfigurationSpace:
@@ -152,15 +163,33 @@ def test_a_helper_without_a_core_is_not_waited_for() -> None:
         release, done = threading.Event(), []
         assert team._pool is not None
         blocked = team._pool.submit(release.wait)
-        team.share(done.append, 5)
+        team.run_parts(done.append, 5)
         assert sorted(done) == [0, 1, 2, 3, 4]
         release.set()
         assert blocked.result()
 
 
-def test_threads_help_nothing_small() -> None:
-    netlist = rg.compile_space(room((40, 40), 3))
-    assert_same(rg.solve(netlist), rg.solve(netlist, threads=4))
+@pytest.mark.parametrize("shape", [(40, 40), (300, 300), (48, 48, 48)])
+def test_problems_that_threads_do_not_speed_up_use_one(shape: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(method_choice, "THREADED_ROWS", ROWS)
+    netlist = rg.compile_space(room(shape, 3), boundary="neumann")
+    alone, four = (rg.solve(netlist, accuracy="normwise", threads=threads) for threads in (1, 4))
+    assert alone.threads == four.threads == 1
+    assert_same(alone, four)
+
+
+@pytest.mark.parametrize(("shape", "threads"), [((600, 500), 2), ((3, 400, 300), 1), ((84, 84, 84), 2)])
+def test_large_grids_use_all_threads(shape: tuple[int, ...], threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(method_choice, "THREADED_ROWS", ROWS)
+    cell = np.zeros(shape, dtype=np.uint8)
+    cell[(0,) * len(shape)] = rg.Cell.GOAL
+    netlist = rg.compile_space(space_of(cell), boundary="neumann")
+    assert rg.solve(netlist, accuracy="normwise", method="multigrid", threads=2).threads == threads
+
+
+def test_the_direct_method_uses_one_thread() -> None:
+    netlist = rg.compile_space(room((60, 60), 3), boundary="wall", wall_resistance=2e4)
+    assert rg.solve(netlist, method="direct", threads=2).threads == 1
 
 
 @pytest.mark.parametrize("shape", [(26, 25, 24), (40, 41)])
@@ -177,7 +206,7 @@ def test_digits_do_not_depend_on_who_takes_a_job_first(shape: tuple[int, ...], m
         for number in reversed(range(parts)):
             part(number)
 
-    monkeypatch.setattr(ThreadTeam, "share", backwards)
+    monkeypatch.setattr(ThreadTeam, "run_parts", backwards)
     assert_same(one, rg.solve(netlist, method="multigrid", threads=2))
 
 

@@ -1,11 +1,11 @@
-"""The K-cycle over a packed hierarchy: red-black grids, then graphs in compressed rows (Notay & Vassilevski 2008).
+"""The K-cycle: visits of red-black grids, then of graphs in compressed rows (Notay & Vassilevski 2008).
 
-One visit of a level smooths, restricts the residual, and takes the answer of the levels below for a direction.  The
-K-cycle makes of it one or two steps of flexible conjugate gradients.  A red-black grid is solved for its black nodes
-alone: red ones are eliminated exactly on the way down and put back on the way up.
+One visit of a level smooths, restricts the residual, and uses the solution of the lower levels as a search direction.
+The K-cycle combines one or two such directions by flexible conjugate gradients. A red-black grid is solved for its
+black nodes only: red nodes are eliminated exactly on the way down, and back-substituted on the way up.
 
-Sweeps over grids run slab by slab, on one thread or several (`sweeps`): one thread leads, and the others help where
-there is a part to be done (`resgrid.solvers.llvm_intrinsics`).
+Sweeps over grids run slab by slab, on one thread or several (`sweeps`). One thread leads; the others process slabs of
+large levels (`resgrid.solvers.llvm_intrinsics`).
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from resgrid.solvers.multigrid.graph_sweeps import (
 )
 from resgrid.solvers.multigrid.levels import Row, combine, copy, slab_of, take_step
 from resgrid.solvers.multigrid.sweeps import (
+    BACK_SUBSTITUTE,
     CLEAR,
     COMBINE,
     ELIMINATE,
     MULTIPLY,
-    PUT_BACK,
-    RAISE,
+    PROLONG,
     RELAX,
     RESTRICT,
-    TAKE,
+    STEP,
 )
 from resgrid.solvers.scaled import Floats, Integers, Singles
 
@@ -44,7 +44,7 @@ Table = NDArray[Any]
 """Rows of `levels.GRID`, shape (levels,)."""
 
 ENOUGH = 0.07
-"""Residual after the first step of a K-cycle on the first coarse level that spares the second."""
+"""Relative residual after the first step of a K-cycle on the first coarse level that skips the second step."""
 
 
 def precondition_graph(
@@ -63,8 +63,8 @@ def precondition_graph(
 def run_cycle(graphs: Graphs, work: SweepBuffers, stop: float, top: int) -> None:
     """Approximate ``x = A^-1 b`` on level ``top`` of a netlist's graphs by K-cycles.
 
-    The second step is spared where the first has brought the residual under ``stop`` times the right-hand side, twice
-    that on every level further down; an infinite ``stop`` spares both.
+    The second step is skipped if the first reduces the residual below ``stop`` times the right-hand side, and below
+    twice that fraction on every further level down. An infinite ``stop`` skips both.
     """
     _run_cycle(graphs, work, stop, top, len(graphs.first) > 2 or None, None)
 
@@ -72,10 +72,10 @@ def run_cycle(graphs: Graphs, work: SweepBuffers, stop: float, top: int) -> None
 def precondition_grid(
     table: Table, state: Integers, graphs: Graphs, work: SweepBuffers, stop: float
 ) -> tuple[float, float, float]:
-    """Precondition a residual over a grid's black cells, and multiply by their Schur complement.
+    """Precondition the residual of a grid's black cells, and multiply by their Schur complement.
 
-    Returns ``z.r, z.w, z.s``, of the finest level's vectors.  ``stop``: as of `run_cycle`; others may help
-    (`help_sweep`).
+    Returns ``z.r, z.w, z.s`` of the finest level's vectors. ``stop``: relative residual that skips second steps (see
+    `run_cycle`). Other threads may help (`help_sweep`).
     """
     return _precondition_grid(table, state, graphs, work, stop, len(graphs.first) > 2 or None)
 
@@ -84,10 +84,11 @@ def precondition_grid(
 def _precondition_grid(
     table: Table, state: Integers, graphs: Graphs, work: SweepBuffers, stop: float, on_graphs: bool | None
 ) -> tuple[float, float, float]:
+    """Kernel of `precondition_grid`; ``on_graphs`` is None if no visits of graphs are to be compiled."""
     flags = flush_subnormals()
-    _begin(table, state)
+    _restrict_finest(table, state)
     _run_within(graphs, work, stop, 0, on_graphs, (table, state))
-    products = finish_grid(table, state, ZERO, ZERO)
+    products = ascend_grid(table, state, ZERO, ZERO)
     llvm_intrinsics.end_jobs(state)
     restore_subnormals(flags)
     return products
@@ -102,10 +103,10 @@ def _run_within(
     on_graphs: bool | None,
     on_grids: tuple[Table, Integers] | None,
 ) -> None:
-    """`run_cycle`, on the grids below the finest one as well.
+    """Run K-cycles on graphs, and on the grids below the finest one.
 
-    Where there are no grids, or no graphs but the last one, None: their visits are not compiled then.  The recursion is
-    written as a loop, since compiled recursive functions cannot be kept on disk.
+    ``on_grids`` or ``on_graphs`` is None if there are no grids, or no graphs except the coarsest: their visits are then
+    not compiled. The recursion is written as a loop, since numba cannot cache recursive functions.
     """
     flags = flush_subnormals()
     count = len(on_grids[0]) - 1 if on_grids is not None else 0
@@ -138,18 +139,22 @@ def _visit_graph(
     graphs: Graphs, vectors: tuple[Singles, Singles, Singles, Singles, Singles, Singles], level: int,
     visit: tuple[int, Floats], stop: float,
 ) -> bool:  # fmt: skip
-    """As `_visit_grid`, of a graph; ``vectors``: as of `SweepBuffers`, from the first node on."""
+    """Process a graph at the first, second or third visit; returns whether it is solved.
+
+    ``vectors``: arrays of `SweepBuffers`, from the first node on; ``visit``: number of the visit, and products of the
+    first step.
+    """
     b, x, c, v, w, change = vectors
     if visit[0] > 0:
         a, e = graphs.first[level], graphs.first[level + 1]
         r, z, first, product = b[a:e], x[a:e], c[a:e], v[a:e]
         products = ascend_graph(graphs, level, b, x, product, change, product if visit[0] == 1 else w[a:e])
-        going_on, (on_c, on_z) = _step(visit, products, stop)
-        if going_on:
+        continues, (on_c, on_z) = _step(visit, products, stop)
+        if continues:
             before, after = take_step(r, product, np.float32(on_c), ZERO, len(r))
             copy(z, ZERO, len(z), first)
-            going_on = after > stop * stop * before
-        if not going_on:
+            continues = after > stop * stop * before
+        if not continues:
             combine(z, first, np.float32(on_c), np.float32(on_z), ZERO, len(z), z)
             return True
     descend_graph(graphs, level, b, x)
@@ -160,9 +165,10 @@ def _visit_graph(
 def _step(
     visit: tuple[int, Floats], products: tuple[float, float, float], stop: float
 ) -> tuple[bool, tuple[float, float]]:
-    """Of a K-cycle (Notay & Vassilevski 2008): whether its first step is to be taken, or else it ends, and shares.
+    """Compute the step of a K-cycle (Notay & Vassilevski 2008).
 
-    These are what the first and the second direction have in the answer.
+    Returns whether the first step is to be taken, and its length; otherwise the coefficients of the first and the
+    second direction in the solution.
     """
     (count, first), (rest, product, gamma) = visit, products
     if count > 1:
@@ -178,9 +184,9 @@ def _step(
 
 @inner
 def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) -> tuple[float, float, float]:
-    """Sweep over a level, together with whoever helps where it is cut; returns what is summed over its slabs.
+    """Sweep over a level, with other threads if it is divided into slabs; returns sums over its slabs.
 
-    What couplings carry follows behind all slabs.
+    Couplings are added after all slabs.
     """
     level, part = table[number], ZERO
     if level.parts > 1:
@@ -195,24 +201,24 @@ def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) ->
     if level.parts > 1:
         llvm_intrinsics.wait_for(state, level.parts)
     first, second, third = 0.0, 0.0, 0.0
-    if kind >= TAKE:
+    if kind >= STEP:
         sums = doubles(level.sums, 3 * level.blocks)
         for k in range(0, len(sums), 3):
             first, second, third = first + sums[k], second + sums[k + 1], third + sums[k + 2]
     if ELIMINATE <= kind <= RELAX or kind == MULTIPLY:
-        second -= sweeps.follow_couplings(level, kind, singles(_product(level, visit), level.slots))
+        second -= sweeps.add_couplings(level, kind, singles(_product(level, visit), level.slots))
     return first, second, third
 
 
 @inner
 def _product(level: Row, visit: int) -> int:
-    """Where the product of a visit's answer goes."""
+    """Return the address of the product for a visit."""
     return int(level.s if visit == 1 else level.w)
 
 
 @kernel
 def help_sweep(table: Table, state: Integers) -> None:
-    """Sweep over slabs for the thread that leads, until it has no more."""
+    """Process slabs for the leading thread until no job follows."""
     flags = flush_subnormals()
     while True:
         part = llvm_intrinsics.await_part(state)
@@ -227,54 +233,54 @@ def help_sweep(table: Table, state: Integers) -> None:
 
 @inner
 def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
-    """A slab's part of a sweep."""
+    """Sweep over one slab."""
     slab, parts = slab_of(level, part), level.parts
-    if kind == CLEAR or kind == ELIMINATE or kind == TAKE:  # noqa: PLR1714, SIM109 (compiles in half the time)
-        below_fed = singles(level.below_fed, level.below_slots)
-        for k in range(part * len(below_fed) // parts, (part + 1) * len(below_fed) // parts):
-            below_fed[k] = 0.0
+    if kind == CLEAR or kind == ELIMINATE or kind == STEP:  # noqa: PLR1714, SIM109 (compiles in half the time)
+        below_rhs = singles(level.below_rhs, level.below_slots)
+        for k in range(part * len(below_rhs) // parts, (part + 1) * len(below_rhs) // parts):
+            below_rhs[k] = 0.0
     if ELIMINATE <= kind <= RELAX:
-        sweeps.feed_black(level, kind, slab)
+        sweeps.sweep_black(level, kind, slab)
     elif kind == MULTIPLY:
         sweeps.multiply(level, slab, singles(_product(level, visit), level.slots))
-    elif kind == PUT_BACK:
-        sweeps.put_back(level, slab)
+    elif kind == BACK_SUBSTITUTE:
+        sweeps.back_substitute(level, slab)
     elif kind > CLEAR:
-        sweeps.pass_over(level, kind, slab)
+        sweeps.update_slots(level, kind, slab)
 
 
 @inner
 def _visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Floats], stop: float) -> bool:
-    """Come to a grid for the first, second or third time; returns whether it is solved, or the next level is due.
+    """Process a grid at the first, second or third visit; returns whether it is solved, or the next level is due.
 
-    Coming from above, red nodes are eliminated; from below, the next level's answer is a direction; each time the level
-    is relaxed from zero, and the residual summed into the next level.
+    At the first visit red nodes are eliminated. At later visits the next level's solution is a search direction. Unless
+    the grid is solved, its relaxed residual is restricted to the next level.
     """
-    count, going_on = visit[0], True
+    count, continues = visit[0], True
     if count == 0:
         _sweep(table, state, ELIMINATE, number, count)
     else:
-        products, shares = finish_grid(table, state, number, count), doubles(table[number].shares, 2)
-        going_on, (shares[0], shares[1]) = _step(visit, products, stop)
-        if going_on:
-            before, after, _ = _sweep(table, state, TAKE, number, count)
-            going_on = after > stop * stop * before
-        if not going_on:
+        products, coefficients = ascend_grid(table, state, number, count), doubles(table[number].coefficients, 2)
+        continues, (coefficients[0], coefficients[1]) = _step(visit, products, stop)
+        if continues:
+            before, after, _ = _sweep(table, state, STEP, number, count)
+            continues = after > stop * stop * before
+        if not continues:
             _sweep(table, state, COMBINE, number, count)
-    _sweep(table, state, RESTRICT if going_on else PUT_BACK, number, count)
-    return not going_on
+    _sweep(table, state, RESTRICT if continues else BACK_SUBSTITUTE, number, count)
+    return not continues
 
 
 @inner
-def finish_grid(table: Table, state: Integers, number: int, visit: int) -> tuple[float, float, float]:
-    """Add the next level's answer, relax, and multiply; returns ``z.r``, ``z.w`` and ``z.s``."""
-    for kind in (RAISE, RELAX):
+def ascend_grid(table: Table, state: Integers, number: int, visit: int) -> tuple[float, float, float]:
+    """Add the next level's solution, relax, and multiply; returns ``z.r``, ``z.w`` and ``z.s``."""
+    for kind in (PROLONG, RELAX):
         _sweep(table, state, kind, number, visit)
     return _sweep(table, state, MULTIPLY, number, visit)
 
 
 @inner
-def _begin(table: Table, state: Integers) -> None:
+def _restrict_finest(table: Table, state: Integers) -> None:
     """Restrict the finest level's relaxed residual."""
     for kind in (CLEAR, RESTRICT):
         _sweep(table, state, kind, ZERO, ZERO)

@@ -1,8 +1,8 @@
-"""Graphs of conductances below grids, and of netlists: coarsened, and laid one behind the other for the compiled cycle.
+"""Coarsen graphs of conductances, below grids and of netlists, and store all levels for the compiled cycle.
 
-Aggregates are grown node by node along the strongest conductances, so that they never join across a wall.  A graph is
-renumbered by colour, so that neighbouring rows of a sweep do not wait for one another, and within a colour by length in
-windows: the ends of its loops can then be foreseen, which is half of the time.
+Aggregates are grown node by node along the strongest conductances, so that they never cross a wall. A graph is
+renumbered by colour, so that neighbouring rows of a sweep are independent. Within a colour, rows are sorted by length
+in windows: the processor then predicts the ends of inner loops, which saves half of the time.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ _COARSEST = 250
 _MOST_LEVELS = 40
 _LEAST_SHRINKAGE = 0.98
 _MEMBERS = 4
-"""Nodes of an aggregate that is grown."""
+"""Maximum number of nodes of an aggregate."""
 
 _CLUSTERS_SHRINK = 0.7
-"""Share of nodes above which aggregates are grown along weak conductances, too."""
+"""Ratio of aggregates to nodes above which aggregates are also grown along weak conductances."""
 
 _WEAK = 0.2
-"""Share of its conductances (or of the first node's) by which a node must hang on an aggregate to join it."""
+"""Smallest fraction of a node's conductances (or of the first node's) to an aggregate that it may join."""
 
 _BESIDE_STRONGEST = 0.7
-"""It may join, too, if it hangs on it by so much of the first node's strongest conductance."""
+"""A conductance to the aggregate of this fraction of the first node's strongest conductance also suffices."""
 
 _FAR = 0.5
-"""Share of neighbours numbered far apart above which a graph is renumbered before anything else."""
+"""Fraction of neighbours numbered far apart above which a graph is renumbered."""
 
 _WINDOW = 4096
 _LARGEST_INVERSE = 2000
 
 _LONG = 31
-"""Longer rows count as one length."""
+"""Row length from which rows are not distinguished when sorting by length."""
 
 _ONE = np.uint64(1)
 
@@ -48,7 +48,7 @@ _TAKEN, _NONE = np.float32(-1.0), np.float32(0.0)
 def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
     """Coarsen a graph until it is small, or does not shrink any more.
 
-    Returns all graphs, and the node of the next one that every node belongs to, shape (n,) each.
+    Returns all graphs, and the node of the next graph to which every node belongs, shape (n,) each.
     """
     graph = graph._replace(conductance=graph.conductance.astype(np.float32, copy=False))
     graphs, targets = [graph], list[Indices]()
@@ -58,7 +58,7 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
             aggregate, count = grow_aggregates(graph, _MEMBERS, False)
         if count > _LEAST_SHRINKAGE * graph.size:
             break
-        graph = Graph(*sum_up(graph, aggregate, count))
+        graph = Graph(*aggregate_graph(graph, aggregate, count))
         graphs.append(graph)
         targets.append(aggregate)
     return graphs, targets
@@ -68,12 +68,12 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
 @kernel
 @makes_arrays
 def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int]:
-    """Aggregates of up to ``most`` nodes, grown one by one.
+    """Partition the nodes into aggregates of up to ``most`` nodes; returns every node's aggregate, and their number.
 
-    From the first node that is still alone an aggregate takes in, again and again, the neighbour that hangs on it most:
-    by the greatest sum of conductances, over the root of all that the neighbour has.  A node that finds no free
-    neighbour joins the aggregate at the other end of its strongest conductance.  Unless ``strict``, weak conductances
-    count, too, and an aggregate is never full, so that only nodes without neighbours stay alone.
+    An aggregate starts with the first node that is still alone. It repeatedly takes in the neighbour with the greatest
+    sum of conductances to it, divided by the square root of the neighbour's total. A node without a free neighbour
+    joins the aggregate at the other end of its strongest conductance. Unless ``strict``, weak conductances count too,
+    and the size of aggregates is not limited, so that only nodes without neighbours stay alone.
     """
     (indptr, indices, conductance, leak), n = graph, len(graph.leak)
     degree, scale, strongest = _degrees(indptr, conductance, leak)
@@ -128,7 +128,7 @@ def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int
 @inner
 @makes_arrays
 def _degrees(indptr: Indices, conductance: Singles, leak: Floats) -> tuple[Floats, Singles, Floats]:
-    """All conductances of a node summed, one over the root of that, and the strongest one."""
+    """Return the sum of all conductances of every node, its reciprocal square root, and the strongest conductance."""
     n = len(leak)
     degree, scale, strongest = np.empty(n), np.empty(n, np.float32), np.empty(n)
     for i in range(n):
@@ -143,7 +143,7 @@ def _degrees(indptr: Indices, conductance: Singles, leak: Floats) -> tuple[Float
 
 @inner
 def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: Indices, node: int) -> int:
-    """The aggregate at the other end of a node's strongest conductance; -1 where it has none."""
+    """Return the aggregate at the other end of a node's strongest conductance; -1 without neighbours."""
     best, host = 0.0, -1
     for k in range(indptr[node], indptr[node + 1]):
         if conductance[k] > best:
@@ -154,8 +154,8 @@ def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: In
 @interruptible
 @kernel
 @makes_arrays
-def sum_up(graph: Graph, aggregate: Indices, count: int) -> tuple[Indices, Indices, Singles, Floats]:
-    """Sum conductances between aggregates, and leaks within them; rows come out unsorted."""
+def aggregate_graph(graph: Graph, aggregate: Indices, count: int) -> tuple[Indices, Indices, Singles, Floats]:
+    """Sum conductances between aggregates, and leaks within them; rows are not sorted."""
     (indptr, indices, conductance, leak), n = graph, len(graph.leak)
     start = np.zeros(count + 1, np.int32)
     for node in range(n):
@@ -190,13 +190,13 @@ def sum_up(graph: Graph, aggregate: Indices, count: int) -> tuple[Indices, Indic
 
 
 def pack_netlist(rows: Rows, ground: Floats, unit: float) -> tuple[Graphs, NDArray[np.int32]]:
-    """Coarsen what is no grid, in units, and lay out its levels; returns where every row stands, shape (n,).
+    """Coarsen and store a graph that is not a grid, in units; returns the position of every row, shape (n,), too.
 
-    Where neighbours are numbered far apart, rows are renumbered.  One that does not shrink stands twice.
+    Rows are renumbered if neighbours are numbered far apart. A graph that does not shrink is stored twice.
     """
     conductance = np.divide(rows.data, unit, out=np.empty(len(rows.data), np.float32), casting="same_kind")
     graph, number = Graph(rows.indptr, rows.indices, conductance, ground / unit), None
-    if ordering.far_share(rows.indptr, rows.indices) > _FAR:
+    if ordering.far_fraction(rows.indptr, rows.indices) > _FAR:
         moved, number = ordering.renumber(*graph)
         graph = Graph(*moved)
     graphs, targets = coarsen_down(graph)
@@ -207,9 +207,9 @@ def pack_netlist(rows: Rows, ground: Floats, unit: float) -> tuple[Graphs, NDArr
 
 
 def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[Graphs, NDArray[np.int32]]:
-    """Lay graphs, and what their nodes belong to, one behind the other; the last one is inverted.
+    """Concatenate graphs and their aggregates; the last matrix is inverted.
 
-    Returns where every node of the first one stands, shape (n,).
+    Returns the position of every node of the first graph, shape (n,), too.
     """
     first = np.cumsum([0, *(graph.size for graph in graphs)])
     entry = np.cumsum([0, *(len(graph.indices) for graph in graphs)])
@@ -240,9 +240,9 @@ def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[
 
 
 def inverse_matrix(graph: Graph) -> NDArray[np.float32]:
-    """Inverse of the last level's matrix; empty where it did not shrink, as nodes without neighbours do not.
+    """Return the inverse of the last level's matrix; empty if the matrix is too large.
 
-    Its diagonal is made 1, and then a little larger so that it has an inverse.
+    The matrix is scaled to a diagonal of 1, slightly enlarged so that it is not singular.
     """
     n = graph.size
     if n > _LARGEST_INVERSE:
@@ -256,21 +256,21 @@ def inverse_matrix(graph: Graph) -> NDArray[np.float32]:
 
 
 def inverse_of(order: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Where every element of a permutation stands."""
+    """Return the inverse of a permutation."""
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order), dtype=order.dtype)
     return rank
 
 
 def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
-    """The nodes by colour; in windows of each colour by the length of their rows, then by how many come before.
+    """Order nodes by colour; in windows of each colour by row length, then by the number of earlier neighbours.
 
-    Colours are given greedily in the order of the nodes: each takes the first that its neighbours do not have.  From
-    the 64th on neighbours may share one.
+    Colours are assigned greedily in the order of the nodes: the first one that no neighbour has. From the 64th on,
+    neighbours may have equal colours.
     """
     colour, earlier = _colours(indptr, indices)
     key = np.minimum(np.diff(indptr), _LONG) * (_LONG + 1) + np.minimum(earlier, _LONG)
-    # Whole numbers of 16 bits are sorted in linear time.
+    # numpy sorts 16-bit integers in linear time.
     colour, key = colour.astype(np.uint16), key.astype(np.uint16)
     nodes, order = np.argsort(colour, kind="stable").astype(np.int32), list[Indices]()
     for of_colour in np.split(nodes, np.cumsum(np.bincount(colour))):
@@ -283,7 +283,7 @@ def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
 @kernel
 @makes_arrays
 def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, Indices]:
-    """Greedy colours, and how many neighbours of every node have an earlier one."""
+    """Return greedy colours, and the number of neighbours of an earlier colour."""
     n = len(indptr) - 1
     bit, colour, earlier = np.zeros(n, np.uint64), np.empty(n, np.int32), np.zeros(n, np.int32)
     for i in range(n):
@@ -304,11 +304,11 @@ def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, Indices]:
 
 @kernel
 def lay_rows(graph: Graph, rank: Indices, begin: Integers, first: int, packed: Graphs) -> None:
-    """Write the rows of a level behind those before it: earlier neighbours first, the others from ``middle`` on.
+    """Write the rows of a level after those of earlier levels: earlier neighbours first, the others from ``middle`` on.
 
-    They are read as they come, for to wait for what is read takes longer than to write here and there.
+    Rows are read in order and written at random, since reads at random would stall longer than writes.
 
-    Shapes: `begin` (n,): where the row of every slot begins.
+    Shapes: `begin` (n,): begin of the row of every slot.
     """
     indptr, indices, conductance, leak = graph
     for i in range(len(rank)):

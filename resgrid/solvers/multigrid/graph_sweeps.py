@@ -1,4 +1,4 @@
-"""Gauss-Seidel over packed graphs: the way down from a level to the next, the way up, and the last one."""
+"""Gauss-Seidel sweeps over graphs: restriction to the next level, prolongation from it, and the coarsest solve."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from resgrid.solvers.llvm_intrinsics import flush_subnormals, restore_subnormals
 from resgrid.solvers.scaled import Floats, Integers, Singles
 
 Unsigned = NDArray[np.uint32]
-"""Indices without a sign: compiled code need not ask whether one counts from the end."""
+"""Unsigned indices: compiled code does not check for negative ones, which count from the end."""
 
 
 _MOST_LEVELS = 64
-"""Of a hierarchy: nobody has nodes for more."""
+"""Maximum number of levels."""
 
 
 class Graphs(NamedTuple):
-    """Graphs in compressed rows, without diagonal, one behind the other; nodes and entries count over all levels.
+    """All graphs of a hierarchy in concatenated compressed rows, without diagonals.
 
-    Nodes of level ``l`` stand at ``first[l] ... first[l + 1]``.
+    Nodes of level ``l`` are ``first[l] ... first[l + 1]``; nodes and entries are counted over all levels.
 
-    `first` (levels + 1,); `indptr` (nodes + 1,); `middle` (nodes,): where in a row the neighbours begin that come
-    after it; `indices, conductance` (entries,); `leak` (nodes,): to known voltages; `degree, inverse` (nodes,):
-    the diagonal, and of it; `aggregate` (nodes,): node of the next level; `coarsest`: inverse of the last level's
-    matrix; empty where its diagonal must do.
+    `first` (levels + 1,); `indptr` (nodes + 1,); `middle` (nodes,): begin of the later neighbours in a row; `indices,
+    conductance` (entries,); `leak` (nodes,): conductance to known voltages; `degree, inverse` (nodes,): the diagonal,
+    and its reciprocal; `aggregate` (nodes,): node of the next level; `coarsest`: inverse of the last level's matrix;
+    empty if its diagonal is used instead.
     """
 
     first: Integers
@@ -43,11 +43,11 @@ class Graphs(NamedTuple):
 
 
 class SweepBuffers(NamedTuple):
-    """Work space of one solve, over the nodes of all graphs.
+    """Work arrays of one solve, over the nodes of all graphs.
 
-    `b, x` (1 + nodes,): currents and voltages, behind those of nothing; `c, v, w` (nodes,): first direction, and
-    products; `change` (nodes,): of the last sweep; `visits` (levels,), `first_steps` (levels, 2): of a K-cycle, how
-    often it has come to every level, and what the first step there was made of.
+    `b, x` (1 + nodes,): currents and voltages; entry 0 belongs to no node; `c, v, w` (nodes,): first direction, and
+    products; `change` (nodes,): of the last sweep; `visits` (levels,), `first_steps` (levels, 2): state of a K-cycle:
+    number of visits of every level, and products of the first step there.
     """
 
     b: Singles
@@ -61,7 +61,7 @@ class SweepBuffers(NamedTuple):
 
 
 def work_space(graphs: Graphs) -> SweepBuffers:
-    """Work space of its own, so that one hierarchy can serve several solves at a time."""
+    """Allocate work arrays; concurrent solves with one hierarchy need separate ones."""
     nodes = int(graphs.first[-1])
     (b, x), (c, v, w, change) = np.zeros((2, 1 + nodes), dtype=np.float32), np.zeros((4, nodes), dtype=np.float32)
     return SweepBuffers(b, x, c, v, w, change, np.zeros(_MOST_LEVELS, dtype=np.int64), np.zeros((_MOST_LEVELS, 2)))
@@ -69,10 +69,10 @@ def work_space(graphs: Graphs) -> SweepBuffers:
 
 @kernel
 def descend_graph(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
-    """Gauss-Seidel from zero, and the residual summed into the next level's right-hand side.
+    """Relax by Gauss-Seidel from zero, and sum the residual into the next level's right-hand side.
 
-    After the sweep row ``i`` lacks only its later neighbours: its residual is ``sum_{j > i} g_ij x_j``.  Loops run
-    over parts of arrays from zero on: a counter that is never negative needs no check.
+    After the sweep the residual of row ``i`` is ``sum_{j > i} g_ij x_j``, from its later neighbours only. Loops run
+    over slices from zero on: compiled code then omits checks for negative indices.
     """
     flags = flush_subnormals()
     begin, end = graphs.first[level], graphs.first[level + 1]
@@ -98,10 +98,10 @@ def descend_graph(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
 def ascend_graph(
     graphs: Graphs, level: int, b: Singles, x: Singles, s: Singles, change: Singles, y: Singles
 ) -> tuple[float, float, float]:
-    """Add the next level's answer, then Gauss-Seidel in the reverse order; ``y = A x``; returns ``x.b, x.y, x.s``.
+    """Add the next level's solution, relax in reverse order, and set ``y = A x``; returns ``x.b, x.y, x.s``.
 
-    Rows are differences first.  What the sweep leaves over of a row is due to the rounding of its own voltage and to
-    the changes of earlier rows, which came after it (Eisenstat 1981).  Shapes: `s, y` (nodes of the level,).
+    Rows are computed from differences. After the sweep the residual of a row comes from the rounding of its own voltage
+    and from the later changes of earlier rows (Eisenstat 1981). Shapes: `s, y` (nodes of the level,).
     """
     flags = flush_subnormals()
     begin, end = graphs.first[level], graphs.first[level + 1]
@@ -129,7 +129,7 @@ def ascend_graph(
 def _subtract_changes(
     graphs: Graphs, earlier: tuple[Unsigned, Unsigned], change: Singles, x: Singles, b: Singles, s: Singles, y: Singles
 ) -> tuple[float, float, float]:
-    """``y -= sum_{j < i} g_ij change_j``; returns ``x.b, x.y, x.s``; ``earlier``: where such begin and end in a row."""
+    """Set ``y -= sum_{j < i} g_ij change_j``; returns ``x.b, x.y, x.s``; ``earlier``: their ranges in rows."""
     g, j, (begin, end) = graphs.conductance, graphs.indices, earlier
     xb, xy, xs = 0.0, 0.0, 0.0
     for i in range(len(y)):
@@ -146,7 +146,7 @@ def _subtract_changes(
 
 @inner_fast
 def solve_coarsest(graphs: Graphs, b: Singles, x: Singles) -> None:
-    """The inverse of the last level's matrix times its right-hand side; without one, that of the diagonal."""
+    """Multiply the last level's right-hand side by the inverse of its matrix, or of its diagonal."""
     begin = graphs.first[len(graphs.first) - 2]
     own, mine, inverse = x[begin:], b[begin:], graphs.coarsest
     for i in range(len(graphs.inverse) - begin):

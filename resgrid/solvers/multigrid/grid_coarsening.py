@@ -1,4 +1,4 @@
-"""The next level of a grid: blocks of two cells along every axis, split into their connected parts."""
+"""Coarsen a grid: blocks of two cells along every axis, split into their connected parts."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from resgrid.solvers.scaled import Indices, Integers, Singles
 
 
 def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | None:
-    """Make the next level: blocks of two cells along every axis but those that conduct badly.
+    """Return the next level: blocks of two cells along every axis except those that conduct badly.
 
-    Returns the slot there of every slot's aggregate too, red ones first, shape (2, slots); 0 for unused slots.
+    Also returns the slot of every slot's aggregate there, red ones first, shape (2, slots); 0 for unused slots.
 
-    A block that falls apart, without its weak conductances, keeps one part on the grid; the others become extra nodes
-    beside it, reached by couplings.
+    If a block is disconnected without its weak conductances, one part stays on the grid; the others become extra nodes,
+    which are joined by couplings. None if parts of one colour are joined.
     """
     shift = (level.mean > WEAK * level.mean.max()).astype(np.int64)
     lattice = Lattice(tuple((n - 1 >> s) + 1 for n, s in zip(level.lattice.shape, shift.tolist(), strict=True)))
@@ -40,12 +40,12 @@ def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | N
     summed = sum_up(level, lattice, target, len(home))
     if summed is None:
         return None
-    edges, leak = _lengthened(*summed)
+    edges, leak = _with_block_resistance(*summed)
     return level_of(lattice, edges, leak, (red, black)), target
 
 
 def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray[np.int32]:
-    """The slot on the next lattice, red ones first, that every slot's block takes."""
+    """Return the slot on the next lattice, red ones first, of every slot's block."""
     fine, blocks = level.lattice, lattice.cells
     for axis, halved in enumerate(shift.tolist()):
         if halved:
@@ -59,7 +59,7 @@ def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray
 
 
 def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float) -> NDArray[np.int64]:
-    """Number the parts of blocks that fall apart, in place; returns the block that every extra node comes from."""
+    """Number the parts of disconnected blocks, in place; returns the block of every extra node."""
     edges = level.edges
     strongest = _strongest(edges) if weak else np.zeros((2, 1), dtype=np.float32)
     members, inner = np.zeros((2, 2 * lattice.slots), dtype=np.int32)
@@ -81,7 +81,7 @@ def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: floa
 
 
 def _strongest(edges: Edges) -> NDArray[np.float32]:
-    """Strongest conductance at every slot of both colours, shape (2, slots)."""
+    """Return the strongest conductance at every slot of both colours, shape (2, slots)."""
     strongest = np.zeros((2, edges.faces.shape[1]), dtype=np.float32)
     inside = slice(edges.margin, edges.faces.shape[1] - edges.margin)
     for face, away in zip(edges.faces[:, inside].astype(np.float32), edges.distance.tolist(), strict=True):
@@ -93,13 +93,13 @@ def _strongest(edges: Edges) -> NDArray[np.float32]:
     return strongest
 
 
-def _lengthened(
+def _with_block_resistance(
     edges: Edges, leak: NDArray[np.float64], inner: NDArray[np.float32]
 ) -> tuple[Edges, NDArray[np.float64]]:
-    """Conductances and leaks of a coarse grid that know length; takes over the faces.
+    """Put the resistance inside blocks in series with the summed conductances and leaks; modifies the faces in place.
 
-    From the middle of one block to the middle of the next lies half of either block's own resistance, in series with
-    what joins the two; a rail is reached through 0.15 times the block's.
+    Between the centres of two blocks lies half of either block's own resistance, in series with the conductance that
+    joins them. A rail is reached through 0.15 times the block's resistance.
     """
     slots = leak.shape[1]
     here = slice(edges.margin, slots - edges.margin)
@@ -112,39 +112,39 @@ def _lengthened(
     return edges._replace(couplings=off), _in_series(leak, inner.max(axis=0).reshape(2, slots), 0.15)
 
 
-def _in_series(conductance: NDArray[np.float64], inner: NDArray[np.float32], share: float) -> NDArray[np.float64]:
-    """Conductances in series with a share of what lies inside blocks, where there is some."""
+def _in_series(conductance: NDArray[np.float64], inner: NDArray[np.float32], fraction: float) -> NDArray[np.float64]:
+    """Return conductances in series with a fraction of the resistance inside blocks, if that is not 0."""
     own = inner.astype(np.float64)
-    return np.divide(own * conductance, own + share * conductance, out=conductance.copy(), where=own > 0.0)
+    return np.divide(own * conductance, own + fraction * conductance, out=conductance.copy(), where=own > 0.0)
 
 
 def sum_up(
     level: Level, lattice: Lattice, target: NDArray[np.int32], extras: int
 ) -> tuple[Edges, NDArray[np.float64], NDArray[np.float32]] | None:
-    """Sum the conductances between blocks, which have ``extras`` nodes beside the lattice.
+    """Sum the conductances between blocks, which have ``extras`` extra nodes.
 
-    Returns the sums, leaks (2, slots), and what lies inside blocks along every axis, shape (ndim, 2 slots); None if
-    parts of one block are joined by weak conductances: they have one colour.
+    Returns the sums, leaks (2, slots), and the conductance inside blocks along every axis, shape (ndim, 2 slots). None
+    if parts of one block are joined by weak conductances: they have the same colour.
     """
     sides = len(level.edges.faces)
-    room = len(level.edges.couplings) + extras * sides * 2 ** (sides // 2)
+    capacity = len(level.edges.couplings) + extras * sides * 2 ** (sides // 2)
     inner = np.zeros((sides // 2, 2 * lattice.slots), dtype=np.float32)
-    red, black, axis = np.empty((3, room), dtype=np.int32)
+    red, black, axis = np.empty((3, capacity), dtype=np.int32)
     faces, distance, margin = np.zeros((sides, lattice.slots)), lattice.distance, lattice.margin
-    coarse = Edges(faces, distance, margin, red, black, axis, np.empty(room))
+    coarse = Edges(faces, distance, margin, red, black, axis, np.empty(capacity))
     count = sum_blocks(level.edges, target, lattice.first_extra, coarse, inner)
     if count < 0:
         return None
     at, leak = np.flatnonzero(level.leak), np.zeros((2, lattice.slots))
     np.add.at(leak.ravel(), target.ravel()[at], level.leak.ravel()[at])
-    united = _united(red[:count], black[:count], axis[:count], coarse.couplings[:count])
+    united = _merge_couplings(red[:count], black[:count], axis[:count], coarse.couplings[:count])
     return Edges(faces, distance, margin, *united), leak, inner
 
 
-def _united(
+def _merge_couplings(
     red: NDArray[np.int32], black: NDArray[np.int32], axis: NDArray[np.int32], couplings: NDArray[np.float64]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-    """Couplings by red slots, those between the same two nodes summed."""
+    """Sort couplings by red slot, and sum those between the same two nodes."""
     order = np.lexsort((black, red))
     red, black, axis, couplings = red[order], black[order], axis[order], couplings[order]
     first = np.flatnonzero((np.diff(red, prepend=-1) != 0) | (np.diff(black, prepend=-1) != 0))
@@ -154,6 +154,7 @@ def _united(
 
 @inner
 def _joins(g: float, weak: float, strongest: Singles, red: int, black: int | np.uint64) -> bool:
+    """Return whether a conductance is not weak."""
     return weak == 0.0 or g >= weak * max(strongest[0, red], strongest[1, black])
 
 
@@ -163,7 +164,7 @@ def count_inside(
 ) -> None:
     """Count the members of all blocks, and the faces inside that conduct and are not weak.
 
-    Couplings do not count: those that close a ring of two cells join what a face joins already.
+    Couplings do not count: those across a ring of two cells join cells that a face joins already.
     """
     red_block, black_block, faces, distance = block[0], block[1], edges.faces, edges.distance
     for k in range(edges.margin, len(red_block) - edges.margin):
@@ -182,7 +183,7 @@ def count_inside(
 def join_inside(
     edges: Edges, block: Indices, weak: float, strongest: Singles, doubtful: NDArray[np.bool_], parent: Indices
 ) -> None:
-    """Join the members of doubtful blocks by the resistors inside that are not weak (union-find over both colours)."""
+    """Join the members of possibly disconnected blocks by the conductances inside that are not weak (union-find)."""
     faces, distance, margin, off_red, off_black, _, couplings = edges
     slots = faces.shape[1]
     for k in range(margin, faces.shape[1] - margin):
@@ -205,9 +206,10 @@ def join_inside(
 def split_blocks(
     doubtful: NDArray[np.bool_], parent: Indices, block: Indices, coarse_slots: int, extra_block: Integers
 ) -> int:
-    """Let the first part of a split block keep its slot, and number the others as extra nodes, in place.
+    """Let the first part of a disconnected block keep its slot, and number the others as extra nodes, in place.
 
-    Extra nodes are numbered from ``2 coarse_slots`` on, and ``extra_block`` notes the block each comes from.
+    Extra nodes are numbered from ``2 coarse_slots`` on; ``extra_block`` receives the block of each. Returns their
+    number.
     """
     flat = block.ravel()
     taken = np.zeros(len(doubtful), np.bool_)
@@ -234,7 +236,7 @@ def split_blocks(
 def sum_blocks(edges: Edges, target: Indices, first_extra: int, coarse: Edges, inner: Singles) -> int:
     """Sum the conductances between aggregates into the faces and couplings of the next grid.
 
-    ``inner`` of shape (ndim, 2 slots) receives what lies inside aggregates along every axis.  Returns the number of new
+    ``inner`` (ndim, 2 slots) receives the conductance inside aggregates along every axis. Returns the number of new
     couplings, or -1 if a resistor joins two parts of one colour.
     """
     faces, distance, _, off_red, off_black, off_axis, couplings = edges
@@ -255,7 +257,7 @@ def sum_blocks(edges: Edges, target: Indices, first_extra: int, coarse: Edges, i
             if red >= coarse_slots or black < 0:
                 return -1
             if red >= first_extra or black >= first_extra:
-                _note(coarse, count, red, black, axis, g)
+                _record(coarse, count, red, black, axis, g)
                 count += 1
                 continue
             # Where the red cell's block is black, the same face is the opposite one of the red block.
@@ -268,12 +270,13 @@ def sum_blocks(edges: Edges, target: Indices, first_extra: int, coarse: Edges, i
         red, black = min(a, b), max(a, b) - coarse_slots
         if red >= coarse_slots or black < 0:
             return -1
-        _note(coarse, count, red, black, axis, couplings[k])
+        _record(coarse, count, red, black, axis, couplings[k])
         count += 1
     return count
 
 
 @inner
-def _note(edges: Edges, k: int, red: Any, black: Any, axis: Any, conductance: float) -> None:
+def _record(edges: Edges, k: int, red: Any, black: Any, axis: Any, conductance: float) -> None:
+    """Write a coupling."""
     edges.off_red[k], edges.off_black[k] = red, black
     edges.off_axis[k], edges.couplings[k] = axis, conductance

@@ -1,4 +1,4 @@
-"""The equations of a grid laid out by colour: the level that grids and graphs are made from, and its kernels."""
+"""A grid's equations by colour: the level from which coarse grids and graphs are built, and its kernels."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from resgrid.solvers.multigrid.red_black import Edges, Lattice, Stencil
 from resgrid.solvers.scaled import Floats, Indices, Integers, Reals
 
 _TINY = 1e-300
-"""Keeps what is nothing in all from being divided by."""
+"""Avoids division by zero."""
 
 BLOCK = 2048
-"""Slots a pass takes at a time: what it touches stays in the first caches."""
+"""Number of slots that a kernel processes at a time: their data fit in the first caches."""
 
 
 WEAK = 0.1
-"""Share of a conductance below which another one is weak beside it."""
+"""Ratio below which a conductance is weak relative to another one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """A grid by colour, with what ties it to the rails.
+    """A grid by colour, with conductances to the rails.
 
-    `leak` (2, slots): conductance to the rails, of red and of black slots; `degree` (2, slots): all conductances at a
-    slot, summed; `mean` (ndim,): mean conductance along every axis, 0 where there is none; `uneven`: whether some
-    conductances are weak beside others; `extra_cell`: flat index of the cell of every extra node, red and black;
-    `size`: number of nodes.
+    `leak` (2, slots): conductance to the rails, of red and of black slots; `degree` (2, slots): sum of all conductances
+    at a slot; `mean` (ndim,): mean conductance along every axis, 0 without any; `uneven`: whether some conductances are
+    weak relative to others; `extra_cell`: flat index of the cell of every extra node, red and black; `size`: number of
+    nodes.
     """
 
     lattice: Lattice
@@ -51,10 +51,10 @@ def lay_out(
     excess: NDArray[np.float64],
     unit: float,
 ) -> tuple[Level, NDArray[np.int32]] | None:
-    """Colour a grid and bring the conductances of its faces in order.
+    """Colour a grid, and store its conductances by faces.
 
     Shapes: `pairs` (m, 2), `conductance` (m,), `row` (nodes,), `cells` (rows of cells) as the grid, `excess` (n,);
-    returns `slot` (n,).  None where it has no two colours, or more slots than can be numbered.
+    returns `slot` (n,). None if the grid has no two colours, or more slots than 32-bit indices can number.
     """
     if cells.ndim < 2:
         return None
@@ -71,15 +71,15 @@ def lay_out(
         return None
     tied = np.flatnonzero(excess)
     leak.ravel()[slot[tied]] = excess[tied] / unit
-    off = _rings(slot[row[pairs[rings[:count]]]], conductance[rings[:count]] / unit, lattice)
+    off = _ring_couplings(slot[row[pairs[rings[:count]]]], conductance[rings[:count]] / unit, lattice)
     empty = np.empty(0, dtype=np.int64)
     return level_of(lattice, Edges(faces, lattice.distance, lattice.margin, *off), leak, (empty, empty)), slot
 
 
-def _rings(
+def _ring_couplings(
     slot: NDArray[np.int32], conductance: NDArray[np.float64], lattice: Lattice
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-    """Red and black slots, axes and conductances of the resistors that close periodic axes, from pairs of slots."""
+    """Return red and black slots, axes and conductances of the resistors that close rings, from pairs of slots."""
     if not len(conductance):
         return *np.empty((3, 0), dtype=np.int32), conductance
     red, black = np.sort(slot, axis=1).T - np.array([[0], [lattice.slots]], dtype=np.int32)
@@ -92,20 +92,20 @@ def _rings(
 def level_of(
     lattice: Lattice, edges: Edges, leak: NDArray[np.float64], extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]]
 ) -> Level:
-    """A level with its degrees summed."""
-    degree, found = leak.copy(), np.full((len(edges.faces), 4), [0.0, 0.0, np.inf, 0.0])
-    sum_degrees(edges.faces, edges.distance, edges.margin, degree, found)
+    """Return a level, with its degrees computed."""
+    degree, statistics = leak.copy(), np.full((len(edges.faces), 4), [0.0, 0.0, np.inf, 0.0])
+    sum_degrees(edges.faces, edges.distance, edges.margin, degree, statistics)
     for colour, slot in enumerate((edges.off_red, edges.off_black)):
         np.add.at(degree[colour], slot, edges.couplings)
-    total, number = found[:, :2].reshape(-1, 2, 2).sum(axis=1).T
-    uneven = bool(found[:, 2].min() < WEAK * found[:, 3].max())
+    total, number = statistics[:, :2].reshape(-1, 2, 2).sum(axis=1).T
+    uneven = bool(statistics[:, 2].min() < WEAK * statistics[:, 3].max())
     return Level(
         lattice, edges, leak, degree, total / np.maximum(number, 1.0), uneven, extra_cell, int(np.count_nonzero(degree))
     )
 
 
 def stencil_of(level: Level) -> Stencil:
-    """A level for the compiled passes, in double precision."""
+    """Return the stencil of a level, in double precision."""
     edges = level.edges
     red, black = (np.empty_like(degree) for degree in level.degree)  # apart, for only one may stay
     for degree, inverse in zip(level.degree, (red, black), strict=True):
@@ -126,27 +126,27 @@ def stencil_of(level: Level) -> Stencil:
 
 
 def in_single(stencil: Stencil) -> Stencil:
-    """The same in single precision, but for its black diagonal; see `compensated`."""
+    """Return a stencil in single precision, except for its black diagonal (see `compensated`)."""
     names = ("faces", "couplings", "red_inverse", "black_inverse")
     return stencil._replace(**{name: getattr(stencil, name).astype(np.float32) for name in names})
 
 
 def compensated(level: Level, single: Stencil) -> NDArray[np.float64]:
-    """The black diagonal that makes up for the rounding of conductances and of the red diagonal's reciprocals.
+    """Return the black diagonal (slots,) that compensates the rounding of conductances and of red reciprocals.
 
-    ``S = D - G R G^T`` then leaks at every black slot exactly what it would without that rounding: its rows' sums are
-    those of the leaks, for red ones in the share ``leak / degree`` of the currents that pass them.  Products are right
-    to a few roundings of every conductance then, however smooth the vector.  Returns shape (slots,).
+    The row sums of ``S = D - G R G^T`` then equal the exact leaks: those of black slots, and those of red ones
+    multiplied by the fraction ``leak / degree`` of the currents through them. Products are therefore accurate to a few
+    rounding errors of every conductance, even for smooth vectors.
     """
-    share, degree = np.zeros(level.lattice.slots), np.array(level.leak[1])
-    np.add.at(share, single.off_red, single.couplings)
-    compensate(single, level.leak[0], share, degree)
-    np.add.at(degree, single.off_black, single.couplings * share[single.off_red])
+    fraction, degree = np.zeros(level.lattice.slots), np.array(level.leak[1])
+    np.add.at(fraction, single.off_red, single.couplings)
+    compensate(single, level.leak[0], fraction, degree)
+    np.add.at(degree, single.off_black, single.couplings * fraction[single.off_red])
     return degree
 
 
 def to_graph(level: Level) -> tuple[Graph, NDArray[np.int32]]:
-    """A level as a graph of conductances, red nodes first.  Returns `number` (2 slots,)."""
+    """Return a level as a graph of conductances, red nodes first, and the `number` (2 slots,) of every slot's node."""
     from scipy import sparse
 
     lattice, slots = level.lattice, level.lattice.slots
@@ -173,11 +173,11 @@ def fill_faces(
     pairs: Indices, conductance: Floats, row: Indices, slot: Indices, distance: Integers, scale: float, faces: Floats,
     couplings: Integers,
 ) -> int:  # fmt: skip
-    """Add every resistor between two unknowns to its red cell's face, and note those that lead elsewhere as couplings.
+    """Add every resistor between two unknowns to its red cell's face; list resistors that cross no face as couplings.
 
-    Returns the number of couplings, -1 if a resistor joins two cells of one colour or the couplings are too many.
+    Returns the number of couplings; -1 if a resistor joins two cells of one colour, or for too many couplings.
 
-    Resistors come axis by axis: most cross the face of the one before, or the opposite one.
+    Resistors come axis by axis: most cross the same face as the previous one, or the opposite face.
     """
     slots, count, face = faces.shape[1], 0, 0
     for k in range(len(pairs)):
@@ -208,7 +208,7 @@ def fill_faces(
 
 @inner
 def _face_at(distance: Integers, away: int) -> int:
-    """The face across which a black cell lies so far from a red one; -1 for none."""
+    """Return the face across which a black cell lies at a distance from a red one; -1 for none."""
     for q in range(len(distance)):
         if distance[q] == away:
             return q
@@ -217,9 +217,9 @@ def _face_at(distance: Integers, away: int) -> int:
 
 @kernel
 def place_rows(cells: Indices, lines: Integers, slots: int, slot: Indices) -> int:
-    """Slot of every row, from the rows of cells, line by line; returns how many there are, -1 if a row has two cells.
+    """Compute the slot of every row from the rows of cells; returns the number of rows, -1 if a row has two cells.
 
-    ``lines``: as `Lattice.lines`; ``slot`` comes -1, and stays so where a row has no cell.
+    ``lines``: see `Lattice.lines`; ``slot`` is -1 on entry, and remains so for a row without a cell.
     """
     count = 0
     for line in range(len(lines)):
@@ -234,10 +234,10 @@ def place_rows(cells: Indices, lines: Integers, slots: int, slot: Indices) -> in
 
 
 @kernel
-def sum_degrees(faces: Floats, distance: Integers, margin: int, degree: Floats, found: Floats) -> None:
+def sum_degrees(faces: Floats, distance: Integers, margin: int, degree: Floats, statistics: Floats) -> None:
     """Add the conductances of faces to the degrees (2, slots) at both of their ends.
 
-    ``found`` (faces, 4) receives the sum, the number, the least and the greatest of those that conduct.
+    ``statistics`` (faces, 4) receives the sum, number, minimum and maximum of the positive ones.
     """
     end = faces.shape[1] - margin
     for begin in range(margin, end, BLOCK):
@@ -245,22 +245,22 @@ def sum_degrees(faces: Floats, distance: Integers, margin: int, degree: Floats, 
         for q in range(len(distance)):
             add(faces, q, begin, count, degree[0], begin)
             add(faces, q, begin, count, degree[1], begin + distance[q])
-            _compare(faces[q, begin : begin + count], found[q])
+            _compare(faces[q, begin : begin + count], statistics[q])
 
 
 @inner_fast
-def _compare(conductance: Floats, found: Floats) -> None:
-    """Sum, number, least and greatest of the conductances that are not 0, besides those found before.
+def _compare(conductance: Floats, statistics: Floats) -> None:
+    """Update sum, number, minimum and maximum of the positive conductances.
 
-    What is positive compares as its bits do, in whole numbers, of which several at a time are compared.
+    Positive doubles are ordered like their bit patterns, which are compared as integers, several at a time.
     """
-    bits, extreme, one = conductance.view(np.uint64), found.view(np.uint64), np.uint64(1)
+    bits, extreme, one = conductance.view(np.uint64), statistics.view(np.uint64), np.uint64(1)
     total, count, least, greatest = 0.0, 0.0, extreme[2] - one, extreme[3]
     for i in range(len(conductance)):
         total += conductance[i]
         count += conductance[i] > 0.0
         least, greatest = min(least, bits[i] - one), max(greatest, bits[i])  # 0 becomes the largest one
-    found[0], found[1] = found[0] + total, found[1] + count
+    statistics[0], statistics[1] = statistics[0] + total, statistics[1] + count
     extreme[2], extreme[3] = least + one, greatest
 
 
@@ -274,23 +274,25 @@ def add(faces: Reals, q: int, begin: int, count: int, total: Floats, to: int) ->
 
 
 @kernel
-def compensate(stencil: Stencil, leak: Floats, share: Floats, degree: Floats) -> None:
-    """As `compensated`, but for couplings: share of the current towards red cells that comes out of them, and leaks.
+def compensate(stencil: Stencil, leak: Floats, fraction: Floats, degree: Floats) -> None:
+    """Compute the black diagonal of `compensated`, without couplings.
 
-    It is 1 but for the rounding of the reciprocal.  ``share`` comes as the conductances of couplings.
+    `fraction`: on entry the conductances of couplings; on exit the fraction of the current into red cells that leaves
+    them for black ones or leaks, 1 except for rounding of the reciprocal.
     """
-    faces, distance, end = stencil.faces, stencil.distance, len(share) - stencil.margin
+    faces, distance, end = stencil.faces, stencil.distance, len(fraction) - stencil.margin
     for begin in range(stencil.margin, end, BLOCK):
         count = min(BLOCK, end - begin)
         for q in range(len(distance)):
-            add(faces, q, begin, count, share, begin)
-        _turn_into_shares(share, leak, stencil.red_inverse, begin, count)
+            add(faces, q, begin, count, fraction, begin)
+        _to_fractions(fraction, leak, stencil.red_inverse, begin, count)
         for q in range(len(distance)):
-            _feed(faces, q, begin, count, share, degree, begin + distance[q])
+            _add_weighted(faces, q, begin, count, fraction, degree, begin + distance[q])
 
 
 @inner_fast
-def _turn_into_shares(conductance: Floats, leak: Floats, inverse: Reals, begin: int, count: int) -> None:
+def _to_fractions(conductance: Floats, leak: Floats, inverse: Reals, begin: int, count: int) -> None:
+    """Convert the sums of conductances at some red cells to fractions of their currents."""
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
@@ -298,16 +300,16 @@ def _turn_into_shares(conductance: Floats, leak: Floats, inverse: Reals, begin: 
 
 
 @inner_fast
-def _feed(faces: Reals, q: int, begin: int, count: int, share: Floats, total: Floats, to: int) -> None:
-    """Add ``g share`` across a face to the black neighbours of some red cells."""
+def _add_weighted(faces: Reals, q: int, begin: int, count: int, fraction: Floats, total: Floats, to: int) -> None:
+    """Add ``g fraction`` across a face to the black neighbours of some red cells."""
     face, at, t_at = np.uint64(q), np.uint64(begin), np.uint64(to)
     for i in range(count):
         k = np.uint64(i)
-        total[t_at + k] += faces[face, at + k] * share[at + k]
+        total[t_at + k] += faces[face, at + k] * fraction[at + k]
 
 
 @kernel
 def invert(degree: Floats, inverse: Floats) -> None:
-    """Reciprocals; 0 where there is no unknown."""
+    """Compute reciprocals; 0 at slots without an unknown."""
     for k in range(len(degree)):
         inverse[k] = 1.0 / degree[k] if degree[k] > 0.0 else 0.0

@@ -1,9 +1,9 @@
-"""The hierarchy that preconditions the multigrid solver, and the equations as it preconditions them.
+"""The hierarchy of levels that preconditions conjugate gradients, and the equations as they are solved.
 
-Red-black grids and graphs for grids, graphs for netlists.
+Grids have levels of red-black grids, then graphs; netlists have graphs.
 
-A grid is preconditioned on one thread or several, with the same digits, whatever their number: the finest grids are cut
-into slabs (`resgrid.solvers.multigrid.sweeps`); levels below are too small to be worth a wait.
+A grid is preconditioned on one thread or several, with equal digits for any number: the finest grids are divided into
+slabs (`resgrid.solvers.multigrid.sweeps`). Levels below are too small for the cost of synchronization.
 """
 
 from __future__ import annotations
@@ -33,27 +33,27 @@ from resgrid.solvers.multigrid.levels import (
 )
 from resgrid.solvers.multigrid.red_black import Stencil
 from resgrid.solvers.scaled import Floats, Singles
-from resgrid.solvers.threads import ALONE, ThreadTeam
+from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 _WHOLE = 32
-"""Cells that the finest level may begin at multiples of: its blocks lie as they would from the first cell on."""
+"""The finest level begins at a multiple of this number of cells, so that its blocks do not depend on empty margins."""
 
 _SMALL = 250
 _SHRINKAGE = 0.6
-"""Share of nodes above which a grid has fallen apart, and a graph takes its place."""
+"""Ratio of nodes to those of the finer level above which coarsening continues with a graph instead of a grid."""
 
 _MOST_EXTRAS = 0.1
-"""Share of nodes beside the lattice above which a graph serves better than a grid."""
+"""Fraction of extra nodes above which coarsening continues with a graph."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hierarchy:
-    """What preconditions the conjugate gradients.
+    """The multigrid preconditioner.
 
-    `levels`: the coarse levels; of a netlist, the finest one too; `slot` (n,): where every row stands among the
-    vectors: of a grid, red cells first; `unit`: conductance that counts as 1 on all levels, in siemens;
-    `largest_degree`: largest diagonal entry of the matrix, in siemens; `grid`: the finest level of a grid of two
-    colours; `box`: the range of cells along every axis that it covers.
+    `levels`: the coarse levels; of a netlist, the finest one too; `slot` (n,): position of every row in the vectors: of
+    a grid, red cells first; `unit`: conductance that counts as 1 on all levels, in siemens; `largest_degree`: largest
+    diagonal entry of the matrix, in siemens; `grid`: the finest level of a grid of two colours; `box`: the range of
+    cells along every axis that it covers.
     """
 
     levels: Levels
@@ -64,15 +64,15 @@ class Hierarchy:
     box: tuple[slice, ...] = ()
 
 
-def build_hierarchy(laplacian: Laplacian, team: ThreadTeam = ALONE) -> Hierarchy:
-    """Coarsen a nodal system until it is small, and invert what is left."""
-    found = lay_out_grid(laplacian)
-    if found is not None:
-        level, slot, unit, box = found
-        coarse, first = team.together([partial(coarsen_grid, level), partial(finest_stencils, level)])
-        made = _grid_levels(coarse[0], coarse[1], first)
-        if made is not None:
-            finest, levels = made
+def build_hierarchy(laplacian: Laplacian, threads: ThreadTeam = SINGLE_THREAD) -> Hierarchy:
+    """Coarsen a matrix until it is small, and invert the coarsest one."""
+    laid_out = lay_out_grid(laplacian)
+    if laid_out is not None:
+        level, slot, unit, box = laid_out
+        coarse, stencils = threads.together([partial(coarsen_grid, level), partial(finest_stencils, level)])
+        stored = _grid_levels(coarse[0], coarse[1], stencils)
+        if stored is not None:
+            finest, levels = stored
             return Hierarchy(levels, slot, unit, unit * largest_degree(finest.true), finest, box)
     rows = laplacian.as_rows()
     unit = float(rows.data.mean()) if rows.data.size else float(laplacian.ground.mean())
@@ -83,13 +83,13 @@ def build_hierarchy(laplacian: Laplacian, team: ThreadTeam = ALONE) -> Hierarchy
 
 
 def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
-    """Coarsen a grid by blocks until it falls apart or is small; the levels, and where black slots lead, (slots,)."""
+    """Coarsen a grid by blocks until it falls apart or is small; returns levels and black aggregates (slots,)."""
     levels, targets = [level], list[NDArray[np.int32]]()
     while True:
-        made = coarsen(levels[-1], split=level.uneven)
-        if made is None or made[0].size > _SHRINKAGE * levels[-1].size:
+        coarser = coarsen(levels[-1], split=level.uneven)
+        if coarser is None or coarser[0].size > _SHRINKAGE * levels[-1].size:
             break
-        coarse, target = made
+        coarse, target = coarser
         levels.append(coarse)
         targets.append(target[1].copy())
         extras = sum(len(cell) for cell in coarse.extra_cell)
@@ -99,9 +99,9 @@ def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
 
 
 def _grid_levels(
-    levels: list[Level], targets: list[NDArray[np.int32]], first: tuple[Stencil, Stencil]
+    levels: list[Level], targets: list[NDArray[np.int32]], stencils: tuple[Stencil, Stencil]
 ) -> tuple[Finest, Levels] | None:
-    """Lay grids out for the compiled passes, and coarsen the last one as a graph; None where it does not shrink."""
+    """Store grids for the kernels, and coarsen the last one as a graph; None if it does not shrink."""
     level = levels[0]
     graph, number = to_graph(levels[-1])
     graphs, shrinking = coarsen_down(graph)
@@ -113,29 +113,29 @@ def _grid_levels(
         graphs, shrinking = graphs[1:], shrinking[1:]
     packed, rank = pack_graphs(graphs, shrinking)
     node = number[targets[-1]]
-    targets[-1] = np.where(node >= 0, rank[node] + 1, 0).astype(np.int32)  # none at slot 0
+    targets[-1] = np.where(node >= 0, rank[node] + 1, 0).astype(np.int32)  # slot 0 belongs to no node
     grids = tuple(
         GridLevel(in_single(stencil_of(coarse)), target)
         for coarse, target in zip(levels[1:-1], targets[1:], strict=True)
     )
-    return Finest(*first, targets[0]), Levels(grids, packed)
+    return Finest(*stencils, targets[0]), Levels(grids, packed)
 
 
 def finest_stencils(level: Level) -> tuple[Stencil, Stencil]:
-    """The finest level in double precision and in single, whose black diagonal makes up for that."""
+    """Return the finest level in double precision, and in single precision with a compensating black diagonal."""
     double = stencil_of(level)
     single = in_single(double)
     return double._replace(black_inverse=np.empty(0)), single._replace(black_degree=compensated(level, single))
 
 
 def largest_degree(true: Stencil) -> float:
-    """Largest diagonal entry of the finest level."""
+    """Return the largest diagonal entry of the finest level."""
     red = float(true.red_inverse.min(initial=np.inf, where=true.red_inverse > 0))
     return max(float(true.black_degree.max()), 1.0 / red)
 
 
 def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
-    """Lay a system out by colour; the level, slots, unit and box, or None where it is no grid of two colours.
+    """Colour a grid; returns level, slots, unit and box, or None if the matrix is not a grid of two colours.
 
     Outside the box no cell has a row; it begins with whole blocks of several levels.
     """
@@ -155,54 +155,63 @@ def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float,
 
 
 class GridProblem:
-    """The equations of a grid's black cells, ``S = D - G^T R G``, the red ones eliminated, in the hierarchy's units.
+    """The equations of a grid's black cells, ``S = D - G^T R G``, red cells eliminated, in the hierarchy's units.
 
-    Its levels are cut into slabs for the threads of a team.
+    Its levels are divided into slabs for the threads.
 
-    `finest`: of the levels; `currents` (2, slots): into both colours; `x` (2, slots): the solution, which is improved;
-    `vectors`: of the iteration; `relaxes`: whether what they lack can be made up for by relaxing all cells.
+    `finest`: of the levels; `currents` (2, slots): into both colours; `x` (2, slots): the solution, which is updated;
+    `vectors`: of the iteration; `relaxes`: whether a relaxation of all cells can reduce the final residual.
     """
 
     relaxes = True
 
-    def __init__(self, finest: Finest, levels: Levels, currents: Floats, x: Floats, team: ThreadTeam = ALONE) -> None:
-        self.team, self._graphs, self.work = team, levels.graphs, work_space(levels.graphs)
+    def __init__(
+        self, finest: Finest, levels: Levels, currents: Floats, x: Floats, threads: ThreadTeam = SINGLE_THREAD
+    ) -> None:
+        self.threads, self._graphs, self.work = threads, levels.graphs, work_space(levels.graphs)
         self.vectors = krylov.vectors_over(finest.stencil.black_inverse)
         self.state = np.zeros(llvm_intrinsics.PLACES, dtype=np.int64)
         grids = (GridLevel(finest.stencil, finest.aggregate), *levels.grids)
         slots = [len(of.aggregate) for of in grids]
-        cuts = [slabs_of(of.stencil, team.size) for of in grids[:-1]]
+        cuts = [slabs_of(of.stencil, threads.size) for of in grids[:-1]]
         cuts.append(slabs_of(grids[-1].stencil, 1))  # nodes of a graph may have parts in several slabs
         self._parts = cuts[0]
-        sums, shares = np.empty((blocks_of(finest.stencil), 3)), np.empty(2)
-        self._kept: dict[tuple[int, str], NDArray[np.generic]] = {}
+        sums, coefficients = np.empty((blocks_of(finest.stencil), 3)), np.empty(2)
+        self._arrays: dict[tuple[int, str], NDArray[np.generic]] = {}
         self.table = np.zeros(len(grids), dtype=GRID)
-        fed = [np.zeros((2, count), dtype=np.float32) for count in slots[1:]]
-        answers = [np.zeros((2, count), dtype=np.float32) for count in slots[1:]]
-        below = [*zip(fed, answers, strict=True), (self.work.b[: 1 + self._graphs.first[1]], self.work.x)]
-        self._rooms = np.zeros((max(len(cut) for cut in cuts), max(of.stencil.block for of in grids)))
-        for number, (of, cut, (into, answer)) in enumerate(zip(grids, cuts, below, strict=True)):
-            slabs = [(*slab[:-1], room.ctypes.data) for slab, room in zip(cut, self._rooms, strict=False)]
-            self.table["parts"][number], self.table["below_slots"][number] = len(cut), into.size
-            self._note(number, sums=sums, shares=shares, slabs=np.array(slabs), below_fed=into, below=answer)
+        rhs = [np.zeros((2, count), dtype=np.float32) for count in slots[1:]]
+        solutions = [np.zeros((2, count), dtype=np.float32) for count in slots[1:]]
+        below = [*zip(rhs, solutions, strict=True), (self.work.b[: 1 + self._graphs.first[1]], self.work.x)]
+        self._buffers = np.zeros((max(len(cut) for cut in cuts), max(of.stencil.block for of in grids)))
+        for number, (of, cut, (rhs_below, solution)) in enumerate(zip(grids, cuts, below, strict=True)):
+            slabs = [(*slab[:-1], buffer.ctypes.data) for slab, buffer in zip(cut, self._buffers, strict=False)]
+            self.table["parts"][number], self.table["below_slots"][number] = len(cut), rhs_below.size
+            self._set_addresses(
+                number,
+                sums=sums,
+                coefficients=coefficients,
+                slabs=np.array(slabs),
+                below_rhs=rhs_below,
+                below_x=solution,
+            )
             if number:
-                self._fill(number, of)
-                (red_fed, black_fed), (red, before) = fed[number - 1], answers[number - 1]
+                self._describe(number, of)
+                (red_rhs, black_rhs), (red, before) = rhs[number - 1], solutions[number - 1]
                 r, s, z, w, c = np.zeros((5, slots[number]), dtype=np.float32)
-                self._note(number, red_fed=red_fed, black_fed=black_fed, red=red, before=before)
-                self._note(number, r=r, s=s, z=z, w=w, c=c, led=np.zeros(slots[number]))
-        self.begin(finest, currents, x)
+                self._set_addresses(number, red_rhs=red_rhs, black_rhs=black_rhs, red=red, before=before)
+                self._set_addresses(number, r=r, s=s, z=z, w=w, c=c, red_double=np.zeros(slots[number]))
+        self.set_finest(finest, currents, x)
 
-    def begin(self, finest: Finest, currents: Floats, x: Floats) -> None:
-        """Take up another finest level of the same cells, and what belongs to it."""
+    def set_finest(self, finest: Finest, currents: Floats, x: Floats) -> None:
+        """Replace the finest level by one of the same cells, with its currents and solution."""
         self.finest, self.currents, self.x = finest, currents, x
         self.vectors = v = self.vectors._replace(inverse=finest.stencil.black_inverse)
-        self._fill(0, GridLevel(finest.stencil, finest.aggregate))
+        self._describe(0, GridLevel(finest.stencil, finest.aggregate))
         # The red cells of the solution follow its black ones whenever there is a residual.
-        self._note(0, before=v.before, r=v.r, s=v.s, w=v.w, led=x[0])
+        self._set_addresses(0, before=v.before, r=v.r, s=v.s, w=v.w, red_double=x[0])
 
-    def _fill(self, number: int, of: GridLevel) -> None:
-        """Describe a grid by its row of the table."""
+    def _describe(self, number: int, of: GridLevel) -> None:
+        """Write the counts and addresses of a grid to its row of the table."""
         stencil, row = of.stencil, self.table[number]
         sides, slots = stencil.faces.shape
         counts = {
@@ -212,62 +221,67 @@ class GridProblem:
         for name, count in counts.items():
             row[name] = count
         names = ("faces", "distance", "off_red", "off_black", "couplings", "red_inverse", "black_inverse")
-        self._note(number, **{name: getattr(stencil, name) for name in names})
-        self._note(number, degree=stencil.black_degree, aggregate=of.aggregate)
+        self._set_addresses(number, **{name: getattr(stencil, name) for name in names})
+        self._set_addresses(number, degree=stencil.black_degree, aggregate=of.aggregate)
 
-    def _note(self, number: int, **arrays: NDArray[np.generic]) -> None:
-        """Write addresses of arrays, and keep these."""
+    def _set_addresses(self, number: int, **arrays: NDArray[np.generic]) -> None:
+        """Write addresses of arrays to the table, and keep the arrays alive."""
         row = self.table[number]
         for name, array in arrays.items():
             assert array.flags.c_contiguous
             row[name] = array.ctypes.data
-            self._kept[number, name] = array
+            self._arrays[number, name] = array
 
     def residual(self, r: Floats) -> float:
-        """``r = b - A x`` (slots,), and its norm; relaxes the red cells."""
-        return krylov.black_residual(self.finest.true, self.currents, self.x, r, self._parts, self.team)
+        """Compute ``r = b - A x`` (slots,) and its norm; relaxes the red cells."""
+        return krylov.black_residual(self.finest.true, self.currents, self.x, r, self._parts, self.threads)
 
     def precondition(self, z: Singles, stop: float = ENOUGH) -> tuple[float, float, float]:
-        """Precondition ``r`` into ``z``, and multiply into ``w``; returns ``z.r, z.w, z.s``; `run_cycle` says more."""
-        self.write_into(z)
+        """Precondition ``r`` into ``z``, and multiply into ``w``; returns ``z.r, z.w, z.s`` (see `run_cycle`)."""
+        self.set_output(z)
         if len(self._parts) == 1:
-            return self._lead(stop)
-        made = list[float]()
+            return self._precondition(stop)
+        products = list[float]()
         llvm_intrinsics.begin_jobs(self.state)
 
-        def part(number: int) -> None:  # keeps what the table points to, whoever is interrupted
+        def part(number: int) -> None:  # holds a reference to the arrays of the table, even if a thread is interrupted
             if number:
                 help_sweep(self.table, self.state)
             else:
-                made.extend(self._lead(stop))
+                products.extend(self._precondition(stop))
 
-        self.team.share(part, self.team.size)
-        rest, product, gamma = made
+        self.threads.run_parts(part, self.threads.size)
+        rest, product, gamma = products
         return rest, product, gamma
 
-    def write_into(self, z: Singles) -> None:
-        """Let the finest level have its answer there."""
-        self._answer, self.table["z"][0] = z, z.ctypes.data
+    def set_output(self, z: Singles) -> None:
+        """Set the array that receives the correction of the finest level."""
+        self._output, self.table["z"][0] = z, z.ctypes.data
         margin = self.finest.stencil.margin
         z[:margin], z[len(z) - margin :] = 0.0, 0.0
 
-    def _lead(self, stop: float) -> tuple[float, float, float]:
+    def _precondition(self, stop: float) -> tuple[float, float, float]:
+        """Run the compiled cycle on this thread."""
         return precondition_grid(self.table, self.state, self._graphs, self.work, stop)
 
 
 class GraphProblem:
-    """As `GridProblem`, of a netlist's rows: `x` (1, n), in the order of the finest level.  Shapes: `b` (n,)."""
+    """The equations of a netlist's rows, in the hierarchy's units and in the order of its finest level.
+
+    `x` (1, n): the solution, which is updated; `vectors`: of the iteration; `relaxes`: False, since no relaxation
+    follows. Shapes: `b` (n,).
+    """
 
     relaxes = False
 
-    def __init__(self, laplacian: Laplacian, hierarchy: Hierarchy, b: Floats, team: ThreadTeam) -> None:
-        self.x, self.team, self._graphs = np.zeros((1, len(b))), team, hierarchy.levels.graphs
+    def __init__(self, laplacian: Laplacian, hierarchy: Hierarchy, b: Floats, threads: ThreadTeam) -> None:
+        self.x, self.threads, self._graphs = np.zeros((1, len(b))), threads, hierarchy.levels.graphs
         self.vectors = krylov.vectors_over(self._graphs.inverse[: len(b)])
         self._matrix, self._b = laplacian.graph, b
         self._slot, self._unit, self._work = hierarchy.slot, hierarchy.unit, work_space(self._graphs)
 
     def residual(self, r: Floats) -> float:
-        """As of `GridProblem`."""
+        """Compute ``r = b - A x`` (n,) and its norm."""
         if self.x.any():
             row_residual(self._matrix, self._slot, self._b, self.x[0, self._slot], r)
             r *= 1.0 / self._unit
@@ -276,7 +290,7 @@ class GraphProblem:
         return krylov.norm(r)
 
     def precondition(self, z: Singles) -> tuple[float, float, float]:
-        """As of `GridProblem`."""
+        """Precondition ``r`` into ``z``, and multiply into ``w``; returns ``z.r, z.w, z.s``."""
         return precondition_graph(self._graphs, self._work, self.vectors.r, self.vectors.s, z, self.vectors.w)
 
 

@@ -1,4 +1,4 @@
-"""The compiled steps of conjugate gradients, and residuals of grids."""
+"""Kernels for the vectors of conjugate gradients, and residuals of grids."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from resgrid._internal.jit import inner_fast, kernel, kernel_fast
 from resgrid.solvers.multigrid.levels import Slab, blocks_of, slabs_of
 from resgrid.solvers.multigrid.red_black import BLACK, RED, Stencil, products, relax
 from resgrid.solvers.scaled import Floats, Reals, Singles
-from resgrid.solvers.threads import ALONE, ThreadTeam
+from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 _DEPTH = 3
-"""Steps that are kept before they are gone."""
+"""Number of preconditioned residuals that are kept before they are accumulated in the solution."""
 
 
 class Vectors(NamedTuple):
-    """The vectors of the iteration.
+    """Vectors of the iteration.
 
-    `inverse` (slots,): of the diagonal; `r, s, w` (slots,): residual, ``A p`` and ``A z``; `before` (slots,): the
-    residual, relaxed from zero; `z` (depth, slots): preconditioned residuals that are not yet part of the answer; `p`
-    (slots,): direction before them.
+    `inverse` (slots,): reciprocal diagonal; `r, s, w` (slots,): residual, ``A p`` and ``A z``; `before` (slots,): the
+    residual, relaxed from zero; `z` (depth, slots): preconditioned residuals that are not yet part of the solution; `p`
+    (slots,): search direction before them.
     """
 
     inverse: Singles
@@ -35,20 +35,20 @@ class Vectors(NamedTuple):
 
 
 def vectors_over(inverse: Singles) -> Vectors:
-    """Vectors at rest."""
+    """Allocate vectors, with residual and direction 0."""
     slots = len(inverse)
     r, s, w, before = np.zeros((4, slots), dtype=np.float32)
     return Vectors(inverse, r, s, w, before, np.empty((_DEPTH, slots), dtype=np.float32), np.zeros(slots))
 
 
-def norm(x: Floats, team: ThreadTeam = ALONE) -> float:
-    """Euclidean norm, the same for any number of threads."""
-    return math.sqrt(sum(team.over(len(x), lambda some: squares(x[some]))))
+def norm(x: Floats, threads: ThreadTeam = SINGLE_THREAD) -> float:
+    """Return the Euclidean norm, which does not depend on the number of threads."""
+    return math.sqrt(sum(threads.over(len(x), lambda some: squares(x[some]))))
 
 
 @kernel_fast
 def squares(x: Floats) -> float:
-    """The squares of all numbers, summed."""
+    """Return the sum of squares."""
     total = 0.0
     for i in range(len(x)):
         total += x[i] * x[i]
@@ -59,7 +59,7 @@ def squares(x: Floats) -> float:
 def advance(
     inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float, begin: int, end: int
 ) -> float:
-    """``s = w + beta s``, ``r -= alpha s``, ``z = inverse r`` on some slots; returns the squares of ``r``, summed."""
+    """Set ``s = w + beta s``, ``r -= alpha s``, ``z = inverse r`` on some slots; returns ``|r|^2``."""
     squares = 0.0
     for k in range(begin, end):
         product = w[k] + beta * s[k]
@@ -72,8 +72,8 @@ def advance(
 
 
 @kernel_fast
-def add_steps(z: Singles, on_x: Floats, on_p: Floats, p: Floats, one: float, x: Floats, begin: int, end: int) -> None:
-    """``x += one (on_x_p p + sum_j on_x_j z_j)``, then ``p = on_p_p p + sum_j on_p_j z_j``; ``z`` (steps, n)."""
+def add_steps(z: Singles, on_x: Floats, on_p: Floats, p: Floats, unit: float, x: Floats, begin: int, end: int) -> None:
+    """Set ``x += unit (on_x_p p + sum_j on_x_j z_j)``, then ``p = on_p_p p + sum_j on_p_j z_j``; ``z`` (steps, n)."""
     before_x, before_p = on_x[-1], on_p[-1]
     for k in range(begin, end):
         ahead, far = before_p * p[k], before_x * p[k]
@@ -82,21 +82,26 @@ def add_steps(z: Singles, on_x: Floats, on_p: Floats, p: Floats, one: float, x: 
             ahead += on_p[j] * value
             far += on_x[j] * value
         p[k] = ahead
-        x[k] += one * far
+        x[k] += unit * far
 
 
 def largest_step(z: Singles, on_p: Floats, p: Floats) -> float:
-    """Largest entry of the last direction; ``z`` (steps, n)."""
+    """Return the largest entry of the last search direction; ``z`` (steps, n)."""
     ahead = on_p[-1] * p
-    for share, one in zip(on_p.tolist(), z, strict=False):
-        ahead += share * one
+    for coefficient, vector in zip(on_p.tolist(), z, strict=False):
+        ahead += coefficient * vector
     return float(np.abs(ahead, out=ahead).max())
 
 
 def black_residual(
-    stencil: Stencil, b: Floats, x: Floats, r: Floats, parts: list[Slab] | None = None, team: ThreadTeam = ALONE
+    stencil: Stencil,
+    b: Floats,
+    x: Floats,
+    r: Floats,
+    parts: list[Slab] | None = None,
+    threads: ThreadTeam = SINGLE_THREAD,
 ) -> float:
-    """Relax the red cells of ``x`` (2, slots) exactly; the residual ``r`` (slots,) at the black ones, its norm."""
+    """Relax the red cells of ``x`` (2, slots) exactly; write the black residual to ``r`` (slots,), return its norm."""
     parts = slabs_of(stencil, 1) if parts is None else parts
     squares, margin = np.empty(blocks_of(stencil)), int(stencil.margin)
     for colour in (RED, BLACK):
@@ -104,7 +109,7 @@ def black_residual(
         def sweep(part: int, of: int = colour) -> None:
             sweep_colour(stencil, of, b, x, r, squares, np.empty(stencil.block), parts[part][:2])
 
-        team.share(sweep, len(parts))
+        threads.run_parts(sweep, len(parts))
     r[:margin], r[len(r) - margin :] = 0.0, 0.0
     if not len(stencil.couplings):
         return math.sqrt(squares.sum())
@@ -117,9 +122,9 @@ def sweep_colour(
     stencil: Stencil, colour: int, b: Floats, x: Floats, r: Floats, squares: Floats, total: Floats,
     blocks: tuple[int, int],
 ) -> None:  # fmt: skip
-    """Relax the red cells of some blocks exactly, or form the residual at the black ones, but for couplings.
+    """Relax the red cells of some blocks exactly, or compute the residual at the black cells without black couplings.
 
-    ``squares`` receives those of every block, summed; ``total`` (block,) is room.
+    ``squares`` (blocks,) receives the sum of squared residuals per block; ``total`` (block,) is a work array.
     """
     there, margin, coupling, (first, last) = x[1 - colour], stencil.margin, 0, blocks
     while coupling < len(stencil.couplings) and stencil.off_red[coupling] < margin + first * stencil.block:
@@ -139,7 +144,7 @@ def sweep_colour(
 
 @inner_fast
 def _subtract(degree: Reals, b: Reals, x: Reals, begin: int, count: int, total: Reals, r: Reals) -> float:
-    """``r = b + total - degree x`` on a block; returns its squares, summed."""
+    """Set ``r = b + total - degree x`` on a block; returns its sum of squares."""
     squares = 0.0
     at = np.uint64(begin)
     for i in range(count):

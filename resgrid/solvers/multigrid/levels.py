@@ -1,9 +1,10 @@
-"""What a cycle runs over: grids, each a row of a table with the addresses of its arrays, and graphs below them.
+"""Levels of a hierarchy as arguments of kernels: red-black grids as rows of a table, and graphs below them.
 
-Compiled functions that hand on dozens of arrays take most of their time to compile for that; one that is given a row
-of the table (`GRID`) opens what it reads.  Who made the table keeps the arrays.
+Kernels with dozens of array arguments take most of their compile time for passing these on. A row of the table (`GRID`)
+contains addresses of arrays instead, and a kernel opens the ones it needs. The owner of the table keeps the arrays
+alive.
 
-In a sweep the red cells go ahead of the black ones by as many slots as there are between neighbours, so that faces are
+In a sweep the red cells are ahead of the black ones by the distance of neighbours (wavefront sweep), so that faces are
 read once.
 """
 
@@ -20,48 +21,49 @@ from resgrid.solvers.multigrid.red_black import RED, Stencil, products
 from resgrid.solvers.scaled import Indices, Reals, Singles
 
 _LEAST = 60_000
-"""Slots of a colour from which a grid is cut."""
+"""Minimum number of slots of a colour for a grid to be divided into slabs."""
 
 _THICK = 4
-"""Blocks of a slab, at least, in units of those that red cells go ahead of black ones: a neighbour finds these too."""
+"""Minimum thickness of a slab, in units of the lead of red over black cells, which neighbouring slabs compute twice."""
 
 GRID = np.dtype([
     (name, np.int64)
     for name in (
         *("slots", "sides", "margin", "block", "blocks", "joined", "below_slots"),
         *("faces", "distance", "off_red", "off_black", "couplings", "red_inverse", "black_inverse", "degree"),
-        *("aggregate", "below_fed", "below"),
-        *("red_fed", "black_fed", "red", "before", "r", "s", "z", "w", "c"),
-        *("led", "parts", "slabs", "sums", "shares"),
+        *("aggregate", "below_rhs", "below_x"),
+        *("red_rhs", "black_rhs", "red", "before", "r", "s", "z", "w", "c"),
+        *("red_double", "parts", "slabs", "sums", "coefficients"),
     )
 ])  # fmt: skip
-"""A grid of a hierarchy, for the compiled cycle: counts, then addresses of arrays.
+"""Record of one grid of a hierarchy, for the compiled cycle: counts, then addresses of arrays.
 
-`slots, sides, margin, block`: of its stencil; `blocks`: how many; `joined`: couplings; `below_slots`: of the next
-level's right-hand side.
+`slots, sides, margin, block`: of its stencil; `blocks`: number of blocks; `joined`: number of couplings; `below_slots`:
+size of the next level's right-hand side.
 
-From `faces` to `aggregate`: as of `GridLevel`, `degree` the black diagonal; `below_fed, below`: the next
-level's right-hand side and answer.
+`faces` to `aggregate`: arrays of `GridLevel`, `degree` is the black diagonal; `below_rhs, below_x`: the next level's
+right-hand side and solution.
 
-`red_fed, black_fed` (slots,): right-hand side; `red` (slots,): answer at red nodes.  Over black slots: `before`: the
-residual, relaxed from zero, for slabs read what others had before they write, and in the end the answer; `r`: the
-residual; `s`: what ``z`` is multiplied by too, and the first product; `z`: the answer; `w`: its product; `c`: the first
-direction.
+`red_rhs, black_rhs` (slots,): right-hand side; `red` (slots,): solution at red nodes. Arrays over black slots:
+`before`: the relaxed residual, and finally the solution; slabs read values of other slabs here before these are
+overwritten; `r`: the residual; `s`: a vector whose product with ``z`` is computed too, and the first product of a
+K-cycle; `z`: the correction; `w`: its product with the matrix; `c`: the first direction of a K-cycle.
 
-`led` (slots,): red values that follow the answer, in double precision; other ones are kept where the product will be;
-`parts`: slabs; `slabs` (parts, 5): as of `Slab`; `sums` (3 blocks,): of products, or of squares, of every block;
-`shares` (2,): what both directions of a K-cycle have in its answer, or the first step's length.
+`red_double` (slots,): red values in double precision; single precision ones are stored in `w` before the product;
+`parts`: number of slabs; `slabs` (parts, 5): fields of `Slab`; `sums` (3 blocks,): inner products or squares of every
+block; `coefficients` (2,): of both directions of a K-cycle in its solution, or the first step length.
 """
 
 Row = Any
-"""A row of such a table."""
+"""A row of the table."""
 
 
 class GridLevel(NamedTuple):
     """A grid of a hierarchy.
 
-    `stencil`: in single precision, but for its black diagonal; `aggregate` (slots,): node of the next level that a
-    black slot belongs to: its slot there, red ones first; of a graph, counted from 1; 0 for none.
+    `stencil`: in single precision, except for its black diagonal; `aggregate` (slots,): node of the next level to which
+    a black slot belongs: its slot there, red ones first; if the next level is a graph, its number counted from 1; 0 for
+    none.
     """
 
     stencil: Stencil
@@ -69,7 +71,7 @@ class GridLevel(NamedTuple):
 
 
 class Finest(NamedTuple):
-    """The finest grid: as `GridLevel`, its diagonal `grid_level.compensated`; and `true`, in double precision."""
+    """The finest grid: a `GridLevel` with a `grid_level.compensated` diagonal, and its stencil in double precision."""
 
     true: Stencil
     stencil: Stencil
@@ -77,15 +79,15 @@ class Finest(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """The levels below a grid, or of a netlist: coarse grids, and graphs below; of a netlist, the first is its own."""
+    """The levels below a grid, or of a netlist: coarse grids, then graphs; the first graph of a netlist is its own."""
 
     grids: tuple[GridLevel, ...]
     graphs: Graphs
 
 
 @inner
-def draw_into(level: Row, colour: int, x: Reals, block: int, total: Reals) -> None:
-    """``total = sum_j g_ij x_j`` across the faces of a block's cells of one colour."""
+def multiply_faces(level: Row, colour: int, x: Reals, block: int, total: Reals) -> None:
+    """Compute ``total = sum_j g_ij x_j`` across the faces of a block's cells of one colour."""
     faces = singles_by_side(level.faces, level.sides, level.slots)
     begin, count = extent(level, block)
     products(faces, integers(level.distance, level.sides), (colour, begin, count), x, total)
@@ -93,14 +95,14 @@ def draw_into(level: Row, colour: int, x: Reals, block: int, total: Reals) -> No
 
 @inlined
 def extent(level: Row, block: int) -> tuple[int, int]:
-    """First slot of a block, and how many it has."""
+    """Return the first slot of a block, and its number of slots."""
     begin = level.margin + block * level.block
     return begin, min(level.block, level.slots - level.margin - begin)
 
 
 @inner_fast
 def take_step(r: Singles, v: Singles, step: np.float32, begin: int, count: int) -> tuple[float, float]:
-    """``r -= step v`` on some slots; returns the squares before and after, summed."""
+    """Set ``r -= step v`` on some slots; returns the sums of squares before and after."""
     before, after, at = 0.0, 0.0, np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
@@ -123,7 +125,7 @@ def copy(values: Singles, begin: int, count: int, there: Singles) -> None:
 
 @inner_fast
 def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: int, count: int, both: Singles) -> None:
-    """``both = on_c c + on_z z`` on some slots."""
+    """Set ``both = on_c c + on_z z`` on some slots."""
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
@@ -133,33 +135,33 @@ def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: i
 class Slab(NamedTuple):
     """A part of a grid that one thread sweeps over.
 
-    `first, last`: its blocks, the last one left out; `begin, end`: black slots that share their nodes on the next level
-    with no other slab's; `room`: where it sums over a block, an address.
+    `first, last`: range of its blocks; `begin, end`: range of black slots whose nodes on the next level have no slot in
+    another slab; `buffer`: address of a work array for sums over a block.
     """
 
     first: int
     last: int
     begin: int
     end: int
-    room: int = 0
+    buffer: int = 0
 
 
 @inner
 def slab_of(level: Row, part: int) -> Slab:
-    """One of the slabs of a grid."""
+    """Return one of the slabs of a grid."""
     of, k = integers(level.slabs, 5 * level.parts), 5 * part
     return Slab(of[k], of[k + 1], of[k + 2], of[k + 3], of[k + 4])
 
 
 @inner
 def blocks_ahead(level: Row) -> int:
-    """How many blocks red cells go ahead of black ones, so that all neighbours of these are there."""
+    """Return by how many blocks red cells are ahead, so that all neighbours of a black block are computed."""
     return int(-(-level.margin // level.block))
 
 
 @inner
 def first_coupling(level: Row, block: int) -> int:
-    """The first coupling that begins in a block or behind it."""
+    """Return the first coupling whose red slot lies in a block or after it."""
     off_red, coupling = indices(level.off_red, level.joined), ZERO
     while coupling < level.joined and off_red[coupling] < level.margin + block * level.block:
         coupling += 1
@@ -167,9 +169,9 @@ def first_coupling(level: Row, block: int) -> int:
 
 
 @inner
-def draw_red(level: Row, block: int, x: Singles, coupling: int, total: Reals) -> int:
-    """``total = G x`` at the red cells of a block; returns the next coupling."""
-    draw_into(level, RED, x, block, total)
+def multiply_red(level: Row, block: int, x: Singles, coupling: int, total: Reals) -> int:
+    """Compute ``total = G x`` at the red cells of a block; returns the next coupling."""
+    multiply_faces(level, RED, x, block, total)
     begin, count = extent(level, block)
     off_red, off_black = indices(level.off_red, level.joined), indices(level.off_black, level.joined)
     g = singles(level.couplings, level.joined)
@@ -181,7 +183,7 @@ def draw_red(level: Row, block: int, x: Singles, coupling: int, total: Reals) ->
 
 @inner_fast
 def scale(inverse: Singles, x: Reals, first: int, begin: int, count: int, value: Reals) -> None:
-    """``value = inverse x`` on some slots, of which ``x`` begins at ``first``; each is written once."""
+    """Set ``value = inverse x`` on some slots, where ``x`` begins at ``first``; each value is written once."""
     at, x_at = np.uint64(begin), np.uint64(first)
     for i in range(count):
         k = np.uint64(i)
@@ -189,10 +191,10 @@ def scale(inverse: Singles, x: Reals, first: int, begin: int, count: int, value:
 
 
 def slabs_of(stencil: Stencil, most: int) -> list[Slab]:
-    """Cut a stencil into so many slabs, or fewer; small ones are not cut.
+    """Divide a stencil into at most `most` slabs; small stencils are not divided.
 
-    No slab is thinner than what its neighbours find of it too, twice.  Nodes of the next level are parts of blocks that
-    begin at even indices along the first axis; two rows along it take a stride of slots.
+    No slab is thinner than twice the part that its neighbours compute too. Nodes of the next level are parts of blocks
+    that begin at even indices along the first axis; two rows along it span a stride of slots.
     """
     margin, blocks, slots = stencil.margin, blocks_of(stencil), stencil.faces.shape[1]
     count = min(most, int(blocks // (_THICK * -(-margin // stencil.block)))) if slots >= _LEAST else 1
@@ -209,5 +211,5 @@ def slabs_of(stencil: Stencil, most: int) -> list[Slab]:
 
 
 def blocks_of(stencil: Stencil) -> int:
-    """How many blocks there are."""
+    """Return the number of blocks."""
     return int(-(-(stencil.faces.shape[1] - 2 * stencil.margin) // stencil.block))

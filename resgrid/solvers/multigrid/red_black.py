@@ -1,11 +1,11 @@
-"""Red-black grids: where cells stand, and compiled passes over all resistors between a red cell and a black one.
+"""Red-black grids: memory layout, and kernels over all conductances between red and black cells.
 
-Cells are numbered with a stride along every axis, as in an array, but all strides are odd: the numbers of neighbours
-differ by an odd one, so that those of red cells are even and those of black cells odd.  Halved, they are slots in an
-array for each colour, where the black neighbour across a face lies at the same distance for all red cells.  All passes
-run over blocks of slots, which stay in the first cache, and over some faces of all their cells after others, which
-fills the vector registers whatever the dimension.  What fits no face, a resistor that closes a ring or leads to a node
-beside the grid, is a coupling.
+Cells are numbered with a stride along every axis, as in an array, but all strides are odd. The numbers of neighbours
+therefore differ by an odd number: those of red cells are even, those of black cells odd. Half of the number is the slot
+of a cell in the array of its colour. The black neighbour across a face lies at the same distance for all red cells.
+Kernels run over blocks of slots that fit in the first cache, and over two faces of all cells at a time, which fills the
+vector registers in any dimension. Conductances across no face (an edge that closes a ring, or leads to an extra node)
+are couplings.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from resgrid._internal.jit import inner, inner_fast
 from resgrid.solvers.scaled import Floats, Indices, Integers, Reals
 
 RED, BLACK = cast(int, np.int64(0)), cast(int, np.int64(1))
-"""The colours of cells, by the parity of their indices' sum."""
+"""The colours of cells: the parity of the sum of their indices."""
 
 
 _PADDING = 16
@@ -30,9 +30,9 @@ _PADDING = 16
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """The slots of a grid's cells.
+    """Memory layout of a grid's cells.
 
-    `shape`: of the grid, of two axes or more; `extras`: slots of either colour behind the grid, for nodes beside it.
+    `shape`: of the grid, of two axes or more; `extras`: slots of either colour after the grid, for extra nodes.
     """
 
     shape: tuple[int, ...]
@@ -40,9 +40,9 @@ class Lattice:
 
     @cached_property
     def strides(self) -> tuple[int, ...]:
-        """From the number of a cell to the next one's along every axis.
+        """Difference between the numbers of neighbouring cells, per axis.
 
-        They leave gaps, so that the numbers of no other cells differ by a stride.
+        The strides leave gaps, so that the numbers of no other two cells differ by a stride.
         """
         strides, span = [1], 0
         for cells in self.shape[:0:-1]:
@@ -52,27 +52,27 @@ class Lattice:
 
     @property
     def margin(self) -> int:
-        """Places before the first cell and behind the last node."""
+        """Number of unused slots before the first cell and after the last node."""
         return (self.strides[0] + 1) // 2 + _PADDING
 
     @property
     def first_extra(self) -> int:
-        """First slot behind the grid."""
+        """First slot after the grid."""
         return self.margin + (self.shape[0] * self.strides[0] + 1) // 2
 
     @property
     def slots(self) -> int:
-        """Places of a colour, margins included."""
+        """Number of slots of a colour, including margins."""
         return self.first_extra + self.extras + self.margin
 
     @property
     def distance(self) -> NDArray[np.int64]:
-        """From a red slot to the black one across each face, the lower and the upper one along every axis."""
+        """Distance in slots from a red cell to the black one across each face, lower and upper along every axis."""
         return np.array([d for s in self.strides for d in (-(s + 1) // 2, (s - 1) // 2)], dtype=np.int64)
 
     @property
     def lines(self) -> NDArray[np.int64]:
-        """Number of the first cell of every line along the last axis, red and black slots counted in turn."""
+        """Number of the first cell of every line along the last axis; red and black slots alternate."""
         first = np.ix_(
             *(stride * np.arange(cells) for stride, cells in zip(self.strides, self.shape[:-1], strict=False))
         )
@@ -80,21 +80,21 @@ class Lattice:
 
     @property
     def cells(self) -> NDArray[np.int32]:
-        """Slots of all cells, of the grid's shape; black ones are counted behind all slots of red ones."""
+        """Slots of all cells, of the grid's shape; black ones are numbered after all red ones."""
         return self._by_cell(np.arange(2 * self.slots, dtype=np.int32).reshape(2, -1).T.ravel())
 
     def at_slots(self, values: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Values of all cells, of the grid's shape, at the cells' slots: shape (2, slots), 0 elsewhere."""
+        """Return values of cells, of the grid's shape, at the cells' slots: shape (2, slots), 0 elsewhere."""
         by_number = np.zeros(2 * self.slots, dtype=np.int32)
         self._by_cell(by_number)[...] = values
         return np.ascontiguousarray(by_number.reshape(-1, 2).T)
 
     def _by_cell(self, by_number: NDArray[np.int32]) -> NDArray[np.int32]:
-        """What stands at the cells' numbers, red and black slots in turn (2 slots,), as a view of the grid's shape."""
+        """View an array over alternating red and black slots, (2 slots,), in the grid's shape."""
         return as_strided(by_number[2 * self.margin :], self.shape, [4 * s for s in self.strides])
 
     def cells_at(self, colour: int, slot: NDArray[np.integer]) -> tuple[NDArray[np.int64], ...]:
-        """Indices of the cells at some slots of a colour, one array for each axis."""
+        """Return the indices of the cells at some slots of a colour, one array per axis."""
         rest = 2 * (slot.astype(np.int64) - self.margin) + colour
         index = []
         for stride in self.strides:
@@ -104,16 +104,16 @@ class Lattice:
 
 
 class Stencil(NamedTuple):
-    """A grid of conductances by colour, in single or in double precision.
+    """Conductances of a grid by colour, in single or double precision.
 
-    Arrays over slots have shape (slots,), with unused margins before and behind.
+    Arrays over slots have shape (slots,), with unused margins at both ends.
 
     `faces` (2 ndim, slots): conductance from a red cell to the black one at ``distance``; 0 for none; `distance` (2
     ndim,): from a red slot to the black slot across each face; `margin, first_extra`: slots before the first cell, and
-    before the first node beside the grid; `block`: how many a pass takes at a time; `off_red, off_black`: slots that
-    off-stencil couplings join, in the order of their red slots; `couplings`: their conductances; `red_inverse,
-    black_inverse, black_degree`: reciprocals of the diagonal at red and at black cells, and the latter; 0 where there
-    is no unknown.
+    before the first extra node; `block`: number of slots that a kernel processes at a time; `off_red, off_black`: slots
+    that off-stencil couplings join, in the order of red slots; `couplings`: their conductances; `red_inverse,
+    black_inverse, black_degree`: reciprocal diagonals at red and at black cells, and the black diagonal; 0 at slots
+    without an unknown.
     """
 
     faces: Reals
@@ -132,8 +132,8 @@ class Stencil(NamedTuple):
 class Edges(NamedTuple):
     """The conductances of a red-black grid, in double precision.
 
-    `faces, distance, margin`: as of `Stencil`; `off_red, off_black` (couplings,): slots that the off-stencil couplings
-    join, in the order of both; `off_axis, couplings` (couplings,): their axes and conductances.
+    `faces, distance, margin`: see `Stencil`; `off_red, off_black` (couplings,): slots that the off-stencil couplings
+    join, sorted by red, then black slot; `off_axis, couplings` (couplings,): their axes and conductances.
     """
 
     faces: Floats
@@ -149,10 +149,9 @@ class Edges(NamedTuple):
 def _two_products(
     g: Reals, q: int, at: tuple[int, int], x: Reals, there: tuple[int, int], count: int, total: Reals
 ) -> None:
-    """``total = g x`` across faces ``q`` and ``q + 1`` over ``count`` slots, in its precision; added to it but for two.
+    """Set ``total = g x`` across faces ``q`` and ``q + 1`` over ``count`` slots, or add to it unless ``q`` is 0.
 
-    Conductances begin ``at``, values of ``x`` ``there``.  Without signs, no index is asked whether it counts from the
-    end.
+    Conductances begin at ``at``, values of ``x`` at ``there``. Unsigned indices avoid checks for negative ones.
     """
     real, face, other = total.dtype.type, np.uint64(q), np.uint64(q + 1)
     a, b, i, j = np.uint64(at[0]), np.uint64(at[1]), np.uint64(there[0]), np.uint64(there[1])
@@ -168,9 +167,9 @@ def _two_products(
 
 @inner
 def products(faces: Reals, away: Integers, cells: tuple[int, int, int], x: Reals, total: Reals) -> None:
-    """``total = sum_j g_ij x_j`` across the faces of some cells of one colour.
+    """Compute ``total = sum_j g_ij x_j`` across the faces of some cells of one colour.
 
-    ``cells``: their colour, the first one, and how many.  Conductances stand at red cells.
+    ``cells``: colour, first slot, number of slots. Conductances are stored at red cells.
     """
     colour, begin, count = cells
     back, ahead = -colour, 1 - 2 * colour
@@ -180,9 +179,9 @@ def products(faces: Reals, away: Integers, cells: tuple[int, int, int], x: Reals
 
 
 @inner_fast
-def relax(inverse: Reals, fed: Reals, begin: int, count: int, total: Reals, value: Reals) -> None:
-    """``value = inverse (fed + total)`` on a block."""
+def relax(inverse: Reals, rhs: Reals, begin: int, count: int, total: Reals, value: Reals) -> None:
+    """Set ``value = inverse (rhs + total)`` on a block."""
     at = np.uint64(begin)
     for i in range(count):
         k = np.uint64(i)
-        value[at + k] = inverse[at + k] * (fed[at + k] + total[k])
+        value[at + k] = inverse[at + k] * (rhs[at + k] + total[k])

@@ -1,8 +1,8 @@
-"""Sweeps over a grid, slab by slab, in which red cells go ahead of black ones, so that faces are read once.
+"""Wavefront sweeps over the slabs of a grid: red cells are ahead of black ones, so that faces are read once.
 
-Slabs are whole blocks; red values that two slabs need are found by both, the same ones, and written at once; no slab
-reads what else another one writes; sums are kept block by block, and added in one order behind all slabs; what
-couplings carry from anywhere to anywhere is added behind them.  So the digits are the same however a level is cut.
+Slabs are whole blocks. Two neighbouring slabs compute the red values that both need, with equal results. No slab reads
+other values that another one writes. Sums are kept per block and added in a fixed order after all slabs; so are
+couplings, which join arbitrary cells. The digits are therefore equal for any division into slabs.
 """
 
 from __future__ import annotations
@@ -19,39 +19,42 @@ from resgrid.solvers.multigrid.levels import (
     blocks_ahead,
     combine,
     copy,
-    draw_into,
-    draw_red,
     extent,
     first_coupling,
+    multiply_faces,
+    multiply_red,
     scale,
     take_step,
 )
 from resgrid.solvers.multigrid.red_black import BLACK, relax
 from resgrid.solvers.scaled import Indices, Reals, Singles
 
-CLEAR, ELIMINATE, RESTRICT, RELAX, RAISE, COMBINE, PUT_BACK, TAKE, MULTIPLY = (cast(int, np.int64(k)) for k in range(9))
-"""The sweeps; no literals, as `resgrid._internal.jit.ZERO`.
+CLEAR, ELIMINATE, RESTRICT, RELAX, PROLONG, COMBINE, BACK_SUBSTITUTE, STEP, MULTIPLY = (
+    cast(int, np.int64(k)) for k in range(9)
+)
+"""The kinds of sweeps; not literals, for which numba would specialize (see `resgrid._internal.jit.ZERO`).
 
-Black cells are fed by red ones in three: `ELIMINATE` tells what they are due, red ones eliminated, in ``r``, and
-relaxes that from zero into ``before``; `RESTRICT` sums the residual of ``before`` into the next level; `RELAX` relaxes
-``before`` into ``z``.  `MULTIPLY` forms ``S z``, where S is the Schur complement of the black cells, whose diagonal is
-``degree``; `PUT_BACK` lets the red cells follow ``before``.
+Three sweep from red to black cells. `ELIMINATE` eliminates the red cells: it writes the black residual to ``r`` and its
+relaxation from zero to ``before``. `RESTRICT` sums the residual of ``before`` into the next level. `RELAX` relaxes
+``before`` into ``z``. `MULTIPLY` computes ``S z``, where S is the Schur complement of the black cells with the diagonal
+``degree``. `BACK_SUBSTITUTE` computes the red cells from ``before``.
 
-Cell by cell: `RAISE` adds the next level's answer to ``before``; `TAKE` takes the first step of the K-cycle along
-``z``, keeps its direction in ``c``, and relaxes the rest from zero; `COMBINE` makes ``before`` of the ``shares`` of
-both directions; `CLEAR` does nothing but what `ELIMINATE` and `TAKE` do too: the next level has no currents.
+The others work cell by cell. `PROLONG` adds the next level's solution to ``before``. `STEP` takes the first step of the
+K-cycle along ``z``, copies its direction to ``c``, and relaxes the residual from zero. `COMBINE` sets ``before`` to the
+combination of both directions by the ``coefficients``. `CLEAR` sets the next level's right-hand side to 0, as do
+`ELIMINATE` and `STEP`.
 """
 
 
 @inner
-def feed_black(level: Row, kind: int, slab: Slab) -> None:
-    """`ELIMINATE`, `RESTRICT` or `RELAX` on a slab, but for couplings."""
+def sweep_black(level: Row, kind: int, slab: Slab) -> None:
+    """Run `ELIMINATE`, `RESTRICT` or `RELAX` on a slab, without couplings."""
     slots, ahead = level.slots, blocks_ahead(level)
     before, r, z = singles(level.before, slots), singles(level.r, slots), singles(level.z, slots)
-    inverse, fed = singles(level.black_inverse, slots), singles(level.black_fed, slots)
-    red_inverse, red_fed = singles(level.red_inverse, slots), singles(level.red_fed, slots)
-    aggregate, coarse = indices(level.aggregate, slots), singles(level.below_fed, level.below_slots)
-    red, total, begin, last = singles(level.w, slots), singles(slab.room, level.block), slab.first - ahead, slab.last
+    inverse, rhs = singles(level.black_inverse, slots), singles(level.black_rhs, slots)
+    red_inverse, red_rhs = singles(level.red_inverse, slots), singles(level.red_rhs, slots)
+    aggregate, coarse = indices(level.aggregate, slots), singles(level.below_rhs, level.below_slots)
+    red, total, begin, last = singles(level.w, slots), singles(slab.buffer, level.block), slab.first - ahead, slab.last
     if kind == RESTRICT:
         last = -(-(slab.end - level.margin) // level.block)
     coupling = first_coupling(level, max(begin, 0))
@@ -59,38 +62,41 @@ def feed_black(level: Row, kind: int, slab: Slab) -> None:
         if step < level.blocks:
             at, count = extent(level, step)
             if kind == ELIMINATE:
-                scale(red_inverse, red_fed, at, at, count, red)
+                scale(red_inverse, red_rhs, at, at, count, red)
             else:
-                coupling = draw_red(level, step, before, coupling, total)
+                coupling = multiply_red(level, step, before, coupling, total)
                 scale(red_inverse, total, ZERO, at, count, red)
         block = step - ahead
         if not slab.first <= block < last:
             continue
         at, count = extent(level, block)
-        draw_into(level, BLACK, red, block, total)
+        multiply_faces(level, BLACK, red, block, total)
         if kind == ELIMINATE:
-            _feed(inverse, fed, total, at, count, r, before)
+            _add_rhs(inverse, rhs, total, at, count, r, before)
         elif kind == RELAX:
             relax(inverse, r, at, count, total, z)
         elif slab.begin < at + count:
-            behind = max(slab.begin - at, 0)
-            _add_to_nodes(aggregate, at + behind, min(count, slab.end - at) - behind, total, behind, coarse)
+            skipped = max(slab.begin - at, 0)
+            _add_to_nodes(aggregate, at + skipped, min(count, slab.end - at) - skipped, total, skipped, coarse)
 
 
 @inner_fast
-def _feed(inverse: Singles, fed: Singles, total: Singles, begin: int, count: int, r: Singles, before: Singles) -> None:
-    """``r = total + fed``, and ``before = inverse r`` on a block."""
+def _add_rhs(
+    inverse: Singles, rhs: Singles, total: Singles, begin: int, count: int, r: Singles, before: Singles
+) -> None:
+    """Set ``r = total + rhs`` and ``before = inverse r`` on a block."""
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
-        v = total[np.uint64(i)] + fed[k]
+        v = total[np.uint64(i)] + rhs[k]
         r[k] = v
         before[k] = inverse[k] * v
 
 
 @inner
-def _add_to_nodes(aggregate: Indices, begin: int, count: int, total: Singles, behind: int, coarse: Singles) -> None:
-    at, t_at = np.uint64(begin), np.uint64(behind)
+def _add_to_nodes(aggregate: Indices, begin: int, count: int, total: Singles, skipped: int, coarse: Singles) -> None:
+    """Restrict some slots: add their values to their nodes of the next level."""
+    at, t_at = np.uint64(begin), np.uint64(skipped)
     for i in range(count):
         k = np.uint64(i)
         coarse[np.uint32(aggregate[at + k])] += total[t_at + k]
@@ -98,21 +104,25 @@ def _add_to_nodes(aggregate: Indices, begin: int, count: int, total: Singles, be
 
 @inner
 def multiply(level: Row, slab: Slab, product: Singles) -> None:
-    """`MULTIPLY` on a slab, but for couplings; ``sums`` receives ``z.r``, ``z.w`` and ``z.s``, ``w`` the product."""
+    """Run `MULTIPLY` on a slab, without couplings: ``product = S z``; ``sums`` receives ``z.r``, ``z.w``, ``z.s``."""
     slots, ahead, inverse = level.slots, blocks_ahead(level), singles(level.red_inverse, level.slots)
     r, s, z = singles(level.r, slots), singles(level.s, slots), singles(level.z, slots)
-    degree, red, total = doubles(level.degree, slots), doubles(level.led, slots), doubles(slab.room, level.block)
+    degree, red, total = (
+        doubles(level.degree, slots),
+        doubles(level.red_double, slots),
+        doubles(slab.buffer, level.block),
+    )
     sums, begin = doubles(level.sums, 3 * level.blocks), max(slab.first - ahead, 0)
     coupling = first_coupling(level, begin)
     for step in range(begin, slab.last + ahead):
         if step < level.blocks:
             at, count = extent(level, step)
-            coupling = draw_red(level, step, z, coupling, total)
+            coupling = multiply_red(level, step, z, coupling, total)
             scale(inverse, total, ZERO, at, count, red)
         block = step - ahead
         if slab.first <= block:
             at, count = extent(level, block)
-            draw_into(level, BLACK, red, block, total)
+            multiply_faces(level, BLACK, red, block, total)
             k, sum_of = 3 * block, _multiply(degree, z, r, s, at, count, total, product)
             sums[k], sums[k + 1], sums[k + 2] = sum_of
 
@@ -121,7 +131,7 @@ def multiply(level: Row, slab: Slab, product: Singles) -> None:
 def _multiply(
     degree: Reals, z: Singles, r: Singles, s: Singles, begin: int, count: int, total: Reals, w: Singles
 ) -> tuple[float, float, float]:
-    """``w = degree z - total`` on a block, and its share of ``z.r``, ``z.w`` and ``z.s``."""
+    """Set ``w = degree z - total`` on a block; returns its parts of ``z.r``, ``z.w`` and ``z.s``."""
     a, b, c = 0.0, 0.0, 0.0
     at = np.uint64(begin)
     for i in range(count):
@@ -136,53 +146,53 @@ def _multiply(
 
 
 @inner
-def follow_couplings(level: Row, kind: int, product: Singles) -> float:
-    """What couplings carry in a sweep that feeds black cells, behind all slabs; by how much ``z.w`` becomes less."""
-    slots, joined, less = level.slots, level.joined, 0.0
+def add_couplings(level: Row, kind: int, product: Singles) -> float:
+    """Add the couplings of a sweep over black cells, after all slabs; returns the decrease of ``z.w``."""
+    slots, joined, decrease = level.slots, level.joined, 0.0
     off_red, off_black = indices(level.off_red, joined), indices(level.off_black, joined)
-    g, red, exact = singles(level.couplings, joined), singles(level.w, slots), doubles(level.led, slots)
+    g, red, red_double = singles(level.couplings, joined), singles(level.w, slots), doubles(level.red_double, slots)
     before, r, z = singles(level.before, slots), singles(level.r, slots), singles(level.z, slots)
     inverse, aggregate = singles(level.black_inverse, slots), indices(level.aggregate, slots)
-    coarse = singles(level.below_fed, level.below_slots)
+    coarse = singles(level.below_rhs, level.below_slots)
     for m in range(joined):
-        black, drawn = off_black[m], g[m] * red[off_red[m]]
+        black, inflow = off_black[m], g[m] * red[off_red[m]]
         if kind == ELIMINATE:
-            r[black] += drawn
+            r[black] += inflow
             before[black] = inverse[black] * r[black]
         elif kind == RESTRICT:
-            coarse[aggregate[black]] += drawn
+            coarse[aggregate[black]] += inflow
         elif kind == RELAX:
-            z[black] += inverse[black] * drawn
+            z[black] += inverse[black] * inflow
         else:
-            product[black] -= g[m] * exact[off_red[m]]
-            less += z[black] * g[m] * exact[off_red[m]]
+            product[black] -= g[m] * red_double[off_red[m]]
+            decrease += z[black] * g[m] * red_double[off_red[m]]
     coarse[0] = 0.0
-    return less
+    return decrease
 
 
 @inner
-def put_back(level: Row, slab: Slab) -> None:
-    """`PUT_BACK` on a slab."""
-    slots, total, coupling = level.slots, singles(slab.room, level.block), first_coupling(level, slab.first)
+def back_substitute(level: Row, slab: Slab) -> None:
+    """Run `BACK_SUBSTITUTE` on a slab."""
+    slots, total, coupling = level.slots, singles(slab.buffer, level.block), first_coupling(level, slab.first)
     before, inverse = singles(level.before, slots), singles(level.red_inverse, slots)
-    fed, red = singles(level.red_fed, slots), singles(level.red, slots)
+    rhs, red = singles(level.red_rhs, slots), singles(level.red, slots)
     for block in range(slab.first, slab.last):
         at, count = extent(level, block)
-        coupling = draw_red(level, block, before, coupling, total)
-        relax(inverse, fed, at, count, total, red)
+        coupling = multiply_red(level, block, before, coupling, total)
+        relax(inverse, rhs, at, count, total, red)
 
 
 @inner
-def pass_over(level: Row, kind: int, slab: Slab) -> None:
-    """`RAISE`, `COMBINE` or `TAKE` on a slab, block by block; ``sums`` receives squares."""
-    slots, shares, sums = level.slots, doubles(level.shares, 2), doubles(level.sums, 3 * level.blocks)
+def update_slots(level: Row, kind: int, slab: Slab) -> None:
+    """Run `PROLONG`, `COMBINE` or `STEP` on a slab, block by block; ``sums`` receives squares."""
+    slots, coefficients, sums = level.slots, doubles(level.coefficients, 2), doubles(level.sums, 3 * level.blocks)
     r, s, z, c = singles(level.r, slots), singles(level.s, slots), singles(level.z, slots), singles(level.c, slots)
     inverse, before = singles(level.black_inverse, slots), singles(level.before, slots)
-    aggregate, coarse = indices(level.aggregate, slots), singles(level.below, level.below_slots)
-    on_c, on_z = np.float32(shares[0]), np.float32(shares[1])
+    aggregate, coarse = indices(level.aggregate, slots), singles(level.below_x, level.below_slots)
+    on_c, on_z = np.float32(coefficients[0]), np.float32(coefficients[1])
     for block in range(slab.first, slab.last):
         begin, count = extent(level, block)
-        if kind == RAISE:
+        if kind == PROLONG:
             _add_from_nodes(aggregate, begin, count, coarse, before)
         elif kind == COMBINE:
             combine(z, c, on_c, on_z, begin, count, before)
@@ -195,7 +205,7 @@ def pass_over(level: Row, kind: int, slab: Slab) -> None:
 
 @inner
 def _add_from_nodes(aggregate: Indices, begin: int, count: int, coarse: Singles, total: Singles) -> None:
-    """Add what some slots take from their nodes."""
+    """Prolong to some slots: add the values of their nodes of the next level."""
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
