@@ -32,7 +32,7 @@ def assemble_deck(collector: Collector, source: SourceFile, limit: int | None) -
     elements = expander.elements()
     elements.nodes.of("0", 0)
     for plain in collector.plain:
-        plain.enter(elements)
+        plain.add_to(elements)
     expander.check_size(limit)
     diagnostics.raise_errors()
     expander.fill(scope, elements, contents.top.cards)

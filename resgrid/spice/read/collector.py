@@ -128,7 +128,7 @@ class Collector:
         if not self.quick or self.contents.rules.instances or any(name.encode() in lower for name in misread):
             return plain_lines(source.data, start)
         self.plain.append(PlainCards(source, start, self.contents.rules))
-        return self.plain[-1].others(lambda: len(self.contents.open) == 1 and not self._skipping)
+        return self.plain[-1].other_lines(lambda: len(self.contents.open) == 1 and not self._skipping)
 
     def _take(self, stream: Iterable[Card], source: SourceFile) -> None:
         contents = self.contents

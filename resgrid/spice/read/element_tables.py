@@ -98,12 +98,11 @@ class NodeTable:
         self.names.extend(names)
         return np.arange(first, first + len(names))
 
-    def of_all(self, names: list[str], orders: NDArray[np.int64], short: list[int]) -> NDArray[np.int64]:
-        """Numbers of nodes that are all different, case folded, those of ground among the short ones; shape (n,)."""
+    def of_all(self, names: list[str], orders: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the numbers of nodes whose names differ from each other regardless of case; shape (n,)."""
         if len(self.names) > 1:
             return np.fromiter(map(self.of, names, orders.tolist()), np.int64, len(names))
-        is_ground = np.zeros(len(names), dtype=np.bool_)
-        is_ground[[i for i in short if names[i].lower() in self.grounds]] = True
+        is_ground = np.fromiter(map(self.grounds.__contains__, map(str.lower, names)), np.bool_, len(names))
         self.aliases.update(name.lower() for name in compress(names, is_ground.tobytes()))
         self.aliases.discard("0")
         self.names.extend(compress(names, (~is_ground).tobytes()))

@@ -1,11 +1,17 @@
-"""The short way for plain cards: compiled loops cut them out of a file, and leave what needs a closer look."""
+r"""Fast path for plain cards: one regular expression finds them, all other lines are left to the general reader.
+
+A *plain card* is one line ``name node node value`` of a resistor, source or capacitor.  The value may be written
+``R=value`` for a resistor and ``DC value`` for a source.  The line consists of printable ASCII without quotes,
+parentheses, assignments or comments, and no other line continues it.
+"""
 
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING
+from itertools import compress, count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,108 +21,231 @@ from resgrid.spice.read.element_tables import ElementArrays, Elements
 from resgrid.spice.read.files import SourceFile, decode
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 
-if TYPE_CHECKING:
-    from resgrid.spice.read.kernels import Lines
-
 LEAST_BYTES = 40_000
-"""Below this size the compiled loops cost more to load than they save."""
+"""Smallest file, in bytes, that takes the fast path by default; below it saves less than a tenth of a second."""
+
+_BLOCK_BYTES = 2**20
+"""Bytes of text that one call of the regular expression splits; limits the memory of its matches."""
 
 _KINDS = ("resistor", "voltage source", "current source", "capacitor")
-"""What the kinds of plain cards are."""
+_OTHER, _EMPTY = 254, 255
+"""Codes of lines that are not plain cards: lines for the general reader; blank lines and comments."""
 
-_SLASHES = re.compile(b"//")
+_CODES = {b"": _OTHER} | {bytes([c]): code for code, pair in enumerate((b"rR", b"vV", b"iI", b"cC")) for c in pair}
+"""Index in `_KINDS` for the first letter of a card; `_OTHER` where the expression matched no card."""
+
+_COMMAND, _BACKSLASH, _CONTINUES = 1, 2, 4
+"""Properties of a line, as bits.
+
+After a command, and after a backslash, the next card belongs to the general reader, because the line before it decides
+its scope.  A line that may continue the card before it (``+``) leaves that card to the general reader.
+"""
+
+_NAME = rb"[!#%&*+\-./0-9:<>?@A-Z\[\]^_`a-z|~]"
+_NAME_WITHOUT_SLASHES = rb"(?:[!#%&*+\-.0-9:<>?@A-Z\[\]^_`a-z|~]++|/(?!/))"
+_LINE = rb"""[ \t]*+(?:
+    ([rRvViIcC])NAME*+ [ \t]++ (NAME++) [ \t]++ (NAME++) [ \t]++   # first letter, nodes
+    ((?:[rR]=|[dD][cC][ \t]++)?+)                                  # key of the value
+    (?: ([+\-]?+ (?:\d++\.?+\d*+|\.\d++) (?:[eE][+\-]?+\d{1,9}+)?+) | ([+\-.\d]NAME*+) )  # decimal, or with suffix
+    [ \t]*+
+    |(.*+)                                                         # any other line
+)\n"""
+_FIRST_WORD = re.compile(rb"[ \t]*+(" + _NAME + rb"*+).*+\n")
 
 
 def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
-    """Every line of a file from a byte on, with its number."""
+    """Yield number and text of every line of a file from a byte offset on."""
     number = data.count(b"\n", 0, start) + 1
     return enumerate(map(decode, data[start:].split(b"\n")), number)
 
 
+def _blocks(data: bytes, start: int) -> Iterator[tuple[int, int]]:
+    """Yield first and last offset of blocks of whole lines."""
+    while start < len(data):
+        stop = data.index(b"\n", min(start + _BLOCK_BYTES, len(data)) - 1) + 1
+        yield start, stop
+        start = stop
+
+
 class PlainCards:
-    """The plain cards of a file, cut away from its other lines while those are read."""
+    """The plain cards of a file, and its other lines.
+
+    `_code` (lines,): index in `_KINDS`, `_OTHER` or `_EMPTY`; `_start` (lines,): byte offset; `_value` (lines,): ohms,
+    volts, amperes or farads, NaN for other lines; `_spelling` (lines, 2): number of each node's spelling in
+    `_spellings`; `_is_taken` (lines,): whether the fast path has consumed the line.
+    """
 
     def __init__(self, source: SourceFile, start: int, rules: ReadingRules) -> None:
-        from resgrid.spice.read.kernels import EMPTY, OTHER, Lines, cut
-
         data = source.data
-        count = data.count(b"\n", start)
-        self._source, self._rules, self._number = source, rules, data.count(b"\n", 0, start) + 1
-        self._text = np.frombuffer(data, dtype=np.uint8)
-        self._lines = lines = Lines(
-            start=np.empty(count, dtype=np.int32),
-            kind=np.empty(count, dtype=np.uint8),
-            words=np.empty((count, 4, 2), dtype=np.int32),
-            decimal=np.empty(count, dtype=np.bool_),
-        )
-        cut(self._text, start, lines)
-        slashes = [match.start() for match in _SLASHES.finditer(data, start)]
-        lines.kind[np.searchsorted(lines.start, slashes, side="right") - 1] = OTHER  # perhaps a comment
-        self._value = _values(self._text, lines, rules)
-        self._value[(lines.kind == _KINDS.index("capacitor")) & (self._value < 0)] = np.nan
-        self._is_plain = np.isfinite(self._value)
-        self._others = np.flatnonzero(~self._is_plain & (lines.kind != EMPTY))
-        self._is_taken = np.zeros(count, dtype=np.bool_)
+        lines = data.count(b"\n", start)
+        self._source, self._offset = source, start
+        self._number = data.count(b"\n", 0, start) + 1
+        self._code = np.empty(lines, dtype=np.uint8)
+        self._start = np.empty(lines, dtype=np.int32)
+        self._value = np.full(lines, np.nan)
+        self._spelling = np.empty((lines, 2), dtype=np.int32)
+        self._spellings: defaultdict[bytes, int] = defaultdict(count().__next__)
+        self._properties: list[tuple[int, int]] = []
+        self._suffixed = _SuffixedValues(rules)
+        self._scan()
+        self._leave_to_general_reader()
+        self._value[(self._code == _KINDS.index("capacitor")) & (self._value < 0)] = np.nan
+        self._is_plain = (self._code < _OTHER) & np.isfinite(self._value)
+        self._others = np.flatnonzero(~self._is_plain & (self._code != _EMPTY))
+        self._is_taken = np.zeros(lines, dtype=np.bool_)
 
-    def others(self, may_cut: Callable[[], bool]) -> Iterator[tuple[int, str]]:
-        """The lines that are not plain cards, and where none may be cut away, all."""
-        begin, count = 0, len(self._is_taken)
-        for other in (*self._others.tolist(), count):
-            if begin < other and may_cut():
+    def _scan(self) -> None:
+        """Fill the arrays, block by block."""
+        data, first = self._source.data, 0
+        name = _NAME_WITHOUT_SLASHES if data.find(b"//", self._offset) >= 0 else _NAME  # // may begin a comment
+        pattern = re.compile(_LINE.replace(b"NAME", name), re.VERBOSE)
+        for begin, stop in _blocks(data, self._offset):
+            rows = pattern.findall(data, begin, stop)
+            lines = slice(first, first + len(rows))
+            ends = np.flatnonzero(np.frombuffer(data, np.uint8, stop - begin, begin) == ord("\n"))
+            self._start[lines] = np.concatenate([[begin], begin + 1 + ends[:-1]])
+            letters, nodes, more_nodes, keys, decimals, suffixed, texts = zip(*rows, strict=True)
+            self._code[lines] = np.frombuffer(bytes(map(_CODES.__getitem__, letters)), dtype=np.uint8)
+            self._reject_keys(first, keys)
+            for column, words in enumerate((nodes, more_nodes)):
+                numbers = map(self._spellings.__getitem__, words)
+                self._spelling[lines, column] = np.fromiter(numbers, np.int32, len(rows))
+            self._value[lines] = self._values(decimals, suffixed)
+            self._note_properties(first, texts)
+            first += len(rows)
+
+    def _reject_keys(self, first: int, keys: tuple[bytes, ...]) -> None:
+        """Leave cards to the general reader whose value has the key of another kind, such as a source with ``R=``."""
+        for line, key in enumerate(keys, first):
+            if key and self._code[line] not in ((0,) if key[1:2] == b"=" else (1, 2)):
+                self._code[line] = _OTHER
+
+    def _values(self, decimals: tuple[bytes, ...], suffixed: tuple[bytes, ...]) -> NDArray[np.float64]:
+        """Return the values of a block's lines, NaN or infinite for doubtful ones; shape (lines,)."""
+        lines = len(decimals)
+        value = np.full(lines, np.nan)
+        is_decimal = np.fromiter(map(bool, decimals), np.bool_, lines)
+        value[is_decimal] = np.fromiter(map(float, filter(None, decimals)), np.float64)
+        for line in np.flatnonzero(value == 0).tolist():
+            if decimals[line].lower().partition(b"e")[0].strip(b"+-0."):  # not zero, but too small for a double
+                value[line] = np.nan
+        is_suffixed = np.fromiter(map(bool, suffixed), np.bool_, lines)
+        value[is_suffixed] = np.fromiter(map(self._suffixed.__getitem__, filter(None, suffixed)), np.float64)
+        return value
+
+    def _note_properties(self, first: int, texts: tuple[bytes, ...]) -> None:
+        """Note empty lines of a block, and the properties of those lines that are not cards."""
+        for line in np.flatnonzero(self._code[first : first + len(texts)] == _OTHER).tolist():
+            text = texts[line]
+            initial = text[0] if text else ord("\n")
+            if initial in b"\n*":
+                self._code[first + line] = _EMPTY
+            strange = initial != ord("\n") and not 32 < initial < 127  # perhaps a blank for Python
+            bits = _COMMAND * (initial == ord(".") or strange) | _CONTINUES * (initial == ord("+") or strange)
+            bits |= _BACKSLASH * (b"\\" in text)
+            if bits:
+                self._properties.append((first + line, bits))
+
+    def _leave_to_general_reader(self) -> None:
+        """Mark the cards next to commands, backslashes and continuation lines as other lines."""
+        cards = np.flatnonzero(self._code < _OTHER)
+        lines = np.array([line for line, _ in self._properties], dtype=np.int64)
+        pending, at, last = 0, 0, -1  # bits that concern the next card; index of that; last card of the fast path
+        for (_, bits), stop in zip(self._properties, np.searchsorted(cards, lines).tolist(), strict=True):
+            pending, at, last = self._leave_next(cards, pending, at, stop, last)
+            if bits & _CONTINUES and last >= 0:
+                self._code[cards[last]] = _OTHER
+            pending |= bits & (_COMMAND | _BACKSLASH)
+        self._leave_next(cards, pending, at, len(cards), last)
+
+    def _leave_next(
+        self, cards: NDArray[np.int64], pending: int, at: int, stop: int, last: int
+    ) -> tuple[int, int, int]:
+        """Leave one of the cards `at` to `stop` for every pending bit; return the three changed numbers."""
+        while pending and at < stop:
+            pending &= ~(_BACKSLASH if pending & _BACKSLASH else _COMMAND)
+            self._code[cards[at]] = _OTHER
+            at += 1
+        return pending, max(at, stop), stop - 1 if at < stop else last
+
+    def other_lines(self, may_take: Callable[[], bool]) -> Iterator[tuple[int, str]]:
+        """Yield number and text of the lines that are not plain cards.
+
+        `may_take` is asked before every run of plain cards; where it returns False, the run is yielded too.
+        """
+        begin, lines = 0, len(self._is_taken)
+        for other in (*self._others.tolist(), lines):
+            if begin < other and may_take():
                 self._is_taken[begin:other] = True
             else:
                 yield from map(self._line, range(begin, other))
-            if other < count:
+            if other < lines:
                 yield self._line(other)
             begin = other + 1
 
     def _line(self, line: int) -> tuple[int, str]:
-        start, data = int(self._lines.start[line]), self._source.data
+        start, data = int(self._start[line]), self._source.data
         return self._number + line, decode(data[start : data.index(b"\n", start)])
 
-    def enter(self, elements: Elements) -> None:
-        """Enter what was cut away into the elements of the deck."""
-        from resgrid.spice.read.kernels import number_names
-
+    def add_to(self, elements: Elements) -> None:
+        """Add the plain cards that were taken to the elements of the deck."""
         taken = np.flatnonzero(self._is_taken & self._is_plain)
-        spans = self._lines.words[taken, 1:3].reshape(-1, 2)
-        number, first = number_names(self._text, spans)
-        spelt, line = spans[first], self._number + taken[first // 2]
-        short = np.flatnonzero(np.diff(spelt)[:, 0] <= max(map(len, self._rules.grounds)))
+        number, names, first = self._nodes(taken)
         file = self._source.number
-        numbers = elements.nodes.of_all(_words_at(self._text, spelt), file << 40 | line, short.tolist())
+        numbers = elements.nodes.of_all(names, file << 40 | self._number + taken[first // 2])
         ends = numbers[number].reshape(-1, 2)
         for code, kind in enumerate(_KINDS):
-            own = self._lines.kind[taken] == code
+            own = self._code[taken] == code
             if own.any():
                 cards = taken[own]
                 place = np.stack([np.full(len(cards), file), self._number + cards], axis=1)
-                names_of = partial(_words_at, self._text, self._lines.words[cards, 0])
+                names_of = partial(_first_words, self._source.data, self._offset, cards)
                 elements.parts[kind].append(
                     ElementArrays(names_of, ends[own], self._value[cards, np.newaxis], place, None)
                 )
 
+    def _nodes(self, cards: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[str], NDArray[np.int64]]:
+        """Number the nodes of cards in order of first use, regardless of case.
 
-def _values(text: NDArray[np.uint8], lines: Lines, rules: ReadingRules) -> NDArray[np.float64]:
-    """Values of plain cards, NaN or infinite where there is any doubt about one, and of other lines; shape (lines,)."""
-    value = np.full(len(lines.kind), np.nan)
-    is_card = lines.kind < len(_KINDS)
-    decimal = np.flatnonzero(is_card & lines.decimal)
-    value[decimal] = np.fromiter(map(float, _words_at(text, lines.words[decimal, 3])), np.float64, len(decimal))
-    zero = np.flatnonzero(value == 0)
-    underflows = [word.lower().partition("e")[0].strip("+-0.") != "" for word in _words_at(text, lines.words[zero, 3])]
-    value[zero[underflows]] = np.nan
-    suffixed = np.flatnonzero(is_card & ~lines.decimal)
-    read: dict[str, float] = {}
-    for card, word in zip(suffixed.tolist(), _words_at(text, lines.words[suffixed, 3]), strict=True):
-        if word not in read:
-            numeral = parse_numeral(word, rules)
-            read[word] = numeral.value if isinstance(numeral, Numeral) and not numeral.warning else np.nan
-        value[card] = read[word]
-    return value
+        Returns numbers (2 cards,), names as first spelt, and the index of the first use of each (nodes,).
+        """
+        spellings = b"\n".join(self._spellings).decode("ascii").split("\n")
+        folded: defaultdict[str, int] = defaultdict(count().__next__)
+        fold = np.fromiter(map(folded.__getitem__, map(str.lower, spellings)), np.int64, len(spellings))
+        spelling = self._spelling[cards].ravel()
+        node = fold[spelling]
+        uses = np.arange(len(node))
+        first_use = np.full(len(folded), len(node))
+        first_use[node[::-1]] = uses[::-1]  # the last assignment to an entry counts
+        first = np.flatnonzero(first_use[node] == uses)
+        rank = np.empty(len(folded), dtype=np.int64)
+        rank[node[first]] = np.arange(len(first))
+        return rank[node], list(map(spellings.__getitem__, spelling[first].tolist())), first
 
 
-def _words_at(text: NDArray[np.uint8], spans: NDArray[np.int32]) -> list[str]:
-    from resgrid.spice.read.kernels import gather
+class _SuffixedValues(dict[bytes, float]):
+    """Value of every numeral with a suffix, parsed once; NaN where the general reader has an error or a warning."""
 
-    return gather(text, spans).tobytes().decode("ascii").split("\n")[:-1]
+    def __init__(self, rules: ReadingRules) -> None:
+        super().__init__()
+        self._rules = rules
+
+    def __missing__(self, word: bytes) -> float:
+        numeral = parse_numeral(word.decode("ascii"), self._rules)
+        value = numeral.value if isinstance(numeral, Numeral) and not numeral.warning else np.nan
+        self[word] = value
+        return value
+
+
+def _first_words(data: bytes, start: int, lines: NDArray[np.int64]) -> list[str]:
+    """Return the first words of some lines of a text, which are names of elements."""
+    is_wanted = np.zeros(data.count(b"\n", start), dtype=np.bool_)
+    is_wanted[lines] = True
+    first, names = 0, list[str]()
+    for begin, stop in _blocks(data, start):
+        words = _FIRST_WORD.findall(data, begin, stop)
+        wanted = list(compress(words, is_wanted[first : first + len(words)].tobytes()))
+        if wanted:
+            names += b"\n".join(wanted).decode("ascii").split("\n")
+        first += len(words)
+    return names

@@ -23,9 +23,9 @@ def cut(text: str) -> tuple[list[str], list[float]]:
     cards = PlainCards(SourceFile(0, "deck", None, text.encode()), 0, DIALECTS["ngspice"].reading)
     elements = Elements(NodeTable(frozenset({"0"})), 27.0)
     elements.nodes.of("0", 0)
-    for _ in cards.others(lambda: True):
+    for _ in cards.other_lines(lambda: True):
         pass
-    cards.enter(elements)
+    cards.add_to(elements)
     found = elements.joined("resistor")
     return found.names(), found.values[:, 0].tolist()
 
