@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import gc
 import os
-import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -135,15 +133,6 @@ def _irregular() -> None:
     rg.solve(_netlist(1000, 0.2))
 
 
-def _decks() -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        deck = Path(folder) / "room.cir"
-        rg.write_spice(_solve(_room(24, 24)), deck)
-        circuit = rg.read_spice(deck)
-        rg.check_rules(circuit)
-        rg.solve(circuit, accuracy="normwise")
-
-
 def _paths() -> None:
     planner = rg.plan(_ROOM, k=0.5)
     path = planner.path((0.5, 6.5))
@@ -182,7 +171,7 @@ CASES: dict[str, Callable[[], None]] = {
     case.__name__.strip("_").replace("_", " "): case
     for case in (
         _plane, _corridors, _paths, _irregular, _volume, _chips, _control, _robots, _many, _uneven,
-        _plane_of_voltages, _open_obstacles, _decks,
+        _plane_of_voltages, _open_obstacles,
     )
 }  # fmt: skip
 """Small jobs, those that compile longest first."""

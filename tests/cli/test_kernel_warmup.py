@@ -45,8 +45,8 @@ def test_every_case_runs(case):
 
 
 def test_what_one_process_has_compiled_the_next_one_loads(tmp_path):
-    assert compiled("decks", tmp_path) > 0
-    assert compiled("decks", tmp_path) == 0
+    assert compiled("many", tmp_path) > 0
+    assert compiled("many", tmp_path) == 0
 
 
 def _fail() -> None:
@@ -66,5 +66,5 @@ def test_the_command_ends_with_a_code_for_scripts(monkeypatch):
 
 
 def test_processes_share_the_cases(monkeypatch):
-    monkeypatch.setattr(kernel_warmup, "CASES", {"decks": kernel_warmup.CASES["decks"]})
-    assert list(kernel_warmup.compile_loops(2)) == ["decks"]
+    monkeypatch.setattr(kernel_warmup, "CASES", {"many": kernel_warmup.CASES["many"]})
+    assert list(kernel_warmup.compile_loops(2)) == ["many"]

@@ -24,14 +24,15 @@ from resgrid.spice.read.numerals import Numeral, parse_numeral
 LEAST_BYTES = 40_000
 """Smallest file, in bytes, that takes the fast path by default; below it saves less than a tenth of a second."""
 
-_BLOCK_BYTES = 2**20
+_BLOCK_BYTES = 2**16
 """Bytes of text that one call of the regular expression splits; limits the memory of its matches."""
 
 _KINDS = ("resistor", "voltage source", "current source", "capacitor")
 _OTHER, _EMPTY = 254, 255
 """Codes of lines that are not plain cards: lines for the general reader; blank lines and comments."""
 
-_CODES = {b"": _OTHER} | {bytes([c]): code for code, pair in enumerate((b"rR", b"vV", b"iI", b"cC")) for c in pair}
+_CODES: dict[bytes | None, int] = {None: _OTHER}
+_CODES |= {bytes([c]): code for code, letters in enumerate((b"rR", b"vV", b"iI", b"cC")) for c in letters}
 """Index in `_KINDS` for the first letter of a card; `_OTHER` where the expression matched no card."""
 
 _COMMAND, _BACKSLASH, _CONTINUES = 1, 2, 4
@@ -50,6 +51,9 @@ _LINE = rb"""[ \t]*+(?:
     [ \t]*+
     |(.*+)                                                         # any other line
 )\n"""
+_PIECES = 8
+"""Pieces per line into which `_LINE` splits a text: the groups, and the empty text between two lines."""
+
 _FIRST_WORD = re.compile(rb"[ \t]*+(" + _NAME + rb"*+).*+\n")
 
 
@@ -84,7 +88,7 @@ class PlainCards:
         self._start = np.empty(lines, dtype=np.int32)
         self._value = np.full(lines, np.nan)
         self._spelling = np.empty((lines, 2), dtype=np.int32)
-        self._spellings: defaultdict[bytes, int] = defaultdict(count().__next__)
+        self._spellings: defaultdict[bytes | None, int] = defaultdict(count().__next__)
         self._properties: list[tuple[int, int]] = []
         self._suffixed = _SuffixedValues(rules)
         self._scan()
@@ -100,40 +104,40 @@ class PlainCards:
         name = _NAME_WITHOUT_SLASHES if data.find(b"//", self._offset) >= 0 else _NAME  # // may begin a comment
         pattern = re.compile(_LINE.replace(b"NAME", name), re.VERBOSE)
         for begin, stop in _blocks(data, self._offset):
-            rows = pattern.findall(data, begin, stop)
-            lines = slice(first, first + len(rows))
+            pieces = pattern.split(data[begin:stop])  # between lines: an empty piece, then all groups
+            letters, nodes, more_nodes, keys, decimals, suffixed, texts = (
+                pieces[i::_PIECES] for i in range(1, _PIECES)
+            )
+            lines = slice(first, first + len(letters))
             ends = np.flatnonzero(np.frombuffer(data, np.uint8, stop - begin, begin) == ord("\n"))
             self._start[lines] = np.concatenate([[begin], begin + 1 + ends[:-1]])
-            letters, nodes, more_nodes, keys, decimals, suffixed, texts = zip(*rows, strict=True)
             self._code[lines] = np.frombuffer(bytes(map(_CODES.__getitem__, letters)), dtype=np.uint8)
-            self._reject_keys(first, keys)
+            if any(keys):
+                self._reject_keys(first, keys)
             for column, words in enumerate((nodes, more_nodes)):
                 numbers = map(self._spellings.__getitem__, words)
-                self._spelling[lines, column] = np.fromiter(numbers, np.int32, len(rows))
+                self._spelling[lines, column] = np.fromiter(numbers, np.int32, len(letters))
             self._value[lines] = self._values(decimals, suffixed)
             self._note_properties(first, texts)
-            first += len(rows)
+            first += len(letters)
 
-    def _reject_keys(self, first: int, keys: tuple[bytes, ...]) -> None:
+    def _reject_keys(self, first: int, keys: list[bytes | None]) -> None:
         """Leave cards to the general reader whose value has the key of another kind, such as a source with ``R=``."""
         for line, key in enumerate(keys, first):
             if key and self._code[line] not in ((0,) if key[1:2] == b"=" else (1, 2)):
                 self._code[line] = _OTHER
 
-    def _values(self, decimals: tuple[bytes, ...], suffixed: tuple[bytes, ...]) -> NDArray[np.float64]:
+    def _values(self, decimals: list[bytes], suffixed: list[bytes]) -> NDArray[np.float64]:
         """Return the values of a block's lines, NaN or infinite for doubtful ones; shape (lines,)."""
-        lines = len(decimals)
-        value = np.full(lines, np.nan)
-        is_decimal = np.fromiter(map(bool, decimals), np.bool_, lines)
-        value[is_decimal] = np.fromiter(map(float, filter(None, decimals)), np.float64)
+        value = _parsed(float, decimals)
         for line in np.flatnonzero(value == 0).tolist():
             if decimals[line].lower().partition(b"e")[0].strip(b"+-0."):  # not zero, but too small for a double
                 value[line] = np.nan
-        is_suffixed = np.fromiter(map(bool, suffixed), np.bool_, lines)
-        value[is_suffixed] = np.fromiter(map(self._suffixed.__getitem__, filter(None, suffixed)), np.float64)
+        if any(suffixed):
+            value = np.where(np.isnan(value), _parsed(self._suffixed.__getitem__, suffixed), value)
         return value
 
-    def _note_properties(self, first: int, texts: tuple[bytes, ...]) -> None:
+    def _note_properties(self, first: int, texts: list[bytes]) -> None:
         """Note empty lines of a block, and the properties of those lines that are not cards."""
         for line in np.flatnonzero(self._code[first : first + len(texts)] == _OTHER).tolist():
             text = texts[line]
@@ -204,23 +208,35 @@ class PlainCards:
                     ElementArrays(names_of, ends[own], self._value[cards, np.newaxis], place, None)
                 )
 
-    def _nodes(self, cards: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[str], NDArray[np.int64]]:
+    def _nodes(self, cards: NDArray[np.int64]) -> tuple[NDArray[np.int32], list[str], NDArray[np.int64]]:
         """Number the nodes of cards in order of first use, regardless of case.
 
         Returns numbers (2 cards,), names as first spelt, and the index of the first use of each (nodes,).
         """
-        spellings = b"\n".join(self._spellings).decode("ascii").split("\n")
+        text = b"\n".join(word or b"" for word in self._spellings).decode("ascii")
+        spellings = text.split("\n")
         folded: defaultdict[str, int] = defaultdict(count().__next__)
-        fold = np.fromiter(map(folded.__getitem__, map(str.lower, spellings)), np.int64, len(spellings))
+        fold = np.fromiter(map(folded.__getitem__, text.lower().split("\n")), np.int32, len(spellings))
         spelling = self._spelling[cards].ravel()
         node = fold[spelling]
-        uses = np.arange(len(node))
-        first_use = np.full(len(folded), len(node))
+        uses = np.arange(len(node), dtype=np.int32)
+        first_use = np.full(len(folded), len(node), dtype=np.int32)
         first_use[node[::-1]] = uses[::-1]  # the last assignment to an entry counts
         first = np.flatnonzero(first_use[node] == uses)
-        rank = np.empty(len(folded), dtype=np.int64)
+        rank = np.empty(len(folded), dtype=np.int32)
         rank[node[first]] = np.arange(len(first))
         return rank[node], list(map(spellings.__getitem__, spelling[first].tolist())), first
+
+
+def _parsed(parse: Callable[[bytes], float], words: list[bytes]) -> NDArray[np.float64]:
+    """Return the values of words, NaN for missing ones (None); shape (words,)."""
+    if all(words):
+        return np.fromiter(map(parse, words), np.float64, len(words))
+    value = np.full(len(words), np.nan)
+    value[np.fromiter(map(bool, words), np.bool_, len(words))] = np.fromiter(
+        map(parse, filter(None, words)), np.float64
+    )
+    return value
 
 
 class _SuffixedValues(dict[bytes, float]):

@@ -1,5 +1,7 @@
 import random
 import struct
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -124,6 +126,18 @@ def test_large_decks_are_cut_whole(tmp_path, count: int) -> None:
     deck = read_with(path, least_bytes=0)
     assert deck.resistance.tolist() == [1.0 + i / 7 for i in range(count)] + [1000.0]
     assert deck.node_names == ("0", *(f"n{i}" if i == 0 else f"N{i}" for i in range(count)), f"N{count}")
+
+
+def test_reading_and_checking_a_large_deck_does_not_load_numba(tmp_path) -> None:
+    path = tmp_path / "deck.cir"
+    chain = "".join(f"R{i} n{i} n{i + 1} {i + 1}k\n" for i in range(4000))
+    path.write_text(f"chain\nV1 n0 0 1\n{chain}Rend n4000 0 1k\n.end\n")
+    code = (
+        "import sys, resgrid as rg\n"
+        "assert not rg.check_rules(rg.read_spice(sys.argv[1]))\n"
+        "assert not any(name.partition('.')[0] in ('numba', 'llvmlite') for name in sys.modules)\n"
+    )
+    subprocess.run([sys.executable, "-c", code, str(path)], check=True, timeout=120)
 
 
 def test_a_node_is_spelt_as_where_it_stands_first_whichever_way_the_file_is_read(tmp_path) -> None:
