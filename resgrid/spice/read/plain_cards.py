@@ -137,10 +137,12 @@ class PlainCards:
             value = np.where(np.isnan(value), _parsed(self._suffixed.__getitem__, suffixed), value)
         return value
 
-    def _note_properties(self, first: int, texts: list[bytes]) -> None:
+    def _note_properties(self, first: int, texts: list[bytes | None]) -> None:
         """Note empty lines of a block, and the properties of those lines that are not cards."""
         for line in np.flatnonzero(self._code[first : first + len(texts)] == _OTHER).tolist():
             text = texts[line]
+            if text is None:  # a card that was rejected for the key of its value
+                continue
             initial = text[0] if text else ord("\n")
             if initial in b"\n*":
                 self._code[first + line] = _EMPTY

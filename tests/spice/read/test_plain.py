@@ -105,6 +105,11 @@ CARDS = st.sampled_from(
             "R21 a b 1e",
             "R22 a b 1e000000001",
             "R23 a b 1e0000000001",
+            "R24 a b DC 1m",
+            "V6 f 0 R=1",
+            "C3 a b DC 1",
+            "i8 0 a dc 1",
+            "c4 a b c=1p",
         ),
     )
 )
@@ -138,6 +143,13 @@ def test_reading_and_checking_a_large_deck_does_not_load_numba(tmp_path) -> None
         "assert not any(name.partition('.')[0] in ('numba', 'llvmlite') for name in sys.modules)\n"
     )
     subprocess.run([sys.executable, "-c", code, str(path)], check=True, timeout=120)
+
+
+@pytest.mark.parametrize("card", ["R2 a b DC 1", "V2 a b R=1", "I2 a b R=1", "C2 a b DC 1", "C2 a b R=1"])
+def test_a_key_of_another_kind_is_left_to_the_general_reader(tmp_path, card: str) -> None:
+    path = tmp_path / "deck.cir"
+    path.write_text(f"title\nV1 a 0 1\nR1 a b 1\n{card}\nR3 b 0 2\n")
+    assert same(outcome(path, 10**9), outcome(path, 0))
 
 
 def test_a_node_is_spelt_as_where_it_stands_first_whichever_way_the_file_is_read(tmp_path) -> None:
