@@ -177,7 +177,7 @@ class PlainCards:
     def other_lines(self, may_take: Callable[[], bool]) -> Iterator[tuple[int, str]]:
         """Yield number and text of the lines that are not plain cards.
 
-        `may_take` is asked before every run of plain cards; where it returns False, the run is yielded too.
+        `may_take` is called before every run of plain cards; if it returns False, the run is yielded too.
         """
         begin, lines = 0, len(self._is_taken)
         for other in (*self._others.tolist(), lines):
@@ -190,6 +190,7 @@ class PlainCards:
             begin = other + 1
 
     def _line(self, line: int) -> tuple[int, str]:
+        """Return number and text of a line, given its index."""
         start, data = int(self._start[line]), self._source.data
         return self._number + line, decode(data[start : data.index(b"\n", start)])
 
@@ -198,7 +199,7 @@ class PlainCards:
         taken = np.flatnonzero(self._is_taken & self._is_plain)
         number, names, first = self._nodes(taken)
         file = self._source.number
-        numbers = elements.nodes.of_all(names, file << 40 | self._number + taken[first // 2])
+        numbers = elements.nodes.numbers_of(names, file << 40 | self._number + taken[first // 2])
         ends = numbers[number].reshape(-1, 2)
         for code, kind in enumerate(_KINDS):
             own = self._code[taken] == code

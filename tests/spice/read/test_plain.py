@@ -24,7 +24,7 @@ def cut(text: str) -> tuple[list[str], list[float]]:
     """Names and values of the plain resistors of a text."""
     cards = PlainCards(SourceFile(0, "deck", None, text.encode()), 0, DIALECTS["ngspice"].reading)
     elements = Elements(NodeTable(frozenset({"0"})), 27.0)
-    elements.nodes.of("0", 0)
+    elements.nodes.number_of("0", 0)
     for _ in cards.other_lines(lambda: True):
         pass
     cards.add_to(elements)
