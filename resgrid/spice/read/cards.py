@@ -110,7 +110,7 @@ _MICRO = "\N{MICRO SIGN}"
 
 
 def _check_letters(text: str, spot: Spot, source: SourceFile, rules: ReadingRules, diagnostics: Diagnostics) -> None:
-    """Reject blanks beyond ASCII, which simulators take for letters; note bytes that stop the dialect's simulator."""
+    """Add an error about non-ASCII blanks, and warnings about bytes that may stop the dialect's simulator."""
     blank = _WIDE_BLANK.search(text)
     if blank is not None:
         place, character = Spot(spot.file, spot.line, blank.start() + 1), f"U+{ord(blank.group()):04X}"

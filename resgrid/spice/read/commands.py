@@ -83,7 +83,7 @@ class Contents:
         return BuiltIns(self.rules, dialect.label, temperature, nominal, self._swept, self._redefined)
 
     def note_swept(self, card: Card) -> None:
-        """Remember the names in a command that sweeps parameters."""
+        """Record the names in a command that sweeps parameters."""
         command, *words = card.text.lower().split()
         self._swept.update({word: (command, card.spot()) for word in words if word.isidentifier()})
 

@@ -217,16 +217,18 @@ class PlainCards:
         Returns numbers (2 cards,), names as first spelt, and the index of the first use of each (nodes,).
         """
         text = b"\n".join(word or b"" for word in self._spellings).decode("ascii")
-        spellings = text.split("\n")
-        folded: defaultdict[str, int] = defaultdict(count().__next__)
-        fold = np.fromiter(map(folded.__getitem__, text.lower().split("\n")), np.int32, len(spellings))
+        spellings, lower = text.split("\n"), text.lower()
+        fold = np.arange(len(spellings), dtype=np.int32)  # number of each spelling regardless of case
+        if lower != text:
+            folded: defaultdict[str, int] = defaultdict(count().__next__)
+            fold = np.fromiter(map(folded.__getitem__, lower.split("\n")), np.int32, len(spellings))
         spelling = self._spelling[cards].ravel()
         node = fold[spelling]
         uses = np.arange(len(node), dtype=np.int32)
-        first_use = np.full(len(folded), len(node), dtype=np.int32)
+        first_use = np.full(len(spellings), len(node), dtype=np.int32)
         first_use[node[::-1]] = uses[::-1]  # the last assignment to an entry counts
         first = np.flatnonzero(first_use[node] == uses)
-        rank = np.empty(len(folded), dtype=np.int32)
+        rank = np.empty(len(spellings), dtype=np.int32)
         rank[node[first]] = np.arange(len(first))
         return rank[node], list(map(spellings.__getitem__, spelling[first].tolist())), first
 
