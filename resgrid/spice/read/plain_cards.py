@@ -156,7 +156,10 @@ class PlainCards:
         """Mark the cards next to commands, backslashes and continuation lines as other lines."""
         cards = np.flatnonzero(self._code < _OTHER)
         lines = np.array([line for line, _ in self._properties], dtype=np.int64)
-        pending, at, last = 0, 0, -1  # bits that concern the next card; index of that; last card of the fast path
+        data, start = self._source.data, self._offset
+        before = data[data.rfind(b"\n", 0, max(start - 1, 0)) + 1 : start]  # a first line that may be an element
+        # bits that concern the next card; index of that; last card of the fast path
+        pending, at, last = _BACKSLASH * (b"\\" in before), 0, -1
         for (_, bits), stop in zip(self._properties, np.searchsorted(cards, lines).tolist(), strict=True):
             pending, at, last = self._leave_next(cards, pending, at, stop, last)
             if bits & _CONTINUES and last >= 0:

@@ -152,6 +152,12 @@ def test_a_key_of_another_kind_is_left_to_the_general_reader(tmp_path, card: str
     assert same(outcome(path, 10**9), outcome(path, 0))
 
 
+def test_a_first_line_may_be_joined_with_a_plain_card(tmp_path) -> None:
+    path = tmp_path / "deck.cir"
+    path.write_text("R15 a b 1\\\\\nR0 a b 1\n  {{R8 a b 5\n")
+    assert same(outcome(path, 10**9), outcome(path, 0))
+
+
 def test_a_node_is_spelt_as_where_it_stands_first_whichever_way_the_file_is_read(tmp_path) -> None:
     path = tmp_path / "deck.cir"
     path.write_text("title\nR1 a4 0 {1}\nR2 (A4 0) 2\nI1 a4 0 0.7M\nV1 x A4 1\n")
