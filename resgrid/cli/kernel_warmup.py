@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import gc
 import os
-import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -135,15 +133,6 @@ def _irregular() -> None:
     rg.solve(_netlist(1000, 0.2))
 
 
-def _decks() -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        deck = Path(folder) / "room.cir"
-        rg.write_spice(_solve(_room(24, 24)), deck)
-        circuit = rg.read_spice(deck)
-        rg.check_erc(circuit)
-        rg.solve(circuit, accuracy="normwise")
-
-
 def _paths() -> None:
     planner = rg.plan(_ROOM, k=0.5)
     path = planner.path((0.5, 6.5))
@@ -182,14 +171,14 @@ CASES: dict[str, Callable[[], None]] = {
     case.__name__.strip("_").replace("_", " "): case
     for case in (
         _plane, _corridors, _paths, _irregular, _volume, _chips, _control, _robots, _many, _uneven,
-        _plane_of_voltages, _open_obstacles, _decks,
+        _plane_of_voltages, _open_obstacles,
     )
 }  # fmt: skip
 """Small jobs, those that compile longest first."""
 
 
 def compile_last_stages() -> None:
-    """Compile the kernels of the last stages of ``resgrid run``: streamlines, clearances and large decks.
+    """Compile the kernels of the last stages of ``resgrid run``: streamlines and clearances.
 
     Nothing is solved, so that a second process compiles none of the kernels that the run itself begins with.
     """
@@ -205,11 +194,6 @@ def compile_last_stages() -> None:
         k=1.0,
     )
     _ = rg.streamline(field, (4.0, 4.0)).clearance
-    with tempfile.TemporaryDirectory() as folder:
-        deck = Path(folder) / "ladder.cir"
-        resistors = "".join(f"r{node} n{node} n{node + 1} 1.0\n" for node in range(4000))
-        deck.write_text(f"* ladder\nv0 n0 0 1.0\n{resistors}rload n4000 0 1.0\n", encoding="utf-8")
-        rg.read_spice(deck)
 
 
 def compile_loops(jobs: int | None = None) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Analyses that a deck can be asked for, as values.
+"""Analyses that `write_spice` adds to the commands of a deck.
 
 >>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")))
 >>> asked = [rg.spice.analyses.OperatingAnalysis(), rg.spice.analyses.Probe(nodes=("n_0_0",))]
@@ -23,7 +23,7 @@ from resgrid.errors import InputError
 @checked
 @dataclass(frozen=True)
 class OperatingAnalysis:
-    """The operating point; what a deck is asked for when nothing else is.
+    """The operating point, the default analysis of a deck.
 
     Examples
     --------
@@ -42,17 +42,17 @@ class OperatingAnalysis:
 @checked
 @dataclass(frozen=True, eq=False)
 class TransientAnalysis:
-    """What the voltages do in time, from the operating point of the deck.
+    """Transient of the voltages, from the operating point of the deck.
 
     Attributes
     ----------
     stop : float
-        End, in seconds.
+        End of the transient, in seconds.
     step : float
-        Largest time step, in seconds; the change takes one.
+        Largest time step, in seconds; the change of the circuit takes one step.
     after : Netlist or None
-        The scene that takes the deck's place at time 0: the same nodes and elements with other values (in tile form
-        another scene of the same grid, otherwise another supply, drive or switch).
+        Circuit from time 0 on: the same nodes and elements with other values.  In tile form it may be another scene on
+        the same grid, otherwise another supply, drive or switch state.
 
     Raises
     ------
@@ -85,16 +85,16 @@ class NoiseAnalysis:
     Attributes
     ----------
     node : str
-        Its name in the deck.
+        Name of the node in the deck.
     start, stop : float
-        Band, in hertz.
+        Limits of the frequency band, in hertz.
     points : int
-        Frequencies per decade.
+        Number of frequencies per decade.
 
     Raises
     ------
     InputError
-        If these frequencies are no band.
+        Unless ``0 < start < stop`` and ``points >= 1``.
 
     Examples
     --------
@@ -112,8 +112,8 @@ class NoiseAnalysis:
     def __post_init__(self) -> None:
         if not (0 < self.start < self.stop and np.isfinite(self.stop) and self.points >= 1):
             raise InputError(
-                f"noise: {self.points} points a decade from {self.start} to {self.stop} Hz are no band; "
-                "start must be positive and below stop"
+                f"noise: {self.points} points per decade from {self.start} to {self.stop} Hz; "
+                "points must be at least 1, and start positive and below stop"
             )
 
 
@@ -125,12 +125,12 @@ class TemperatureAnalysis:
     Attributes
     ----------
     celsius : tuple of float
-        The nominal one, at which values hold, is 27 degrees Celsius.
+        Temperatures in degrees Celsius; the nominal temperature, at which the values of the deck apply, is 27.
 
     Raises
     ------
     InputError
-        If there is no temperature, or one is not above absolute zero.
+        If the tuple is empty, or a temperature is not above absolute zero.
 
     Examples
     --------
@@ -152,17 +152,17 @@ class TemperatureAnalysis:
 @checked
 @dataclass(frozen=True)
 class MismatchAnalysis:
-    """Resistors off their values, independently: those of one chip, or as many chips as the simulator draws.
+    """Independent random deviations of the resistors, for one chip or for a Monte Carlo run of the simulator.
 
     Attributes
     ----------
     sigma : float
-        Standard deviation, as a share of the mean.
+        Standard deviation, as a fraction of the mean.
     seed : int
-        The chip: the same seed draws the same factors, log-normal and of mean 1, as a scene's ``chip.mismatch``.
+        Seed of one chip; its factors are log-normal with mean 1, and the same as for a scene's ``chip.mismatch``.
     runs : int
-        How many chips the simulator draws by its own statistics, normal ones; 0 writes the values of one chip into the
-        deck.
+        Number of chips that the simulator draws from its own normal distribution; 0 writes the values of one chip into
+        the deck.
 
     Raises
     ------
@@ -190,37 +190,37 @@ class MismatchAnalysis:
             raise InputError(f"mismatch: sigma = {self.sigma} must lie between 0 and 1")
         if self.runs and self.sigma >= 0.2:
             raise InputError(
-                f"mismatch: sigma = {self.sigma} must stay below 0.2 where a simulator draws: its normal resistances "
-                "would be negative"
+                f"mismatch: sigma = {self.sigma} must be below 0.2 for runs of a simulator: its normal distribution "
+                "has negative resistances"
             )
         if self.seed < 0 or self.runs < 0:
             raise InputError(f"mismatch: seed = {self.seed} and runs = {self.runs} must not be negative")
 
     def factors(self, netlist: Netlist) -> NDArray[np.float64]:
-        """What the resistances of one chip are multiplied by; shape (places on the die,)."""
+        """Return the factors of one chip's resistances, shape (sites on the chip,)."""
         return random_sites.mismatch_factors(random_sites.site_count(netlist), self.sigma, self.seed)
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """One chip of this seed."""
+        """Return the netlist of the chip with this seed."""
         return random_sites.scale_resistances(netlist, self.factors(netlist))
 
 
 @checked
 @dataclass(frozen=True)
 class Probe:
-    """What is kept of every analysis.
+    """Voltages and currents that the simulator saves in every analysis.
 
     Attributes
     ----------
     nodes : tuple of str
-        Names of nodes in the deck, for their voltages.
+        Names of nodes in the deck whose voltages are saved.
     sources : tuple of str
-        Names of voltage sources in the deck, for their currents.
+        Names of voltage sources in the deck whose currents are saved.
 
     Raises
     ------
     InputError
-        If nothing is named.
+        If both tuples are empty.
 
     Examples
     --------
@@ -242,18 +242,18 @@ class Probe:
 @checked
 @dataclass(frozen=True)
 class Measure:
-    """One number of a transient.
+    """A number that the simulator computes from a transient.
 
     Attributes
     ----------
     name : str
-        What the simulator calls it: letters, digits and underscores.
+        Name of the result: letters, digits and underscores.
     node : str
-        Its name in the deck.
+        Name of the node in the deck.
     what : {"maximum", "minimum", "value", "crossing"}
         Extreme voltage, voltage at the time `at`, or time of the first crossing of the voltage `at`.
     at : float or None
-        Seconds or volts.
+        Time in seconds (value) or voltage in volts (crossing); None otherwise.
 
     Raises
     ------
@@ -283,7 +283,9 @@ class Measure:
         if self.at is not None and not np.isfinite(self.at):
             raise InputError(f"measure {self.name}: at = {self.at} must be finite")
         if (self.at is None) == (self.what in ("value", "crossing")):
-            raise InputError(f"measure {self.name}: only a value (at a time) and a crossing (of a voltage) take at")
+            raise InputError(
+                f"measure {self.name}: at is required for a value (a time) and a crossing (a voltage) only"
+            )
 
 
 Analysis = (
@@ -292,5 +294,5 @@ Analysis = (
 
 
 def kind_of(analysis: Analysis) -> str:
-    """What an analysis is called: ``"operating"``, ``"transient"``, ..."""
+    """Return the name of an analysis: ``"operating"``, ``"transient"``, ..."""
     return type(analysis).__name__.removesuffix("Analysis").lower()

@@ -1,4 +1,4 @@
-"""A circuit as somebody wrote it, elements as arrays: what is read, and what the rules look at."""
+"""`Circuit`: the result of reading a deck or network, with elements as arrays and their positions in the file."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.core.netlist import GROUND, Netlist
 from resgrid.core.networkx_graphs import ARRAYS
-from resgrid.core.regions import label_components
 from resgrid.errors import InputError
 from resgrid.spice.dialects import DIALECTS
 
 Severity = Literal["error", "warning", "info"]
 
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
-"""Worst first."""
+"""All severities, the worst first."""
 
 KINDS = tuple(ARRAYS)
-"""The kinds of element, as in `Netlist`."""
+"""The kinds of element of a `Netlist`."""
 
 TOLERANCE = 1e-9
-"""Largest error of an answer that counts as right: of a voltage relative to the largest, of a current likewise."""
+"""Largest relative error of a correct result: of a voltage relative to the largest one, of a current likewise."""
 
 SHOWN = 5
-"""How many names a message holds."""
+"""Maximum number of names in a message."""
 
 LISTED = 1000
+"""Maximum number of names in a list."""
 CONDUCTING = ("resistor", "voltage source", "nonlinear resistor")
-"""Kinds that carry current at direct current whatever drives them."""
+"""Kinds that conduct at direct current: all but current sources and capacitors."""
 
 _NOMINAL_TEMPERATURE = 27.0
 _SHARED = tuple(name for names in ARRAYS.values() for name in names if name != "conductance")
@@ -42,20 +42,20 @@ _SHARED = tuple(name for names in ARRAYS.values() for name in names if name != "
 
 @dataclass(frozen=True)
 class Note:
-    """Something about a deck that its reader wants to have said.
+    """A remark of the reader about a deck.
 
     Attributes
     ----------
     severity : {"error", "warning", "info"}
-        A warning is something that simulators disagree about or that was probably not meant.
+        A warning concerns text that simulators read differently, or a probable mistake.
     file : str
-        The file, as displayed.
+        Displayed name of the file.
     line, column : int
-        Counted from 1; column 0 means the whole line.
+        Position, counted from 1; column 0 means the whole line.
     text : str
-        What was noted.
+        The remark.
     outcome : {"", "fails", "unsure"}
-        Consequence for the deck's own simulator: no answer, or perhaps another one.
+        Consequence in the simulator of the dialect: no result, or possibly another result.
     """
 
     severity: Severity
@@ -67,7 +67,7 @@ class Note:
 
     @property
     def place(self) -> str:
-        """``file:line``, with the column where there is one."""
+        """``file:line``, or ``file:line:column`` if the column is not 0."""
         return f"{self.file}:{self.line}" + (f":{self.column}" if self.column else "")
 
     def __str__(self) -> str:
@@ -81,15 +81,15 @@ class Violation:
     Attributes
     ----------
     severity : {"error", "warning", "info"}
-        An error keeps the circuit from having an operating point, or a deck from being simulated rightly.
+        With an error the circuit has no operating point, or a simulator reads its deck wrongly.
     rule : str
         Short name of the rule.
     place : str
         ``file:line`` in a deck, the cell of a scene, otherwise the nodes or elements concerned.
     message : str
-        What is wrong.
+        The problem.
     remedy : str
-        What to do.
+        The correction.
     nodes : tuple of str
         The nodes concerned, at most the first thousand.
     """
@@ -108,52 +108,51 @@ class Violation:
 
 @dataclass(frozen=True, eq=False)
 class Circuit:
-    """A resistive circuit as it was written: subcircuits expanded, values evaluated, nothing repaired.
+    """A resistive circuit as written, with subcircuits expanded and values evaluated, without corrections.
 
-    Names keep the spelling of their first appearance, though SPICE folds case: ``A`` and ``a`` are one node.  What
-    lies in a subcircuit has its path in front, ``x1.x2.mid`` and ``x1.x2.r1``.
+    Names keep the spelling of their first occurrence; SPICE ignores case, so ``A`` and ``a`` are one node.  Nodes and
+    elements in a subcircuit have its path as prefix, ``x1.x2.mid`` and ``x1.x2.r1``.
 
     Attributes
     ----------
     title : str or None
-        The title line of a deck without a leading ``*``; None if there is none.
+        The title line of a deck without its leading ``*``; None without a title.
     path : str
-        The file, as displayed; empty where there is none.
+        Displayed name of the file; empty without a file.
     dialect : str
-        Whose rules it was read by; ``"network"`` for what is no deck.
+        Dialect of a deck; ``"network"`` for other sources.
     node_names : sequence of str
-        Ground, ``"0"``, first; then the nodes in the order of their first use; none where a netlist has none.
-    resistor_nodes : ndarray of int32, shape (m, 2)
-    resistance : ndarray of float64, shape (m,)
-        At the nominal temperature, in ohms; zero and negative values as written, multipliers ``m=`` applied.
+        Ground, ``"0"``, first, then the nodes in the order of their first use; empty for a netlist without names.
+    resistor_nodes, resistance : ndarray, shapes (m, 2) and (m,)
+        Resistors: nodes, and ohms at the nominal temperature with multipliers ``m=`` applied; signs as written.
     source_nodes, source_volts : ndarray, shapes (s, 2) and (s,)
-        Voltage sources (plus, minus; volts at direct current) and, as 0 V, inductors.
+        Voltage sources: nodes (plus, minus) and volts at direct current.  Inductors are sources of 0 V.
     is_inductor : ndarray of bool, shape (s,)
-        Which of them stand for inductors.
+        Whether a voltage source replaces an inductor.
     current_nodes, current_amps : ndarray, shapes (c, 2) and (c,)
-        Node the current is taken from, node it is fed into (SPICE's plus and minus); amperes.
+        Current sources: the node that current leaves (SPICE's plus), the node that it enters (minus), and amperes.
     capacitor_nodes, capacitance : ndarray, shapes (k, 2) and (k,)
-        In farads; open at direct current.
+        Capacitors in farads, which are open at direct current.
     nonlinear_nodes, nonlinear_current, nonlinear_voltage : ndarray, shapes (n, 2), (n,) and (n,)
-        Resistors that carry ``current tanh(V / voltage)``; in amperes and volts.
+        Nonlinear resistors with the current ``nonlinear_current * tanh(V / nonlinear_voltage)``, in amperes and volts.
     element_names : mapping of str to tuple of str
-        Per kind (`KINDS`) one name an element, where they have names.
+        Per kind (`KINDS`) the names of its elements, if they have names.
     place : mapping of str to ndarray of int64, shape (elements, 2)
         Per kind the index into `files` and the line of every element of a deck.
     files : tuple of str
         Every file that was read, the deck first.
     notes : tuple of Note
-        What was ignored, adapted or looks wrong.
+        Remarks about ignored, adapted and doubtful text.
     tc1, tc2 : ndarray of float64, shape (m,), or None
         Temperature coefficients of the resistors, in 1/K and 1/K^2.
     temperature, nominal_temperature : float or None
-        In degrees Celsius; None where the deck does not say.
+        In degrees Celsius; None if the deck does not state it.
     options : mapping of str to str
-        What ``.option`` lines set, keys in lower case; a flag has the value ``""``.
+        Values of ``.option`` by key in lower case; a flag has the value ``""``.
     subcircuits : tuple of str
-        Names of the subcircuits that are used.
+        Names of the subcircuits with instances.
     given : Netlist or None
-        What it is, where it came from no deck.
+        The netlist of which the circuit was made, if it was not a deck.
     """
 
     title: str | None
@@ -196,7 +195,7 @@ class Circuit:
 
     @staticmethod
     def of(circuit: Circuit | Netlist, path: str = "") -> Circuit:
-        """A netlist, perhaps read from a file, as a circuit; a circuit as it is."""
+        """Return the circuit of a netlist read from the file `path`, or without a file; return a circuit unchanged."""
         if isinstance(circuit, Circuit):
             return circuit
         with np.errstate(over="ignore"):
@@ -217,7 +216,7 @@ class Circuit:
 
     @property
     def is_deck(self) -> bool:
-        """Whether it has lines; what has none is written without what simulators stumble over."""
+        """Whether the circuit comes from a deck, and its elements have line numbers."""
         return self.given is None
 
     @property
@@ -227,17 +226,17 @@ class Circuit:
 
     @cached_property
     def ends(self) -> Mapping[str, NDArray[np.int32]]:
-        """Nodes of every element, per kind; shapes (elements, 2)."""
+        """Nodes of every element by kind, shapes (elements, 2)."""
         return {kind: getattr(self, nodes) for kind, (nodes, *_) in ARRAYS.items()}
 
     @cached_property
     def part(self) -> NDArray[np.int64]:
-        """Number of the part each node belongs to: nodes that elements which conduct join; shape (nodes,)."""
-        return label_components(np.concatenate([self.ends[kind] for kind in CONDUCTING]), self.node_count)
+        """Connected component of every node with respect to conducting elements; shape (nodes,)."""
+        return connected_parts(np.concatenate([self.ends[kind] for kind in CONDUCTING]), self.node_count)
 
     @cached_property
     def is_floating(self) -> NDArray[np.bool_]:
-        """Which nodes nothing that conducts joins to ground, shape (nodes,)."""
+        """Whether a node has no conducting path to ground, shape (nodes,)."""
         return np.asarray(self.part != self.part[GROUND])
 
     @cached_property
@@ -247,9 +246,9 @@ class Circuit:
 
     @cached_property
     def trapped_sources(self) -> NDArray[np.int64]:
-        """Numbers of the current sources that drive a floating part from outside, so that no current can return."""
-        parts = self.part[self.current_nodes]
-        return np.flatnonzero((parts[:, 0] != parts[:, 1]) & (self.current_amps != 0))
+        """Indices of the current sources between two components, whose current has no return path."""
+        component = self.part[self.current_nodes]
+        return np.flatnonzero((component[:, 0] != component[:, 1]) & (self.current_amps != 0))
 
     def names_of(self, nodes: ArrayLike) -> list[str]:
         """Return the names of nodes, shape (n,)."""
@@ -258,27 +257,27 @@ class Circuit:
         return [self.node_names[node] for node in np.asarray(nodes).tolist()]
 
     def listed(self, nodes: NDArray[np.integer[Any]]) -> tuple[str, ...]:
-        """The first thousand of some nodes' names."""
+        """Return the names of nodes, at most the first `LISTED`."""
         return tuple(self.names_of(nodes[:LISTED]))
 
     def shown(self, nodes: NDArray[np.integer[Any]]) -> str:
-        """A few of some nodes' names, and how many more there are."""
+        """Return the first names of nodes and the number of the other ones, as text."""
         return some(self.names_of(nodes[:SHOWN]), nodes.size)
 
     def element_name(self, kind: str, number: int) -> str:
-        """Name of an element, or its kind and number."""
+        """Return the name of an element, or its kind and number if it has no name."""
         names = self.element_names
         return names[kind][number] if kind in names else f"{kind} {number}"
 
     def place_of(self, kind: str, element: int) -> str:
-        """``file:line`` of an element of one of `KINDS`, or the cells or nodes it joins."""
+        """Return ``file:line`` of an element in a deck, otherwise the cells or nodes that it connects."""
         if not self.is_deck:
             return self.place_of_nodes(np.unique(self.ends[kind][element]))
         file, line = self.place[kind][element].tolist()
         return f"{self.files[file]}:{line}"
 
     def place_of_nodes(self, nodes: NDArray[np.integer[Any]]) -> str:
-        """``file:line`` of the first element at some nodes, or their cells, or their names."""
+        """Return ``file:line`` of the first element at some nodes of a deck, otherwise their cells or names."""
         if self.given is None:
             return next((f"{self.files[file]}:{line}" for file, line in self.places_at(nodes).tolist()), self.path)
         cell_map = self.given.cell_map
@@ -290,27 +289,27 @@ class Circuit:
         return f"cell{'s' if len(cells) > 1 else ''} {some(places, len(cells))}"
 
     def places_at(self, nodes: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
-        """File and line of every element of a deck at some nodes, in their order; shape (lines, 2)."""
+        """Return sorted file indices and lines of the elements at some nodes of a deck, shape (lines, 2)."""
         touched = np.zeros(self.node_count, dtype=np.bool_)
         touched[nodes] = True
-        there = [place[touched[self.ends[kind]].any(axis=1)] for kind, place in self.place.items()]
-        return np.unique(np.concatenate(there), axis=0)
+        places = [place[touched[self.ends[kind]].any(axis=1)] for kind, place in self.place.items()]
+        return np.unique(np.concatenate(places), axis=0)
 
     @property
     def heating(self) -> float:
-        """How far the deck's temperature lies above the nominal one, in kelvin."""
+        """Temperature of the deck minus its nominal temperature, in kelvin."""
         usual = DIALECTS[self.dialect].nominal_temperature if self.dialect in DIALECTS else _NOMINAL_TEMPERATURE
         nominal = usual if self.nominal_temperature is None else self.nominal_temperature
         return (usual if self.temperature is None else self.temperature) - nominal
 
     def netlist(self) -> Netlist:
-        """Make a netlist: resistances at the deck's temperature, resistors of 0 ohm as sources of 0 V, names kept.
+        """Return the netlist at the temperature of the deck, with sources of 0 V for resistors of 0 ohm.
 
         Returns
         -------
         Netlist
-            Voltage sources in the deck's order, then the resistors of 0 ohm; the temperature coefficients count from
-            the deck's temperature.
+            Its voltage sources are those of the deck, then the resistors of 0 ohm.  Its temperature coefficients refer
+            to the temperature of the deck.
 
         Raises
         ------
@@ -345,6 +344,7 @@ class Circuit:
         )
 
     def _refuse_inadmissible(self, resistance: NDArray[np.float64]) -> None:
+        """Raise InputError for resistances (m,) that are negative, not finite, or too small to invert."""
         with np.errstate(divide="ignore", over="ignore"):
             wrong = ~np.isfinite(resistance) | (resistance < 0) | ((resistance > 0) & ~np.isfinite(1.0 / resistance))
         if wrong.any():
@@ -357,8 +357,18 @@ class Circuit:
             )
 
 
+def connected_parts(joined: NDArray[np.int32], node_count: int) -> NDArray[np.int64]:
+    """Return the connected component of every node.  Shapes: `joined` (n, 2), pairs of nodes; returns (node_count,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    first, second = joined.T
+    pairs = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(node_count, node_count))
+    return np.asarray(connected_components(pairs, directed=False)[1], dtype=np.int64)
+
+
 def some(words: Sequence[str], count: int) -> str:
-    """The first few of ``count`` words, and how many more there are."""
+    """Return the first words, and the number of the remaining ones of ``count`` words, as text."""
     more = f" and {count - SHOWN:,} more" if count > SHOWN else ""
     return ", ".join(words[:SHOWN]) + more
 
@@ -369,9 +379,9 @@ def rebase(
     tc2: NDArray[np.float64] | None,
     heating: float | NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Count temperature from another point: ``R (1 + tc1 d + tc2 d^2)`` expanded about ``d = heating``.
+    """Return resistance, tc1 and tc2 at another reference temperature.
 
-    Shapes: `resistance` (m,), `tc1, tc2` (m,), `heating` (m,).
+    They are the expansion of ``R (1 + tc1 d + tc2 d^2)`` about ``d = heating``, in kelvin.  All shapes are (m,).
     """
     if np.all(heating == 0) or (tc1 is None and tc2 is None):
         return resistance, tc1, tc2
@@ -384,7 +394,7 @@ def rebase(
 
 
 def rebase_one(ohms: float, tc1: float, tc2: float, heating: float) -> tuple[float, float, float]:
-    """The same of a single resistor, without the cost of arrays."""
+    """Return resistance, tc1 and tc2 of one resistor at a reference temperature higher by `heating`, in kelvin."""
     factor = 1.0 + (tc1 + tc2 * heating) * heating
     moved = ((tc1 + 2.0 * tc2 * heating) / factor, tc2 / factor) if factor else (0.0, 0.0)
     return ohms * factor, *moved

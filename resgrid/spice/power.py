@@ -1,4 +1,4 @@
-"""Where the power of a circuit comes from and where it becomes heat, and how far nodes lie from their supply."""
+"""Power balance and IR drop of an operating point."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from resgrid.core.regions import label_components
 @frozen
 @dataclass(frozen=True, eq=False)
 class PowerBalance:
-    """Tellegen's theorem, element by element.
+    """Power of every element (Tellegen's theorem: delivered and dissipated power are equal).
 
     Attributes
     ----------
     source_power : ndarray of float64, shape (sources,)
-        Power that every voltage source delivers, in watts; NaN in a loop of sources of more than 0 V.
+        Power that every voltage source delivers, in watts; NaN in a loop of voltage sources unless all are
+        0 V.
     current_source_power : ndarray of float64, shape (current sources,)
-        Power that every current source delivers, in watts; NaN where it feeds a floating part.
+        Power that every current source delivers, in watts; NaN if it drives a floating component.
     resistor_power : ndarray of float64, shape (resistors,)
         Power that every resistor dissipates, in watts.
     nonlinear_power : ndarray of float64, shape (nonlinear resistors,)
@@ -38,7 +39,7 @@ class PowerBalance:
 
     @property
     def delivered(self) -> float:
-        """Net power of all sources, in watts; NaN if one is undetermined."""
+        """Net power of all sources, in watts; NaN if the power of a source is undetermined."""
         return float(self.source_power.sum() + self.current_source_power.sum())
 
     @property
@@ -48,13 +49,13 @@ class PowerBalance:
 
     @property
     def imbalance(self) -> float:
-        """What is left over, relative to all power that flows; NaN if it is undetermined."""
-        flowing = np.abs(self.source_power).sum() + np.abs(self.current_source_power).sum() + self.dissipated
-        return float(abs(self.delivered - self.dissipated) / flowing) if flowing else 0.0
+        """Delivered minus dissipated power, relative to the sum of all magnitudes; NaN if it is undetermined."""
+        total = np.abs(self.source_power).sum() + np.abs(self.current_source_power).sum() + self.dissipated
+        return float(abs(self.delivered - self.dissipated) / total) if total else 0.0
 
 
 def power_balance(op: OperatingPoint) -> PowerBalance:
-    """Weigh the power that sources deliver against what resistors dissipate.
+    """Compute the power that sources deliver and that resistors dissipate.
 
     Parameters
     ----------
@@ -73,8 +74,8 @@ def power_balance(op: OperatingPoint) -> PowerBalance:
     """
     netlist = op.netlist
     volts = netlist.source_volts
-    taken, fed = netlist.current_nodes.T
-    by_current = netlist.current_amps * (op.voltage[fed] - op.voltage[taken])
+    start, end = netlist.current_nodes.T
+    by_current = netlist.current_amps * (op.voltage[end] - op.voltage[start])
     by_current[netlist.current_amps == 0] = 0.0
     with np.errstate(under="ignore"):
         dissipated = op.resistor_current**2 / netlist.conductance
@@ -85,25 +86,24 @@ def power_balance(op: OperatingPoint) -> PowerBalance:
 @frozen
 @dataclass(frozen=True, eq=False)
 class IrDrop:
-    """The drop of every node from its supply.
+    """Voltage drop of every node from its supply.
 
-    A net is what resistors and sources of 0 V join, ground left out.  Its supply is, of the voltages at which sources
-    hold its nodes, the one farthest from ground; ground itself where no source holds any.
+    A net is a set of nodes that resistors and sources of 0 V connect without ground.  The supply of a net is the source
+    voltage at one of its nodes that is farthest from 0 V, or 0 V without a source.
 
     Attributes
     ----------
     supply : ndarray of float64, shape (nodes,)
-        In volts.
+        Supply of every node's net, in volts.
     drop : ndarray of float64, shape (nodes,)
-        ``supply - voltage``, in volts; negative where a node lies above its supply (a bouncing ground); NaN where a
-        node floats.
+        ``supply - voltage``, in volts; negative for a node above its supply (ground bounce), NaN for a floating node.
     """
 
     supply: NDArray[np.float64]
     drop: NDArray[np.float64]
 
     def worst(self, count: int) -> NDArray[np.int64]:
-        """The nodes that lie farthest from their supply, the worst first; those that float left out."""
+        """Return up to `count` nodes with the largest drops, the largest first, without floating nodes; shape (n,)."""
         size = np.abs(self.drop)
         size[~np.isfinite(size)] = -1.0
         size[GROUND] = -1.0
@@ -113,7 +113,7 @@ class IrDrop:
 
 
 def ir_drop(op: OperatingPoint) -> IrDrop:
-    """Find every node's supply, and how far it is from it.
+    """Compute the supply of every node, and its voltage drop from the supply.
 
     Parameters
     ----------

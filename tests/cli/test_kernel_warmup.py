@@ -37,10 +37,9 @@ import sys
 import resgrid as rg
 from resgrid.cli.kernel_warmup import compile_last_stages
 from resgrid.planning import kernels as paths
-from resgrid.spice.read import kernels as decks
 
 def signatures():
-    kernels = paths.trace, paths.clearance, decks.cut, decks.gather, decks.number_names
+    kernels = paths.trace, paths.clearance
     return [(kernel if hasattr(kernel, "signatures") else kernel.__wrapped__).signatures for kernel in kernels]
 
 compile_last_stages()
@@ -68,14 +67,8 @@ def test_every_case_runs(case):
 
 
 def test_what_one_process_has_compiled_the_next_one_loads(tmp_path):
-    """Of the other kernels of ``resgrid run``, tests/test_wheel.py shows it."""
-    assert compiled(tmp_path) > 0
-    assert compiled(tmp_path) == 0
-
-
-def test_the_last_stages_of_a_run_call_no_kernels_but_those_compiled_beside_the_first(tmp_path):
-    words = [sys.executable, "-c", LAST, str(SCENE), str(tmp_path / "deck.cir")]
-    subprocess.run(words, capture_output=True, check=True)
+    assert compiled("many", tmp_path) > 0
+    assert compiled("many", tmp_path) == 0
 
 
 def _fail() -> None:
@@ -95,5 +88,5 @@ def test_the_command_ends_with_a_code_for_scripts(monkeypatch):
 
 
 def test_processes_share_the_cases(monkeypatch):
-    monkeypatch.setattr(kernel_warmup, "CASES", {"decks": kernel_warmup.CASES["decks"]})
-    assert list(kernel_warmup.compile_loops(2)) == ["decks"]
+    monkeypatch.setattr(kernel_warmup, "CASES", {"many": kernel_warmup.CASES["many"]})
+    assert list(kernel_warmup.compile_loops(2)) == ["many"]

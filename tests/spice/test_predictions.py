@@ -140,9 +140,9 @@ LADDER = b"* t\nV1 in 0 1\nR1 in a 1k\nR2 a 0 1k\n%s.op\n.end\n"
     [
         (LADDER % b'R3 a "b c" 1k\nR4 "b c" 0 1k\n', "cuts the quoted name"),
         (LADDER % b"R3 a n\xe4 1k\nR4 n\xe4 0 1k\n", "not UTF-8"),
-        (LADDER % b".backanno\n", "knows no command .backanno"),
-        (LADDER % b".step param x 1 2 1\n", "knows no command .step"),
-        (LADDER % b".param p=1, q=2\n", "a comma directly behind a value"),
+        (LADDER % b".backanno\n", "has no command .backanno"),
+        (LADDER % b".step param x 1 2 1\n", "has no command .step"),
+        (LADDER % b".param p=1, q=2\n", "a comma directly after a value"),
         ((LADDER % b"").decode().encode("utf-16"), "does not read UTF-16"),
         ((LADDER % b"").replace(b"\n", b"\r"), "carriage returns alone"),
         (LADDER % b"r1 a 0 1k\n", "a name is given twice"),

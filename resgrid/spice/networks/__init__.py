@@ -1,1 +1,1 @@
-"""Resistor networks that are no decks: lists of edges, Circuitscape's configurations, graphs and arrays."""
+"""Resistor networks in other formats than decks: edge lists, Circuitscape configurations, graphs and arrays."""

@@ -1,13 +1,17 @@
-"""Circuitscape's jobs in advanced mode: networks, and rasters of resistances.
+"""Circuitscape configurations in advanced mode: networks, and rasters of resistances.
 
 McRae, Shah & Edelman (2016), *Circuitscape: modeling landscape connectivity to promote conservation and human health*,
-the user guide of Circuitscape 5, and the source of Circuitscape.jl.  Between neighbouring cells lies the mean of their
-resistances (or the conductance that is the mean of their conductances); diagonal neighbours are sqrt(2) further apart.
+the user guide of Circuitscape 5, and the source of Circuitscape.jl.  The resistor between neighbouring cells has the
+mean of their resistances, or the mean of their conductances; the distance of diagonal neighbours is sqrt(2).
 
-The order matters, and is that of Circuitscape: the mask empties cells; cells get their nodes, and every cell of a
-polygon gets the polygon's node, empty cells too; unit currents and direct grounds replace the values of single cells;
-sources and conductances to ground add up at a node (of a network's list the last line of a node counts);
-``remove_src_or_gnd`` then decides about nodes that have both; at last a positive source removes a direct ground.
+The steps have the order of Circuitscape, which changes the result:
+
+1. The mask empties cells.
+2. Cells get their nodes.  All cells of a polygon get the polygon's node, also its empty cells.
+3. Unit currents and direct grounds replace the values of single cells.
+4. Sources and conductances to ground are summed per node; in the lists of a network the last line of a node counts.
+5. ``remove_src_or_gnd`` removes sources or grounds of nodes with both.
+6. A positive source removes a direct ground.
 """
 
 from __future__ import annotations
@@ -19,7 +23,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.core.regions import label_components
 from resgrid.errors import InputError
 from resgrid.spice.networks.configurations import Configuration, read_configuration
 from resgrid.spice.networks.edges import Measure, Network, read_edges
@@ -69,7 +72,7 @@ def read_circuitscape(
 def _values_of_cells(
     job: Configuration, amps: NDArray[np.float64], siemens: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Apply unit currents and direct grounds to the values of cells, before nodes add them up."""
+    """Return currents (A) and conductances to ground (S) of cells, with unit currents and direct grounds applied."""
     if job.flag("use_unit_currents"):
         amps = (amps != 0).astype(np.float64)
     if job.flag("use_direct_grounds"):
@@ -78,7 +81,7 @@ def _values_of_cells(
 
 
 def _resolved(job: Configuration, network: Network) -> Network:
-    """Decide about nodes with a source and a ground, and leave out the sources of parts without a ground."""
+    """Return the network with ``remove_src_or_gnd`` applied, and without sources in components without a ground."""
     policy = job.text("remove_src_or_gnd")
     if policy not in _POLICIES:
         words = ", ".join(word for word in _POLICIES if " " not in word)
@@ -89,22 +92,23 @@ def _resolved(job: Configuration, network: Network) -> Network:
     to_ground = np.where(both & without_ground, 0.0, network.to_ground)
     to_ground = np.where(np.isinf(to_ground) & (amps > 0), 0.0, to_ground)
     if not to_ground.any():
-        reason = "they lie on no node or mean no connection"
+        reason = "they lie outside all nodes, or have a conductance of 0 S"
         if network.to_ground.any():
             reason = f"each has a source at its node (remove_src_or_gnd = {policy})"
         raise InputError(f"{job.path}: none of the grounds of {job.text('ground_file')!r} remains: {reason}")
     count = len(network.names)
-    part = label_components(network.edges, count)
-    grounded = np.bincount(part, to_ground > 0) > 0
-    grounded[part[0]] = True
-    return replace(network, amps=np.where(grounded[part], amps, 0.0), to_ground=to_ground)
+    component = label_components(network.edges, count)
+    grounded = np.bincount(component, to_ground > 0) > 0
+    grounded[component[0]] = True
+    return replace(network, amps=np.where(grounded[component], amps, 0.0), to_ground=to_ground)
 
 
 def _read_rasters(job: Configuration) -> tuple[Network, NDArray[np.int64]]:
-    """Read the rasters of a job."""
+    """Return the network of a raster configuration, and the node of every cell, shape (rows, columns)."""
     conductance = _habitat(job)
 
     def raster_of(key: str) -> NDArray[np.float64]:
+        """Return the raster that a key names; raise InputError unless it has the shape of the habitat."""
         other = read_raster(job.file(key))
         if other.shape != conductance.shape:
             sizes = (f"{rows} x {columns} cells" for rows, columns in (other.shape, conductance.shape))
@@ -114,7 +118,7 @@ def _read_rasters(job: Configuration) -> tuple[Network, NDArray[np.int64]]:
     if job.flag("use_mask"):
         conductance = np.where(raster_of("mask_file") > 0, conductance, 0.0)
         if not conductance.any():
-            raise InputError(f"{job.file('mask_file')} leaves no cell of the habitat; cells above 0 are kept")
+            raise InputError(f"{job.file('mask_file')} removes all cells of the habitat; only cells above 0 are kept")
     polygon = np.zeros(conductance.shape)
     if job.flag("use_polygons"):
         polygon = np.nan_to_num(raster_of("polygon_file"))
@@ -151,13 +155,13 @@ def _habitat(job: Configuration) -> NDArray[np.float64]:
         row, column = np.argwhere(wrong)[0].tolist()
         raise InputError(
             f"{path}: the cell in row {row}, column {column} (from 0) has a {measure} of {habitat[row, column]:g}; "
-            "regions without resistance are short-circuit polygons"
+            "define regions without resistance as short-circuit polygons"
         )
     return _siemens(habitat, measure)
 
 
 def _siemens(cells: NDArray[np.float64], measure: Measure) -> NDArray[np.float64]:
-    """Return the conductance of every cell, 0 where a cell is empty."""
+    """Return the conductance of every cell in S, 0 for an empty cell; shape (rows, columns)."""
     with np.errstate(divide="ignore"):
         return np.where(np.isnan(cells), 0.0, cells if measure == "conductance" else 1.0 / cells)
 

@@ -1,9 +1,9 @@
 """Configuration files of Circuitscape: keys, defaults and values as Circuitscape 5 reads them.
 
 The rules and the defaults are those of ``parse_config`` and ``init_config`` in ``src/config.jl`` of Circuitscape.jl: a
-line ``[...]`` is skipped, the first ``=`` ends the key, a key that is given twice has its last value, and names are
-case-sensitive.  Circuitscape ignores unknown keys and reads every value except ``True``, ``true`` and ``1`` as false;
-here such lines are errors, since they mostly mean something else than what is then computed.
+line ``[...]`` is skipped, the first ``=`` ends the key, the last value of a repeated key counts, and keys are
+case-sensitive.  Circuitscape ignores unknown keys and reads every value except ``True``, ``true`` and ``1`` as false.
+Here such lines are errors, because they are mostly mistakes.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _DEFAULTS = {
     "mask_file": "None",
     "use_reclass_table": "False",
 }
-"""Keys that change the circuit of an advanced job, with their defaults in Circuitscape 5."""
+"""Keys that change the circuit in advanced mode, with their defaults in Circuitscape 5."""
 
 _WITHOUT_EFFECT = frozenset(
     {
@@ -59,7 +59,10 @@ _PLACEHOLDERS = ("", "None", "none")
 
 @dataclass(frozen=True, eq=False)
 class Configuration:
-    """The keys of one file, with the folder that file names are relative to and the folder that they stay below."""
+    """The keys of one configuration file.
+
+    `folder`: folder of the file, to which file names are relative; `root`: folder that must contain all files.
+    """
 
     path: str
     folder: Path
@@ -67,11 +70,11 @@ class Configuration:
     values: Mapping[str, str]
 
     def text(self, key: str) -> str:
-        """Return a value, or the default of Circuitscape."""
+        """Return the value of a key, or its default in Circuitscape."""
         return self.values.get(key, _DEFAULTS[key])
 
     def flag(self, key: str) -> bool:
-        """Return a truth value."""
+        """Return the value of a boolean key."""
         word = self.text(key)
         if word not in _FLAGS:
             raise InputError(
@@ -81,11 +84,11 @@ class Configuration:
         return _FLAGS[word]
 
     def measure(self, key: str) -> Measure:
-        """Return the quantity that a file holds."""
+        """Return the quantity in a file, by a boolean key that is true for resistances."""
         return "resistance" if self.flag(key) else "conductance"
 
     def file(self, key: str) -> Path:
-        """Return the path of a file: as the configuration names it, or its name in the configuration's folder."""
+        """Return the path of the file that a key names, or of the file with that name in the configuration's folder."""
         name = self.text(key)
         if name in _PLACEHOLDERS or name == _DEFAULTS[key]:
             raise InputError(f"{self.path}: the key {key!r} is missing; name the file")
@@ -96,11 +99,11 @@ class Configuration:
                     return path
             except (OSError, ValueError, RuntimeError):
                 continue
-        raise InputError(f"{self.path}: {key} = {name!r} is no file at or below {str(self.root)!r}")
+        raise InputError(f"{self.path}: {key} = {name!r} is not a file below {str(self.root)!r}; correct the name")
 
 
 def read_configuration(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Configuration:
-    """Read a configuration file."""
+    """Return the keys of a configuration file; raise InputError for unknown keys and other lines."""
     name = os.fspath(path)
     values: dict[str, str] = {}
     for number, line in enumerate(read_text(path).split("\n"), 1):
@@ -109,7 +112,7 @@ def read_configuration(path: str | os.PathLike[str], root: str | os.PathLike[str
         key, equals, value = line.partition("=")
         key = key.rstrip()
         if not equals:
-            raise InputError(f"{name}:{number}: this is no configuration: {line.strip()[:80]!r} is not 'key = value'")
+            raise InputError(f"{name}:{number}: not a configuration: {line.strip()[:80]!r} is not 'key = value'")
         if key not in _DEFAULTS and key not in _WITHOUT_EFFECT:
             raise InputError(f"{name}:{number}: {_advice(key)}")
         values[key] = value.strip()
@@ -118,7 +121,7 @@ def read_configuration(path: str | os.PathLike[str], root: str | os.PathLike[str
 
 
 def _advice(key: str) -> str:
-    """Describe an unknown key, and suggest the nearest known one."""
+    """Return the message about an unknown key, with the nearest known key."""
     near = difflib.get_close_matches(key.strip().lower(), [*_DEFAULTS, *sorted(_WITHOUT_EFFECT)], 1)
     if near and near[0] == key.strip().lower():
         return f"Circuitscape does not read the key {key!r}; write it {near[0]!r}, without blanks before it"

@@ -1,4 +1,4 @@
-"""Resistor networks as lists, both ways: edges, and perhaps currents and resistors to ground, a line each."""
+"""Reader and writer of edge lists: one resistor per line, with optional lists of currents and grounds."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ MEASURES = ("resistance", "conductance")
 
 _COMMENT = re.compile(r"[#%].*")
 _DECIMAL = re.compile(r"[-+]?(\d+\.\d*|\.\d+|\d+(?=[eE][-+]))([eE][-+]?\d{1,3})?", re.ASCII)
-"""Decimals as programs print them, ``1.000e+00`` or ``1e+06``; a plain ``1e5`` stays a name."""
+"""Decimals in the form that programs print, ``1.000e+00`` or ``1e+06``; a node may be named ``1e5``."""
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 _DIGITS = "+-.0123456789"
 _LONGEST = 20
-"""Most digits of a node's number."""
+"""Maximum number of digits of a node's number."""
 _GROUND = "ground"
 _MATRIX = "%%MatrixMarket"
 _HEADINGS = {
@@ -39,10 +39,10 @@ _HEADINGS = {
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Resistors between nodes that are fed with currents and tied to ground.
+    """Resistors between nodes, currents into nodes, and resistors from nodes to ground.
 
-    `names` (nodes,): ground first; `edges` (n, 2) and `conductance` (n,) in S; `amps` (nodes,): currents into nodes;
-    `to_ground` (nodes,): siemens, infinite where a node is held at 0 V.
+    `names` (nodes,): names of nodes, ground first; `edges` (n, 2): nodes of the resistors; `conductance` (n,): in S;
+    `amps` (nodes,): injected currents, in A; `to_ground` (nodes,): in S, infinite for nodes at 0 V.
     """
 
     names: list[str]
@@ -52,30 +52,32 @@ class Network:
     to_ground: NDArray[np.float64]
 
     def netlist(self) -> Netlist:
-        """Make the netlist."""
-        held, fed = np.flatnonzero(np.isinf(self.to_ground)), np.flatnonzero(self.amps)
-        tied = np.flatnonzero(np.isfinite(self.to_ground) & (self.to_ground > 0))
+        """Return the netlist; nodes with infinite conductance to ground get a source of 0 V."""
+        held, driven = np.flatnonzero(np.isinf(self.to_ground)), np.flatnonzero(self.amps)
+        resistive = np.flatnonzero(np.isfinite(self.to_ground) & (self.to_ground > 0))
         return Netlist(
             node_count=len(self.names),
-            resistor_nodes=np.concatenate([self.edges, _with_ground(tied)]),
-            conductance=np.concatenate([self.conductance, self.to_ground[tied]]),
+            resistor_nodes=np.concatenate([self.edges, _with_ground(resistive)]),
+            conductance=np.concatenate([self.conductance, self.to_ground[resistive]]),
             source_nodes=_with_ground(held),
             source_volts=np.zeros(len(held)),
-            current_nodes=_with_ground(fed)[:, ::-1],
-            current_amps=self.amps[fed],
+            current_nodes=_with_ground(driven)[:, ::-1],
+            current_amps=self.amps[driven],
             node_names=tuple(self.names),
         )
 
 
 def _with_ground(nodes: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Return pairs of each node and ground, shape (n, 2)."""
     return np.stack([nodes, np.zeros_like(nodes)], axis=1).astype(np.int32)
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeTable:
-    """Names and numbers of a file of lines ``name ... name number``.
+    """Content of a file with lines ``name ... name number``.
 
-    `source`: the file, as displayed; `values` (rows,); `measure`: the quantity that the heading states.
+    `source`: displayed name of the file; `names`: per row its names; `values` (rows,): the numbers; `lines`: line
+    numbers; `measure`: quantity that the heading states.
     """
 
     source: str
@@ -85,18 +87,18 @@ class EdgeTable:
     measure: str | None
 
     def place(self, row: int) -> str:
-        """``file:line`` of a row."""
+        """Return ``file:line`` of a row."""
         return f"{self.source}:{self.lines[row]}"
 
     def siemens(self, measure: str | None, *, shorts: bool = False, absent: bool = False) -> NDArray[np.float64]:
-        """Return the values as conductances, by the heading or else by a measure.
+        """Return the values as conductances, shape (rows,), by the heading, or else by `measure`.
 
-        With `shorts` 0 ohm is infinite, and 0 S is no connection; with `absent` 0 S is no connection, too.
+        Zero is an error, except 0 ohm (infinite) and 0 S with `shorts`, and 0 S with `absent`.
         """
         if measure not in (None, *MEASURES):
             raise InputError(f"measure = {measure!r} is unknown; it may be one of {', '.join(MEASURES)}")
         if None not in (measure, self.measure) and measure != self.measure:
-            raise InputError(f"{self.source}: its heading says {self.measure}, but measure={measure!r} was asked for")
+            raise InputError(f"{self.source}: its heading says {self.measure}, but measure={measure!r} is requested")
         chosen = measure or self.measure or "resistance"
         zero = shorts or (absent and chosen == "conductance")
         wrong = np.flatnonzero(self.values < 0 if zero else self.values <= 0)
@@ -118,6 +120,7 @@ class EdgeTable:
 
 
 def _bound(zero: bool) -> str:
+    """Return the lower bound of a value in words; `zero`: whether 0 is allowed."""
     return "not be negative" if zero else "be positive"
 
 
@@ -131,10 +134,10 @@ def read_edges(
     last_counts: bool = False,
     absent_edges: bool = False,
 ) -> Network:
-    """Read a list of edges, and optional lists of currents into nodes and of resistors to ground.
+    """Read an edge list, and optional lists of injected currents and of resistors to ground.
 
-    Every line is one resistor, so that repeated edges are in parallel.  Lines of one node add up, unless `last_counts`;
-    with `absent_edges` an edge of 0 S is left out.
+    Every line is one resistor, so that repeated edges are in parallel.  The values of several lines of a node are
+    summed, or with `last_counts` the last one counts.  With `absent_edges` edges of 0 S are omitted.
     """
     table = _read_table(edges, 2, "edge")
     number: dict[str, int] = {_GROUND: 0}
@@ -143,17 +146,17 @@ def read_edges(
     amps, to_ground = np.zeros(len(number)), np.zeros(len(number))
     if sources is not None:
         currents = _read_table(sources, 1, "source")
-        _enter(amps, _numbers(currents, number), currents.values, last_counts)
+        _accumulate(amps, _numbers(currents, number), currents.values, last_counts)
     if grounds is not None:
         ties = _read_table(grounds, 1, "ground")
-        _enter(to_ground, _numbers(ties, number), ties.siemens(ground_measure, shorts=True), last_counts)
+        _accumulate(to_ground, _numbers(ties, number), ties.siemens(ground_measure, shorts=True), last_counts)
     nodes = np.array(pairs, dtype=np.int32).reshape(-1, 2)
     exists = conductance > 0
     return Network(list(number), nodes[exists], conductance[exists], amps, to_ground)
 
 
-def _enter(sums: NDArray[np.float64], nodes: list[int], values: NDArray[np.float64], last_counts: bool) -> None:
-    """Add the values of a list to their nodes, or let the last value of a node stand."""
+def _accumulate(sums: NDArray[np.float64], nodes: list[int], values: NDArray[np.float64], last_counts: bool) -> None:
+    """Add the values of a list to their nodes in place, or with `last_counts` assign the last value of each node."""
     if last_counts:
         sums[nodes] = values
     else:
@@ -161,7 +164,7 @@ def _enter(sums: NDArray[np.float64], nodes: list[int], values: NDArray[np.float
 
 
 def edges_text(netlist: Netlist) -> str:
-    """Return the resistors of a netlist as a list of edges."""
+    """Return the resistors of a netlist as the text of an edge list."""
     names = netlist.names_of(range(netlist.node_count))
     for node in np.unique(netlist.resistor_nodes).tolist():
         if node != GROUND and not _is_writable(names[node]):
@@ -174,12 +177,12 @@ def edges_text(netlist: Netlist) -> str:
 
 
 def _is_writable(name: str) -> bool:
-    """Return whether a node's name is read as it is written."""
+    """Return whether a node's name survives writing and reading."""
     return name.lower() != _GROUND and _words(name) == [name] and _node_name(name) == name
 
 
 def is_edge_list(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file begins like a list of edges: two nodes and a number, perhaps below a heading."""
+    """Return whether a file begins like an edge list: two nodes and a number, possibly below a heading."""
     try:
         with Path(path).open("rb") as file:
             text = decode(normalise(file.read(4096), os.fspath(path)))
@@ -190,11 +193,15 @@ def is_edge_list(path: str | os.PathLike[str]) -> bool:
 
 
 def _is_edge(words: list[str]) -> bool:
+    """Return whether the words of a line are an edge, and neither a SPICE command nor a comment."""
     return len(words) == 3 and words[0][0] not in ".*" and _NUMBER.fullmatch(words[2]) is not None
 
 
-def _read_table(path: str | os.PathLike[str], columns: int, what: str) -> EdgeTable:
-    """Read lines of names and one number; blanks, commas and semicolons separate, ``#`` and ``%`` begin comments."""
+def _read_table(path: str | os.PathLike[str], columns: int, entry: str) -> EdgeTable:
+    """Return lines of `columns` names and one number; `entry` names such a line in messages.
+
+    Blanks, commas and semicolons separate; ``#`` and ``%`` begin comments.
+    """
     source = os.fspath(path)
     names: list[tuple[str, ...]] = []
     values: list[float] = []
@@ -212,9 +219,9 @@ def _read_table(path: str | os.PathLike[str], columns: int, what: str) -> EdgeTa
                 heading = words[-1]
                 continue
             nodes = "two nodes" if columns == 2 else "a node"
-            article = "an" if what[0] in "aeiou" else "a"
+            article = "an" if entry[0] in "aeiou" else "a"
             raise InputError(
-                f"{source}:{number}: {line.strip()[:80]!r} is not {article} {what}; a line has {nodes} and a number"
+                f"{source}:{number}: {line.strip()[:80]!r} is not {article} {entry}; a line has {nodes} and a number"
             )
         values.append(float(words[-1]))
         if not np.isfinite(values[-1]):
@@ -225,13 +232,13 @@ def _read_table(path: str | os.PathLike[str], columns: int, what: str) -> EdgeTa
 
 
 def _measure_of(heading: str | None) -> str | None:
-    """Return the quantity that a heading states."""
+    """Return the quantity that a heading states, or None."""
     word = (heading or "").lower()
     return next((measure for measure, form in _HEADINGS.items() if form.fullmatch(word)), None)
 
 
 def _node_name(word: str) -> str:
-    """Return the name of a node; whole numbers that are printed as decimals are written without a point."""
+    """Return the name of a node; an integer in decimal form (``1.000e+00``) becomes ``1``."""
     if not _DECIMAL.fullmatch(word):
         return word
     value = Decimal(word)
@@ -241,12 +248,13 @@ def _node_name(word: str) -> str:
 
 
 def _words(line: str) -> list[str]:
+    """Return the words of a line without comment and quotes."""
     words = _COMMENT.sub("", line).replace(",", " ").replace(";", " ").split()
     return [word[1:-1] if len(word) > 2 and word[0] == word[-1] == '"' else word for word in words]
 
 
 def _numbers(table: EdgeTable, number: dict[str, int]) -> list[int]:
-    """Numbers of a table's nodes."""
+    """Return the node numbers of a table's first column; raise InputError for a node without an edge."""
     nodes = [number.get(names[0], -1) for names in table.names]
     if -1 in nodes:
         row = nodes.index(-1)

@@ -1,4 +1,4 @@
-"""Netlists as graphs and as arrays, both ways."""
+"""Reader and writer of netlists as GraphML, node-link JSON and NumPy arrays."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     import networkx as nx
 
 GRAPH_SUFFIXES = (".graphml", ".json", ".npz")
-"""Graphs as GraphML and as node-link JSON, and NumPy arrays."""
+"""Suffixes of GraphML, node-link JSON and NumPy arrays."""
 
 _ARRAYS = tuple(name for names in ARRAYS.values() for name in names)
 
 
 def graphml(netlist: Netlist) -> bytes:
-    """A netlist as GraphML; its attributes are no lists, so that the nodes of an element are words."""
+    """Return a netlist as GraphML; the nodes of an element are one string, because GraphML has no lists."""
     import networkx as nx
 
     graph, data = netlist.to_networkx(), BytesIO()
@@ -36,7 +36,7 @@ def graphml(netlist: Netlist) -> bytes:
 
 
 def node_link(netlist: Netlist) -> dict[str, Any]:
-    """A netlist as a graph in node-link form."""
+    """Return a netlist as a graph in node-link form."""
     import networkx as nx
 
     record: dict[str, Any] = nx.node_link_data(netlist.to_networkx(), edges="edges")
@@ -44,7 +44,7 @@ def node_link(netlist: Netlist) -> dict[str, Any]:
 
 
 def netlist_arrays(netlist: Netlist) -> dict[str, Any]:
-    """The arrays of a netlist, and its names, by their names."""
+    """Return the arrays and names of a netlist by their keys in an NPZ file."""
     arrays = {name: getattr(netlist, name) for name in _ARRAYS if getattr(netlist, name) is not None}
     arrays["node_names"] = np.array(netlist.names_of(np.arange(netlist.node_count)), dtype=np.str_)
     names = (netlist.element_names or {}).items()
@@ -52,7 +52,7 @@ def netlist_arrays(netlist: Netlist) -> dict[str, Any]:
 
 
 def read_graph(path: str | os.PathLike[str]) -> Netlist:
-    """Read a netlist from GraphML, node-link JSON or arrays, by the end of the file's name."""
+    """Return the netlist of a GraphML, node-link JSON or NPZ file, by its suffix."""
     file = Path(path)
     readers = {".graphml": _read_graphml, ".json": _read_json, ".npz": _read_arrays}
     try:
@@ -61,14 +61,15 @@ def read_graph(path: str | os.PathLike[str]) -> Netlist:
         raise InputError(f"{os.fspath(path)}: {error}") from error
     except OSError as error:
         raise InputError(f"cannot read {os.fspath(path)}: {error.strerror or error}; check the path") from error
-    except Exception as error:  # whatever a parser of somebody else's makes of a damaged file
+    except Exception as error:  # parsers raise many kinds of errors for a damaged file
         raise InputError(
-            f"{os.fspath(path)} holds no netlist ({type(error).__name__}: {error}); write it with 'resgrid convert', "
+            f"{os.fspath(path)} is not a netlist ({type(error).__name__}: {error}); write it with 'resgrid convert', "
             "or as Netlist.to_networkx does"
         ) from error
 
 
 def _read_graphml(path: Path) -> Netlist:
+    """Return the netlist of a GraphML file."""
     import networkx as nx
 
     graph = nx.read_graphml(path)
@@ -79,26 +80,28 @@ def _read_graphml(path: Path) -> Netlist:
 
 
 def _read_json(path: Path) -> Netlist:
+    """Return the netlist of a node-link JSON file."""
     import networkx as nx
 
     content = json.loads(path.read_bytes())
     if not isinstance(content, dict) or not {"nodes", "edges"} <= content.keys():
-        raise InputError("this is no graph in node-link form, with nodes and edges")
+        raise InputError("not a graph in node-link form: the keys nodes and edges are missing")
     return _netlist_of(nx.node_link_graph(content, edges="edges"))
 
 
 def _netlist_of(graph: nx.Graph[Any]) -> Netlist:
-    """Return the netlist of a graph; ground is the node 0, else the one with the name 0, else it is added."""
+    """Return the netlist of a graph; ground is the node 0, or else the node named 0, or else an added node."""
     by_node = (node for node in graph if str(node) == "0")
     by_name = (node for node, data in graph.nodes(data=True) if str(data.get("name")) == "0")
     return Netlist.from_networkx(graph, next(chain(by_node, by_name), GROUND))
 
 
 def _read_arrays(path: Path) -> Netlist:
+    """Return the netlist of an NPZ file."""
     with np.load(path, allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
     if "resistor_nodes" not in arrays or "node_names" not in arrays:
-        raise InputError("these arrays are no netlist: resistor_nodes and node_names are missing")
+        raise InputError("not the arrays of a netlist: resistor_nodes or node_names is missing")
     node_names = tuple(arrays.pop("node_names").tolist())
     names = {
         key.removesuffix("_names").replace("_", " "): tuple(value.tolist())

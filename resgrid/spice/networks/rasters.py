@@ -1,4 +1,4 @@
-"""ESRI ASCII grids."""
+"""Reader of ESRI ASCII grids."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from resgrid.errors import InputError
 from resgrid.spice.read.files import deck_bytes, decode, normalise
 
 NODATA = -9999.0
-"""Value of empty cells; Circuitscape takes it for empty whatever the header says."""
+"""Value of empty cells; Circuitscape treats it as empty for every header."""
 
 _ORIGIN = ("xllcorner", "yllcorner", "xllcenter", "yllcenter")
 _KEYS = frozenset(("ncols", "nrows", *_ORIGIN, "cellsize", "dx", "dy", "nodata_value", "nodata"))
@@ -57,7 +57,7 @@ def read_raster(path: Path) -> NDArray[np.float64]:
 
 
 def _without_empty(cells: NDArray[np.float64], header: dict[str, float], path: Path) -> NDArray[np.float64]:
-    """Return the cells with NaN where they are empty, shape (cells,), after checking their number."""
+    """Return the cells with NaN for empty ones, shape (cells,); raise InputError for a wrong number of cells."""
     rows, columns = header["nrows"], header["ncols"]
     if len(cells) != rows * columns:
         raise InputError(f"{path}: it holds {len(cells)} cells, but its header gives {rows:g} x {columns:g}")

@@ -1,8 +1,8 @@
-"""Reading decks.
+"""Reader of SPICE decks: from files to a `Circuit`.
 
-The way of the data: `files` reads files below a root, `cards` joins lines into cards and cuts them into tokens by the
-rules of a dialect, `collect` sorts cards into blocks (the deck and its subcircuits) by what `commands` say, `elements`
-evaluates cards (`numerals`, `expressions`, `scopes`, `models`, `waveforms`, `spectre`), `subcircuits` puts subcircuits
-in place of their calls, and `assemble` makes arrays.  Runs of plain cards take a short cut through compiled loops
-(`plain`, `kernels`) with the same result.
+The stages: `files` reads files below a root folder.  `cards` joins lines into cards and splits cards into tokens by the
+rules of a dialect.  `collector` sorts the cards into blocks (the deck and its subcircuits) and applies `commands`.
+`elements` evaluates the cards of elements, with `numerals`, `expressions`, `scopes`, `models`, `waveforms`,
+`nonlinear_resistors` and `spectre`.  `subcircuits` expands instances, and `assemble` builds the arrays.  Runs of plain
+cards take the fast path in `plain_cards`, with the same result.
 """

@@ -1,4 +1,4 @@
-"""From collected cards to arrays: title settled, subcircuits expanded, switches set, nodes numbered by first use."""
+"""Assembly of a `Circuit` from collected cards: title, subcircuits, switch states, node numbers."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.read.collector import Collector
 from resgrid.spice.read.commands import Contents
 from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
-from resgrid.spice.read.element_tables import WIDTHS, ElementArrays, Elements, LateNames, NodeTable, joined_parts
+from resgrid.spice.read.element_tables import WIDTHS, ElementArrays, Elements, LazyNames, NodeTable, joined_parts
 from resgrid.spice.read.files import SourceFile
 from resgrid.spice.read.scopes import Scope
 from resgrid.spice.read.subcircuits import Expander
 
 
 def assemble_deck(collector: Collector, source: SourceFile, limit: int | None) -> Circuit:
-    """Make the deck of everything that was collected."""
+    """Return the circuit of the collected cards; `limit` is the maximum number of elements after expansion."""
     contents, diagnostics = collector.contents, collector.contents.diagnostics
     scope = Scope(contents.top, diagnostics, built_ins=contents.built_ins())
     temperature, nominal = (contents.temperature(key, scope) for key in ("temp", "tnom"))
@@ -30,20 +30,20 @@ def assemble_deck(collector: Collector, source: SourceFile, limit: int | None) -
     reference = usual if nominal is None else nominal
     expander = Expander(contents, reference, (usual if temperature is None else temperature) - reference)
     elements = expander.elements()
-    elements.nodes.of("0", 0)
+    elements.nodes.number_of("0", 0)
     for plain in collector.plain:
-        plain.enter(elements)
+        plain.add_to(elements)
     expander.check_size(limit)
     diagnostics.raise_errors()
     expander.fill(scope, elements, contents.top.cards)
     diagnostics.raise_errors()
-    _settle_title(contents, scope, elements, expander)
+    _resolve_title(contents, scope, elements, expander)
     diagnostics.raise_errors()
     parts = {kind: elements.joined(kind) for kind in WIDTHS}
     files = tuple(source.name for source in collector.library.sources)
     parts["resistor"] = _with_switches(parts, len(elements.nodes.names), files, diagnostics)
     diagnostics.raise_errors()
-    _note_oddities(parts, elements.nodes, files, contents)
+    _note_zero_ohms_and_grounds(parts, elements.nodes, files, contents)
     numbers, names = _by_first_use([parts[kind].nodes for kind in KINDS], elements.nodes.names)
     ohms, *coefficients = np.hsplit(parts["resistor"].values, (1, 2))
     tc1, tc2 = (column[:, 0].copy() if column.any() else None for column in coefficients)
@@ -58,7 +58,7 @@ def assemble_deck(collector: Collector, source: SourceFile, limit: int | None) -
         path=source.name,
         dialect=contents.rules.name,
         node_names=names,
-        element_names=LateNames({kind: parts[kind].names for kind in KINDS}),
+        element_names=LazyNames({kind: parts[kind].names for kind in KINDS}),
         place={kind: parts[kind].place for kind in KINDS},
         files=files,
         notes=diagnostics.notes(),
@@ -70,8 +70,11 @@ def assemble_deck(collector: Collector, source: SourceFile, limit: int | None) -
     )
 
 
-def _settle_title(contents: Contents, scope: Scope, elements: Elements, expander: Expander) -> None:
-    """Decide whether a first line that may be an element is one: if it reads as one and is wired to the rest."""
+def _resolve_title(contents: Contents, scope: Scope, elements: Elements, expander: Expander) -> None:
+    """Decide whether the first line is an element or the title.
+
+    It is an element if it can be read as one and shares a node other than ground with the rest of the deck.
+    """
     first, diagnostics = contents.first, contents.diagnostics
     if first is None:
         return
@@ -85,20 +88,23 @@ def _settle_title(contents: Contents, scope: Scope, elements: Elements, expander
         expander.fill(scope, elements, [first])
         diagnostics.warn(
             first.spot(),
-            "there is no title line: the first line is an element, and is kept; SPICE would take it for the title",
+            "there is no title line: the first line is read as an element; SPICE would take it for the title",
         )
         return
     if len(first.joins) > 1:
         diagnostics.error(first.error(None, "the first line, a title, is continued (+): a title line is missing"))
     if reads:
-        diagnostics.warn(first.spot(), "the first line reads like an element, but is wired to nothing: it is the title")
+        diagnostics.warn(
+            first.spot(),
+            "the first line looks like an element, but shares no node with the rest: it is read as the title",
+        )
     contents.title = first.text.strip()
 
 
 def _with_switches(
     parts: dict[str, ElementArrays], node_count: int, files: tuple[str, ...], diagnostics: Diagnostics
 ) -> ElementArrays:
-    """Resistors, with every switch among them as the resistance of its state."""
+    """Return the resistors and the switches, each switch as the resistance of its state."""
     switches, resistors = parts["switch"], parts["resistor"]
     if not len(switches):
         return resistors
@@ -112,8 +118,8 @@ def _with_switches(
     inside = rising & (control > lower) & (control < upper) & ~np.isnan(between)
     is_on |= inside & (between == 1)
     is_off |= inside & (between == 0)
-    open_question = ~tied | ~(is_on ^ is_off)
-    for i in np.flatnonzero(open_question).tolist():
+    undecided = ~tied | ~(is_on ^ is_off)
+    for i in np.flatnonzero(undecided).tolist():
         file, line = switches.place[i].tolist()
         why = (
             f"is controlled by {control[i]:g} V, where it is neither on nor off"
@@ -123,14 +129,17 @@ def _with_switches(
         diagnostics.error(CardError(Spot(files[file], line), f"the switch {switches.names()[i]} {why}"))
     if inside.any():
         file, line = switches.place[int(np.argmax(inside))].tolist()
-        diagnostics.warn(Spot(files[file], line), "a switch within its hysteresis is off unless ON is said")
+        diagnostics.warn(Spot(files[file], line), "a switch within its hysteresis is off unless its card has ON")
     values = np.where(is_on, on, off)[:, np.newaxis]
     settled = ElementArrays(switches.names, switches.nodes[:, :2], values, switches.place, switches.order)
     return joined_parts("resistor", [resistors, settled])
 
 
 def _held_voltages(parts: dict[str, ElementArrays], node_count: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Voltage of every node above the root of its tree of voltage sources (and shorts), and that root."""
+    """Return the voltage of every node relative to the root of its tree of voltage sources and shorts, and the root.
+
+    Shapes (nodes,); the voltages are NaN if the sources contradict each other.
+    """
     from resgrid.circuit.sources import tie_sources
 
     source, resistor = parts["voltage source"], parts["resistor"]
@@ -145,9 +154,10 @@ def _held_voltages(parts: dict[str, ElementArrays], node_count: int) -> tuple[ND
     return forest.offsets[0], forest.root
 
 
-def _note_oddities(
+def _note_zero_ohms_and_grounds(
     parts: dict[str, ElementArrays], nodes: NodeTable, files: tuple[str, ...], contents: Contents
 ) -> None:
+    """Add notes about resistors of 0 ohm and about names of ground."""
     resistor, diagnostics, top = parts["resistor"], contents.diagnostics, Spot(files[0], 1)
     zero = np.flatnonzero(resistor.values[:, 0] == 0)
     if zero.size:
@@ -165,10 +175,13 @@ def _note_oddities(
 
 
 def _by_first_use(nodes: list[NDArray[np.int64]], names: list[str]) -> tuple[NDArray[np.int32], tuple[str, ...]]:
-    """Renumber nodes in the order of their first use, ground first; unused ones vanish."""
+    """Renumber nodes in the order of their first use, ground first, without unused nodes.
+
+    Returns the new number of every old one (-1 if unused) and the names in the new order.
+    """
     used = np.concatenate([np.zeros(1, dtype=np.int64), *(ends.ravel() for ends in nodes)])
     first = np.full(len(names), -1, dtype=np.int64)
-    first[used[::-1]] = np.arange(len(used))[::-1]  # of several values for one place, the last counts
+    first[used[::-1]] = np.arange(len(used))[::-1]  # the last assignment to an entry counts
     is_first = np.zeros(len(used), dtype=np.bool_)
     is_first[first[first >= 0]] = True
     order = used[is_first]

@@ -1,4 +1,4 @@
-"""Definitions ``name=value`` of parameters, whose values may be expressions without quotes."""
+"""Parser of parameter definitions ``name=value``, whose values may be expressions without quotes."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ _COMMA = re.compile(r"[}\'\")]*,")
 
 
 def assignments(card: Card, tokens: list[Token], *, blanks: bool = False) -> list[Setting]:
-    """Read the ``name=value`` pairs of a card.
+    """Return the ``name=value`` pairs of a card.
 
-    ``blanks``: whether the dialect's rules for expressions with blanks hold, as they do behind ``.param``; in calls of
-    subcircuits a blank ends a value.
+    ``blanks``: whether an expression may contain blanks where the dialect allows it, as after ``.param``; in an
+    instance of a subcircuit a blank ends a value.
     """
     if card.rules.instances:
         return settings(card, tokens)
     keys = [i for i, depth in enumerate(depths(tokens)) if depth == 0 and _begins_definition(tokens, i)]
     if tokens and (not keys or keys[0] > 0):
-        raise card.error(tokens[0].offset, f"{tokens[0].text!r} was not expected here; key=value was")
+        raise card.error(tokens[0].offset, f"unexpected {tokens[0].text!r}; expected key=value")
     pairs: list[Setting] = []
     for begin, end in pairwise([*keys, len(tokens)]):
         key, parts = tokens[begin], tokens[begin + 2 : end]
@@ -33,7 +33,7 @@ def assignments(card: Card, tokens: list[Token], *, blanks: bool = False) -> lis
 
 
 def depths(tokens: list[Token]) -> list[int]:
-    """Return the number of parentheses that are open in front of each token."""
+    """Return the nesting depth of parentheses before each token."""
     depth, before = 0, []
     for token in tokens:
         before.append(depth)
@@ -42,7 +42,7 @@ def depths(tokens: list[Token]) -> list[int]:
 
 
 def misplaced_comma(card: Card, pairs: list[Setting]) -> int | None:
-    """Return the offset of a comma directly behind a value, in front of the next name; None without one."""
+    """Return the offset of a comma directly after a value and before the next name; None if there is no such comma."""
     for pair, after in pairwise(pairs):
         value = pair.values[-1]
         match = _COMMA.match(card.text, value.offset + len(value.text))
@@ -52,7 +52,7 @@ def misplaced_comma(card: Card, pairs: list[Setting]) -> int | None:
 
 
 def _begins_definition(tokens: list[Token], i: int) -> bool:
-    """Return whether a token is a name in front of ``=``, and not an operand of ``==``, ``<=``, ``>=`` or ``!=``."""
+    """Return whether a token is a name before ``=``, and not an operand of ``==``, ``<=``, ``>=`` or ``!=``."""
     if (
         tokens[i].kind != "word"
         or tokens[i].text[-1] in "<>!"
@@ -65,27 +65,27 @@ def _begins_definition(tokens: list[Token], i: int) -> bool:
 
 
 def _value(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> Token | None:
-    """Return the value that some tokens make; None if they make none."""
+    """Return the value given by some tokens as one token; None if they are not a value."""
     if len(parts) == 3 and parts[0].is_mark("(") and parts[2].is_mark(")"):
         parts = parts[1:2]
     if len(parts) > 1:
-        return _loose(card, parts, blanks=blanks, alone=alone)
+        return _unquoted(card, parts, blanks=blanks, alone=alone)
     if not parts or parts[0].kind == "mark":
         return None
     is_expression = parts[0].kind == "word" and _OPERATOR.search(parts[0].text) is not None
-    return _loose(card, parts, blanks=blanks, alone=alone) if is_expression else parts[0]
+    return _unquoted(card, parts, blanks=blanks, alone=alone) if is_expression else parts[0]
 
 
-def _loose(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> Token:
-    """Return the expression that tokens without quotes make, where the dialect reads one.
+def _unquoted(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> Token:
+    """Return an expression without quotes as one token; raise CardError where the dialect does not read it.
 
-    ``alone``: whether it is the value of the only definition of its card.
+    ``alone``: whether the card has only this definition.
     """
     begin, end = parts[0].offset, parts[-1].offset + len(parts[-1].text)
     text, form = card.text[begin:end], card.rules.words.loose
     quoted = any(token.kind in ("expression", "string") for token in parts)
     if not form or quoted:
-        why = "is quoted in part only" if quoted else f"is not read without quotes in {card.rules.name}"
+        why = "is quoted only in part" if quoted else f"is not read without quotes in {card.rules.name}"
         raise card.error(begin, f"the expression {text!r} {why}: write all of it in braces or quotes")
     gap = _first_gap(card, parts, inside=not blanks)
     allowed = form == "any" or (form == "numeric" and alone and re.match(r"\+?\.?\d", text) is not None)
@@ -96,7 +96,10 @@ def _loose(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> Toke
 
 
 def _first_gap(card: Card, parts: list[Token], *, inside: bool) -> int | None:
-    """Return the offset of the first token behind a gap: outside parentheses, or with ``inside`` behind any blank."""
+    """Return the offset of the first token after a gap; None without a gap.
+
+    A gap is a separator outside parentheses, and with ``inside`` also a blank within them.
+    """
     for depth, token, after in zip(depths(parts)[1:], parts, parts[1:], strict=False):
         gap = card.text[token.offset + len(token.text) : after.offset]
         if gap and (depth == 0 or (inside and gap.strip(","))):

@@ -1,7 +1,7 @@
-"""From lines to cards, and from cards to tokens.
+"""Lexer of decks: lines to cards, cards to tokens.
 
-Comments are stripped and continuations joined; every character's place is kept.  Tokens are words, marks, expressions
-and strings.
+Comments are removed and continuation lines joined; line and column of every character are kept.  Tokens are words,
+marks, expressions and strings.
 """
 
 from __future__ import annotations
@@ -18,17 +18,18 @@ from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
 from resgrid.spice.read.files import SourceFile
 
 Line = tuple[int, str]
-"""A line's number, from 1, and its text."""
+"""Line number, counted from 1, and text of a line."""
 
 _LANGUAGE = re.compile(r"\s*simulator\s+lang\s*=\s*(\w+)\s*")
 
 
 @dataclass(frozen=True, eq=False)
 class Card:
-    """A statement: a line and those that continue it.
+    """A card (statement): a line and its continuation lines.
 
-    `text`: joined by blanks, comments stripped; `file`: index of its file; `name`: the file, as displayed; `rules`:
-    what it is read by; `joins`: per piece: its offset in ``text``, its line, the column of its first character, from 1.
+    `text`: the lines joined by blanks, without comments; `file`: index of the file; `name`: displayed name of the file;
+    `rules`: the dialect's rules; `joins`: per line its offset in ``text``, its number, and the column of its first
+    character, counted from 1.
     """
 
     text: str
@@ -39,28 +40,28 @@ class Card:
 
     @property
     def line(self) -> int:
-        """Its first line."""
+        """Number of the first line."""
         return self.joins[0][1]
 
     @property
     def first_word(self) -> str:
-        """Its first word, in lower case."""
+        """The first word in lower case."""
         return self.text.split(maxsplit=1)[0].lower()
 
     def spot(self, offset: int | None = None) -> Spot:
-        """Place of a character of the text; of the whole card without one."""
+        """Return the position of a character of the text, or of the whole card if `offset` is None."""
         if offset is None:
             return Spot(self.name, self.line)
         start, line, column = next(join for join in reversed(self.joins) if join[0] <= max(offset, 0))
         return Spot(self.name, line, column + max(offset, 0) - start)
 
     def error(self, offset: int | None, text: str) -> CardError:
-        """Make an error about a place in this card."""
+        """Return an error at a position in this card."""
         return CardError(self.spot(offset), text)
 
 
 def cards(lines: Iterable[Line], source: SourceFile, rules: ReadingRules, diagnostics: Diagnostics) -> Iterator[Card]:
-    """Join and strip lines into cards; blank lines and comments vanish, and so do changes of the language."""
+    """Yield the cards of some lines; skip blank lines, comments and statements that change the language."""
     pieces: list[tuple[int, int, str]] = []
     language, glued = rules, False
     for number, line in lines:
@@ -75,7 +76,12 @@ def cards(lines: Iterable[Line], source: SourceFile, rules: ReadingRules, diagno
         change = _LANGUAGE.fullmatch(text) if rules.spice is not None and not glued else None
         continues = bare[0] == "+"
         if (continues or glued) and not pieces:
-            diagnostics.error(CardError(Spot(source.name, number, column), "this line continues (+) nothing"))
+            diagnostics.error(
+                CardError(
+                    Spot(source.name, number, column),
+                    "there is no card that this line (+) continues: remove the + or add the card",
+                )
+            )
             continue
         if pieces and not (continues or glued):
             yield _joined(pieces, source, language)
@@ -104,23 +110,23 @@ _MICRO = "\N{MICRO SIGN}"
 
 
 def _check_letters(text: str, spot: Spot, source: SourceFile, rules: ReadingRules, diagnostics: Diagnostics) -> None:
-    """Reject blanks beyond ASCII, which simulators take for letters; note bytes that stop the dialect's simulator."""
+    """Add an error about non-ASCII blanks, and warnings about bytes that may stop the dialect's simulator."""
     blank = _WIDE_BLANK.search(text)
     if blank is not None:
         place, character = Spot(spot.file, spot.line, blank.start() + 1), f"U+{ord(blank.group()):04X}"
-        words = f"a blank that is no ASCII one ({character}): simulators take it for a letter; replace it"
+        words = f"a non-ASCII blank ({character}): simulators read it as a letter; replace it by a blank"
         diagnostics.error(CardError(place, words))
     letters = {letter for letter in text if letter > "\x7f"} - {_MICRO}
     latin = max(letters, default="") <= "\xff" and text.encode() not in source.data
     if letters and latin and "latin-1" in rules.refusals.encodings:
-        text = f"{rules.name} stops at letters beyond ASCII that are not UTF-8: save the file as UTF-8"
+        text = f"{rules.name} stops at non-ASCII letters that are not UTF-8: save the file as UTF-8"
         diagnostics.refuse(spot, text)
     elif letters and rules.refusals.letters:
-        diagnostics.doubt(spot, f"it is not known here whether {rules.name} reads letters beyond ASCII")
+        diagnostics.doubt(spot, f"{rules.name} may not read non-ASCII letters")
 
 
 def _joined(pieces: list[tuple[int, int, str]], source: SourceFile, rules: ReadingRules) -> Card:
-    """The card of some pieces: their lines, columns and texts."""
+    """Return the card made of pieces, each with line, column and text."""
     joins: list[tuple[int, int, int]] = []
     offset = 0
     for line, column, text in pieces:
@@ -133,7 +139,7 @@ _DOLLAR = re.compile(r"(?:^|[\s,])\$")
 
 
 def strip_comment(line: str, rules: ReadingRules) -> str:
-    """What is left of a line without its comment.
+    """Return a line without its comment.
 
     Examples
     --------
@@ -156,28 +162,29 @@ _TOKEN = re.compile(
 
 
 class Token(NamedTuple):
-    """A word, mark, expression or string: its text without quotes or braces, and its offset in the card's."""
+    """A word, mark, expression or string: its text without quotes or braces, and its offset in the card's text."""
 
     kind: str
     text: str
     offset: int
 
     def is_mark(self, text: str) -> bool:
-        """Whether it is one of these marks."""
+        """Return whether the token is one of the marks in `text`."""
         return self.kind == "mark" and self.text in text
 
 
 def tokenise(card: Card) -> list[Token]:
-    """Cut a card into tokens; blanks and commas separate."""
-    tokens = _cut(card.text)
+    """Split a card into tokens, which blanks and commas separate; raise CardError for an unbalanced quote or brace."""
+    tokens = _split(card.text)
     for token in tokens:
         if token.kind == "wrong":
-            raise card.error(token.offset, f"{token.text!r} is not closed, or closes nothing")
+            raise card.error(token.offset, f"{token.text!r} is unbalanced: add or remove one")
     return list(tokens)
 
 
 @lru_cache(maxsize=8192)
-def _cut(text: str) -> tuple[Token, ...]:
+def _split(text: str) -> tuple[Token, ...]:
+    """Return the tokens of a text; an unbalanced quote or brace is a token of kind "wrong"."""
     found = ((match.lastgroup or "", match) for match in _TOKEN.finditer(text))
     return tuple(
         [Token("expression" if kind == "quoted" else kind, match[kind], match.start(kind)) for kind, match in found]
@@ -191,12 +198,12 @@ def refuse_quotes(card: Card, token: Token) -> None:
 
 
 def without_parentheses(tokens: Iterable[Token]) -> list[Token]:
-    """Tokens, parentheses left out."""
+    """Return the tokens that are not parentheses."""
     return [token for token in tokens if not token.is_mark("()")]
 
 
 class Setting(NamedTuple):
-    """``key=value`` of a card, the key in lower case; several values where more follow after commas or blanks."""
+    """A ``key=value`` pair of a card: the key in lower case, its offset, and one or several values."""
 
     key: str
     offset: int
@@ -204,7 +211,7 @@ class Setting(NamedTuple):
 
 
 def settings(card: Card, tokens: list[Token], several: frozenset[str] = frozenset()) -> list[Setting]:
-    """Read ``key=value`` pairs; parentheses around them are ignored."""
+    """Return ``key=value`` pairs; ignore parentheses around them; keys in `several` may have several values."""
     if card.rules.instances:
         return _unquoted_settings(card, tokens)
     plain = without_parentheses(tokens)
@@ -213,7 +220,7 @@ def settings(card: Card, tokens: list[Token], several: frozenset[str] = frozense
     while i < len(plain):
         key = plain[i]
         if key.kind != "word" or not _begins_pair(plain, i):
-            raise card.error(key.offset, f"{key.text!r} was not expected here; key=value was")
+            raise card.error(key.offset, f"unexpected {key.text!r}; expected key=value")
         first = i + 2
         i = first + 1
         if key.text.lower() in several:
@@ -231,12 +238,12 @@ _KEY = re.compile(r"([^\W\d]\w*)\s*=(?!=)\s*")
 
 
 def _unquoted_settings(card: Card, tokens: list[Token]) -> list[Setting]:
-    """The same where expressions need neither quotes nor braces: a value ends where the next key begins."""
+    """Return ``key=value`` pairs of Spectre, where an unquoted expression ends at the next key."""
     if not tokens:
         return []
     begin = tokens[0].offset
     if tokens[0].kind == "mark" or _KEY.match(card.text, begin) is None:
-        raise card.error(begin, f"{tokens[0].text!r} was not expected here; key=value was")
+        raise card.error(begin, f"unexpected {tokens[0].text!r}; expected key=value")
     keys = list(_KEY.finditer(card.text, begin))
     pairs: list[Setting] = []
     for key, stop in zip(keys, [*(key.start() for key in keys[1:]), len(card.text)], strict=True):
@@ -249,17 +256,21 @@ def _unquoted_settings(card: Card, tokens: list[Token]) -> list[Setting]:
 
 
 def _begins_pair(tokens: list[Token], i: int) -> bool:
+    """Return whether the token after index `i` is ``=``."""
     return i + 1 < len(tokens) and tokens[i + 1].is_mark("=")
 
 
 def split_positional(tokens: list[Token]) -> tuple[list[Token], list[Token]]:
-    """Part what stands before the first ``key=`` from the pairs."""
+    """Split tokens before the first ``key=``; return positional tokens and the rest."""
     first = next((i for i in range(len(tokens)) if tokens[i].kind == "word" and _begins_pair(tokens, i)), len(tokens))
     return tokens[:first], tokens[first:]
 
 
 def split_call(tokens: list[Token]) -> tuple[list[Token], list[Token]]:
-    """The same for the first line of a subcircuit, and a call of it: parentheses and ``params:`` say nothing."""
+    """Split the tokens of ``.subckt`` or of an instance; return positional tokens and ``key=value`` tokens.
+
+    Parentheses and ``params:`` are dropped.
+    """
     positional, tail = split_positional(tokens)
     positional = without_parentheses(positional)
     if positional and positional[-1].text.lower() == "params:":
@@ -269,7 +280,7 @@ def split_call(tokens: list[Token]) -> tuple[list[Token], list[Token]]:
 
 
 def joined_names(card: Card, tokens: list[Token], count: int) -> list[Token]:
-    """Join words and the parentheses directly behind them among the first names of a card: ``Net-(R1-Pad2)``."""
+    """Join a word and the parentheses directly after it, as in ``Net-(R1-Pad2)``, among the first `count` names."""
     if not card.rules.words.joins_brackets or "(" not in card.text:
         return tokens
     joined: list[Token] = []
@@ -288,7 +299,7 @@ def joined_names(card: Card, tokens: list[Token], count: int) -> list[Token]:
 
 
 def _is_tight(tokens: list[Token]) -> bool:
-    """Return whether four tokens are a word, and a word in parentheses directly behind it."""
+    """Return whether four tokens are a word and, without a gap, a word in parentheses."""
     kinds = [token.text if token.kind == "mark" else token.kind for token in tokens]
     adjoin = all(after.offset == token.offset + len(token.text) for token, after in pairwise(tokens))
     return kinds[1:] == ["(", "word", ")"] and adjoin

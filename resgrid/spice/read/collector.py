@@ -1,4 +1,4 @@
-"""Cards sorted into what a deck says: files included, sections of libraries chosen, other commands noted."""
+"""Collection of the cards of a deck: include files, library sections, and commands without effect on the circuit."""
 
 from __future__ import annotations
 
@@ -16,39 +16,44 @@ from resgrid.spice.read.files import Library, SourceFile, decode
 from resgrid.spice.read.plain_cards import PlainCards, plain_lines
 
 MAX_INCLUDES = 20
-"""How deep files may include each other."""
+"""Maximum nesting depth of include files."""
 
 MAX_INCLUSIONS = 2000
-"""How many times a file may be included, whichever."""
+"""Maximum number of inclusions in one deck, over all files."""
 
 _ANALYSES = frozenset(
     ".op .dc .ac .tran .noise .disto .sens .tf .pz .four .fft .hb .sp .sampling".split()  # noqa: SIM905
 )
 _OUTPUTS = frozenset(".save .print .plot .probe .meas .measure .width .graph .wave .backanno".split())  # noqa: SIM905
 _HARMLESS = _ANALYSES | _OUTPUTS | {".end", ".control"}
-"""What may stand after ``.end`` without changing the circuit."""
+"""Commands that do not change the circuit if they stand after ``.end``."""
 _HINTS = frozenset(
     ".nodeset .ic .protect .unprotect .prot .unprot .csparam .machine .savebias .loadbias".split()  # noqa: SIM905
 )
 _SWEEPS = frozenset((".step", ".data", ".enddata", ".mc", ".wcase", ".variation", ".sampling"))
 _CONDITIONS = frozenset((".if", ".elseif", ".else", ".endif"))
 _BLOCKS = {".control": ".endc", ".data": ".enddata"}
-"""Commands whose lines are skipped, and where they end."""
+"""Commands that begin a block of skipped lines, and the commands that end it."""
 _CHANGING = frozenset(
     "alter altermod alterparam mc_source reset source remcirc codemodel setseed".split()  # noqa: SIM905
 )
-"""Commands of a control block after which the circuit is another one."""
+"""Commands of a control block that change the circuit."""
 _SETS_TEMPERATURE = re.compile(r"(set|option|options)\s+temp\b", re.IGNORECASE)
 _INCLUSIONS = frozenset((".lib", ".inc", ".include", ".incl"))
 _STATEMENTS = frozenset((*COMMANDS, *_ANALYSES, *_OUTPUTS, *_INCLUSIONS, *_HINTS, ".control", ".end"))
 
 _LOOKED_AT = 200
+"""Bytes after the first line in which a continuation is looked for."""
+
 _ELEMENT_LETTERS = frozenset("rvilcsxRVILCSX")
 
 
 @dataclass(eq=False)
 class Collector:
-    """Reads the files of a deck; plain cards of its own level go the short way where that is quick."""
+    """The reader of a deck's files.
+
+    `quick`: whether plain cards outside subcircuits take the fast path; `plain`: the plain cards of each file.
+    """
 
     library: Library
     contents: Contents
@@ -60,8 +65,8 @@ class Collector:
     _noted: set[Spot] = field(default_factory=set)
 
     def deck(self, source: SourceFile) -> None:
-        """Collect the deck itself: its first line is a title, unless it is plainly something else."""
-        self._note_oddities(source)
+        """Collect the cards of the deck file; the first line is the title unless it may be a command or an element."""
+        self._note_encoding(source)
         start = source.data.index(b"\n") + 1
         line = decode(source.data[:start])
         continued = source.data[start : start + _LOOKED_AT].lstrip(b" \t\n")[:1] == b"+"
@@ -80,12 +85,12 @@ class Collector:
         self._take(stream, source)
         self._including.pop()
 
-    def _note_oddities(self, source: SourceFile) -> None:
-        """Note encodings and line ends that stop the dialect's simulator."""
+    def _note_encoding(self, source: SourceFile) -> None:
+        """Add warnings about encodings, line ends and comments that the dialect's simulator treats differently."""
         rules = self.contents.rules
         for oddity in sorted(source.oddities & rules.refusals.encodings):
-            what = "UTF-16" if oddity == "utf-16" else "lines that end in carriage returns alone"
-            text = f"{rules.name} does not read {what}: save the file as UTF-8 with line feeds"
+            form = "UTF-16" if oddity == "utf-16" else "lines that end in carriage returns alone"
+            text = f"{rules.name} does not read {form}: save the file as UTF-8 with line feeds"
             self.contents.diagnostics.refuse(Spot(source.name, 1), text)
         commands = rules.refusals.commands_in_comments
         found = re.search(commands, source.data, re.MULTILINE) if commands else None
@@ -95,7 +100,7 @@ class Collector:
             self.contents.diagnostics.doubt(spot, text)
 
     def _role(self, line: str, continued: bool) -> str:
-        """What a first line is: a title, a command, perhaps an element, or the name of a language."""
+        """Classify a first line: "title", "command", "element" (possibly), or "language" (of Spectre)."""
         words = line.split()
         if not words or words[0][0] == "*":
             return "title"
@@ -110,27 +115,30 @@ class Collector:
         return "element" if words[0][0] in _ELEMENT_LETTERS and (len(words) > 3 or continued) else "title"
 
     def _with_first_command(self, stream: Iterator[Card]) -> Iterator[Card]:
+        """Yield all cards; warn if a command stands in place of the title."""
         for first in islice(stream, 1):
             if first.first_word != ".title":
-                text = "the first line is a command, not a title: it is obeyed; SPICE would ignore it"
+                text = "the first line is a command, not a title: it is applied; SPICE would ignore it"
                 self.contents.diagnostics.warn(first.spot(), text)
             yield first
         yield from stream
 
     def _cards(self, lines: Iterable[tuple[int, str]], source: SourceFile) -> Iterator[Card]:
+        """Yield the cards of some lines of a file."""
         return cards(lines, source, self.contents.rules, self.contents.diagnostics)
 
     def _lines(self, source: SourceFile, start: int) -> Iterator[tuple[int, str]]:
-        """Lines that need a closer look."""
+        """Return the lines of a file from a byte offset on, on the fast path without its plain cards."""
         words = self.contents.rules.words
         misread = words.misread.get("node", frozenset()) | words.common_nodes
         lower = source.data.lower() if self.quick and misread else b""
         if not self.quick or self.contents.rules.instances or any(name.encode() in lower for name in misread):
             return plain_lines(source.data, start)
         self.plain.append(PlainCards(source, start, self.contents.rules))
-        return self.plain[-1].others(lambda: len(self.contents.open) == 1 and not self._skipping)
+        return self.plain[-1].other_lines(lambda: len(self.contents.open) == 1 and not self._skipping)
 
     def _take(self, stream: Iterable[Card], source: SourceFile) -> None:
+        """Add the elements of a stream of cards to the open block, and apply its commands."""
         contents = self.contents
         depth = len(contents.open)
         end: Card | None = None
@@ -162,22 +170,23 @@ class Collector:
         del contents.open[depth:]
 
     def _note_text_after(self, end: Card) -> None:
-        """Note once that ``.end`` ends nothing."""
+        """Warn once about cards after ``.end`` where the dialect's simulator reads them."""
         if end.spot() not in self._noted:
-            text = f"what stands after .end is read, as {end.rules.name} does; others stop here"
+            text = f"cards after .end are read, as in {end.rules.name}; other simulators stop here"
             self.contents.diagnostics.warn(end.spot(), text)
         self._noted.add(end.spot())
 
     def _command(self, card: Card, word: str, source: SourceFile, stream: Iterable[Card]) -> str:
+        """Apply a command; return "stop" or "end" where reading ends, otherwise an empty string."""
         rules, diagnostics = self.contents.rules, self.contents.diagnostics
         if word == ".end":
             return "end" if rules.end_is_comment else "stop"
         if word in rules.refusals.commands:
-            diagnostics.refuse(card.spot(), f"{rules.name} knows no command {word}, and stops at it")
+            diagnostics.refuse(card.spot(), f"{rules.name} has no command {word}, and stops at it")
         if word == ".alter":
             if rules.end_is_comment:
-                diagnostics.error(card.error(0, f"{rules.name} has no .alter: remove it and what follows"))
-            diagnostics.warn(card.spot(), "what follows .alter is another run, and is not read")
+                diagnostics.error(card.error(0, f"{rules.name} has no .alter: remove it and the cards after it"))
+            diagnostics.warn(card.spot(), "cards after .alter describe another run, and are not read")
             return "stop"
         if word in rules.refusals.foreign_commands:
             diagnostics.doubt(card.spot(), f"the manual of {rules.name} has no command {word}")
@@ -196,24 +205,25 @@ class Collector:
         return ""
 
     def _note(self, card: Card, word: str) -> None:
-        """Note a command that does not change the operating point, or refuse it."""
+        """Add a note about a command that does not change the operating point; raise CardError for other commands."""
         diagnostics, shown = self.contents.diagnostics, spectre.command_of(card, word)
         if word == ".control":
             pass  # noted where it is skipped
         elif word == ".ic" and card.rules.holds_initial:
-            diagnostics.warn(card.spot(), "HSPICE holds nodes at their .ic; not done here")
+            diagnostics.warn(card.spot(), "HSPICE holds nodes at their .ic; it is ignored here")
         elif word in _ANALYSES or word in _OUTPUTS or word in _HINTS:
-            diagnostics.inform(card.spot(), f"{shown} is noted, not obeyed: the operating point is solved")
+            diagnostics.inform(card.spot(), f"{shown} is ignored: the operating point is solved")
         elif word in _SWEEPS:
-            diagnostics.warn(card.spot(), f"{shown} asks for several runs; the deck is read as it stands")
+            diagnostics.warn(card.spot(), f"{shown} requests several runs; only the deck's own values are read")
         elif word in (".endl", ".endc"):
-            raise card.error(0, f"{word} ends nothing")
+            raise card.error(0, f"{word} closes no open block: remove it, or add the missing beginning")
         elif word in _CONDITIONS:
-            raise card.error(0, f"conditions ({word}) are not evaluated; keep the branch that is meant")
+            raise card.error(0, f"conditions ({word}) are not evaluated; keep only the branch that applies")
         else:
-            raise card.error(0, f"the command {word[:40]} is not known")
+            raise card.error(0, f"unknown command {word[:40]}")
 
     def _skip(self, card: Card, stream: Iterable[Card], until: str) -> None:
+        """Skip cards up to the command `until`; note commands of a control block that would change the circuit."""
         self._skipping = True
         changing: list[str] = []
         for skipped in stream:
@@ -225,37 +235,38 @@ class Collector:
             raise card.error(0, f"{card.text.split()[0]} has no {until}")
         self._skipping = False
         if until == ".endc" and changing:
-            text = f"the commands of .control ... .endc are not run: {changing[0]} changes the circuit there, not here"
+            text = f"the commands of .control ... .endc are not run: {changing[0]} would change the circuit"
             self.contents.diagnostics.doubt(card.spot(), text)
         elif until == ".endc":
             self.contents.diagnostics.inform(card.spot(), "the commands of .control ... .endc are not run")
 
     def _skip_braces(self, card: Card, stream: Iterable[Card]) -> None:
+        """Skip cards up to the brace that closes the one opened in `card`."""
         if not any(depth <= 0 for depth in accumulate(map(_opened, chain([card], stream)))):
             raise card.error(0, f"the brace of {card.text.split()[0]} is not closed")
 
     def _include(self, card: Card, word: str, source: SourceFile, stream: Iterable[Card]) -> None:
+        """Collect the cards of an include file or library section; skip a section that is defined here."""
         words, section, place = _file_and_section(card, word)
         if len(words) != 1:
             more = " and perhaps a section" if word == ".lib" else ""
             raise card.error(0, f"{spectre.command_of(card, word)} needs the name of one file{more}")
         if word == ".lib" and section is None and b".endl" in source.data.lower():
-            self._skip(card, stream, ".endl")  # a section that was not asked for
+            self._skip(card, stream, ".endl")  # a section that is defined here, and not included
             return
         path, name = self.library.find(words[0].text, source)
         if any(other.path == path and part in (None, section) for other, part in self._including):
             circle = " -> ".join([other.name for other, _ in self._including] + [name])
-            raise card.error(words[0].offset, f"files include each other in a circle: {circle}")
+            raise card.error(words[0].offset, f"files include each other in a cycle: {circle}")
         if len(self._including) >= MAX_INCLUDES:
-            raise card.error(words[0].offset, f"files include each other more than {MAX_INCLUDES} deep")
+            raise card.error(words[0].offset, f"include files are nested more than {MAX_INCLUDES} deep")
         self._inclusions += 1
         if self._inclusions > MAX_INCLUSIONS:
             raise BudgetError(
-                f"{card.spot(words[0].offset)}: more than {MAX_INCLUSIONS:,} files are included; let each file be "
-                "included once"
+                f"{card.spot(words[0].offset)}: more than {MAX_INCLUSIONS:,} files are included; include each file once"
             )
         inner = self.library.open(path, name)
-        self._note_oddities(inner)
+        self._note_encoding(inner)
         if section is None:
             included = self._cards(self._lines(inner, 0), inner)
         else:
@@ -267,7 +278,7 @@ class Collector:
             self._including.pop()
 
     def _section(self, source: SourceFile, section: str, asked: Spot) -> Iterator[Card]:
-        """Cards between ``.lib section`` and ``.endl``; in Spectre, ``section`` and ``endsection``."""
+        """Yield the cards between ``.lib section`` and ``.endl``; in Spectre, ``section`` and ``endsection``."""
         begin, end = ("section", "endsection") if self.contents.rules.instances else (".lib", ".endl")
         inside = exists = False
         for card in self._cards(plain_lines(source.data, 0), source):
@@ -284,18 +295,18 @@ class Collector:
 
 
 def _opened(card: Card) -> int:
-    """How many braces it opens and does not close."""
+    """Return the number of opening braces minus that of closing braces."""
     return card.text.count("{") - card.text.count("}")
 
 
 def _file_and_section(card: Card, word: str) -> tuple[list[Token], str | None, int]:
-    """Words that an inclusion names a file by, the section of it that is meant, and where that stands."""
+    """Return the file name of an inclusion as tokens, the library section or None, and the offset of its name."""
     if card.rules.instances:
         words, tail = split_positional(tokenise(card)[1:])
         pairs = {pair.key: pair for pair in settings(card, tail)}
         section = pairs.pop("section", None)
         if pairs:
-            raise card.error(next(iter(pairs.values())).offset, "only section= is understood here")
+            raise card.error(next(iter(pairs.values())).offset, "only section= is supported here")
         return (words, None, 0) if section is None else (words, section.values[0].text.lower(), section.offset)
     quoted = any(mark in card.text for mark in "\"'")
     bare = [Token("word", match.group(), match.start()) for match in re.finditer(r"\S+", card.text)]

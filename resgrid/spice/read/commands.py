@@ -1,4 +1,4 @@
-"""What dot commands say: subcircuits, parameters, functions, models, options and temperatures."""
+"""Dot commands that define subcircuits, parameters, functions, models, options and temperatures."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _PLAIN_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 @dataclass(eq=False)
 class Contents:
-    """What the cards of a deck say.
+    """The content of a deck, sorted by kind of statement.
 
-    `top`: the deck's own level; `open`: blocks whose end has not come yet, the deck first; `first`: a first line that
-    may be an element; `common`: global nodes, in lower case; `options`: by name in lower case, a flag has the value
-    ``""``.
+    `top`: the block outside all subcircuits; `open`: the nested blocks at the present line, the deck first; `first`: a
+    first line that may be an element; `global_nodes`: their names in lower case; `grounds`: names of ground; `options`:
+    values by name in lower case, ``""`` for a flag.
     """
 
     rules: ReadingRules
@@ -35,7 +35,7 @@ class Contents:
     open: list[Block] = field(init=False)
     title: str | None = None
     first: Card | None = None
-    common: set[str] = field(default_factory=set)
+    global_nodes: set[str] = field(default_factory=set)
     grounds: frozenset[str] = field(init=False)
     options: dict[str, str] = field(default_factory=dict)
     _temperatures: dict[str, tuple[Card, Token]] = field(default_factory=dict)
@@ -46,15 +46,15 @@ class Contents:
     def __post_init__(self) -> None:
         self.open = [self.top]
         self.grounds = self.rules.grounds
-        self.common |= self.rules.words.common_nodes
+        self.global_nodes |= self.rules.words.common_nodes
 
     @property
     def block(self) -> Block:
-        """The innermost block that is open."""
+        """The innermost open block."""
         return self.open[-1]
 
     def temperature(self, key: str, scope: Scope) -> float | None:
-        """The deck's temperature (``temp``) or nominal temperature (``tnom``), in degrees Celsius, if it says one."""
+        """Return the temperature (``temp``) or nominal temperature (``tnom``), in degrees Celsius; None without one."""
         try:
             return self._stated(key, scope)
         except CardError as error:
@@ -62,35 +62,41 @@ class Contents:
             return None
 
     def _stated(self, key: str, scope: Scope) -> float | None:
+        """Return the stated temperature, in degrees Celsius; None without one."""
         stated = self._temperatures.get(f".{key}") or self._temperatures.get(key)
         return None if stated is None else scope.number(*stated)
 
     def built_ins(self) -> BuiltIns:
-        """Return the values of the dialect's reserved names in this deck."""
+        """Return the dialect's reserved names with their values in this deck."""
         dialect = DIALECTS[self.rules.name]
 
         def nominal(scope: Scope) -> float:
+            """Return the nominal temperature, in degrees Celsius."""
             stated = self._stated("tnom", scope)
             return dialect.nominal_temperature if stated is None else stated
 
         def temperature(scope: Scope) -> float:
+            """Return the simulation temperature, in degrees Celsius."""
             stated = self._stated("temp", scope)
             return dialect.nominal_temperature if stated is None else stated
 
         return BuiltIns(self.rules, dialect.label, temperature, nominal, self._swept, self._redefined)
 
     def note_swept(self, card: Card) -> None:
-        """Remember the names in a command that sweeps parameters."""
+        """Record the names in a command that sweeps parameters."""
         command, *words = card.text.lower().split()
         self._swept.update({word: (command, card.spot()) for word in words if word.isidentifier()})
 
     def _spell(self, card: Card, name: str, offset: int) -> None:
-        """Refuse names that differ by case alone, where they differ."""
+        """Raise CardError for a name that differs from an earlier one only by case, in a case-sensitive dialect."""
         if card.rules.instances and self._spellings.setdefault(name.lower(), name) != name:
             other = self._spellings[name.lower()]
-            raise card.error(offset, f"{name} and {other} are two names in {card.rules.name}, one here: rename one")
+            raise card.error(
+                offset, f"{name} and {other} are two names in {card.rules.name}, but one name here: rename one"
+            )
 
     def _subcircuit(self, card: Card) -> None:
+        """Open the block of a subcircuit: its name, ports and default parameters."""
         positional, tail = split_call(tokenise(card)[1:])
         if not positional or any(token.kind != "word" for token in positional):
             raise card.error(0, f"{word_for(card.rules, '.subckt')} needs a name and its terminals")
@@ -117,20 +123,18 @@ class Contents:
             block.parameters[setting.key] = Definition(card, setting.values[0])
 
     def note_comma(self, card: Card, pairs: list[Setting]) -> None:
-        """Note a comma between definitions that stops the dialect's simulator."""
+        """Add a warning about a comma between definitions where the dialect's simulator does not terminate at it."""
         place = misplaced_comma(card, pairs) if card.rules.refusals.commas else None
         if place is not None:
-            text = (
-                f"{card.rules.name} does not come to an end at a comma directly behind a value: write a blank instead"
-            )
+            text = f"{card.rules.name} does not terminate at a comma directly after a value: write a blank instead"
             self.diagnostics.refuse(card.spot(place), text)
 
     def _refuse_name(self, card: Card, key: str, offset: int) -> None:
-        """Raise CardError for a name that no parameter, argument or function of the dialect may have."""
+        """Raise CardError for a name that the dialect does not allow for a parameter, argument or function."""
         words, label = card.rules.words, DIALECTS[card.rules.name].label
         name = card.text[offset : offset + len(key)]
         if re.fullmatch(words.parameter, name) is None:
-            text = f"{name!r} is no name of a parameter in {label}: use letters, digits and underscores"
+            text = f"{name!r} is not a valid parameter name in {label}: use letters, digits and underscores"
             raise card.error(offset, text)
         if folded_name(name, card.rules.instances) in words.undefinable:
             raise card.error(offset, f"{name!r} is a reserved name of {label}: rename the parameter")
@@ -143,14 +147,16 @@ class Contents:
                 raise card.error(token.offset, f"{card.rules.name} misreads a {kind} called {token.text!r}: rename it")
 
     def _ends(self, card: Card) -> None:
+        """Close the block of a subcircuit."""
         words = card.text.split()
         if len(self.open) == 1:
-            raise card.error(0, f"{words[0]} ends nothing")
+            raise card.error(0, f"{words[0]} closes no open subcircuit: remove it, or add the missing beginning")
         block = self.open.pop()
         if len(words) > 1 and words[1].lower() != block.name.lower():
-            raise card.error(0, f"{words[0]} {words[1]} ends the subcircuit {block.name}: one is missing, or misspelt")
+            raise card.error(0, f"{words[0]} {words[1]} closes the subcircuit {block.name}: one is missing or misspelt")
 
     def _parameters(self, card: Card) -> None:
+        """Add the definitions of ``.param`` to the open block."""
         tokens = tokenise(card)[1:]
         if len(tokens) > 1 and tokens[0].kind == "word" and tokens[1].is_mark("(") and not card.rules.instances:
             self._function(card)
@@ -167,18 +173,18 @@ class Contents:
             parameters[setting.key] = Definition(card, setting.values[0])
 
     def _note_redefined(self, card: Card, setting: Setting) -> None:
-        """Note a second definition of a parameter; raise CardError in a dialect that does not allow one."""
+        """Warn about a second definition of a parameter; raise CardError in a dialect that does not allow one."""
         if card.rules.instances:
             raise card.error(setting.offset, f"the parameter {setting.key} is defined twice: delete one definition")
         self._redefined = self._redefined or setting.key
-        self.diagnostics.warn(card.spot(setting.offset), "a parameter is defined again: the last counts")
+        self.diagnostics.warn(card.spot(setting.offset), "a parameter is defined again: the last definition counts")
 
     def _function(self, card: Card) -> None:
-        """``.func f(x, y) {body}`` and ``.param f(x, y) = 'body'``."""
+        """Add the function of ``.func f(x, y) {body}`` or ``.param f(x, y) = 'body'`` to the open block."""
         tokens = tokenise(card)[1:]
         texts = [token.text if token.kind in ("mark", "word") else "" for token in tokens]
         if len(tokens) < 4 or texts[1] != "(" or ")" not in texts:
-            raise card.error(0, "a function is defined like this: .func f(x) {2*x}")
+            raise card.error(0, "the definition of a function must have the form .func f(x) {2*x}")
         close = texts.index(")")
         body = tokens[close + 1 :]
         body = body[1:] if body and body[0].is_mark("=") else body
@@ -194,22 +200,25 @@ class Contents:
             argument for argument in arguments if re.search(rf"\b{argument}\s*\(", expression.text, re.IGNORECASE)
         ]
         if called and card.rules.puts_in_text:
-            text = f"{card.rules.name} puts the argument {called[0]} in the place of the function, too: rename it"
+            text = f"{card.rules.name} also replaces the function {called[0]} by the argument: rename the argument"
             raise card.error(expression.offset, text)
         self.block.functions[name] = Definition(card, expression, arguments)
 
     def _body(self, card: Card, body: list[Token]) -> Token:
-        """Return the expression of a function, which stands in quotes except where the dialect needs none."""
+        """Return the expression of a function; raise CardError if it lacks the quotes that the dialect needs."""
         if len(body) == 1 and body[0].kind != "mark":
             refuse_quotes(card, body[0])
             return body[0]
         loose = body and all(token.kind in ("word", "mark") for token in body)
         if not loose or not card.rules.words.loose_functions:
-            raise card.error(body[0].offset if body else 0, "the body of a function stands in braces or quotes, once")
+            raise card.error(
+                body[0].offset if body else 0, "the body of a function must be one expression in braces or quotes"
+            )
         begin, end = body[0].offset, body[-1].offset + len(body[-1].text)
         return Token("expression", card.text[begin:end], begin)
 
     def _model(self, card: Card) -> None:
+        """Add a model to the open block."""
         tokens = tokenise(card)[1:]
         if len(tokens) < 2 or tokens[0].kind != "word" or tokens[1].kind != "word":
             raise card.error(0, f"{word_for(card.rules, '.model')} needs a name and a kind")
@@ -218,7 +227,7 @@ class Contents:
             self.refuse_misread(card, "model", tokens[:1])
         if name in models:
             counts = "first" if self.rules.first_counts else "last"
-            self.diagnostics.warn(card.spot(), f"a model is defined again: the {counts} one counts")
+            self.diagnostics.warn(card.spot(), f"a model is defined again: the {counts} definition counts")
             if self.rules.first_counts:
                 return
         try:
@@ -230,18 +239,22 @@ class Contents:
         models[name] = Model(tokens[0].text, kind, keys, card, self.block)
 
     def _global(self, card: Card) -> None:
+        """Add global nodes."""
         names = [word.lower() for word in card.text.split()[1:]]
         if card.rules.instances and names:  # the first one is ground
             self.grounds |= {names.pop(0)}
-        self.common.update(names)
+        self.global_nodes.update(names)
 
     def _title(self, card: Card) -> None:
+        """Set the title."""
         self.title = card.text.split(maxsplit=1)[1] if " " in card.text.strip() else self.title
 
     def _connect(self, card: Card) -> None:
-        raise card.error(0, ".connect is not understood; join the two nodes by a source of 0 V")
+        """Raise CardError: ``.connect`` is not supported."""
+        raise card.error(0, ".connect is not supported; connect the two nodes by a source of 0 V")
 
     def _options(self, card: Card) -> None:
+        """Record the options of a card, and apply ``temp`` and ``tnom``."""
         tokens = tokenise(card)[1 + card.rules.instances :]
         seen: set[str] = set()
         i = 0
@@ -252,45 +265,51 @@ class Contents:
                 self._set_option(key, card, tokens[i], tokens[i + 2] if keyed else None)
             seen.add(key)
             i += 3 if keyed else 1
-        self.diagnostics.inform(card.spot(), "options are noted, not obeyed, but for temp and tnom")
+        self.diagnostics.inform(card.spot(), "options are recorded, but only temp and tnom are applied")
 
     def _set_option(self, key: str, card: Card, token: Token, value: Token | None) -> None:
+        """Record one option; `value` is None for a flag."""
         option = word_for(card.rules, ".option")
         if key in self.rules.refused_options:
-            raise card.error(token.offset, f"{option} {key} adds elements, which is not done here: write them out")
+            raise card.error(
+                token.offset, f"{option} {key} adds elements, which is not supported: add them to the deck"
+            )
         if key in DIALECTS[self.rules.name].quirks.shunt_options:
-            text = f"{option} {key} ties every node to ground, which is not done here"
+            text = f"{option} {key} connects every node to ground, which is ignored here"
             self.diagnostics.warn(card.spot(token.offset), text)
         self.options[key] = "" if value is None else value.text
         if key in ("temp", "tnom") and value is not None:
             self._set_temperature(key, card, value)
 
     def _temperature(self, card: Card) -> None:
+        """Set the temperature of ``.temp``."""
         tokens = tokenise(card)[1:]
         if not tokens:
             raise card.error(0, ".temp needs a temperature")
         if len(tokens) > 1:
             if self.rules.braced_temperatures:
-                text = f"{self.rules.name} ignores a .temp of several temperatures: name one"
+                text = f"{self.rules.name} ignores .temp with several temperatures: give one"
                 raise card.error(tokens[1].offset, text)
-            self.diagnostics.warn(card.spot(), ".temp asks for several runs; the first temperature counts")
+            self.diagnostics.warn(card.spot(), ".temp requests several runs; the first temperature counts")
         self._set_temperature(".temp" if self.rules.temp_command_first else "temp", card, tokens[0])
 
     def _set_temperature(self, key: str, card: Card, token: Token) -> None:
+        """Record a temperature, which is evaluated after all parameters are known."""
         unit = _WITH_UNIT.match(token.text) if token.kind == "word" and key[0] != "." else None
-        if unit is not None and self.rules.braced_temperatures:  # ngspice drops what follows a number and its suffix
+        if unit is not None and self.rules.braced_temperatures:  # ngspice drops all text after a number and its suffix
             token = token._replace(text=unit.group())
         elif token.kind == "word" and self.rules.braced_temperatures and _PLAIN_NUMBER.fullmatch(token.text) is None:
-            text = f"{self.rules.name} ignores a temperature that is no plain number: use braces"
+            text = f"{self.rules.name} ignores a temperature that is not a plain number: write it in braces"
             raise card.error(token.offset, text)
         self._temperatures[key] = (card, token)
 
     def _preprocess(self, card: Card) -> None:
+        """Apply ``.preprocess replaceground``; note other preprocessing."""
         words = card.text.lower()
         if "replaceground" in words and "true" in words:
             self.grounds = frozenset({"0", "gnd", "gnd!", "ground"})
         else:
-            self.diagnostics.inform(card.spot(), ".preprocess is noted, not obeyed: the operating point is solved")
+            self.diagnostics.inform(card.spot(), ".preprocess is ignored: the operating point is solved")
 
 
 COMMANDS: dict[str, Callable[[Contents, Card], None]] = {
@@ -313,4 +332,4 @@ COMMANDS: dict[str, Callable[[Contents, Card], None]] = {
     ".connect": Contents._connect,
     ".preprocess": Contents._preprocess,
 }
-"""Commands that change what a deck says, in lower case."""
+"""Commands that change the circuit, in lower case, and the methods that apply them."""

@@ -1,4 +1,4 @@
-"""Reading a circuit: from a file to a `Circuit`."""
+"""`read_spice`: circuits from decks, edge lists, Circuitscape configurations, graphs and arrays."""
 
 from __future__ import annotations
 
@@ -23,7 +23,11 @@ from resgrid.spice.read.files import Library, SourceFile, deck_bytes, resolve
 from resgrid.spice.read.plain_cards import LEAST_BYTES
 
 _HEAD = 4096
+"""Bytes of a sidecar in which its dialect is looked for."""
+
 _LOOKED_AT = 65536
+"""Bytes at the beginning and at the end of a deck in which signs of its dialect are looked for."""
+
 _STATED = re.compile(rb'"dialect": "([a-z]+)"')
 
 
@@ -39,32 +43,32 @@ def read_spice(
 ) -> Circuit:
     r"""Read a resistive circuit: a deck, an edge list, a Circuitscape configuration, a graph, or a netlist's arrays.
 
-    Of a deck, resistors (those with ``I0 tanh(V/V0)`` in the form that is written here, too), independent sources,
-    capacitors (open), inductors (shorts) and switches with a known control voltage are read, in subcircuits with
-    parameters too; everything else is refused with its place.
+    A deck may hold resistors, independent sources, capacitors (open), inductors (shorts), switches with a known control
+    voltage, nonlinear resistors ``I0 tanh(V/V0)`` in the form of `write_spice`, and subcircuits with parameters.  Other
+    elements are errors with their position.
 
-    Files that end in ``.ini`` are Circuitscape's configurations in advanced mode; ``.graphml``, node-link ``.json`` and
-    ``.npz`` hold whole netlists; ``.csv``, ``.tsv`` and a ``.txt`` that looks like one are lists of edges, a line
-    ``node node ohms`` (or siemens, if a heading says ``conductance``); ground is the node ``ground``.
+    The suffix decides about other formats.  ``.ini`` is a Circuitscape configuration in advanced mode.  ``.graphml``,
+    node-link ``.json`` and ``.npz`` hold whole netlists.  ``.csv``, ``.tsv`` and a ``.txt`` with such lines are edge
+    lists: each line is ``node node ohms``, or siemens below a heading ``conductance``; ground is the node ``ground``.
 
     Parameters
     ----------
     file : path-like or text file
         The circuit.
     dialect : {"auto", "ngspice", "ltspice", "xyce", "hspice", "spectre"}
-        Whose rules to read a deck by; ``"auto"`` asks the deck's sidecar, then the end of its name and its text for
-        signs; ngspice without.
+        Simulator whose rules apply to a deck.  ``"auto"`` takes the dialect of the deck's sidecar, or else the one that
+        its suffix or its text indicates, or else ngspice.
     root : path-like, optional
-        Folder below which files may be included; by default the deck's own.  Links are resolved before.
+        Folder that contains all include files, with links resolved; by default the deck's own folder.
     max_elements : int, optional
-        How many elements subcircuits may be expanded to; by default 500,000, or 5,000 a line if that is more, and at
-        most 20 million.
+        Maximum number of elements after the expansion of subcircuits.  The default is 500,000, or 5,000 per line if
+        that is more, and at most 20 million.
     measure : {"resistance", "conductance"}, optional
-        What the numbers of an edge list and of its grounds are, where no heading says; by default resistances.
+        Quantity of the numbers in an edge list and its grounds; by default that of the heading, or else resistance.
     sources : path-like, optional
-        Of an edge list: lines ``node amperes``, currents fed into nodes.
+        For an edge list: lines ``node amperes``, currents injected into nodes.
     grounds : path-like, optional
-        Of an edge list: lines ``node ohms`` (or siemens) to ground; 0 ohm holds the node at 0 V.
+        For an edge list: lines ``node ohms`` (or siemens) to ground; 0 ohm holds the node at 0 V.
 
     Returns
     -------
@@ -73,9 +77,9 @@ def read_spice(
     Raises
     ------
     InputError
-        If it cannot be read or understood; up to 20 errors, a line each, with file, line and column.
+        If the file cannot be read, or has errors: up to 20, one per line, with file, line and column.
     BudgetError
-        If it grows too large when its subcircuits are expanded.
+        If the expanded circuit exceeds `max_elements`.
 
     Examples
     --------
@@ -100,7 +104,7 @@ def read_spice(
 
 
 def is_network(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is a network that is no deck: a graph, arrays, a configuration, or a list of edges."""
+    """Return whether a file is a graph, arrays, a Circuitscape configuration or an edge list, and not a deck."""
     suffix = Path(path).suffix.lower()
     return is_edge_list(path) if suffix == ".txt" else suffix in (".csv", ".tsv", ".ini", *GRAPH_SUFFIXES)
 
@@ -114,9 +118,9 @@ def read_with(
     least_bytes: int = LEAST_BYTES,
     rules: ReadingRules | None = None,
 ) -> Circuit:
-    """Read a deck as `read_spice`; files of at least ``least_bytes`` go through the compiled loops.
+    """Return the circuit of a deck; files of at least ``least_bytes`` bytes take the fast path for plain cards.
 
-    ``rules`` takes the place of the dialect's rules.
+    ``rules`` replaces the rules of the dialect; the other arguments are those of `read_spice`.
     """
     if dialect != "auto":
         dialect_named(dialect)
@@ -128,12 +132,13 @@ def read_with(
         collector.deck(source)
         return assemble_deck(collector, source, max_elements)
     except RecursionError:
-        raise InputError(f"{source.name}: something in it is nested too deeply to be read") from None
+        raise InputError(f"{source.name}: its expressions or subcircuits are nested too deeply; flatten them") from None
 
 
 def _open(
     path: str | os.PathLike[str] | IO[str] | IO[bytes], root: str | os.PathLike[str] | None
 ) -> tuple[Library, SourceFile]:
+    """Return the files of a deck, which are only the deck so far, and the deck."""
     folder = None if root is None else _folder(root)
     if not isinstance(path, str | os.PathLike):
         content = path.read()
@@ -149,14 +154,15 @@ def _open(
 
 
 def _folder(root: str | os.PathLike[str]) -> Path:
+    """Return the path of a root folder; raise InputError unless it is a folder."""
     folder = resolve(Path(root), os.fspath(root))
     if not folder.is_dir():
-        raise InputError(f"the root {os.fspath(root)!r} is no folder")
+        raise InputError(f"the root {os.fspath(root)!r} is not a folder; name an existing one")
     return folder
 
 
 def _dialect_of(source: SourceFile) -> str:
-    """Dialect that a deck's sidecar states, its name says, or its words show; ngspice without any sign."""
+    """Return the dialect that a deck's sidecar, suffix or text indicates; ngspice by default."""
     suffix = ""
     if source.path is not None:
         suffix = source.path.suffix.lower()

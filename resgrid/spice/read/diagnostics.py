@@ -1,4 +1,4 @@
-"""What reading has to say: errors, collected up to a limit, and notes, each kind once with its count."""
+"""Diagnostics of the deck reader: errors, collected up to a limit, and notes, equal notes counted."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from resgrid.errors import InputError
 from resgrid.spice.circuit import Note, Severity
 
 MAX_ERRORS = 20
+"""Number of errors after which reading stops."""
+
 _MAX_TEXT = 300
+"""Longest message of one error, in characters."""
 
 
 @dataclass(frozen=True)
 class Spot:
-    """A place in a deck: file, line and column as displayed, counted from 1; column 0 means the whole line."""
+    """A position in a deck: displayed file name, line and column, counted from 1; column 0 means the whole line."""
 
     file: str
     line: int
@@ -25,61 +28,61 @@ class Spot:
 
 
 class CardError(InputError):
-    """A card that cannot be read; the message says where it stands."""
+    """A card that cannot be read; the message begins with its position."""
 
     def __init__(self, spot: Spot, text: str) -> None:
         super().__init__(f"{spot}: {text[:_MAX_TEXT]}")
 
 
 class DeckError(InputError):
-    """A deck that cannot be read; an error a line."""
+    """A deck that cannot be read; the message has one line per error."""
 
 
 @dataclass
 class Diagnostics:
-    """Errors and notes while a deck is being read."""
+    """The errors and notes of one deck."""
 
     errors: list[str] = field(default_factory=list)
     _notes: dict[tuple[Severity, str], tuple[Spot, int]] = field(default_factory=dict)
     _outcomes: dict[str, Literal["fails", "unsure"]] = field(default_factory=dict)
 
     def error(self, error: CardError) -> None:
-        """Keep an error; gives up when there are too many."""
+        """Add an error; raise DeckError at `MAX_ERRORS` errors."""
         self.errors.append(str(error))
         if len(self.errors) >= MAX_ERRORS:
             self.errors.append(f"and there may be more: reading stopped after {MAX_ERRORS} errors")
             self.raise_errors()
 
     def raise_errors(self) -> None:
-        """Raise everything that was kept as one InputError."""
+        """Raise DeckError if there are errors."""
         if self.errors:
             raise DeckError("\n".join(self.errors))
 
     def warn(self, spot: Spot, text: str, count: int = 1) -> None:
-        """Note something that simulators disagree about, or that was probably not meant."""
+        """Add a warning: simulators disagree about the text, or it is probably a mistake."""
         self._note("warning", spot, text, count)
 
     def refuse(self, spot: Spot, text: str) -> None:
-        """Note text that is read here, but stops the dialect's own simulator."""
+        """Add a warning about text that is read here, but stops the dialect's own simulator."""
         self._outcomes[text] = "fails"
         self._note("warning", spot, text, 1)
 
     def doubt(self, spot: Spot, text: str) -> None:
-        """Note text that is not followed here, with which the dialect's own simulator finds perhaps another answer."""
+        """Add a warning about text that is ignored here, but may change the result of the dialect's own simulator."""
         self._outcomes[text] = "unsure"
         self._note("warning", spot, text, 1)
 
     def inform(self, spot: Spot, text: str) -> None:
-        """Note something that is merely worth knowing."""
+        """Add a note of severity "info"."""
         self._note("info", spot, text, 1)
 
     def _note(self, severity: Severity, spot: Spot, text: str, count: int) -> None:
-        """Keep a note; one with the same words as another is counted only."""
+        """Add a note, or increment the count of a note with the same text."""
         first, seen = self._notes.get((severity, text), (spot, 0))
         self._notes[severity, text] = (first, seen + count)
 
     def notes(self) -> tuple[Note, ...]:
-        """Everything that was noted, in the order in which it first was."""
+        """Return all notes in the order of their first occurrence."""
         return tuple(
             Note(
                 severity,

@@ -1,4 +1,4 @@
-"""Elements and nodes as they are read: lists first, arrays when a block is complete."""
+"""Tables of elements and nodes while a deck is read: lists first, arrays when a block is complete."""
 
 from __future__ import annotations
 
@@ -19,23 +19,27 @@ WIDTHS = {
     "nonlinear resistor": (2, 2),
     "switch": (4, 5),
 }
-"""Per kind the number of nodes and of values.
+"""Number of nodes and number of values of an element, per kind.
 
-A resistor's values: ohms, tc1, tc2 at the deck's nominal temperature.  A voltage source's: volts, and 1 if it stands
-for an inductor.  A nonlinear resistor's: amperes and volts.  A switch's: ohms when on, ohms when off, the voltages
-above (or below) which it is on and off, and the state between (1, 0).
+Values of a resistor: ohms, tc1 and tc2 at the deck's nominal temperature.  Values of a voltage source: volts, and 1 if
+it replaces an inductor.  Values of a nonlinear resistor: amperes and volts.  Values of a switch: on and off resistance
+in ohms, the control voltages at which it is on and off, and its state between them (1 on, 0 off).
 """
 
 RESISTIVE = {"resistor": 1, "switch": 2}
-"""How many values, the first ones, ``m=`` divides; of other kinds it multiplies the first, of voltage sources none."""
+"""Number of leading values that a multiplier ``m=`` divides.
+
+For other kinds the multiplier multiplies the first value, and for voltage sources it has no effect.
+"""
 
 
 @dataclass(eq=False)
 class NodeTable:
-    """Numbers of a block's nodes: names are folded, ground has its aliases, the spelling is that of the first use.
+    """Node numbers of a block by name, regardless of case; a node keeps the spelling of its first use.
 
-    `grounds`: names of ground, in lower case; `exact`: whether names that differ by case mean different nodes, which is
-    not borne here; `clashes`: such names.
+    `grounds`: names of ground in lower case; `exact`: whether the dialect is case-sensitive; `clashes`: names that
+    differ from earlier ones only by case in such a dialect; `names`: per node its name; `aliases`: other names of
+    ground that were used.
     """
 
     grounds: frozenset[str]
@@ -51,7 +55,7 @@ class NodeTable:
 
     @property
     def number(self) -> dict[str, int]:
-        """Number of every name in lower case."""
+        """Node number by name in lower case."""
         count = len(self.names)
         if self._entered < count:
             later = self.names[self._entered :]
@@ -60,8 +64,8 @@ class NodeTable:
             self._entered = count
         return self._number
 
-    def of(self, name: str, order: int) -> int:
-        """Number of a node, a new one where there is none yet."""
+    def number_of(self, name: str, order: int) -> int:
+        """Return the number of a node, which is added if it is new; `order` is the position of its use in the deck."""
         folded = name.lower()
         number = self._number.get(folded)
         if number is None:
@@ -78,6 +82,7 @@ class NodeTable:
         return number
 
     def _new(self, name: str, folded: str, order: int) -> int:
+        """Add a node, or an alias of ground; return its number."""
         ground = folded in self.grounds
         number = self._number["0"] if ground and "0" in self._number else len(self.names)
         if number == len(self.names):
@@ -90,20 +95,22 @@ class NodeTable:
             self.aliases |= {folded} - {"0"}
         return number
 
-    def of_instances(self, names: list[str], orders: list[int]) -> NDArray[np.int64]:
-        """Numbers of nodes within instances: new ones, unless names with a dot were used before; shape (n,)."""
+    def numbers_in_instances(self, names: list[str], orders: list[int]) -> NDArray[np.int64]:
+        """Return the numbers of nodes inside instances, shape (n,).
+
+        The nodes are new, unless the deck itself uses names with a dot.
+        """
         if self._dotted:
-            return np.fromiter(map(self.of, names, orders), np.int64, len(names))
+            return np.fromiter(map(self.number_of, names, orders), np.int64, len(names))
         first = len(self.names)
         self.names.extend(names)
         return np.arange(first, first + len(names))
 
-    def of_all(self, names: list[str], orders: NDArray[np.int64], short: list[int]) -> NDArray[np.int64]:
-        """Numbers of nodes that are all different, case folded, those of ground among the short ones; shape (n,)."""
+    def numbers_of(self, names: list[str], orders: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the numbers of nodes whose names differ from each other regardless of case; shape (n,)."""
         if len(self.names) > 1:
-            return np.fromiter(map(self.of, names, orders.tolist()), np.int64, len(names))
-        is_ground = np.zeros(len(names), dtype=np.bool_)
-        is_ground[[i for i in short if names[i].lower() in self.grounds]] = True
+            return np.fromiter(map(self.number_of, names, orders.tolist()), np.int64, len(names))
+        is_ground = np.fromiter(map(self.grounds.__contains__, map(str.lower, names)), np.bool_, len(names))
         self.aliases.update(name.lower() for name in compress(names, is_ground.tobytes()))
         self.aliases.discard("0")
         self.names.extend(compress(names, (~is_ground).tobytes()))
@@ -115,9 +122,9 @@ class NodeTable:
 class ElementArrays:
     """Elements of one kind as arrays.
 
-    `names`: makes their names; `nodes` (n, nodes); `values` (n, values): or, if the others are zero, (n, 1): the first
-    alone; `place` (n, 2): file and line of the card that describes the element; `order` (n,): file and line of the card
-    of the deck that brings it, as one number; None if that is its own place, and the elements are in order.
+    `names`: returns their names; `nodes` (n, nodes): node numbers; `values` (n, values), or (n, 1) if all values but
+    the first are zero; `place` (n, 2): file and line of the element's card; `order` (n,): position of the card outside
+    all subcircuits that adds it, as in `order_of`; None if it is the element's own card, and the elements are sorted.
     """
 
     names: Callable[[], list[str]]
@@ -131,25 +138,25 @@ class ElementArrays:
 
     @property
     def ordered(self) -> NDArray[np.int64]:
-        """Its order, made where there is none yet."""
+        """The order, computed from the places if it is None; shape (n,)."""
         return order_of(self.place) if self.order is None else self.order
 
 
 def order_of(place: NDArray[np.int64]) -> NDArray[np.int64]:
-    """File and line as one number."""
+    """Return file and line as one sortable number; shape (n,)."""
     return np.asarray((place[:, 0] << 40) | place[:, 1])
 
 
 Row = tuple[str, tuple[int, ...], tuple[float, ...], tuple[int, int]]
-"""An element: its name, nodes, values, and place."""
+"""Name, node numbers, values, and file and line of an element."""
 
 
 @dataclass(eq=False)
 class Elements:
-    """Everything that a block holds: elements that came one by one, and in bulk.
+    """The elements of a block: single elements in `rows`, arrays of elements in `parts`.
 
-    `nominal`: the temperature at which resistors have their values, in degrees Celsius; `heating`: how far the deck's
-    temperature lies above it, in kelvin.
+    `nominal`: nominal temperature, in degrees Celsius; `heating`: temperature of the deck minus the nominal one, in
+    kelvin.
     """
 
     nodes: NodeTable
@@ -159,12 +166,14 @@ class Elements:
     parts: dict[str, list[ElementArrays]] = field(default_factory=lambda: {kind: [] for kind in WIDTHS})
 
     def add(self, kind: str, name: str, nodes: Iterable[str], values: tuple[float, ...], card: Card) -> None:
-        """Add one element."""
-        of, order = self.nodes.of, card.file << 40 | card.line
-        self.rows[kind].append((name, tuple([of(node, order) for node in nodes]), values, (card.file, card.line)))
+        """Add one element; new nodes are added to the table."""
+        number_of, order = self.nodes.number_of, card.file << 40 | card.line
+        self.rows[kind].append(
+            (name, tuple([number_of(node, order) for node in nodes]), values, (card.file, card.line))
+        )
 
     def joined(self, kind: str) -> ElementArrays:
-        """All elements of a kind, in the order of the deck."""
+        """Return all elements of a kind in the order of the deck."""
         if not self.rows[kind]:
             return joined_parts(kind, self.parts[kind])
         names, nodes, values, places = zip(*self.rows[kind], strict=True)
@@ -174,7 +183,7 @@ class Elements:
 
 
 def joined_parts(kind: str, parts: list[ElementArrays]) -> ElementArrays:
-    """Elements of one kind from several parts, in the order of the deck."""
+    """Concatenate arrays of elements of one kind, sorted by their order in the deck."""
     filled = [part for part in parts if len(part)]
     if not filled:
         width, count = WIDTHS[kind]
@@ -195,7 +204,7 @@ def joined_parts(kind: str, parts: list[ElementArrays]) -> ElementArrays:
 
 
 def widened(kind: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """All values of elements, of those that were given by their first alone, too."""
+    """Return values with all columns, zeros where only the first is stored; shape (n, values)."""
     if values.shape[1] == WIDTHS[kind][1]:
         return values
     full = np.zeros((len(values), WIDTHS[kind][1]))
@@ -204,6 +213,7 @@ def widened(kind: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _sorted(part: ElementArrays) -> ElementArrays:
+    """Return the elements sorted by their order in the deck."""
     if part.order is None or np.all(part.order[1:] >= part.order[:-1]):
         return part
     order = np.argsort(part.order, kind="stable")
@@ -215,8 +225,8 @@ def _sorted(part: ElementArrays) -> ElementArrays:
     return ElementArrays(names, part.nodes[order], part.values[order], part.place[order], part.order[order])
 
 
-class LateNames(Mapping[str, tuple[str, ...]]):
-    """Names of elements per kind, made when they are first asked for."""
+class LazyNames(Mapping[str, tuple[str, ...]]):
+    """Names of elements per kind, created at the first access."""
 
     def __init__(self, makers: Mapping[str, Callable[[], Sequence[str]]]) -> None:
         self._makers = makers

@@ -1,13 +1,12 @@
-"""From a card to an element: what the letters R, V, I, C, L and S mean, and why the others are refused."""
+"""Readers of element cards: R, V, I, C, L, S and nonlinear resistors; other elements are rejected."""
 
 from __future__ import annotations
 
 import math
 import re
-import string
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 
 from resgrid.spice.circuit import rebase_one
 from resgrid.spice.dialects import DIALECTS
@@ -24,8 +23,9 @@ from resgrid.spice.read.cards import (
 )
 from resgrid.spice.read.element_tables import Elements
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS, modelled_resistor, modelled_switch
+from resgrid.spice.read.nonlinear_resistors import read_nonlinear
 from resgrid.spice.read.scopes import Block, Model, Scope
-from resgrid.spice.read.temperature import refuse_cold, refuse_dropped, refuse_temperature
+from resgrid.spice.read.temperature import refuse_dropped, refuse_temperature, refuse_unsupported
 from resgrid.spice.read.waveforms import SourceValue, source_value
 
 REFUSED = {
@@ -48,11 +48,11 @@ REFUSED = {
     "n": "a device of its simulator's own",
     "a": "a code model",
 }
-"""Elements that are not linear resistive ones, by their letter."""
+"""Elements that cannot be read, by their letter."""
 
 _SEVERAL = frozenset({"tc"})
 _WARM_KEYS = frozenset({"r", "resistance", "c", "l"})
-"""Keys of a value, which may depend on the simulation temperature in every dialect."""
+"""Keys whose value may depend on the simulation temperature in every dialect."""
 
 _FREE_KEYS = frozenset({"ac", "noisy", "noise", "ic", "temp_ac", "isnoisy"})
 _VALUE_KEYS = frozenset({"tc", "tc1", "tc2", "m", "scale", "temp", "dtemp"})
@@ -61,9 +61,9 @@ _SPECTRE_KEYS = {"trise": "dtemp"}
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """An element's card, cut.
+    """The card of an element with two nodes, split into its parts.
 
-    `positional`: what stands without a key behind the nodes; `pairs`: what has one; `keys`: the values of those.
+    `positional`: tokens without a key after the nodes; `pairs`: tokens with a key; `keys`: values by key.
     """
 
     card: Card
@@ -74,17 +74,17 @@ class Element:
     keys: dict[str, list[float]]
 
     def value(self, key: str, default: float) -> float:
-        """First value of a key."""
+        """Return the first value of a key, or a default."""
         return self.keys[key][0] if key in self.keys else default
 
 
 def letter_of(card: Card, block: Block) -> str:
-    """Letter of an element, in lower case."""
+    """Return the letter of an element's kind, in lower case."""
     return spectre.letter_of(card, block) if card.rules.instances else card.text[0].lower()
 
 
 def read_element(card: Card, letter: str, scope: Scope, elements: Elements) -> None:
-    """Read one element into those of its block."""
+    """Add the element of a card to those of its block; raise CardError for elements that cannot be read."""
     refused = card.rules.refused_elements.get(letter)
     if refused is not None:
         raise card.error(0, f"{card.text.split()[0]} is {refused}")
@@ -92,11 +92,11 @@ def read_element(card: Card, letter: str, scope: Scope, elements: Elements) -> N
     if reader is not None:
         reader(card, scope, elements)
     elif letter == "k":
-        scope.diagnostics.inform(card.spot(), "coupled inductors (K) do nothing at direct current")
-    elif not _read_nonlinear(card, scope, elements):
+        scope.diagnostics.inform(card.spot(), "coupled inductors (K) have no effect at direct current")
+    elif not read_nonlinear(card, scope, elements):
         name = card.text.split()[0][:60]
         if letter not in REFUSED:
-            raise card.error(0, f"{name!r} is no element and no command that is known")
+            raise card.error(0, f"{name!r} is neither a known element nor a known command")
         kinds = "R, V, I, C, L, S and X"
         if card.rules.instances:
             kinds = f"{', '.join(master for master in spectre.PRIMITIVES if master != 'bsource')} and subcircuits"
@@ -107,7 +107,7 @@ def read_element(card: Card, letter: str, scope: Scope, elements: Elements) -> N
 
 
 def read_nodes(card: Card, tokens: list[Token], count: int) -> tuple[list[str], list[Token]]:
-    """Take the names of the terminals, which may stand in parentheses or quotes, and return what follows them."""
+    """Return the names of the terminals, which may be in parentheses or quotes, and the tokens after them."""
     tokens = joined_names(card, tokens, count + 1)
     names: list[str] = []
     i = 1
@@ -116,7 +116,7 @@ def read_nodes(card: Card, tokens: list[Token], count: int) -> tuple[list[str], 
         if token.kind in ("word", "string"):
             names.append(token.text)
         elif not token.is_mark("()"):
-            raise card.error(token.offset, f"{token.text!r} was not expected here; a node was")
+            raise card.error(token.offset, f"unexpected {token.text!r}; expected a node")
         i += 1
     if len(names) < count:
         raise card.error(None, f"{tokens[0].text} has {len(names)} node(s); it needs {count}")
@@ -124,14 +124,14 @@ def read_nodes(card: Card, tokens: list[Token], count: int) -> tuple[list[str], 
 
 
 def multiplier(card: Card, value: float) -> float:
-    """Check ``m=``: how many elements lie in parallel."""
+    """Return the number of parallel elements of ``m=``; raise CardError unless it is positive."""
     if value <= 0:
-        raise card.error(None, f"m = {value:g} must be positive: it is a number of elements in parallel")
+        raise card.error(None, f"m = {value:g} must be positive: it is the number of parallel elements")
     return value
 
 
-def _cut(card: Card, scope: Scope, known: str = "") -> Element:
-    """Cut the card of an element of two nodes, whose keys are the usual ones and those that are known."""
+def _split(card: Card, scope: Scope, known: str = "") -> Element:
+    """Split the card of an element with two nodes; `known` are its keys besides the common ones."""
     tokens = tokenise(card)
     if card.rules.instances:
         head, tail = split_positional(without_parentheses(tokens))
@@ -151,20 +151,21 @@ def _cut(card: Card, scope: Scope, known: str = "") -> Element:
 
 
 def _note_key(card: Card, key: str, offset: int, scope: Scope) -> None:
-    """Note a key at which the dialect's simulator stops."""
-    text = f"{card.rules.name} knows no {key}= of {card.text[0].upper()}, and stops at it"
+    """Add a warning about a key at which the dialect's simulator stops."""
+    text = f"{card.rules.name} has no {key}= for {card.text[0].upper()}, and stops at it"
     scope.diagnostics.refuse(card.spot(offset), text)
 
 
 def _values_of(
     card: Card, pairs: list[Setting], known: frozenset[str] | set[str], scope: Scope
 ) -> dict[str, list[float]]:
+    """Evaluate the values of known keys; raise CardError for unknown and repeated ones."""
     values: dict[str, list[float]] = {}
     for pair in pairs:
         if pair.key in card.rules.refusals.keys.get(card.text[0].lower(), ()):
             _note_key(card, pair.key, pair.offset, scope)
         if pair.key in card.rules.annotations:
-            scope.diagnostics.inform(card.spot(pair.offset), f"{pair.key}= changes nothing at direct current")
+            scope.diagnostics.inform(card.spot(pair.offset), f"{pair.key}= has no effect at direct current")
             continue
         if pair.key in _FREE_KEYS:
             continue
@@ -172,24 +173,25 @@ def _values_of(
             theirs = {ours: key for key, ours in _SPECTRE_KEYS.items()} if card.rules.instances else {}
             names = ", ".join(sorted(theirs.get(key, key) for key in known))
             label = DIALECTS[card.rules.name].label
-            text = f"{pair.key!r} is not understood here (by the rules of {label}); known are {names}"
+            text = f"{pair.key!r} is not supported by the rules of {label}; supported here are {names}"
             raise card.error(pair.offset, text)
         if pair.key in values:
-            raise card.error(pair.offset, f"{pair.key!r} is given twice")
-        with scope.watched() as watch:
+            raise card.error(pair.offset, f"{pair.key!r} is given twice: leave one out")
+        with scope.recorded() as use:
             values[pair.key] = [scope.number(card, token) for token in pair.values]
-        if watch.used and pair.key not in _WARM_KEYS:
+        if use.used and pair.key not in _WARM_KEYS:
             refuse_temperature(card, pair.offset, f"{pair.key}=")
     return values
 
 
 def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
-    with scope.watched() as watch:
-        element = _cut(card, scope, "r resistance l w")
+    """Add a resistor at the nominal temperature: ohms with scale, multiplier and temperature keys applied."""
+    with scope.recorded() as use:
+        element = _split(card, scope, "r resistance l w")
         model, ohms = _model_and_value(element, scope, RESISTOR_KINDS, "resistance", "r", "resistance")
-    refuse_cold(card, watch, ohms)
+    refuse_unsupported(card, use, ohms)
     parts = {*element.keys, *(["model"] if model is not None else [])}
-    refuse_dropped(card, watch, parts, element.nodes, elements.nominal)
+    refuse_dropped(card, use, parts, element.nodes, elements.nominal)
     if card.rules.spaced_lists:
         _refuse_unspaced(card, element.pairs)
     first, second, nominal, exponential = 0.0, 0.0, math.nan, 0.0
@@ -199,14 +201,14 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
     elif ohms is None:
         raise card.error(None, f"{element.name} has no value: give it ohms, r=, or a model")
     elif "l" in element.keys or "w" in element.keys:
-        raise card.error(None, "l and w mean something together with a model only")
+        raise card.error(None, "l and w need a model: name it, or give the resistance")
     several = element.keys.get("tc", [])
     if len(several) > 2:
         raise card.error(None, f"tc= takes one or two values, not {len(several)}")
     first, second = several + [first, second][len(several) :]
     first, second = element.value("tc1", first), element.value("tc2", second)
     if "scale" in element.keys and not card.rules.scale_key:
-        raise card.error(None, f"scale= is not understood for {card.rules.name}; put it into the value")
+        raise card.error(None, f"scale= is not supported for {card.rules.name}; put it into the value")
     ohms *= element.value("scale", 1.0) / multiplier(card, element.value("m", 1.0))
     if not math.isfinite(ohms):
         raise card.error(None, f"{element.name} has {ohms} ohm")
@@ -214,13 +216,13 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
     shift = own - (elements.nominal if math.isnan(nominal) else nominal)
     exponential = element.value("tce", exponential)
     if exponential:
-        if watch.used:
+        if use.used:
             raise card.error(
                 None, f"{card.rules.name} drops tce= with an expression of the temperature: multiply there"
             )
         heating = 0.0 if "temp" in element.keys else elements.heating
         ohms *= 1.01 ** (exponential * (shift + heating))
-        scope.diagnostics.warn(card.spot(), "tce= is evaluated at the temperature of the deck, and at no other")
+        scope.diagnostics.warn(card.spot(), "tce= is evaluated at the temperature of the deck only")
         first = second = 0.0
     if shift and (first or second):
         ohms, first, second = rebase_one(ohms, first, second, shift)
@@ -230,23 +232,22 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
 
 
 def _refuse_unspaced(card: Card, pairs: list[Setting]) -> None:
-    """Refuse lists in parentheses, without a blank between their values, or going on with a point."""
+    """Raise CardError for a list in parentheses, without blanks, or with a value that begins with a point."""
     for first, second in (pair.values[:2] for pair in pairs if len(pair.values) > 1):
         gap = card.text[first.offset + len(first.text) : second.offset].strip("{}'")
         bracketed = card.text[: first.offset].rstrip(" {'").endswith("(")
         parted = gap.isspace() or (first.kind == "word" and gap[0] == "," and gap[1:].isspace())
         if bracketed or second.text[0] == "." or not parted:
-            raise card.error(
-                first.offset, f"{card.rules.name} reads this list otherwise, or not at all: write tc1=... tc2=..."
-            )
+            raise card.error(first.offset, f"{card.rules.name} misreads or rejects this list: write tc1=... tc2=...")
 
 
 def _model_and_value(
-    element: Element, scope: Scope, kinds: frozenset[str], what: str, *keys: str
+    element: Element, scope: Scope, kinds: frozenset[str], quantity: str, *keys: str
 ) -> tuple[Model | None, float | None]:
-    """The model that an element names, and its value, without a key or behind one of these.
+    """Return the model that an element names and its value, each None if missing.
 
-    `what`: what the value is; empty where it does not matter how many there are.
+    The value is positional or has one of the `keys`.  `quantity`: name of the value for the message about a second
+    one; empty if several are allowed.
     """
     card, model, values = element.card, None, []
     for token in element.positional:
@@ -260,37 +261,39 @@ def _model_and_value(
                 token.offset, f"the model {token.text} is one of kind {named.kind!r}, not {sorted(kinds)[0]!r}"
             )
         elif model is not None:
-            raise card.error(token.offset, "two models are given")
+            raise card.error(token.offset, "two models are given: leave one out")
         elif values and card.rules.models_first and not _is_literal(element.positional[0]):
             raise card.error(
                 token.offset,
-                f"{card.rules.name} overlooks the model {token.text} after a value like this: write it first",
+                f"{card.rules.name} ignores the model {token.text} after a value like this: write the model first",
             )
         else:
             model = named
     values += [element.keys[key][0] for key in keys if key in element.keys]
-    if len(values) > 1 and what:
+    if len(values) > 1 and quantity:
         offset = element.positional[-1].offset if element.positional else None
-        raise card.error(offset, f"more than one {what} is given")
+        raise card.error(offset, f"more than one {quantity} is given: leave one out")
     return model, values[0] if values else None
 
 
 def _is_literal(token: Token) -> bool:
+    """Return whether a token is a numeral."""
     return token.kind == "word" and re.match(r"[+-]?\d", token.text) is not None
 
 
 def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> None:
+    """Add an independent source with its value at direct current, and its series resistance as a resistor."""
     tokens = tokenise(card)
     if card.rules.instances:
-        element = _cut(card, scope)
+        element = _split(card, scope)
         source = SourceValue(*spectre.source_value(card, element.pairs, scope))
         name, nodes = element.name, element.nodes
     else:
         name = tokens[0].text
         nodes, rest = read_nodes(card, tokens, 2)
-        with scope.watched() as watch:
+        with scope.recorded() as use:
             source = source_value(card, rest, scope)
-        if watch.used:
+        if use.used:
             refuse_temperature(card, None, f"{name}")
     value = source.volts_or_amps
     if kind == "current source":
@@ -299,7 +302,7 @@ def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> Non
         multiplier(card, source.count)
         if "m" in card.rules.refusals.keys.get("v", ()):
             _note_key(card, "m", 0, scope)
-        scope.diagnostics.inform(card.spot(), "m= changes nothing in a voltage source")
+        scope.diagnostics.inform(card.spot(), "m= has no effect on a voltage source")
     if source.series:
         inner = f"{name}.rser"
         elements.add("resistor", inner, (nodes[0], inner), (source.series, 0.0, 0.0), card)
@@ -308,7 +311,8 @@ def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> Non
 
 
 def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
-    element = _cut(card, scope, " ".join(("c l w", *card.rules.capacitor_keys)))
+    """Add a capacitor, in farads."""
+    element = _split(card, scope, " ".join(("c l w", *card.rules.capacitor_keys)))
     model, farads = _model_and_value(element, scope, frozenset({"c", "cap", "capacitor"}), "capacitance", "c")
     if farads is None:
         if model is None:
@@ -322,7 +326,8 @@ def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
 
 
 def _read_inductor(card: Card, scope: Scope, elements: Elements) -> None:
-    element = _cut(card, scope, " ".join(("l nt", *card.rules.inductor_keys)))
+    """Add an inductor as a source of 0 V, or as a resistor if it has a series resistance."""
+    element = _split(card, scope, " ".join(("l nt", *card.rules.inductor_keys)))
     model, henries = _model_and_value(element, scope, frozenset({"l", "ind", "inductor"}), "", "l")
     if henries is None and model is None:
         raise card.error(None, f"{element.name} has no value")
@@ -334,14 +339,15 @@ def _read_inductor(card: Card, scope: Scope, elements: Elements) -> None:
     if card.rules.inductor_ohms:
         scope.diagnostics.warn(
             card.spot(),
-            f"{DIALECTS[card.rules.name].label} gives an inductor {card.rules.inductor_ohms:g} ohm unless rser=0 "
-            "is said; it is a short here",
+            f"{DIALECTS[card.rules.name].label} gives an inductor {card.rules.inductor_ohms:g} ohm without "
+            "rser=0; it is a short here",
         )
-    scope.diagnostics.inform(card.spot(), "an inductor is a short at direct current: a source of 0 V bears its name")
+    scope.diagnostics.inform(card.spot(), "an inductor is a short at direct current: a source of 0 V has its name")
     elements.add("voltage source", element.name, element.nodes, (0.0, 1.0), card)
 
 
 def _read_switch(card: Card, scope: Scope, elements: Elements) -> None:
+    """Add a switch with its controlling nodes and the values of its model."""
     tokens = tokenise(card)
     nodes, rest = read_nodes(card, tokens, 4)
     words = [token for token in rest if token.kind == "word"]
@@ -353,36 +359,9 @@ def _read_switch(card: Card, scope: Scope, elements: Elements) -> None:
     state = 0.0
     if len(words) == 2:
         if words[1].text.lower() not in ("on", "off"):
-            raise card.error(words[1].offset, f"{words[1].text!r} was not expected here; ON or OFF was")
+            raise card.error(words[1].offset, f"unexpected {words[1].text!r}; expected ON or OFF")
         state = float(words[1].text.lower() == "on")
     elements.add("switch", tokens[0].text, nodes, modelled_switch(model, scope, state, card), card)
-
-
-def _read_nonlinear(card: Card, scope: Scope, elements: Elements) -> bool:
-    """Read ``I = current tanh(V / voltage)`` in the form that this package writes; whether it is one."""
-    match = _nonlinear_form(card.rules.name).fullmatch(card.text.strip())
-    if match is None:
-        return False
-    shift = len(card.text) - len(card.text.lstrip())
-    tokens = (Token("word", match[key], match.start(key) + shift) for key in ("current", "voltage"))
-    amps, volts = (scope.number(card, token) for token in tokens)
-    if amps <= 0 or volts <= 0:
-        raise card.error(None, f"{match['name']} carries {amps:g} A at {volts:g} V; both must be positive")
-    elements.add("nonlinear resistor", match["name"], (match["a"], match["b"]), (amps, volts), card)
-    return True
-
-
-@lru_cache(maxsize=64)
-def _nonlinear_form(dialect: str) -> re.Pattern[str]:
-    """What the dialect's template of a nonlinear resistor writes, blanks and case aside."""
-    groups = {"name": r"b\S*", "a": r"[^\s,()]+", "b": r"[^\s,()]+"}
-    pattern, seen = "", set()
-    for literal, key, *_ in string.Formatter().parse(DIALECTS[dialect].nonlinear_resistor):
-        pattern += re.escape(literal).replace(r"\ ", r"\s+")
-        if key is not None:
-            pattern += f"(?P={key})" if key in seen else f"(?P<{key}>{groups.get(key, r'[^*/()]+')})"
-            seen.add(key)
-    return re.compile(pattern, re.IGNORECASE)
 
 
 _READERS: dict[str, Callable[[Card, Scope, Elements], None]] = {

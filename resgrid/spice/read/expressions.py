@@ -1,9 +1,9 @@
-r"""Arithmetic in decks: what stands in braces or quotes.
+r"""Evaluation of arithmetic expressions in braces or quotes.
 
 Precedence as in ngspice's manual (section 2.8, ``.param``), tightest first: power, sign and ``!``, ``* / % \``,
-``+ -``, comparisons, ``&&``, ``||``, ``? :``.  Where simulators disagree (a chain of powers, a negative number to a
-power) the expression is refused, and so is what ngspice is known to misread: a sign of something else than a number
-after an operator, a choice within the first branch of a choice.
+``+ -``, comparisons, ``&&``, ``||``, ``? :``.  Expressions on which simulators disagree are rejected: a chain of
+powers, and a negative number to a power.  Expressions that ngspice misreads are rejected for ngspice: a sign after an
+operator unless a number follows, and a conditional within the first branch of a conditional.
 """
 
 from __future__ import annotations
@@ -18,12 +18,16 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from resgrid.spice.dialects.record import ReadingRules
+from resgrid.spice.read.expression_functions import FUNCTIONS
 from resgrid.spice.read.numerals import parse_numeral
 
 _PARENS = "write parentheses"
 
 MAX_NESTING = 60
+"""Maximum nesting depth of an expression."""
+
 MAX_LENGTH = 10_000
+"""Maximum length of an expression, in characters."""
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d+|[dD][+-]?\d+)?(?:[^\W\d_]\w*)?)"
@@ -42,7 +46,7 @@ Call = Callable[[str, list[float], Lookup], float | None]
 
 
 class ExpressionError(ValueError):
-    """What is wrong with an expression, and at which offset in it."""
+    """An error in an expression; `offset` is its position in the text."""
 
     def __init__(self, offset: int, text: str) -> None:
         super().__init__(text)
@@ -50,21 +54,27 @@ class ExpressionError(ValueError):
 
 
 class ReservedNameError(ValueError):
-    """A name that the simulator reserves, and why it has no value here."""
+    """A name that the simulator reserves and that has no value here; the message gives the reason."""
 
 
 class _Token(NamedTuple):
+    """A number, name, operator or the end of an expression, with its offset."""
+
     kind: str
     text: str
     offset: int
 
     @property
     def shown(self) -> str:
+        """The token as messages show it."""
         return repr(self.text) if self.kind != "end" else "the end"
 
 
 def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
-    """Evaluate an expression.
+    """Return the value of an expression.
+
+    `lookup` returns the value of a parameter, and `call` that of a function of the deck; both return None for unknown
+    names.  Raises ExpressionError.
 
     Examples
     --------
@@ -74,13 +84,13 @@ def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> floa
     1006.0
     """
     if len(text) > MAX_LENGTH:
-        raise ExpressionError(0, f"an expression of {len(text)} characters; at most {MAX_LENGTH} are read")
+        raise ExpressionError(0, f"an expression of {len(text)} characters; at most {MAX_LENGTH} are supported")
     names = _names(text, rules.instances)
     if names is not None:
         try:
             values = tuple(map(lookup, names))
         except ReservedNameError:
-            return _value(text, rules, lookup, call)  # where the error gets its place
+            return _value(text, rules, lookup, call)  # the evaluation by tokens adds the position to the error
         if None not in values:
             return _value_with(text, rules, values)
     return _value(text, rules, lookup, call)
@@ -88,7 +98,7 @@ def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> floa
 
 @lru_cache(maxsize=4096)
 def _names(text: str, exact: bool) -> tuple[str, ...] | None:
-    """Parameters that an expression refers to; None if it calls functions, which may be the deck's own."""
+    """Return the parameters in an expression; None if it calls functions, which the deck may define itself."""
     tokens = _tokens(text)
     if any(token.kind == "name" and after.text == "(" for token, after in pairwise(tokens)):
         return None
@@ -96,12 +106,12 @@ def _names(text: str, exact: bool) -> tuple[str, ...] | None:
 
 
 def names_in(text: str) -> frozenset[str]:
-    """Return the names in an expression, of parameters and functions, in lower case."""
+    """Return the names of parameters and functions in an expression, in lower case."""
     return frozenset(match.group().lower() for match in _NAME.finditer(text))
 
 
 def folded_name(name: str, exact: bool) -> str:
-    """Return a name in lower case, but those of Spectre's constants as they are written.
+    """Return a name in lower case; with `exact`, names of Spectre's constants keep their case.
 
     Examples
     --------
@@ -113,12 +123,13 @@ def folded_name(name: str, exact: bool) -> str:
 
 @lru_cache(maxsize=65536)
 def _value_with(text: str, rules: ReadingRules, values: tuple[float, ...]) -> float:
-    """Value of an expression without functions, given those of its parameters."""
+    """Return the value of an expression without functions, given the values of its parameters in order."""
     given = dict(zip(_names(text, rules.instances) or (), values, strict=True))
     return _value(text, rules, given.get, lambda *_: None)
 
 
 def _value(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
+    """Return the finite value of an expression; raise ExpressionError otherwise."""
     reader = _Reader(_tokens(text), rules, lookup, call)
     try:
         value = reader.choice()
@@ -132,13 +143,14 @@ def _value(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
 
 @lru_cache(maxsize=4096)
 def _tokens(text: str) -> tuple[_Token, ...]:
+    """Split an expression into tokens, an end token last."""
     tokens: list[_Token] = []
     position = 0
     while not tokens or tokens[-1].kind != "end":
         match = _TOKEN.match(text, position)
         if match is None:
             position += len(text[position:]) - len(text[position:].lstrip())
-            raise ExpressionError(position, f"{text[position]!r} has no meaning in an expression")
+            raise ExpressionError(position, f"unexpected {text[position]!r} in an expression")
         kind = match.lastgroup or "end"
         tokens.append(_Token(kind, match.group(kind), match.start(kind)))
         position = match.end()
@@ -147,7 +159,7 @@ def _tokens(text: str) -> tuple[_Token, ...]:
 
 @dataclass
 class _Reader:
-    """Precedence climbing over the tokens of one expression."""
+    """A precedence-climbing parser that evaluates the tokens of one expression."""
 
     tokens: tuple[_Token, ...]
     rules: ReadingRules
@@ -157,7 +169,7 @@ class _Reader:
     depth: int = 0
 
     def choice(self, *, within: bool = False) -> float:
-        """``condition ? this : that``, perhaps within the first branch of another."""
+        """Evaluate ``condition ? this : that`` or an operand; `within`: in the first branch of another conditional."""
         self.depth += 1
         if self.depth > MAX_NESTING:
             raise ExpressionError(self._now.offset, f"nested more than {MAX_NESTING} deep")
@@ -165,7 +177,7 @@ class _Reader:
         if self._now.text == "?":
             if within and self.rules.narrow_parser:
                 raise ExpressionError(
-                    self._now.offset, f"{self.rules.name} misreads a choice within a choice: {_PARENS}"
+                    self._now.offset, f"{self.rules.name} misreads a conditional within a conditional: {_PARENS}"
                 )
             self.position += 1
             self._check_truth(value)
@@ -177,19 +189,23 @@ class _Reader:
         return value
 
     def expect_end(self) -> None:
+        """Raise ExpressionError unless all tokens are consumed."""
         if self._now.kind != "end":
-            raise ExpressionError(self._now.offset, f"{self._now.text!r} was not expected here")
+            raise ExpressionError(self._now.offset, f"unexpected {self._now.text!r}")
 
     @property
     def _now(self) -> _Token:
+        """The present token."""
         return self.tokens[self.position]
 
     def _expect(self, text: str) -> None:
+        """Consume the token `text`."""
         if self._now.text != text:
             raise ExpressionError(self._now.offset, f"{text!r} was expected, found {self._now.shown}")
         self.position += 1
 
     def _binary(self, level: int) -> float:
+        """Evaluate binary operators of at least a level of precedence."""
         left = self._signed()
         while self._now.text in _BINARY and level <= _BINARY[self._now.text][0]:
             token = self._now
@@ -204,12 +220,13 @@ class _Reader:
         return left
 
     def _check_truth(self, *values: float) -> None:
-        """Refuse conditions between 0 and one half, or below 0, where the dialect's boundary is one half."""
+        """Raise ExpressionError for a nonzero condition of at most 0.5 where the dialect's threshold is 0.5."""
         if self.rules.words.true_above_half and any(bool(value) != (value > 0.5) for value in values):
             label = self.rules.name
-            raise ExpressionError(self._now.offset, f"{label} takes values above 0.5 for true: write a comparison")
+            raise ExpressionError(self._now.offset, f"in {label} only values above 0.5 are true: write a comparison")
 
     def _signed(self) -> float:
+        """Evaluate an operand with its signs."""
         sign = self._now
         if sign.kind != "operator" or sign.text not in ("-", "+", "!"):
             return self._power()
@@ -225,13 +242,14 @@ class _Reader:
         return -value if sign.text == "-" else value
 
     def _refuse_misread(self, sign: _Token) -> None:
-        """Refuse a sign after an operator, unless it is that of a number by itself."""
+        """Raise ExpressionError for a sign after an operator unless it is a minus before a plain number."""
         number, after = (self.tokens[min(self.position + i, len(self.tokens) - 1)] for i in (1, 2))
         is_plain = number.kind == "number" and after.text not in _POWERS
         if sign.text == "+" or not is_plain or self.tokens[self.position - 1].text == "!":
             raise ExpressionError(sign.offset, f"{self.rules.name} misreads a sign after an operator: {_PARENS}")
 
     def _power(self) -> float:
+        """Evaluate a power, or its base if no exponent follows."""
         negated = self.position > 0 and self.tokens[self.position - 1].text == "!"
         base = self._atom()
         sign = self._now
@@ -239,10 +257,11 @@ class _Reader:
             return base
         if sign.text not in self.rules.powers:
             raise ExpressionError(
-                sign.offset, f"{sign.text!r} is no power in {self.rules.name} (perhaps exclusive or); write **"
+                sign.offset,
+                f"{sign.text!r} is not the power operator of {self.rules.name} (perhaps exclusive or); write **",
             )
         if negated and self.rules.narrow_parser:
-            raise ExpressionError(sign.offset, f"{self.rules.name} takes the power of what ! gives: {_PARENS}")
+            raise ExpressionError(sign.offset, f"{self.rules.name} applies ! before the power: {_PARENS}")
         self.position += 1
         negative = self._now
         if negative.text == "-":
@@ -251,20 +270,21 @@ class _Reader:
             self.position += 1
         exponent = self._atom()
         if self._now.text in _POWERS:
-            raise ExpressionError(self._now.offset, "a power of a power: simulators disagree, write parentheses")
+            raise ExpressionError(self._now.offset, "simulators disagree about a power of a power: write parentheses")
         exponent = -exponent if negative.text == "-" else exponent
         if base < 0 and exponent % 2:
-            text = f"{base!r} to the power {exponent!r}: simulators disagree about that"
+            text = f"simulators disagree about {base!r} to the power {exponent!r}: rewrite the expression"
             raise ExpressionError(sign.offset, text)
         return float(base**exponent)
 
     def _atom(self) -> float:
+        """Evaluate a number, a name, a function call, or an expression in parentheses."""
         token = self._now
         self.position += token.kind != "end"
         if token.kind == "number":
             numeral = parse_numeral(token.text, self.rules, computed=True)
             if numeral is None or isinstance(numeral, str):
-                raise ExpressionError(token.offset, numeral or f"{token.text!r} is no number")
+                raise ExpressionError(token.offset, numeral or f"{token.text!r} is not a number")
             return numeral.value
         if token.kind == "name":
             return self._call_function(token) if self._now.text == "(" else self._parameter(token)
@@ -275,6 +295,7 @@ class _Reader:
         raise ExpressionError(token.offset, f"a number or a name was expected, found {token.shown}")
 
     def _parameter(self, token: _Token) -> float:
+        """Return the value of a parameter."""
         try:
             value = self.lookup(folded_name(token.text, self.rules.instances))
         except ReservedNameError as reserved:
@@ -285,16 +306,18 @@ class _Reader:
         return value
 
     def _call_function(self, token: _Token) -> float:
+        """Return the value of a function of the deck, or else of a built-in one."""
         try:
             values = self._arguments()
         except ExpressionError:
             if token.text.lower() not in _STATISTICS:
                 raise
-            raise _no_function(token, self.rules) from None  # its arguments may be nodes, as those of v(a, b)
+            raise _no_function(token, self.rules) from None  # its arguments may be nodes, as in v(a, b)
         value = self.call(token.text.lower(), values, self.lookup)
         return _built_in(token, values, self.rules) if value is None else value
 
     def _arguments(self) -> list[float]:
+        """Evaluate the arguments of a function call."""
         self.position += 1
         if self._now.text == ")":
             self.position += 1
@@ -326,16 +349,18 @@ _BINARY: dict[str, tuple[int, Callable[[float, float], float | bool]]] = {
     "\\": (_PRODUCT, lambda a, b: math.trunc(a / b)),
     "\\ of the magnitude": (_PRODUCT, lambda a, b: math.trunc(abs(a / b))),
 }
-"""How tightly operators bind, and what they do; `ReadingRules.operators` says where a dialect's differ."""
+"""Precedence and function of binary operators; `ReadingRules.operators` names a dialect's deviations."""
 
 
 def _no_function(token: _Token, rules: ReadingRules) -> ExpressionError:
-    statistical = "is statistical, or depends on the solution, and is not evaluated"
+    """Return the error for an unknown or unsupported function."""
+    statistical = "is statistical, or depends on the solution, and is not evaluated: write a number"
     why = statistical if token.text.lower() in _STATISTICS else "is unknown"
     return ExpressionError(token.offset, f"the function {token.text!r} {why} ({rules.name})")
 
 
 def _built_in(token: _Token, values: list[float], rules: ReadingRules) -> float:
+    """Return the value of one of the dialect's own functions."""
     own = rules.functions.get(token.text.lower())
     if own is None:
         raise _no_function(token, rules)
@@ -353,35 +378,3 @@ def _built_in(token: _Token, values: list[float], rules: ReadingRules) -> float:
     except (ValueError, OverflowError, ZeroDivisionError):
         shown = ", ".join(f"{value:g}" for value in values)
         raise ExpressionError(token.offset, f"{token.text}({shown}) has no value") from None
-
-
-_OF_MATH = "sqrt exp log10 floor ceil sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh"
-_ONE_ARGUMENT: dict[str, Callable[[float], float]] = {
-    **{name: getattr(math, name) for name in _OF_MATH.split()},
-    "ln": math.log,
-    "abs": abs,
-    "int": math.trunc,
-    "nint": round,
-    "sgn": lambda x: (x > 0) - (x < 0),
-    "step": lambda x: x > 0,
-    "step_half": lambda x: x > 0.5,
-    "ramp": lambda x: max(x, 0.0),
-}
-_TWO_ARGUMENTS: dict[str, Callable[[float, float], float]] = {
-    "min": min,
-    "max": max,
-    "atan2": math.atan2,
-    "hypot": math.hypot,
-    "pow": math.pow,
-    "pow_integer": lambda x, y: math.pow(x, math.trunc(y)),
-    "pwr": lambda x, y: math.pow(abs(x), y),
-    "pwr_signed": lambda x, y: math.copysign(math.pow(abs(x), y), x),
-}
-FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
-    **{name: (1, function) for name, function in _ONE_ARGUMENT.items()},
-    **{name: (2, function) for name, function in _TWO_ARGUMENTS.items()},
-    "if": (3, lambda condition, this, that: this if condition else that),
-    "if_half": (3, lambda condition, this, that: this if condition > 0.5 else that),
-    "limit": (3, lambda x, low, high: min(max(x, min(low, high)), max(low, high))),
-}
-"""Functions of expressions: number of arguments, and what they compute."""

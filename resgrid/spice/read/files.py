@@ -1,4 +1,4 @@
-"""Files of a deck, read whole, and only below a root."""
+"""The files of a deck, read below a root folder only."""
 
 from __future__ import annotations
 
@@ -11,19 +11,24 @@ from resgrid._internal.files import read_bytes
 from resgrid.errors import InputError
 
 MAX_BYTES = 2**31 - 2**20
+"""Maximum size of a file, in bytes."""
+
 MAX_FILES = 200
+"""Maximum number of files of a deck."""
+
 _LOOKED_AT = 4096
+"""Bytes at even, and at odd offsets, from which UTF-16 is recognized."""
 
 _BOMS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 
 
 @dataclass(frozen=True, eq=False)
 class SourceFile:
-    """One file's content.
+    """The content of one file.
 
-    `number`: its index among the files of the deck; `name`: as displayed; `path`: where it lies, links resolved; None
-    for text without a file; `data`: UTF-8 (or Latin-1) without byte order mark, LF line ends, ending in one;
-    `oddities`: what was changed for that, of ``"utf-16"`` and ``"cr"`` (line ends of carriage returns alone).
+    `number`: index among the files of the deck; `name`: displayed name; `path`: path with links resolved, None for text
+    without a file; `data`: UTF-8 or Latin-1 text without byte order mark, with LF line ends and a final one;
+    `oddities`: properties of the file before normalization, ``"utf-16"`` or ``"cr"`` (carriage returns as line ends).
     """
 
     number: int
@@ -35,13 +40,13 @@ class SourceFile:
 
 @dataclass
 class Library:
-    """The files of one deck, and where others may be taken from."""
+    """The files of one deck, and the root folder of its include files (None: no includes)."""
 
     root: Path | None
     sources: list[SourceFile] = field(default_factory=list)
 
     def add(self, name: str, path: Path | None, data: bytes) -> SourceFile:
-        """Take up a file's content."""
+        """Add the content of a file; raise InputError above `MAX_FILES`."""
         if len(self.sources) >= MAX_FILES:
             raise InputError(f"{name}: more than {MAX_FILES} files are included")
         source = SourceFile(len(self.sources), name, path, normalise(data, name), oddities_of(data))
@@ -49,23 +54,23 @@ class Library:
         return source
 
     def open(self, path: Path, name: str) -> SourceFile:
-        """Read a file; one that was read before is not read again."""
+        """Return a file, read at its first use only."""
         resolved = resolve(path, name)
         known = next((source for source in self.sources if source.path == resolved), None)
         return known or self.add(name, resolved, deck_bytes(resolved, name))
 
-    def find(self, file: str, beside: SourceFile) -> tuple[Path, str]:
-        """Where an included file lies, and how to display it."""
+    def find(self, file: str, including: SourceFile) -> tuple[Path, str]:
+        """Return path and displayed name of an include file; raise InputError if it is missing or outside the root."""
         if self.root is None:
             raise InputError(f"{file!r} is included, but the deck has no folder: give the root to read below")
-        folder = self.root if beside.path is None else beside.path.parent
+        folder = self.root if including.path is None else including.path.parent
         tried: list[Path] = []
         for base in dict.fromkeys((folder, self.root)):
             path = resolve(base / file, file)
             if not path.is_relative_to(self.root):
                 raise InputError(f"{file!r} lies outside {str(self.root)!r}: copy it, or name a wider root")
             if _exists(path):
-                return path, os.path.normpath(Path(beside.name).parent / file) if base == folder else file
+                return path, os.path.normpath(Path(including.name).parent / file) if base == folder else file
             tried.append(path)
         raise InputError(
             f"the file {file[-80:]!r} that is included does not exist (looked in {str(tried[0].parent)!r})"
@@ -73,6 +78,7 @@ class Library:
 
 
 def _exists(path: Path) -> bool:
+    """Return whether a path exists and can be looked up."""
     try:
         return path.exists()
     except OSError:  # a name that is too long, a folder that may not be searched
@@ -80,7 +86,7 @@ def _exists(path: Path) -> bool:
 
 
 def resolve(path: Path, name: str) -> Path:
-    """A path without links and dots; ``name`` is what messages call it."""
+    """Return a path without links and dots; ``name`` is its name in messages."""
     try:
         return path.resolve()
     except (OSError, RuntimeError, ValueError) as error:
@@ -88,19 +94,19 @@ def resolve(path: Path, name: str) -> Path:
 
 
 def deck_bytes(path: Path, name: str) -> bytes:
-    """All bytes of a regular file of at most `MAX_BYTES`, which messages call by the name that the deck has for it."""
+    """Return the bytes of a regular file of at most `MAX_BYTES`; ``name`` is its name in messages."""
     return read_bytes(path, MAX_BYTES, name=name, piped=False)
 
 
 def normalise(data: bytes, name: str) -> bytes:
-    """Make text of bytes: no byte order mark, LF line ends, a final one; not decoded yet."""
+    """Return bytes without byte order mark, with LF line ends and a final one; raise InputError for a zero byte."""
     mark, coding = coding_of(data)
     data = data[len(mark) :] if mark else data
     if coding.startswith("utf-16"):
         data = data.decode(coding, "replace").encode()
     if b"\0" in data:
         line = data[: data.index(b"\0")].count(b"\n") + 1
-        raise InputError(f"{name}:{line}: it holds a zero byte, so it is no text (a raw file? a schematic?)")
+        raise InputError(f"{name}:{line}: a zero byte: this is not a text file (perhaps a raw file or a schematic)")
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     return data if data.endswith(b"\n") else data + b"\n"
@@ -125,7 +131,7 @@ def coding_of(data: bytes) -> tuple[bytes, str]:
 
 
 def oddities_of(data: bytes) -> frozenset[str]:
-    """Return the oddities of a file, as in `SourceFile`."""
+    """Return ``"utf-16"`` and ``"cr"`` as far as they apply to a file, as in `SourceFile`."""
     found = {"utf-16"} if coding_of(data)[1].startswith("utf-16") else set[str]()
     if b"\r" in data and b"\n" not in data:
         found.add("cr")
@@ -133,7 +139,7 @@ def oddities_of(data: bytes) -> frozenset[str]:
 
 
 def decode(data: bytes) -> str:
-    """Text of bytes: UTF-8 if it is that, otherwise Latin-1."""
+    """Decode bytes as UTF-8 if they are valid UTF-8, otherwise as Latin-1."""
     try:
         return data.decode()
     except UnicodeDecodeError:
@@ -141,6 +147,6 @@ def decode(data: bytes) -> str:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """Text of a file: LF line ends, a final one."""
+    """Return the text of a file with LF line ends and a final one."""
     name = os.fspath(path)
     return decode(normalise(deck_bytes(Path(name), name), name))

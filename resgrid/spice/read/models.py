@@ -1,7 +1,7 @@
-"""Resistors and switches that a ``.model`` card describes.
+"""Values of resistors and switches from ``.model`` cards.
 
 ngspice manual, section 3.3.2 (semiconductor resistor): ``R = RSH (L - 2 SHORT) / (W - 2 NARROW)``, with ``L`` and ``W``
-of 10 micrometres unless they are given; SPICE3 and Xyce take the reductions off once.  Section 3.2.14 (switches).
+of 10 micrometres by default; SPICE3 and Xyce subtract the reductions once.  Section 3.2.14 (switches).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import math
 
 from resgrid.spice.read.cards import Card
 from resgrid.spice.read.scopes import Model, Scope
-from resgrid.spice.read.temperature import refuse_cold
+from resgrid.spice.read.temperature import refuse_unsupported
 
 RESISTOR_KINDS = frozenset({"r", "res", "resistor"})
 SWITCH_KINDS = frozenset({"sw", "vswitch"})
@@ -33,9 +33,9 @@ _SWITCH_KEYS = frozenset({"ron", "roff", "vt", "vh", "von", "voff"})
 
 
 def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str, float]:
-    """Evaluate the keys of a model, by the parameters of the block that it stands in."""
+    """Evaluate the keys of a model in the scope of the block that contains it; raise CardError for unknown ones."""
     values: dict[str, float] = {}
-    home, rules = scope.of(model.block), model.card.rules
+    home, rules = scope.scope_of(model.block), model.card.rules
     for setting in model.settings:
         own = rules.ignored_model_keys.get(setting.key)
         if own == "":
@@ -46,14 +46,14 @@ def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str,
         if key in _IGNORED_KEYS:
             continue
         if key not in known:
-            text = f"{setting.key} is no parameter that a model of kind {model.kind} can have here"
+            text = f"{setting.key} is not a known parameter of a model of kind {model.kind}"
             raise model.card.error(setting.offset, text)
         if key in values:
             raise model.card.error(setting.offset, f"{key} of the model {model.name} is given twice: leave one out")
-        with home.watched() as watch:
+        with home.recorded() as use:
             values[key] = home.number(model.card, setting.values[0])
-        refuse_cold(model.card, watch, values[key] if key == "r" else None)
-        if watch.used and rules.words.temperature_in_values:
+        refuse_unsupported(model.card, use, values[key] if key == "r" else None)
+        if use.used and rules.words.temperature_in_values:
             text = f"{rules.name} rounds an expression of the temperature in a model to about seven digits"
             scope.diagnostics.doubt(model.card.spot(setting.offset), text)
     return values
@@ -62,7 +62,7 @@ def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str,
 def modelled_resistor(
     model: Model, scope: Scope, ohms: float | None, length: float | None, width: float | None, card: Card
 ) -> tuple[float, float, float, float, float]:
-    """Return ohms, tc1, tc2 of a resistor with a model, the temperature that they count from, and tce."""
+    """Return ohms, tc1, tc2, the reference temperature (NaN: nominal) in degrees Celsius, and tce of a resistor."""
     exponential = card.rules.words.exponential_coefficient
     values = model_values(model, scope, _RESISTOR_KEYS | ({"tce"} if exponential else set()))
     if ohms is None:
@@ -74,6 +74,7 @@ def modelled_resistor(
 
 
 def _from_model(values: dict[str, float], length: float | None, width: float | None, card: Card, model: Model) -> float:
+    """Return the resistance, in ohms, from a sheet resistance with length and width, or from the key r."""
     rules = card.rules
     span = values.get("l", _DEFAULT_LENGTH) if length is None else length
     broad = values.get("w", _DEFAULT_LENGTH) if width is None else width
@@ -91,11 +92,11 @@ def _from_model(values: dict[str, float], length: float | None, width: float | N
         return values["rsh"] * (span - twice * short) / (broad - twice * narrow)
     if "r" in values and not rules.model_factor:
         return values["r"]
-    raise card.error(None, f"neither this line nor the model {model.name} says how many ohms (r, or rsh with l and w)")
+    raise card.error(None, f"neither this line nor the model {model.name} gives a resistance (r, or rsh with l and w)")
 
 
 def modelled_switch(model: Model, scope: Scope, state: float, card: Card) -> tuple[float, float, float, float, float]:
-    """Values of a switch: ohms on and off, voltages above which it is on and below which off, the state between."""
+    """Return on and off resistance in ohms, upper and lower threshold in volts, and the state between (1 is on)."""
     values = model_values(model, scope, _SWITCH_KEYS)
     on, off = values.get("ron", 1.0), values.get("roff", card.rules.off_ohms)
     if model.kind == "vswitch" or "von" in values or "voff" in values:

@@ -1,4 +1,4 @@
-"""Numbers with suffixes: ``2.2k``, ``10uF``, ``1meg``."""
+"""Parser of numerals with suffixes: ``2.2k``, ``10uF``, ``1meg``."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from resgrid.spice.dialects.record import ReadingRules
 _NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:([eEdD])([+-]?\d{1,9}))?([^\W\d_]*+)")
 _INFIX = re.compile(r"([+-]?)(\d++)(meg|[tgkmunpfµμ])(\d++)[^\W\d_]*+", re.IGNORECASE)
 MIL = 25.4e-6
-"""The suffix ``mil``, a thousandth of an inch, in metres."""
+"""Value of the suffix ``mil``, a thousandth of an inch, in metres."""
 
 _UNIT = "Ω"
 
 
 class Numeral(NamedTuple):
-    """A number as it was read.
+    """The value of a numeral.
 
-    `warning`: what other readers might make of it; empty if nothing.
+    `warning`: how other simulators or readers may interpret it; empty if they agree.
     """
 
     value: float
@@ -27,7 +27,9 @@ class Numeral(NamedTuple):
 
 
 def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> Numeral | str | None:
-    """Read a number with a suffix and a unit.
+    """Return the value of a numeral with suffix and unit; an error message if it is ambiguous; None for other text.
+
+    `computed`: whether the numeral stands in an expression.
 
     Examples
     --------
@@ -45,17 +47,17 @@ def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> 
         return f"{text!r}: {rules.name} does not everywhere take D for an exponent; write e"
     power, unit, warning = _suffix(letters, rules)
     if rules.instances and unit:
-        return f"{text!r} has letters behind its suffix: in Spectre M is mega, m is milli, and units are not written"
+        return f"{text!r} has letters after its suffix: in Spectre M is mega, m is milli, and units are not written"
     if power is None and computed and rules.milli_mil:
-        return f"{text!r}: mil is milli in an expression of {rules.name}, and 25.4e-6 elsewhere; write what is meant"
+        return f"{text!r}: mil is milli in an expression of {rules.name}, and 25.4e-6 elsewhere; write a plain number"
     if not unit.isascii() and unit != _UNIT:
-        return f"{text!r} has the unit {unit!r}; only ASCII letters make one"
+        return f"{text!r} has the unit {unit!r}; a unit must consist of ASCII letters"
     value = float(f"{sign}{digits}e{int(exponent or 0) + (power or 0)}")
     return _checked(text, value * MIL if power is None else value, digits, warning)
 
 
 def _suffix(letters: str, rules: ReadingRules) -> tuple[int | None, str, str]:
-    """Power of ten (None for ``mil``), what is left as a unit, and a warning."""
+    """Return the power of ten of a suffix (None for ``mil``), the unit after it, and a warning."""
     if rules.instances:
         return rules.suffixes.get(letters[:1], 0), letters[letters[:1] in rules.suffixes :], ""
     folded = letters.lower()
@@ -75,18 +77,20 @@ def _suffix(letters: str, rules: ReadingRules) -> tuple[int | None, str, str]:
 
 
 def _infix(text: str, rules: ReadingRules) -> Numeral | str | None:
+    """Return the value of a numeral with its suffix as decimal point (``4k7``), an error message, or None."""
     match = _INFIX.fullmatch(text)
     if match is None:
         return None
     if not rules.infix_suffixes:
-        return f"{text!r}: LTspice reads a suffix as a decimal point, {rules.name} drops what follows; write it plainly"
+        return f"{text!r}: LTspice reads a suffix as a decimal point, {rules.name} drops digits after it; write a point"
     sign, whole, suffix, fraction = match.groups()
     return _checked(text, float(f"{sign}{whole}.{fraction}e{rules.suffixes[suffix.lower()]}"), whole + fraction, "")
 
 
 def _checked(text: str, value: float, digits: str, warning: str) -> Numeral | str:
+    """Return a numeral, or an error message if its value overflows or underflows."""
     if math.isinf(value):
-        return f"{text} is larger than any number that can be held (1.8e308)"
+        return f"{text} is larger than the largest double (1.8e308)"
     if value == 0 and digits.strip("0."):
-        return f"{text} is smaller than any number that can be held (4.9e-324), but not zero"
+        return f"{text} is smaller than the smallest double (4.9e-324), but not zero"
     return Numeral(value, warning)

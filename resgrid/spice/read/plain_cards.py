@@ -1,11 +1,17 @@
-"""The short way for plain cards: compiled loops cut them out of a file, and leave what needs a closer look."""
+r"""Fast path for plain cards: one regular expression finds them, all other lines are left to the general reader.
+
+A *plain card* is one line ``name node node value`` of a resistor, source or capacitor.  The value may be written
+``R=value`` for a resistor and ``DC value`` for a source.  The line consists of printable ASCII without quotes,
+parentheses, assignments or comments, and no other line continues it.
+"""
 
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING
+from itertools import compress, count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,108 +21,255 @@ from resgrid.spice.read.element_tables import ElementArrays, Elements
 from resgrid.spice.read.files import SourceFile, decode
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 
-if TYPE_CHECKING:
-    from resgrid.spice.read.kernels import Lines
-
 LEAST_BYTES = 40_000
-"""Below this size the compiled loops cost more to load than they save."""
+"""Smallest file, in bytes, that takes the fast path by default; below it saves less than a tenth of a second."""
+
+_BLOCK_BYTES = 2**16
+"""Bytes of text that one call of the regular expression splits; limits the memory of its matches."""
 
 _KINDS = ("resistor", "voltage source", "current source", "capacitor")
-"""What the kinds of plain cards are."""
+_OTHER, _EMPTY = 254, 255
+"""Codes of lines that are not plain cards: lines for the general reader; blank lines and comments."""
 
-_SLASHES = re.compile(b"//")
+_CODES: dict[bytes | None, int] = {None: _OTHER}
+_CODES |= {bytes([c]): code for code, letters in enumerate((b"rR", b"vV", b"iI", b"cC")) for c in letters}
+"""Index in `_KINDS` for the first letter of a card; `_OTHER` where the expression matched no card."""
+
+_COMMAND, _BACKSLASH, _CONTINUES = 1, 2, 4
+"""Properties of a line, as bits.
+
+After a command, and after a backslash, the next card belongs to the general reader, because the line before it decides
+its scope.  A line that may continue the card before it (``+``) leaves that card to the general reader.
+"""
+
+_NAME = rb"[!#%&*+\-./0-9:<>?@A-Z\[\]^_`a-z|~]"
+_NAME_WITHOUT_SLASHES = rb"(?:[!#%&*+\-.0-9:<>?@A-Z\[\]^_`a-z|~]++|/(?!/))"
+_LINE = rb"""[ \t]*+(?:
+    ([rRvViIcC])NAME*+ [ \t]++ (NAME++) [ \t]++ (NAME++) [ \t]++   # first letter, nodes
+    ((?:[rR]=|[dD][cC][ \t]++)?+)                                  # key of the value
+    (?: ([+\-]?+ (?:\d++\.?+\d*+|\.\d++) (?:[eE][+\-]?+\d{1,9}+)?+) | ([+\-.\d]NAME*+) )  # decimal, or with suffix
+    [ \t]*+
+    |(.*+)                                                         # any other line
+)\n"""
+_PIECES = 8
+"""Pieces per line into which `_LINE` splits a text: the groups, and the empty text between two lines."""
+
+_FIRST_WORD = re.compile(rb"[ \t]*+(" + _NAME + rb"*+).*+\n")
 
 
 def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
-    """Every line of a file from a byte on, with its number."""
+    """Yield number and text of every line of a file from a byte offset on."""
     number = data.count(b"\n", 0, start) + 1
     return enumerate(map(decode, data[start:].split(b"\n")), number)
 
 
+def _blocks(data: bytes, start: int) -> Iterator[tuple[int, int]]:
+    """Yield first and last offset of blocks of whole lines."""
+    while start < len(data):
+        stop = data.index(b"\n", min(start + _BLOCK_BYTES, len(data)) - 1) + 1
+        yield start, stop
+        start = stop
+
+
 class PlainCards:
-    """The plain cards of a file, cut away from its other lines while those are read."""
+    """The plain cards of a file, and its other lines.
+
+    `_code` (lines,): index in `_KINDS`, `_OTHER` or `_EMPTY`; `_start` (lines,): byte offset; `_value` (lines,): ohms,
+    volts, amperes or farads, NaN for other lines; `_spelling` (lines, 2): number of each node's spelling in
+    `_spellings`; `_is_taken` (lines,): whether the fast path has consumed the line.
+    """
 
     def __init__(self, source: SourceFile, start: int, rules: ReadingRules) -> None:
-        from resgrid.spice.read.kernels import EMPTY, OTHER, Lines, cut
-
         data = source.data
-        count = data.count(b"\n", start)
-        self._source, self._rules, self._number = source, rules, data.count(b"\n", 0, start) + 1
-        self._text = np.frombuffer(data, dtype=np.uint8)
-        self._lines = lines = Lines(
-            start=np.empty(count, dtype=np.int32),
-            kind=np.empty(count, dtype=np.uint8),
-            words=np.empty((count, 4, 2), dtype=np.int32),
-            decimal=np.empty(count, dtype=np.bool_),
-        )
-        cut(self._text, start, lines)
-        slashes = [match.start() for match in _SLASHES.finditer(data, start)]
-        lines.kind[np.searchsorted(lines.start, slashes, side="right") - 1] = OTHER  # perhaps a comment
-        self._value = _values(self._text, lines, rules)
-        self._value[(lines.kind == _KINDS.index("capacitor")) & (self._value < 0)] = np.nan
-        self._is_plain = np.isfinite(self._value)
-        self._others = np.flatnonzero(~self._is_plain & (lines.kind != EMPTY))
-        self._is_taken = np.zeros(count, dtype=np.bool_)
+        lines = data.count(b"\n", start)
+        self._source, self._offset = source, start
+        self._number = data.count(b"\n", 0, start) + 1
+        self._code = np.empty(lines, dtype=np.uint8)
+        self._start = np.empty(lines, dtype=np.int32)
+        self._value = np.full(lines, np.nan)
+        self._spelling = np.empty((lines, 2), dtype=np.int32)
+        self._spellings: defaultdict[bytes | None, int] = defaultdict(count().__next__)
+        self._properties: list[tuple[int, int]] = []
+        self._suffixed = _SuffixedValues(rules)
+        self._scan()
+        self._leave_to_general_reader()
+        self._value[(self._code == _KINDS.index("capacitor")) & (self._value < 0)] = np.nan
+        self._is_plain = (self._code < _OTHER) & np.isfinite(self._value)
+        self._others = np.flatnonzero(~self._is_plain & (self._code != _EMPTY))
+        self._is_taken = np.zeros(lines, dtype=np.bool_)
 
-    def others(self, may_cut: Callable[[], bool]) -> Iterator[tuple[int, str]]:
-        """The lines that are not plain cards, and where none may be cut away, all."""
-        begin, count = 0, len(self._is_taken)
-        for other in (*self._others.tolist(), count):
-            if begin < other and may_cut():
+    def _scan(self) -> None:
+        """Fill the arrays, block by block."""
+        data, first = self._source.data, 0
+        name = _NAME_WITHOUT_SLASHES if data.find(b"//", self._offset) >= 0 else _NAME  # // may begin a comment
+        pattern = re.compile(_LINE.replace(b"NAME", name), re.VERBOSE)
+        for begin, stop in _blocks(data, self._offset):
+            pieces = pattern.split(data[begin:stop])  # between lines: an empty piece, then all groups
+            letters, nodes, more_nodes, keys, decimals, suffixed, texts = (
+                pieces[i::_PIECES] for i in range(1, _PIECES)
+            )
+            lines = slice(first, first + len(letters))
+            ends = np.flatnonzero(np.frombuffer(data, np.uint8, stop - begin, begin) == ord("\n"))
+            self._start[lines] = np.concatenate([[begin], begin + 1 + ends[:-1]])
+            self._code[lines] = np.frombuffer(bytes(map(_CODES.__getitem__, letters)), dtype=np.uint8)
+            if any(keys):
+                self._reject_keys(first, keys)
+            for column, words in enumerate((nodes, more_nodes)):
+                numbers = map(self._spellings.__getitem__, words)
+                self._spelling[lines, column] = np.fromiter(numbers, np.int32, len(letters))
+            self._value[lines] = self._values(decimals, suffixed)
+            self._note_properties(first, texts)
+            first += len(letters)
+
+    def _reject_keys(self, first: int, keys: list[bytes | None]) -> None:
+        """Leave cards to the general reader whose value has the key of another kind, such as a source with ``R=``."""
+        for line, key in enumerate(keys, first):
+            if key and self._code[line] not in ((0,) if key[1:2] == b"=" else (1, 2)):
+                self._code[line] = _OTHER
+
+    def _values(self, decimals: list[bytes], suffixed: list[bytes]) -> NDArray[np.float64]:
+        """Return the values of a block's lines, NaN or infinite for doubtful ones; shape (lines,)."""
+        value = _parsed(float, decimals)
+        for line in np.flatnonzero(value == 0).tolist():
+            if decimals[line].lower().partition(b"e")[0].strip(b"+-0."):  # not zero, but too small for a double
+                value[line] = np.nan
+        if any(suffixed):
+            value = np.where(np.isnan(value), _parsed(self._suffixed.__getitem__, suffixed), value)
+        return value
+
+    def _note_properties(self, first: int, texts: list[bytes | None]) -> None:
+        """Note empty lines of a block, and the properties of those lines that are not cards."""
+        for line in np.flatnonzero(self._code[first : first + len(texts)] == _OTHER).tolist():
+            text = texts[line]
+            if text is None:  # a card that was rejected for the key of its value
+                continue
+            initial = text[0] if text else ord("\n")
+            if initial in b"\n*":
+                self._code[first + line] = _EMPTY
+            strange = initial != ord("\n") and not 32 < initial < 127  # perhaps a blank for Python
+            bits = _COMMAND * (initial == ord(".") or strange) | _CONTINUES * (initial == ord("+") or strange)
+            bits |= _BACKSLASH * (b"\\" in text)
+            if bits:
+                self._properties.append((first + line, bits))
+
+    def _leave_to_general_reader(self) -> None:
+        """Mark the cards next to commands, backslashes and continuation lines as other lines."""
+        cards = np.flatnonzero(self._code < _OTHER)
+        lines = np.array([line for line, _ in self._properties], dtype=np.int64)
+        data, start = self._source.data, self._offset
+        before = data[data.rfind(b"\n", 0, max(start - 1, 0)) + 1 : start]  # a first line that may be an element
+        # bits that concern the next card; index of that; last card of the fast path
+        pending, at, last = _BACKSLASH * (b"\\" in before), 0, -1
+        for (_, bits), stop in zip(self._properties, np.searchsorted(cards, lines).tolist(), strict=True):
+            pending, at, last = self._leave_next(cards, pending, at, stop, last)
+            if bits & _CONTINUES and last >= 0:
+                self._code[cards[last]] = _OTHER
+            pending |= bits & (_COMMAND | _BACKSLASH)
+        self._leave_next(cards, pending, at, len(cards), last)
+
+    def _leave_next(
+        self, cards: NDArray[np.int64], pending: int, at: int, stop: int, last: int
+    ) -> tuple[int, int, int]:
+        """Leave one of the cards `at` to `stop` for every pending bit; return the three changed numbers."""
+        while pending and at < stop:
+            pending &= ~(_BACKSLASH if pending & _BACKSLASH else _COMMAND)
+            self._code[cards[at]] = _OTHER
+            at += 1
+        return pending, max(at, stop), stop - 1 if at < stop else last
+
+    def other_lines(self, may_take: Callable[[], bool]) -> Iterator[tuple[int, str]]:
+        """Yield number and text of the lines that are not plain cards.
+
+        `may_take` is called before every run of plain cards; if it returns False, the run is yielded too.
+        """
+        begin, lines = 0, len(self._is_taken)
+        for other in (*self._others.tolist(), lines):
+            if begin < other and may_take():
                 self._is_taken[begin:other] = True
             else:
                 yield from map(self._line, range(begin, other))
-            if other < count:
+            if other < lines:
                 yield self._line(other)
             begin = other + 1
 
     def _line(self, line: int) -> tuple[int, str]:
-        start, data = int(self._lines.start[line]), self._source.data
+        """Return number and text of a line, given its index."""
+        start, data = int(self._start[line]), self._source.data
         return self._number + line, decode(data[start : data.index(b"\n", start)])
 
-    def enter(self, elements: Elements) -> None:
-        """Enter what was cut away into the elements of the deck."""
-        from resgrid.spice.read.kernels import number_names
-
+    def add_to(self, elements: Elements) -> None:
+        """Add the plain cards that were taken to the elements of the deck."""
         taken = np.flatnonzero(self._is_taken & self._is_plain)
-        spans = self._lines.words[taken, 1:3].reshape(-1, 2)
-        number, first = number_names(self._text, spans)
-        spelt, line = spans[first], self._number + taken[first // 2]
-        short = np.flatnonzero(np.diff(spelt)[:, 0] <= max(map(len, self._rules.grounds)))
+        number, names, first = self._nodes(taken)
         file = self._source.number
-        numbers = elements.nodes.of_all(_words_at(self._text, spelt), file << 40 | line, short.tolist())
+        numbers = elements.nodes.numbers_of(names, file << 40 | self._number + taken[first // 2])
         ends = numbers[number].reshape(-1, 2)
         for code, kind in enumerate(_KINDS):
-            own = self._lines.kind[taken] == code
+            own = self._code[taken] == code
             if own.any():
                 cards = taken[own]
                 place = np.stack([np.full(len(cards), file), self._number + cards], axis=1)
-                names_of = partial(_words_at, self._text, self._lines.words[cards, 0])
+                names_of = partial(_first_words, self._source.data, self._offset, cards)
                 elements.parts[kind].append(
                     ElementArrays(names_of, ends[own], self._value[cards, np.newaxis], place, None)
                 )
 
+    def _nodes(self, cards: NDArray[np.int64]) -> tuple[NDArray[np.int32], list[str], NDArray[np.int64]]:
+        """Number the nodes of cards in order of first use, regardless of case.
 
-def _values(text: NDArray[np.uint8], lines: Lines, rules: ReadingRules) -> NDArray[np.float64]:
-    """Values of plain cards, NaN or infinite where there is any doubt about one, and of other lines; shape (lines,)."""
-    value = np.full(len(lines.kind), np.nan)
-    is_card = lines.kind < len(_KINDS)
-    decimal = np.flatnonzero(is_card & lines.decimal)
-    value[decimal] = np.fromiter(map(float, _words_at(text, lines.words[decimal, 3])), np.float64, len(decimal))
-    zero = np.flatnonzero(value == 0)
-    underflows = [word.lower().partition("e")[0].strip("+-0.") != "" for word in _words_at(text, lines.words[zero, 3])]
-    value[zero[underflows]] = np.nan
-    suffixed = np.flatnonzero(is_card & ~lines.decimal)
-    read: dict[str, float] = {}
-    for card, word in zip(suffixed.tolist(), _words_at(text, lines.words[suffixed, 3]), strict=True):
-        if word not in read:
-            numeral = parse_numeral(word, rules)
-            read[word] = numeral.value if isinstance(numeral, Numeral) and not numeral.warning else np.nan
-        value[card] = read[word]
+        Returns numbers (2 cards,), names as first spelt, and the index of the first use of each (nodes,).
+        """
+        text = b"\n".join(word or b"" for word in self._spellings).decode("ascii")
+        spellings, lower = text.split("\n"), text.lower()
+        fold = np.arange(len(spellings), dtype=np.int32)  # number of each spelling regardless of case
+        if lower != text:
+            folded: defaultdict[str, int] = defaultdict(count().__next__)
+            fold = np.fromiter(map(folded.__getitem__, lower.split("\n")), np.int32, len(spellings))
+        spelling = self._spelling[cards].ravel()
+        node = fold[spelling]
+        uses = np.arange(len(node), dtype=np.int32)
+        first_use = np.full(len(spellings), len(node), dtype=np.int32)
+        first_use[node[::-1]] = uses[::-1]  # the last assignment to an entry counts
+        first = np.flatnonzero(first_use[node] == uses)
+        rank = np.empty(len(spellings), dtype=np.int32)
+        rank[node[first]] = np.arange(len(first))
+        return rank[node], list(map(spellings.__getitem__, spelling[first].tolist())), first
+
+
+def _parsed(parse: Callable[[bytes], float], words: list[bytes]) -> NDArray[np.float64]:
+    """Return the values of words, NaN for missing ones (None); shape (words,)."""
+    if all(words):
+        return np.fromiter(map(parse, words), np.float64, len(words))
+    value = np.full(len(words), np.nan)
+    value[np.fromiter(map(bool, words), np.bool_, len(words))] = np.fromiter(
+        map(parse, filter(None, words)), np.float64
+    )
     return value
 
 
-def _words_at(text: NDArray[np.uint8], spans: NDArray[np.int32]) -> list[str]:
-    from resgrid.spice.read.kernels import gather
+class _SuffixedValues(dict[bytes, float]):
+    """Value of every numeral with a suffix, parsed once; NaN where the general reader has an error or a warning."""
 
-    return gather(text, spans).tobytes().decode("ascii").split("\n")[:-1]
+    def __init__(self, rules: ReadingRules) -> None:
+        super().__init__()
+        self._rules = rules
+
+    def __missing__(self, word: bytes) -> float:
+        numeral = parse_numeral(word.decode("ascii"), self._rules)
+        value = numeral.value if isinstance(numeral, Numeral) and not numeral.warning else np.nan
+        self[word] = value
+        return value
+
+
+def _first_words(data: bytes, start: int, lines: NDArray[np.int64]) -> list[str]:
+    """Return the first words of some lines of a text, which are names of elements."""
+    is_wanted = np.zeros(data.count(b"\n", start), dtype=np.bool_)
+    is_wanted[lines] = True
+    first, names = 0, list[str]()
+    for begin, stop in _blocks(data, start):
+        words = _FIRST_WORD.findall(data, begin, stop)
+        wanted = list(compress(words, is_wanted[first : first + len(words)].tobytes()))
+        if wanted:
+            names += b"\n".join(wanted).decode("ascii").split("\n")
+        first += len(words)
+    return names

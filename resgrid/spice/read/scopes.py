@@ -1,4 +1,4 @@
-"""The deck and its subcircuits as blocks of cards, and the scopes in which their parameters have values."""
+"""Blocks (the deck and its subcircuits) with their definitions, and scopes that give values to parameters."""
 
 from __future__ import annotations
 
@@ -14,30 +14,31 @@ from resgrid.spice.read.expressions import ExpressionError, Lookup, ReservedName
 from resgrid.spice.read.numerals import parse_numeral
 
 MAX_CHAIN = 40
-"""How deep parameters may refer to each other (in order of their lines they may do so without end)."""
+"""Maximum depth of parameters that refer to parameters of later lines; references to earlier lines are unlimited."""
 
 _MOST_NOTED = 5
+"""Maximum number of notes about parameters without a value, per scope."""
 
 MAX_CALLS = 10_000
-"""How many calls of the deck's functions one value may take."""
+"""Maximum number of calls of the deck's functions during the evaluation of one value."""
 
 
 @dataclass(frozen=True, eq=False)
 class Definition:
-    """What a parameter or a function is: an expression and where it stands."""
+    """Definition of a parameter or function: its card, its expression, and the names of its arguments."""
 
     card: Card
     token: Token
     arguments: tuple[str, ...] = ()
 
     def error(self, text: str) -> CardError:
-        """Make an error about it."""
+        """Return an error at the position of the expression."""
         return self.card.error(self.token.offset, text)
 
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A ``.model`` card, and the block that it stands in."""
+    """A ``.model`` card, and the block that contains it."""
 
     name: str
     kind: str
@@ -48,11 +49,12 @@ class Model:
 
 @dataclass(eq=False)
 class Block:
-    """The deck, or a subcircuit.
+    """The deck or a subcircuit.
 
-    `name`: of the subcircuit; empty for the deck; `outer`: the block that it is defined in; `ports`: names of its
-    terminals, as spelt; `parameters`: defaults of the subcircuit and its ``.param`` lines, keys in lower case;
-    `functions, models, blocks`: by name in lower case; `cards`: its elements.
+    `name`: name of the subcircuit, empty for the deck; `outer`: the block that contains its definition; `ports`: names
+    of its terminals, as written; `defaults`: names of the parameters that its first line defines; `parameters`: these
+    and those of its ``.param`` lines, keys in lower case; `functions, models, blocks`: its definitions by name in lower
+    case; `cards`: its elements.
     """
 
     name: str
@@ -67,41 +69,45 @@ class Block:
     spot: Spot = field(default_factory=lambda: Spot("", 0))
 
     def model(self, name: str) -> Model | None:
-        """Find a model here or further out."""
+        """Return the model of a name in this block or an enclosing one; None if there is no such model."""
         model = self.models.get(name)
         return model if model is not None or self.outer is None else self.outer.model(name)
 
-    def home_of_function(self, name: str) -> Block:
-        """The block, here or further out, that defines a function; the outermost if none does."""
-        return self if name in self.functions or self.outer is None else self.outer.home_of_function(name)
+    def block_of_function(self, name: str) -> Block:
+        """Return the innermost block that defines a function, the outermost block if the function is undefined."""
+        return self if name in self.functions or self.outer is None else self.outer.block_of_function(name)
 
     def block(self, name: str) -> Block | None:
-        """Find a subcircuit here or further out."""
+        """Return the subcircuit of a name in this block or an enclosing one; None if there is no such subcircuit."""
         block = self.blocks.get(name)
         return block if block is not None or self.outer is None else self.outer.block(name)
 
 
 @dataclass
 class TemperatureUse:
-    """What an evaluation used: the simulation temperature, and a function or operator that does not go with it."""
+    """Record of an evaluation.
+
+    `used`: whether it used the simulation temperature; `unsupported`: a function or operator in it that the dialect
+    does not support together with the temperature, or an empty string.
+    """
 
     used: bool = False
-    cold: str = ""
+    unsupported: str = ""
 
     def add(self, other: TemperatureUse) -> None:
-        """Take up what another evaluation used."""
+        """Merge the record of another evaluation."""
         self.used |= other.used
-        self.cold = self.cold or other.cold
+        self.unsupported = self.unsupported or other.unsupported
 
 
 @dataclass(eq=False)
 class BuiltIns:
     """Reserved names of a dialect and their values in one deck.
 
-    `rules`: the dialect's, with its names; `label`: the simulator's name; `temperature, nominal`: functions that
-    return the simulation and the nominal temperature in degrees Celsius, given the deck's own scope; `swept`: names
-    that a command sweeps, with the command and its place; `redefined`: a parameter that is defined twice, if there
-    is one; `watch`: what the present evaluation used.
+    `rules`: the dialect's rules, which include the names; `label`: the simulator's name; `temperature, nominal`:
+    functions that return the simulation and the nominal temperature in degrees Celsius, given the scope of the deck;
+    `swept`: names that a command sweeps, with the command and its position; `redefined`: a parameter that is defined
+    twice, or an empty string; `use`: record of the present evaluation.
     """
 
     rules: ReadingRules
@@ -110,17 +116,17 @@ class BuiltIns:
     nominal: Callable[[Scope], float]
     swept: Mapping[str, tuple[str, Spot]] = field(default_factory=dict)
     redefined: str = ""
-    watch: TemperatureUse = field(default_factory=TemperatureUse)
+    use: TemperatureUse = field(default_factory=TemperatureUse)
     _known: dict[str, float] = field(default_factory=dict)
     _busy: bool = False
 
     @property
     def words(self) -> Words:
-        """The dialect's names."""
+        """The reserved names of the dialect."""
         return self.rules.words
 
     def value(self, name: str, scope: Scope) -> float | None:
-        """Return the value of a built-in name, or None for other names; raise ReservedNameError where there is none."""
+        """Return the value of a built-in name, None for other names; raise ReservedNameError if it has no value."""
         words = self.words
         if name in words.temperature or name in words.nominal:
             self._refuse_redefined(name, scope, "its temperature")
@@ -128,28 +134,32 @@ class BuiltIns:
         if name in words.variables:
             raise ReservedNameError(
                 f"{name!r} is a reserved name of {self.label} ({words.variables[name]}), which has no value here: "
-                f"{'rename the parameter' if scope.defines(name) else 'write the number that is meant'}"
+                f"{'rename the parameter' if scope.defines(name) else 'write a number'}"
             )
         if name in words.functions:
-            text = f"{self.label} takes {name!r} for its function of that name: "
+            text = f"{name!r} is a function of {self.label}: "
             remedy = "rename the parameter" if scope.defines(name) else f"write {name}(...)"
             raise ReservedNameError(text + remedy)
         if name in self.swept and not scope.defines(name):
             command, place = self.swept[name]
-            text = f"{name!r} is given by {command} ({place}) only, which asks for several runs: add .param {name}=..."
+            text = (
+                f"{name!r} is defined only by {command} ({place}), which requests several runs: add .param {name}=..."
+            )
             raise ReservedNameError(text)
         if name in words.constants and not scope.defines(name):
             return words.constants[name]
         return None
 
-    def _refuse_redefined(self, name: str, scope: Scope, what: str) -> None:
+    def _refuse_redefined(self, name: str, scope: Scope, meaning: str) -> None:
+        """Raise ReservedNameError if the deck defines a name that the dialect gives another meaning."""
         if scope.defines(name):
-            text = f"{self.label} takes {name!r} for {what}, whatever the deck defines: rename the parameter"
+            text = f"{self.label} takes {name!r} for {meaning} even if the deck defines it: rename the parameter"
             raise ReservedNameError(text)
 
     def _celsius(self, name: str, scope: Scope) -> float:
+        """Return the temperature or nominal temperature, in degrees Celsius, and record its use."""
         kind = "nominal" if name in self.words.nominal else "temperature"
-        self.watch.used |= kind == "temperature"
+        self.use.used |= kind == "temperature"
         if kind not in self._known:
             if self._busy:
                 raise ReservedNameError(f"the temperature of the deck is defined by {name!r} itself: write the number")
@@ -163,7 +173,10 @@ class BuiltIns:
 
 @dataclass(eq=False)
 class Scope:
-    """The values that a block's parameters have in one of its uses."""
+    """Values of a block's parameters in one instance of the block.
+
+    `outer`: scope of the enclosing block; `given`: values that the instance passes, by name in lower case.
+    """
 
     block: Block
     diagnostics: Diagnostics
@@ -171,28 +184,26 @@ class Scope:
     given: Mapping[str, float] = field(default_factory=dict)
     built_ins: BuiltIns | None = None
     _known: dict[str, float] = field(default_factory=dict)
-    _warm: dict[str, TemperatureUse] = field(
-        default_factory=dict
-    )  # parameters that depend on the simulation temperature
+    _temperature_uses: dict[str, TemperatureUse] = field(default_factory=dict)  # of parameters that depend on it
     _busy: list[str] = field(default_factory=list)
     _deep: bool = False
-    _calls: int = 0  # of functions, for one value; counted by the outermost scope
+    _calls: int = 0  # of functions during one evaluation; counted by the outermost scope
 
     def __post_init__(self) -> None:
         if self.built_ins is None and self.outer is not None:
             self.built_ins = self.outer.built_ins
-        # forwards and, for those that refer to later ones, backwards, one step at a time
+        # in order, then in reverse order for parameters that refer to later ones; each evaluation is one step deep
         for name in (*self.block.parameters, *reversed(self.block.parameters)):
             try:
                 self.parameter(name)
             except (ExpressionError, CardError, ReservedNameError):
-                continue  # reported where it is used
+                continue  # reported where the parameter is used
         self._deep = True
         if self.built_ins is not None and self.built_ins.rules.refusals.idle_parameters:
             self._note_idle()
 
     def _note_idle(self) -> None:
-        """Note definitions without a value, at which the simulator stops whether or not they are needed."""
+        """Add warnings about parameters without a value, at which the simulator may stop even if they are unused."""
         idle = [name for name in self.block.parameters if name not in self._known]
         for name in idle[:_MOST_NOTED]:
             definition = self.block.parameters[name]
@@ -201,64 +212,64 @@ class Scope:
             except (ExpressionError, CardError, ReservedNameError) as error:
                 if "statistical" not in str(error):
                     label = definition.card.rules.name
-                    text = f"the parameter {name} has no value, and {label} may stop at it even if nothing needs it"
+                    text = f"the parameter {name} has no value, and {label} may stop at it even if it is unused"
                     self.diagnostics.doubt(definition.card.spot(definition.token.offset), text)
 
     def parameter(self, name: str) -> float | None:
-        """Value of a parameter, here or further out; None if there is none."""
+        """Return the value of a parameter in this scope or an enclosing one; None if it is undefined."""
         if name in self.given:
             return self.given[name]
         if name in self._known:
-            if self.built_ins is not None and name in self._warm:
-                self.built_ins.watch.add(self._warm[name])
+            if self.built_ins is not None and name in self._temperature_uses:
+                self.built_ins.use.add(self._temperature_uses[name])
             return self._known[name]
         definition = self.block.parameters.get(name)
         if definition is None:
             return None if self.outer is None else self.outer.parameter(name)
         if name in self._busy:
-            raise definition.error(f"parameters define each other in a circle: {' -> '.join([*self._busy, name])}")
+            raise definition.error(f"parameters define each other in a cycle: {' -> '.join([*self._busy, name])}")
         if len(self._busy) >= (MAX_CHAIN if self._deep else 1):
-            raise definition.error(f"parameters refer to each other over {MAX_CHAIN} deep")
+            raise definition.error(f"parameters refer to each other more than {MAX_CHAIN} deep: define them in order")
         self.outermost._calls = 0
-        with self.watched() as watch:
+        with self.recorded() as use:
             self._known[name] = self._value_of(definition, name, self.named)
-        if watch.used:
-            self._warm[name] = watch
+        if use.used:
+            self._temperature_uses[name] = use
         return self._known[name]
 
     def defines(self, name: str) -> bool:
-        """Return whether the deck defines a parameter of this name, here or further out."""
+        """Return whether this scope or an enclosing one defines a parameter of this name."""
         own = name in self.given or name in self.block.parameters
         return own or (self.outer is not None and self.outer.defines(name))
 
     def named(self, name: str) -> float | None:
-        """Return the value of a name in an expression: a built-in one or a parameter; None for unknown names."""
+        """Return the value of a built-in name or a parameter in an expression; None for unknown names."""
         value = None if self.built_ins is None else self.built_ins.value(name, self)
         return self.parameter(name) if value is None else value
 
     @contextmanager
-    def watched(self) -> Iterator[TemperatureUse]:
-        """Record what evaluations within the block use; what depends on the temperature reaches the block around."""
-        watch, built_ins = TemperatureUse(), self.built_ins
+    def recorded(self) -> Iterator[TemperatureUse]:
+        """Record the use of the temperature in evaluations inside the ``with`` block, and in nested records."""
+        use, built_ins = TemperatureUse(), self.built_ins
         if built_ins is None:
-            yield watch
+            yield use
             return
-        around, built_ins.watch = built_ins.watch, watch
+        outer, built_ins.use = built_ins.use, use
         try:
-            yield watch
+            yield use
         finally:
-            built_ins.watch = around
-            if watch.used:
-                around.add(watch)
+            built_ins.use = outer
+            if use.used:
+                outer.add(use)
 
     def function(self, name: str, values: list[float], lookup: Lookup) -> float | None:
-        """Value of a function that the deck defines, None if it does not; ``lookup`` knows names where it is called."""
-        home = self.of(self.block.home_of_function(name))
+        """Return the value of a function of the deck, None if it is undefined; ``lookup`` has the names at the call."""
+        home = self.scope_of(self.block.block_of_function(name))
         if home is not self:
             return home.function(name, values, lookup)
         definition = self.block.functions.get(name)
         if definition is None:
-            self._note_cold(_shown_call(name, values))
+            self._note_unsupported(_shown_call(name, values))
             return None
         key = f"{name}()"
         if len(values) != len(definition.arguments):
@@ -269,27 +280,29 @@ class Scope:
         if self.outermost._calls > MAX_CALLS:
             raise BudgetError(
                 f"{definition.card.spot(definition.token.offset)}: one value takes more than {MAX_CALLS:,} calls of "
-                "functions that call each other; give what they repeat a parameter of its own"
+                "functions that call each other; define a parameter for the repeated part"
             )
         given = dict(zip(definition.arguments, values, strict=True))
-        further = lookup if definition.card.rules.puts_in_text else self.named
-        return self._value_of(definition, key, lambda name: given[name] if name in given else further(name))
+        other_names = lookup if definition.card.rules.puts_in_text else self.named
+        return self._value_of(definition, key, lambda name: given[name] if name in given else other_names(name))
 
     def _value_of(self, definition: Definition, key: str, lookup: Lookup) -> float:
+        """Evaluate a definition, with its key on the stack of definitions under evaluation."""
         self._busy.append(key)
         try:
             return self._evaluated(definition.card, definition.token, lookup)
         finally:
             self._busy.pop()
 
-    def _note_cold(self, name: str) -> None:
-        """Note a function or operator that the dialect does not have in expressions of the temperature."""
+    def _note_unsupported(self, name: str) -> None:
+        """Record a function or operator that the dialect does not support in expressions of the temperature."""
         if self.built_ins is not None and (name in self.built_ins.words.cold or " of " in name):
-            self.built_ins.watch.add(TemperatureUse(cold=name))
+            self.built_ins.use.add(TemperatureUse(unsupported=name))
 
     def _evaluated(self, card: Card, token: Token, lookup: Lookup) -> float:
+        """Return the value of an expression; raise CardError at its position."""
         for operator in card.rules.words.cold & set(token.text):
-            self._note_cold(operator)
+            self._note_unsupported(operator)
         try:
             return evaluate(token.text, card.rules, lookup, self.function)
         except ExpressionError as error:
@@ -300,19 +313,19 @@ class Scope:
         """The scope of the deck itself."""
         return self if self.outer is None else self.outer.outermost
 
-    def of(self, block: Block) -> Scope:
-        """The scope of a block here or further out."""
-        return self if self.block is block or self.outer is None else self.outer.of(block)
+    def scope_of(self, block: Block) -> Scope:
+        """Return the scope of this block or an enclosing one."""
+        return self if self.block is block or self.outer is None else self.outer.scope_of(block)
 
     def number(self, card: Card, token: Token, lookup: Lookup | None = None) -> float:
-        """Value of a token of a card; ``lookup`` knows the names in formulas, the scope's own if it is None."""
+        """Return the value of a numeral, name or expression; ``lookup`` replaces this scope's names."""
         computed = lookup is not None
         lookup = lookup or self.named
         self.outermost._calls = 0
         if token.kind == "expression" or (token.kind == "string" and (computed or not card.rules.words.drops_quotes)):
             return self._evaluated(card, token, lookup)
         if token.kind == "mark":
-            raise card.error(token.offset, f"{token.text!r} was not expected here; a value was")
+            raise card.error(token.offset, f"unexpected {token.text!r}; expected a value")
         numeral = parse_numeral(token.text, card.rules, computed=computed)
         if numeral is None:
             refuse_quotes(card, token)
@@ -326,7 +339,7 @@ class Scope:
         words = card.rules.words
         if words.temperature_in_values and name in words.temperature:
             raise card.error(
-                token.offset, f"{card.rules.name} knows {token.text!r} within braces only: {{{token.text}}}"
+                token.offset, f"{card.rules.name} knows {token.text!r} in braces only: write {{{token.text}}}"
             )
         try:
             value = lookup(name)
@@ -334,17 +347,17 @@ class Scope:
             raise card.error(token.offset, str(reserved)) from None
         if card.rules.refusals.redefinitions and self.built_ins is not None and self.built_ins.redefined:
             text = (
-                f"{card.rules.name} may forget {token.text!r} here, for {self.built_ins.redefined} is defined twice: "
+                f"{card.rules.name} may lose {token.text!r} here, because {self.built_ins.redefined} is defined twice: "
                 f"write {{{token.text}}}, or delete the first definition"
             )
             raise card.error(token.offset, text)
         if value is None:
-            raise card.error(token.offset, f"{token.text!r} is neither a number nor a parameter nor a known model")
+            raise card.error(token.offset, f"{token.text!r} is neither a number nor a known parameter or model")
         return value
 
 
 def _shown_call(name: str, values: list[float]) -> str:
-    """Return the name of a function, with what is special in its arguments."""
+    """Return the name of a function, with a property of its arguments that some dialects do not support."""
     if name in ("min", "max") and len(values) == 3:
         return f"{name} of three arguments"
     return f"{name} of a negative number" if name in ("pow", "pwr") and values and values[0] < 0 else name

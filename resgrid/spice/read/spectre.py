@@ -1,4 +1,4 @@
-"""Spectre's own language where it differs from SPICE: statements begin with words, elements are instances."""
+"""Syntax of Spectre that differs from SPICE: statements begin with keywords, elements are instances of masters."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PRIMITIVES = {
     "bsource": "b",
     "iprobe": "v",
 }
-"""Masters that are read, and the letter of SPICE's element."""
+"""Masters that can be read, and the letter of the SPICE element."""
 
 STATEMENTS = {
     "subckt": ".subckt",
@@ -33,7 +33,7 @@ STATEMENTS = {
     "unprotect": ".unprotect",
     "statistics": ".mc",
 }
-"""What statements begin with, and the dot command of SPICE that says the same."""
+"""Keywords of statements, and the equivalent dot commands of SPICE."""
 
 _ANALYSES = (
     "dc ac tran noise xf sp stb sens pz hb pss pac pnoise pxf psp pstb qpss qpac qpnoise envlp dcmatch info check "
@@ -57,27 +57,27 @@ _WORDS = {dot: word for word, dot in STATEMENTS.items()} | {".option": "options"
 
 
 def word_for(rules: ReadingRules, dot: str) -> str:
-    """What a dialect calls a command that SPICE calls so."""
+    """Return the dialect's keyword for a dot command of SPICE."""
     return _WORDS.get(dot, dot) if rules.instances else dot
 
 
 def words_of(card: Card) -> list[str]:
-    """Words in front of the first ``key=``, parentheses left out."""
+    """Return the words before the first ``key=``, without parentheses."""
     head, keyed, _ = card.text.partition("=")
     words = head.replace("(", " ").replace(")", " ").split()
     return words[:-1] if keyed else words
 
 
 def statement_of(card: Card) -> str:
-    """The dot command of SPICE that a statement corresponds to; empty for an instance."""
+    """Return the dot command of SPICE that corresponds to a statement; empty for an instance."""
     words = words_of(card) or [card.text.split()[0]]
     if words[0] in _REFUSED:
-        raise card.error(0, f"{words[0]} is not understood; write out what it stands for")
+        raise card.error(0, f"the statement {words[0]} is not supported; replace it by the elements that it defines")
     return STATEMENTS.get(words[0]) or (_MASTERS.get(words[-1], "") if len(words) > 1 else "")
 
 
 def command_of(card: Card, dot: str) -> str:
-    """What a card itself calls its command: in Spectre its first word or its master."""
+    """Return the name of a card's command as written: in Spectre the keyword or the master."""
     words = words_of(card)
     if not card.rules.instances or not words:
         return dot
@@ -85,7 +85,7 @@ def command_of(card: Card, dot: str) -> str:
 
 
 def letter_of(card: Card, block: Block) -> str:
-    """Letter of the SPICE element that an instance is: that of its master, or of the master's model."""
+    """Return the letter of the SPICE element for an instance, from its master or its model; "x" for a subcircuit."""
     master = (words_of(card) or [""])[-1]
     model = block.model(master.lower())
     if model is not None and model.kind not in PRIMITIVES:
@@ -94,7 +94,7 @@ def letter_of(card: Card, block: Block) -> str:
 
 
 def source_value(card: Card, pairs: list[Setting], scope: Scope) -> tuple[float, float]:
-    """Value at direct current of a source, and how many lie in parallel."""
+    """Return the value of a source at direct current, and the number of parallel sources."""
     values: dict[str, float] = {}
     waveform = False
     for pair in pairs:
@@ -103,7 +103,7 @@ def source_value(card: Card, pairs: list[Setting], scope: Scope) -> tuple[float,
         elif pair.key in _WAVEFORMS or (pair.key == "type" and pair.values[0].text != "dc"):
             waveform = True
         elif pair.key != "type" and pair.key not in _SMALL_SIGNAL:
-            raise card.error(pair.offset, f"{pair.key!r} is not understood in a source at direct current")
+            raise card.error(pair.offset, f"{pair.key!r} is not supported in a source at direct current")
     if waveform and "dc" not in values:
-        raise card.error(None, "a source with a waveform alone: say its value at direct current, dc=...")
+        raise card.error(None, "a source with a waveform only: add its value at direct current, dc=...")
     return values.get("dc", 0.0), values.get("m", 1.0)

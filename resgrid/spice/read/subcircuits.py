@@ -1,4 +1,4 @@
-"""Subcircuits in place of their calls: each block is flattened once per set of parameters, and then stamped."""
+"""Expansion of subcircuits: each one is flattened once per set of parameter values and copied to its instances."""
 
 from __future__ import annotations
 
@@ -23,9 +23,13 @@ from resgrid.spice.read.spectre import PRIMITIVES, word_for
 from resgrid.spice.read.temperature import refuse_temperature
 
 MAX_DEPTH = 50
+"""Maximum nesting depth of subcircuits."""
+
 MAX_ELEMENTS = 20_000_000
+"""Maximum number of elements after expansion."""
+
 FREE_GROWTH, MAX_GROWTH = 500_000, 5000
-"""Elements that a deck may grow to whatever its size, and per card beyond."""
+"""Number of elements that every deck may expand to, and number per card that large decks may expand to."""
 
 _OWN_MULTIPLIER = re.compile(r"^[^vs].*[\s,]m\s*=", re.IGNORECASE)
 
@@ -33,8 +37,8 @@ _BLANK = re.compile(r"\s")
 
 
 @dataclass(frozen=True, eq=False)
-class Call:
-    """An ``X`` card: nodes, the subcircuit, what it is given."""
+class Instance:
+    """An instance of a subcircuit (``X`` card): its nodes, its subcircuit, and the parameters that it passes."""
 
     card: Card
     name: str
@@ -44,65 +48,69 @@ class Call:
 
 
 @dataclass(frozen=True, eq=False)
-class Flat:
-    """A subcircuit with given parameters, flattened: its nodes (ports first) and its elements."""
+class FlatSubcircuit:
+    """A flattened subcircuit with given parameter values.
+
+    `names`: names of its nodes, ports first; `ports`: number of ports; `is_global`: per node, whether it is global or
+    ground; `parts`: elements by kind.
+    """
 
     names: tuple[str, ...]
     ports: int
-    common: tuple[bool, ...]
+    is_global: tuple[bool, ...]
     parts: dict[str, ElementArrays]
 
 
 @dataclass(eq=False)
 class Expander:
-    """Flattens blocks, each once per set of parameters.
+    """Expansion of blocks; each block is flattened once per set of parameter values.
 
-    `nominal`: the deck's nominal temperature, in degrees Celsius; `heating`: how far its temperature lies above
-    that, in kelvin; `used`: names of blocks that are called.
+    `nominal`: nominal temperature of the deck, in degrees Celsius; `heating`: its temperature minus the nominal one,
+    in kelvin; `used`: names of the subcircuits with instances.
     """
 
     contents: Contents
     nominal: float
     heating: float = 0.0
     used: set[str] = field(default_factory=set)
-    _flats: dict[tuple[Scope, Block, tuple[tuple[str, float], ...]], Flat] = field(default_factory=dict)
-    _calls: dict[Card, Call] = field(default_factory=dict)
+    _flats: dict[tuple[Scope, Block, tuple[tuple[str, float], ...]], FlatSubcircuit] = field(default_factory=dict)
+    _instances: dict[Card, Instance] = field(default_factory=dict)
     _sizes: dict[Block, int] = field(default_factory=dict)
 
     def elements(self) -> Elements:
-        """Elements of a block, none yet."""
+        """Return an empty collection of elements for a block."""
         nodes = NodeTable(self.contents.grounds, exact=self.contents.rules.instances)
         return Elements(nodes, self.nominal, self.heating)
 
     def fill(self, scope: Scope, elements: Elements, cards: Iterable[Card]) -> None:
-        """Read the cards of a block into its elements, calls expanded."""
-        groups: dict[Flat, list[tuple[Call, float]]] = {}
+        """Add the elements of the cards of a block, with instances expanded; CardErrors are collected."""
+        groups: dict[FlatSubcircuit, list[tuple[Instance, float]]] = {}
         names: set[str] = set()
         for card in cards:
             try:
                 letter = letter_of(card, scope.block)
-                self._judge_names(card, letter)
+                self._check_names(card, letter)
                 if letter == "x":
-                    call = self._call(card, scope.block)
-                    if call.name.lower() in names:
-                        raise card.error(0, f"{call.name} is called twice; instances need names of their own")
-                    names.add(call.name.lower())
-                    given, factor = self._given(call, scope)
-                    groups.setdefault(self._flat(call, given, scope), []).append((call, factor))
+                    instance = self._instance(card, scope.block)
+                    if instance.name.lower() in names:
+                        raise card.error(0, f"two instances are named {instance.name}: rename one")
+                    names.add(instance.name.lower())
+                    given, factor = self._given(instance, scope)
+                    groups.setdefault(self._flat(instance, given, scope), []).append((instance, factor))
                 else:
                     read_element(card, letter, scope, elements)
             except CardError as error:
                 scope.diagnostics.error(error)
-        for flat, calls in groups.items():
-            _stamp(flat, calls, elements)
+        for flat, instances in groups.items():
+            _stamp(flat, instances, elements)
         if elements.nodes.clashes:
             raise InputError(
                 f"{', '.join(sorted(set(elements.nodes.clashes)))} and nodes that differ by case alone are different "
-                f"nodes in {self.contents.rules.name}, one here: rename some"
+                f"nodes in {self.contents.rules.name}, but one node here: rename some"
             )
 
-    def _judge_names(self, card: Card, letter: str) -> None:
-        """Raise CardError for a node whose name the dialect's simulator misreads; note blanks in quoted names."""
+    def _check_names(self, card: Card, letter: str) -> None:
+        """Raise CardError for a node name that the dialect's simulator misreads; warn about blanks in quoted names."""
         misread = card.rules.words.misread.get("node", ())
         if any(name in card.text.lower() for name in misread):
             tokens = [token for token in tokenise(card)[1:] if token.kind != "mark"]
@@ -114,7 +122,7 @@ class Expander:
                     break
 
     def _note_blank(self, card: Card, name: str, offset: int) -> None:
-        """Note a blank in a quoted name, by its consequence for the dialect's simulator."""
+        """Add a warning about a blank in a quoted name, with its consequence for the dialect's simulator."""
         rules, diagnostics = card.rules, self.contents.diagnostics
         if rules.refusals.blank_names == "fails":
             diagnostics.refuse(card.spot(offset), f"{rules.name} cuts the quoted name {name} at its blank, and stops")
@@ -123,18 +131,23 @@ class Expander:
             diagnostics.doubt(card.spot(offset), text)
 
     def check_size(self, limit: int | None) -> None:
-        """Refuse decks that call themselves or grow beyond measure, before anything is expanded."""
+        """Check the size of the expanded deck before the expansion.
+
+        Raises BudgetError above `limit` elements (None: a limit by the number of cards).  Recursive subcircuits are
+        collected as errors.
+        """
         top = self.contents.top
         count = self._size(top, [])
-        cards = len(self._calls) + len(top.cards)
+        cards = len(self._instances) + len(top.cards)
         allowed = min(MAX_ELEMENTS, max(FREE_GROWTH, MAX_GROWTH * cards)) if limit is None else limit
         if count > allowed:
             raise BudgetError(
-                f"the deck has {count:.3g} elements once subcircuits are expanded; at most {allowed:,} are read from "
-                "one of its size; if that is meant, allow more (max_elements)"
+                f"the deck has {count:.3g} elements after its subcircuits are expanded; at most {allowed:,} are read "
+                "from a deck of its size; to read it, raise max_elements"
             )
 
     def _size(self, block: Block, path: list[Block]) -> int:
+        """Return the number of elements of an expanded block; `path` are the enclosing blocks."""
         if block in self._sizes:
             return self._sizes[block]
         count = 0
@@ -143,26 +156,27 @@ class Expander:
                 if letter_of(card, block) != "x":
                     count += 1
                     continue
-                call = self._call(card, block)
-                if call.block in path or call.block is block:
-                    raise card.error(0, f"the subcircuit {call.block.name!r} contains itself")
+                instance = self._instance(card, block)
+                if instance.block in path or instance.block is block:
+                    raise card.error(0, f"the subcircuit {instance.block.name!r} contains itself")
                 if len(path) >= MAX_DEPTH:
                     raise card.error(0, f"subcircuits are nested more than {MAX_DEPTH} deep")
             except CardError as error:
                 self.contents.diagnostics.error(error)
                 continue
-            count += max(1, self._size(call.block, [*path, block]))
+            count += max(1, self._size(instance.block, [*path, block]))
         self._sizes[block] = count
         return count
 
-    def _call(self, card: Card, block: Block) -> Call:
-        if card in self._calls:
-            return self._calls[card]
+    def _instance(self, card: Card, block: Block) -> Instance:
+        """Return the instance that a card describes; raise CardError if it does not match its subcircuit."""
+        if card in self._instances:
+            return self._instances[card]
         tokens = tokenise(card)
         positional, tail = split_call(joined_names(card, tokens, len(tokens)))
         if len(positional) < 2 or any(token.kind not in ("word", "string") for token in positional):
             raise card.error(None, f"{card.text.split()[0]} needs its nodes and the name of a subcircuit")
-        instance, *terminals, name = positional
+        label, *terminals, name = positional
         target = block.block(name.text.lower())
         if target is None:
             known_masters = f", or write {', '.join(PRIMITIVES)}" if card.rules.instances else ""
@@ -170,69 +184,71 @@ class Expander:
             raise card.error(name.offset, text)
         nodes = tuple(token.text for token in terminals)
         if len(nodes) != len(target.ports):
-            text = f"{instance.text} has {len(nodes)} node(s), but {target.name} has {len(target.ports)}"
+            text = f"{label.text} has {len(nodes)} node(s), but {target.name} has {len(target.ports)}"
             raise card.error(name.offset, text)
         for port, node in zip(target.ports, nodes, strict=True):
-            grounds = self.contents.grounds - self.contents.common
+            grounds = self.contents.grounds - self.contents.global_nodes
             if port.lower() in grounds and node.lower() not in grounds:
                 text = f"the terminal {port} of {target.name} is ground itself, and {node} is not: rename the terminal"
                 raise card.error(name.offset, text)
         pairs = assignments(card, tail)
         self.contents.note_comma(card, pairs)
-        call = Call(card, instance.text, nodes, target, tuple(pairs))
-        self._calls[card] = call
-        return call
+        instance = Instance(card, label.text, nodes, target, tuple(pairs))
+        self._instances[card] = instance
+        return instance
 
-    def _given(self, call: Call, scope: Scope) -> tuple[dict[str, float], float]:
-        """Return the values that a call gives to the subcircuit's parameters, and the number of copies in parallel."""
-        rules, block = call.card.rules, call.block
+    def _given(self, instance: Instance, scope: Scope) -> tuple[dict[str, float], float]:
+        """Return the parameter values that an instance passes, and its multiplier (number of parallel copies)."""
+        rules, block = instance.card.rules, instance.block
         given: dict[str, float] = {}
         factor = 1.0
         named: dict[str, set[str]] = {}
-        for setting in self._ordered(call, scope):
+        for setting in self._ordered(instance, scope):
             names = named.setdefault(setting.key, set())
-            value = self._given_value(call, setting, scope, given, names)
+            value = self._given_value(instance, setting, scope, given, names)
             if setting.key == "m" and "m" not in block.defaults:
-                factor = multiplier(call.card, value)
+                factor = multiplier(instance.card, value)
                 if rules.replaces_multipliers:
-                    self._refuse_multiplier(call, setting, scope, factor)
+                    self._refuse_multiplier(instance, setting, scope, factor)
             elif setting.key in block.parameters:
                 given[setting.key] = value
             else:
                 text = f"{block.name} has no parameter {setting.key!r}; only {sorted(block.parameters)}"
-                raise call.card.error(setting.offset, text)
+                raise instance.card.error(setting.offset, text)
         if rules.puts_in_text:
-            self._refuse_captured(call, scope, given, named)
+            self._refuse_captured(instance, scope, given, named)
         return given, factor
 
     def _given_value(
-        self, call: Call, setting: Setting, scope: Scope, given: dict[str, float], names: set[str]
+        self, instance: Instance, setting: Setting, scope: Scope, given: dict[str, float], names: set[str]
     ) -> float:
-        """Evaluate one value of a call; enter the names that it refers to."""
+        """Return one parameter value of an instance; add the names in its expression to `names`."""
         inner: list[Scope] = []
 
         def looked_up(name: str) -> float | None:
+            """Return the value of a name where the instance stands, or in some dialects inside the subcircuit."""
             names.add(name)
             value = scope.named(name)
-            if value is None and call.card.rules.words.inner_names and name != setting.key:
-                inner[:] = inner or [Scope(call.block, scope.diagnostics, scope, given)]
+            if value is None and instance.card.rules.words.inner_names and name != setting.key:
+                inner[:] = inner or [Scope(instance.block, scope.diagnostics, scope, given)]
                 return inner[0].named(name)
             return value
 
-        with scope.watched() as watch:
-            value = scope.number(call.card, setting.values[0], looked_up)
-        if watch.used:
-            refuse_temperature(call.card, setting.offset, f"{setting.key}= of {call.name}")
+        with scope.recorded() as use:
+            value = scope.number(instance.card, setting.values[0], looked_up)
+        if use.used:
+            refuse_temperature(instance.card, setting.offset, f"{setting.key}= of {instance.name}")
         return value
 
-    def _ordered(self, call: Call, scope: Scope) -> list[Setting]:
-        """Return what a call gives, the last of several values of one name, each behind those that it refers to."""
-        last = {setting.key: setting for setting in call.given}
-        if not call.card.rules.words.inner_names or len(last) < 2:
+    def _ordered(self, instance: Instance, scope: Scope) -> list[Setting]:
+        """Return the parameters of an instance, each after those that it refers to; of equal names the last counts."""
+        last = {setting.key: setting for setting in instance.given}
+        if not instance.card.rules.words.inner_names or len(last) < 2:
             return list(last.values())
         ordered: dict[str, Setting] = {}
 
         def visit(setting: Setting, path: tuple[str, ...]) -> None:
+            """Add the parameters that a value refers to, then the parameter itself (depth first)."""
             for name in sorted(names_in(setting.values[0].text)):
                 if name in last and name not in ordered and name not in path and not scope.defines(name):
                     visit(last[name], (*path, name))
@@ -242,47 +258,54 @@ class Expander:
             visit(setting, (setting.key,))
         return list(ordered.values())
 
-    def _refuse_captured(self, call: Call, scope: Scope, given: dict[str, float], named: dict[str, set[str]]) -> None:
-        """Refuse names in what a call gives that mean another value in the subcircuit, where they are looked up."""
+    def _refuse_captured(
+        self, instance: Instance, scope: Scope, given: dict[str, float], named: dict[str, set[str]]
+    ) -> None:
+        """Raise CardError for a name in an instance's expression that has another value inside the subcircuit.
+
+        The dialect's simulator looks the name up there, other simulators where the instance stands.
+        """
         doubtful = [
             (setting, name)
-            for setting in call.given
+            for setting in instance.given
             for name in named[setting.key] - {setting.key}
-            if name in call.block.parameters and scope.defines(name)
+            if name in instance.block.parameters and scope.defines(name)
         ]
         if not doubtful:
             return
-        inside = Scope(call.block, scope.diagnostics, scope, given)
+        inside = Scope(instance.block, scope.diagnostics, scope, given)
         for setting, name in sorted(doubtful, key=lambda one: (one[0].offset, one[1])):
             if inside.parameter(name) != scope.parameter(name):
-                raise call.card.error(
+                dialect, block = instance.card.rules.name, instance.block.name
+                raise instance.card.error(
                     setting.offset,
-                    f"{call.card.rules.name} takes {name} in {setting.key}= for the {name} of {call.block.name}, other "
-                    f"simulators for the one where {call.name} stands: rename one of them",
+                    f"{dialect} takes {name} in {setting.key}= for the {name} of {block}, other simulators for the "
+                    f"{name} outside: rename one of them",
                 )
 
-    def _refuse_multiplier(self, call: Call, setting: Setting, scope: Scope, factor: float) -> None:
-        """Refuse ``m=`` of a call where it is not the number of subcircuits in parallel."""
-        dialect = call.card.rules.name
-        texts = [card.text for card in call.block.cards]
+    def _refuse_multiplier(self, instance: Instance, setting: Setting, scope: Scope, factor: float) -> None:
+        """Raise CardError for ``m=`` of an instance where the simulator does not take it for the number of copies."""
+        dialect = instance.card.rules.name
+        texts = [card.text for card in instance.block.cards]
         own = [text for text in texts if _OWN_MULTIPLIER.search(text)]
         deep = [text for text in texts if text[0] in "xX" or (text[0] in "sS" and factor != 1)]
         if own or deep:
-            what = f"takes the place of that of {own[0].split()[0]}" if own else f"does not reach {deep[0].split()[0]}"
-            text = f"in {dialect} this m= {what}: call {call.block.name} several times instead"
-            raise call.card.error(setting.offset, text)
-        if "m" in call.block.parameters or scope.parameter("m") is not None:
-            text = f"in {dialect} this m= changes the parameter m, too: rename the parameter"
-            raise call.card.error(setting.offset, text)
+            effect = f"replaces that of {own[0].split()[0]}" if own else f"does not reach {deep[0].split()[0]}"
+            text = f"in {dialect} this m= {effect}: use {instance.block.name} several times instead"
+            raise instance.card.error(setting.offset, text)
+        if "m" in instance.block.parameters or scope.parameter("m") is not None:
+            text = f"in {dialect} this m= also changes the parameter m: rename the parameter"
+            raise instance.card.error(setting.offset, text)
 
-    def _flat(self, call: Call, given: dict[str, float], outer: Scope) -> Flat:
-        block = call.block
+    def _flat(self, instance: Instance, given: dict[str, float], outer: Scope) -> FlatSubcircuit:
+        """Return the flattened subcircuit of an instance with given parameter values."""
+        block = instance.block
         key = (outer, block, tuple(sorted(given.items())))
         if key in self._flats:
             return self._flats[key]
         self.used.add(block.name)
         contents = self.contents
-        shared = next((port for port in block.ports if port.lower() in contents.common), None)
+        shared = next((port for port in block.ports if port.lower() in contents.global_nodes), None)
         if shared is not None:
             command = word_for(contents.rules, ".global")
             kind = command if shared.lower() not in contents.rules.words.common_nodes else "a node of all subcircuits"
@@ -295,21 +318,24 @@ class Expander:
             table.names.append(port)
             table.number[port.lower()] = i
         self.fill(scope, elements, block.cards)
-        everywhere = contents.common | contents.grounds
-        common = tuple(i >= len(block.ports) and name.lower() in everywhere for i, name in enumerate(table.names))
+        everywhere = contents.global_nodes | contents.grounds
+        is_global = tuple(i >= len(block.ports) and name.lower() in everywhere for i, name in enumerate(table.names))
         parts = {kind: part for kind in WIDTHS if len(part := elements.joined(kind))}
-        self._flats[key] = Flat(tuple(table.names), len(block.ports), common, parts)
+        self._flats[key] = FlatSubcircuit(tuple(table.names), len(block.ports), is_global, parts)
         return self._flats[key]
 
 
-def _stamp(flat: Flat, calls: list[tuple[Call, float]], elements: Elements) -> None:
-    """Put a flattened subcircuit in place of every call of it, at once."""
-    factor = np.array([factor for _, factor in calls])
-    place = np.array([(call.card.file, call.card.line) for call, _ in calls], dtype=np.int64)
+def _stamp(flat: FlatSubcircuit, instances: list[tuple[Instance, float]], elements: Elements) -> None:
+    """Add the elements of a flattened subcircuit for all of its instances.
+
+    `instances`: instances and their multipliers.
+    """
+    factor = np.array([factor for _, factor in instances])
+    place = np.array([(instance.card.file, instance.card.line) for instance, _ in instances], dtype=np.int64)
     order = order_of(place)
-    nodes = _node_map(flat, [call for call, _ in calls], order.tolist(), elements.nodes)
+    nodes = _node_map(flat, [instance for instance, _ in instances], order.tolist(), elements.nodes)
     for kind, part in flat.parts.items():
-        values = np.tile(widened(kind, part.values), (len(calls), 1))
+        values = np.tile(widened(kind, part.values), (len(instances), 1))
         each = np.repeat(factor, len(part))[:, np.newaxis]
         if kind in RESISTIVE:
             values[:, : RESISTIVE[kind]] /= each
@@ -317,33 +343,37 @@ def _stamp(flat: Flat, calls: list[tuple[Call, float]], elements: Elements) -> N
             values[:, :1] *= each
         elements.parts[kind].append(
             ElementArrays(
-                partial(_names_of_instances, calls, part),
+                partial(_names_of_instances, instances, part),
                 nodes[:, part.nodes].reshape(-1, part.nodes.shape[1]),
                 values,
-                np.tile(part.place, (len(calls), 1)),
+                np.tile(part.place, (len(instances), 1)),
                 np.repeat(order, len(part)),
             )
         )
 
 
-def _names_of_instances(calls: list[tuple[Call, float]], part: ElementArrays) -> list[str]:
+def _names_of_instances(instances: list[tuple[Instance, float]], part: ElementArrays) -> list[str]:
+    """Return the names of copied elements: instance, point, name in the subcircuit."""
     names = part.names()
-    return [f"{call.name}.{name}" for call, _ in calls for name in names]
+    return [f"{instance.name}.{name}" for instance, _ in instances for name in names]
 
 
-def _node_map(flat: Flat, calls: list[Call], orders: list[int], table: NodeTable) -> NDArray[np.int64]:
-    """Numbers in the table of the subcircuit's nodes, for every call; shape (calls, nodes)."""
-    of = table.of
-    numbers = np.empty((len(calls), len(flat.names)), dtype=np.int64)
+def _node_map(
+    flat: FlatSubcircuit, instances: list[Instance], orders: list[int], table: NodeTable
+) -> NDArray[np.int64]:
+    """Return the numbers of the subcircuit's nodes for every instance, shape (instances, nodes)."""
+    number_of = table.number_of
+    numbers = np.empty((len(instances), len(flat.names)), dtype=np.int64)
     numbers[:, : flat.ports] = [
-        [of(name, order) for name in call.nodes] for call, order in zip(calls, orders, strict=True)
+        [number_of(name, order) for name in instance.nodes] for instance, order in zip(instances, orders, strict=True)
     ]
-    common = np.array(flat.common, dtype=np.bool_)
-    numbers[:, common] = [of(flat.names[i], orders[0]) for i in np.flatnonzero(common).tolist()]
-    own = np.flatnonzero(~common)[flat.ports :]
+    is_global = np.array(flat.is_global, dtype=np.bool_)
+    numbers[:, is_global] = [number_of(flat.names[i], orders[0]) for i in np.flatnonzero(is_global).tolist()]
+    own = np.flatnonzero(~is_global)[flat.ports :]
     names = [flat.names[i] for i in own.tolist()]
-    inner = table.of_instances(
-        [f"{call.name}.{name}" for call in calls for name in names], [order for order in orders for _ in names]
+    inner = table.numbers_in_instances(
+        [f"{instance.name}.{name}" for instance in instances for name in names],
+        [order for order in orders for _ in names],
     )
-    numbers[:, own] = inner.reshape(len(calls), len(own))
+    numbers[:, own] = inner.reshape(len(instances), len(own))
     return numbers

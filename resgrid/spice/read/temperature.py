@@ -1,4 +1,4 @@
-"""Places and forms in which a simulator does not know the temperature."""
+"""Checks for expressions of the temperature that a simulator does not evaluate."""
 
 from __future__ import annotations
 
@@ -8,33 +8,33 @@ from resgrid.spice.read.cards import Card
 from resgrid.spice.read.scopes import TemperatureUse
 
 
-def refuse_cold(card: Card, watch: TemperatureUse, ohms: float | None) -> None:
-    """Raise CardError for a resistance that the dialect's simulator does not evaluate at a temperature."""
+def refuse_unsupported(card: Card, use: TemperatureUse, ohms: float | None) -> None:
+    """Raise CardError for an expression of the temperature that the dialect's simulator does not evaluate."""
     words = card.rules.words
-    if not watch.used or not words.temperature_in_values:
+    if not use.used or not words.temperature_in_values:
         return
     name = min(words.temperature)
-    if watch.cold:
-        text = f"{card.rules.name} does not know {watch.cold} in an expression of {name}: write it otherwise"
+    if use.unsupported:
+        text = f"{card.rules.name} does not know {use.unsupported} in an expression of {name}: avoid it there"
         raise card.error(None, text)
     if ohms == 0:
-        raise card.error(None, f"{card.rules.name} has no answer for an expression of {name} that is 0 ohm")
+        raise card.error(None, f"{card.rules.name} fails for an expression of {name} that is 0 ohm: write 0")
 
 
 _DROPPED = ("dtemp", "scale", "tc", "tce", "temp")
 _BASE = 27.0
-"""Temperature from which a B element of ngspice counts, in degrees Celsius."""
+"""Reference temperature of a B element of ngspice, in degrees Celsius."""
 
 
 def refuse_dropped(
-    card: Card, watch: TemperatureUse, keys: Collection[str], nodes: Collection[str], nominal: float
+    card: Card, use: TemperatureUse, keys: Collection[str], nodes: Collection[str], nominal: float
 ) -> None:
     """Raise CardError for parts of a resistor that ngspice drops or misreads when its value depends on the temperature.
 
-    ngspice writes such a resistor as a B element, which knows ``tc1`` and ``tc2`` alone, relative to 27 degrees Celsius
-    whatever the nominal temperature is, and misreads parentheses in the names of its nodes.
+    ngspice replaces such a resistor by a B element.  A B element supports only ``tc1`` and ``tc2``, relative to 27
+    degrees Celsius for every nominal temperature, and misreads parentheses in names of nodes.
     """
-    if not watch.used or not card.rules.words.temperature_in_values:
+    if not use.used or not card.rules.words.temperature_in_values:
         return
     label, where = card.rules.name, "with an expression of the temperature"
     dropped = next((f"{key}=" for key in _DROPPED if key in keys), "the model" if "model" in keys else "")
@@ -50,10 +50,10 @@ def refuse_dropped(
         raise card.error(None, f"{label} misreads the parentheses of the node {bracketed} {where}: rename it")
 
 
-def refuse_temperature(card: Card, offset: int | None, what: str) -> None:
-    """Raise CardError where the dialect's simulator does not know the temperature in an expression."""
+def refuse_temperature(card: Card, offset: int | None, place: str) -> None:
+    """Raise CardError where the dialect's simulator does not know the temperature; `place` names the value."""
     words = card.rules.words
     if words.temperature_in_values:
         name = min(words.temperature)
-        text = f"{card.rules.name} does not know {name} in {what}, only in values of R, C and L: write the number"
+        text = f"{card.rules.name} does not know {name} in {place}, only in values of R, C and L: write the number"
         raise card.error(offset, text)

@@ -1,4 +1,4 @@
-"""What a voltage or current source is worth at direct current."""
+"""Values of voltage and current sources at direct current."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from resgrid.spice.read.cards import Card, Token
 from resgrid.spice.read.scopes import Scope
 
 _DELAYS = {"pulse": (2,), "sin": (3,), "sine": (3,), "exp": (2, 4), "pwl": (), "sffm": ()}
-"""Waveforms that are known here, and which of their values are delays."""
+"""Supported waveforms, and the indices of their values that are delays."""
 
 _OTHER_WAVEFORMS = frozenset(
     ("am", "trnoise", "trrandom", "external", "pat", "pattern", "prbs", "wavefile", "port", "lfsr", "trrand", "pwlz")
@@ -21,7 +21,7 @@ _IGNORED = frozenset({"ac", "distof1", "distof2", "acmag", "acphase"})
 
 @dataclass(frozen=True)
 class SourceValue:
-    """Value of a source at direct current, how many lie in parallel, and a resistance in series, in ohms."""
+    """Value of a source at direct current, number of parallel sources, and series resistance in ohms."""
 
     volts_or_amps: float
     count: float = 1.0
@@ -29,9 +29,9 @@ class SourceValue:
 
 
 def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
-    """Read what follows the nodes of an independent source.
+    """Return the value of an independent source from the tokens after its nodes.
 
-    A value (with or without ``DC``) is the source's; failing that, the waveform's at time 0; failing that, 0.
+    The value is the one with or without ``DC``; if it is missing, the value of the waveform at time 0; otherwise 0.
     """
     rest, keys = tokens[::-1], dict[str, float]()
     value: float | None = None
@@ -50,7 +50,7 @@ def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
         elif word in own_keys and keyed:
             keys[word] = _number(card, token, rest, scope)
         elif word != "dc" and (keyed or word in _OTHER_WAVEFORMS):
-            raise card.error(token.offset, f"{token.text!r} is not understood in a source at direct current")
+            raise card.error(token.offset, f"{token.text!r} is not supported in a source at direct current")
         else:
             stated = _number(card, token, rest, scope) if word == "dc" else scope.number(card, token)
             if waveform is not None and word != "dc":
@@ -68,7 +68,10 @@ def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
 
 
 def _waveform(card: Card, token: Token, rest: list[Token], scope: Scope) -> tuple[Token, list[float], dict[str, float]]:
-    """Take what follows a waveform's word from the tokens that are left, the next one last: values, and keyed ones."""
+    """Consume the values of a waveform from the remaining tokens, which are in reverse order.
+
+    Returns the token of the waveform, its values, and its values with a key.
+    """
     bracketed, word = _takes(rest, "("), token.text.lower()
     values: list[float] = []
     keys: dict[str, float] = {}
@@ -79,54 +82,55 @@ def _waveform(card: Card, token: Token, rest: list[Token], scope: Scope) -> tupl
         elif word == "pwl" and entry.text.lower() in ("r", "td", "repeat"):
             keys[entry.text.lower()] = _number(card, entry, rest, scope)
         else:
-            raise card.error(entry.offset, f"{entry.text!r} is not understood in {word}")
+            raise card.error(entry.offset, f"{entry.text!r} is not supported in {word}")
     if bracketed and not _takes(rest, ")"):
         raise card.error(token.offset, f"the parenthesis after {token.text} is not closed")
     if len(values) < 2:
-        raise card.error(token.offset, f"{token.text} needs two values at least, not {len(values)}")
+        raise card.error(token.offset, f"{token.text} needs at least two values, not {len(values)}")
     return token, values, keys
 
 
 def _takes(rest: list[Token], mark: str) -> bool:
-    """Take a mark, if that is what comes next."""
+    """Consume a mark if it is the next token; return whether it was."""
     return bool(rest) and rest[-1].is_mark(mark) and bool(rest.pop())
 
 
 def _number(card: Card, after: Token, rest: list[Token], scope: Scope) -> float:
-    """Take the number behind a word."""
+    """Consume and return the number after a word."""
     if not rest:
         raise card.error(after.offset, f"{after.text!r} has no value")
     return scope.number(card, rest.pop())
 
 
 def _begins_number(token: Token) -> bool:
+    """Return whether a token is an expression or begins like a numeral."""
     return token.kind == "expression" or (token.kind == "word" and token.text[0] in "0123456789.+-")
 
 
 def _at_zero(card: Card, token: Token, values: list[float], keys: dict[str, float]) -> float:
-    """What a waveform is worth at time 0, where all simulators agree about that."""
+    """Return the value of a waveform at time 0; raise CardError where simulators disagree."""
     text = token.text
     delays = [*(values[i] for i in _DELAYS[text.lower()] if i < len(values)), keys.get("td", 0.0)]
-    wrong = ""
+    problem = ""
     if text.lower() == "sffm":
-        wrong = f"simulators, and versions of ngspice, differ on {text} at time 0"
+        problem = f"simulators, and versions of ngspice, differ on {text} at time 0"
     elif min(delays) < 0:
-        wrong = f"{text} has a negative delay, and has begun at time 0"
+        problem = f"{text} has a negative delay, so it begins before time 0"
     elif text.lower() == "pwl":
         times, levels, now = values[0::2], values[1::2], -keys.get("td", 0.0)
         if len(times) != len(levels):
             raise card.error(token.offset, f"{text} has a time without a value")
         if any(after <= time for time, after in pairwise(times)):
-            wrong = f"the times of {text} do not increase; simulators differ on that"
+            problem = f"the times of {text} do not increase; simulators differ on that"
         elif times[-1] <= now and not keys.keys() <= {"td"}:
-            wrong = f"{text} has repeated itself before time 0"
+            problem = f"{text} repeats before time 0"
         else:
             i = bisect_right(times, now)
             if i in (0, len(times)):
                 return levels[max(i - 1, 0)]
             return levels[i - 1] + (levels[i] - levels[i - 1]) * (now - times[i - 1]) / (times[i] - times[i - 1])
-    if wrong:
-        raise card.error(token.offset, f"{wrong}: say its value at direct current, DC ...")
+    if problem:
+        raise card.error(token.offset, f"{problem}: add its value at direct current, DC ...")
     if text.lower() in ("sin", "sine") and len(values) > 5:
         return values[0] + values[1] * math.sin(math.radians(values[5]))
     return values[0]

@@ -50,7 +50,7 @@ def test_includes_and_sections(root: Path) -> None:
         (".include " + "x" * 5000, "does not exist"),
         (".include lib", "directory"),
         (".include link.inc", "outside"),
-        (".include deck.cir", "circle"),
+        (".include deck.cir", "cycle"),
         (".lib corners.lib ss", "no section 'ss'"),
         (".include", "name of one file"),
         (".include lib/bad.inc", "bad.inc:2:1: D1 is a diode"),
@@ -88,7 +88,7 @@ def test_unknown_dialects_and_roots_are_refused(root: Path) -> None:
     path = write(root, "R1 a 0 1")
     with pytest.raises(InputError, match="hspice, ltspice, ngspice, spectre, xyce"):
         read_spice(path, dialect="berkeley")
-    with pytest.raises(InputError, match="no folder"):
+    with pytest.raises(InputError, match="not a folder"):
         read_spice(path, root=root / "absent")
     path.with_name("deck.cir.json").write_text('{"schema": 1, "dialect": "xyce"}')
     assert read_spice(path).dialect == "xyce"

@@ -120,7 +120,7 @@ def _diagonal_answer(root: float, between: float) -> float:
         ({"connect_four_neighbors_only": "perhaps"}, "neither True nor False"),
         ({"remove_src_or_gnd": "both"}, "keepall"),
         ({"use_mask": True}, "mask_file' is missing"),
-        ({"use_mask": True, "mask_file": "none.asc"}, "leaves no cell"),
+        ({"use_mask": True, "mask_file": "none.asc"}, "removes all cells"),
         ({"use_reclass_table": True}, "use_reclass_table"),
         ({"use_polygons": True, "polygon_file": "half.asc"}, "whole number"),
         ({"use_direct_grounds": "TRUE"}, "only True, true and 1"),

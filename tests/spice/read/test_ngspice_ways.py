@@ -124,7 +124,7 @@ REFUSED = {
     "swapped": ((".param w=3 r=7", SUBCIRCUIT.format("w=2 r=2"), "X1 a 0 s w={r} r={w}"), "rename one"),
     "m= over m=": (
         (".subckt s p q\nR1 p q 1k m=3\n.ends", "X1 a 0 s m=1"),
-        ":7:10: in ngspice this m= takes the place",
+        ":7:10: in ngspice this m= replaces that of",
     ),
     "m= over a switch": (
         (".subckt s p q\nV8 c 0 2\nS1 p q c 0 m\n.ends", ".model m sw(vt=1)", "X1 a 0 s m=2"),
@@ -143,19 +143,19 @@ REFUSED = {
     "a list without a blank": (("R1 a 0 1k tc=1e-3,1e-5",), "write tc1=... tc2=..."),
     "a list of expressions with a comma": (("R1 a 0 1k tc={1m}, {10u}",), "write tc1=... tc2=..."),
     "a list that goes on with a point": (("R1 a 0 1k tc=.01 .001",), "write tc1=... tc2=..."),
-    "a model after an expression": (("R1 a 0 {5} m", ".model m r(r=7)"), ":4:12: ngspice overlooks the model m"),
-    "a model after a parameter": (("R1 a 0 q m", ".param q=5", ".model m r(r=7)"), "write it first"),
-    "a model after a point": (("R1 a 0 .5 m", ".model m r(r=7)"), "write it first"),
-    "two temperatures": (("R1 a 0 1k", ".temp 30 40"), "ignores a .temp of several"),
-    "a temperature without braces": (("R1 a 0 1k", ".param t=40", ".option temp=t"), "use braces"),
-    "a temperature with a unit": (("R1 a 0 1k", ".temp 40C"), "no plain number"),
+    "a model after an expression": (("R1 a 0 {5} m", ".model m r(r=7)"), ":4:12: ngspice ignores the model m"),
+    "a model after a parameter": (("R1 a 0 q m", ".param q=5", ".model m r(r=7)"), "write the model first"),
+    "a model after a point": (("R1 a 0 .5 m", ".model m r(r=7)"), "write the model first"),
+    "two temperatures": (("R1 a 0 1k", ".temp 30 40"), "ignores .temp with several"),
+    "a temperature without braces": (("R1 a 0 1k", ".param t=40", ".option temp=t"), "write it in braces"),
+    "a temperature with a unit": (("R1 a 0 1k", ".temp 40C"), "not a plain number"),
     "rseries": (("R1 a 0 1k", ".option rseries=3"), ":5:9: .option rseries adds elements"),
     ".alter": (("R1 a 0 1k", ".alter", "R1 a 0 2k"), "has no .alter"),
-    "a choice within a choice": (("R1 a 0 {2>1?3>4?1k:2k:5k}",), "misreads a choice"),
+    "a choice within a choice": (("R1 a 0 {2>1?3>4?1k:2k:5k}",), "misreads a conditional"),
     "the sign of a name": ((".param a=1k", "R1 a 0 {3k+(1?-a:3)}"), ":5:15: ngspice misreads a sign"),
     "the sign of a power": (("R1 a 0 {2k-2*-3**2}",), "misreads a sign"),
     "a plus after an operator": (("R1 a 0 {2k*+3}",), "misreads a sign"),
-    "a power of what is not": (("R1 a 0 {1k+!3**2}",), "power of what ! gives"),
+    "a power of what is not": (("R1 a 0 {1k+!3**2}",), "applies ! before the power"),
 }
 
 
@@ -174,7 +174,7 @@ def test_what_ngspice_reads_as_nobody_meant_it_is_refused(tmp_path: Path, name: 
         ("exp(1 2 -1u 1u 2u 1u)", "negative delay"),
         ("sffm(1 2 1k 2 100 30 60)", "differ on sffm"),
         ("pwl(0 1 0 2 1u 5)", "do not increase"),
-        ("pwl(-2u 1 -1u 5 r=-2u)", "repeated itself"),
+        ("pwl(-2u 1 -1u 5 r=-2u)", "repeats before"),
         ("pwl(0 1 1u)", "without a value"),
         ("pulse(3)", "two values"),
         ("sin(1 2 1k) 7", "DC 7"),
@@ -216,8 +216,8 @@ def test_what_ltspice_annotates_is_told_and_ignored(tmp_path: Path) -> None:
     head = ("title", "V1 a 0 SINE(1 2 1k)", "R1 a 0 1k tol=1 pwr=0.1")
     deck = read_spice(deck_in(tmp_path, head=head), dialect="ltspice")
     assert (deck.resistance.tolist(), deck.source_volts.tolist()) == ([1000.0], [1.0])
-    assert any("pwr= changes nothing" in note.text for note in deck.notes)
-    assert "'tol' is not understood" in refusal(deck_in(tmp_path, head=head))
+    assert any("pwr= has no effect" in note.text for note in deck.notes)
+    assert "'tol' is not supported" in refusal(deck_in(tmp_path, head=head))
 
 
 def test_shunts_that_are_not_followed_are_told(tmp_path: Path) -> None:

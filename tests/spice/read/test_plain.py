@@ -1,5 +1,7 @@
 import random
 import struct
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -22,10 +24,10 @@ def cut(text: str) -> tuple[list[str], list[float]]:
     """Names and values of the plain resistors of a text."""
     cards = PlainCards(SourceFile(0, "deck", None, text.encode()), 0, DIALECTS["ngspice"].reading)
     elements = Elements(NodeTable(frozenset({"0"})), 27.0)
-    elements.nodes.of("0", 0)
-    for _ in cards.others(lambda: True):
+    elements.nodes.number_of("0", 0)
+    for _ in cards.other_lines(lambda: True):
         pass
-    cards.enter(elements)
+    cards.add_to(elements)
     found = elements.joined("resistor")
     return found.names(), found.values[:, 0].tolist()
 
@@ -103,6 +105,11 @@ CARDS = st.sampled_from(
             "R21 a b 1e",
             "R22 a b 1e000000001",
             "R23 a b 1e0000000001",
+            "R24 a b DC 1m",
+            "V6 f 0 R=1",
+            "C3 a b DC 1",
+            "i8 0 a dc 1",
+            "c4 a b c=1p",
         ),
     )
 )
@@ -124,6 +131,31 @@ def test_large_decks_are_cut_whole(tmp_path, count: int) -> None:
     deck = read_with(path, least_bytes=0)
     assert deck.resistance.tolist() == [1.0 + i / 7 for i in range(count)] + [1000.0]
     assert deck.node_names == ("0", *(f"n{i}" if i == 0 else f"N{i}" for i in range(count)), f"N{count}")
+
+
+def test_reading_and_checking_a_large_deck_does_not_load_numba(tmp_path) -> None:
+    path = tmp_path / "deck.cir"
+    chain = "".join(f"R{i} n{i} n{i + 1} {i + 1}k\n" for i in range(4000))
+    path.write_text(f"chain\nV1 n0 0 1\n{chain}Rend n4000 0 1k\n.end\n")
+    code = (
+        "import sys, resgrid as rg\n"
+        "assert not rg.check_erc(rg.read_spice(sys.argv[1]))\n"
+        "assert not any(name.partition('.')[0] in ('numba', 'llvmlite') for name in sys.modules)\n"
+    )
+    subprocess.run([sys.executable, "-c", code, str(path)], check=True, timeout=120)
+
+
+@pytest.mark.parametrize("card", ["R2 a b DC 1", "V2 a b R=1", "I2 a b R=1", "C2 a b DC 1", "C2 a b R=1"])
+def test_a_key_of_another_kind_is_left_to_the_general_reader(tmp_path, card: str) -> None:
+    path = tmp_path / "deck.cir"
+    path.write_text(f"title\nV1 a 0 1\nR1 a b 1\n{card}\nR3 b 0 2\n")
+    assert same(outcome(path, 10**9), outcome(path, 0))
+
+
+def test_a_first_line_may_be_joined_with_a_plain_card(tmp_path) -> None:
+    path = tmp_path / "deck.cir"
+    path.write_text("R15 a b 1\\\\\nR0 a b 1\n  {{R8 a b 5\n")
+    assert same(outcome(path, 10**9), outcome(path, 0))
 
 
 def test_a_node_is_spelt_as_where_it_stands_first_whichever_way_the_file_is_read(tmp_path) -> None:

@@ -96,18 +96,18 @@ def test_ngspice_is_followed(name: str) -> None:
 
 REFUSED = {
     "temper as a parameter": (".param temper=50\nR1 in a r='20*temper'", "ngspice takes 'temper' for its temperature"),
-    "a function name": (".param max=5\nR1 in a 'max*100'", "ngspice takes 'max' for its function"),
-    "a function name, bare": (".param pow=5\nR1 in a pow", "ngspice takes 'pow' for its function"),
+    "a function name": (".param max=5\nR1 in a 'max*100'", "'max' is a function of ngspice"),
+    "a function name, bare": (".param pow=5\nR1 in a pow", "'pow' is a function of ngspice"),
     "a function name of a call": (
         ".subckt s p q int=1\nR1 p q {100*int}\n.ends\nX1 in a s int=2",
         "rename the parameter",
     ),
-    "an argument that is called": (".func f(max) {max(max,5)}\nR1 in a {f(1k)}", "puts the argument max in the place"),
+    "an argument that is called": (".func f(max) {max(max,5)}\nR1 in a {f(1k)}", "also replaces the function max"),
     "the time": (".param time=5\nR1 in a {time}", "'time' is a reserved name of ngspice"),
-    "the frequency, undefined": ("R1 in a {hertz}", "write the number that is meant"),
+    "the frequency, undefined": ("R1 in a {hertz}", "write a number"),
     "an undefined function name": ("R1 in a {5*max}", "write max(...)"),
-    "a name with a point": (".param a.b=50\nR1 in a 1k", "'a.b' is no name of a parameter in ngspice"),
-    "a name with a dollar": (".param p$x=50\nR1 in a 1k", "'p$x' is no name"),
+    "a name with a point": (".param a.b=50\nR1 in a 1k", "'a.b' is not a valid parameter name in ngspice"),
+    "a name with a dollar": (".param p$x=50\nR1 in a 1k", "'p$x' is not a valid parameter name"),
     "temper in a source": ("R1 in a 1k\nI1 0 a '1e-5*temper'", "does not know temper in I1"),
     "temper in a coefficient": ("R1 in a 500 tc1='temper/12700'", "does not know temper in tc1="),
     "temper in a call": (
@@ -123,16 +123,16 @@ REFUSED = {
     "temper and a model": (".temp 50\n.model m r tc1=0.01\nR1 in a m r='20*temper'", "drops the model"),
     "temper and tc1": (".options tnom=20\nR1 in a '20*temper' tc1=0.01", "counts tc1= and tc2= from 27 degrees"),
     "temper and parentheses": ("R1 in Net-(R1-Pad2) '20*temper'\nR3 Net-(R1-Pad2) a 1k", "misreads the parentheses"),
-    "temper without braces": ("R1 in a temper", "within braces only"),
+    "temper without braces": ("R1 in a temper", "in braces only"),
     "blanks before another definition": (".param q=3 p = 500 + 500\nR1 in a {p}", "ends the value"),
     "blanks in a call": (".subckt s p q r=1\nR1 p q {r}\n.ends\nX1 in a s r=500 + 500", "ends the value"),
     "blanks behind a name": (".param a=2\n.param p = a * 500\nR1 in a {p}", "ends the value"),
     "a middle argument": ("R1 in a {min(3k,1k,2k)}", "compares the first and the last argument"),
-    "a series resistance": ("L1 in a 1u rser=1k", "'rser' is not understood here (by the rules of ngspice)"),
+    "a series resistance": ("L1 in a 1u rser=1k", "'rser' is not supported by the rules of ngspice"),
     "a terminal called gnd that is not": (".subckt s p gnd\nR1 p gnd 1k\n.ends\nX1 in a s", "is ground itself"),
     "a bare name and a second definition": (
         ".param q=1\n.param q=2\n.param p=1k\nR1 in a p",
-        "ngspice may forget 'p' here, for q is defined twice",
+        "ngspice may lose 'p' here, because q is defined twice",
     ),
     "a no-break space": ("R1\u00a0in a 1k", "U+00A0"),
     "gnd in an expression": (".param gnd=500\nR1 in a '10+abs(gnd)'", "'gnd' is a reserved name of ngspice (ground)"),
@@ -150,7 +150,7 @@ REFUSED = {
     "a function in double quotes": ('.func f(x) "x*2"\nR1 in a {f(250)}', "misreads a value in double quotes"),
     "a model's value in double quotes": ('.model m r r="300+200"\nR1 in a m', "misreads a value in double quotes"),
     "a source in double quotes": ('R1 in a 1k\nI1 0 a "1e-3+1e-3"', "misreads a value in double quotes"),
-    "a parameter of .step": (".step param x 1 2 1\nR1 in a {x}", "'x' is given by .step (<text>:3) only"),
+    "a parameter of .step": (".step param x 1 2 1\nR1 in a {x}", "'x' is defined only by .step (<text>:3)"),
 }
 
 
@@ -206,12 +206,12 @@ OTHERS = [
     ("ltspice", ".param p = 500 + 500 q=2*(3)\nR1 in a {p*q}", 6000.0),
     ("ltspice", ".param pi=3\nR1 in a 1k", "'pi' is a reserved name of LTspice"),
     ("ltspice", ".param temp=50\nR1 in a 1k", "'temp' is a reserved name of LTspice"),
-    ("ltspice", ".param max=5\nR1 in a {max*2}", "LTspice takes 'max' for its function"),
+    ("ltspice", ".param max=5\nR1 in a {max*2}", "'max' is a function of LTspice"),
     ("ltspice", ".func max(x) {x}\nR1 in a {max(1)}", "is a function of LTspice itself"),
     ("ltspice", "R1 in a 1k noiseless\n.savebias f\n.loadbias f", 1000.0),
     ("ltspice", "R1 in a {if(0.4,1,2)+if(-3,10,20)+if(0.6,100,200)+if(2>1,1k,2k)}", 1122.0),
-    ("ltspice", "R1 in a {0.4 ? 1k : 2k}", "takes values above 0.5 for true"),
-    ("ltspice", "R1 in a {1k*(0.4 && 1)}", "takes values above 0.5 for true"),
+    ("ltspice", "R1 in a {0.4 ? 1k : 2k}", "only values above 0.5 are true"),
+    ("ltspice", "R1 in a {1k*(0.4 && 1)}", "only values above 0.5 are true"),
     ("xyce", "R1 in a {if(0.4,1,2)+(0.4 ? 10 : 20)}", 11.0),
     ("ltspice", ".param e=2 k=3\nR1 in a {e*k}", 6.0),
     ("xyce", "R1 in a {100*PI}", 100 * math.pi),
@@ -226,7 +226,7 @@ OTHERS = [
     ("hspice", ".param temper=50\nR1 in a 1k", "'temper' is a reserved name of HSPICE"),
     ("hspice", ".param pi=3\nR1 in a 'pi*2'", 6.0),
     ("hspice", ".param p=500 + 500\nR1 in a p", "hspice ends the value"),
-    ("hspice", ".param abs=5\nR1 in a 'abs*2'", "HSPICE takes 'abs' for its function"),
+    ("hspice", ".param abs=5\nR1 in a 'abs*2'", "'abs' is a function of HSPICE"),
 ]
 
 
@@ -249,10 +249,10 @@ def test_other_dialects_have_names_of_their_own(dialect: str, lines: str, expect
         ("parameters temp=5\nr1 (a 0) resistor r=1", "'temp' is a reserved name of Spectre"),
         ("parameters M_PI=3\nr1 (a 0) resistor r=1", "'M_PI' is a reserved name of Spectre"),
         ("parameters export=3\nr1 (a 0) resistor r=1", "'export' is a reserved name of Spectre"),
-        ("r1 (a 0) resistor r=m_pi", "'m_pi' is neither a number nor a parameter"),
+        ("r1 (a 0) resistor r=m_pi", "'m_pi' is neither a number nor a known parameter"),
         ("r1 (a 0) resistor r=P_K", "'P_K' is a reserved name of Spectre"),
         ("parameters p=1 p=2\nr1 (a 0) resistor r=p", "the parameter p is defined twice"),
-        ("parameters max=1\nr1 (a 0) resistor r=2*max", "Spectre takes 'max' for its function"),
+        ("parameters max=1\nr1 (a 0) resistor r=2*max", "'max' is a function of Spectre"),
     ],
 )
 def test_spectre_has_names_of_its_own(lines: str, expected: float | str) -> None:
@@ -348,10 +348,10 @@ def test_decks_with_reserved_names_have_the_value_of_the_manual_or_are_refused(d
 @pytest.mark.parametrize(
     ("lines", "says"),
     [
-        ("R1 in a 1k ic=3", "ngspice knows no ic= of R, and stops at it"),
-        ("R1 in a 1k temp_ac=3", "ngspice knows no temp_ac= of R"),
-        ("R1 in a 1k\nC1 a 0 1p noisy=0", "ngspice knows no noisy= of C"),
-        ("R1 in a 1k\nV2 b 0 1 m=2\nR3 b 0 1k", "ngspice knows no m= of V"),
+        ("R1 in a 1k ic=3", "ngspice has no ic= for R, and stops at it"),
+        ("R1 in a 1k temp_ac=3", "ngspice has no temp_ac= for R"),
+        ("R1 in a 1k\nC1 a 0 1p noisy=0", "ngspice has no noisy= for C"),
+        ("R1 in a 1k\nV2 b 0 1 m=2\nR3 b 0 1k", "ngspice has no m= for V"),
     ],
 )
 def test_keys_that_stop_ngspice_are_noted(lines: str, says: str) -> None:

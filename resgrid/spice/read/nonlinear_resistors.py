@@ -1,0 +1,42 @@
+"""Reader of nonlinear resistors, which dialects write as behavioural sources."""
+
+from __future__ import annotations
+
+import re
+import string
+from functools import lru_cache
+
+from resgrid.spice.dialects import DIALECTS
+from resgrid.spice.read.cards import Card, Token
+from resgrid.spice.read.element_tables import Elements
+from resgrid.spice.read.scopes import Scope
+
+
+def read_nonlinear(card: Card, scope: Scope, elements: Elements) -> bool:
+    """Add a nonlinear resistor ``I = current tanh(V / voltage)`` in the form that this package writes.
+
+    Returns False if the card has another form.
+    """
+    match = _nonlinear_form(card.rules.name).fullmatch(card.text.strip())
+    if match is None:
+        return False
+    shift = len(card.text) - len(card.text.lstrip())
+    tokens = (Token("word", match[key], match.start(key) + shift) for key in ("current", "voltage"))
+    amps, volts = (scope.number(card, token) for token in tokens)
+    if amps <= 0 or volts <= 0:
+        raise card.error(None, f"{match['name']} carries {amps:g} A at {volts:g} V; both must be positive")
+    elements.add("nonlinear resistor", match["name"], (match["a"], match["b"]), (amps, volts), card)
+    return True
+
+
+@lru_cache(maxsize=64)
+def _nonlinear_form(dialect: str) -> re.Pattern[str]:
+    """Return the pattern of a nonlinear resistor in the dialect's form, regardless of blanks and case."""
+    groups = {"name": r"b\S*", "a": r"[^\s,()]+", "b": r"[^\s,()]+"}
+    pattern, seen = "", set()
+    for literal, key, *_ in string.Formatter().parse(DIALECTS[dialect].nonlinear_resistor):
+        pattern += re.escape(literal).replace(r"\ ", r"\s+")
+        if key is not None:
+            pattern += f"(?P={key})" if key in seen else f"(?P<{key}>{groups.get(key, r'[^*/()]+')})"
+            seen.add(key)
+    return re.compile(pattern, re.IGNORECASE)
