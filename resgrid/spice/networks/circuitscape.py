@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.core.regions import label_components
 from resgrid.errors import InputError
 from resgrid.spice.networks.configurations import Configuration, read_configuration
 from resgrid.spice.networks.edges import Measure, Network, read_edges
