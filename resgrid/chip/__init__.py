@@ -1,19 +1,19 @@
-"""The chip: what real devices make of the circuit, and whether it is good enough to drive a robot."""
+"""The chip: effects of real devices on the circuit, and analyses of its accuracy, speed, noise and yield."""
 
 import lazy_loader
 
 ANALYSES = (
     "yield",
     "yield_loss",
-    "precision",
+    "adc_resolution",
     "settling",
     "noise",
     "power",
     "sensitivity",
-    "exploration",
+    "sweep",
     "defects",
 )
-"""Every analysis, in the order of the report; see `resgrid.chip.report`."""
+"""Names of the analyses of `resgrid chip`, in the order of the report; see `resgrid.chip.report`."""
 
-# The effects are loaded when they are asked for: the names above cost nothing.
+# Effects are imported lazily, so that reading `ANALYSES` is cheap.
 __getattr__, _, _ = lazy_loader.attach(__name__, ["effects"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Literal
 
@@ -16,7 +17,7 @@ from resgrid.chip.effects.base import checked
 from resgrid.chip.figures_of_merit import formatted
 from resgrid.core import random_sites
 from resgrid.core.netlist import Netlist
-from resgrid.core.random_sites import seed_of
+from resgrid.core.random_sites import Seed, seed_of
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring, wiring_of
 from resgrid.errors import InputError, suggestion
@@ -87,40 +88,60 @@ def ideal_netlist(space: ConfigurationSpace, chip: Chip, wiring: Wiring | Mappin
 
 
 def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -> tuple[Netlist, NDArray[np.float64]]:
-    """The conductances of many chips on one circuit, without building a netlist for each; for `solve_many`.
+    """Return the circuit without mismatch, and the conductances of chips in siemens, shape (chips, resistors)."""
+    model = ConductanceModel.of(netlist, chip)
+    return model.netlist, model.draw([seed_of(seed) for seed in seeds])
 
-    `seeds`: one for each chip.  Returns the chip without mismatch and, row by row, the conductances in siemens of
-    ``build_chip(study.ideal, study.chip, seed)``, shape (chips, resistors).  Refused where defects or saturation change
-    the circuit.
+
+@dataclass(frozen=True, eq=False)
+class ConductanceModel:
+    """Distribution of the conductances of chips that share one circuit: everything that does not depend on the seed.
+
+    `netlist`: the circuit without mismatch; `site` (drawn resistors,): site of each resistor that mismatch applies to,
+    -1 for none; these are the first resistors of the netlist; `sites`: number of sites; `deviation`: standard deviation
+    of a resistance as a fraction of its mean, shape () or (sites,), None without mismatch; `switch` (drawn resistors,):
+    resistance in series with each resistor that has no mismatch, in ohms.
     """
-    if chip.saturation_voltage is not None or Faults.of(chip, 0):
-        raise InputError(
-            "chips with defects or saturation differ in more than their conductances; build them one by one"
-        )
-    chain = effects.of_chip(chip)
-    model = Mismatch.of(chip, chip.seed)
-    before = 0 if model is None else chain.index(model)
-    drawn = circuit = build_chip(netlist, chain[:before])
-    switch = np.zeros(len(drawn.conductance))
-    for effect in chain[before:]:
-        if isinstance(effect, Mismatch):
-            continue
-        without, circuit = circuit, effect.apply(circuit)
-        if isinstance(effect, InternodalSwitches):
-            # A closed switch lies in series with a resistor, and does not share its mismatch.
-            switch = 1 / circuit.conductance[: len(switch)] - 1 / without.conductance
-    seeds = [seed_of(seed) for seed in seeds]
-    samples = np.tile(circuit.conductance, (len(seeds), 1))
-    if model is None:
-        return circuit, samples
-    deviation, places = model.deviation(drawn), random_sites.places(drawn)[0]
-    for row, seed in zip(samples, seeds, strict=True):
-        factors = np.append(random_sites.mismatch_factors(random_sites.place_count(drawn), deviation, seed), 1.0)[
-            places
-        ]
-        own = row[: len(switch)]
-        own[:] = 1 / ((1 / own - switch) * factors + switch) if switch.any() else own / factors
-    return circuit, samples
+
+    netlist: Netlist
+    site: NDArray[np.integer[Any]]
+    sites: int
+    deviation: float | NDArray[np.float64] | None
+    switch: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, netlist: Netlist, chip: Chip) -> ConductanceModel:
+        """Return the model of a chip; raise InputError where defects or saturation change the circuit."""
+        if chip.saturation_voltage is not None or Faults.of(chip, 0):
+            raise InputError(
+                "chips with defects or saturation differ in more than their conductances; build them one by one"
+            )
+        chain = effects.of_chip(chip)
+        mismatch = Mismatch.of(chip, chip.seed)
+        before = 0 if mismatch is None else chain.index(mismatch)
+        drawn = circuit = build_chip(netlist, chain[:before])
+        switch = np.zeros(len(drawn.conductance))
+        for effect in chain[before:]:
+            if isinstance(effect, Mismatch):
+                continue
+            without, circuit = circuit, effect.apply(circuit)
+            if isinstance(effect, InternodalSwitches):
+                # A closed switch lies in series with a resistor, and does not share its mismatch.
+                switch = 1 / circuit.conductance[: len(switch)] - 1 / without.conductance
+        deviation = None if mismatch is None else mismatch.deviation(drawn)
+        return cls(circuit, random_sites.places(drawn)[0], random_sites.place_count(drawn), deviation, switch)
+
+    def draw(self, seeds: Sequence[Seed]) -> NDArray[np.float64]:
+        """Return the conductances of the chips of some seeds in siemens, shape (chips, resistors)."""
+        samples = np.tile(self.netlist.conductance, (len(seeds), 1))
+        if self.deviation is None:
+            return samples
+        has_switches = bool(self.switch.any())
+        for row, seed in zip(samples, seeds, strict=True):
+            factors = np.append(random_sites.mismatch_factors(self.sites, self.deviation, seed), 1.0)[self.site]
+            own = row[: len(self.switch)]
+            own[:] = 1 / ((1 / own - self.switch) * factors + self.switch) if has_switches else own / factors
+        return samples
 
 
 def chip_keys(chip: Chip) -> dict[str, Any]:

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from resgrid._internal.checkpoints import Journal
 from resgrid.chip.build import ideal_netlist
-from resgrid.chip.monte_carlo import Experiment, Series, differs, prepare, run_series
+from resgrid.chip.monte_carlo import Experiment, Noises, TrialSeries, differs, prepare_experiment, run_series
 from resgrid.core.netlist import Netlist
 from resgrid.scene.chip import Chip, Readout
 
-Noises = dict[tuple[Chip, float], NDArray[np.float64]]
 Key = TypeVar("Key", bound=Hashable)
 
 
@@ -27,7 +26,7 @@ class SharedCircuit(NamedTuple, Generic[Key]):
 
     keys: list[Key]
     random: list[bool]
-    series: Series
+    series: TrialSeries
 
 
 class StartsServed(NamedTuple):
@@ -70,7 +69,7 @@ def _group(
     random = [differs(kind) or bool(item.offset or item.noise_bandwidth) for item in readouts]
 
     def prepared() -> Experiment:
-        return prepare(ideal_netlist(cells.space, kind, cells.wiring), kind, readouts, known=known)
+        return prepare_experiment(ideal_netlist(cells.space, kind, cells.wiring), kind, readouts, known=known)
 
-    series = Series(trials if any(random) else 1, len(readouts), prepared, f"chips of {kind},", random=any(random))
+    series = TrialSeries(trials if any(random) else 1, len(readouts), prepared, f"chips of {kind},", random=any(random))
     return SharedCircuit(keys, random, series)

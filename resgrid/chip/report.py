@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from resgrid.chip.adc_resolution import Precision
+from resgrid.chip.adc_resolution import ADCResolution
 from resgrid.chip.build import value_text
-from resgrid.chip.fault_analysis import Criticality
+from resgrid.chip.fault_analysis import FaultAnalysis
 from resgrid.chip.figures_of_merit import Figure, Result, figure_lines, formatted, table_lines
 from resgrid.chip.study_analyses import Study, study
-from resgrid.chip.sweeps import Sweep
+from resgrid.chip.sweeps import SweptKey
 from resgrid.chip.yield_loss import loss_sentences, loss_table, usual_trials
 from resgrid.core.random_sites import end_names
 from resgrid.errors import CircuitError
@@ -42,7 +42,7 @@ class Effort:
     half_width: float = 0.01
     trials: int = 2000
     seconds: float = 60.0
-    sweep: Sequence[Sweep] = ()
+    sweep: Sequence[SweptKey] = ()
     executor: Executor | None = None
     checkpoints: Mapping[str, Path] = field(default_factory=dict)
     progress: Callable[..., None] | None = None
@@ -129,7 +129,7 @@ def yield_loss_section(chip: Study, effort: Effort) -> Section:
     return replace(section, table=loss_table(result), pictures=(picture,))
 
 
-def precision_section(chip: Study, _effort: Effort) -> Section:
+def adc_resolution_section(chip: Study, _effort: Effort) -> Section:
     """How many converter bits starts need, at every boundary."""
     results = _by_boundary(chip)
     own = next(iter(results.values()))
@@ -141,22 +141,22 @@ def precision_section(chip: Study, _effort: Effort) -> Section:
         "same chip would need with open obstacles (neumann) or behind a resistance (wall).",
     )
     caption = "bits that every start needs (left), how many starts need how many, and how many a read-out serves"
-    picture = Picture("precision", caption, results, {"bits": chip.bits})
+    picture = Picture("adc_resolution", caption, results, {"bits": chip.bits})
     data = {"boundaries": {name: result.to_json() for name, result in results.items()}}
-    return Section("precision", text, own.figures, (picture,), data)
+    return Section("adc_resolution", text, own.figures, (picture,), data)
 
 
-def _by_boundary(chip: Study) -> dict[str, Precision]:
+def _by_boundary(chip: Study) -> dict[str, ADCResolution]:
     """The scene's own boundary first, then the others, on chips with the same flaws."""
     cells = chip.ideal.cells
-    results: dict[str, Precision] = {cells.wiring.boundary: chip.precision()}
+    results: dict[str, ADCResolution] = {cells.wiring.boundary: chip.adc_resolution()}
     for boundary in ("dirichlet", "neumann", "wall"):
         walled = chip.chip is not None and chip.chip.wall_resistance is not None
         if boundary in results or (boundary == "wall" and not walled):
             continue
         try:
             other = study(cells.space, chip.chip, boundary=boundary, edge=cells.wiring.edge)
-            results[boundary] = other.precision(span=chip.span)
+            results[boundary] = other.adc_resolution(span=chip.span)
         except CircuitError:  # nothing drives it that way
             continue
     return results
@@ -237,13 +237,13 @@ def sensitivity_section(chip: Study, _effort: Effort) -> Section:
     return _section("sensitivity", result, text, Picture("sensitivity", caption, result))
 
 
-def exploration_section(chip: Study, effort: Effort) -> Section:
+def sweep_section(chip: Study, effort: Effort) -> Section:
     """What yield two values of the chip give."""
-    result = chip.exploration(
+    result = chip.sweep(
         *effort.sweep,
         trials=_EXPLORED,
         executor=effort.executor,
-        checkpoint=effort.checkpoints.get("exploration"),
+        checkpoint=effort.checkpoints.get("sweep"),
         progress=effort.progress,
     )
     units = described_keys(Chip)
@@ -257,12 +257,12 @@ def exploration_section(chip: Study, effort: Effort) -> Section:
         f"{result.trials} chips at every point, the same dies throughout.",
     )
     caption = "yield over two values of the chip"
-    return _section("exploration", result, text, Picture("exploration", caption, result, is_map=False))
+    return _section("sweep", result, text, Picture("sweep", caption, result, is_map=False))
 
 
 def defects_section(chip: Study, effort: Effort) -> Section:
     """How many starts single faults cost."""
-    result = chip.criticality(seconds=effort.seconds, progress=effort.progress)
+    result = chip.faults(seconds=effort.seconds, progress=effort.progress)
     opened, shorted = (int((np.nan_to_num(result.lost(fault)) > 0).sum()) for fault in ("open", "short"))
     seen = "an ideal read-out" if result.ideal else f"the {result.bits}-bit converter without offset and noise"
     text = [
@@ -283,7 +283,7 @@ def defects_section(chip: Study, effort: Effort) -> Section:
     return _section("defects", result, text, *pictures)
 
 
-def _worst(result: Criticality) -> str:
+def _worst(result: FaultAnalysis) -> str:
     """Where the elements lie whose faults cost most."""
     words = []
     for fault in ("open", "short"):
@@ -296,12 +296,12 @@ def _worst(result: Criticality) -> str:
 SECTIONS: dict[str, Callable[[Study, Effort], Section]] = {
     "yield": yield_section,
     "yield_loss": yield_loss_section,
-    "precision": precision_section,
+    "adc_resolution": adc_resolution_section,
     "settling": settling_section,
     "noise": noise_section,
     "power": power_section,
     "sensitivity": sensitivity_section,
-    "exploration": exploration_section,
+    "sweep": sweep_section,
     "defects": defects_section,
 }
 
@@ -317,12 +317,10 @@ def seconds_needed(name: str, chip: Study, effort: Effort) -> float:
     """Roughly how long an analysis takes."""
     nodes = chip.netlist.node_count
     known = {"settling": 1 + 2e-5 * nodes, "noise": 1 + 2e-4 * nodes, "sensitivity": 1 + 1e-4 * nodes, "yield": 2.0}
-    return known.get(
-        name, {"exploration": 5.0, "yield_loss": 3 + 6e-3 * nodes, "defects": effort.seconds}.get(name, 0.0)
-    )
+    return known.get(name, {"sweep": 5.0, "yield_loss": 3 + 6e-3 * nodes, "defects": effort.seconds}.get(name, 0.0))
 
 
-def checkpoints_beside(folder: Path, chip: Study, sweep: Sequence[Sweep]) -> dict[str, Path]:
+def checkpoints_beside(folder: Path, chip: Study, sweep: Sequence[SweptKey]) -> dict[str, Path]:
     """Where the results of trials are kept until their folder is whole, by the analysis."""
     cells = chip.ideal.cells
     space, keys = cells.space, asdict(chip.chip or Chip())  # a repr would leave out the ends of long lists
@@ -330,7 +328,7 @@ def checkpoints_beside(folder: Path, chip: Study, sweep: Sequence[Sweep]) -> dic
     if space.conductivity is not None:
         digest.update(space.conductivity.tobytes())
     mark = digest.hexdigest()[:12]
-    return {name: folder.parent / f".{folder.name}-{mark}.{name}.jsonl" for name in ("yield", "exploration")}
+    return {name: folder.parent / f".{folder.name}-{mark}.{name}.jsonl" for name in ("yield", "sweep")}
 
 
 def report_markdown(chip: Study, parts: Sequence[Section], decks: Mapping[str, str], verdict: str) -> str:

@@ -9,18 +9,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from annotated_types import Gt, Lt
 from numpy.typing import NDArray
 
-from resgrid._internal.validation import Between, Count
 from resgrid.chip.build import chip_keys, chip_with
 from resgrid.chip.error_limits import Ladder, Limit, bits_ladder, find_limit, mismatch_ladder, offset_ladder
 from resgrid.chip.figures_of_merit import Figure, Proportion, Result, table_lines
-from resgrid.chip.paired_trials import Noises, StartsServed, groups_of, run_groups
-from resgrid.chip.yields import Progress, overall_share
+from resgrid.chip.monte_carlo import Noises
+from resgrid.chip.paired_trials import StartsServed, groups_of, run_groups
+from resgrid.chip.yields import Progress, overall_yield
 from resgrid.core.netlist import Netlist
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError, InputError
@@ -130,11 +129,11 @@ class YieldLoss(Result):
 
 def analyse_yield_loss(
     netlist: Netlist,
+    chip: Chip,
     *,
-    chip: Chip | None = None,
-    target: Annotated[float, Gt(0), Lt(1)] = 0.99,
-    trials: Count | None = None,
-    confidence: Between = 0.95,
+    target: float = 0.99,
+    trials: int | None = None,
+    confidence: float = 0.95,
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> YieldLoss:
@@ -148,7 +147,7 @@ def analyse_yield_loss(
     650 cells; `confidence`: of the intervals; `executor`: trials are shared among its workers, and the numbers do not
     depend on it; `progress`: called after every kind of chip with the trials done, those expected, and a yield.
     """
-    chip, space = chip or Chip(), netlist.cells.space
+    space = netlist.cells.space
     starts = int(space.goal_connected.sum())
     count = trials or usual_trials(space)
     offsets, bits, mismatches = offset_ladder(chip), bits_ladder(chip), mismatch_ladder(chip)
@@ -168,7 +167,7 @@ def analyse_yield_loss(
             progress(done, max(expected, done), share)
 
     def share_of(result: StartsServed) -> Proportion:
-        return overall_share(result.counts, starts, confidence, random=result.random)
+        return overall_yield(result.counts, starts, confidence, random=result.random)
 
     for group in groups:
         try:

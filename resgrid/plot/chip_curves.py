@@ -11,12 +11,12 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
-from resgrid.chip.adc_resolution import Precision
+from resgrid.chip.adc_resolution import ADCResolution
 from resgrid.chip.build import value_text
 from resgrid.chip.settling import Settling
-from resgrid.chip.sweeps import Exploration
+from resgrid.chip.sweeps import Sweep
 from resgrid.errors import InputError
-from resgrid.plot.chip_maps import draw_precision, draw_settling
+from resgrid.plot.chip_maps import draw_adc_resolution, draw_settling
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, new_figure, panel_height
 from resgrid.plot.plane import plane_of
 from resgrid.plot.style import (
@@ -70,21 +70,21 @@ def draw_settling_curve(result: Settling, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def draw_precisions(
-    results: Mapping[str, Precision], ax: Axes | None = None, *,
+def draw_adc_resolutions(
+    results: Mapping[str, ADCResolution], ax: Axes | None = None, *,
     quantity: Literal["page", "served", "histogram"] = "page", bits: int = 10, title: str = "",
 ) -> Axes | Figure:  # fmt: skip
-    """Draw precision by name, e.g. of the boundary: a page, the share of starts served, or a histogram of bits."""
+    """Draw ADC resolutions by name (such as the boundary): a page, the fraction of starts served, or a histogram."""
     if quantity == "served":
         return _draw_served(results, ax, bits)
     if quantity == "histogram":
         return _draw_histogram(results, ax, bits)
     if ax is not None:
-        raise InputError("a page of precision has several panels, and is not drawn into one ax: leave ax out")
-    return _precision_page(results, bits, title)
+        raise InputError("a page of ADC resolutions has several panels and needs a figure of its own: leave ax out")
+    return _adc_resolution_page(results, bits, title)
 
 
-def _draw_served(results: Mapping[str, Precision], ax: Axes | None, bits: int) -> Axes:
+def _draw_served(results: Mapping[str, ADCResolution], ax: Axes | None, bits: int) -> Axes:
     """The share of starts that a read-out serves against its bits."""
     axes = axes_or_new(ax, 0.6)
     most = _most_bits(results, bits)
@@ -100,7 +100,7 @@ def _draw_served(results: Mapping[str, Precision], ax: Axes | None, bits: int) -
     return axes
 
 
-def _draw_histogram(results: Mapping[str, Precision], ax: Axes | None, bits: int) -> Axes:
+def _draw_histogram(results: Mapping[str, ADCResolution], ax: Axes | None, bits: int) -> Axes:
     """How many starts need how many whole bits: one that needs 9.3 is served by 10."""
     axes = axes_or_new(ax, 0.6)
     most = int(np.ceil(_most_bits(results, bits)))
@@ -115,7 +115,7 @@ def _draw_histogram(results: Mapping[str, Precision], ax: Axes | None, bits: int
     return axes
 
 
-def _precision_page(results: Mapping[str, Precision], bits: int, title: str) -> Figure:
+def _adc_resolution_page(results: Mapping[str, ADCResolution], bits: int, title: str) -> Figure:
     """Maps side by side, a histogram, and the share of starts served."""
     aspect = max(plane_of(result.space).aspect for result in results.values())
     height = panel_height(PAGE / len(results) - 1.0, aspect) + 0.2
@@ -124,7 +124,7 @@ def _precision_page(results: Mapping[str, Precision], bits: int, title: str) -> 
     most = max(_largest(result) for result in results.values())
     maps = above.subplots(1, len(results), squeeze=False)[0]
     for axes, (name, result) in zip(maps, results.items(), strict=True):
-        draw_precision(result, axes, most=most)
+        draw_adc_resolution(result, axes, most=most)
         axes.set_title(name, fontsize=TEXT + 1)
         refresh_legend(axes, columns=2)
     left, right = below.subplots(1, 2)
@@ -139,16 +139,16 @@ def _line(number: int) -> dict[str, Any]:
     return {"color": colour, "linestyle": style, "linewidth": 1.4}
 
 
-def _most_bits(results: Mapping[str, Precision], bits: int) -> float:
+def _most_bits(results: Mapping[str, ADCResolution], bits: int) -> float:
     return max(bits + 2.0, *(_largest(result) for result in results.values()))
 
 
-def _largest(result: Precision) -> float:
+def _largest(result: ADCResolution) -> float:
     finite = result.starts[np.isfinite(result.starts)]
     return float(finite.max(initial=1.0))
 
 
-def draw_exploration(result: Exploration, ax: Axes | None = None, *, share: float = 0.99) -> Axes:
+def draw_sweep(result: Sweep, ax: Axes | None = None, *, share: float = 0.99) -> Axes:
     """Draw the yield over two values of a chip, with contours, and the cheapest points of a yield asked for."""
     axes = axes_or_new(ax, 0.8)
     values = 100.0 * result.share.T
@@ -180,7 +180,7 @@ def draw_exploration(result: Exploration, ax: Axes | None = None, *, share: floa
     return axes
 
 
-def _mark_cheapest(result: Exploration, share: float, axes: Axes) -> None:
+def _mark_cheapest(result: Sweep, share: float, axes: Axes) -> None:
     marks = [(column, value) for column, value in enumerate(result.cheapest(share)) if value is not None]
     if marks:
         rows = [result.second_values.index(value) for _, value in marks]

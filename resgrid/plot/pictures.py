@@ -12,14 +12,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from resgrid._internal.validation import guarded, with_article
-from resgrid.chip.adc_resolution import Precision
-from resgrid.chip.fault_analysis import Criticality
+from resgrid.chip.adc_resolution import ADCResolution
+from resgrid.chip.fault_analysis import FaultAnalysis
 from resgrid.chip.noise import Noise
 from resgrid.chip.power import Power
 from resgrid.chip.sensitivity import Sensitivity
 from resgrid.chip.settling import Settling
 from resgrid.chip.study_analyses import Study
-from resgrid.chip.sweeps import Exploration
+from resgrid.chip.sweeps import Sweep
 from resgrid.chip.yield_loss import YieldLoss
 from resgrid.chip.yields import Yield
 from resgrid.circuit.operating_point import OperatingPoint
@@ -32,12 +32,12 @@ from resgrid.planning.blocking_obstacles import SceneSeparation, Separation
 from resgrid.planning.fields import Field, field
 from resgrid.planning.planner import ClearanceCurve, Planner
 from resgrid.planning.streamline import Polyline, ShortPath, Streamline
-from resgrid.plot.chip_curves import draw_exploration, draw_precisions, draw_settled
+from resgrid.plot.chip_curves import draw_adc_resolutions, draw_settled, draw_sweep
 from resgrid.plot.chip_maps import (
-    draw_criticality,
+    draw_adc_resolution,
+    draw_faults,
     draw_noise,
     draw_power,
-    draw_precision,
     draw_sensitivity,
     draw_yield,
 )  # fmt: skip
@@ -75,15 +75,15 @@ def _draw_scene(scene: Scene, ax: Axes | None = None) -> Axes | Figure:
 PICTURES: dict[type, Picture] = {
     ClearanceCurve: draw_clearance_curve,
     ConfigurationSpace: draw_space,
-    Criticality: draw_criticality,
-    Exploration: draw_exploration,
+    FaultAnalysis: draw_faults,
+    Sweep: draw_sweep,
     Field: draw_field,
     Netlist: draw_circuit,
     Noise: draw_noise,
     OperatingPoint: _draw_operating_point,
     Polyline: draw_line,
     Power: draw_power,
-    Precision: draw_precision,
+    ADCResolution: draw_adc_resolution,
     Run: draw_run,
     Scene: _draw_scene,
     Sensitivity: draw_sensitivity,
@@ -99,11 +99,11 @@ PICTURES: dict[type, Picture] = {
 """The picture of a value, by its type: a function of the value, perhaps an ax, and options."""
 
 PICTURES_OF_MANY: dict[type, Picture] = {
-    Precision: draw_precisions,
+    ADCResolution: draw_adc_resolutions,
     Run: draw_runs,
     Streamline: draw_streamlines,
 }
-"""The picture of several values together: of a sequence, of precisions a mapping from their names."""
+"""The picture of several values together: of a sequence, of ADC resolutions a mapping from their names."""
 
 
 SEEN_AS: dict[type, Callable[[Any], object]] = {
@@ -141,14 +141,14 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     settling            when each cell has settled                   ``quantity`` ("map", "curve")
     noise               rms noise, resistance to the rails           ``quantity`` ("total", "limit", "resistance")
     power               heat, droop of the rails                     ``quantity`` ("heat", "droop")
-    precision           converter bits that starts need              ``starts``, ``most``
-    {name: precision}   maps, histogram, share served                ``quantity`` ("page", "served", "histogram"),
-                                                                     ``bits``, ``title``
+    ADC resolution      converter bits that starts need              ``starts``, ``most``
+    {name: ADC          maps, histogram, fraction of starts served   ``quantity`` ("page", "served", "histogram"),
+    resolution}                                                      ``bits``, ``title``
     sensitivity         resistors that change a step                 ``drift``
-    criticality         resistors that cost starts                   ``fault`` ("open", "short")
+    fault analysis      resistors that cost starts                   ``fault`` ("open", "short")
     yield               share of chips that serve each start
     yield loss          change of the yield without each effect
-    exploration         yield over two values                        ``share``
+    sweep               yield over two values                        ``share``
     wavefront           how a new obstacle spreads                   ``shown`` (numbers of its times)
     ==================  ===========================================  =================================================
 
