@@ -27,11 +27,12 @@ from resgrid.errors import InputError
 
 _MOST_CELLS = 400
 """Maximum number of cells on a path whose decisions are examined."""
+
 _SMALL = 1e-4
-"""Fractions of ``I0``: a nonlinear resistor is linear below `_SMALL`; rounding decides its voltage above `_SATURATED`.
-"""
+"""Fraction of ``I0`` below which a nonlinear resistor is linear."""
+
 _SATURATED = 1.0 - 1e-16
-"""Shares of ``I0`` below which a nonlinear resistor is linear, and above which its voltage cannot be told."""
+"""Fraction of ``I0`` above which rounding decides the voltage of a nonlinear resistor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +166,7 @@ class ADCResolution(Result):
         return float(np.mean(self.starts <= bits)) if self.starts.size else float("nan")
 
     def bits_for(self, share: float) -> int | None:
-        """Return the smallest number of bits that serves a fraction of the starts, None if there is none."""
+        """Return the smallest number of bits that serves a fraction of the starts; None if no number does."""
         check_share("share", share)
         ordered = np.sort(self.starts)
         if not ordered.size:

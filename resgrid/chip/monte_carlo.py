@@ -168,7 +168,7 @@ def _checked_mask(space: ConfigurationSpace, starts: NDArray[np.bool_] | None) -
     """Return the mask of the starts from which a goal can be reached; raise InputError if there are none."""
     mask = space.goal_connected if starts is None else space.goal_connected & starts
     if not mask.any():
-        raise InputError("there is no start: no free cell has a way to a goal")
+        raise InputError("there is no start: no free cell has a path to a goal")
     return mask
 
 

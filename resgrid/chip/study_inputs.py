@@ -68,7 +68,7 @@ class StudyInputs:
 
     @property
     def description(self) -> Chip:
-        """The chip description; an ideal chip where there is none."""
+        """The chip description, or that of an ideal chip."""
         return self.chip or Chip()
 
     @property

@@ -1,4 +1,4 @@
-"""Yield: from how many starts, and on how many chips, a robot that only sees the read-out reaches the goal."""
+"""Yield: the fraction of starts from which a robot that sees only the read-out reaches the goal, over many chips."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ from resgrid.errors import InputError
 from resgrid.scene.chip import Chip
 
 Progress = Callable[[int, int, Proportion], None]
-"""Called after every batch: trials done, trials expected in all, and the overall yield so far."""
+"""Function called after every batch: number of trials, expected number of trials, and the overall yield so far."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Yield(Result):
-    """How many robots reach the goal on chips of one kind.
+    """Yield of chips of one description.
 
     Attributes
     ----------
     space : ConfigurationSpace
     starts : ndarray of bool, shape of the space
-        Cells that robots start from: free ones with a way to a goal.
+        Mask of the start cells: free cells with a path to a goal.
     reached : ndarray of int64, shape of the space
-        On how many of the chips a robot from there reached a goal; 0 where none starts.
+        Number of chips on which a robot from this cell reaches a goal; 0 outside the starts.
     served : ndarray of int64, shape (trials,)
-        How many starts every chip serves.
+        Number of starts that reach a goal, for every chip.
     random : bool
-        Whether chips differ at all; if not, one was tried, and the numbers are exact.
+        Whether chips differ.  If not, a single chip was tried, and the numbers are exact.
     confidence : float
-        Of all intervals.
+        Confidence of all intervals.
     """
 
     space: ConfigurationSpace
@@ -54,55 +54,55 @@ class Yield(Result):
 
     @property
     def trials(self) -> int:
-        """Chips that were tried."""
+        """Number of chips that were tried."""
         return len(self.served)
 
     @property
     def probability(self) -> NDArray[np.float64]:
-        """Share of the chips on which a start is served, shape of the space; NaN where none starts."""
+        """Fraction of the chips on which a start reaches a goal, shape of the space; NaN outside the starts."""
         return np.where(self.starts, self.reached / self.trials, np.nan)
 
     @property
     def interval(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Ends of the Wilson interval of every start, shape of the space; NaN where none starts."""
+        """Ends of the Wilson interval of every start, shape of the space; NaN outside the starts."""
         share = self.probability
         return wilson(share, self.trials, self.confidence) if self.random else (share, share)
 
     @property
     def overall(self) -> Proportion:
-        """Share of all starts on all chips; its interval allows for starts of a chip not being independent."""
+        """Fraction of all starts on all chips that reach a goal; its interval treats each chip as a cluster."""
         return overall_yield(self.served, int(self.starts.sum()), self.confidence, random=self.random)
 
     @property
     def perfect(self) -> Proportion:
-        """Share of the chips that serve every start."""
+        """Fraction of the chips on which every start reaches a goal."""
         share = float(np.mean(self.served == self.starts.sum()))
         return proportion(share, self.trials, self.confidence, random=self.random)
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """The figures of merit by name, with units and definitions."""
+        """Figures of merit by name, with units and definitions."""
         overall, perfect = self.overall, self.perfect
-        sure = f"{self.confidence:.0%} confidence (Wilson)"
+        interval = f"{self.confidence:.0%} confidence (Wilson)"
         worst = np.nanmin(self.probability) if self.starts.any() else np.nan
         shares = {
             "yield": (
                 overall.value,
-                "share of all starts, averaged over chips, from which a robot that sees the read-out only reaches a "
-                "goal; starts are the free cells with a way to one",
+                "fraction of all starts, averaged over chips, from which a robot that sees only the read-out reaches a "
+                "goal; starts are the free cells with a path to a goal",
             ),
-            "yield_low": (overall.low, f"lower end of the interval of the yield, {sure}, for chips as clusters"),
-            "yield_high": (overall.high, f"upper end of the interval of the yield, {sure}, for chips as clusters"),
-            "perfect_chips": (perfect.value, "share of the chips that serve every start"),
-            "perfect_chips_low": (perfect.low, f"lower end of the interval of perfect_chips, {sure}"),
-            "perfect_chips_high": (perfect.high, f"upper end of the interval of perfect_chips, {sure}"),
-            "worst_start": (defined(worst), "share of the chips that serve the worst start"),
-            "chips": (self.trials, "chips that were tried"),
+            "yield_low": (overall.low, f"lower end of the interval of the yield, {interval}, with chips as clusters"),
+            "yield_high": (overall.high, f"upper end of the interval of the yield, {interval}, with chips as clusters"),
+            "perfect_chips": (perfect.value, "fraction of the chips that serve every start"),
+            "perfect_chips_low": (perfect.low, f"lower end of the interval of perfect_chips, {interval}"),
+            "perfect_chips_high": (perfect.high, f"upper end of the interval of perfect_chips, {interval}"),
+            "worst_start": (defined(worst), "fraction of the chips that serve the worst start"),
+            "chips": (self.trials, "number of chips that were tried"),
         }
         return {name: Figure(value, "", definition) for name, (value, definition) in shares.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """The figures, as plain values."""
+        """Return the figures, the confidence and whether chips differ as plain values."""
         return {**super().to_json(), "confidence": self.confidence, "random": self.random}
 
 

@@ -185,7 +185,7 @@ def test_rings_close(shape: tuple[int, ...]) -> None:
 def test_without_any_start_nothing_is_not_a_number() -> None:
     cell = np.array([[0, 1, 2]], dtype=np.uint8)
     result = rg.study(rg.solve(rg.compile_space(space_of(cell), rails="cells"))).adc_resolution()
-    assert result.sentence() == "no start has a way to a goal"
+    assert result.sentence() == "no start has a path to a goal"
     assert result.to_json()["served_10_bits"]["value"] is None
     assert "NaN" not in json.dumps(result.to_json())
 

@@ -117,5 +117,5 @@ def test_without_a_start_there_is_nothing_to_sweep(readout: rg.Readout) -> None:
     space = space_of(np.array([[2, 1, 0, 0, 1]], dtype=np.uint8))
     made = rg.study(space, rg.Chip(readout=readout, mismatch=0.1, goal_switch_off=1e8))
     for ask in (made.yields, partial(made.sweep, ("mismatch", [0.1]), ("supply", [1.0]), trials=2)):
-        with pytest.raises(rg.InputError, match="no free cell has a way to a goal"):
+        with pytest.raises(rg.InputError, match="no free cell has a path to a goal"):
             ask()
