@@ -134,7 +134,7 @@ errors.
 
 
 def exact_integrals(dynamics: Dynamics, band: tuple[float, float] | None) -> Integrals:
-    """Compute effective resistances and integrals from the factors."""
+    """Compute effective resistances, and integrals of ``Re Z`` over a band, from the factors of ``G``."""
     none = np.zeros(dynamics.size)
     if not dynamics.size:
         return none, none, none, none

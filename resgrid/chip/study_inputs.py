@@ -26,6 +26,7 @@ Returned = TypeVar("Returned")
 
 def checked_method(method: Callable[Parameters, Returned]) -> Callable[Parameters, Returned]:
     """Check the names and types of a method's arguments before the call."""
+    method.__qualname__ = f"Study.{method.__name__}"  # the name in Python's own messages
     call = guarded(method.__name__, method)
 
     @wraps(method)
