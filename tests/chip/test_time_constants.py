@@ -242,7 +242,7 @@ def test_the_time_to_settle_does_not_depend_on_the_volts(volts: float) -> None:
 
 @pytest.mark.parametrize("volts", [1e165, 1e300])
 def test_energies_beyond_doubles_are_refused(volts: float) -> None:
-    with pytest.raises(rg.AccuracyError, match="doubles"):
+    with pytest.raises(rg.AccuracyError, match="overflows"):
         rg.study(two_lags(1e-9, 1e-9).replace(source_volts=[volts])).settling()
 
 

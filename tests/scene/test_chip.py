@@ -76,7 +76,7 @@ def test_a_value_of_any_size_makes_a_chip_or_a_message(value: object) -> None:
             except rg.InputError as error:
                 assert item.name in str(error)
             else:
-                assert kind is not Chip or rg.chip.effects.of_chip(made) is not None
+                assert kind is not Chip or rg.passes.of_chip(made) is not None
 
 
 @pytest.mark.parametrize("key", ["temperature", "resistance", "capacitance", "readout.offset", "readout.range"])
@@ -128,7 +128,7 @@ def test_a_chip_survives_the_way_through_a_document() -> None:
         ("mismatch = 10", "mismatch = 10 is 1000% of a resistance"),
         ('mismatch = "-3 %"', "must be at least 0"),
         ('mismatch = "ten %"', "is not a share"),
-        ('gradient = ["100 %", "100 %"]', "makes a resistance negative in a corner of the die"),
+        ('gradient = ["100 %", "100 %"]', "takes a resistance below 0 in a corner of the die"),
         ("temperature = -300", "below absolute zero"),
         ("temperature = 127\ntc1 = -0.02", "tc1 and tc2 turn resistances into -1 of themselves"),
         ('preferred = "E25"', "'E25' is unknown"),
