@@ -76,7 +76,7 @@ def test_a_value_of_any_size_makes_a_chip_or_a_message(value: object) -> None:
             except rg.InputError as error:
                 assert item.name in str(error)
             else:
-                assert kind is not Chip or rg.passes.of_chip(made) is not None
+                assert kind is not Chip or rg.chip.effects.of_chip(made) is not None
 
 
 @pytest.mark.parametrize("key", ["temperature", "resistance", "capacitance", "readout.offset", "readout.range"])
