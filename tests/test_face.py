@@ -68,7 +68,7 @@ def test_is_this_chip_good_enough(desk: Path) -> None:
     for result in found:
         assert all(figure.definition for figure in result.figures.values())
     assert 0 <= found[-1].overall.low <= found[-1].overall.value <= found[-1].overall.high <= 1
-    assert study.criticality(seconds=1.0).examined > 0
+    assert study.faults(seconds=1.0).examined > 0
 
 
 def test_the_robot_moving(desk: Path) -> None:

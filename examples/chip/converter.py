@@ -19,9 +19,9 @@ Path("out").mkdir(exist_ok=True)
 
 scene = rg.read_scene(SCENES / "chip.toml")
 boundaries = ("dirichlet", "neumann")
-found = {name: rg.study(scene.replace(boundary=name)).precision() for name in boundaries}
-for name, precision in found.items():
-    bits = precision.start_bits[np.isfinite(precision.start_bits)]
+found = {name: rg.study(scene.replace(boundary=name)).adc_resolution() for name in boundaries}
+for name, resolution in found.items():
+    bits = resolution.start_bits[np.isfinite(resolution.start_bits)]
     print(f"{name}: {np.ceil(bits.max()):.0f} bits serve every start, {np.ceil(np.median(bits)):.0f} half of them")
     assert bits.max() >= np.median(bits)
 

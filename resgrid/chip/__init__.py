@@ -1,18 +1,18 @@
-"""The chip: what real devices make of the circuit, and whether it is good enough to drive a robot."""
+"""The chip: effects of real devices on the circuit, and analyses of its accuracy, speed, noise and yield."""
 
 from resgrid._internal.public import attach
 
 ANALYSES = (
     "yield",
     "yield_loss",
-    "precision",
+    "adc_resolution",
     "settling",
     "noise",
     "power",
     "sensitivity",
-    "exploration",
+    "sweep",
     "defects",
 )
-"""Every analysis, in the order of the report; see `resgrid.chip.report`."""
+"""Names of the analyses of `resgrid chip`, in the order of the report; see `resgrid.chip.report`."""
 
 __getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -1,11 +1,11 @@
-"""How many converter bits a robot needs to see its next step: the precision problem of resistive grids as a number.
+"""Converter resolution: the number of bits that a robot needs to measure its next step.
 
 Tarassenko & Blake (1991) note that the potential of a grid with obstacles held at a rail is nearly flat far from the
-goal.  A converter of ``b`` bits tells two voltages apart when they differ by one step, its range over ``2**b``; a cell
-therefore needs ``log2(range / (V - V_best))`` bits, ``V_best`` being the voltage of its lowest face neighbour.
+goal.  A converter of ``b`` bits resolves two voltages that differ by one step, its range over ``2**b``.  A cell
+therefore needs ``log2(range / (V - V_best))`` bits, where ``V_best`` is the voltage of its lowest face neighbour.
 
-A voltage step along a resistor is its current over its conductance, which the operating point holds in logarithms: the
-steps compare correctly even where voltages themselves have become equal in double precision.
+The voltage step along a resistor is its current over its conductance.  The operating point holds logarithms of
+currents, so that steps compare correctly even where voltages are equal in double precision.
 """
 
 from __future__ import annotations
@@ -26,18 +26,22 @@ from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
 
 _MOST_CELLS = 400
+"""Maximum number of cells on a path whose decisions are examined."""
+
 _SMALL = 1e-4
+"""Fraction of ``I0`` below which a nonlinear resistor is linear."""
+
 _SATURATED = 1.0 - 1e-16
-"""Shares of ``I0`` below which a nonlinear resistor is linear, and above which its voltage cannot be told."""
+"""Fraction of ``I0`` above which rounding decides the voltage of a nonlinear resistor."""
 
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Voltage steps from cells to their face neighbours, one entry per cell and face that a resistor crosses.
+    """Voltage steps from cells to their face neighbours, one entry for each cell and each of its faces with a resistor.
 
-    `cell` (s,): flat index (C order) of the free cell left; ascending; `neighbour` (s,): of the `enterable` one; `sign`
-    (s,): 1 where the neighbour is lower (nearer to the goal rail), -1 where it is higher, 0 where both are equal;
-    `log_volts` (s,): natural logarithm of the step's size, in volts.
+    `cell` (s,): flat index (C order) of the free cell, ascending; `neighbour` (s,): flat index of the free or goal cell
+    across the face; `sign` (s,): 1 where the neighbour is lower (nearer to the goal rail), -1 where it is higher, 0
+    where both are equal; `log_volts` (s,): natural logarithm of the size of the step, in volts.
     """
 
     cells: CellMap
@@ -47,7 +51,10 @@ class Steps:
     log_volts: NDArray[np.float64]
 
     def lowest(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Lowest neighbour of every cell (-1 for none), of equal ones the first, and the log of the step down to it."""
+        """Return the lowest neighbour of every cell (-1 for none) and the log of the voltage step to it.
+
+        Among equal neighbours the first is returned.  Shapes: (cells,), (cells,).
+        """
         size = self.cells.space.cell.size
         down = np.where(self.sign > 0, self.log_volts, -np.inf)
         best = np.full(size, -np.inf)
@@ -59,12 +66,15 @@ class Steps:
 
 
 def enterable(space: ConfigurationSpace) -> NDArray[np.bool_]:
-    """Cells that a robot steps into: free and goal cells, never an obstacle, however low its switch lets it lie."""
+    """Return the mask of the cells that a robot can enter: free and goal cells, never obstacle cells."""
     return np.asarray(space.cell != Cell.OBSTACLE)
 
 
 def steps_of(op: OperatingPoint) -> Steps:
-    """The voltage steps between neighbouring cells; those that no element joins are compared by their voltages."""
+    """Return the voltage steps between neighbouring cells.
+
+    Cells without a common element are compared by their voltages.
+    """
     cells = op.netlist.cells
     space, node = cells.space, cells.node.ravel()
     code = space.cell.ravel()
@@ -92,7 +102,7 @@ def steps_of(op: OperatingPoint) -> Steps:
 def _across_elements(
     op: OperatingPoint, cells: CellMap
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]:
-    """Face, orientation, direction of the current and log of the voltage of every element that crosses a face."""
+    """Return face, orientation, current direction and log of the voltage of every element that crosses a face."""
     netlist = op.netlist
     linear, nonlinear = cells.resistor_face >= 0, cells.nonlinear_face >= 0
     log_volts = op.resistor_log_current[linear] - np.log(netlist.conductance[linear])
@@ -110,14 +120,14 @@ def _across_elements(
 
 
 def _cells_of_faces(space: ConfigurationSpace) -> NDArray[np.int64]:
-    """Flat index of the cells below and above every face, -1 beyond the edge; shape (faces, 2)."""
+    """Return the flat indices of the cells below and above every face, -1 outside the grid; shape (faces, 2)."""
     wide = with_margin(np.arange(space.cell.size).reshape(space.shape), space.periodic, beyond=-1)
     sides = (cells_at_faces(wide, axis) for axis in range(space.ndim))
     return np.concatenate([np.stack([below.ravel(), above.ravel()], axis=1) for below, above in sides])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Precision(Result):
+class ADCResolution(Result):
     """Converter bits that the cells of a space need.
 
     Attributes
@@ -126,10 +136,10 @@ class Precision(Result):
     span : float
         Range of the converter, in volts.
     cell_bits : ndarray of float64, shape of the space
-        Bits at which one step of the converter is as large as the step down to the best neighbour; infinite where no
-        neighbour is lower, NaN in cells that are not free or have no way to a goal.
+        Bits at which one step of the converter equals the voltage step to the lowest neighbour.  Infinite where no
+        neighbour is lower; NaN in cells that are not free or have no path to a goal.
     start_bits : ndarray of float64, shape of the space
-        The most that any cell on the way from there to the goal needs, each step leading to the lowest neighbour.
+        Largest `cell_bits` along the path from a cell to the goal, each step leading to the lowest neighbour.
     following : ndarray of int64, shape of the space
         Flat index (C order) of the lowest neighbour, -1 for none.
     boundary : str
@@ -145,15 +155,18 @@ class Precision(Result):
 
     @property
     def starts(self) -> NDArray[np.float64]:
-        """Bits that every start with a way to a goal needs, in C order of the cells."""
+        """Bits that every start with a path to a goal needs, in C order of the cells."""
         return self.start_bits[self.space.goal_connected]
 
     def served(self, bits: float) -> float:
-        """Share of the starts that a read-out of so many bits serves, among those with a way to a goal; NaN of none."""
+        """Return the fraction of the starts that a read-out of `bits` bits serves.
+
+        Starts are free cells with a path to a goal; NaN if there are none.
+        """
         return float(np.mean(self.starts <= bits)) if self.starts.size else float("nan")
 
     def bits_for(self, share: float) -> int | None:
-        """Fewest whole bits that serve a share of the starts; None if no number of bits does."""
+        """Return the smallest number of bits that serves a fraction of the starts; None if no number does."""
         check_share("share", share)
         ordered = np.sort(self.starts)
         if not ordered.size:
@@ -162,13 +175,16 @@ class Precision(Result):
         return max(int(np.ceil(needed)), 1) if np.isfinite(needed) else None
 
     def cells_passed(self, starts: Sequence[tuple[int, ...]] = ()) -> NDArray[np.int64]:
-        """Cells on the way from some starts, or else from the one that needs most bits, shape (k, axes)."""
+        """Return the cells on the paths from some starts, shape (k, axes).
+
+        By default the path from the start that needs most bits.
+        """
         shape = self.space.shape
         bits = np.where(np.isfinite(self.start_bits), self.start_bits, -np.inf)
         hardest = tuple(int(index) for index in np.unravel_index(int(bits.argmax()), shape))
         begins = [start for start in starts if self.space.goal_connected[start]] or [hardest]
         following, goal = self.following.ravel(), self.space.cell.ravel() == Cell.GOAL
-        passed: dict[int, None] = {}
+        passed: dict[int, None] = {}  # an ordered set
         for begin in begins:
             cell = int(np.ravel_multi_index(begin, shape))
             while cell >= 0 and not goal[cell] and cell not in passed and following[cell] >= 0:
@@ -179,17 +195,17 @@ class Precision(Result):
         return np.stack(np.unravel_index(list(passed)[:_MOST_CELLS], shape), axis=1)
 
     def sentence(self, bits: int = 10) -> str:
-        """What a read-out of so many bits is worth, e.g. ``"a 10-bit read-out serves 63 % of the starts"``."""
+        """Return a sentence on a read-out of `bits` bits, e.g. ``"a 10-bit read-out serves 63 % of the starts"``."""
         if not self.starts.size:
-            return "no start has a way to a goal"
+            return "no start has a path to a goal"
         article = "an" if str(bits).startswith("8") or bits in {11, 18} else "a"
         share = 100 * self.served(bits)
-        # Rounded down, so that 100 % means all of them.
+        # Round down, so that 100 % means all starts.
         return f"{article} {bits}-bit read-out serves {np.floor(share + 1e-9):.0f} % of the starts"
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """The figures of merit by name, with units and definitions."""
+        """Figures of merit by name, with units and definitions."""
         most = float(self.starts.max(initial=-np.inf))
         typical = float(np.median(self.starts)) if self.starts.size else np.nan
         of = f"of a converter of range {self.span:g} V"
@@ -197,7 +213,7 @@ class Precision(Result):
             "most_bits": Figure(
                 defined(most),
                 "bit",
-                f"bits {of} that the most demanding start needs: log2(range over the smallest step down on its way)",
+                f"bits {of} that the most demanding start needs: log2(range / smallest step down on its path)",
             ),
             "median_bits": Figure(defined(typical), "bit", f"bits {of} that serve half of the starts"),
         }
@@ -205,20 +221,20 @@ class Precision(Result):
             result[f"served_{bits}_bits"] = Figure(
                 self.served(bits) if self.starts.size else None,
                 "",
-                f"share of the starts with a path that a {bits}-bit read-out serves",
+                f"fraction of the starts with a path that a {bits}-bit read-out serves",
             )
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """The figures and the sentence, as plain values."""
+        """Return the figures and the sentence as plain values."""
         return {**super().to_json(), "boundary": self.boundary, "sentence": self.sentence()}
 
 
-def analyse_precision(op: OperatingPoint, *, span: Positive | None = None) -> Precision:
-    """How many bits a read-out needs.
+def analyse_adc_resolution(op: OperatingPoint, *, span: Positive | None = None) -> ADCResolution:
+    """Compute the converter bits that every cell and every start needs.
 
-    `span`: range of the converter, in volts; without a chip's description the supply or, with a uniform drive, the
-    height of the highest node above the goal rail.
+    `span`: range of the converter, in volts; by default the supply or, with a uniform drive, the height of the highest
+    node above the goal rail.
     """
     steps = steps_of(op)
     space, wiring = steps.cells.space, steps.cells.wiring
@@ -231,7 +247,7 @@ def analyse_precision(op: OperatingPoint, *, span: Positive | None = None) -> Pr
     following, log_volts = steps.lowest()
     served = space.goal_connected.ravel()
     bits = np.where(served, (np.log(reach) - log_volts) / np.log(2.0), np.nan)
-    return Precision(
+    return ADCResolution(
         space=space,
         span=reach,
         cell_bits=bits.reshape(space.shape),
@@ -244,7 +260,7 @@ def analyse_precision(op: OperatingPoint, *, span: Positive | None = None) -> Pr
 def _largest_ahead(
     bits: NDArray[np.float64], following: NDArray[np.int64], space: ConfigurationSpace
 ) -> NDArray[np.float64]:
-    """Largest value from every cell to the end of its way, by doubling the length looked ahead."""
+    """Return the largest value from every cell to the end of its path, by pointer doubling.  Shapes: all (cells,)."""
     most = np.where(space.cell.ravel() == Cell.GOAL, -np.inf, bits)
     ahead = np.where(following < 0, np.arange(len(bits)), following)
     for _ in range(int(np.ceil(np.log2(len(bits) + 1)))):

@@ -1,9 +1,10 @@
-"""From a chip's description to the netlist of one chip, or to the conductances of many."""
+"""Build chips: from a chip description to the netlist of one chip, or to the conductances of many."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Literal
 
@@ -16,7 +17,7 @@ from resgrid.chip.effects.base import checked
 from resgrid.chip.figures_of_merit import formatted
 from resgrid.core import random_sites
 from resgrid.core.netlist import Netlist
-from resgrid.core.random_sites import seed_of
+from resgrid.core.random_sites import Seed, seed_of
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring
 from resgrid.errors import InputError, suggestion
@@ -25,39 +26,41 @@ from resgrid.scene.chip import Chip
 from resgrid.scene.table_models import described_keys
 
 Form = Literal["circuit", "tiles", "grid"]
-"""The netlist that `build_chip` makes; the array of tiles with its pattern; the ideal grid that paths follow."""
+"""Form of the exported circuit: the netlist of `build_chip`, the array of tiles, or the ideal grid without effects."""
 
 READING = ("readout.offset", "readout.noise_bandwidth", "readout.bits", "readout.range")
-"""How voltages are read: what no circuit holds."""
+"""Keys of the read-out that do not change the circuit."""
 
 _SCALE = ("resistance", "supply", "wall_resistance")
+"""Keys of every form of the circuit; the next groups are switches, drawn resistors and random deviations."""
 _SWITCHES = tuple(f"{kind}_switch_{state}" for kind in ("goal", "obstacle", "internodal") for state in ("on", "off"))
 _DRAWN = ("preferred", "sheet_resistance", "width", "length", "drawing_grid")
 _SCATTERED = ("gradient", "pelgrom", "mismatch", "seed")
 _HELD = {
-    "grid": (*_SCALE, "capacitance"),  # which draws nothing once it has settled
+    "grid": (*_SCALE, "capacitance"),  # capacitors carry no current at the operating point
     "tiles": (*_SCALE, "capacitance", *_SWITCHES, *_DRAWN, *_SCATTERED),
 }
+"""Keys that a form of the circuit holds."""
 
 
 def build_chip(netlist: Netlist, chip: Chip | Iterable[Effect], seed: Any = None) -> Netlist:
-    """Give an ideal netlist everything that a chip's description says.
+    """Return the netlist of a chip: an ideal netlist with all effects of a chip description.
 
     Parameters
     ----------
     netlist : Netlist
-        Compiled with the chip's resistance and supply; with ``rails="cells"`` for switches, rails, capacitors and
-        loads.
-    chip : Chip or iterable of passes
-        Its description, or its effects one after the other (`resgrid.chip.effects`).
+        The ideal circuit, compiled with the resistance and supply of the chip.  Switches, rails, capacitors and loads
+        need ``rails="cells"``.
+    chip : Chip or iterable of Effect
+        The chip description, or effects in the order in which they are applied (`resgrid.chip.effects`).
     seed : int, sequence of int or numpy.random.SeedSequence, optional
-        Which chip of the kind; the description's by default.
+        Seed of the random effects; by default that of the description.
 
     Returns
     -------
     Netlist
-        The grid's resistors keep their numbers (those that saturate become nonlinear ones in the same order, open ones
-        are left out); switches, rails and loads are appended.
+        Resistors of the grid keep their numbers; saturating resistors become nonlinear ones in the same order, and open
+        ones are left out.  Switches, rails and loads are appended.
 
     Raises
     ------
@@ -79,7 +82,10 @@ def build_chip(netlist: Netlist, chip: Chip | Iterable[Effect], seed: Any = None
 
 
 def ideal_netlist(space: ConfigurationSpace, chip: Chip, wiring: Wiring) -> Netlist:
-    """Compile a space for `build_chip`: a node per cell, the chip's values, a uniform drive scaled to the supply."""
+    """Return the ideal netlist of a space for `build_chip`: one node per cell, with the chip's resistance and supply.
+
+    A uniform drive is scaled to the supply.
+    """
     wall = chip.wall_resistance if wiring.boundary == "wall" else None
     own = dataclasses.replace(
         wiring, rails="cells", resistance=chip.resistance, supply=chip.supply, wall_resistance=wall
@@ -88,47 +94,69 @@ def ideal_netlist(space: ConfigurationSpace, chip: Chip, wiring: Wiring) -> Netl
 
 
 def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -> tuple[Netlist, NDArray[np.float64]]:
-    """The conductances of many chips on one circuit, without building a netlist for each; for `solve_many`.
+    """Return the circuit without mismatch, and the conductances of chips in siemens, shape (chips, resistors)."""
+    model = ConductanceModel.of(netlist, chip)
+    return model.netlist, model.draw([seed_of(seed) for seed in seeds])
 
-    `seeds`: one for each chip.  Returns the chip without mismatch and, row by row, the conductances in siemens of
-    ``build_chip(study.ideal, study.chip, seed)``, shape (chips, resistors).  Refused where defects or saturation change
-    the circuit.
+
+@dataclass(frozen=True, eq=False)
+class ConductanceModel:
+    """Distribution of the conductances of chips that share one circuit: everything that does not depend on the seed.
+
+    `netlist`: the circuit without mismatch; `site` (drawn resistors,): site of each resistor that mismatch applies to,
+    -1 for none; these are the first resistors of the netlist; `sites`: number of sites; `deviation`: standard deviation
+    of a resistance as a fraction of its mean, shape () or (sites,), None without mismatch; `switch` (drawn resistors,):
+    resistance in series with each resistor that has no mismatch, in ohms.
     """
-    if chip.saturation_voltage is not None or Faults.of(chip, 0):
-        raise InputError(
-            "chips with defects or saturation differ in more than their conductances; build them one by one"
-        )
-    chain = effects.of_chip(chip)
-    model = Mismatch.of(chip, chip.seed)
-    before = 0 if model is None else chain.index(model)
-    drawn = circuit = build_chip(netlist, chain[:before])
-    switch = np.zeros(len(drawn.conductance))
-    for effect in chain[before:]:
-        if isinstance(effect, Mismatch):
-            continue
-        without, circuit = circuit, effect.apply(circuit)
-        if isinstance(effect, InternodalSwitches):
-            # A closed switch lies in series with a resistor, and does not share its mismatch.
-            switch = 1 / circuit.conductance[: len(switch)] - 1 / without.conductance
-    seeds = [seed_of(seed) for seed in seeds]
-    samples = np.tile(circuit.conductance, (len(seeds), 1))
-    if model is None:
-        return circuit, samples
-    deviation, places = model.deviation(drawn), random_sites.resistor_sites(drawn)[0]
-    for row, seed in zip(samples, seeds, strict=True):
-        factors = np.append(random_sites.mismatch_factors(random_sites.site_count(drawn), deviation, seed), 1.0)[places]
-        own = row[: len(switch)]
-        own[:] = 1 / ((1 / own - switch) * factors + switch) if switch.any() else own / factors
-    return circuit, samples
+
+    netlist: Netlist
+    site: NDArray[np.integer[Any]]
+    sites: int
+    deviation: float | NDArray[np.float64] | None
+    switch: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, netlist: Netlist, chip: Chip) -> ConductanceModel:
+        """Return the model of a chip; raise InputError where defects or saturation change the circuit."""
+        if chip.saturation_voltage is not None or Faults.of(chip, 0):
+            raise InputError(
+                "chips with defects or saturation differ in more than their conductances; build them one by one"
+            )
+        chain = effects.of_chip(chip)
+        mismatch = Mismatch.of(chip, chip.seed)
+        before = 0 if mismatch is None else chain.index(mismatch)
+        drawn = circuit = build_chip(netlist, chain[:before])
+        switch = np.zeros(len(drawn.conductance))
+        for effect in chain[before:]:
+            if isinstance(effect, Mismatch):
+                continue
+            without, circuit = circuit, effect.apply(circuit)
+            if isinstance(effect, InternodalSwitches):
+                # A closed switch lies in series with a resistor, and does not share its mismatch.
+                switch = 1 / circuit.conductance[: len(switch)] - 1 / without.conductance
+        deviation = None if mismatch is None else mismatch.deviation(drawn)
+        return cls(circuit, random_sites.resistor_sites(drawn)[0], random_sites.site_count(drawn), deviation, switch)
+
+    def draw(self, seeds: Sequence[Seed]) -> NDArray[np.float64]:
+        """Return the conductances of the chips of some seeds in siemens, shape (chips, resistors)."""
+        samples = np.tile(self.netlist.conductance, (len(seeds), 1))
+        if self.deviation is None:
+            return samples
+        has_switches = bool(self.switch.any())
+        for row, seed in zip(samples, seeds, strict=True):
+            factors = np.append(random_sites.mismatch_factors(self.sites, self.deviation, seed), 1.0)[self.site]
+            own = row[: len(self.switch)]
+            own[:] = 1 / ((1 / own - self.switch) * factors + self.switch) if has_switches else own / factors
+        return samples
 
 
 def chip_keys(chip: Chip) -> dict[str, Any]:
-    """Every key of a chip, ``readout.bits`` for one of a table in it, and its value."""
+    """Return the value of every key of a chip, with dots for nested tables (``readout.bits``)."""
     return {key: attrgetter(key)(chip) for key in described_keys(Chip)}
 
 
 def chip_with(chip: Chip, values: Mapping[str, Any]) -> Chip:
-    """The same chip with other values by key, with dots: ``{"mismatch": 0.02, "readout.bits": 8}``."""
+    """Return a copy of a chip with other values, by key: ``{"mismatch": 0.02, "readout.bits": 8}``."""
     known = list(described_keys(Chip))
     tables: dict[str, dict[str, Any]] = {"": {}}
     for key, value in values.items():
@@ -137,14 +165,16 @@ def chip_with(chip: Chip, values: Mapping[str, Any]) -> Chip:
             raise InputError(f"a chip has no key {key!r}; {hint}")
         table, _, name = key.rpartition(".")
         tables.setdefault(table, {})[name] = value.item() if isinstance(value, np.generic) else value
-    own = tables.pop("")  # all keys of a table at once, for its laws hold across them
+    own = tables.pop("")  # change all keys of a table at once: its checks involve several keys
     inner = {table: dataclasses.replace(getattr(chip, table), **parts) for table, parts in tables.items()}
     return dataclasses.replace(chip, **own, **inner)
 
 
 def described(chip: Chip, shape: Sequence[int], boundary: str) -> list[tuple[str, str, str]]:
-    """What a chip is made of, key by key, without what is ideal: key, value, meaning."""
-    meaning = {"dirichlet": "are a rail", "neumann": "are open", "wall": "are a rail behind a resistance"}[boundary]
+    """Return rows (key, value, meaning) of the keys of a chip that are set, after those of its grid."""
+    meaning = {"dirichlet": "are a rail", "neumann": "are open", "wall": "are a rail with a series resistance"}[
+        boundary
+    ]
     size = f"{' x '.join(map(str, shape))} cells"
     rows = [("grid", size, "one node each"), ("boundary", boundary, f"obstacles {meaning}")]
     values, about = chip_keys(chip), described_keys(Chip)
@@ -158,7 +188,7 @@ def described(chip: Chip, shape: Sequence[int], boundary: str) -> list[tuple[str
 
 
 def value_text(value: Any, unit: str) -> str:
-    """A value of a chip for people."""
+    """Return a value of a chip as text with its unit."""
     if isinstance(value, tuple):
         return ", ".join(value_text(part, unit) for part in value)
     if value is None:
@@ -169,7 +199,7 @@ def value_text(value: Any, unit: str) -> str:
 
 
 def keys_not_held(chip: Chip, form: Form) -> tuple[str, ...]:
-    """The keys of a chip that say something about it and that a form of its circuit does not hold."""
+    """Return the keys of a chip that are set and that a form of its circuit cannot represent."""
     usual, values = chip_keys(Chip()), chip_keys(chip)
     held = values.keys() - set(READING) if form == "circuit" else _HELD[form]
     said = (key for key, value in values.items() if key not in held and value != usual[key])
@@ -177,9 +207,9 @@ def keys_not_held(chip: Chip, form: Form) -> tuple[str, ...]:
 
 
 def _matters(chip: Chip, key: str, usual: Any) -> bool:
-    """Whether the chip would be another one without the key."""
+    """Return whether the chip would differ without the value of a key."""
     try:
         other = chip_with(chip, {key: usual})
-    except InputError:  # other keys rest on it
+    except InputError:  # other keys need this one
         return True
     return key in (*_SCALE, *READING) or effects.of_chip(other) != effects.of_chip(chip)

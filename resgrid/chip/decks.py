@@ -1,8 +1,8 @@
-"""Decks of a chip, each with the question it asks the simulator and the answer that is expected.
+"""SPICE decks of a chip, each with an analysis and its expected result.
 
-``op``: the operating point.  ``transient``: the supplies are switched on, in one time step, on a chip at rest.
-``noise``: the noise voltage at the noisiest cell.  ``temperature``: operating points at several temperatures.
-Nonlinear chips stand in the middle two as their small-signal circuit at the operating point.
+``op``: the operating point.  ``transient``: the supplies of a discharged chip rise within one time step.  ``noise``:
+the noise voltage at the noisiest cell.  ``temperature``: operating points at several temperatures.  In ``transient``
+and ``noise``, a nonlinear chip is replaced by its linearization at the operating point.
 """
 
 from __future__ import annotations
@@ -30,23 +30,30 @@ from resgrid.spice.analyses import Analysis, NoiseAnalysis, Probe, TemperatureAn
 from resgrid.spice.write.files import WrittenDeck, write_spice
 
 CELSIUS = (-40.0, 27.0, 85.0, 125.0)
+"""Temperatures of the temperature deck, in degrees Celsius."""
 BAND = 100.0
 """Upper limit of the noise band, in reciprocals of the fastest time constant (as angular frequency)."""
 
 Words = dict[str, Any]
-"""Title and dialect of the decks, as `write_spice` takes them."""
+"""Title and dialect of the decks, as options of `write_spice`."""
 
-_WHAT = {
+_DESCRIPTIONS = {
     "op": "the chip, for its operating point",
-    "transient": "the same chip at rest, whose supplies are switched on",
+    "transient": "the same chip, discharged, when its supplies are switched on",
     "noise": "the same chip, for the noise at its noisiest cell",
     "temperature": "the same chip with temperature coefficients, for several temperatures",
 }
+"""Descriptions of the decks, by name."""
 _POINTS = 20
+"""Frequencies per decade of the noise analysis."""
 _STEPS = 400
+"""Time steps of the transient analysis."""
 _MOMENTS = 10
+"""Number of times with expected voltages."""
 _MOST_PROBES = 1000
+"""Maximum number of nodes of which all voltages are recorded."""
 _FEW_PROBES = 64
+"""Number of recorded nodes of a larger grid."""
 
 
 def write_decks(
@@ -58,7 +65,7 @@ def write_decks(
     folder: Path,
     words: Words,
 ) -> dict[str, WrittenDeck]:
-    """Write the decks of a chip, of its small signals where it has capacitances, and of it at other temperatures."""
+    """Write the decks of a chip, by name; decks of dynamics only for a chip with capacitances."""
     decks = {"op": write_spice(op, folder / "op.cir", **words)}
     if settling is not None:
         decks["transient"] = _transient(linear, settling, folder / "transient.cir", words)
@@ -68,19 +75,19 @@ def write_decks(
 
 
 def described_files(decks: Mapping[str, WrittenDeck], dialect: str) -> dict[str, str]:
-    """What every file of the decks is, by its name."""
+    """Return a description of every file of the decks, by file name."""
     files = {}
     for name, deck in decks.items():
-        files[deck.path.name] = _WHAT[name]
+        files[deck.path.name] = _DESCRIPTIONS[name]
         files[deck.commands.name] = f"runs {deck.path.name} in {dialect}"
-        files[deck.sidecar.name] = f"what {deck.path.name} should give, and its nodes"
+        files[deck.sidecar.name] = f"expected results of {deck.path.name}, and its nodes"
         if deck.companion is not None:
             files[deck.companion.name] = f"makes ngspice check the operating point of {deck.path.name}: PASS or FAIL"
     return files
 
 
 def _transient(netlist: Netlist, settling: Settling, path: Path, words: Words) -> WrittenDeck:
-    """Switch the supplies on; the middle of the simulator's step is time 0 of our answer."""
+    """Write the transient deck; time 0 of the expected result is the middle of the simulator's first step."""
     tau = float(settling.time_constants[0])
     stop = float(f"{max(1.1 * settling.settle_time, 6.0 * tau):.3g}")
     step = stop / _STEPS
@@ -104,13 +111,14 @@ def _transient(netlist: Netlist, settling: Settling, path: Path, words: Words) -
         "slowest_time_constant": tau,
         "weight": {name: float(weight[node]) for name, node in zip(names, nodes, strict=True)},
     }
-    asked: list[Analysis] = [TransientAnalysis(stop, step, netlist), *_probe(netlist, nodes)]
-    still = solve(off.replace(cell_map=None), accuracy="normwise")  # a scene would be asked for a drive
+    analyses: list[Analysis] = [TransientAnalysis(stop, step, netlist), *_probe(netlist, nodes)]
+    still = solve(off.replace(cell_map=None), accuracy="normwise")  # without cells, no drive is required
     rest = dataclasses.replace(still, netlist=off)
-    return write_spice(rest, path, analyses=asked, expected=expected, verify=False, **words)
+    return write_spice(rest, path, analyses=analyses, expected=expected, verify=False, **words)
 
 
 def _noise(netlist: Netlist, settling: Settling, path: Path, words: Words) -> WrittenDeck:
+    """Write the noise deck of the noisiest cell."""
     band = noise_band(settling)
     noise = analyse_noise(netlist, band=band)
     assert noise.total is not None
@@ -127,14 +135,14 @@ def _noise(netlist: Netlist, settling: Settling, path: Path, words: Words) -> Wr
         "density": float(np.sqrt(noise.density[node])),
         "limit": defined(noise.limit[node]),
     }
-    asked = [NoiseAnalysis(netlist.node_name(node), *band, points=_POINTS)]
-    return write_spice(netlist, path, analyses=asked, expected=expected, **words)
+    analyses = [NoiseAnalysis(netlist.node_name(node), *band, points=_POINTS)]
+    return write_spice(netlist, path, analyses=analyses, expected=expected, **words)
 
 
 def noise_band(settling: Settling) -> tuple[float, float]:
-    """From a hundredth of the lowest corner frequency to a hundred times the highest one, in hertz.
+    """Return the band from 0.01 times the lowest to 100 times the highest corner frequency, in hertz.
 
-    The upper limit is one of the simulator's frequencies, which it would otherwise stop short of.
+    The upper limit is a frequency point of the simulator, which would otherwise stop below it.
     """
     low = float(f"{0.01 / (2.0 * np.pi * float(settling.time_constants[0])):.3g}")
     points = int(np.ceil(_POINTS * np.log10(BAND / (2.0 * np.pi * settling.fastest * low))))
@@ -142,6 +150,7 @@ def noise_band(settling: Settling) -> tuple[float, float]:
 
 
 def _temperature(ideal: Netlist, chip: Chip, path: Path, words: Words) -> WrittenDeck:
+    """Write the temperature deck, with the expected voltages at each temperature that the coefficients allow."""
     cold = build_chip(ideal, dataclasses.replace(chip, temperature=None))
     nodes = _probed(cold, solve(cold).voltage)
     own = () if chip.temperature is None else (chip.temperature,)
@@ -149,7 +158,7 @@ def _temperature(ideal: Netlist, chip: Chip, path: Path, words: Words) -> Writte
     for celsius in sorted({*CELSIUS, *own}):
         try:
             heated = Temperature(celsius).apply(cold)
-        except InputError:  # the coefficients do not reach so far
+        except InputError:  # the coefficients give a negative resistance
             continue
         volts = solve(heated).voltage
         voltages[repr(celsius)] = dict(zip(cold.names_of(nodes), volts[nodes].tolist(), strict=True))
@@ -158,12 +167,12 @@ def _temperature(ideal: Netlist, chip: Chip, path: Path, words: Words) -> Writte
         "temperature coefficients",
         "voltage": voltages,
     }
-    asked: list[Analysis] = [TemperatureAnalysis(tuple(map(float, voltages))), *_probe(cold, nodes)]
-    return write_spice(cold, path, analyses=asked, expected=expected, **words)
+    analyses: list[Analysis] = [TemperatureAnalysis(tuple(map(float, voltages))), *_probe(cold, nodes)]
+    return write_spice(cold, path, analyses=analyses, expected=expected, **words)
 
 
 def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Nodes of cells whose voltages are kept: all that have one, or some spread evenly over a large grid."""
+    """Return the nodes of cells with recorded voltages: all of a small grid, some spread evenly over a large one."""
     cell_map = netlist.cells
     nodes = np.unique(cell_map.node[cell_map.node >= 0])
     nodes = nodes[np.isfinite(volts[nodes])]
@@ -173,4 +182,5 @@ def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int32]:
 
 
 def _probe(netlist: Netlist, nodes: NDArray[np.int32]) -> list[Analysis]:
+    """Return the probe of a large netlist, which does not record all voltages."""
     return [Probe(tuple(netlist.names_of(nodes)))] if netlist.node_count > _MOST_PROBES else []

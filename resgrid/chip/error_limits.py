@@ -1,8 +1,8 @@
-"""How large an error of a chip may be: its largest value at which the yield still reaches a target.
+"""Error limits of a chip: the largest value of one error at which the yield still reaches a target.
 
-The values that are tried form a ladder from ideal to worst, in steps of the E12 series (IEC 60063) or single bits.  The
-yields of all rungs come from the same dies and the same random numbers (common random numbers), so that neighbouring
-rungs differ by the error alone.
+The values form a ladder from ideal to worst, in steps of the E12 series (IEC 60063) or single bits.  The yields of all
+values come from the same chips and the same random numbers (common random numbers), so that neighbouring values differ
+by the error only.
 """
 
 from __future__ import annotations
@@ -16,14 +16,16 @@ from resgrid.chip.figures_of_merit import Figure, Proportion, formatted
 from resgrid.scene.chip import Chip
 
 _E12 = (1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2)
+"""Preferred values of the E12 series."""
 _MOST_BITS = 32
+"""Largest resolution that is tried, in bits."""
 _SMALLEST_OFFSET = 1e-6
 """Smallest offset that is tried, as a fraction of the supply."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """The worst value of one error at which the yield still reaches a target, everything else as it is.
+    """The worst value of one error at which the yield still reaches a target, with all other values unchanged.
 
     Attributes
     ----------
@@ -33,22 +35,22 @@ class Limit:
     target : float
         The yield to reach.
     value : float, int or None
-        The worst value on the ladder at which, as at all better ones, the yield reaches the target.  None where even
-        the ideal value does not reach it, or where only an ideal converter does.
+        The worst value on the ladder at which, and at all better values, the yield reaches the target.  None where the
+        ideal value does not reach it, or where only an ideal converter does.
     share : Proportion
-        Yield at this value, or at the ideal one where `value` is None.
+        Yield at `value`, or at the ideal value where `value` is None.
     beyond : float, int or None
         The next worse value on the ladder; None at its end.
     beyond_share : Proportion or None
-        Yield there, below the target.
+        Yield at `beyond`, below the target.
     sure, possible : float, int or None
         Ends of the interval of `value`: the worst value at which the lower end of the yield's interval reaches the
-        target, and the one at which its upper end does.  None where not even the ideal value has such a yield.
+        target, and the worst at which its upper end does.  None where the ideal value has no such yield.
     reached : bool
         Whether the ideal value reaches the target.
     tolerated : float, int or None
-        Only where the ideal value does not reach the target: the worst value that costs at most ``1 - target`` of the
-        yield of the ideal one.
+        Only where the ideal value does not reach the target: the worst value that reduces the yield of the ideal one by
+        at most ``1 - target``.
     tried : tuple
         Every value that was tried, best first, with its yield; None is an ideal converter.
     """
@@ -68,15 +70,15 @@ class Limit:
     @property
     def figure(self) -> Figure:
         """The value with its unit and definition."""
-        what, unit = _WORDS[self.name]
+        definition, unit = _WORDS[self.name]
         ends = [self.sure, self.possible] if self.name != "fewest_bits" else [self.possible, self.sure]
         shown = " to ".join("not reached" if end is None else self._text(end) for end in ends)
-        text = f"{what} at which the yield still reaches {100 * self.target:.4g} %, everything else as it is"
+        text = f"{definition} at which the yield still reaches {100 * self.target:.4g} %, all else unchanged"
         return Figure(self.value, unit, f"{text}; {self.remark} ({self.share.confidence:.0%} interval: {shown})")
 
     @property
     def answer(self) -> str:
-        """The value for people, and the yields that prove it."""
+        """The value as text, with the yields on both sides of it."""
         if not self.reached:
             return self.remark
         return f"{_IDEAL[self.name] if self.value is None else self._text(self.value)}, {self.remark}"
@@ -96,14 +98,14 @@ class Limit:
         return f"where the yield is {here} (at {self._text(self.beyond)} it is {next_one})"
 
     def _text(self, value: float) -> str:
-        """Return a value for people."""
+        """Return a value with its unit as text."""
         if self.name == "fewest_bits":
             return f"{value} bit{'s' * (value != 1)}"
         return f"{100 * value:.3g} %" if self.name == "largest_mismatch" else formatted(value, _WORDS[self.name][1])
 
 
 def _distinguished(first: float, second: float) -> tuple[str, str]:
-    """Return two fractions in per cent, with as many decimals as tell them apart."""
+    """Return two fractions in per cent, with enough decimals to differ."""
     for decimals in range(1, 6):
         texts = f"{100 * first:.{decimals}f} %", f"{100 * second:.{decimals}f} %"
         if texts[0] != texts[1]:
@@ -116,11 +118,13 @@ _WORDS = {
     "largest_offset": ("largest standard deviation of the read-out's offset", "V"),
     "fewest_bits": ("fewest bits of the converter", "bit"),
 }
+"""Definition and unit of each limit."""
 _IDEAL = {
     "largest_mismatch": "zero mismatch",
     "largest_offset": "zero offset",
     "fewest_bits": "an ideal converter",
 }
+"""Text of the ideal value of each limit."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +183,7 @@ def bits_ladder(chip: Chip) -> Ladder:
 def find_limit(ladder: Ladder, target: float, yields: Callable[[int], Proportion], *, every: bool) -> Limit:
     """Find the limit of a ladder whose rung `i` has the yield ``yields(i)``.
 
-    `every`: rungs are tried one after the other, else by bisection, which takes the yield to fall from rung to rung.
+    `every`: try the rungs one after the other; otherwise bisect, assuming that the yield falls from rung to rung.
     """
     count = len(ladder.values)
     seen: dict[int, Proportion] = {}
@@ -212,14 +216,14 @@ def find_limit(ladder: Ladder, target: float, yields: Callable[[int], Proportion
 
 
 def _last_by_scan(count: int, passes: Callable[[int], bool]) -> int:
-    """Return the last rung before the first that fails; -1 if rung 0 fails."""
+    """Return the last rung before the first one that fails; -1 if rung 0 fails."""
     return next((rung for rung in range(count) if not passes(rung)), count) - 1
 
 
 def _last_sure(last: int, passes: Callable[[int], bool], *, every: bool) -> int:
-    """Return the worst rung up to the last one whose interval lies above the target; -1 for none.
+    """Return the worst rung, up to `last`, whose interval lies above the target; -1 for none.
 
-    Better rungs need not be tried: equal chips have a wider interval than chips that differ a little.
+    Better rungs need not pass: the interval of equal chips is wider than that of chips that differ a little.
     """
     if every:
         return next((rung for rung in range(last, -1, -1) if passes(rung)), -1)

@@ -1,11 +1,11 @@
-"""Which faults matter: how many starts lose their way when one resistor or switch of a chip is open, or shorted.
+"""Fault analysis: the number of starts lost when one resistor or switch of a chip is open or shorted.
 
-A fault changes one conductance, and with it all voltages by a multiple of one vector (Sherman & Morrison 1950): with
-``z = A^-1 w``, ``w`` being 1 and -1 at the ends of the element, across which ``d`` volts lie, a change ``delta`` of its
-conductance changes the voltages by ``-delta d z / (1 + delta w . z)``.  That is right to rounding over the denominator:
-where that is small, because leaks alone join what the element did, the voltages are corrected once by what they leave
-of KCL.  Where an open cuts the circuit in two the denominator vanishes, and the circuit is solved anew, as it is for
-nonlinear resistors.
+A fault changes one conductance, and the change of all voltages is a multiple of one vector (Sherman & Morrison 1950).
+Let ``w`` be 1 and -1 at the ends of the element, ``d`` the voltage across it, and ``z = A^-1 w``.  A change ``delta``
+of the conductance changes the voltages by ``-delta d z / (1 + delta w . z)``.  The relative error is rounding over the
+denominator.  The denominator is small where only leakage connects the two sides without the element; one step of
+iterative refinement then corrects the voltages.  The denominator vanishes where an open cuts the circuit in two; such a
+fault, and every fault of a circuit with nonlinear resistors, is solved from scratch.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import Positive, check_whole
+from resgrid._internal.validation import check_whole
 from resgrid.chip.effects.base import cells_with_nodes, without_stranded_currents
 from resgrid.chip.figures_of_merit import Figure, Result
-from resgrid.chip.monte_carlo import arrivals, converter_of, neighbours_of
+from resgrid.chip.walk import converter_of, neighbours_of, reaches_goal
 from resgrid.chip.yields import checked_starts
 from resgrid.circuit.dynamics import Dynamics, dynamics_of
 from resgrid.circuit.solve import solve
@@ -33,21 +33,23 @@ from resgrid.scene.chip import Readout
 from resgrid.solvers.supernodal import factor_supernodes
 
 IDEAL_BITS = 40
-"""Resolution of an ideal read-out here: a step of 1e-12 of the supply, which rounding does not reach."""
+"""Resolution in bits that stands for an ideal read-out: a step of 1e-12 of the supply, larger than rounding errors."""
 
 _BLOCK = 128
+"""Number of elements between two tests of the time limit."""
 _LEAKY, _BRIDGE = 1e-3, 1e-9
-"""Denominators below which voltages are corrected, and solved anew."""
+"""Denominators below `_LEAKY` need a refinement step; those below `_BRIDGE` need a new solve."""
 
 _WORST = 10
+"""Default number of elements in lists of the worst ones."""
 
 Solve = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""From currents into the rows to their voltages, both (n,)."""
+"""Function from currents into the rows, in amperes, to their voltages in volts, both (n,)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Criticality(Result):
-    """What single faults do to a chip.
+class FaultAnalysis(Result):
+    """Number of starts lost by single faults of a chip.
 
     Attributes
     ----------
@@ -56,14 +58,14 @@ class Criticality(Result):
     served : int
         Starts that reach a goal without a fault.
     open, short : ndarray of float64, shape (elements,)
-        Starts among them that no longer do when the element is open, or shorted; resistors (switches and rails
-        included), then nonlinear resistors; NaN where time ran out.
+        Number of these starts that are lost when the element is open, or shorted.  Resistors (switches and rails
+        included) come first, then nonlinear resistors.  NaN for elements beyond the time limit.
     short_resistance : float
-        Of a short, in ohms.
+        Resistance of a short, in ohms.
     bits : int
-        Of the read-out that the robot sees, without offset and noise.
+        Resolution of the read-out, which has neither offset nor noise.
     ideal : bool
-        Whether that stands for an ideal read-out.
+        Whether `bits` stands for an ideal read-out.
     """
 
     netlist: Netlist
@@ -76,16 +78,28 @@ class Criticality(Result):
 
     @property
     def examined(self) -> int:
-        """Elements that were examined."""
+        """Number of elements that were made faulty."""
         return int(np.isfinite(self.open).sum())
 
     def worst(self, fault: str = "open", count: int = _WORST) -> NDArray[np.int64]:
-        """Numbers of the elements whose ``fault``, "open" or "short", costs most starts, worst first; at least one.
+        """Return the numbers of the elements whose fault costs most starts, worst first.
+
+        Elements whose fault costs no start are left out.
+
+        Parameters
+        ----------
+        fault : {"open", "short"}
+        count : int
+            Maximum number of elements.
+
+        Returns
+        -------
+        ndarray of int64, shape (at most count,)
 
         Raises
         ------
         InputError
-            If it is another fault, or the count is no whole number.
+            If the fault is unknown, or `count` is not a whole number of at least 0.
         """
         check_whole("count", count, 0)
         lost = np.nan_to_num(self.lost(fault))
@@ -94,7 +108,7 @@ class Criticality(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """The figures of merit by name, with units and definitions."""
+        """Figures of merit by name, with units and definitions."""
         through = "an ideal read-out" if self.ideal else f"a {self.bits}-bit read-out without offset and noise"
         result = {
             "starts_served": Figure(
@@ -103,26 +117,28 @@ class Criticality(Result):
             "elements_examined": Figure(
                 self.examined,
                 "",
-                f"resistors, switches and stretches of rail that were made faulty, of {len(self.open)}",
+                f"resistors, switches and rail segments that were made faulty, of {len(self.open)}",
             ),
         }
         faults = {"open": "is open", "short": f"is a short of {self.short_resistance:g} ohm"}
-        for name, what in faults.items():
+        for name, state in faults.items():
             lost = self.lost(name)
             known = lost[np.isfinite(lost)]
             result[f"critical_{name}"] = Figure(
-                int((known > 0).sum()), "", f"elements of which each alone costs at least one start when it {what}"
+                int((known > 0).sum()), "", f"elements that each cost at least one start when the element {state}"
             )
             result[f"most_lost_{name}"] = Figure(
-                int(known.max(initial=0)), "", f"starts lost when the worst single element {what}"
+                int(known.max(initial=0)), "", f"starts lost when the worst single element {state}"
             )
             result[f"mean_lost_{name}"] = Figure(
-                float(known.mean()) if known.size else None, "", f"starts lost when a random single element {what}"
+                float(known.mean()) if known.size else None,
+                "",
+                f"mean number of starts lost when a random single element {state}",
             )
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """The figures and the worst elements, as plain values."""
+        """Return the figures and the worst elements as plain values."""
         listed = {}
         for fault in ("open", "short"):
             worst = self.worst(fault)
@@ -131,58 +147,53 @@ class Criticality(Result):
         return {**super().to_json(), **listed}
 
     def lost(self, fault: str) -> NDArray[np.float64]:
-        """Starts lost by every element with a fault, "open" or "short"."""
+        """Return the number of starts lost by each element with a fault, "open" or "short"; shape (elements,)."""
         if fault not in ("open", "short"):
             raise InputError(f"fault = {fault!r} is unknown; it may be 'open' or 'short'")
         return self.open if fault == "open" else self.short
 
 
-def analyse_criticality(
+def analyse_faults(
     netlist: Netlist,
+    readout: Readout,
+    short_resistance: float,
     *,
-    readout: Readout | None = None,
     starts: ArrayLike | None = None,
-    short_resistance: Positive | None = None,
     seconds: float | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> Criticality:
-    """Make every resistor and switch of the chip faulty, one at a time, and count the starts that are lost.
-
-    `readout`: what the robot sees, by default the chip's; its offset and noise do not count, and an ideal one has 40
-    bits, which tell steps of 1e-12 of the supply; `starts`: a mask of cells, by default every free cell with a way to a
-    goal; `short_resistance`: in ohms, by default the chip's; `seconds`: after which no further element is examined,
-    those with the largest currents being the first; `progress`: called with the elements done and those in all.
-    """
+) -> FaultAnalysis:
+    """Simulate an open and a short of every element, and count the starts lost; parameters as in `Study.faults`."""
     cells = cells_with_nodes(netlist, "faults that cost starts")
-    short_resistance = 1.0 if short_resistance is None else short_resistance
-    readout = readout or Readout()
     bits = IDEAL_BITS if readout.bits is None else readout.bits
     converter = converter_of(Readout(range=readout.range), cells)
-    converter = dataclasses.replace(converter, steps=2.0**bits)  # maybe more than a chip may have
+    converter = dataclasses.replace(converter, steps=2.0**bits)  # may exceed the limit of a Readout
     neighbours = neighbours_of(cells)
     mask = cells.space.goal_connected
     mask = (mask if starts is None else mask & checked_starts(cells.space, starts)).ravel()
     op = solve(netlist)
     through = np.append(np.abs(op.resistor_current), np.abs(op.nonlinear_amps))
     order = np.argsort(-np.nan_to_num(through), kind="stable")
-    before = arrivals(op.voltage, neighbours, converter) & mask
+    before = reaches_goal(op.voltage, neighbours, converter) & mask
     lost = np.full((2, len(order)), np.nan)
     end = np.inf if seconds is None else time.monotonic() + seconds
     for number, (element, *faulty) in enumerate(faulty_voltages(netlist, op.voltage, order, short_resistance)):
         for fault, volts in enumerate(faulty):
-            lost[fault, element] = int((before & ~arrivals(volts, neighbours, converter)).sum())
+            lost[fault, element] = int((before & ~reaches_goal(volts, neighbours, converter)).sum())
         if number % _BLOCK == 0:
             if progress is not None:
                 progress(number, len(order))
             if time.monotonic() > end:
                 break
-    return Criticality(netlist, int(before.sum()), lost[0], lost[1], short_resistance, bits, readout.bits is None)
+    return FaultAnalysis(netlist, int(before.sum()), lost[0], lost[1], short_resistance, bits, readout.bits is None)
 
 
 def faulty_voltages(
     netlist: Netlist, volts: NDArray[np.float64], order: NDArray[np.int64], short_resistance: float
 ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
-    """An element after the other, and the voltages of all nodes when it is open, and when it is shorted."""
+    """Yield each element and the voltages of all nodes with the element open, and with the element shorted.
+
+    Shapes: `volts` (nodes,): without a fault; `order` (elements,); yields an int, (nodes,), (nodes,); in volts.
+    """
     rows = solve_rows = None
     if not netlist.nonlinear_nodes.size:
         rows = dynamics_of(netlist.replace(capacitor_nodes=[], capacitance=[]))
@@ -192,15 +203,15 @@ def faulty_voltages(
         voltages = []
         for siemens in (0.0, 1.0 / short_resistance):
             changed = None if change is None else change.voltages(siemens)
-            voltages.append(_solved(netlist, element, siemens) if changed is None else changed)
+            voltages.append(_voltages_with(netlist, element, siemens) if changed is None else changed)
         yield element, voltages[0], voltages[1]
 
 
 @dataclass(frozen=True, eq=False)
 class _Change:
-    """A change of the conductance of one element, between nodes `a` and `b`, of a linear circuit.
+    """A change of the conductance of one element of a linear circuit.
 
-    `volts` (nodes,): before it; `z` (nodes,): ``A^-1 w``, 0 where voltages are known.
+    `volts` (nodes,): voltages before the change; `z` (nodes,): ``A^-1 w``, 0 where voltages are known.
     """
 
     rows: Dynamics
@@ -211,28 +222,32 @@ class _Change:
 
     @classmethod
     def of(cls, rows: Dynamics, solve: Solve, volts: NDArray[np.float64], element: int) -> _Change:
-        """Find what a current through the element does."""
+        """Solve for the voltages that 1 A through the element causes."""
         w = rows.injection(rows.netlist.resistor_nodes[element], np.array([1.0, -1.0]))
         return cls(rows, solve, volts, element, rows.at_nodes(solve(w)))
 
     def _across(self, volts: NDArray[np.float64]) -> float:
+        """Return the difference of voltages (nodes,) across the element."""
         a, b = self.rows.netlist.resistor_nodes[self.element]
         return float(volts[a] - volts[b])
 
     def voltages(self, siemens: float) -> NDArray[np.float64] | None:
-        """Voltages of all nodes at another conductance; None where the other elements do not determine them."""
+        """Return the voltages of all nodes at another conductance, in volts, shape (nodes,).
+
+        None where the circuit without the element is singular.
+        """
         delta = siemens - float(self.rows.netlist.conductance[self.element])
         rest = 1.0 + delta * self._across(self.z)
         if not rest > _BRIDGE:
             return None
         changed = self.volts - delta * self._across(self.volts) / rest * self.z
         if rest < _LEAKY:
-            y = self.rows.at_nodes(self.solve(self._lacking(changed, siemens)))
+            y = self.rows.at_nodes(self.solve(self._kcl_residual(changed, siemens)))
             changed += y - delta * self._across(y) / rest * self.z
         return np.asarray(changed)
 
-    def _lacking(self, volts: NDArray[np.float64], siemens: float) -> NDArray[np.float64]:
-        """Current that KCL lacks at every row at voltages (nodes,) and another conductance, in amperes."""
+    def _kcl_residual(self, volts: NDArray[np.float64], siemens: float) -> NDArray[np.float64]:
+        """Return the KCL residual of every row at voltages (nodes,) and another conductance, in amperes; shape (n,)."""
         netlist = self.rows.netlist
         conductance = netlist.conductance.copy()
         conductance[self.element] = siemens
@@ -241,15 +256,16 @@ class _Change:
         return self.rows.injection(ends[:, 1], flow) - self.rows.injection(ends[:, 0], flow)
 
 
-def _solved(netlist: Netlist, element: int, siemens: float) -> NDArray[np.float64]:
-    """Voltages when an element has another conductance, solved anew; NaN where there is no operating point."""
+def _voltages_with(netlist: Netlist, element: int, siemens: float) -> NDArray[np.float64]:
+    """Return the node voltages with another conductance of an element; NaN without an operating point."""
     try:
-        return solve(_faulty(netlist, element, siemens), accuracy="normwise").voltage
+        return solve(_netlist_with(netlist, element, siemens), accuracy="normwise").voltage
     except CircuitError:
         return np.full(netlist.node_count, np.nan)
 
 
-def _faulty(netlist: Netlist, element: int, siemens: float) -> Netlist:
+def _netlist_with(netlist: Netlist, element: int, siemens: float) -> Netlist:
+    """Return the netlist with another conductance of an element, in siemens; 0 removes it."""
     linear = len(netlist.conductance)
     if element < linear:
         keep = np.arange(linear) != element

@@ -1,4 +1,4 @@
-"""Figures of merit with unit and definition, and shares of trials with score intervals (Wilson 1927)."""
+"""Figures of merit with unit and definition, and fractions of trials with score intervals (Wilson 1927)."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ _UNITS = {"ohm": "Ω", "V/sqrt(Hz)": "V/√Hz"}
 class Figure:
     """One figure of merit.
 
-    `value`: none where it is not defined; `unit`: SI unit, ``""`` for a pure number; `definition`: what it is, in one
-    sentence.
+    `value`: None where it is undefined; `unit`: SI unit, ``""`` for a pure number; `definition`: one sentence.
     """
 
     value: float | int | str | None
@@ -34,7 +33,7 @@ class Figure:
 
 
 def formatted(value: float | int | str | None, unit: str) -> str:
-    """A value for people, to four digits with an engineering prefix: ``"38.12 µA"``."""
+    """Return a value with its unit as text, four digits with an engineering prefix: ``"38.12 µA"``."""
     if value is None:
         return "undefined"
     if isinstance(value, str):
@@ -45,19 +44,19 @@ def formatted(value: float | int | str | None, unit: str) -> str:
 
 
 def table_lines(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """A table in Markdown, line by line."""
+    """Return the lines of a Markdown table."""
     return [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
 
 
 def html_table(lines: Sequence[str]) -> str:
-    """A table in HTML, for notebooks."""
+    """Return Markdown lines as HTML, for notebooks."""
     from markdown_it import MarkdownIt
 
     return str(MarkdownIt("commonmark", {"html": False}).enable("table").render("\n".join(lines)))
 
 
 def figure_lines(figures: Mapping[str, Figure]) -> list[str]:
-    """A table of figures in Markdown, line by line."""
+    """Return the lines of a Markdown table of figures."""
     rows = (
         (name.replace("_", " "), str(figure), figure.definition.replace("|", "\\|")) for name, figure in figures.items()
     )
@@ -65,18 +64,18 @@ def figure_lines(figures: Mapping[str, Figure]) -> list[str]:
 
 
 class Result:
-    """What an analysis returns: a frozen dataclass whose arrays are read-only, and its figures of merit."""
+    """Base class of the results of analyses: frozen dataclasses with read-only arrays and figures of merit."""
 
     def __post_init__(self) -> None:
         lock(vars(self))
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """The figures of merit by name, with units and definitions."""
+        """Figures of merit by name, with units and definitions."""
         raise NotImplementedError
 
     def to_json(self) -> dict[str, Any]:
-        """The figures, as plain values."""
+        """Return the figures as plain values."""
         return {name: asdict(figure) for name, figure in self.figures.items()}
 
     def __repr__(self) -> str:
@@ -88,21 +87,22 @@ class Result:
 
 
 def defined(value: float) -> float | None:
-    """A figure that is a finite number, or none."""
+    """Return a value if it is finite, else None."""
     return float(value) if math.isfinite(value) else None
 
 
 @dataclass(frozen=True)
 class Proportion:
-    """A share of trials, with its interval.
+    """A fraction of trials, with its interval.
 
     Attributes
     ----------
     value, low, high : float
-        The share that was seen, and the ends of the interval.
+        The observed fraction, and the ends of the interval.
     trials : int
+        Number of trials.
     confidence : float
-        Of the interval.
+        Confidence of the interval.
     """
 
     value: float
@@ -113,7 +113,7 @@ class Proportion:
 
     @property
     def half_width(self) -> float:
-        """Half the length of the interval."""
+        """Half the width of the interval."""
         return 0.5 * (self.high - self.low)
 
     def __str__(self) -> str:
@@ -123,9 +123,10 @@ class Proportion:
 def proportion(
     share: float, trials: int, confidence: float, effective: float | None = None, *, random: bool
 ) -> Proportion:
-    """A share of trials with its score interval, for an effective number of trials where it is another.
+    """Return a fraction of trials with its score interval.
 
-    Where nothing is random one trial says it all.
+    `effective`: number of independent trials, by default `trials`; `random`: False where a single trial is exact, so
+    that the interval has no width.
     """
     if not random:
         return Proportion(share, share, share, 1, confidence)
@@ -134,7 +135,7 @@ def proportion(
 
 
 def wilson(share: NDArray[np.float64] | float, trials: float, confidence: float) -> tuple[Any, Any]:
-    """Ends of the score interval of shares of so many independent trials."""
+    """Return the ends of the score interval of fractions of `trials` independent trials."""
     z = NormalDist().inv_cdf(0.5 + 0.5 * confidence)
     weight = 1.0 + z * z / trials
     middle = (share + 0.5 * z * z / trials) / weight
@@ -143,16 +144,17 @@ def wilson(share: NDArray[np.float64] | float, trials: float, confidence: float)
 
 
 def effective_trials(counts: NDArray[np.int64], members: int) -> float:
-    """How many independent trials tell as much as trials of clusters, whose members are not independent (Kish 1965).
+    """Return the number of independent trials that are as precise as trials in clusters (Kish 1965).
 
-    It is ``p (1 - p)`` over the variance of the mean, which is estimated from the spread between clusters; at least
-    the number of clusters, at most that of all members.  Shapes: `counts` (trials,): in every cluster.
+    The members of a cluster may be correlated.  The result is ``p (1 - p)`` over the variance of the mean, estimated
+    from the spread between clusters; at least the number of clusters, at most the number of all members.  Shapes:
+    `counts` (trials,): successes in every cluster; `members`: size of a cluster.
     """
     total, squares, trials = int(counts.sum()), int(counts @ counts), len(counts)
     share = total / (trials * members)
     if trials < 2:
         return float(trials)
-    # Whole numbers as long as differences matter.
+    # Integer arithmetic, so that equal counts give a variance of exactly 0.
     variance = (trials * squares - total * total) / (trials * trials * (trials - 1)) / members**2
     if variance <= 0.0:
         return float(trials)

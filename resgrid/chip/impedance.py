@@ -1,9 +1,10 @@
-"""The resistive part of impedances to the rails: what thermal noise comes from.
+"""Resistive parts of impedances to the rails, the source of thermal noise.
 
-With ``z`` the voltages that 1 A (a phasor) at a node raises, the resistors take ``Re Z = sum g |z_a - z_b|^2``, a sum
-of positive terms, whereas the diagonal entry of ``(G + 2 pi j f C)^-1`` is almost all imaginary where capacitors tie a
-node to its rail.  Parts that resistors tie to rails weakly, or not at all, swing as a whole by far more than what lies
-across their resistors.  So one node of such a part counts from the rail, and all others from that node.
+Let ``z`` be the voltages caused by 1 A (a phasor) into a node.  The resistors dissipate ``Re Z = sum g |z_a - z_b|^2``,
+a sum of positive terms.  The diagonal entry of ``(G + 2 pi j f C)^-1`` is almost purely imaginary where capacitors tie
+a node to its rail, so that its real part would be lost to rounding.  Parts with weak or no resistive connections to the
+rails swing as a whole, by much more than the voltages across their resistors.  Therefore one node of such a part is
+measured from the rail, and all others from that node.
 """
 
 from __future__ import annotations
@@ -26,33 +27,34 @@ from resgrid.solvers.selected_inverse import (
 from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
 
 _WEAK = 1e-3
-"""Share of a part's largest conductance, below which what ties it to rails, summed, is weak."""
+"""Upper limit of the total conductance to the rails of a weakly tied part, as a fraction of its largest conductance."""
 
 _ALLOWED = 1e-6
-"""Share of itself by which a resistive part may be off."""
+"""Largest relative error of a resistive part."""
 
 _ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
-"""Backward error of a solution, entry by entry of the factors."""
+"""Backward error of a solution, entrywise relative to the factors."""
 
 _POINTS_PER_DECADE = 6
+"""Quadrature points per decade of frequency."""
 _FLAT = 1e-2
-"""Share of the lowest corner frequency below which the density is a parabola, to 1e-8 of itself."""
+"""Fraction of the lowest corner frequency below which the density is a parabola, to a relative error of 1e-8."""
 
 _MOST_ROUNDING = 1e-3
-"""Share of itself by which rounding may put a density within the band off."""
+"""Largest relative effect of rounding on a density within the band."""
 
 _MOST_ESTIMATED = 0.1
-"""The same of estimates, which samples leave uncertain by about as much."""
+"""Largest relative effect of rounding on an estimate, about as large as its sampling error."""
 
 _EPS = float(np.finfo(np.float64).eps)
 _ITERATED = 1e-10
-"""Backward error of iterated solutions."""
+"""Backward error of iterative solutions."""
 
 
 def resistive_parts(
     dynamics: Dynamics, rows: NDArray[np.int64], frequencies: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Resistive parts of the impedances from rows to the rails, shape (frequencies, rows), in ohms."""
+    """Return the resistive parts of the impedances from rows to the rails, shape (frequencies, rows), in ohms."""
     basis = _swinging(dynamics.conductance)
     (G, conductors), (C, capacitors) = (_elements(part, basis) for part in (dynamics.conductance, dynamics.capacitance))
     own = basis[rows].T.toarray()
@@ -66,43 +68,43 @@ def resistive_parts(
         Y = sparse.csr_array(G + 1j * w * C)
         factors = symmetric_factors(Y)
         y = factors.solve(own.astype(np.complex128))
-        result[number] = resistive = _taken(conductors, y)
-        # Tellegen: what 1 A delivers, the elements take.
-        amiss = np.abs(np.sum(own * y, axis=0) - (resistive - 1j * w * _taken(capacitors, y)))
+        result[number] = resistive = _dissipated(conductors, y)
+        # Tellegen's theorem: the power that 1 A delivers equals the power in the elements.
+        imbalance = np.abs(np.sum(own * y, axis=0) - (resistive - 1j * w * _dissipated(capacitors, y)))
         # An error dY of the factors changes the sum by 2 Re q . dY y.
         q = factors.solve(G @ y.conj())
-        doubt = 2.0 * _ROUNDING * np.sum(np.abs(q) * (abs(Y) @ np.abs(y)), axis=0)
-        whole = amiss <= _ALLOWED * np.abs(np.sum(own * y, axis=0))
-        if not np.all(whole & (doubt <= np.maximum(_ALLOWED * resistive, np.finfo(np.float64).tiny))):
+        error = 2.0 * _ROUNDING * np.sum(np.abs(q) * (abs(Y) @ np.abs(y)), axis=0)
+        balanced = imbalance <= _ALLOWED * np.abs(np.sum(own * y, axis=0))
+        if not np.all(balanced & (error <= np.maximum(_ALLOWED * resistive, np.finfo(np.float64).tiny))):
             raise AccuracyError(
-                f"impedances at {frequency:g} Hz cannot be told to {_ALLOWED:g} of their resistive part: conductances "
-                "and capacitances span too many decades",
+                f"resistive parts of impedances at {frequency:g} Hz have errors above {_ALLOWED:g}: conductances "
+                "and capacitances span too many orders of magnitude",
                 resistive,
             )
     return result
 
 
 _Elements = tuple[sparse.csr_array, NDArray[np.float64]]
-"""Incidence, which takes unknowns to the voltages across elements, shape (m, n), and values, shape (m,)."""
+"""Incidence from unknowns to the voltages across elements, shape (m, n), and element values, shape (m,)."""
 
 
 def _elements(laplacian: Laplacian, basis: sparse.csr_array) -> tuple[sparse.csr_array, _Elements]:
-    """The matrix of conductances, or capacitances, of unknowns in a basis, shape (n, n), and its elements."""
+    """Return the matrix of conductances or capacitances in a basis of the unknowns, shape (n, n), and its elements."""
     incidence, value = laplacian.elements
     across = sparse.csr_array(incidence @ basis)
     across.eliminate_zeros()
     return sparse.csr_array(across.T @ (sparse.diags_array(value) @ across)), (across, value)
 
 
-def _taken(elements: _Elements, y: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Sum of ``value |across|^2`` for every column of unknowns."""
+def _dissipated(elements: _Elements, y: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return the sum of ``value |across|^2`` for every column of unknowns.  Shapes: `y` (n, k); returns (k,)."""
     incidence, value = elements
     across = incidence @ y
     return np.asarray(value @ (across.real**2 + across.imag**2))
 
 
 def inverse_columns(factors: SupernodalFactors, size: int, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Columns of a positive inverse, one a row, shape (rows, size)."""
+    """Return columns of a positive inverse, one in each row, shape (rows, size)."""
     columns = np.empty((len(rows), size))
     for column, row in zip(columns, rows.tolist(), strict=True):
         unit = np.zeros(size)
@@ -126,11 +128,13 @@ def _swinging(G: Laplacian) -> sparse.csr_array:
 
 
 Integrals = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-"""Effective resistances (n,), in ohms, and integrals of ``Re Z`` over a band (n,), in ohm hertz; errors behind both."""
+"""Effective resistances (n,), in ohms; their errors; integrals of ``Re Z`` over a band (n,), in ohm hertz; their
+errors.
+"""
 
 
-def find_exactly(dynamics: Dynamics, band: tuple[float, float] | None) -> Integrals:
-    """Find them from the factors."""
+def exact_integrals(dynamics: Dynamics, band: tuple[float, float] | None) -> Integrals:
+    """Compute effective resistances, and integrals of ``Re Z`` over a band, from the factors of ``G``."""
     none = np.zeros(dynamics.size)
     if not dynamics.size:
         return none, none, none, none
@@ -147,8 +151,8 @@ def find_exactly(dynamics: Dynamics, band: tuple[float, float] | None) -> Integr
     return resistance, none, area, rounding * area
 
 
-def estimate(dynamics: Dynamics, band: tuple[float, float] | None, signs: NDArray[np.float64]) -> Integrals:
-    """Estimate them from products with random signs.  Shapes: `signs` (n, samples)."""
+def estimated_integrals(dynamics: Dynamics, band: tuple[float, float] | None, signs: NDArray[np.float64]) -> Integrals:
+    """Estimate effective resistances and integrals from products with random signs.  Shapes: `signs` (n, samples)."""
     factors = factor_resolvent(dynamics, 0.0)
     currents = _largest_currents(dynamics, band or (0.0, 0.0))
     digits = _ITERATED if factors.name == "multigrid" else 2.0 * _EPS
@@ -164,29 +168,33 @@ def estimate(dynamics: Dynamics, band: tuple[float, float] | None, signs: NDArra
 
 
 def _largest_currents(dynamics: Dynamics, band: tuple[float, float]) -> NDArray[np.float64]:
-    """Currents at 1 V into every row, in amperes, at the lower end of the band.
+    """Return the currents into every row at 1 V and the lower end of the band, in amperes, shape (n,).
 
-    A change of ``G`` by a share ``eps`` of its entries changes ``R_i = (G^-1)_ii`` by at most
-    ``2 eps (G^-1 D G^-1)_ii``, with the diagonal ``D`` of ``G``.  No entry of a row of ``G^-1`` exceeds ``R_i``: that
-    is at most ``2 eps R_i (G^-1 d)_i``, ``d`` being these currents.
+    A change of ``G`` by a fraction ``eps`` of its entries changes ``R_i = (G^-1)_ii`` by at most ``2 eps (G^-1 D
+    G^-1)_ii``, with the diagonal ``D`` of ``G``.  No entry of a row of ``G^-1`` exceeds ``R_i``, so that this is at
+    most ``2 eps R_i (G^-1 d)_i``, where ``d`` are the currents returned here.
     """
     return dynamics.conductance.diagonal + 2.0 * np.pi * band[0] * dynamics.capacitance.diagonal
 
 
 def _require_digits(dynamics: Dynamics, rounding: NDArray[np.float64], most: float) -> None:
+    """Raise AccuracyError if the effect of rounding exceeds a fraction `most`.  Shapes: `rounding` (n,)."""
     worst = int(np.argmax(rounding))
     if not rounding[worst] <= most:
         node = dynamics.netlist.node_name(int(np.argmax(dynamics.row == worst)))
         raise AccuracyError(
-            f"rounding may be {rounding[worst]:.0e} of the noise of node {node}: the conductances around it span too "
-            'many decades; without a band, method = "exact" still gives its effective resistance'
+            f"rounding may change the noise of node {node} by a fraction {rounding[worst]:.0e}: conductances span too "
+            'many orders of magnitude; without a band, method = "exact" still gives its effective resistance'
         )
 
 
 def _quadrature(
     dynamics: Dynamics, band: tuple[float, float]
 ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Weight of the resistance at 0 Hz (below its corner the density is a parabola), then frequencies and weights."""
+    """Return the weight of the resistance at 0 Hz, then frequencies and weights, each of shape (k,).
+
+    Below the corner frequency the density is a parabola.
+    """
     low, high = band
     if not dynamics.charged.any():
         return high - low, np.empty(0), np.empty(0)
@@ -206,4 +214,5 @@ def _quadrature(
 
 
 def _admittance(dynamics: Dynamics, frequency: float) -> sparse.csr_array:
+    """Return ``G + 2 pi j f C``, shape (n, n)."""
     return sparse.csr_array(dynamics.conductance.matrix + 2j * np.pi * frequency * dynamics.capacitance.matrix)

@@ -1,4 +1,4 @@
-"""Compiled loops: when sums of exponentials last leave a band, and where a robot goes that sees the read-out only."""
+"""Numba kernels of the chip: band crossings of sums of exponentials, and the steps of a robot on read-out voltages."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from resgrid._internal.jit import inner, kernel, makes_arrays
 Floats = NDArray[np.float64]
 
 _FINE = 1e-9
-"""Step, relative to the time, below which a sum that touches the band is not told from one that crosses it."""
+"""Step, relative to the time, below which a sum that touches the band counts as crossing it."""
 
 _EXACT = 1e-13
-"""Distance from the band, relative to it, at which a crossing is found."""
+"""Tolerance of a crossing: distance from the band relative to its width."""
 
 _MOST_STEPS = 100
+"""Maximum number of iterations of the root search."""
 
 _GONE = 700.0
-"""Time constants after which an exponential is no double."""
+"""Number of time constants after which an exponential underflows."""
 
 
 @inner
 def _sums(share: Floats, rate: Floats, time: float) -> tuple[float, float]:
-    """A sum of exponentials, and no less than its second derivative's magnitude from that time on."""
+    """Return a sum of exponentials, and an upper bound on the magnitude of its second derivative from then on."""
     value, bend = 0.0, 0.0
     for j in range(len(rate)):
         if rate[j] * time > _GONE:
@@ -38,7 +39,10 @@ def _sums(share: Floats, rate: Floats, time: float) -> tuple[float, float]:
 
 @inner
 def _crossing(share: Floats, rate: Floats, out: float, above: float, into: float, below: float, band: float) -> float:
-    """Where the magnitude falls through the band, by false position (Illinois; Dowell & Jarratt 1971)."""
+    """Return the time at which the magnitude falls through the band, between ``out`` and ``into``.
+
+    False position (Illinois; Dowell & Jarratt 1971).
+    """
     above, below = above - band, below - band
     for _ in range(_MOST_STEPS):
         time = out + (into - out) * (above / (above - below))
@@ -56,7 +60,10 @@ def _crossing(share: Floats, rate: Floats, out: float, above: float, into: float
 def _last_between(
     share: Floats, rate: Floats, first: float, last: float, end: float, band: float
 ) -> float:  # fmt: skip
-    """When the magnitude last falls through the band; ``first`` if it stays below, ``end`` being what it ends with."""
+    """Return the time at which the magnitude last falls through the band; ``first`` if it stays inside.
+
+    ``end``: magnitude at time ``last``.
+    """
     b = last
     h = b - first
     while b > first:
@@ -79,12 +86,12 @@ def _last_between(
 def last_outside(
     shape: Floats, weight: Floats, rate: Floats, times: Floats, band: float, rows: NDArray[np.int64], result: Floats
 ) -> None:  # fmt: skip
-    """When rows come into a band for good, in ``result[rows]``; left alone where they are inside all the while.
+    """Find the time at which rows enter a band for good, and write it into ``result[rows]``.
 
-    After the last of the ``times`` they must be inside.  The way back from there is walked in steps, from one time to
-    the one before or shorter, so that the line between a step's ends, and as much as the curve can leave it (``h**2 /
-    8`` times its second derivative), are inside: nothing is missed between them.  A step that cannot be so short holds
-    the crossing.
+    Rows that stay inside keep their entry.  After the last of the ``times`` all rows must be inside.  The search goes
+    back from there in steps, from one time to the previous one or shorter.  A step is skipped where the line between
+    its ends, plus the largest deviation of the curve from it (``h**2 / 8`` times its second derivative), lies inside;
+    so no crossing is missed.  A step that cannot be made so short contains the crossing.
     """
     count = len(times)
     decay = np.empty((count, len(rate)))
@@ -118,22 +125,26 @@ _UNKNOWN, _REACHED, _LOST, _WALKING = 0, 1, 2, 3
 
 @inner
 def _reading(height: float, steps: float) -> float:
-    """What a converter makes of a voltage, as a share of its range: whole steps, or the share itself (``steps`` 0)."""
+    """Return the converter output: the number of whole steps, or the input itself without a converter (``steps`` 0).
+
+    ``height``: voltage as a fraction of the range.
+    """
     if steps == 0.0 or math.isnan(height):
         return height
-    # Clipped first: the floor is an integer of 64 bits.
+    # Clip first: the floor is a 64-bit integer, which could overflow.
     return float(math.floor(min(max(height * steps, 0.0), steps - 1.0)))
 
 
 @kernel
-def step_down(
+def lowest_neighbours(
     height: Floats, noise: Floats, draw: Floats, steps: float, falling: float, around: Integers, following: Integers
 ) -> None:
-    """The neighbour of every cell that measures lowest, the first of equal ones; -1 where none is lower.
+    """Find the neighbour of every cell with the lowest reading; -1 where no neighbour reads lower than the cell.
 
-    ``height`` is the voltage of every cell as a share of the converter's range, ``noise`` its deviation; ``draw`` has
-    one number per cell and reading (its neighbours in order, then itself), or no rows where there is no noise.
-    ``falling`` is 1, or -1 where the goal rail lies above the other.
+    Among equal readings the first is taken.  ``height`` (cells,): voltage as a fraction of the converter's range;
+    ``noise`` (cells,): its standard deviation; ``draw`` (cells, 2 ndim + 1): standard normal numbers for the readings
+    of the neighbours and of the cell itself, without rows if there is no noise; ``falling``: 1, or -1 where the goal
+    rail lies above the obstacle rail; ``following`` (cells,): result.
     """
     last = around.shape[1]
     noisy = len(draw) > 0
@@ -141,11 +152,11 @@ def step_down(
         following[cell] = -1
         own = height[cell] + (noise[cell] * draw[cell, last] if noisy else 0.0)
         lowest = falling * _reading(own, steps)
-        for way in range(last):
-            there = around[cell, way]
+        for side in range(last):
+            there = around[cell, side]
             if there < 0:
                 continue
-            seen = height[there] + (noise[there] * draw[cell, way] if noisy else 0.0)
+            seen = height[there] + (noise[there] * draw[cell, side] if noisy else 0.0)
             reading = falling * _reading(seen, steps)
             if reading < lowest:
                 lowest, following[cell] = reading, there
@@ -153,8 +164,11 @@ def step_down(
 
 @kernel
 @makes_arrays
-def follow(following: Integers, goal: NDArray[np.bool_], reached: NDArray[np.bool_]) -> None:
-    """Which cells lead to a goal; one that leads to a dead end, or back to a cell passed before, does not."""
+def reach_goals(following: Integers, goal: NDArray[np.bool_], reached: NDArray[np.bool_]) -> None:
+    """Find the cells from which a walk along ``following`` reaches a goal.
+
+    A walk fails at a cell without successor (-1), and where it returns to a cell that it has passed.
+    """
     count = len(following)
     state = np.zeros(count, np.int8)
     passed = np.empty(count, np.int64)

@@ -1,12 +1,12 @@
-"""The way to the operating point without time steps: a sum of exponentials.
+"""Modal response: the approach to the operating point as a sum of exponentials, without time steps.
 
-The deviation ``y`` from the operating point obeys ``C y' = -G y``.  Of a small circuit all modes are known
-(`resgrid.chip.time_constants`).  In a larger one a window of times is described at a time, by Lanczos iteration started
-from the deviation itself on ``(G + s C)^-1 C``, with ``1/s`` a hundredth of the window's end (shift and invert; van den
-Eshof & Hochbruck 2006): how many vectors that takes does not depend on how far apart the time constants are, for it
-comes down to a rational approximation of ``exp(-t x)`` for all positive ``x``.  Vectors are orthonormal in the inner
-product of ``C``, in which every deviation shrinks; they are kept as ``F v``, with ``C = F^T F``, which knows nothing of
-nodes without capacitance.
+The deviation ``y`` from the operating point obeys ``C y' = -G y``.  Small circuits use all their modes
+(`resgrid.chip.time_constants`).  Larger circuits use one sum of exponentials for each window of times.  It comes from
+Lanczos iteration on ``(G + s C)^-1 C``, started from the deviation, with ``1/s`` a hundredth of the end of the window
+(shift and invert; van den Eshof & Hochbruck 2006).  The number of vectors does not depend on the spread of the time
+constants, because the method amounts to a rational approximation of ``exp(-t x)`` for all positive ``x``.  Vectors are
+orthonormal in the inner product of ``C``, in which every deviation shrinks.  They are stored as ``F v``, with ``C = F^T
+F``, which does not involve nodes without capacitance.
 """
 
 from __future__ import annotations
@@ -25,27 +25,30 @@ from resgrid.errors import AccuracyError
 Floats = NDArray[np.float64]
 
 SPAN = 256.0
-"""End of a window over its beginning."""
+"""Ratio of the end of a window to its beginning."""
 
 _SHIFT = 100.0
-"""Rate of the resolvent times a window's end."""
+"""Shift of the resolvent times the end of the window."""
 
 _BLOCK = 8
+"""Lanczos steps between two tests of convergence."""
 _MOST_VECTORS = 400
+"""Maximum number of Lanczos vectors."""
 _COMPLETE = 1e-13
-"""What is left of a vector, relative to its length, when the space holds the whole motion."""
+"""Remainder of a vector, relative to its length, below which the Krylov space contains the whole motion."""
 
 _INSTANT = 1e-14
-"""Ritz values, relative to the largest one, that are nothing but rounding."""
+"""Ritz values, relative to the largest, that are rounding errors."""
 
 _PROBES = 9
+"""Number of times at which convergence is tested."""
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
     """A sum of exponentials: ``y(t) = shape @ (weight * exp(-rate t))``.
 
-    `shape` (n, m); `rate` (m,): in 1/s; `weight` (m,): ``shape`` times it is in volts.
+    `shape` (n, m); `rate` (m,): in 1/s; `weight` (m,): the product with ``shape`` is in volts.
     """
 
     shape: Floats
@@ -53,14 +56,17 @@ class Motion:
     weight: Floats
 
     def at(self, times: Floats) -> Floats:
-        """Deviations at times in seconds, shape (t, n), in volts."""
+        """Return the deviations at times in seconds, shape (t, n), in volts."""
         return np.asarray((self.weight * np.exp(-np.multiply.outer(times, self.rate))) @ self.shape.T)
 
 
 def motions(
     dynamics: Dynamics, modes: Modes, deviation: Floats, accuracy: float, method: str = "auto"
 ) -> Callable[[float, float], Motion]:
-    """Describe the way to the operating point, a window of times at a time.  Shapes: `deviation` (n,)."""
+    """Return a function from a window of times (first, last), in seconds, to the motion in that window.
+
+    Shapes: `deviation` (n,).
+    """
     root = laplacian_root(dynamics.capacitance)
     if modes.whole:
         whole = Motion(modes.shape, 1.0 / modes.tau, (root @ modes.shape).T @ (root @ deviation))
@@ -94,7 +100,7 @@ def _krylov(
         u = root @ W[last]
         scale = float(np.linalg.norm(u))
         T[: last + 1, last] = T[last, : last + 1] = U[: last + 1] @ u
-        for _ in range(2):  # once more, for what rounding leaves of the first
+        for _ in range(2):  # the second pass removes rounding errors of the first
             u -= (U[: last + 1] @ u) @ U[: last + 1]
         left = float(np.linalg.norm(u))
         complete = left <= _COMPLETE * scale or last + 1 == len(u)
@@ -107,13 +113,16 @@ def _krylov(
         if last + 1 < size:
             U[last + 1] = u / left
     raise AccuracyError(
-        f"{size} exponentials do not tell the motion from {times[0]:.2g} s to {times[-1]:.2g} s; follow it by "
-        "resgrid.circuit.transients"
+        f"{size} exponentials do not describe the motion from {times[0]:.2g} s to {times[-1]:.2g} s; compute it by "
+        "resgrid.circuit.transient"
     )
 
 
 def _reduced(W: Floats, T: Floats, length: float, shift: float) -> Motion:
-    """Ritz vectors from the solutions ``W``, which fit nodes without capacitance (Nour-Omid et al. 1987)."""
+    """Return the motion in Ritz vectors of the solutions ``W`` (Nour-Omid et al. 1987).
+
+    These are valid for nodes without capacitance, too.
+    """
     value, S = np.linalg.eigh(T)
     keep = value > _INSTANT * value[-1]
     value, S = value[keep], S[:, keep]

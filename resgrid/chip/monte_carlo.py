@@ -1,10 +1,8 @@
-"""Trials of a kind of chip: fabricate one, let robots that only see its read-out walk from every cell, and count.
+"""Monte Carlo trials: draw chips, solve them, and walk from every cell to the goal by read-out voltages.
 
-A robot measures its cell and the neighbours, and steps to the lowest.  The converter floors every voltage into
-``2**bits`` equal steps of its range.  The robot steps only to a strictly lower reading; of equal ones to the first
-along the axes in their order, the lower side first.  Where no neighbour measures lower it is stuck, and stuck or back
-in a cell it has been to, it is lost.  Every read-out of a cell keeps its offset; noise is drawn anew for every
-measurement.
+The stages, in the order in which they run: `prepare_experiment` computes everything that does not depend on the trial.
+`run_trials` then takes the trials in blocks: `draw_chips`, `solve_chips`, `read_out` and `walk`.  `run_series`
+distributes the blocks over an executor and keeps the results in a checkpoint.
 """
 
 from __future__ import annotations
@@ -13,7 +11,7 @@ import base64
 import dataclasses
 import hashlib
 import zlib
-from collections.abc import Callable, Generator, Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
@@ -24,123 +22,61 @@ from numpy.typing import NDArray
 
 from resgrid._internal.checkpoints import Journal
 from resgrid._internal.parallel import JobPart, in_order
-from resgrid.chip.adc_resolution import enterable, steps_of
-from resgrid.chip.build import build_chip, conductance_samples
+from resgrid.chip.adc_resolution import steps_of
+from resgrid.chip.build import ConductanceModel, build_chip
 from resgrid.chip.effects import Faults
 from resgrid.chip.effects.base import cells_with_nodes
 from resgrid.chip.effects.values import NOMINAL_CELSIUS
 from resgrid.chip.noise import ROOM, analyse_noise
+from resgrid.chip.walk import Converter, Neighbours, converter_of, neighbours_of, read_out, walk
 from resgrid.circuit.batch import Batch, prepare_batch, solve_batch
 from resgrid.circuit.nonlinear import linearize
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
-from resgrid.core.netlist import CellMap, Netlist
-from resgrid.core.random_sites import NOISE, OFFSET, Seed, generator, seed_of
-from resgrid.core.regions import cells_at_faces, slab, with_margin
-from resgrid.core.space import Cell
+from resgrid.core.netlist import Netlist
+from resgrid.core.random_sites import Seed, seed_of
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError, InputError
 from resgrid.scene.chip import Chip, Defects, Readout
 
 _SCHEMA = 2
+"""Version of the trials' algorithm: part of the fingerprint of a checkpoint."""
 
-_TOGETHER = 16
-"""Chips that are solved together, and are in memory at a time."""
+_BLOCK = 16
+"""Number of chips that are drawn and solved together; limits the memory of a worker."""
 
 
-@dataclass(frozen=True, eq=False)
-class Neighbours:
-    """Where a robot may walk.
+class Solution(NamedTuple):
+    """Solution of one chip, as far as its read-outs need it.
 
-    `around` (cells, 2 ndim): free or goal cells that a free cell touches, -1 for none, axis by axis, the lower side
-    first; `goal` (cells,); `node` (cells,): node of every cell; ground's where a cell has none.
+    `voltage` (nodes,): in volts, NaN without an operating point; None where every read-out is ideal; `lowest` (cells,):
+    neighbour with the lowest potential according to the face currents, -1 for none; None where no read-out is ideal.
     """
 
-    around: NDArray[np.int64]
-    goal: NDArray[np.bool_]
-    node: NDArray[np.int64]
+    voltage: NDArray[np.float64] | None
+    lowest: NDArray[np.int64] | None
 
 
-def neighbours_of(cells: CellMap) -> Neighbours:
-    """Lay out the cells of a netlist for a walk."""
-    space = cells.space
-    walkable = enterable(space) & (cells.node >= 0)
-    flat = np.where(walkable, np.arange(space.cell.size).reshape(space.shape), -1)
-    wide, around = with_margin(flat, space.periodic, beyond=-1), []
-    for axis, count in enumerate(space.shape):
-        below, above = cells_at_faces(wide, axis)
-        around += [slab(below, axis, 0, count), slab(above, axis, 1, count + 1)]
-    around = [np.where(space.cell == Cell.FREE, there, -1).ravel() for there in around]
-    node = np.where(cells.node >= 0, cells.node, 0)
-    return Neighbours(np.stack(around, axis=1), (space.cell == Cell.GOAL).ravel(), node.ravel())
+class DrawnChips(NamedTuple):
+    """A block of chips.
 
-
-@dataclass(frozen=True, eq=False)
-class Converter:
-    """What a robot sees of voltages, in shares of the converter's range.
-
-    `low, span`: lower end and width of the range, in volts; `steps`: ``2**bits``; 0 without a converter; `offset`:
-    standard deviation of the offsets; `noise` (cells,): deviation of every measurement; `falling`: 1, or -1 where the
-    goal rail lies above the other.
+    `conductance` (chips, resistors): in siemens, of chips that share one circuit and one batch solve; None otherwise;
+    `netlists`: the same chips as netlists, built one at a time.
     """
 
-    low: float
-    span: float
-    steps: float
-    offset: float
-    noise: NDArray[np.float64]
-    falling: float
-
-    @property
-    def random(self) -> bool:
-        """Whether two robots see different things on one chip."""
-        return self.offset > 0 or bool(self.noise.any())
-
-
-def converter_of(readout: Readout, cells: CellMap, noise: NDArray[np.float64] | None = None) -> Converter:
-    """Bring a read-out to shares of its range; ``noise`` in volts, shape (cells,)."""
-    wiring = cells.wiring
-    low, high = readout.range or sorted((wiring.goal_voltage, wiring.high))
-    deviation = np.zeros(cells.space.cell.size) if noise is None else noise / (high - low)
-    steps = 0.0 if readout.bits is None else 2.0**readout.bits
-    offset = (readout.offset or 0.0) / (high - low)
-    return Converter(low, high - low, steps, offset, deviation, float(np.sign(wiring.supply)))
-
-
-def arrivals(
-    volts: NDArray[np.float64], neighbours: Neighbours, converter: Converter, seed: Seed = 0
-) -> NDArray[np.bool_]:
-    """Which cells a robot reaches the goal from.  Shapes: `volts` (nodes,); returns (cells,)."""
-    from resgrid.chip.kernels import step_down
-
-    cells, ways = neighbours.around.shape
-    height = (volts[neighbours.node] - converter.low) / converter.span
-    if converter.offset:
-        height += converter.offset * generator(seed, OFFSET).standard_normal(cells)
-    draw = np.empty((0, ways + 1))
-    if converter.noise.any():
-        draw = generator(seed, NOISE).standard_normal((cells, ways + 1))
-    following = np.empty(cells, dtype=np.int64)
-    step_down(height, converter.noise, draw, converter.steps, converter.falling, neighbours.around, following)
-    return arrivals_along(following, neighbours)
-
-
-def arrivals_along(following: NDArray[np.int64], neighbours: Neighbours) -> NDArray[np.bool_]:
-    """Which cells lead to a goal when every cell leads to the one given, -1 for none; shape (cells,)."""
-    from resgrid.chip.kernels import follow
-
-    reached = np.empty(len(following), dtype=np.bool_)
-    follow(following, neighbours.goal, reached)
-    return reached
+    seeds: Sequence[Seed]
+    conductance: NDArray[np.float64] | None
+    netlists: Iterator[Netlist]
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """A kind of chip, and the read-outs that are tried on every chip of it.
+    """A chip description, the read-outs under test, and everything that does not depend on the trial.
 
-    `netlist`: the ideal one, with one node per cell; `seed`: trial ``k`` is chip ``(seed, k)``; `starts` (cells,):
-    where robots start; `converters`: one for each read-out; None for an ideal one; `batch`: what chips that differ in
-    their conductances only share; `volts` (nodes,): voltages where all chips are the same, and some read-out is not
-    ideal.
+    `netlist`: the ideal circuit, with one node per cell; `seed`: trial ``k`` is chip ``(seed, k)``; `starts` (cells,):
+    mask of the start cells; `converters`: one for each read-out, None for an ideal read-out; `model, batch`:
+    distribution of the conductances and the prepared batch solve, for chips that differ only in conductances; `fixed`:
+    the solution of all chips, where chips do not differ.
     """
 
     netlist: Netlist
@@ -149,16 +85,22 @@ class Experiment:
     neighbours: Neighbours
     starts: NDArray[np.bool_]
     converters: tuple[Converter | None, ...]
+    model: ConductanceModel | None
     batch: Batch | None
-    volts: NDArray[np.float64] | None
+    fixed: Solution | None
 
     @property
     def random(self) -> bool:
         """Whether trials differ."""
-        return differs(self.chip) or any(seen is not None and seen.random for seen in self.converters)
+        return differs(self.chip) or any(converter is not None and converter.random for converter in self.converters)
+
+    def seeds(self, numbers: Sequence[int]) -> list[Seed]:
+        """Return the seeds of trials."""
+        base = self.seed if isinstance(self.seed, tuple) else (self.seed,)
+        return [(*base, number) for number in numbers]
 
     def fingerprint(self) -> str:
-        """A hash of everything that trials depend on, hexadecimal."""
+        """Return a hexadecimal hash of all inputs of the trials."""
         digest = hashlib.sha256(f"{_SCHEMA} {self.seed} {self.chip}".encode())
         digest.update(self.starts.tobytes())
         digest.update(self.neighbours.around.tobytes())
@@ -166,53 +108,49 @@ class Experiment:
             value = getattr(self.netlist, item.name)
             if isinstance(value, np.ndarray):
                 digest.update(item.name.encode() + value.tobytes())
-        for seen in self.converters:
-            digest.update(repr(seen and (seen.low, seen.span, seen.steps, seen.offset)).encode())
+        for each in self.converters:
+            digest.update(repr(each and (each.low, each.span, each.steps, each.offset)).encode())
         return digest.hexdigest()
 
 
 def differs(chip: Chip) -> bool:
-    """Whether chips of a kind differ from each other."""
+    """Return whether the circuits of a chip description contain randomness."""
     return bool(chip.mismatch or chip.pelgrom or Faults.of(chip, 0))
 
 
 def die_temperature(chip: Chip) -> float:
-    """Temperature of the die, in kelvin."""
+    """Return the temperature of the die, in kelvin."""
     return ROOM if chip.temperature is None else ROOM + chip.temperature - NOMINAL_CELSIUS
 
 
-def prepare(
+Noises = dict[tuple[Chip, float], NDArray[np.float64]]
+"""Noise of chips without random errors, in volts, by the chip and the noise bandwidth in hertz; values (cells,)."""
+
+
+def prepare_experiment(
     netlist: Netlist,
     chip: Chip,
     readouts: Sequence[Readout],
     seed: Seed | None = None,
     starts: NDArray[np.bool_] | None = None,
-    known: MutableMapping[tuple[Chip, float], NDArray[np.float64]] | None = None,
+    known: Noises | None = None,
 ) -> Experiment:
     """Precompute everything that does not depend on the trial.
 
-    Shapes: `starts` as the space.  `known`: noise of flawless chips of the same space, by the chip and the bandwidth;
-    new ones are added.
+    `known`: noise of chips of the same space; new results are added.  Shapes: `starts` as the space.
     """
     cells = cells_with_nodes(netlist, "robots that see the read-out")
-    mask = cells.space.goal_connected if starts is None else cells.space.goal_connected & starts
-    if not mask.any():
-        raise InputError("there is no start: no free cell has a way to a goal")
+    mask = _checked_mask(cells.space, starts)
     flawless = dataclasses.replace(chip, mismatch=None, pelgrom=None, defects=Defects())
     op = solve(build_chip(netlist, flawless))
-    bands = {readout.noise_bandwidth for readout in readouts if readout.noise_bandwidth is not None}
-    known = {} if known is None else known
-    for band in bands:
-        if (flawless, band) not in known:
-            known[flawless, band] = _noise(op, chip, band)
-    noise = {band: known[flawless, band] for band in bands}
-    converters = tuple(
-        None if _is_ideal(readout) else converter_of(readout, cells, noise.get(readout.noise_bandwidth or 0.0))
-        for readout in readouts
-    )
-    blurred = any(converter is not None for converter in converters)
-    linear = chip.saturation_voltage is None and not Faults.of(chip, 0)
-    batch = blurred and linear and differs(chip)
+    converters = _converters(op, chip, flawless, readouts, {} if known is None else known)
+    has_ideal, has_real = None in converters, any(converter is not None for converter in converters)
+    model = batch = fixed = None
+    if not differs(chip):
+        fixed = Solution(op.voltage if has_real else None, _lowest(op) if has_ideal else None)
+    elif has_real and chip.saturation_voltage is None and not Faults.of(chip, 0):
+        model = ConductanceModel.of(netlist, chip)
+        batch = prepare_batch(model.netlist)
     return Experiment(
         netlist=netlist,
         chip=chip,
@@ -220,32 +158,129 @@ def prepare(
         neighbours=neighbours_of(cells),
         starts=mask.ravel(),
         converters=converters,
-        batch=prepare_batch(conductance_samples(netlist, [], chip=chip)[0]) if batch else None,
-        volts=op.voltage if blurred and not differs(chip) else None,
+        model=None if batch is None else model,
+        batch=batch,
+        fixed=fixed,
     )
 
 
+def _checked_mask(space: ConfigurationSpace, starts: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+    """Return the mask of the starts from which a goal can be reached; raise InputError if there are none."""
+    mask = space.goal_connected if starts is None else space.goal_connected & starts
+    if not mask.any():
+        raise InputError("there is no start: no free cell has a path to a goal")
+    return mask
+
+
+def _converters(
+    op: OperatingPoint, chip: Chip, flawless: Chip, readouts: Sequence[Readout], known: Noises
+) -> tuple[Converter | None, ...]:
+    """Return the converters of read-outs, None for an ideal one; `op`: of the chip without random errors."""
+    bands = {readout.noise_bandwidth for readout in readouts if readout.noise_bandwidth is not None}
+    for band in bands:
+        if (flawless, band) not in known:
+            known[flawless, band] = _noise(op, chip, band)
+    return tuple(
+        None
+        if _is_ideal(readout)
+        else converter_of(readout, op.netlist.cells, known.get((flawless, readout.noise_bandwidth or 0.0)))
+        for readout in readouts
+    )
+
+
+def _is_ideal(readout: Readout) -> bool:
+    """Return whether a read-out has no error; the robot then compares the currents through the faces."""
+    return readout.bits is None and not readout.offset and readout.noise_bandwidth is None
+
+
+def _noise(op: OperatingPoint, chip: Chip, bandwidth: float) -> NDArray[np.float64]:
+    """Return the rms thermal noise of a measurement in every cell, in volts, shape (cells,)."""
+    linear = linearize(op) if op.netlist.nonlinear_nodes.size else op.netlist
+    noise = analyse_noise(linear, band=(0.0, bandwidth), temperature=die_temperature(chip))
+    assert noise.total is not None
+    node = op.netlist.cells.node.ravel()
+    return np.where(node >= 0, np.nan_to_num(noise.total)[node], 0.0)
+
+
 def run_trials(experiment: Experiment, numbers: Sequence[int]) -> list[NDArray[np.uint8]]:
-    """Which starts are served, for every read-out of every chip: bits, shape (readouts, bytes) (`unpacked`)."""
-    base = experiment.seed if isinstance(experiment.seed, tuple) else (experiment.seed,)
+    """Run trials: draw chips, solve them, read them out, and walk from every start.
+
+    Returns for each trial which starts reach a goal, as bits, shape (readouts, bytes); see `unpacked`.
+    """
     results: list[NDArray[np.uint8]] = []
-    starts = int(experiment.starts.sum())
-    for begin in range(0, len(numbers), _TOGETHER):
-        seeds = [(*base, number) for number in numbers[begin : begin + _TOGETHER]]
-        served = np.zeros((len(seeds), len(experiment.converters), -(-starts // 8)), dtype=np.uint8)
-        for trial, readout, cells in _walks(experiment, seeds):
-            served[trial, readout] = np.packbits(cells[experiment.starts])
-        results += list(served)
+    for begin in range(0, len(numbers), _BLOCK):
+        chips = draw_chips(experiment, experiment.seeds(numbers[begin : begin + _BLOCK]))
+        for seed, solution in zip(chips.seeds, solve_chips(experiment, chips), strict=True):
+            served = [
+                walk(following, experiment.neighbours)[experiment.starts]
+                for following in _steps(experiment, solution, seed)
+            ]
+            results.append(np.packbits(np.array(served), axis=-1))
     return results
 
 
+def draw_chips(experiment: Experiment, seeds: Sequence[Seed]) -> DrawnChips:
+    """Draw the chips of some seeds."""
+    conductance = None if experiment.model is None else experiment.model.draw(seeds)
+    return DrawnChips(seeds, conductance, (build_chip(experiment.netlist, experiment.chip, seed) for seed in seeds))
+
+
+def solve_chips(experiment: Experiment, chips: DrawnChips) -> Iterator[Solution]:
+    """Solve chips, and yield their solutions one by one."""
+    converters, batch = experiment.converters, experiment.batch
+    if experiment.fixed is not None:
+        yield from (experiment.fixed for _ in chips.seeds)
+    elif batch is None or chips.conductance is None:
+        for netlist in chips.netlists:
+            voltage = _voltage(netlist) if any(item is not None for item in converters) else None
+            yield Solution(voltage, _lowest_of(netlist) if None in converters else None)
+    else:
+        for voltage in solve_batch(batch, chips.conductance):
+            yield Solution(voltage, _lowest_of(next(chips.netlists)) if None in converters else None)
+
+
+def _voltage(netlist: Netlist) -> NDArray[np.float64]:
+    """Return the node voltages in volts, shape (nodes,); NaN without an operating point."""
+    try:
+        return solve(netlist, accuracy="normwise").voltage
+    except CircuitError:
+        return np.full(netlist.node_count, np.nan)
+
+
+def _lowest_of(netlist: Netlist) -> NDArray[np.int64]:
+    """Return the lowest neighbour of every cell, shape (cells,); -1 everywhere without an operating point."""
+    try:
+        return _lowest(solve(netlist))
+    except CircuitError:
+        return np.full(netlist.cells.space.cell.size, -1, dtype=np.int64)
+
+
+def _lowest(op: OperatingPoint) -> NDArray[np.int64]:
+    """Return the lowest neighbour of every cell according to the face currents, -1 for none; shape (cells,)."""
+    return steps_of(op).lowest()[0]
+
+
+def _steps(experiment: Experiment, solution: Solution, seed: Seed) -> Iterator[NDArray[np.int64]]:
+    """Yield the next cell of every cell, -1 for none, shape (cells,), for each read-out."""
+    for converter in experiment.converters:
+        following = solution.lowest
+        if converter is not None:
+            assert solution.voltage is not None
+            following = read_out(solution.voltage, experiment.neighbours, converter, seed)
+        assert following is not None
+        yield following
+
+
 def unpacked(bits: NDArray[np.uint8], starts: int) -> NDArray[np.bool_]:
-    """Whether each start is served, shape (readouts, starts)."""
+    """Return whether each start reaches a goal, shape (readouts, starts)."""
     return np.unpackbits(bits, axis=-1, count=starts).view(np.bool_)
 
 
-class Series(NamedTuple):
-    """Trials of one kind of chip: how many, through how many read-outs, and what they share when it is their turn."""
+class TrialSeries(NamedTuple):
+    """Trials of one chip description: their number, the number of read-outs, and a function that prepares them.
+
+    `name`: noun for messages, in the plural; `random`: whether trials differ.
+    """
 
     trials: int
     readouts: int
@@ -255,24 +290,18 @@ class Series(NamedTuple):
 
 
 def run_series(
-    series: Sequence[Series], starts: int, executor: Executor | None, journal: Journal | None
+    series: Sequence[TrialSeries], starts: int, executor: Executor | None, journal: Journal | None
 ) -> Generator[tuple[NDArray[np.bool_], bool], None, None]:
-    """Whether each start is served, shape (readouts, starts), chip by chip, and whether the chip is new.
+    """Run several series, and yield the result of every trial in order.
 
-    Those in the journal come first; the others are added to it.
+    A result is a mask of the starts that reach a goal, shape (readouts, starts), and whether the trial is new.  Trials
+    recorded in the journal come first; new trials are appended to the journal.
     """
-    readouts = [each.readouts for each in series for _ in range(each.trials)]
     done = 0
-    for record in journal or ():
-        assert journal is not None
-        try:
-            served = _recorded(record, done, (readouts[done], starts))
-        except (KeyError, TypeError, ValueError, zlib.error) as error:
-            why = f"the key {error} is missing" if isinstance(error, KeyError) else error
-            raise journal.damaged(f"line {done + 2}: {why}") from error
+    for served in _recorded_trials(series, starts, journal):
         yield served, False
         done += 1
-    with closing(in_order(_parts(series, done), executor)) as results:
+    with closing(in_order(_remaining(series, done), executor)) as results:
         for number, bits in enumerate(results, done):
             served = unpacked(bits, starts)
             if journal is not None:
@@ -281,8 +310,23 @@ def run_series(
             yield served, True
 
 
+def _recorded_trials(
+    series: Sequence[TrialSeries], starts: int, journal: Journal | None
+) -> Iterator[NDArray[np.bool_]]:
+    """Yield the results that a journal holds, shape (readouts, starts)."""
+    readouts = [each.readouts for each in series for _ in range(each.trials)]
+    for number, record in enumerate(journal or ()):
+        assert journal is not None
+        try:
+            served = _recorded(record, number, (readouts[number], starts))
+        except (KeyError, TypeError, ValueError, zlib.error) as error:
+            why = f"the key {error} is missing" if isinstance(error, KeyError) else error
+            raise journal.damaged(f"line {number + 2}: {why}") from error
+        yield served
+
+
 def _recorded(record: Mapping[str, Any], number: int, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """What a line of a journal says of a chip, shape (readouts, starts)."""
+    """Return the result in a line of a journal, shape (readouts, starts)."""
     data = zlib.decompress(base64.b64decode(record["starts"], validate=True))
     bits = np.frombuffer(data, dtype=np.uint8).reshape(shape[0], -1)
     if bits.shape[1] != -(-shape[1] // 8) or (record["chip"], record["served"]) != (number, np.unpackbits(bits).sum()):
@@ -290,63 +334,9 @@ def _recorded(record: Mapping[str, Any], number: int, shape: tuple[int, int]) ->
     return unpacked(bits, shape[1])
 
 
-def _parts(series: Sequence[Series], done: int) -> Iterator[JobPart]:
-    """The trials of all series but the first ones, which are `done`."""
+def _remaining(series: Sequence[TrialSeries], done: int) -> Iterator[JobPart]:
+    """Yield the trials of all series except the first `done` ones."""
     for each in series:
         if done < each.trials:
             yield JobPart(run_trials, each.prepare(), range(done, each.trials), each.name)
         done = max(0, done - each.trials)
-
-
-def _walks(experiment: Experiment, seeds: Sequence[Seed]) -> Iterator[tuple[int, int, NDArray[np.bool_]]]:
-    """Numbers of the trial and of the read-out, and which cells lead to a goal."""
-    ideal = [number for number, seen in enumerate(experiment.converters) if seen is None]
-    if ideal:
-        once = None if differs(experiment.chip) else _ideal_walk(experiment, experiment.seed)
-        for trial, seed in enumerate(seeds):
-            arrived = _ideal_walk(experiment, seed) if once is None else once
-            yield from ((trial, number, arrived) for number in ideal)
-    if len(ideal) == len(experiment.converters):
-        return
-    for trial, (seed, volts) in enumerate(zip(seeds, _voltages(experiment, seeds), strict=True)):
-        for number, seen in enumerate(experiment.converters):
-            if seen is not None:
-                yield trial, number, arrivals(volts, experiment.neighbours, seen, seed)
-
-
-def _ideal_walk(experiment: Experiment, seed: Seed) -> NDArray[np.bool_]:
-    try:
-        op = solve(build_chip(experiment.netlist, experiment.chip, seed))
-    except CircuitError:  # so broken that nothing flows
-        return experiment.neighbours.goal
-    return arrivals_along(steps_of(op).lowest()[0], experiment.neighbours)
-
-
-def _voltages(experiment: Experiment, seeds: Sequence[Seed]) -> Iterator[NDArray[np.float64]]:
-    """Node voltages of one chip after the other."""
-    if experiment.volts is not None:
-        yield from (experiment.volts for _ in seeds)
-    elif experiment.batch is not None:
-        conductance = conductance_samples(experiment.netlist, seeds, chip=experiment.chip)[1]
-        yield from solve_batch(experiment.batch, conductance)
-    else:
-        for seed in seeds:
-            try:
-                netlist = build_chip(experiment.netlist, experiment.chip, seed)
-                yield solve(netlist, accuracy="normwise").voltage
-            except CircuitError:
-                yield np.full(experiment.netlist.node_count, np.nan)
-
-
-def _is_ideal(readout: Readout) -> bool:
-    """Whether a robot sees what there is: currents through faces, without error."""
-    return readout.bits is None and not readout.offset and readout.noise_bandwidth is None
-
-
-def _noise(op: OperatingPoint, chip: Chip, bandwidth: float) -> NDArray[np.float64]:
-    """Deviation of a measurement at every cell, in volts: thermal noise of the flawless chip in the read-out's band."""
-    linear = linearize(op) if op.netlist.nonlinear_nodes.size else op.netlist
-    noise = analyse_noise(linear, band=(0.0, bandwidth), temperature=die_temperature(chip))
-    assert noise.total is not None
-    node = op.netlist.cells.node.ravel()
-    return np.where(node >= 0, np.nan_to_num(noise.total)[node], 0.0)

@@ -1,9 +1,10 @@
 """Thermal noise of a chip: every resistor adds current noise of density ``4 k T / R`` (Johnson 1928; Nyquist 1928).
 
-The spot density of a node's voltage is ``4 k T Re Z(f)``, ``Z`` being the impedance from the node to the rails: the
-diagonal of ``(G + 2 pi j f C)^-1``.  At frequencies below the slowest time constant that is ``4 k T R_eff``.  Over all
-frequencies it integrates to ``k T (C^-1)_ii`` whatever the resistors are, and to infinity at a node that no capacitor
-ties to a rail.  All resistors have the temperature given; sources, switches' drivers and capacitors are silent.
+The power spectral density of a node voltage is ``4 k T Re Z(f)``, where ``Z`` is the impedance from the node to the
+rails, the diagonal of ``(G + 2 pi j f C)^-1``.  Below the corner frequency of the slowest time constant it is ``4 k T
+R_eff``.  Its integral over all frequencies is ``k T (C^-1)_ii``, whatever the resistors, and infinite at a node without
+a capacitive connection to a rail.  All resistors have the given temperature; sources, drivers of switches and
+capacitors are noiseless.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid._internal.validation import Natural, Positive
 from resgrid.chip.figures_of_merit import Figure, Result, defined
-from resgrid.chip.impedance import estimate, find_exactly, inverse_columns, resistive_parts
+from resgrid.chip.impedance import estimated_integrals, exact_integrals, inverse_columns, resistive_parts
 from resgrid.circuit.dynamics import Dynamics, dynamics_of, require_grounded
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
@@ -26,40 +27,42 @@ from resgrid.solvers.selected_inverse import positive_inverse_diagonal, random_s
 from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
 
 BOLTZMANN = 1.380649e-23
-"""In J/K, exact."""
+"""Boltzmann constant, in J/K (exact)."""
 
 ROOM = 300.15
-"""27 degrees Celsius, in kelvin: the nominal temperature of SPICE."""
+"""Nominal temperature of SPICE, 27 degrees Celsius, in kelvin."""
 
 _HIGHEST = np.float64(1e300)
+"""Upper limit of frequencies, in hertz."""
 _EXACT_PLANE, _EXACT_VOLUME = 300_000, 15_000
+"""Maximum numbers of rows of plane grids and of other circuits for which factors are used."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Noise(Result):
-    """Thermal noise of every node's voltage; 0 on rails, NaN where a node floats.
+    """Thermal noise of every node voltage; 0 on rails, NaN where a node floats.
 
     Attributes
     ----------
     netlist : Netlist
         The chip.
     temperature : float
-        Of all resistors, in kelvin.
+        Temperature of all resistors, in kelvin.
     resistance : ndarray of float64, shape (nodes,)
         Effective resistance from every node to the rails at low frequency, in ohms.
     resistance_error : ndarray of float64, shape (nodes,)
-        Its standard error, in ohms; 0 where nothing was estimated: every digit but the last few is then right.
+        Standard error of an estimate, in ohms; 0 for exact results, which are accurate to a few units of rounding.
     limit : ndarray of float64, shape (nodes,)
-        Root mean square noise from 0 Hz to infinity, ``sqrt(k T (C^-1)_ii)``, in volts; infinite at a node that no
-        capacitor ties to a rail.
+        Root mean square noise from 0 Hz to infinity, ``sqrt(k T (C^-1)_ii)``, in volts; infinite at a node without a
+        capacitive connection to a rail.
     band : tuple of float, or None
         Limits of the integral, in hertz.
     total : ndarray of float64, shape (nodes,), or None
         Root mean square noise within the band, in volts.
     total_error : ndarray of float64, shape (nodes,), or None
-        Its standard error, in volts; where nothing was estimated, what rounding may have done to it.
+        Standard error of an estimate, in volts; for exact results, a bound on rounding errors.
     exact : bool
-        Whether nothing was estimated from samples.
+        Whether the results are exact, not estimated from samples.
     """
 
     netlist: Netlist
@@ -74,12 +77,12 @@ class Noise(Result):
 
     @property
     def density(self) -> NDArray[np.float64]:
-        """Density ``4 k T R_eff`` at low frequency, shape (nodes,), in V^2/Hz."""
+        """Power spectral density ``4 k T R_eff`` at low frequency, shape (nodes,), in V^2/Hz."""
         return 4.0 * BOLTZMANN * self.temperature * self.resistance
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """The figures of the noisiest node, with units and definitions."""
+        """Figures of the noisiest node, with units and definitions."""
         at = f"at {self.temperature:.6g} K"
         result = {
             "largest_effective_resistance": Figure(
@@ -106,7 +109,7 @@ class Noise(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """The figures, the limits of the integral and how it was found, as plain values."""
+        """Return the figures, the band, the temperature and the kind of method as plain values."""
         band = None if self.band is None else list(self.band)
         return {**super().to_json(), "temperature": self.temperature, "band": band, "exact": self.exact}
 
@@ -120,23 +123,16 @@ def analyse_noise(
     samples: Annotated[int, Ge(2)] = 64,
     seed: Natural = 0,
 ) -> Noise:
-    """Thermal noise of every node's voltage.
-
-    `band`: limits of the integral, in hertz (a read-out of noise bandwidth ``B`` takes ``(0, B)``); by default that of
-    the read-out, else all that capacitances let through; none without a chip's description; `temperature`: in kelvin,
-    by default the die's; `method`: "exact", the diagonal of the inverse from the factors, or "estimate", from products
-    with so many `samples` of random signs of a `seed`, for grids of three or more dimensions whose factors are large.
-
-    A node that resistors tie to no rail is a CircuitError; conductances that span so many decades that rounding may be
-    more than 1e-3 of a density within the band, or a tenth of what is estimated, are an AccuracyError.
-    """
+    """Compute the thermal noise of every node voltage; parameters as in `Study.noise`, without defaults from a chip."""
     if band is not None and not 0 <= band[0] < band[1] < _HIGHEST:
         raise InputError(f"band = {band} must be two frequencies in hertz, the lower first (for all of them see limit)")
     dynamics = dynamics_of(netlist)
     require_grounded(dynamics)
     exact = method == "exact" or (method == "auto" and _is_small(dynamics)) or not dynamics.size
     resistance, resistance_error, area, area_error = (
-        find_exactly(dynamics, band) if exact else estimate(dynamics, band, random_signs(dynamics.size, samples, seed))
+        exact_integrals(dynamics, band)
+        if exact
+        else estimated_integrals(dynamics, band, random_signs(dynamics.size, samples, seed))
     )
     scale = BOLTZMANN * temperature
     total = total_error = None
@@ -161,14 +157,7 @@ def analyse_noise(
 def noise_density(
     netlist: Netlist, nodes: ArrayLike, frequencies: ArrayLike, *, temperature: Positive = ROOM
 ) -> NDArray[np.float64]:
-    """Spot density of thermal noise, ``4 k T Re Z(f)``, in V^2/Hz; 0 on rails, NaN where a node floats.
-
-    `nodes` (k,); `frequencies` (f,): in hertz, at least 0; `temperature`: in kelvin, by default the die's; returns (f,
-    k).
-
-    It is a CircuitError where a frequency is 0, and resistors tie some part to no rail, and an AccuracyError where a
-    density may be off by more than 1e-6 of itself.
-    """
+    """Return the power spectral density ``4 k T Re Z(f)``, shape (frequencies, nodes); see `Study.noise_density`."""
     node = _checked_nodes(netlist, nodes)
     when = _checked_frequencies(frequencies)
     dynamics = dynamics_of(netlist)
@@ -184,11 +173,7 @@ def noise_density(
 
 
 def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: Positive = ROOM) -> NDArray[np.float64]:
-    """Covariance ``k T C^-1`` of node voltages from 0 Hz to infinity, in V^2; 0 on rails, NaN where a node floats.
-
-    `nodes` (k,): each tied to a rail by capacitances, for the noise of others is unbounded; `temperature`: in kelvin,
-    by default the die's; returns (k, k).
-    """
+    """Return the covariance ``k T C^-1`` of node voltages, shape (nodes, nodes); see `Study.noise_covariance`."""
     node = _checked_nodes(netlist, nodes)
     dynamics = dynamics_of(netlist)
     tied = _tied_by_capacitors(dynamics)
@@ -197,7 +182,9 @@ def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: Positiv
     loose = inside[~tied[rows[inside]]]
     if len(loose):
         name = netlist.node_name(int(node[loose[0]]))
-        raise InputError(f"no capacitor ties node {name} to a rail: its noise over all frequencies is unbounded")
+        raise InputError(
+            f"no capacitance connects node {name} to a rail: its noise over all frequencies is unbounded; leave it out"
+        )
     covariance = np.zeros((len(node), len(node)))
     if len(inside):
         place = (np.cumsum(tied) - 1)[rows[inside]]
@@ -209,15 +196,17 @@ def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: Positiv
 
 
 def _tied_by_capacitors(dynamics: Dynamics) -> NDArray[np.bool_]:
+    """Return the mask of the rows with a capacitive connection to a rail, shape (n,)."""
     return np.asarray(np.diff(dynamics.null_space.indptr) == 0)
 
 
 def _elastance_factors(dynamics: Dynamics, tied: NDArray[np.bool_]) -> SupernodalFactors:
+    """Return the factors of the capacitance matrix of the rows in a mask."""
     return factor_supernodes(dynamics.capacitance.within(tied))
 
 
 def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
-    """Diagonal of ``C^-1`` in 1/F, infinite in parts that no capacitor ties to a rail."""
+    """Return the diagonal of ``C^-1`` in 1/F, shape (n,); infinite without a capacitive connection to a rail."""
     tied = _tied_by_capacitors(dynamics)
     elastance = np.full(dynamics.size, np.inf)
     if tied.any():
@@ -226,11 +215,13 @@ def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
 
 
 def _is_small(dynamics: Dynamics) -> bool:
+    """Return whether factors of the circuit are small enough for exact results."""
     plane = dynamics.conductance.edges.nnz <= 4.2 * max(dynamics.size, 1)
     return dynamics.size <= (_EXACT_PLANE if plane else _EXACT_VOLUME)
 
 
 def _checked_nodes(netlist: Netlist, nodes: ArrayLike) -> NDArray[np.int64]:
+    """Return node numbers, shape (k,); raise InputError for others."""
     listed = np.atleast_1d(np.asarray(nodes))
     if listed.dtype.kind not in "iu" or listed.ndim != 1 or np.any((listed < 0) | (listed >= netlist.node_count)):
         raise InputError(f"nodes must be node numbers from 0 to {netlist.node_count - 1}")
@@ -238,6 +229,7 @@ def _checked_nodes(netlist: Netlist, nodes: ArrayLike) -> NDArray[np.int64]:
 
 
 def _checked_frequencies(frequencies: ArrayLike) -> NDArray[np.float64]:
+    """Return frequencies in hertz, shape (f,); raise InputError for negative or infinite ones."""
     listed = np.atleast_1d(np.asarray(frequencies))
     hertz = listed.astype(np.float64) if listed.dtype.kind in "iuf" else np.full(1, np.nan)
     if hertz.ndim != 1 or not np.all((hertz >= 0) & (hertz < _HIGHEST)):

@@ -1,4 +1,4 @@
-"""Trials of several kinds of chips on the same dies, so that their yields can be compared chip by chip."""
+"""Paired trials: several chip descriptions on the same random numbers, so that yields can be compared chip by chip."""
 
 from __future__ import annotations
 
@@ -14,24 +14,26 @@ from numpy.typing import NDArray
 
 from resgrid._internal.checkpoints import Journal
 from resgrid.chip.build import ideal_netlist
-from resgrid.chip.monte_carlo import Experiment, Series, differs, prepare, run_series
+from resgrid.chip.monte_carlo import Experiment, Noises, TrialSeries, differs, prepare_experiment, run_series
 from resgrid.core.netlist import Netlist
 from resgrid.scene.chip import Chip, Readout
 
-Noises = dict[tuple[Chip, float], NDArray[np.float64]]
 Key = TypeVar("Key", bound=Hashable)
 
 
 class SharedCircuit(NamedTuple, Generic[Key]):
-    """Points whose chips have the same circuit, and differ in their read-outs only: these chips are solved once."""
+    """Points with the same circuit and different read-outs; their chips are solved once.
+
+    `keys`: of the points; `random`: whether the trials of each point differ.
+    """
 
     keys: list[Key]
     random: list[bool]
-    series: Series
+    series: TrialSeries
 
 
 class StartsServed(NamedTuple):
-    """Number of starts that each chip serves, shape (trials,), or (1,) where all chips are the same."""
+    """Number of starts that each chip serves, shape (trials,), or (1,) where all chips are equal."""
 
     counts: NDArray[np.int64]
     random: bool
@@ -40,7 +42,7 @@ class StartsServed(NamedTuple):
 def groups_of(
     netlist: Netlist, points: Mapping[Key, Chip], trials: int, known: Noises | None = None
 ) -> list[SharedCircuit[Key]]:
-    """Group points by the circuit of their chips; `known`: noise of flawless chips, as in `prepare`."""
+    """Group points by the circuit of their chips; `known`: noise of chips without random errors (`Noises`)."""
     kinds: dict[Chip, list[Key]] = {}
     for key, chip in points.items():
         load = Readout(input_resistance=chip.readout.input_resistance)
@@ -54,7 +56,7 @@ def groups_of(
 def run_groups(
     groups: Sequence[SharedCircuit[Key]], starts: int, executor: Executor | None, journal: Journal | None = None
 ) -> Generator[dict[Key, StartsServed], None, None]:
-    """Try the chips of all groups; yield the counts of one group after the other."""
+    """Run the trials of all groups, and yield the counts of each group."""
     with closing(run_series([group.series for group in groups], starts, executor, journal)) as results:
         for keys, random, series in groups:
             counts = np.array([served.sum(axis=1) for served, _ in islice(results, series.trials)])
@@ -65,12 +67,12 @@ def run_groups(
 def _group(
     netlist: Netlist, kind: Chip, keys: list[Key], readouts: Sequence[Readout], trials: int, known: Noises | None
 ) -> SharedCircuit[Key]:
-    """Return the trials of one kind of chip, seen by several read-outs."""
+    """Return the trials of one circuit with several read-outs."""
     cells = netlist.cells
     random = [differs(kind) or bool(item.offset or item.noise_bandwidth) for item in readouts]
 
     def prepared() -> Experiment:
-        return prepare(ideal_netlist(cells.space, kind, cells.wiring), kind, readouts, known=known)
+        return prepare_experiment(ideal_netlist(cells.space, kind, cells.wiring), kind, readouts, known=known)
 
-    series = Series(trials if any(random) else 1, len(readouts), prepared, f"chips of {kind},", random=any(random))
+    series = TrialSeries(trials if any(random) else 1, len(readouts), prepared, f"chips of {kind},", random=any(random))
     return SharedCircuit(keys, random, series)

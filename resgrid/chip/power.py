@@ -1,4 +1,4 @@
-"""Where a chip's power comes from and where it becomes heat."""
+"""Power of a chip: sources, heat of resistors, and droop of the rails."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from resgrid.core.space import Cell
 from resgrid.spice.power import PowerBalance, power_balance
 
 _WORST = 10
+"""Default number of resistors in lists of the hottest ones."""
 
 
 @dataclass(frozen=True)
 class RailPower:
-    """What the voltage sources of one rail deliver together.
+    """Power of the voltage sources of one rail.
 
-    `name`: ``"obstacle"``, ``"goal_0"`` ..., ``"start"``, or the node's name; `volts`: voltage of the sources, in
-    volts; `sources`: how many there are; `amps`: current out of their plus terminals, in amperes; `watts`: power they
-    deliver, in watts; negative where they take power up.
+    `name`: ``"obstacle"``, ``"goal_0"`` ..., ``"start"``, or the name of the node; `volts`: voltage of the sources;
+    `sources`: number of sources; `amps`: current out of their plus terminals; `watts`: power that they deliver,
+    negative where they absorb power.
     """
 
     name: str
@@ -37,24 +38,24 @@ class RailPower:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Power(Result):
-    """The power of a chip at its operating point.
+    """Power of a chip at its operating point.
 
     Attributes
     ----------
     op : OperatingPoint
     rails : tuple of RailPower
-        Voltage sources, rail by rail; without those of 0 V that join a cell to a rail.
+        Voltage sources, rail by rail, without the 0 V sources that join a cell to a rail.
     current_sources : float
         Power that all current sources deliver, in watts.
     resistor : ndarray of float64, shape (resistors,)
-        Heat in every resistor, in watts.
+        Heat of every resistor, in watts.
     nonlinear : ndarray of float64, shape (nonlinear resistors,)
-        Heat in every nonlinear resistor, in watts.
+        Heat of every nonlinear resistor, in watts.
     node : ndarray of float64, shape (nodes,)
-        Heat in the halves of resistors next to every node, in watts.
+        Half the heat of all resistors at each node, in watts.
     droop : ndarray of float64, shape (nodes,)
-        How far an obstacle or goal cell is from the voltage of its rail, in volts, towards the other rail; NaN at other
-        nodes, empty without a map of cells.
+        Voltage between an obstacle or goal cell and its rail, in volts, positive towards the other rail.  NaN at other
+        nodes; empty without a map of cells.
     """
 
     op: OperatingPoint
@@ -67,16 +68,16 @@ class Power(Result):
 
     @property
     def total(self) -> float:
-        """Heat in all resistors, in watts; what all sources deliver."""
+        """Heat of all resistors, equal to the power of all sources, in watts."""
         return float(self.resistor.sum() + self.nonlinear.sum())
 
     @property
     def largest_droop(self) -> float:
-        """Largest droop of a rail cell, in volts; 0 where no cell has a node of its own on a rail."""
+        """Largest droop of a rail cell, in volts; 0 where rail cells have no nodes of their own."""
         return float(np.nanmax(np.abs(self.droop))) if np.isfinite(self.droop).any() else 0.0
 
     def worst(self, count: int = _WORST) -> NDArray[np.int64]:
-        """Numbers of the resistors that dissipate most, hottest first; shape (at most count,)."""
+        """Return the numbers of the hottest resistors, hottest first; shape (at most count,)."""
         return np.argsort(-self.resistor, kind="stable")[:count]
 
     @property
@@ -90,7 +91,7 @@ class Power(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """The figures of merit by name, with units and definitions."""
+        """Figures of merit by name, with units and definitions."""
         hottest = float(self.resistor.max(initial=0.0))
         result = {
             "power": Figure(self.total, "W", "heat in all resistors at the operating point"),
@@ -109,7 +110,7 @@ class Power(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """The figures and the hottest resistors, as plain values."""
+        """Return the figures and the hottest resistors as plain values."""
         worst = self.worst()
         names, heat = end_names(self.op.netlist, worst), self.resistor[worst].tolist()
         hottest = [{"nodes": pair, "power": watts} for pair, watts in zip(names, heat, strict=True)]
@@ -117,7 +118,7 @@ class Power(Result):
 
 
 def analyse_power(op: OperatingPoint) -> Power:
-    """Where the chip's power comes from and where it becomes heat."""
+    """Compute the power of the sources and the heat of the resistors of an operating point."""
     netlist = op.netlist
     balance = power_balance(op)
     heat, nonlinear = balance.resistor_power, balance.nonlinear_power
@@ -137,6 +138,7 @@ def analyse_power(op: OperatingPoint) -> Power:
 
 
 def _rails(op: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
+    """Return the power of the voltage sources, grouped by rail and voltage."""
     netlist = op.netlist
     ties = (netlist.source_volts == 0.0) & (netlist.source_nodes != GROUND).all(axis=1)
     groups: dict[tuple[str, float], list[int]] = {}
@@ -156,7 +158,7 @@ def _rails(op: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
 
 
 def rail_names(netlist: Netlist) -> list[str]:
-    """For every voltage source the rail that it is part of."""
+    """Return the name of the rail of every voltage source."""
     plus, minus = netlist.source_nodes.T
     node = np.where(plus == GROUND, minus, plus)
     names = netlist.names_of(node)
@@ -172,6 +174,7 @@ def rail_names(netlist: Netlist) -> list[str]:
 
 
 def _droop(op: OperatingPoint) -> NDArray[np.float64]:
+    """Return the droop of obstacle and goal cells in volts, shape (nodes,)."""
     if op.netlist.cell_map is None:
         return np.empty(0)
     cells = op.netlist.cells

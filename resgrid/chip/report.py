@@ -1,4 +1,4 @@
-"""The page about a chip, as Markdown: what every analysis says, its figures with definitions, pictures, decks."""
+"""Report on a chip as Markdown: the results of the analyses, their figures with definitions, pictures, and decks."""
 
 from __future__ import annotations
 
@@ -11,51 +11,56 @@ from typing import Any
 
 import numpy as np
 
-from resgrid.chip.adc_resolution import Precision
+from resgrid.chip.adc_resolution import ADCResolution
 from resgrid.chip.build import value_text
-from resgrid.chip.fault_analysis import Criticality
+from resgrid.chip.fault_analysis import FaultAnalysis
 from resgrid.chip.figures_of_merit import Figure, Result, figure_lines, formatted, table_lines
 from resgrid.chip.study_analyses import Study, study
-from resgrid.chip.sweeps import Sweep
+from resgrid.chip.sweeps import SweptKey
 from resgrid.chip.yield_loss import loss_sentences, loss_table, usual_trials
 from resgrid.core.random_sites import end_names
 from resgrid.errors import CircuitError
 from resgrid.scene.chip import Chip
 from resgrid.scene.table_models import described_keys
 
-_EXPLORED = 32
+_SWEEP_TRIALS = 32
+"""Number of chips at every point of the sweep."""
 _DECKS = (
-    "Every deck has its expected answer in the sidecar of the same name and `.json`; the file ending in `.ngspice` (or "
-    "the dialect's name) runs it, and says in its first lines how. Node `n_3_7` is that of cell (3, 7), counted from 0."
+    "The expected results of a deck are in its sidecar of the same name with `.json`. The file with `.ngspice` (or "
+    "the dialect's name) runs it; its first lines give the command. Node `n_3_7` is the node of cell (3, 7), from 0."
 )
+"""Text on the decks of a report."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How far the analyses of a report go.
+    """Limits on the effort of the analyses of a report.
 
-    `half_width`: of the yield's interval; `trials`: most chips that are tried; `seconds`: for making elements faulty;
-    `sweep`: values to explore, none or two; `executor`: shares trials; `checkpoints`: files of their results, by
-    the name of the analysis; `progress`: called with what is done, what there is in all, and a yield so far.
+    `half_width`: half the width of the yield's interval; `trials`: maximum number of chips; `seconds`: time limit of
+    the fault analysis; `sweep`: keys and values to sweep, none or two; `executor`: runs the trials; `checkpoints`:
+    files of trial results, by the name of the analysis; `progress`: called with the finished and the total number of
+    items, and a yield.
     """
 
     half_width: float = 0.01
     trials: int = 2000
     seconds: float = 60.0
-    sweep: Sequence[Sweep] = ()
+    sweep: Sequence[SweptKey] = ()
     executor: Executor | None = None
     checkpoints: Mapping[str, Path] = field(default_factory=dict)
     progress: Callable[..., None] | None = None
 
 
 USUAL = Effort()
+"""Default limits."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture of a report: file name without suffix, what it shows, and what `resgrid.draw` takes.
+    """A picture of a report.
 
-    `is_map`: whether it needs two axes.
+    `name`: file name without suffix; `caption`: description; `value, options`: arguments of `resgrid.draw`; `is_map`:
+    whether it needs a space of two axes.
     """
 
     name: str
@@ -67,9 +72,9 @@ class Picture:
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """What one analysis has to say.
+    """Result of one analysis, as a section of a report.
 
-    `text`: sentences, of which the first is the answer; `data`: for JSON; `table`: Markdown, line by line.
+    `text`: sentences, the answer first; `data`: plain values for JSON; `table`: lines of Markdown.
     """
 
     name: str
@@ -81,20 +86,22 @@ class Section:
 
     @property
     def title(self) -> str:
-        """For a heading."""
+        """Title for a heading."""
         return self.name.replace("_", " ").capitalize()
 
 
 def _section(name: str, result: Result, text: Sequence[str], *pictures: Picture) -> Section:
+    """Return the section of a result."""
     return Section(name, tuple(text), result.figures, pictures, result.to_json())
 
 
 def _missing(name: str, reason: str) -> Section:
+    """Return the section of an analysis that is impossible for this chip."""
     return Section(name, (f"Not analysed: {reason}.",), data={"reason": reason})
 
 
 def yield_section(chip: Study, effort: Effort) -> Section:
-    """From how many starts robots reach a goal, on how many chips."""
+    """Report the yield: from how many starts, on how many chips, robots reach a goal."""
     result = chip.yields(
         half_width=effort.half_width,
         trials=effort.trials,
@@ -103,23 +110,25 @@ def yield_section(chip: Study, effort: Effort) -> Section:
         progress=effort.progress,
     )
     overall = result.overall
-    known = f" ({100 * overall.low:.1f} to {100 * overall.high:.1f} %)" if result.random else ""
-    tried = "Nothing about this chip is random, so one chip says it all."
+    interval = f" ({100 * overall.low:.1f} to {100 * overall.high:.1f} %)" if result.random else ""
+    tried = "This chip has no random errors, so that one chip gives the exact yield."
     if result.random:
         seed = 0 if chip.chip is None else chip.chip.seed
-        tried = f"{result.trials} chips of seed {seed} were tried; intervals are those of Wilson at 95 %."
+        tried = f"{result.trials} chips of seed {seed} were tried; intervals are Wilson intervals at 95 %."
     text = (
-        f"A robot that sees only the read-out reaches a goal from {100 * overall.value:.4g} % of the starts{known}; "
+        f"A robot that sees only the read-out reaches a goal from {100 * overall.value:.4g} % of the starts{interval}; "
         f"{100 * result.perfect.value:.4g} % of the chips serve every start.",
-        "In each cell it measures its own node and those of the free neighbours, and steps to the lowest reading if "
-        "that is strictly lower than its own; stuck, or back where it has been, it is lost.",
+        "In each cell the robot measures the nodes of the cell and of its free neighbours, and steps to the lowest "
+        "reading if that is below the reading of the cell. A robot that is stuck or returns to a cell is lost.",
         tried,
     )
-    return _section("yield", result, text, Picture("yield", "chips on which each start is served", result))
+    return _section(
+        "yield", result, text, Picture("yield", "fraction of the chips on which each start reaches a goal", result)
+    )
 
 
 def yield_loss_section(chip: Study, effort: Effort) -> Section:
-    """What each effect costs, and how large mismatch and offset may be."""
+    """Report the cost of each effect, and the limits of mismatch, offset and bits."""
     trials = min(usual_trials(chip.ideal.cells.space), effort.trials)
     result = chip.yield_loss(trials=trials, executor=effort.executor, progress=effort.progress)
     section = _section("yield_loss", result, loss_sentences(result))
@@ -129,64 +138,64 @@ def yield_loss_section(chip: Study, effort: Effort) -> Section:
     return replace(section, table=loss_table(result), pictures=(picture,))
 
 
-def precision_section(chip: Study, _effort: Effort) -> Section:
-    """How many converter bits starts need, at every boundary."""
+def adc_resolution_section(chip: Study, _effort: Effort) -> Section:
+    """Report the converter bits that starts need, at every boundary."""
     results = _by_boundary(chip)
     own = next(iter(results.values()))
     needed = own.bits_for(0.99)
     text = (
         f"{own.sentence(chip.bits).capitalize()}; "
         + (f"99 % of them need {needed} bits." if needed is not None else "no number of bits serves 99 % of them."),
-        "This counts the converter alone: no offset, no noise, and this one chip. The other boundaries show what the "
-        "same chip would need with open obstacles (neumann) or behind a resistance (wall).",
+        "This includes the converter only: no offset, no noise, and a single chip. The other boundaries show the bits "
+        "that the same chip needs with open obstacles (neumann) or obstacles with a series resistance (wall).",
     )
-    caption = "bits that every start needs (left), how many starts need how many, and how many a read-out serves"
-    picture = Picture("precision", caption, results, {"bits": chip.bits})
+    caption = "bits that every start needs, their histogram, and the fraction of starts that a read-out serves"
+    picture = Picture("adc_resolution", caption, results, {"bits": chip.bits})
     data = {"boundaries": {name: result.to_json() for name, result in results.items()}}
-    return Section("precision", text, own.figures, (picture,), data)
+    return Section("adc_resolution", text, own.figures, (picture,), data)
 
 
-def _by_boundary(chip: Study) -> dict[str, Precision]:
-    """The scene's own boundary first, then the others, on chips with the same flaws."""
+def _by_boundary(chip: Study) -> dict[str, ADCResolution]:
+    """Return the ADC resolution at the scene's own boundary, then at the others, for chips with the same seed."""
     cells = chip.ideal.cells
-    results: dict[str, Precision] = {cells.wiring.boundary: chip.precision()}
+    results: dict[str, ADCResolution] = {cells.wiring.boundary: chip.adc_resolution()}
     for boundary in ("dirichlet", "neumann", "wall"):
         walled = chip.chip is not None and chip.chip.wall_resistance is not None
         if boundary in results or (boundary == "wall" and not walled):
             continue
         try:
             other = study(cells.space, chip.chip, boundary=boundary, edge=cells.wiring.edge)
-            results[boundary] = other.precision(span=chip.span)
-        except CircuitError:  # nothing drives it that way
+            results[boundary] = other.adc_resolution(span=chip.span)
+        except CircuitError:  # no drive at this boundary
             continue
     return results
 
 
 def settling_section(chip: Study, _effort: Effort) -> Section:
-    """When every node has settled, and what a plan costs."""
+    """Report the settling time and the energy of a plan."""
     if not chip.netlist.capacitance.any():
         return _missing("settling", "the chip has no capacitance; give chip.capacitance, such as 50f")
     result = chip.usual_settling
     text = (
-        f"Every node has settled to {result.bits} bits {formatted(result.settle_time, 's')} after the supplies are "
+        f"Every node settles to {result.bits} bits within {formatted(result.settle_time, 's')} after the supplies are "
         f"switched on; a plan costs {formatted(result.energy, 'J')} until then.",
-        *_linearised(chip),
+        *_linearization(chip),
     )
-    curve = "the last node on its way to its final voltage"
+    curve = "largest distance of a node from its final voltage"
     return _section(
         "settling",
         result,
         text,
-        Picture("settling", "when each cell has settled", result),
+        Picture("settling", "settling time of each cell", result),
         Picture("settling_curve", curve, result, {"quantity": "curve"}, is_map=False),
     )
 
 
 def noise_section(chip: Study, _effort: Effort) -> Section:
-    """How many steps of the converter the noise is."""
+    """Report the noise in steps of the converter."""
     bandwidth = None if chip.chip is None else chip.chip.readout.noise_bandwidth
     if bandwidth is None and not chip.netlist.capacitance.any():
-        why = "neither the read-out's noise_bandwidth nor a capacitance limits it; give chip.readout.noise_bandwidth"
+        why = "neither a noise bandwidth nor a capacitance limits the noise; give chip.readout.noise_bandwidth"
         return _missing("noise", why)
     result = chip.noise()
     assert result.total is not None
@@ -195,55 +204,56 @@ def noise_section(chip: Study, _effort: Effort) -> Section:
     text = (
         f"The noisiest node has {formatted(worst, 'V')} rms in the band up to {formatted(result.band[1], 'Hz')}, "
         f"{worst / step:.2g} steps of a {chip.bits}-bit converter.",
-        *_linearised(chip),
+        *_linearization(chip),
     )
     return _section("noise", result, text, Picture("noise", "rms noise of every cell in that band", result))
 
 
-def _linearised(chip: Study) -> tuple[str, ...]:
+def _linearization(chip: Study) -> tuple[str, ...]:
+    """Return a remark on a chip with nonlinear resistors, or nothing."""
     if not chip.netlist.nonlinear_nodes.size:
         return ()
-    return ("The resistors saturate: this holds for small signals around the operating point.",)
+    return ("The resistors saturate: the result holds for small signals around the operating point.",)
 
 
 def power_section(chip: Study, _effort: Effort) -> Section:
-    """What the chip takes, and how far its rails droop."""
+    """Report the power of the chip and the droop of its rails."""
     result = chip.power()
     text = [f"The chip takes {formatted(result.total, 'W')} once it has settled."]
     pictures = [Picture("power", "heat by cell, and the hottest resistors", result)]
     if result.largest_droop > 0:
         text.append(
-            f"Behind switches and rails, obstacle and goal cells lie up to {formatted(result.largest_droop, 'V')} off "
-            "the voltage that they are tied to."
+            f"The resistance of switches and rails moves obstacle and goal cells by up to "
+            f"{formatted(result.largest_droop, 'V')} from the voltage of their rail."
         )
-        caption = "how far every obstacle and goal cell lies off the voltage that it is tied to"
+        caption = "voltage between each obstacle or goal cell and its rail"
         pictures.append(Picture("droop", caption, result, {"quantity": "droop"}))
     return _section("power", result, text, *pictures)
 
 
 def sensitivity_section(chip: Study, _effort: Effort) -> Section:
-    """Which resistors change a step when they drift."""
+    """Report the resistors that change a step by drifting."""
     result = chip.sensitivity()
     starts = 0 if chip.scene is None else len(chip.scene.starts)
     origin = {0: "the start that needs most bits", 1: "the start"}.get(starts, f"the {starts} starts")
     flips = len(result.flips(0.01))
     text = (
-        f"On the way from {origin}, {flips or 'no'} resistor{'s' if flips != 1 else ''} can each alone change one of "
-        "the robot's steps by drifting 1 %.",
-        f"The {len(result.cells)} steps of the way lead to the lowest neighbour; a resistor changes one when it brings "
-        "the runner-up level with it. A changed step is not yet a lost robot.",
+        f"On the path from {origin}, {flips or 'no'} resistor{'s' if flips != 1 else ''} can change one of "
+        f"the robot's steps by a drift of 1 %{' each' if flips > 1 else ''}.",
+        f"The {len(result.cells)} steps of the path lead to the lowest neighbour. A resistor changes one if it brings "
+        "the second lowest to the same voltage. A robot may still reach the goal after a changed step.",
     )
     caption = "resistors by the drift that changes a step"
     return _section("sensitivity", result, text, Picture("sensitivity", caption, result))
 
 
-def exploration_section(chip: Study, effort: Effort) -> Section:
-    """What yield two values of the chip give."""
-    result = chip.exploration(
+def sweep_section(chip: Study, effort: Effort) -> Section:
+    """Report the yield over two values of the chip."""
+    result = chip.sweep(
         *effort.sweep,
-        trials=_EXPLORED,
+        trials=_SWEEP_TRIALS,
         executor=effort.executor,
-        checkpoint=effort.checkpoints.get("exploration"),
+        checkpoint=effort.checkpoints.get("sweep"),
         progress=effort.progress,
     )
     units = described_keys(Chip)
@@ -257,84 +267,83 @@ def exploration_section(chip: Study, effort: Effort) -> Section:
         f"{result.trials} chips at every point, the same dies throughout.",
     )
     caption = "yield over two values of the chip"
-    return _section("exploration", result, text, Picture("exploration", caption, result, is_map=False))
+    return _section("sweep", result, text, Picture("sweep", caption, result, is_map=False))
 
 
 def defects_section(chip: Study, effort: Effort) -> Section:
-    """How many starts single faults cost."""
-    result = chip.criticality(seconds=effort.seconds, progress=effort.progress)
+    """Report the number of starts that single faults cost."""
+    result = chip.faults(seconds=effort.seconds, progress=effort.progress)
     opened, shorted = (int((np.nan_to_num(result.lost(fault)) > 0).sum()) for fault in ("open", "short"))
     seen = "an ideal read-out" if result.ideal else f"the {result.bits}-bit converter without offset and noise"
     text = [
-        f"Of {result.examined} resistors, switches and stretches of rail, {opened} cost at least one of the "
-        f"{result.served} starts that are served when they are open, and {shorted} when they are shorted.",
-        f"Each was made faulty alone, by an exact update of the solution, and all starts walked again; the robot sees "
+        f"Of {result.examined} resistors, switches and rail segments, {opened} cost at least one of the "
+        f"{result.served} served starts when they are open, and {shorted} when they are shorted.",
+        "Each fault is an exact update of the solution, followed by a new walk from every start; the robot sees "
         f"{seen}.",
         _worst(result),
     ]
     if result.examined < len(result.open):
         text.append(
-            f"Time ran out after {result.examined} of {len(result.open)}, those with the largest currents (--seconds)."
+            f"Only {result.examined} of {len(result.open)} elements, those with the largest currents, fit in --seconds."
         )
     pictures = (
-        Picture(f"{fault}s", f"starts lost when an element is {what}", result, {"fault": fault})
-        for fault, what in (("open", "open"), ("short", "shorted"))
+        Picture(f"{fault}s", f"starts lost when an element is {state}", result, {"fault": fault})
+        for fault, state in (("open", "open"), ("short", "shorted"))
     )
     return _section("defects", result, text, *pictures)
 
 
-def _worst(result: Criticality) -> str:
-    """Where the elements lie whose faults cost most."""
+def _worst(result: FaultAnalysis) -> str:
+    """Return a sentence on the elements whose faults cost most starts."""
     words = []
     for fault in ("open", "short"):
         worst = result.worst(fault, 1)
         for (first, second), lost in zip(end_names(result.netlist, worst), result.lost(fault)[worst], strict=True):
-            words.append(f"the worst {fault} is that between {first} and {second}, with {int(lost)} starts lost")
-    return "; ".join(words).capitalize() + "." if words else "None costs a start."
+            words.append(f"the worst {fault} lies between {first} and {second}, with {int(lost)} starts lost")
+    return "; ".join(words).capitalize() + "." if words else "No fault costs a start."
 
 
 SECTIONS: dict[str, Callable[[Study, Effort], Section]] = {
     "yield": yield_section,
     "yield_loss": yield_loss_section,
-    "precision": precision_section,
+    "adc_resolution": adc_resolution_section,
     "settling": settling_section,
     "noise": noise_section,
     "power": power_section,
     "sensitivity": sensitivity_section,
-    "exploration": exploration_section,
+    "sweep": sweep_section,
     "defects": defects_section,
 }
+"""Section of each analysis, in the order of the report."""
 
 
 def report_section(name: str, chip: Study, effort: Effort = USUAL) -> Section:
-    """What one of the analyses says of a chip, without maps of spaces that have not two axes."""
+    """Return the section of an analysis, without maps unless the space has two axes."""
     section = SECTIONS[name](chip, effort)
     is_plane = chip.ideal.cells.space.ndim == 2
     return replace(section, pictures=tuple(item for item in section.pictures if is_plane or not item.is_map))
 
 
 def seconds_needed(name: str, chip: Study, effort: Effort) -> float:
-    """Roughly how long an analysis takes."""
+    """Return a rough estimate of the time of an analysis, in seconds."""
     nodes = chip.netlist.node_count
     known = {"settling": 1 + 2e-5 * nodes, "noise": 1 + 2e-4 * nodes, "sensitivity": 1 + 1e-4 * nodes, "yield": 2.0}
-    return known.get(
-        name, {"exploration": 5.0, "yield_loss": 3 + 6e-3 * nodes, "defects": effort.seconds}.get(name, 0.0)
-    )
+    return known.get(name, {"sweep": 5.0, "yield_loss": 3 + 6e-3 * nodes, "defects": effort.seconds}.get(name, 0.0))
 
 
-def checkpoints_beside(folder: Path, chip: Study, sweep: Sequence[Sweep]) -> dict[str, Path]:
-    """Where the results of trials are kept until their folder is whole, by the analysis."""
+def checkpoints_beside(folder: Path, chip: Study, sweep: Sequence[SweptKey]) -> dict[str, Path]:
+    """Return the files of trial results next to a report folder, by the name of the analysis."""
     cells = chip.ideal.cells
-    space, keys = cells.space, asdict(chip.chip or Chip())  # a repr would leave out the ends of long lists
+    space, keys = cells.space, asdict(chip.chip or Chip())  # a repr would truncate long lists
     digest = hashlib.sha256(f"{keys} {cells.wiring} {sweep} {space.axes}".encode() + space.cell.tobytes())
     if space.conductivity is not None:
         digest.update(space.conductivity.tobytes())
     mark = digest.hexdigest()[:12]
-    return {name: folder.parent / f".{folder.name}-{mark}.{name}.jsonl" for name in ("yield", "exploration")}
+    return {name: folder.parent / f".{folder.name}-{mark}.{name}.jsonl" for name in ("yield", "sweep")}
 
 
 def report_markdown(chip: Study, parts: Sequence[Section], decks: Mapping[str, str], verdict: str) -> str:
-    """The report: `decks` are files and what they are, `verdict` is what a simulator said of them."""
+    """Return the report; `decks`: descriptions by file; `verdict`: sentence on the simulator's check of them."""
     lines = [f"# {chip.title}", "", *(f"- **{section.title}.** {section.text[0]}" for section in parts), ""]
     for section in parts:
         lines += [f"## {section.title}", "", " ".join(section.text), ""]

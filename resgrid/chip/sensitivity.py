@@ -1,14 +1,15 @@
-"""Which resistors matter: how every one of them moves a voltage, and which can change the robot's next step.
+"""Sensitivity: derivatives of voltages with respect to resistances, and resistors that can change a step of the robot.
 
-The adjoint network (Director & Rohrer 1969) is for resistors the network itself: with ``G lambda = c`` the functional
-``F = c . V`` changes by ``I_k (lambda_a - lambda_b)`` for a relative rise of the resistance ``k`` between nodes ``a``
-and ``b`` that carries the current ``I_k``.  One solution gives all derivatives.
+The adjoint network (Director & Rohrer 1969) of a resistor network is the network itself.  With ``G lambda = c``, the
+functional ``F = c . V`` changes by ``I_k (lambda_a - lambda_b)`` per relative increase of the resistance ``k`` between
+nodes ``a`` and ``b`` with the current ``I_k``.  One linear solve gives all derivatives.
 
-Far from where ``c`` asks, ``lambda`` falls by as many decades as the currents grow: an error that is small beside the
-largest ``lambda`` would there be a large derivative.  So every difference of ``lambda`` has a bound on its error.  A
-residual ``r`` leaves an error ``e`` with the energy ``sum g_k (e_a - e_b)^2 = r . G^-1 r``, and as ``G^-1`` has no
-negative entry that is at most ``sum h_i r_i^2`` with ``G h = 1`` (Schur's test).  Where that proves too little, both
-signs of ``c`` are solved for apart, entry by entry.
+Far from the nonzero entries of ``c``, ``lambda`` decreases by as many orders of magnitude as the currents grow.  An
+error that is small relative to the largest ``lambda`` would there cause a large derivative.  Therefore every difference
+of ``lambda`` has an error bound.  A residual ``r`` causes an error ``e`` with the energy ``sum g_k (e_a - e_b)^2 = r .
+G^-1 r``.  Since ``G^-1`` has no negative entry, the energy is at most ``sum h_i r_i^2`` with ``G h = 1`` (Schur's
+test).  Where this bound is too large, the positive and the negative part of ``c`` are solved separately, with
+componentwise accuracy.
 """
 
 from __future__ import annotations
@@ -35,30 +36,32 @@ from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.scaled import Scaled, logarithm, power
 
 _WORST = 10
+"""Maximum number of resistors in lists of the weakest ones."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sensitivity(Result):
-    """How firmly a robot's steps are decided.
+    """Margins of a robot's steps, and the resistors that can change a step.
 
-    In a cell the robot compares the nodes of its face neighbours (free or goal cells) and of the cell itself, and steps
-    to the lowest.  The margin is how much lower that is than the runner-up.
+    In a cell the robot compares the nodes of the face neighbours (free or goal cells) and of the cell itself, and steps
+    to the lowest.  The margin is the voltage between the second lowest and the lowest.
 
     Attributes
     ----------
     op : OperatingPoint
     cells : ndarray of int64, shape (k, axes)
-        Where the decisions are made.
+        Cells of the decisions.
     best, runner_up : ndarray of int64, shape (k,)
-        Flat index (C order) of the cell stepped to and of the next lowest; the latter may be the cell itself.
+        Flat index (C order) of the lowest cell, the next cell of the robot, and of the second lowest; the latter may be
+        the cell itself.
     margin : ndarray of float64, shape (k,)
-        Voltage of the runner-up above the best, in volts, along the way down.
+        Voltage of the second lowest above the lowest, in volts, counted towards the obstacle rail.
     flip_drift : ndarray of float64, shape (resistors,)
-        Smallest relative change of each resistance that alone changes one of the decisions, to first order; infinite
-        where none does, and where the derivative is too small to be told from 0 (`voltage_sensitivity`).  Nonlinear
-        resistors follow the others; for them it is the change of ``1 / I0``.
+        Smallest relative change of each resistance that changes one of the decisions, to first order.  Infinite where
+        no change does, and where the derivative is below its error (`voltage_sensitivity`).  Nonlinear resistors follow
+        the linear ones; for them it is the change of ``1 / I0``.
     decision : ndarray of int64, shape (resistors,)
-        Which of the ``k`` decisions that is.
+        Index of that decision, below ``k``.
     """
 
     op: OperatingPoint
@@ -70,19 +73,19 @@ class Sensitivity(Result):
     decision: NDArray[np.int64]
 
     def flips(self, drift: float = 0.01) -> NDArray[np.int64]:
-        """Numbers of the resistors whose relative drift by so much changes a decision, weakest first."""
+        """Return the numbers of the resistors whose relative drift changes a decision, most sensitive first."""
         order = np.argsort(self.flip_drift, kind="stable")
         return order[self.flip_drift[order] <= drift]
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """The figures of merit by name, with units and definitions."""
+        """Figures of merit by name, with units and definitions."""
         least = float(self.flip_drift.min(initial=np.inf))
         return {
             "smallest_margin": Figure(
                 float(self.margin.min()),
                 "V",
-                "least distance between the lowest and the next lowest reading on the way",
+                "smallest voltage between the lowest and the second lowest reading on the path",
             ),
             "smallest_flip_drift": Figure(
                 defined(least),
@@ -90,12 +93,12 @@ class Sensitivity(Result):
                 "smallest relative change of a single resistance that changes a step, to first order",
             ),
             "resistors_flipping_at_1_percent": Figure(
-                len(self.flips(0.01)), "", "resistors of which each alone changes a step when it drifts by 1 %"
+                len(self.flips(0.01)), "", "resistors that each change a step by a drift of 1 %"
             ),
         }
 
     def to_json(self) -> dict[str, Any]:
-        """The readings and the resistors that matter most, as plain values."""
+        """Return the figures and the most sensitive resistors as plain values."""
         worst = self.flips(np.finfo(np.float64).max)[:_WORST]
         names, cells = end_names(self.op.netlist, worst), self.cells[self.decision[worst]].tolist()
         weakest = [
@@ -106,11 +109,9 @@ class Sensitivity(Result):
 
 
 def voltage_sensitivity(op: OperatingPoint, weights: ArrayLike) -> NDArray[np.float64]:
-    """Derivatives of ``c . V`` with respect to the logarithm of every resistance, in volts, shape (resistors,).
+    """Return the derivatives of ``c . V`` with respect to the log of every resistance, in volts, shape (resistors,).
 
-    `weights` (nodes,): ``c``, a single 1 for one node's voltage, 1 and -1 for a difference.  None is off by more than
-    1e-5 of the largest, to which the errors of the operating point's currents are added; those that cannot be told from
-    0 are 0.  Nonlinear resistors follow the others; for them it is the derivative with respect to ``-ln I0``.
+    `weights` (nodes,): ``c``.  See `Study.voltage_sensitivity`.
     """
     netlist = op.netlist
     c = np.asarray(weights, dtype=np.float64)
@@ -118,13 +119,13 @@ def voltage_sensitivity(op: OperatingPoint, weights: ArrayLike) -> NDArray[np.fl
         raise InputError(f"weights of shape {c.shape} must be {netlist.node_count} finite numbers, one per node")
     if c[op.floating].any():
         node = netlist.node_name(int(op.floating[np.argmax(c[op.floating] != 0)]))
-        raise InputError(f"node {node} floats: it has no voltage to be sensitive")
+        raise InputError(f"node {node} floats and has no voltage: give it the weight 0")
     sign, log_size = adjoint_of(op).derivatives(c)
     return np.asarray(sign * np.exp(log_size))
 
 
 def analyse_sensitivity(op: OperatingPoint, cells: ArrayLike) -> Sensitivity:
-    """Find the resistors that can change a robot's steps: `Study.sensitivity`."""
+    """Find the resistors that can change a step of the robot; see `Study.sensitivity`."""
     steps = steps_of(op)
     where, flat = _checked_cells(steps.cells.space, cells)
     adjoint = adjoint_of(op)
@@ -147,7 +148,10 @@ def analyse_sensitivity(op: OperatingPoint, cells: ArrayLike) -> Sensitivity:
 
 
 def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
-    """The lowest neighbour, the runner-up (or the cell itself), and the distance between them: ``gap exp(scale)`` V."""
+    """Return the lowest neighbour, the second lowest cell, and the voltage ``gap exp(scale)`` between them, in volts.
+
+    The second lowest may be the cell itself.
+    """
     first, last = np.searchsorted(steps.cell, [cell, cell + 1])
     if not np.any(steps.sign[first:last] > 0):
         place = tuple(int(i) for i in np.unravel_index(cell, steps.cells.space.shape))
@@ -165,6 +169,7 @@ def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
 
 
 def _checked_cells(space: ConfigurationSpace, cells: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return cells without goal cells, shape (k, axes), and their flat indices; refuse obstacle cells."""
     where = cell_indices(space, cells).reshape(-1, space.ndim)
     code = space.cell[tuple(where.T)]
     where = where[code != Cell.GOAL]
@@ -174,20 +179,21 @@ def _checked_cells(space: ConfigurationSpace, cells: ArrayLike) -> tuple[NDArray
 
 
 ENOUGH = 1e-5
-"""Error of derivatives, relative to the largest of them."""
+"""Largest accepted error of derivatives, relative to the largest derivative."""
 
 _RTOL = 1e-12
+"""Tolerance of the linear solver."""
 _EPS = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, eq=False)
 class Adjoint:
-    """A circuit made ready for derivatives around an operating point.
+    """Factors and currents for derivatives around an operating point.
 
-    `factors`: of its small signals; None where the rails hold every node; `row` (resistors, 2): rows of the ends of the
-    resistors, nonlinear ones last, -1 where the voltage is known; `conductance` (resistors,): theirs for small signals,
-    in siemens; `log_amps` (resistors,): natural logarithm of their currents, in amperes; `direction` (resistors,): sign
-    of these; `height` (n,): ``G^-1`` times 1 A in every row, in volts.
+    `factors`: of the linearized circuit, None where the rails hold every node; `row` (resistors, 2): rows of the ends
+    of the resistors, nonlinear ones last, -1 where the voltage is known; `conductance` (resistors,): small-signal
+    conductances, in siemens; `log_amps` (resistors,): natural logarithm of the currents, in amperes; `direction`
+    (resistors,): sign of the currents; `height` (n,): ``G^-1`` times 1 A in every row, in volts.
     """
 
     factors: CircuitFactor | None
@@ -198,35 +204,35 @@ class Adjoint:
     height: NDArray[np.float64]
 
     def derivatives(self, c: NDArray[np.float64]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-        """Derivatives of ``c . V`` with respect to the logarithm of every resistance.
+        """Return the derivatives of ``c . V`` with respect to the logarithm of every resistance.
 
         Shapes: `c` (nodes,); returns `sign` (resistors,), `log_size` (resistors,).
         """
-        nothing = np.zeros_like(self.direction), np.full(len(self.row), -np.inf)
+        zero = np.zeros_like(self.direction), np.full(len(self.row), -np.inf)
         if self.factors is None:
-            return nothing
+            return zero
         row = self.factors.system.unknown
         rhs = np.bincount(row[row >= 0], c[row >= 0], self.factors.system.size).astype(np.float64)
         if not rhs.any():
-            return nothing
+            return zero
         scale = float(np.abs(rhs).max())
-        for find in (self._quickly, self._by_entry):
-            sign, log_across, log_doubt = find(self.factors, rhs / scale)
+        for find in (self._normwise, self._entrywise):
+            sign, log_across, log_error = find(self.factors, rhs / scale)
             log_size = self.log_amps + log_across
-            doubt, largest = float((self.log_amps + log_doubt).max()), float(log_size.max())
-            if doubt <= largest + np.log(ENOUGH):
-                known = log_across > log_doubt
+            error, largest = float((self.log_amps + log_error).max()), float(log_size.max())
+            if error <= largest + np.log(ENOUGH):
+                known = log_across > log_error
                 signs = np.where(known, sign * self.direction, 0).astype(np.int8)
                 return signs, np.asarray(np.where(known, log_size + np.log(scale), -np.inf))
         if self._is_at_rest_around(rhs):
-            return nothing
+            return zero
         raise AccuracyError(
-            f"the derivatives with respect to resistances may be off by {np.exp(min(doubt - largest, 0.0)):.0e} of the "
-            "largest of them: the conductances span too many decades"
+            f"the derivatives with respect to resistances may be off by {np.exp(min(error - largest, 0.0)):.0e} of the "
+            "largest of them: the conductances span too many orders of magnitude"
         )
 
-    def _quickly(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Signs and logarithms of the differences of ``lambda``, and of what they may be off by at most."""
+    def _normwise(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """Return signs and logs of the differences of ``lambda``, and logs of their errors, from one solve."""
         matrix = factors.system.laplacian
         try:
             x = factors.solve(rhs, rtol=_RTOL)
@@ -235,10 +241,13 @@ class Adjoint:
         diagonal, edges = matrix.diagonal, matrix.edges
         coupled = diagonal * np.abs(x) + edges @ np.abs(x) + np.abs(rhs)
         residual = np.abs(rhs - (diagonal * x - edges @ x)) + 4.0 * _EPS * coupled
-        return *self._across([Scaled.of(x)]), self._log_doubt(residual)
+        return *self._across([Scaled.of(x)]), self._log_error(residual)
 
-    def _by_entry(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """As `_quickly`, from solutions for currents of one sign."""
+    def _entrywise(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """Return signs and logs of the differences of ``lambda``, and of their error bounds, from two solves.
+
+        Each solve has currents of one sign and is accurate componentwise.
+        """
         parts, residual, matrix = [], np.zeros(len(rhs)), factors.system.laplacian
         diagonal, edges = matrix.diagonal, matrix.edges
         bound = 0.0
@@ -250,36 +259,37 @@ class Adjoint:
             bound = max(bound, watch.bound)
         log_sum = np.append(np.logaddexp.reduce([x.log for x in parts]), -np.inf)
         log_sum = np.logaddexp(*log_sum[self.row.T])
-        log_doubt = self._log_doubt(residual)
+        log_error = self._log_error(residual)
         if np.isfinite(bound):
-            log_doubt = np.minimum(log_doubt, np.log(bound + _EPS) + log_sum)
-        log_doubt[np.isneginf(log_sum)] = -np.inf  # parts that no current of `rhs` enters
-        return *self._across(parts), log_doubt
+            log_error = np.minimum(log_error, np.log(bound + _EPS) + log_sum)
+        log_error[np.isneginf(log_sum)] = -np.inf  # parts that no current of `rhs` enters
+        return *self._across(parts), log_error
 
     def _is_at_rest_around(self, rhs: NDArray[np.float64]) -> bool:
-        """Whether what `rhs` (n,) feeds in is taken out again within parts at rest that hang at one node, or at rails.
+        """Return whether ``lambda`` varies only within parts without currents.
 
-        There alone ``lambda`` changes from node to node, and there no resistor carries a current.
+        This is so where the currents `rhs` (n,) enter and leave within parts at rest that are connected to one node, or
+        to rails.  No resistor with a current then has a derivative.
         """
         size, resting = len(rhs), np.isneginf(self.log_amps)
         is_inner = (self.row >= 0).all(axis=1)
         ends = self.row[resting & is_inner]
         part = label_components(ends, size)
-        is_held, is_active = np.zeros((2, size + 1), dtype=bool)  # the last: whatever has a known voltage
+        is_held, is_active = np.zeros((2, size + 1), dtype=bool)  # last entry: nodes with a known voltage
         is_held[self.row[resting & ~is_inner]] = True
         is_active[self.row[~resting]] = True
-        held, active, fed = (np.bincount(part, mask) for mask in (is_held[:-1], is_active[:-1], rhs != 0.0))
+        held, active, injected = (np.bincount(part, mask) for mask in (is_held[:-1], is_active[:-1], rhs != 0.0))
         is_shut = np.where(held > 0, active == 0, (active <= 1) & (np.bincount(part, rhs) == 0.0))
-        return bool(is_shut[fed > 0].all())
+        return bool(is_shut[injected > 0].all())
 
-    def _log_doubt(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Logarithm of the error across every resistor that a residual may leave."""
+    def _log_error(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the log of the error across every resistor that a residual (n,) may cause; shape (resistors,)."""
         with np.errstate(divide="ignore"):
             energy = np.log(np.sum(self.height * residual**2))
         return np.asarray(0.5 * (energy - np.log(self.conductance)))
 
     def _across(self, parts: list[Scaled]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Sign and logarithm of the differences across resistors, of the first part less the second."""
+        """Return sign and logarithm of the differences across resistors, of the first part minus the second."""
         hi, lo, e = (
             np.stack([np.append(getattr(x, name), 0)[self.row] for x in parts]) for name in ("hi", "lo", "exponent")
         )
@@ -291,7 +301,7 @@ class Adjoint:
 
 
 def adjoint_of(op: OperatingPoint, factors: CircuitFactor | None = None) -> Adjoint:
-    """Make a circuit ready for derivatives; ``factors`` are those of its small signals, if they are known."""
+    """Return the adjoint of an operating point; ``factors``: those of the linearized circuit, if known."""
     signals = linearize(op)
     if factors is None:
         system = assemble(signals)
@@ -300,7 +310,7 @@ def adjoint_of(op: OperatingPoint, factors: CircuitFactor | None = None) -> Adjo
     if factors is not None:
         row = factors.system.unknown[ends_of(op.netlist)]
         height = np.abs(factors.solve(np.ones(factors.system.size)))
-        height += 1e-6 * height.max()  # what it may be off by
+        height += 1e-6 * height.max()  # its largest error
     return Adjoint(
         factors=factors,
         row=row,

@@ -1,4 +1,4 @@
-"""How long a chip takes to plan, and what a plan costs."""
+"""Settling: the time and the energy that a chip needs until its voltages have settled."""
 
 from __future__ import annotations
 
@@ -40,47 +40,51 @@ _FINENESS = 0.005
 """Accuracy of deviations, relative to the band."""
 
 _STEPS = 64
+"""Times per window at which rows are tested."""
 _POINTS = 256
+"""Maximum number of points of the settling curve."""
 _FEWEST_POINTS = 32
+"""Minimum number of points of the settling curve."""
 _MOST_VALUES = 3e7
+"""Maximum number of deviations (points times rows) of the settling curve."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Settling(Result):
-    """How the node voltages approach the operating point after the sources are switched at time 0.
+    """Approach of the node voltages to the operating point after the sources are switched at time 0.
 
     Attributes
     ----------
     netlist : Netlist
         The chip.
     bits : int
-        Settled means: no node is further from its final voltage than half a step of a converter of so many bits,
-        ``span / 2**(bits + 1)``, and none leaves that band again.
+        Accuracy of a settled voltage: within half a step of a converter of `bits` bits, ``span / 2**(bits + 1)``, of
+        the final voltage, from then on.
     span : float
         Range of the converter, in volts.
     time_constants : ndarray of float64, shape (k,)
-        Slowest time constants of the circuit, slowest first, in seconds: eigenvalues of ``C v = tau G v``, each as
-        often as it occurs.  In circuits of more than 200 rows those below 1e-12 of the slowest are left out, since
-        rounding would decide them.
+        Slowest time constants of the circuit, slowest first, in seconds: eigenvalues of ``C v = tau G v``, with
+        multiplicity.  In circuits of more than 200 rows those below 1e-12 of the slowest are left out, because rounding
+        would decide them.
     mode : ndarray of float64, shape (nodes,)
-        Shape of the slowest mode: voltages that fall everywhere as ``exp(-t / tau)``; largest magnitude 1; 0 on rails,
+        Shape of the slowest mode: voltages that decay everywhere as ``exp(-t / tau)``; largest magnitude 1; 0 on rails,
         NaN where a node floats.
     fastest : float
         Shortest time constant, in seconds; to 1 % in circuits of more than 200 rows.
     node_time : ndarray of float64, shape (nodes,)
-        When every node has settled, in seconds; 0 on rails, NaN where a node floats.  It holds for a band that is
-        right to 0.5 %, or better where the circuit has no more than 200 rows.
+        Settling time of every node, in seconds; 0 on rails, NaN where a node floats.  The width of the band is accurate
+        to 0.5 %, or better in circuits of at most 200 rows.
     bound : float
-        Time by which the slowest time constant alone guarantees that all have settled, in seconds.
+        Upper bound of the settling time from the slowest time constant alone, in seconds
         (`resgrid.chip.settling.settling_bound`).
     energy : float
         Energy that all sources deliver until all nodes have settled, in joules.
     power : float
-        Power that they deliver from then on, in watts.
+        Power that they deliver afterwards, in watts.
     final : ndarray of float64, shape (nodes,)
         Final voltages, in volts; NaN where a node floats.
     times : ndarray of float64, shape (t,)
-        In seconds: 0, then by equal ratios until the last node has settled, or later.
+        In seconds: 0, then in equal ratios until the last node has settled, or later.
     distance : ndarray of float64, shape (t,)
         Largest distance of a node from its final voltage at those times, in volts.
     """
@@ -101,25 +105,25 @@ class Settling(Result):
 
     @property
     def settle_time(self) -> float:
-        """When the last node has settled, in seconds."""
+        """Settling time of the last node, in seconds."""
         return float(np.nanmax(self.node_time))
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """The figures of merit by name, with units and definitions."""
+        """Figures of merit by name, with units and definitions."""
         half = f"half a step of a {self.bits}-bit converter ({self.span / 2 ** (self.bits + 1):.3g} V)"
         return {
             "slowest_time_constant": Figure(
-                float(self.time_constants[0]), "s", "largest eigenvalue of C v = tau G v: the last thing to settle"
+                float(self.time_constants[0]), "s", "largest eigenvalue of C v = tau G v: the slowest mode"
             ),
             "fastest_time_constant": Figure(self.fastest, "s", "smallest eigenvalue of C v = tau G v other than 0"),
             "settle_time": Figure(
-                self.settle_time, "s", f"time after switching from which every node stays within {half} of its end"
+                self.settle_time, "s", f"time after which every node stays within {half} of its final voltage"
             ),
             "settle_bound": Figure(
                 self.bound,
                 "s",
-                "time by which the slowest time constant guarantees the same for this change of the scene",
+                "upper bound of the settling time from the slowest time constant, for this change of the scene",
             ),
             "energy_per_plan": Figure(
                 self.energy, "J", "energy that all sources deliver from switching until every node has settled"
@@ -128,7 +132,7 @@ class Settling(Result):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """The figures and the slowest time constants, as plain values."""
+        """Return the figures, the resolution and the slowest time constants as plain values."""
         return {**super().to_json(), "bits": self.bits, "time_constants": self.time_constants.tolist()}
 
 
@@ -141,16 +145,7 @@ def analyse_settling(
     span: Positive | None = None,
     method: str = "auto",
 ) -> Settling:
-    """How long the chip takes to settle after its supplies are switched on, and what a plan costs.
-
-    `bits`: how well, 1 to 24, by default the converter's, or 10; `span`: range of the converter, in volts, without a
-    chip's description the largest difference of final voltages; `initial`: voltages of all nodes, or the operating
-    point, before the switch (as in `resgrid.circuit.transient`; by default all capacitors are discharged); `modes`: how
-    many slow time constants to find; `method`: as in `resgrid.solve`.
-
-    A part of the circuit that never settles is a CircuitError; conductances that span so many decades that rounding
-    decides the slowest time constant, and figures beyond what doubles hold, are AccuracyErrors.
-    """
+    """Compute settling time and energy; parameters as in `Study.settling`, without defaults from a chip description."""
     bits = 10 if bits is None else bits
     dynamics = dynamics_of(netlist)
     require_charge(dynamics)
@@ -160,13 +155,13 @@ def analyse_settling(
     fastest = float(slow.tau[-1]) if slow.whole else fastest_time_constant(dynamics)
     final = dynamics.state(solve_circuit(netlist, method=method).voltage)
     settled = dynamics.voltage(final)
-    reach = _reach(settled) if span is None else float(span)
+    span = _largest_difference(settled) if span is None else float(span)
     deviation = initial_state(dynamics, initial_voltages(dynamics.netlist, initial)) - final
-    # In units of a power of two near the largest deviation no square runs out of range.
+    # Scale by a power of two near the largest deviation, so that squares do not overflow.
     unit = float(2.0 ** np.floor(np.log2(np.abs(deviation).max(initial=0.0) or 1.0)))
-    band = reach / 2.0 ** (bits + 1) / unit
+    band = span / 2.0 ** (bits + 1) / unit
     if band == 0.0:
-        raise InputError(f"span = {reach} V is nothing beside voltages that move by {unit:.1e} V; give a larger one")
+        raise InputError(f"span = {span} V is negligible for voltages that change by {unit:.1e} V; give a larger span")
     bound = settling_bound(dynamics, solve, deviation / unit, float(slow.tau[0]), band)
     window = motions(dynamics, slow, deviation / unit, _FINENESS * band, method)
     row_time, end, times, distance = _walk_back(deviation / unit, window, bound, fastest, band)
@@ -178,7 +173,7 @@ def analyse_settling(
     return Settling(
         netlist=netlist,
         bits=bits,
-        span=reach,
+        span=span,
         time_constants=slow.tau[:modes],
         mode=dynamics.at_nodes(mode / mode[np.argmax(np.abs(mode))]),
         fastest=fastest,
@@ -192,24 +187,24 @@ def analyse_settling(
     )
 
 
-def _reach(settled: Floats) -> float:
-    """Largest difference of final voltages."""
+def _largest_difference(settled: Floats) -> float:
+    """Return the largest difference of final voltages (nodes,), in volts."""
     with np.errstate(over="ignore"):
         reach = float(np.nanmax(settled) - np.nanmin(settled))
     if not np.isfinite(reach):
-        raise AccuracyError("the span of the final voltages is beyond what doubles hold; give smaller voltages")
+        raise AccuracyError("the span of the final voltages overflows; give smaller voltages")
     if reach == 0.0:
-        raise InputError("every node ends at the same voltage: there is no span to settle within; give span in volts")
+        raise InputError("all final voltages are equal, which leaves the span undefined; give span in volts")
     return reach
 
 
 def settling_bound(dynamics: Dynamics, solve: Solver, deviation: Floats, tau: float, band: float) -> float:
-    """Time after which ``exp(-t / tau)`` leaves no row outside a band.
+    """Return a time, in seconds, after which ``exp(-t / tau)`` leaves no row outside a band.
 
-    In the norms ``sqrt(y^T C y)`` and ``sqrt(y^T G y)`` every deviation ``y`` falls at least as ``exp(-t / tau)``.  A
-    voltage is at most the first over the root of the smallest eigenvalue of C, which is at least the smallest
-    capacitance to a rail, where every row has one or lies between others; and always at most the second times the root
-    of its ``(G^-1)_ii``, which is at most its ``(G^-1 1)_i``.
+    In the norms ``sqrt(y^T C y)`` and ``sqrt(y^T G y)`` every deviation ``y`` decays at least as ``exp(-t / tau)``.  A
+    voltage is at most the first norm over the root of the smallest eigenvalue of C.  That eigenvalue is at least the
+    smallest capacitance to a rail, where every row has one or lies between rows that have one.  A voltage is also at
+    most the second norm times the root of its ``(G^-1)_ii``, which is at most its ``(G^-1 1)_i``.
 
     Shapes: `deviation` (n,).
     """
@@ -225,9 +220,9 @@ def settling_bound(dynamics: Dynamics, solve: Solver, deviation: Floats, tau: fl
 def _walk_back(
     deviation: Floats, window: Callable[[float, float], Motion], bound: float, fastest: float, band: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """From when on every row stays within a band, from the bound back to time 0, a window of times at a time.
+    """Find the time after which each row stays within a band, window by window from the bound back to time 0.
 
-    Returns that time, shape (n,); the deviations when the last row is inside, shape (n,); and times, shape (t,), with
+    Returns that time, shape (n,); the deviations when the last row has settled, shape (n,); and times, shape (t,), with
     the largest deviation at each.
     """
     from resgrid.chip.kernels import last_outside
@@ -254,7 +249,7 @@ def _walk_back(
 
 
 def _curve(motion: Motion, deviation: Floats, first: float, last: float) -> tuple[Floats, Floats]:
-    """Time 0 and times of a window, and the largest deviation at them."""
+    """Return time 0 and times of a window, and the largest deviation at each; shape (t,), (t,)."""
     count = int(np.clip(_MOST_VALUES / len(deviation), _FEWEST_POINTS, _POINTS))
     times = np.geomspace(first, last, count)
     parts = [np.abs(motion.at(part)).max(axis=1) for part in np.array_split(times, _FEWEST_POINTS)]
@@ -262,7 +257,10 @@ def _curve(motion: Motion, deviation: Floats, first: float, last: float) -> tupl
 
 
 def _energy(dynamics: Dynamics, solve: Solver, final: Floats, start: Floats, end: Floats, time: float) -> float:
-    """Energy that the sources deliver while the deviation goes from start to end: its integral is G^-1 C of the way."""
+    """Return the energy that the sources deliver while the deviation changes from `start` to `end`, in joules.
+
+    The integral of the deviation over time is ``G^-1 C (start - end)``.
+    """
     if time == 0.0:
         return 0.0
     integral = final * time + solve(dynamics.capacitance.matrix @ (start - end))
@@ -271,8 +269,7 @@ def _energy(dynamics: Dynamics, solve: Solver, final: Floats, start: Floats, end
 
 
 def _within_range(name: str, value: float) -> float:
+    """Return a value; raise AccuracyError if it is not finite."""
     if not np.isfinite(value):
-        raise AccuracyError(
-            f"the {name} is beyond what doubles hold; give voltages and conductances in smaller numbers"
-        )
+        raise AccuracyError(f"the {name} overflows; give smaller voltages and conductances")
     return value

@@ -1,78 +1,53 @@
-"""One chip under study: its circuit, made once, and what the analyses say of it."""
+"""One chip under study: a method for each analysis, with defaults from the chip description."""
 
 from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import cached_property, wraps
-from operator import attrgetter
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec, TypeVar, Unpack, cast
+from typing import Annotated, Any, Unpack
 
-from numpy.typing import ArrayLike
+import numpy as np
+from annotated_types import Gt, Lt
+from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import check_call, guarded
-from resgrid._internal.values import picture_of
-from resgrid.chip.adc_resolution import analyse_precision
-from resgrid.chip.build import build_chip, conductance_samples, described, ideal_netlist
-from resgrid.chip.decks import noise_band, write_decks
-from resgrid.chip.fault_analysis import analyse_criticality
-from resgrid.chip.figures_of_merit import html_table, table_lines
-from resgrid.chip.monte_carlo import die_temperature
-from resgrid.chip.noise import analyse_noise, noise_covariance, noise_density
-from resgrid.chip.power import analyse_power
-from resgrid.chip.sensitivity import Sensitivity, analyse_sensitivity, voltage_sensitivity
-from resgrid.chip.settling import Settling, analyse_settling
-from resgrid.chip.sweeps import explore_yield
-from resgrid.chip.yield_loss import analyse_yield_loss
-from resgrid.chip.yields import analyse_yield
-from resgrid.circuit.nonlinear import linearize
+from resgrid._internal.validation import Between, Count, Positive
+from resgrid.chip.build import conductance_samples, ideal_netlist
+from resgrid.chip.decks import write_decks
+from resgrid.chip.fault_analysis import FaultAnalysis, analyse_faults
+from resgrid.chip.study_circuit import CircuitStudy
+from resgrid.chip.study_inputs import checked_method
+from resgrid.chip.sweeps import Sweep, SweptKey, sweep_yield
+from resgrid.chip.yield_loss import YieldLoss, analyse_yield_loss
+from resgrid.chip.yields import Progress, Yield, analyse_yield
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.solve import solve
 from resgrid.core.netlist import Netlist
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring, WiringOptions, check_wiring_options, wiring_of
 from resgrid.errors import InputError
 from resgrid.planning.pipeline import problem_of
-from resgrid.planning.trace import start_cell
 from resgrid.scene import Scene
-from resgrid.scene.chip import Chip
+from resgrid.scene.chip import Chip, Readout
 from resgrid.spice.write.files import WrittenDeck
-
-Rest = ParamSpec("Rest")
-Asked = TypeVar("Asked", Netlist, OperatingPoint)
-Answer = TypeVar("Answer")
-
-
-def _question(
-    analyse: Callable[Concatenate[Asked, Rest], Answer], circuit: str, **usual: str
-) -> Callable[Concatenate[Study, Rest], Answer]:
-    """An analysis as a method, of one of a study's circuits; what is not said, attributes of the study say."""
-    answer = guarded(analyse.__name__, analyse)
-
-    @wraps(analyse)
-    def ask(study: Study, *arguments: Rest.args, **options: Rest.kwargs) -> Answer:
-        check_call(_METHODS[analyse], analyse, (study, *arguments), options, bound=1)
-        unsaid = {name: attrgetter(path)(study) for name, path in usual.items() if options.get(name) is None}
-        return cast("Answer", answer(getattr(study, circuit), *arguments, **{**options, **unsaid}))
-
-    return ask  # type: ignore[return-value]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Study:
-    """One chip, and every question that can be asked about it; made by `study`.
+class Study(CircuitStudy):
+    """One chip and its analyses; made by `study`.
 
     Attributes
     ----------
     ideal : Netlist
-        The circuit before the chip's effects, a uniform drive scaled to the supply.
+        The circuit before the effects of the chip; a uniform drive is scaled to the supply.
     chip : Chip or None
-        What its maker says about it; None for a netlist or an operating point as it is.
+        The chip description; None for a netlist or an operating point that is studied as it is.
     scene : Scene or None
-        Where it comes from.
+        The scene that the chip comes from.
+    solved : OperatingPoint or None
+        Operating point of `netlist`, where it was given.
 
     Examples
     --------
@@ -85,139 +60,259 @@ class Study:
     100.0 % (94.3 to 100.0 %)
     """
 
-    ideal: Netlist
-    chip: Chip | None = None
-    scene: Scene | None = None
-    solved: OperatingPoint | None = None
+    @checked_method
+    def yields(
+        self,
+        *,
+        starts: ArrayLike | None = None,
+        half_width: Annotated[float, Gt(0), Lt(0.5)] = 0.01,
+        confidence: Between = 0.95,
+        trials: Count = 10_000,
+        batch: Count = 64,
+        seed: Any = None,
+        executor: Executor | None = None,
+        checkpoint: str | os.PathLike[str] | None = None,
+        progress: Progress | None = None,
+    ) -> Yield:
+        """Estimate the yield by Monte Carlo trials: draw chips and let robots walk on them.
 
-    @cached_property
-    def netlist(self) -> Netlist:
-        """The chip's circuit."""
-        return self.ideal if self.chip is None else build_chip(self.ideal, self.chip)
+        A robot measures its cell and the face neighbours through the read-out of the chip, and steps to the lowest
+        reading.  With an ideal read-out it compares the currents through the faces.
 
-    @cached_property
-    def op(self) -> OperatingPoint:
-        """The circuit's operating point, solved when it is first asked for."""
-        return solve(self.netlist) if self.solved is None else self.solved
+        Parameters
+        ----------
+        starts : array_like of bool, shape of the space, optional
+            Mask of the start cells; by default every free cell with a path to a goal.
+        half_width : float
+            Trials stop after the first whole batch at which half the width of the interval of the overall yield is at
+            most this.
+        confidence : float
+            Confidence of all intervals.
+        trials : int
+            Maximum number of trials.
+        batch : int
+            Number of trials between two tests of the interval.
+        seed : int, sequence of int or numpy.random.SeedSequence, optional
+            Trial ``k`` is the chip of seed ``(seed, k)``; by default the seed of the chip description.
+        executor : concurrent.futures.Executor, optional
+            Workers that run the trials.  The result does not depend on it.
+        checkpoint : path, optional
+            File with one line of JSON for every finished trial, in order.  A later run with the same arguments
+            continues from it, with the same result and the same file as one that was not interrupted.
+        progress : callable, optional
+            Called after every new batch with the number of trials, the expected number of trials, and the overall
+            yield (`Proportion`).
 
-    @cached_property
-    def linear(self) -> Netlist:
-        """The circuit, or its small signals around the operating point where it is nonlinear."""
-        return linearize(self.op) if self.netlist.nonlinear_nodes.size else self.netlist
-
-    @property
-    def title(self) -> str:
-        """The scene's, for headings."""
-        return (self.scene and (self.scene.title or Path(self.scene.source or "").stem)) or "chip"
-
-    @property
-    def description(self) -> Chip:
-        """What its maker says about it; an ideal chip where nothing is said."""
-        return self.chip or Chip()
-
-    @property
-    def bits(self) -> int:
-        """Of the converter; 10 where it is ideal, for comparison."""
-        return self.description.readout.bits or 10
-
-    @property
-    def span(self) -> float | None:
-        """Range of the converter, in volts; None where no description says it."""
-        if self.chip is None:
-            return None
-        low, high = self.chip.readout.range or (0.0, abs(self.chip.supply))
-        return high - low
-
-    @property
-    def temperature(self) -> float:
-        """Of the die, in kelvin."""
-        return die_temperature(self.description)
-
-    @property
-    def _settling_bits(self) -> int:
-        return min(self.bits, 24)
-
-    @property
-    def parameters(self) -> list[tuple[str, str, str]]:
-        """What is said of the chip, key by key, without what is ideal: key, value, meaning."""
-        cells = self.ideal.cells
-        return described(self.description, cells.space.shape, cells.wiring.boundary)
-
-    @cached_property
-    def usual_settling(self) -> Settling:
-        """How it settles to the bits and range of its own converter."""
-        return self.settling()
-
-    @cached_property
-    def _band(self) -> tuple[float, float] | None:
-        if self.description.readout.noise_bandwidth is not None:
-            return 0.0, self.description.readout.noise_bandwidth
-        if self.chip is None or not self.netlist.capacitance.any():
-            return None
-        return 0.0, noise_band(self.usual_settling)[1]
-
-    settling = _question(analyse_settling, "linear", bits="_settling_bits", span="span")
-    noise = _question(analyse_noise, "linear", band="_band", temperature="temperature")
-    noise_density = _question(noise_density, "linear", temperature="temperature")
-    noise_covariance = _question(noise_covariance, "linear", temperature="temperature")
-    power = _question(analyse_power, "op")
-    precision = _question(analyse_precision, "op", span="span")
-    voltage_sensitivity = _question(voltage_sensitivity, "op")
-    yields = _question(analyse_yield, "ideal", chip="description")
-    yield_loss = _question(analyse_yield_loss, "ideal", chip="description")
-    exploration = _question(explore_yield, "ideal", chip="description")
-    conductances = _question(conductance_samples, "ideal", chip="description")
-    criticality = _question(
-        analyse_criticality,
-        "netlist",
-        readout="description.readout",
-        short_resistance="description.defects.short_resistance",
-    )
-
-    def sensitivity(self, cells: ArrayLike | None = None) -> Sensitivity:
-        """Which resistors can change a robot's steps.
-
-        `cells` (axes,) or (k, axes): one cell, or all cells of a path (goal cells among them are left out), each of
-        which costs one solution; by default those on the way from the scene's starts, or from the start that needs most
-        bits.
+        Returns
+        -------
+        Yield
+            A chip on which a defect leaves no operating point serves no start.
 
         Raises
         ------
-        AccuracyError
-            If the derivatives cannot be found well enough.
+        InputError
+            If no start has a path to a goal, or if the checkpoint belongs to another chip or other arguments.
+        CircuitError
+            If the chip has no operating point even without random errors.
         """
-        if cells is None:
-            space = self.netlist.cells.space
-            starts = () if self.scene is None else self.scene.starts
-            cells = self.precision().cells_passed([start_cell(space, start) for start in starts])
-        return analyse_sensitivity(self.op, cells)
+        return analyse_yield(
+            self.ideal,
+            self.description,
+            starts=starts,
+            half_width=half_width,
+            confidence=confidence,
+            trials=trials,
+            batch=batch,
+            seed=seed,
+            executor=executor,
+            checkpoint=checkpoint,
+            progress=progress,
+        )
 
+    @checked_method
+    def yield_loss(
+        self,
+        *,
+        target: Annotated[float, Gt(0), Lt(1)] = 0.99,
+        trials: Count | None = None,
+        confidence: Between = 0.95,
+        executor: Executor | None = None,
+        progress: Progress | None = None,
+    ) -> YieldLoss:
+        """Find the causes of yield loss, and the largest mismatch and offset and the fewest bits that reach a yield.
+
+        Each effect of the chip is switched off in turn, on the same chips and with the same random numbers.  The
+        limits change one value of the chip and leave all others as they are.  An effect without which the chip has no
+        operating point, or cannot be described, is left out.
+
+        Parameters
+        ----------
+        target : float
+            Yield that the limits reach.
+        trials : int, optional
+            Number of chips of each kind; by default 400, fewer for grids of more than 650 cells.
+        confidence : float
+            Confidence of all intervals.
+        executor : concurrent.futures.Executor, optional
+            Workers that run the trials.  The result does not depend on it.
+        progress : callable, optional
+            Called after every kind of chip with the number of trials, the expected number of trials, and a yield.
+
+        Returns
+        -------
+        YieldLoss
+        """
+        return analyse_yield_loss(
+            self.ideal,
+            self.description,
+            target=target,
+            trials=trials,
+            confidence=confidence,
+            executor=executor,
+            progress=progress,
+        )
+
+    @checked_method
+    def sweep(
+        self,
+        first: SweptKey | None = None,
+        second: SweptKey | None = None,
+        *,
+        trials: Count = 64,
+        confidence: Between = 0.95,
+        executor: Executor | None = None,
+        checkpoint: str | os.PathLike[str] | None = None,
+        progress: Progress | None = None,
+    ) -> Sweep:
+        """Estimate the yield over a grid of two values of the chip, on the same chips at every point.
+
+        Parameters
+        ----------
+        first, second : tuple of str and sequence, optional
+            A key of the chip description, with dots (``"readout.bits"``), and its values in ascending order of cost.
+            `second` is the value with a cost (`Sweep.cheapest`).  By default the offset or the mismatch, and the bits
+            of the converter.
+        trials : int
+            Number of chips at every point.
+        confidence : float
+            Confidence of all intervals.
+        executor : concurrent.futures.Executor, optional
+            Workers that run the trials.  The result does not depend on it.
+        checkpoint : path, optional
+            File with one line of JSON for every finished trial, as in `yields`.
+        progress : callable, optional
+            Called after every group of points with the number of trials, the total number of trials, and the yield of
+            the last point.
+
+        Returns
+        -------
+        Sweep
+
+        Raises
+        ------
+        InputError
+            If a key is unknown or has no values, or a value is out of range.
+        """
+        return sweep_yield(
+            self.ideal,
+            self.description,
+            first,
+            second,
+            trials=trials,
+            confidence=confidence,
+            executor=executor,
+            checkpoint=checkpoint,
+            progress=progress,
+        )
+
+    @checked_method
+    def conductances(self, seeds: Iterable[Any]) -> tuple[Netlist, NDArray[np.float64]]:
+        """Draw the conductances of several chips that share one circuit, without a netlist for each.
+
+        Parameters
+        ----------
+        seeds : iterable of seeds
+            One seed for each chip.
+
+        Returns
+        -------
+        netlist : Netlist
+            The circuit without mismatch.
+        conductances : ndarray of float64, shape (chips, resistors)
+            In siemens, equal to those of ``build_chip(study.ideal, study.chip, seed)``; input of
+            `resgrid.circuit.solve_many`.
+
+        Raises
+        ------
+        InputError
+            If the chip has defects or saturation, which change the circuit.
+        """
+        return conductance_samples(self.ideal, seeds, chip=self.description)
+
+    @checked_method
+    def faults(
+        self,
+        *,
+        readout: Readout | None = None,
+        starts: ArrayLike | None = None,
+        short_resistance: Positive | None = None,
+        seconds: float | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> FaultAnalysis:
+        """Simulate an open and a short of every resistor and switch, and count the starts that are lost.
+
+        Parameters
+        ----------
+        readout : Readout, optional
+            The read-out; by default that of the chip.  Its offset and noise are ignored.  An ideal read-out has 40
+            bits, which resolve 1e-12 of the supply.
+        starts : array_like of bool, shape of the space, optional
+            Mask of the start cells; by default every free cell with a path to a goal.
+        short_resistance : float, optional
+            Resistance of a short, in ohms; by default that of the chip.
+        seconds : float, optional
+            Time limit.  Elements with the largest currents come first.
+        progress : callable, optional
+            Called with the number of finished elements and the number of all elements.
+
+        Returns
+        -------
+        FaultAnalysis
+        """
+        if short_resistance is None:
+            short_resistance = self.description.defects.short_resistance
+        return analyse_faults(
+            self.netlist,
+            self.description.readout if readout is None else readout,
+            short_resistance,
+            starts=starts,
+            seconds=seconds,
+            progress=progress,
+        )
+
+    @checked_method
     def write_decks(
         self, folder: str | os.PathLike[str], *, title: str | None = None, dialect: str = "ngspice"
     ) -> dict[str, WrittenDeck]:
-        """Write the chip's decks into a folder that exists, each with its expected answer in the sidecar.
+        """Write the SPICE decks of the chip, each with its expected results in a sidecar file.
 
-        `title`: first line of the decks, the scene's by default; `dialect`: which simulator they are for.  Returns what
-        was written, by ``"op"``, ``"transient"`` and ``"noise"`` (chips with capacitance) and ``"temperature"``.
+        Parameters
+        ----------
+        folder : path
+            An existing folder.
+        title : str, optional
+            First line of the decks; by default the title of the scene.
+        dialect : str
+            Name of the simulator's dialect.
+
+        Returns
+        -------
+        dict of str to WrittenDeck
+            Decks by name: ``"op"``, ``"transient"`` and ``"noise"`` (chips with capacitance), ``"temperature"``.
         """
         settling = self.usual_settling if self.netlist.capacitance.any() else None
         words = {"title": title or self.title, "dialect": dialect}
         return write_decks(self.op, self.linear, settling, self.ideal, self.description, Path(folder), words)
-
-    def __repr__(self) -> str:
-        cells = self.ideal.cell_map
-        shape = "" if cells is None else f"{' x '.join(map(str, cells.space.shape))} cells, {cells.wiring.boundary}, "
-        return f"Study({self.title}: {shape}{self.netlist.node_count} nodes)"
-
-    def _repr_html_(self) -> str:
-        picture = "" if self.ideal.cell_map is None else picture_of(self.ideal.cells.space)
-        return picture + html_table(table_lines(("key", "value", "meaning"), self.parameters))
-
-
-_METHODS: dict[Callable[..., Any], str] = {
-    ask.__wrapped__: name for name, ask in vars(Study).items() if hasattr(ask, "__wrapped__")
-}
-"""Names of the methods that ask analyses, for messages."""
 
 
 def study(
@@ -228,19 +323,20 @@ def study(
     space: ConfigurationSpace | None = None,
     **options: Unpack[WiringOptions],
 ) -> Study:
-    """Put a chip under study, to find out whether it is good enough to drive a robot.
+    """Put a chip under study, to find out whether it is accurate enough to drive a robot.
 
     Parameters
     ----------
     source : Scene, ConfigurationSpace, Netlist or OperatingPoint
-        Where the chip comes from.  A scene describes it in ``[chip]``; a space is compiled with one node per cell; a
-        netlist (of a deck, say) is an ideal one where a chip is given, else it is studied as it is.
+        Origin of the chip.  A scene describes the chip in its ``[chip]`` table.  A space is compiled with one node per
+        cell.  A netlist, such as that of a deck, is the ideal circuit where `chip` is given; without `chip` it is
+        studied as it is.
     chip : Chip, optional
-        Its description, in place of the scene's.
+        The chip description, in place of that of the scene.
     wiring : Wiring, optional
         Boundary conditions and element values of a scene or a space; by default those of the scene.
     space : ConfigurationSpace, optional
-        Of the scene, where it has been sampled already.
+        The space of the scene, where it has been built already.
     **options
         Fields of `Wiring`, such as ``boundary="neumann"``: instead of a wiring, or changes to it.
 
@@ -261,7 +357,7 @@ def study(
     >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), chip)
     >>> study
     Study(Eight by eight: 8 x 8 cells, dirichlet, 66 nodes)
-    >>> study.precision().sentence(12)
+    >>> study.adc_resolution().sentence(12)
     'a 12-bit read-out serves 100 % of the starts'
     """
     check_wiring_options(options)

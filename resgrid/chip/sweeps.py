@@ -1,4 +1,4 @@
-"""Exploration: how the yield depends on two values of a chip."""
+"""Sweeps: the yield of a chip over a grid of two values of its description."""
 
 from __future__ import annotations
 
@@ -14,39 +14,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid._internal.checkpoints import Journal
-from resgrid._internal.validation import Between, Count, check_share
+from resgrid._internal.validation import check_share
 from resgrid.chip.build import chip_with
 from resgrid.chip.figures_of_merit import Figure, Result
 from resgrid.chip.paired_trials import groups_of, run_groups
-from resgrid.chip.yields import Progress, overall_share
+from resgrid.chip.yields import Progress, overall_yield
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 from resgrid.scene.chip import Chip
 
-Sweep = tuple[str, Sequence[Any]]
-"""A key of a chip, and its values."""
+SweptKey = tuple[str, Sequence[Any]]
+"""A key of a chip description, with dots, and the values to try."""
 
 _BITS = (6, 8, 10, 12, 14, 16)
+"""Default resolutions of the converter, in bits."""
 _SHARES = (0.0, 0.01, 0.02, 0.05, 0.1)
+"""Default mismatches: standard deviation of a resistance as a fraction of its mean."""
 _MULTIPLES = (0.0, 0.3, 1.0, 3.0, 10.0)
+"""Default values of another key, as multiples of the value in the description."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Exploration(Result):
-    """Yield over two values of a chip.
+class Sweep(Result):
+    """Yield over a grid of two values of a chip.
 
     Attributes
     ----------
     first, second : str
-        Keys of the chip, such as ``"mismatch"`` or ``"readout.bits"``.
+        Keys of the chip description, such as ``"mismatch"`` or ``"readout.bits"``.
     first_values, second_values : tuple
-        Values of either.
+        Values of each key.
     share, low, high : ndarray of float64, shape (first, second)
-        Overall yield, and its Wilson interval (`Yield.overall`).
+        Overall yield, and the ends of its Wilson interval (`Yield.overall`).
     trials : int
-        Chips at every point; the same dies at all of them.
+        Number of chips at every point; the chips have the same random numbers at all points.
     confidence : float
-        Of the intervals.
+        Confidence of the intervals.
     """
 
     first: str
@@ -60,9 +63,9 @@ class Exploration(Result):
     confidence: float
 
     def cheapest(self, share: float = 0.99) -> list[Any]:
-        """The first of the second values from which on the yield stays at or above a share, for each first value.
+        """Return, for each first value, the smallest second value from which on the yield is at least `share`.
 
-        None where there is none.
+        None where no second value reaches it.
         """
         check_share("share", share)
         result: list[Any] = []
@@ -73,7 +76,7 @@ class Exploration(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """The least second value for 99 % at every first value, with definitions."""
+        """For each first value, the smallest second value with a yield of 99 %, with definitions."""
         return {
             f"least_{self.second.rpartition('.')[2]}_at_{value}": Figure(
                 least,
@@ -85,36 +88,30 @@ class Exploration(Result):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """All points, as plain values."""
+        """Return all points as plain values."""
         plain = {**vars(self), "yield": self.share}
         del plain["share"]
         arrays = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in plain.items()}
         return {**super().to_json(), **arrays}
 
 
-def explore_yield(
+def sweep_yield(
     netlist: Netlist,
-    first: Sweep | None = None,
-    second: Sweep | None = None,
+    chip: Chip,
+    first: SweptKey | None = None,
+    second: SweptKey | None = None,
     *,
-    chip: Chip | None = None,
-    trials: Count = 64,
-    confidence: Between = 0.95,
+    trials: int = 64,
+    confidence: float = 0.95,
     executor: Executor | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
-) -> Exploration:
-    """How the yield depends on any two values of the chip, on the same dies throughout.
-
-    `first, second`: a key of the chip, with dots (``"readout.bits"``), and its values in ascending order of cost, the
-    second being what is paid for (`Exploration.cheapest`); by default the offset or the mismatch, and the bits of the
-    converter; `trials`: chips at every point; `confidence`: of the intervals; `executor, checkpoint`: as in `yields`;
-    `progress`: called after every group of points with the trials done, those in all, and the last point's yield.
-    """
-    cells, chip = netlist.cells, chip or Chip()
+) -> Sweep:
+    """Estimate the yield at every pair of two values of a chip; parameters as in `Study.sweep`."""
+    cells = netlist.cells
     first, second = first or _usual_sweep(chip), second or ("readout.bits", _BITS)
     if not len(first[1]) or not len(second[1]):
-        raise InputError("both keys need at least one value")
+        raise InputError(f"{first[0]} and {second[0]} need at least one value each; give values such as [8, 10, 12]")
     points = {
         (i, j): chip_with(chip, {first[0]: a, second[0]: b})
         for i, a in enumerate(first[1])
@@ -131,15 +128,16 @@ def explore_yield(
     with closing(run_groups(groups, starts, executor, journal)) as results:
         for served in results:
             for place, (counts, random) in served.items():
-                overall = overall_share(counts, starts, confidence, random=random)
+                overall = overall_yield(counts, starts, confidence, random=random)
                 share[place], low[place], high[place] = overall.value, overall.low, overall.high
             done += len(served)
             if progress is not None:
                 progress(done * trials, share.size * trials, overall)
-    return Exploration(first[0], second[0], tuple(first[1]), tuple(second[1]), share, low, high, trials, confidence)
+    return Sweep(first[0], second[0], tuple(first[1]), tuple(second[1]), share, low, high, trials, confidence)
 
 
-def _usual_sweep(chip: Chip) -> Sweep:
+def _usual_sweep(chip: Chip) -> SweptKey:
+    """Return the default first key and its values: an error that the chip has, else the mismatch."""
     for key, value in (("readout.offset", chip.readout.offset), ("pelgrom", chip.pelgrom)):
         if value:
             return key, tuple(float(f"{value * multiple:.3g}") for multiple in _MULTIPLES)

@@ -1,18 +1,18 @@
-"""Time constants: the eigenvalues ``tau`` of ``C v = tau G v``, and solutions that weak ties do not spoil.
+"""Time constants: the eigenvalues ``tau`` of ``C v = tau G v``, computed accurately even for weakly tied parts.
 
 A Laplacian is ``F^T F``, where ``F`` has a row for every element: the root of its conductance (or capacitance) times
-the difference of its two voltages.  Differences come first there, so that what ties a stiffly joined island to a rail
-is never rounded away in a summed diagonal.
+the difference of its two voltages.  Differences are formed first, so that a weak connection of a stiff island to a rail
+is not rounded away in a summed diagonal.
 
-Small circuits are resolved whole, each mode to its own accuracy, however far apart the time constants are: with ``G =
-L D L^T`` and ``C = F^T F`` they are the squares of the singular values of ``F L^-T D^-1/2``.  Star-mesh elimination
-subtracts nothing (Grassmann, Taksar & Heyman 1985), and Jacobi's method is accurate for matrices that only scaling
-makes ill-conditioned (Drmac & Veselic 2008).
+Small circuits are resolved completely, each mode to its own relative accuracy, however far apart the time constants
+are.  With ``G = L D L^T`` and ``C = F^T F``, the time constants are the squares of the singular values of ``F L^-T
+D^-1/2``.  Star-mesh elimination subtracts nothing (Grassmann, Taksar & Heyman 1985).  Jacobi's method is accurate for
+matrices that are ill-conditioned only through scaling (Drmac & Veselic 2008).
 
-In others the slowest ones come from Lanczos iteration on ``F G^-1 F^T`` (ARPACK; Lehoucq, Sorensen & Yang 1998), and
-again on what is left once the modes found are projected out, until nothing slower appears: an iteration from one vector
-sees one copy only of a multiple eigenvalue (Parlett 1998, section 12.4), and symmetric grids have many.  The fastest
-one comes from Lanczos iteration on ``B C^-1 B^T``, in which no ``G`` is solved.
+In larger circuits the slowest time constants come from Lanczos iteration on ``F G^-1 F^T`` (ARPACK; Lehoucq, Sorensen &
+Yang 1998).  The iteration is repeated with the computed modes projected out until no slower one appears, because an
+iteration from one vector finds a single copy of a multiple eigenvalue (Parlett 1998, section 12.4), and symmetric grids
+have many.  The fastest time constant comes from Lanczos iteration on ``B C^-1 B^T``, which needs no solve with ``G``.
 """
 
 from __future__ import annotations
@@ -37,26 +37,27 @@ Floats = NDArray[np.float64]
 Solver = Callable[[Floats], Floats]
 
 _SOLVE_RTOL = 1e-11
+"""Tolerance of ordinary solves."""
 _SPOILT = 1e-9
-"""Relative difference of two solutions from which rounding of the diagonal, or of pivots, is felt."""
+"""Relative difference of two solutions above which rounding of the diagonal, or of pivots, is significant."""
 
 _PROVED = 1e-3
-"""Bound on the relative error of delays, a pessimistic one, above which they are refused."""
+"""Largest accepted (pessimistic) bound on the relative error of delays."""
 
 _ENTRYWISE = 1e-10
-"""Componentwise backward error above which a solution is refused."""
+"""Largest accepted componentwise backward error of a solution."""
 
 
 def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
-    """The root of a Laplacian, an element a row.  Returns (m, n)."""
+    """Return the root ``F`` of a Laplacian ``F^T F``, with one row for each element; shape (m, n)."""
     incidence, value = laplacian.elements
     return sparse.csr_array(sparse.diags_array(np.sqrt(value)) @ incidence)
 
 
 def accurate_solver(factors: Factor, capacitance: Laplacian) -> Solver:
-    """How to solve with a factor without loss: entry by entry, unless a plain solution gives the same Elmore delays.
+    """Return a solver without loss of accuracy: plain if it gives the right Elmore delays, else entrywise.
 
-    These are dominated by the slowest parts, which rounding spoils first.
+    Elmore delays are dominated by the slowest parts, where rounding errors appear first.
     """
 
     def plain(b: Floats) -> Floats:
@@ -67,7 +68,7 @@ def accurate_solver(factors: Factor, capacitance: Laplacian) -> Solver:
     delay = entrywise_solution(factors, charge, watch)
     if not watch.bound <= _PROVED:
         raise AccuracyError(
-            "the conductances span too many decades to tell how slowly weakly tied parts settle; join the nodes that "
+            "the conductances span too many orders of magnitude to time weakly tied parts; join the nodes that "
             "very large ones connect, or leave very small ones out"
         )
     try:
@@ -78,7 +79,7 @@ def accurate_solver(factors: Factor, capacitance: Laplacian) -> Solver:
 
 
 def entrywise_solution(factors: Factor, b: Floats, watch: ProgressMonitor | None = None) -> Floats:
-    """Solve for positive and for negative currents (n,) apart, each right entry by entry, and subtract."""
+    """Solve for positive and for negative currents (n,) separately, each entrywise accurately, and subtract."""
     x, low = np.zeros(len(b)), np.zeros(len(b))
     for sign in (1.0, -1.0):
         currents = np.maximum(sign * b, 0.0)
@@ -87,21 +88,21 @@ def entrywise_solution(factors: Factor, b: Floats, watch: ProgressMonitor | None
         part, error = factors.solve_nonnegative(currents, watch=watch)
         if not error <= _ENTRYWISE:
             raise AccuracyError(
-                f"voltages are right to a componentwise backward error of {error:.1e} only: the conductances span too "
-                "many decades, or lie beyond what is reckoned with; join the nodes that very large ones connect"
+                f"voltages have a componentwise backward error of {error:.1e}: conductances span too many orders of "
+                "magnitude, or are extreme; join the nodes that very large ones connect"
             )
         power = BITS * part.exponent
         x += sign * np.ldexp(part.hi, power)
         low += sign * np.ldexp(part.lo, power)
     x += low
     if not np.isfinite(x).all():
-        raise AccuracyError("voltages are beyond what doubles hold; give sources in smaller numbers")
+        raise AccuracyError("voltages overflow; give smaller sources")
     return x
 
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Modes of a circuit: some of the slowest, or, in a small one, the `whole` of them.
+    """Modes of a circuit: some of the slowest, or, with `whole`, all modes of a small circuit.
 
     `tau` (k,): time constants, slowest first, in seconds; `shape` (n, k): ``shape.T @ C @ shape`` is the identity.
     """
@@ -112,7 +113,7 @@ class Modes:
 
 
 def all_modes(dynamics: Dynamics) -> Modes:
-    """Find every mode by dense algebra."""
+    """Compute every mode by dense linear algebra."""
     from scipy.linalg import solve_triangular
     from scipy.linalg.lapack import dgejsv
 
@@ -127,12 +128,12 @@ def all_modes(dynamics: Dynamics) -> Modes:
         root = value[:live] * (work[0] / work[1] * unit)
         tau = root**2
     if info or not (np.isfinite(tau).all() and (tau > 0).all()):
-        raise AccuracyError("the time constants span more decades than doubles hold; leave the smallest elements out")
+        raise AccuracyError("the time constants span too many orders of magnitude; leave the smallest elements out")
     return Modes(tau, basis @ (V[:, :live] / root), whole=True)
 
 
 def _star_mesh(laplacian: Laplacian) -> tuple[Floats, Floats]:
-    """``L``, shape (n, n), and the diagonal of ``D``, shape (n,), of ``L D L^T``; nothing is subtracted."""
+    """Return ``L``, shape (n, n), and the diagonal of ``D``, shape (n,), of ``L D L^T``, without subtractions."""
     edges, ground = laplacian.edges.toarray(), laplacian.ground.copy()
     L, pivot = np.eye(len(ground)), np.empty(len(ground))
     for k in range(len(ground)):
@@ -147,23 +148,26 @@ def _star_mesh(laplacian: Laplacian) -> tuple[Floats, Floats]:
 
 
 DENSE = 200
-"""Rows up to which all modes are found."""
+"""Maximum number of rows for which all modes are computed."""
 
 _RTOL = 1e-12
+"""Residuals at which the iterations stop: near rounding for slow modes, loose for a search for slower ones, and loose
+for the fastest mode, whose error is of the order of the squared residual.
+"""
 _PROBE_RTOL = 1e-3
 _FASTEST_RTOL = 5e-3
-"""Residuals at which the iterations stop: all but rounding for the slow ones, loose for one that only tells whether
-anything slower is left, and for the fastest, whose error is of the order of the square."""
+"""Residuals at which iterations stop: `_RTOL` for slow modes, near rounding; `_PROBE_RTOL` in a search for slower ones;
+`_FASTEST_RTOL` for the fastest mode, whose error is of the order of the squared residual."""
 
-_NOISE = 1e-12
-"""Iterated time constants, relative to the slowest one, that rounding decides."""
+_RESOLVED = 1e-12
+"""Smallest iterated time constant, relative to the slowest, that rounding does not decide."""
 
 _KRYLOV, _PROBE_KRYLOV = 20, 10
-"""Least vectors that an iteration keeps, and those of the loose one."""
+"""Minimum number of vectors of an iteration, and of a search for slower modes."""
 
 
 def slowest_modes(dynamics: Dynamics, count: int, solve: Solver | None = None) -> Modes:
-    """So many of the slowest modes, all of a small circuit's; ``solve`` is `accurate_solver`."""
+    """Compute the `count` slowest modes, or all modes of a small circuit; ``solve``: from `accurate_solver`."""
     live = require_charge(dynamics)
     solve = solve or accurate_solver(factor_resolvent(dynamics, 0.0), dynamics.capacitance)
     if dynamics.size <= max(DENSE, 2 * count):
@@ -172,7 +176,7 @@ def slowest_modes(dynamics: Dynamics, count: int, solve: Solver | None = None) -
 
 
 def require_charge(dynamics: Dynamics) -> int:
-    """Refuse a circuit without modes; how many there are."""
+    """Return the number of modes; raise InputError for a circuit without capacitance."""
     live = int(dynamics.charged.sum())
     if not live:
         raise InputError(
@@ -183,7 +187,7 @@ def require_charge(dynamics: Dynamics) -> int:
 
 
 def _slowest(dynamics: Dynamics, count: int, live: int, solve: Solver) -> Modes:
-    """Iterate on ``K = F G^-1 F^T``, whose eigenvectors are orthonormal, until nothing slower is left."""
+    """Iterate on ``K = F G^-1 F^T``, whose eigenvectors are orthonormal, until no slower mode remains."""
     F = laplacian_root(dynamics.capacitance)
 
     def apply(u: Floats) -> Floats:
@@ -204,18 +208,18 @@ def _slowest(dynamics: Dynamics, count: int, live: int, solve: Solver) -> Modes:
         tau, U = _sorted(np.append(tau, more), np.hstack([U, u]))
         if more[0] <= tau[count - 1]:
             break
-    slow = tau[:count] > _NOISE * tau[0]
+    slow = tau[:count] > _RESOLVED * tau[0]
     tau, U = tau[:count][slow], U[:, :count][:, slow]
     return Modes(tau, np.stack([solve(F.T @ u) for u in U.T], axis=1) / tau, whole=False)
 
 
 def _project_out(U: Floats, u: Floats) -> Floats:
-    """What is orthogonal to some vectors."""
+    """Return the part of `u` (m,) orthogonal to the columns of `U` (m, k)."""
     return np.asarray(u - U @ (U.T @ u))
 
 
 def _top(apply: Solver, start: Floats, count: int, rtol: float, least: int) -> tuple[Floats, Floats]:
-    """Largest eigenvalues, largest first, and their eigenvectors."""
+    """Return the largest eigenvalues, largest first, and their eigenvectors; shape (k,), (m, k)."""
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
     n, vectors = len(start), max(2 * count + 1, least)
@@ -231,22 +235,23 @@ def _top(apply: Solver, start: Floats, count: int, rtol: float, least: int) -> t
 
 
 def _sorted(tau: Floats, U: Floats) -> tuple[Floats, Floats]:
+    """Return eigenvalues and eigenvectors, largest first."""
     order = np.argsort(-tau, kind="stable")
     return tau[order], U[:, order]
 
 
 def fastest_time_constant(dynamics: Dynamics) -> float:
-    """The shortest time constant, to 1 % or better, in seconds; nodes without capacitance follow at once."""
+    """Return the shortest time constant, to 1 % or better, in seconds; nodes without capacitance follow instantly."""
     require_charge(dynamics)
     if dynamics.size <= DENSE:
         return float(all_modes(dynamics).tau[-1])
     charged, B = dynamics.charged, laplacian_root(dynamics.conductance)
-    own, loose = B[:, charged], B @ dynamics.null_space
+    own, massless = B[:, charged], B @ dynamics.null_space
     charge = symmetric_factors(dynamics.capacitance.matrix[charged][:, charged])
-    inner = symmetric_factors(loose.T @ loose) if loose.shape[1] else None
+    inner = symmetric_factors(massless.T @ massless) if massless.shape[1] else None
 
     def left(u: Floats) -> Floats:
-        return u if inner is None else u - loose @ inner.solve(loose.T @ u)
+        return u if inner is None else u - massless @ inner.solve(massless.T @ u)
 
     def apply(u: Floats) -> Floats:
         return np.asarray(left(own @ charge.solve(own.T @ left(np.ravel(u)))))

@@ -1,7 +1,7 @@
-"""Causes of yield loss: the yield with each effect of a chip switched off in turn, and how large errors may be.
+"""Causes of yield loss: the yield with each effect of a chip switched off in turn, and limits of its errors.
 
-All chips share their dies and random numbers (common random numbers): trial ``k`` with an effect and without it is the
-same die, so that the difference of their yields is known far better than either of them.
+All chips share their random numbers (common random numbers): trial ``k`` is the same chip with and without an effect,
+so that the difference of two yields has a much smaller variance than each yield.
 """
 
 from __future__ import annotations
@@ -9,18 +9,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from annotated_types import Gt, Lt
 from numpy.typing import NDArray
 
-from resgrid._internal.validation import Between, Count
 from resgrid.chip.build import chip_keys, chip_with
 from resgrid.chip.error_limits import Ladder, Limit, bits_ladder, find_limit, mismatch_ladder, offset_ladder
 from resgrid.chip.figures_of_merit import Figure, Proportion, Result, table_lines
-from resgrid.chip.paired_trials import Noises, StartsServed, groups_of, run_groups
-from resgrid.chip.yields import Progress, overall_share
+from resgrid.chip.monte_carlo import Noises
+from resgrid.chip.paired_trials import StartsServed, groups_of, run_groups
+from resgrid.chip.yields import Progress, overall_yield
 from resgrid.core.netlist import Netlist
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError, InputError
@@ -42,15 +41,15 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "noise": {"readout.noise_bandwidth": None},
     "quantization": {"readout.bits": None, "readout.range": None},
 }
-"""Effects of a chip, and the keys of its description without each of them."""
+"""Effects of a chip, and the values of its keys without each effect."""
 
 _MOST_TRIALS, _LEAST_TRIALS, _CELLS = 400, 16, 2**18
-"""Default number of chips; large grids have fewer, for about 260,000 cells of all chips of a kind.
+"""Default number of chips; larger grids have fewer, for about 260,000 cells of all chips together.
 
 At least 381 chips without a failure are needed for a Wilson interval at 95 % that lies above 99 %.
 """
 _BISECTED = 10
-"""Typical number of mismatches that a bisection tries, for the bar of progress."""
+"""Typical number of mismatches that a bisection tries, for the progress bar."""
 
 
 @dataclass(frozen=True)
@@ -60,9 +59,9 @@ class Cause:
     Attributes
     ----------
     name : str
-        Of the effect.
+        Name of the effect.
     keys : tuple of str
-        The keys of the chip that describe the effect.
+        Keys of the chip that describe the effect.
     share : Proportion
         Yield without the effect.
     gain : float
@@ -91,15 +90,15 @@ class YieldLoss(Result):
     overall : Proportion
         Yield of the chip as described, with its interval.
     causes : tuple of Cause
-        Every effect of the chip, the one with the largest gain first.
+        Every effect of the chip, largest gain first.
     limits : tuple of Limit
         The largest mismatch, the largest offset and the fewest bits that reach the target.
     target : float
-        The yield that the limits reach.
+        Yield that the limits reach.
     trials : int
-        Chips of each kind; trial ``k`` is the same die in all of them.
+        Number of chips of each kind; trial ``k`` has the same random numbers for each kind.
     confidence : float
-        Of the intervals.
+        Confidence of the intervals.
     """
 
     overall: Proportion
@@ -111,13 +110,13 @@ class YieldLoss(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """The figures of merit by name, with units and definitions."""
+        """Figures of merit by name, with units and definitions."""
         text = f"fraction of all starts that reach a goal, averaged over {self.trials} chips with all effects"
         figures = {"yield": Figure(self.overall.value, "", text)}
         return figures | {limit.name: limit.figure for limit in self.limits}
 
     def to_json(self) -> dict[str, Any]:
-        """The figures, causes and limits, as plain values."""
+        """Return the figures, causes and limits as plain values."""
         return {
             **super().to_json(),
             "causes": [asdict(cause) for cause in self.causes],
@@ -130,25 +129,19 @@ class YieldLoss(Result):
 
 def analyse_yield_loss(
     netlist: Netlist,
+    chip: Chip,
     *,
-    chip: Chip | None = None,
-    target: Annotated[float, Gt(0), Lt(1)] = 0.99,
-    trials: Count | None = None,
-    confidence: Between = 0.95,
+    target: float = 0.99,
+    trials: int | None = None,
+    confidence: float = 0.95,
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> YieldLoss:
-    """Switch each effect of a chip off in turn, and find how large mismatch and offset may be, and how few the bits.
+    """Estimate the yield without each effect of a chip, and the limits of its errors.
 
-    Each yield is that of `yields` for the chip without the effect, chip by chip with the same random numbers.  The
-    limits change one value of the chip and leave all others as they are.  An effect without which the chip has no
-    operating point, or cannot be described, is left out.
-
-    `target`: yield that the limits reach; `trials`: chips of each kind, by default 400, fewer for grids of more than
-    650 cells; `confidence`: of the intervals; `executor`: trials are shared among its workers, and the numbers do not
-    depend on it; `progress`: called after every kind of chip with the trials done, those expected, and a yield.
+    Parameters as in `Study.yield_loss`.
     """
-    chip, space = chip or Chip(), netlist.cells.space
+    space = netlist.cells.space
     starts = int(space.goal_connected.sum())
     count = trials or usual_trials(space)
     offsets, bits, mismatches = offset_ladder(chip), bits_ladder(chip), mismatch_ladder(chip)
@@ -156,19 +149,19 @@ def analyse_yield_loss(
     points = {("", 0): chip} | {(name, 0): other for name, (_, other) in removed.items()}
     for ladder in (offsets, bits):
         points |= {(ladder.name, rung): ladder.chip_with(value) for rung, value in enumerate(ladder.values)}
-    known: Noises = {}  # mismatch does not change the noise of the flawless chip
+    known: Noises = {}  # mismatch does not change the noise without random errors
     groups = groups_of(netlist, points, count, known)
     served: dict[tuple[str, int], StartsServed] = {}
     done, expected = 0, (len(groups) + _BISECTED) * count
 
-    def tell(share: Proportion) -> None:
+    def report(share: Proportion) -> None:
         nonlocal done
         done += count
         if progress is not None:
             progress(done, max(expected, done), share)
 
     def share_of(result: StartsServed) -> Proportion:
-        return overall_share(result.counts, starts, confidence, random=result.random)
+        return overall_yield(result.counts, starts, confidence, random=result.random)
 
     for group in groups:
         try:
@@ -178,17 +171,17 @@ def analyse_yield_loss(
                 raise
             continue  # without this effect, the chip has no operating point
         served |= results
-        tell(share_of(next(iter(results.values()))))
+        report(share_of(next(iter(results.values()))))
 
-    def bisected(rung: int) -> Proportion:
+    def yield_at_mismatch(rung: int) -> Proportion:
         if rung == 0 and ("mismatch", 0) in served:
             return share_of(served["mismatch", 0])
         point = {rung: mismatches.chip_with(mismatches.values[rung])}
         (group,) = run_groups(groups_of(netlist, point, count, known), starts, executor)
-        tell(share_of(group[rung]))
+        report(share_of(group[rung]))
         return share_of(group[rung])
 
-    def listed(ladder: Ladder) -> Limit:
+    def limit_of(ladder: Ladder) -> Limit:
         return find_limit(ladder, target, lambda rung: share_of(served[ladder.name, rung]), every=True)
 
     base = served["", 0]
@@ -198,7 +191,7 @@ def analyse_yield_loss(
         if (name, 0) in served
     ]
     causes.sort(key=lambda cause: -cause.gain)
-    limits = (find_limit(mismatches, target, bisected, every=False), listed(offsets), listed(bits))
+    limits = (find_limit(mismatches, target, yield_at_mismatch, every=False), limit_of(offsets), limit_of(bits))
     return YieldLoss(share_of(base), tuple(causes), limits, target, count, confidence)
 
 
@@ -212,7 +205,7 @@ def _without(chip: Chip) -> dict[str, tuple[tuple[str, ...], Chip]]:
     values = chip_keys(chip)
     found = {}
     for name, ideal in EFFECTS.items():
-        keys = tuple(key for key, nothing in ideal.items() if values[key] and values[key] != nothing)
+        keys = tuple(key for key, value in ideal.items() if values[key] and values[key] != value)
         if not keys:
             continue
         try:
@@ -227,7 +220,7 @@ def _cause(
 ) -> Cause:
     """Compare the yields with and without an effect chip by chip; `size`: numbers of starts and of chips."""
     starts, trials = size
-    differences = (other.counts - base.counts) / starts  # one chip stands for all where nothing is random
+    differences = (other.counts - base.counts) / starts  # without randomness, one chip stands for all
     changed, mean = int(np.count_nonzero(differences)), float(differences.mean())
     if not (base.random or other.random):
         return Cause(name, keys, share, mean, mean, mean, changed * trials)
@@ -253,20 +246,20 @@ def paired_interval(differences: NDArray[np.float64], confidence: float) -> tupl
 
 
 def loss_sentences(result: YieldLoss) -> tuple[str, ...]:
-    """Return what causes of yield loss mean for the chip, the answer first."""
+    """Return sentences on the causes of yield loss, the answer first."""
     mismatch = (cause for cause in result.causes if cause.name == "mismatch")
     return (
         _largest_loss(result),
         *(f"Without its mismatch, the yield would change by {_change(cause)} percentage points." for cause in mismatch),
         *(f"{_LIMITS[limit.name]} for {100 * limit.target:.4g} %: {limit.answer}." for limit in result.limits),
-        f"Each effect was switched off alone on the same {result.trials} dies, with the same offsets and noise "
+        f"Each effect was switched off separately on the same {result.trials} dies, with the same offsets and noise "
         f"otherwise; the intervals of the changes are those of paired differences at {100 * result.confidence:.4g} %. "
-        "Effects act together, so that changes do not add up.",
+        "Effects interact, so that changes do not add up.",
     )
 
 
 def loss_table(result: YieldLoss) -> tuple[str, ...]:
-    """Return the causes as a table in Markdown, line by line."""
+    """Return the lines of a Markdown table of the causes."""
     rows = (
         (
             f"{cause.name} ({', '.join(f'`{key}`' for key in cause.keys)})",
@@ -286,17 +279,18 @@ _LIMITS = {
     "largest_offset": "Largest offset",
     "fewest_bits": "Fewest bits",
 }
+"""Texts of the limits."""
 
 
 def _largest_loss(result: YieldLoss) -> str:
-    """Name the effects that surely cost yield, the largest first."""
+    """Return a sentence with the effects that certainly cost yield, largest first."""
     now = f"{100 * result.overall.value:.1f} %"
     losses = [cause for cause in result.causes if cause.low > 0]
     if not losses:
-        return f"The yield is {now}; no single effect surely costs any of it."
+        return f"The yield is {now}; no single effect has a significant cost."
     first, *others = (f"{cause.name} ({_points(cause.gain)} points)" for cause in losses[:3])
     also = f", then {' and '.join(others)}" if others else ""
-    return f"The yield is {now}; most is gained without {first}{also}."
+    return f"The yield is {now}; the largest gains come from removing {first}{also}."
 
 
 def _change(cause: Cause) -> str:
@@ -307,6 +301,6 @@ def _change(cause: Cause) -> str:
 
 
 def _points(share: float) -> str:
-    """Return a change of a yield in percentage points; no minus before zero."""
+    """Return a change of a yield in percentage points; zero has no sign."""
     text = f"{100 * share:+.2f}"
     return "0.00" if float(text) == 0 else text

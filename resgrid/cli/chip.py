@@ -84,7 +84,7 @@ def command(
 
     The folder holds report.md and report.html, one page with every figure, its unit and its definition; pictures;
     summary.json; decks for the operating point, a transient, noise and temperatures, each with the answer to be
-    expected in its sidecar; and yield.jsonl and exploration.jsonl, a line for every chip that was tried.  These grow
+    expected in its sidecar; and yield.jsonl and sweep.jsonl, a line for every chip that was tried.  These grow
     beside the folder until it is whole, and a run that was interrupted takes them up where it stopped.
     """
     from resgrid.chip.decks import described_files
@@ -94,7 +94,7 @@ def command(
     folder = folder_of(output, source, "_chip")
     if len(sweep) not in (0, 2):
         raise InputError("--sweep explores two values: give it twice, or not at all")
-    for option, given, name in (("--sweep", sweep, "exploration"), ("--at-least", at_least is not None, "yield")):
+    for option, given, name in (("--sweep", sweep, "sweep"), ("--at-least", at_least is not None, "yield")):
         if given and name not in only:
             raise InputError(f"{option} belongs to the {name}: name {name} in --only, too, or leave {option} out")
     effort = Effort(half_width, most, seconds, tuple(_sweep(text) for text in sweep))

@@ -157,7 +157,7 @@ def _chips() -> None:
     study.settling()
     study.noise()
     study.sensitivity()
-    study.criticality()
+    study.faults()
     study.yields(trials=8)
 
 

@@ -1,10 +1,9 @@
-"""Rigid, frictional contact of a robot that is moved by velocities, and the steps that it can take.
+"""Rigid contact with friction for a robot that is moved by velocities, and its collision-free steps.
 
-The robot obeys ``qdot = v + A sum_k J_k^T f_k`` with the admittance A, so contact is a complementarity problem at the
+The robot obeys ``qdot = v + A sum_k J_k^T f_k`` with the admittance A.  Contact is a complementarity problem at the
 level of velocities (D. E. Stewart and J. C. Trinkle, Int. J. Numer. Methods Eng. 39 (1996) 2673; M. Anitescu and F. A.
-Potra, Nonlinear Dynamics 14 (1997) 231): no stiffness to choose, and stable at any step.  The ends of axes are contacts
-of the same problem.  Velocities keep gaps to first order; that no gap closes in between is for the step to see to
-(`Body.move`).
+Potra, Nonlinear Dynamics 14 (1997) 231): it needs no stiffness and is stable at any step.  The ends of axes are
+contacts of the same problem.  Velocities keep gaps to first order; `Body.move` shortens the step so that no gap closes.
 """
 
 from __future__ import annotations
@@ -23,26 +22,33 @@ from resgrid.robots.geometry import TOUCH
 Vector = NDArray[np.float64]
 
 _LOOK = 4.0
+"""Radius of the search for near obstacles, in largest motions of a step."""
 _AT_STOP = 1e-6
+"""Distance from a mechanical stop, in cells, at which the robot is at the stop."""
 _LEAST = 1e-3
+"""Smallest collision-free fraction of a step that is taken."""
 _POSES = 50
+"""Maximum number of poses along a step."""
 _LIFTS = 3
+"""Maximum number of moves that lift a robot off an obstacle at the start."""
 _LIFT = 10 * TOUCH
+"""Gap after such a move, relative to 1 m plus the largest radius, in metres."""
 
 KEEP = 0.2
-"""Gap that no step goes below, in margins, unless the robot starts there."""
+"""Smallest gap of a step, as a fraction of the margin, unless the robot starts with a smaller gap."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactSet:
-    """Everything that touches the robot at one moment, and what it does.
+    """Contacts of the robot at one moment, with their forces.
 
-    `pairs` (m,): the points that touch, as `PAIR`; `force` (m, 2): on the robot; ``tau = J^T force``; `sticking` (m,):
-    the force is inside the friction cone, and the point does not move; `torque` (ndim,): generalised force of all
-    contacts together, mechanical stops included; `normal_torque` (ndim,): that of the obstacles' normal forces alone:
-    it points away from them in configuration space, while a force that sticks just holds against the streamline;
-    `velocity` (ndim,): of the robot, with the contacts; `solved`: whether forces could be solved for. If not (rounding
-    may lose them where axes differ by many powers of ten), the robot stands still, and no force is known.
+    `pairs` (m,): touching points, of dtype `PAIR`; `force` (m, 2): force on the robot, with ``tau = J^T force``;
+    `sticking` (m,): the force lies inside the friction cone, and the point does not move; `torque` (ndim,): generalised
+    force of all contacts, mechanical stops included; `normal_torque` (ndim,): generalised force of the obstacles'
+    normal forces only; it points away from the obstacles in configuration space, while the force of a sticking contact
+    merely balances the drive along the streamline; `velocity` (ndim,): velocity of the robot with contacts; `solved`:
+    False where rounding, such as between axes of very different scales, prevented a solution; the robot then stands
+    still with unknown forces.
     """
 
     pairs: NDArray[Any]
@@ -55,15 +61,15 @@ class ContactSet:
 
     @property
     def pressing(self) -> NDArray[np.bool_]:
-        """Which contacts carry force, shape (m,)."""
+        """Mask of the contacts with a force, shape (m,)."""
         return np.asarray(np.any(self.force != 0.0, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """Pairs of near points, and how fast their gaps close for unit velocities of the axes.
+    """Pairs of near points, with the rates of their gaps for unit velocities of the axes.
 
-    `pairs` (n,): as `PAIR`; `normal_rows, tangent_rows` (n, ndim): ``n . J`` and ``t . J``.
+    `pairs` (n,): of dtype `PAIR`; `normal_rows, tangent_rows` (n, ndim): ``n . J`` and ``t . J``.
     """
 
     pairs: NDArray[Any]
@@ -72,12 +78,12 @@ class Surroundings:
 
     @property
     def gap(self) -> NDArray[np.float64]:
-        """In metres, shape (n,)."""
+        """Gaps in metres, shape (n,)."""
         return np.asarray(self.pairs["gap"])
 
 
 def surroundings(pose: Pose, pairs: NDArray[Any]) -> Surroundings:
-    """Rows of the contact Jacobians of near points.  Shapes: `pairs` (n,)."""
+    """Return near points with the rows of their contact Jacobians.  Shapes: `pairs` (n,)."""
     from resgrid.control import contact_kernels
 
     ndim = pose.spin.shape[1]
@@ -96,7 +102,11 @@ def solve_contacts(
     opening: NDArray[np.float64],
     stops: NDArray[np.float64] | None = None,
 ) -> ContactSet:
-    """Contact forces, and the velocity they leave.  Shapes: `touching, opening` (n,), `stops` (s, ndim)."""
+    """Compute contact forces and the resulting velocity.
+
+    `touching` (n,): mask of the pairs in contact; `opening` (n,): rates, in m/s, at which their gaps must grow; `stops`
+    (s, ndim): unit vectors away from mechanical stops.
+    """
     pairs = around.pairs[touching]
     ends = np.empty((0, len(velocity))) if stops is None else stops
     count = len(pairs)
@@ -109,11 +119,11 @@ def solve_contacts(
     normal = pairs["normal"]
     tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
     own = forces[:count]
-    at_rest = np.abs(rows[1][:count] @ after) <= 1e-6 * np.abs(rows[1][:count]) @ np.abs(velocity)
+    not_moving = np.abs(rows[1][:count] @ after) <= 1e-6 * np.abs(rows[1][:count]) @ np.abs(velocity)
     return ContactSet(
         pairs=pairs,
         force=own[:, :1] * normal + own[:, 1:] * tangent,
-        sticking=np.asarray((own[:, 0] > 0.0) & at_rest & (np.abs(own[:, 1]) < friction * own[:, 0])),
+        sticking=np.asarray((own[:, 0] > 0.0) & not_moving & (np.abs(own[:, 1]) < friction * own[:, 0])),
         torque=forces[:, 0] @ rows[0] + forces[:, 1] @ rows[1],
         normal_torque=own[:, 0] @ rows[0][:count],
         velocity=pushed[0] if pushed is not None and pushed[2] else after,
@@ -122,15 +132,15 @@ def solve_contacts(
 
 
 class Body:
-    """A robot's true configuration, and the steps it can take from there.
+    """The true configuration of a robot, and its collision-free steps.
 
-    ContactSet hold gaps to first order, and a turning link bends towards what it slides along.  So every step is
-    shortened to the share of it for which a gap is known to remain (`Plant.free_share`), pose after pose.  One that
-    touches at the start is lifted off by `_LIFT` (for each metre, and one more, of the largest radius), so that it is
-    known on which side it is; wedged so tightly that it cannot be, it never moves.
+    Contacts hold gaps to first order only, and the path of a turning link is curved.  Therefore every step is shortened
+    to a fraction with proven positive gaps (`Plant.free_fraction`), pose by pose.  A robot that touches an obstacle at
+    the start is moved away by `_LIFT`, so that its side of the obstacle is unambiguous.  A robot that is wedged too
+    tightly for that never moves.
 
-    `start` (ndim,); `step`: largest motion along an axis in one step, in cells; `margin`: gap at which the robot
-    counts as touching, in metres.
+    `start` (ndim,); `step`: largest motion along an axis in one step, in cells; `margin`: gap at which the robot is in
+    contact, in metres.
     """
 
     def __init__(self, plant: Plant, start: Vector, step: float, margin: float) -> None:
@@ -145,7 +155,7 @@ class Body:
         self.configuration = self._lifted()
 
     def _lifted(self) -> Vector:
-        """The configuration, or where something is touched one some 1e-8 m off it, if there is one."""
+        """Return the configuration, moved about 1e-8 m away from a touched obstacle where that is possible."""
         none = np.zeros_like(self.configuration)
         for _ in range(_LIFTS):
             around = self._survey()
@@ -157,10 +167,11 @@ class Body:
         return self.configuration
 
     def look(self) -> Surroundings:
-        """What is near enough to be met in this step; `_nothing` while that is known."""
+        """Return the obstacles within reach of this step; none while the last search proves that there are none."""
         return self._nothing if self._clear > 2.0 * self._reach else self._survey()
 
     def _survey(self) -> Surroundings:
+        """Search for near obstacles at the present configuration."""
         pose = self._pose = self.plant.pose(self.configuration)
         pairs = self.plant.near(pose, _LOOK * self._reach)
         self._clear = float(pairs["gap"].min()) if len(pairs) else _LOOK * self._reach
@@ -169,7 +180,10 @@ class Body:
     def contacts(
         self, around: Surroundings, velocity: Vector, admittance: Vector, friction: float, pause: float
     ) -> ContactSet | None:
-        """Contacts with obstacles and stops at a velocity, if there are any; gaps open within some five pauses."""
+        """Return the contacts with obstacles and stops at a velocity, None without contacts.
+
+        Gaps that are too small open within about five pauses; `pause`: in seconds.
+        """
         stops = self._stops()
         touching = around.gap <= 1.5 * self.margin
         if not touching.any() and not np.any(stops @ velocity < 0.0):
@@ -178,7 +192,7 @@ class Body:
         return solve_contacts(around, touching, velocity, admittance, friction, opening, stops)
 
     def _stops(self) -> Vector:
-        """Unit vectors away from the stops that the robot is at, shape (s, ndim)."""
+        """Return unit vectors away from the stops that the robot is at, shape (s, ndim)."""
         lower, upper = self.plant.stops
         low = self.configuration - lower <= _AT_STOP * self._spacing
         high = upper - self.configuration <= _AT_STOP * self._spacing
@@ -189,17 +203,17 @@ class Body:
     def move(
         self, velocity: Vector, longest: float, pause: float, around: Surroundings, keep: float = KEEP
     ) -> tuple[float, Vector]:
-        """Take a step; returns how long it lasts, and the velocity: 0 for a pause if it is blocked."""
+        """Take a step; return its duration in seconds and its velocity, or `pause` and 0 if the robot is blocked."""
         step = self._time_step(velocity, longest, around)
-        share = self._free(step * velocity, around, keep)
-        if share < _LEAST:
+        fraction = self._free(step * velocity, around, keep)
+        if fraction < _LEAST:
             return pause, np.zeros_like(velocity)
         self._clear -= self._reach
-        self.configuration = self.plant.within_stops(self.configuration + share * step * velocity)
-        return share * step, velocity
+        self.configuration = self.plant.within_stops(self.configuration + fraction * step * velocity)
+        return fraction * step, velocity
 
     def shaken(self, by: Vector) -> bool:
-        """Move by a small amount, if nothing is in the way; whether it did."""
+        """Move by a small offset if that is collision-free; return whether the robot moved."""
         around = self.look()
         motion = self.plant.within_stops(self.configuration + by) - self.configuration
         if not motion.any() or self._free(motion, around, KEEP) < 1.0:
@@ -209,7 +223,7 @@ class Body:
         return True
 
     def _time_step(self, velocity: Vector, longest: float, around: Surroundings) -> float:
-        """Until an axis has moved by a step, or something ahead is met."""
+        """Return the time until an axis has moved by one step, or until a new contact."""
         fastest = float((np.abs(velocity) / self._spacing).max())
         if fastest == 0.0:
             return longest
@@ -227,18 +241,21 @@ class Body:
         return step
 
     def _free(self, motion: Vector, around: Surroundings, keep: float) -> float:
-        """Share of a motion on which no gap falls below what is kept, or below the smallest that there is."""
+        """Return a fraction of a motion on which no gap falls below a limit.
+
+        The limit is `keep` margins, or the present smallest gap if that is less.
+        """
         if around is self._nothing:
             return 1.0
         nearest = float(around.gap.min(initial=np.inf))
         if nearest < 0.1 * self._lift:
             return 0.0
         least = min(max(keep * self.margin, 0.5 * self._lift), nearest)
-        share, pose = 0.0, self._pose
+        fraction, pose = 0.0, self._pose
         for _ in range(_POSES):
-            more = self.plant.free_share(pose, motion, least)
-            share += more
-            if share >= 1.0 or more < _LEAST:
+            more = self.plant.free_fraction(pose, motion, least)
+            fraction += more
+            if fraction >= 1.0 or more < _LEAST:
                 break
-            pose = self.plant.pose(self.configuration + share * motion)
-        return min(share, 1.0)
+            pose = self.plant.pose(self.configuration + fraction * motion)
+        return min(fraction, 1.0)

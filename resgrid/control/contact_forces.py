@@ -1,7 +1,7 @@
 """Contact forces: a linear complementarity problem, by pivoting (Lemke 1965; Cottle, Pang & Stone 1992, section 4.4).
 
-Of every contact its normal force is looked for and, with friction, both sides of the tangential one and the slip: in
-the plane the cone of friction is a wedge, so this is linear.
+The unknowns of a contact are its normal force and, with friction, the two directions of the tangential force and the
+slip.  In the plane the friction cone is a wedge, so that the problem is linear.
 """
 
 from __future__ import annotations
@@ -11,24 +11,30 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 Basis = tuple[NDArray[np.int64], Vector]
-"""Which columns are not 0 (slacks, unknowns, or Lemke's artificial one), and what takes ``q`` to their values."""
+"""Nonzero columns (slacks, unknowns, or Lemke's artificial one), and the matrix from ``q`` to their values."""
 
 _LEAST_MOBILITY = 1e-12
+"""Smallest relative mobility of a contact that is not ignored."""
 _LEAST_PIVOT = 1e-13
+"""Smallest relative pivot."""
 _TIE = 1e-12
+"""Relative difference of ratios that count as equal, and relative size of forces that count as 0."""
 _GONE = 1e-9
+"""Value of the artificial variable that counts as 0."""
 _CLOSED = 1e-6
+"""Largest relative residual of a solution."""
 _REFINEMENTS = 3
+"""Number of steps of iterative refinement."""
 
 
 def contact_forces(
     normal: Vector, tangent: Vector, target: Vector, velocity: Vector, admittance: Vector, friction: float
 ) -> tuple[Vector, Vector, bool]:
-    """Velocity with contacts, their normal and tangential forces, shape (m, 2), and whether they solve the problem.
+    """Compute the velocity with contacts, normal and tangential forces, shape (m, 2), and whether they are a solution.
 
-    ``0 <= f_n, n . J qdot - target >= 0``, one of them 0, and ``|f_t| <= mu f_n``, opposing ``t . J qdot``.  A contact
-    whose force could not move the robot is left out.  Solved is to 1e-6 of the velocity; with targets that are not
-    positive there is a solution.  Where there is none, velocity and forces are 0.
+    Conditions: ``0 <= f_n, n . J qdot - target >= 0``, one of them 0, and ``|f_t| <= mu f_n``, opposing ``t . J
+    qdot``.  Contacts whose force cannot move the robot are ignored.  The tolerance is 1e-6 of the velocity.  A solution
+    exists if no target is positive.  Without a solution, velocity and forces are 0.
 
     Shapes: `normal, tangent` (m, ndim): ``n . J`` and ``t . J``; `target` (m,).
     """
@@ -38,7 +44,7 @@ def contact_forces(
     plus, minus, slip = len(used) + np.arange(3 * len(rubs)).reshape(3, -1)
     rows = np.zeros((len(used) + 3 * len(rubs), len(velocity)))
     rows[: len(used)], rows[plus], rows[minus] = normal[used], tangent[used[rubs]], -tangent[used[rubs]]
-    # In units in which velocity and admittance are 1, and every force alone has an admittance of 1.
+    # Scale velocity and admittance to 1, and each force to an admittance of 1.
     speed, most = float(np.abs(velocity).max(initial=0.0)) or 1.0, float(np.abs(admittance).max())
     give = rows @ (admittance / most)
     unit = np.sqrt((give * rows).sum(axis=1))
@@ -55,15 +61,16 @@ def contact_forces(
     if found is None:
         return np.zeros_like(velocity), forces, False
     forces[used, 0] = found[: len(used)] / unit[: len(used)]
-    most_tangential = friction * forces[used[rubs], 0]  # rounding may leave a force outside the cone of friction
+    most_tangential = friction * forces[used[rubs], 0]  # rounding may leave a force outside the friction cone
     forces[used[rubs], 1] = np.clip((found[plus] - found[minus]) / unit[plus], -most_tangential, most_tangential)
     return velocity + speed * (found @ give), forces * (speed / most), True
 
 
 def _solution(rows: Vector, give: Vector, cone: Vector, offset: Vector) -> Vector | None:
-    """``z >= 0, w = M z + q >= 0, z . w = 0`` for ``M = rows give^T + cone``, made right by its residuals; or None.
+    """Return ``z`` with ``z >= 0, w = M z + q >= 0, z . w = 0`` for ``M = rows give^T + cone``; None without solution.
 
-    Contacts that almost face each other are as badly conditioned in ``M = N A N^T`` as the square of ``N`` is.
+    Iterative refinement uses the factors, because contacts that almost face each other give ``M = N A N^T`` the squared
+    condition number of ``N``.
     """
     size, z, w = len(offset), np.zeros(len(offset)), offset.copy()
     if w.min(initial=0.0) >= 0.0:
@@ -84,9 +91,9 @@ def _solution(rows: Vector, give: Vector, cone: Vector, offset: Vector) -> Vecto
 
 
 def _complementary(M: Vector, q: Vector) -> Basis | None:
-    """A basis of ``z >= 0, w = M z + q >= 0, z . w = 0`` by Lemke's method, for small copositive ``M``.
+    """Return a basis of ``z >= 0, w = M z + q >= 0, z . w = 0`` by Lemke's method, for small copositive ``M``.
 
-    Columns of the table: the slacks ``w``, the unknowns ``z``, Lemke's artificial one, and the right-hand side.
+    Columns of the tableau: the slacks ``w``, the unknowns ``z``, Lemke's artificial variable, and the right-hand side.
     """
     size = len(q)
     basis, artificial = np.arange(size), 2 * size
@@ -108,7 +115,10 @@ def _complementary(M: Vector, q: Vector) -> Basis | None:
 
 
 def _bounding_row(table: Vector, entering: int, basis: NDArray[np.int64]) -> int | None:
-    """Row of the smallest ratio, ties decided by the ratios of the inverse basis (lexicographic); None without one."""
+    """Return the row with the smallest ratio, None if there is none.
+
+    Ties are broken by the ratios of the inverse basis (lexicographic rule).
+    """
     size = len(table)
     rows = np.flatnonzero(table[:, entering] > _LEAST_PIVOT * np.abs(table[:, :size]).max())
     for column in range(-1, size):

@@ -1,12 +1,13 @@
-"""Compiled loops about a robot among obstacles: pairs of near points, and for how much of a motion it stays apart.
+"""Numba kernels of a robot among obstacles: pairs of near points, and collision-free fractions of motions.
 
-A segment of the robot and a convex piece of an obstacle (an edge, a disc, a half-plane) are apart while a line
-separates them: a line that stands still, beyond which both ends of the segment stay, or the segment's own, which moves
-with it, and on whose other side the obstacle stays.  Heights over such a line are known with their rates, and their
-second derivatives are bounded, so that until when they stay positive is the root of a parabola.  How a segment moves is
-given by seven numbers: the rates of both of its ends, bounds on their accelerations, and the rate of its direction.
+A segment of the robot and a convex piece of an obstacle (an edge, a disc, a half-plane) are separate while a line
+separates them.  Two kinds of lines are used.  One is fixed, and both ends of the segment stay beyond it.  The other is
+the line of the segment, which moves with it, and the obstacle stays on its other side.  The heights above such a line
+have known rates and bounded second derivatives, so that the time until a height vanishes is at least the root of a
+parabola.  The motion of a segment is given by seven numbers: the rates of both ends (4), bounds on their accelerations
+(2), and the rate of its direction.
 
-Numba takes seconds to import: only functions that are about to run import this module.
+Importing numba takes seconds, so that this module is imported only by functions that call a kernel.
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ from resgrid.robots.geometry import TOUCH, ObstacleArrays, Pose
 from resgrid.robots.kernels import segment_parameter
 
 _RIM = 1e-13
+"""Allowance for rounding in gaps, relative to the size of coordinates."""
 
 Floats = NDArray[np.float64]
 Pairs = Any
-"""An array of `resgrid.control.plant.PAIR`."""
+"""An array of dtype `resgrid.control.plant.PAIR`."""
 
 
 @inner
@@ -33,7 +35,10 @@ def _add(
     pairs: Pairs, count: int, px: float, py: float, ox: float, oy: float, inward: tuple[float, float],
     outward: tuple[float, float], owner: tuple[float, int, int], reach: float,
 ) -> int:  # fmt: skip
-    """Keep a pair of near points: the robot's core at p, the obstacle's surface at o; where they touch, its normal."""
+    """Append a pair of near points: the robot's core at p and the obstacle's surface at o; return the new count.
+
+    `outward`: normal for points that touch; `owner`: radius, part of the robot, number of the obstacle.
+    """
     dx, dy = px - ox, py - oy
     apart = math.hypot(dx, dy)
     radius, part, body = owner
@@ -55,14 +60,14 @@ def _add(
 
 @inlined
 def misses(edge: Floats, x0: float, x1: float, y0: float, y1: float) -> bool:
-    """Whether an edge lies beside a box."""
+    """Return whether an edge lies outside a box."""
     ax, ay, bx, by = edge
     return bool(max(ax, bx) < x0 or min(ax, bx) > x1 or max(ay, by) < y0 or min(ay, by) > y1)
 
 
 @inlined
 def _left_of(edge: Floats) -> tuple[float, float]:
-    """Unit normal of an edge into the solid, which lies on its left."""
+    """Return the unit normal of an edge into the solid, which lies on its left."""
     dx, dy = edge[2] - edge[0], edge[3] - edge[1]
     length = math.hypot(dx, dy)
     return -dy / length, dx / length
@@ -70,7 +75,10 @@ def _left_of(edge: Floats) -> tuple[float, float]:
 
 @inner
 def _inside_corner(edge: Floats, before: Floats) -> tuple[float, float]:
-    """Direction into the solid from the corner where an edge starts: between its edges' normals, or along a spike."""
+    """Return the direction into the solid from the corner at the start of an edge.
+
+    It bisects the normals of the two edges; at a spike it points along the spike.
+    """
     (ax, ay), (bx, by) = _left_of(edge), _left_of(before)
     length = math.hypot(ax + bx, ay + by)
     if length < 1e-9:
@@ -80,7 +88,7 @@ def _inside_corner(edge: Floats, before: Floats) -> tuple[float, float]:
 
 @inner
 def _off_side(ax: float, ay: float, bx: float, by: float, inward: tuple[float, float]) -> tuple[float, float]:
-    """Unit normal of a segment that points away from a solid."""
+    """Return the unit normal of a segment that points away from a solid."""
     length = math.hypot(bx - ax, by - ay)
     nx, ny = (ay - by) / length, (bx - ax) / length
     return (-nx, -ny) if nx * inward[0] + ny * inward[1] > 0.0 else (nx, ny)
@@ -91,7 +99,7 @@ def _add_end(
     pairs: Pairs, count: int, px: float, py: float, edge: Floats, before: Floats, owner: tuple[float, int, int],
     reach: float,
 ) -> int:  # fmt: skip
-    """A point of the robot before an edge, or before the corner where the edge starts."""
+    """Append the pair of a point of the robot and an edge, or the corner at the start of the edge; return the count."""
     ax, ay, bx, by = edge
     t = segment_parameter(px, py, ax, ay, bx, by)
     if 0.0 < t < 1.0:
@@ -108,14 +116,14 @@ def _add_end(
 
 @kernel
 def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -> int:
-    """Pairs of near points of a robot (segments with a radius) and obstacles, within a reach.
+    """Find pairs of near points of a robot (segments with a radius) and obstacles, within a reach in metres.
 
-    Two segments that do not cross are nearest where one of them ends, so the ends of both are looked at: two parallel
-    ones give both ends of their overlap.  A disc or half-plane entered by no more than `TOUCH` is touched: no gap.
-    Edges have the solid on their left, and `edge_before` is the edge that ends where one starts.  Ends of the robot
-    count before the side of an edge that is free (or on it), and before a corner only where it is nearer than its
-    edges: others have no part in a contact, being through a solid, or across a corner from an edge's end.  `pairs` are
-    of the type `PAIR`.  Returns how many there are.
+    Two segments that do not cross are nearest at an end of one of them, so that the ends of both are tested; two
+    parallel segments give both ends of their overlap.  A disc or half-plane that is entered by at most `TOUCH` is
+    touched, with a gap of 0.  Edges have the solid on their left, and `edge_before` is the edge that ends at the start
+    of an edge.  An end of the robot pairs with an edge only from its free side (or on it), and with a corner only where
+    the corner is nearer than its edges; other pairs would lie through a solid or across a corner.  `pairs`: result, of
+    dtype `PAIR`.  Returns the number of pairs.
     """
     count, segments, radius, part = 0, pose.segments, pose.radius, pose.part
     edges, edge_before, discs, planes = solid.edges, solid.edge_before, solid.discs, solid.half_planes
@@ -166,7 +174,10 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -
 
 @kernel
 def contact_rows(pairs: Pairs, pose: Pose, normal: Floats, tangent: Floats) -> None:
-    """Rows ``n . J`` and ``t . J`` of every pair, J the Jacobian of the robot's surface point; t is n turned left."""
+    """Compute rows ``n . J`` and ``t . J`` of every pair, with J the Jacobian of the robot's surface point.
+
+    ``t`` is ``n`` turned left.
+    """
     shift, spin, pivot = pose.shift, pose.spin, pose.pivot
     for k in range(len(pairs)):
         (x, y), (nx, ny), part = pairs[k].on_robot, pairs[k].normal, pairs[k].part
@@ -178,8 +189,8 @@ def contact_rows(pairs: Pairs, pose: Pose, normal: Floats, tangent: Floats) -> N
 
 
 @inlined
-def _until(height: float, rate: float, bend: float) -> float:
-    """Until when ``height + rate u - bend u^2 / 2`` is not negative; 0 where it is from the start."""
+def _time_to_zero(height: float, rate: float, bend: float) -> float:
+    """Return the time until ``height + rate u - bend u^2 / 2`` becomes negative; 0 if it is at the start."""
     if height < 0.0:
         return 0.0
     root = math.sqrt(rate * rate + 2.0 * bend * height)
@@ -189,15 +200,18 @@ def _until(height: float, rate: float, bend: float) -> float:
 
 
 @inner
-def _beyond(nx: float, ny: float, segment: Floats, moves: Floats, top: float) -> float:
-    """Until when both ends of a moving segment stay beyond the line ``n . x = top``."""
-    first = _until(nx * segment[0] + ny * segment[1] - top, nx * moves[0] + ny * moves[1], moves[4])
-    return min(first, _until(nx * segment[2] + ny * segment[3] - top, nx * moves[2] + ny * moves[3], moves[5]))
+def _time_beyond(nx: float, ny: float, segment: Floats, moves: Floats, top: float) -> float:
+    """Return the time for which both ends of a moving segment stay beyond the line ``n . x = top``."""
+    first = _time_to_zero(nx * segment[0] + ny * segment[1] - top, nx * moves[0] + ny * moves[1], moves[4])
+    return min(first, _time_to_zero(nx * segment[2] + ny * segment[3] - top, nx * moves[2] + ny * moves[3], moves[5]))
 
 
 @inner
-def _beside(px: float, py: float, qx: float, qy: float, segment: Floats, moves: Floats, keep: float) -> float:
-    """Until when two points that stand still keep away from the line of a moving segment, both on one side of it."""
+def _time_beside(px: float, py: float, qx: float, qy: float, segment: Floats, moves: Floats, keep: float) -> float:
+    """Return the time for which two fixed points keep a distance from the line of a moving segment.
+
+    Both points must stay on the same side of the line.
+    """
     dx, dy = segment[2] - segment[0], segment[3] - segment[1]
     length = math.hypot(dx, dy)
     if length == 0.0:
@@ -213,13 +227,13 @@ def _beside(px: float, py: float, qx: float, qy: float, segment: Floats, moves: 
         rate = turn * (nx * (y - ey) - ny * (x - ex)) - nx * vx - ny * vy
         far = math.hypot(x - ex, y - ey)
         bends = turn * turn * far + 2.0 * abs(turn) * (math.hypot(vx, vy) + bend) + bend
-        free = min(free, _until(height, rate, bends))
+        free = min(free, _time_to_zero(height, rate, bends))
     return free
 
 
 @inner
-def _apart(segment: Floats, edge: Floats) -> tuple[float, float, float]:
-    """Distance of two segments that do not cross, and the unit vector from the second to the first."""
+def _distance(segment: Floats, edge: Floats) -> tuple[float, float, float]:
+    """Return the distance of two segments that do not cross, and the unit vector from the second to the first."""
     best, vx, vy = np.inf, 0.0, 0.0
     for case in range(4):
         one, other = (segment, edge) if case < 2 else (edge, segment)
@@ -234,30 +248,36 @@ def _apart(segment: Floats, edge: Floats) -> tuple[float, float, float]:
 
 
 @inner
-def _free_of_edge(segment: Floats, moves: Floats, edge: Floats, keep: float) -> float:
-    """Until when some line keeps a moving segment this far from an edge, or from a point twice."""
+def _time_clear_of_edge(segment: Floats, moves: Floats, edge: Floats, keep: float) -> float:
+    """Return the time for which some line keeps a moving segment at a distance from an edge.
+
+    A point is an edge with equal ends.
+    """
     ax, ay, bx, by = edge
-    apart, nx, ny = _apart(segment, edge)
+    apart, nx, ny = _distance(segment, edge)
     free = 0.0
     if apart > 0.0:
-        free = _beyond(nx, ny, segment, moves, max(nx * ax + ny * ay, nx * bx + ny * by) + keep)
+        free = _time_beyond(nx, ny, segment, moves, max(nx * ax + ny * ay, nx * bx + ny * by) + keep)
     if free < 1.0:
-        free = max(free, _beside(ax, ay, bx, by, segment, moves, keep))
+        free = max(free, _time_beside(ax, ay, bx, by, segment, moves, keep))
     length = math.hypot(bx - ax, by - ay)
     if free < 1.0 and length > 0.0:
         nx, ny = (by - ay) / length, (ax - bx) / length
         if nx * (segment[0] + segment[2] - ax - bx) + ny * (segment[1] + segment[3] - ay - by) < 0.0:
             nx, ny = -nx, -ny
-        free = max(free, _beyond(nx, ny, segment, moves, max(nx * ax + ny * ay, nx * bx + ny * by) + keep))
+        free = max(free, _time_beyond(nx, ny, segment, moves, max(nx * ax + ny * ay, nx * bx + ny * by) + keep))
     return free
 
 
 @inner
-def _moves(
+def _segment_motion(
     segment: Floats, part: int, shift: Floats, spin: Floats, pivot: Floats, lever: Floats, motion: Floats,
     turn: Floats, moves: Floats,
 ) -> None:  # fmt: skip
-    """How a segment moves for a motion of the axes: rates and bends of both ends, and its turning."""
+    """Compute the motion of a segment for a motion of the axes, as seven numbers in ``moves``.
+
+    Rates of both ends (4), bounds on their accelerations (2), and the turning rate (1).
+    """
     moves[:] = 0.0
     for axis in range(len(motion)):
         for x in (0, 2):
@@ -275,17 +295,17 @@ def _moves(
 
 @kernel
 @makes_arrays
-def free_share(pose: Pose, solid: ObstacleArrays, motion: Floats, least: float) -> float:
-    """Share of a straight motion in configuration space for which every gap is known to stay at ``least`` or above.
+def free_fraction(pose: Pose, solid: ObstacleArrays, motion: Floats, least: float) -> float:
+    """Return a fraction of a straight motion in configuration space for which every gap stays at least ``least``.
 
-    A bound: the share that is free may be larger.
+    A proven lower bound: the true fraction may be larger.
     """
     segments, radius, part, lever = pose.segments, pose.radius, pose.part, pose.lever
     edges, discs, planes = solid.edges, solid.discs, solid.half_planes
     free, moves, turn, centre = 1.0, np.empty(7), pose.spin @ motion, np.empty(4)
     for s in range(len(segments)):
         segment = segments[s]
-        _moves(segment, part[s], pose.shift, pose.spin, pose.pivot, lever[s], motion, turn, moves)
+        _segment_motion(segment, part[s], pose.shift, pose.spin, pose.pivot, lever[s], motion, turn, moves)
         far = max(math.hypot(moves[0], moves[1]) + moves[4], math.hypot(moves[2], moves[3]) + moves[5])
         reach = radius[s] + least + far
         x0, x1 = min(segment[0], segment[2]) - reach, max(segment[0], segment[2]) + reach
@@ -293,13 +313,13 @@ def free_share(pose: Pose, solid: ObstacleArrays, motion: Floats, least: float) 
         keep = radius[s] + least - _RIM * (1.0 + max(abs(x0), abs(x1), abs(y0), abs(y1)))
         for e in range(len(edges)):
             if not misses(edges[e], x0, x1, y0, y1):
-                free = min(free, _free_of_edge(segment, moves, edges[e], keep))
+                free = min(free, _time_clear_of_edge(segment, moves, edges[e], keep))
         for d in range(len(discs)):
             size = discs[d, 2]
             centre[:2], centre[2:] = discs[d, :2], discs[d, :2]
             if not misses(centre, x0 - size, x1 + size, y0 - size, y1 + size):
-                free = min(free, _free_of_edge(segment, moves, centre, keep + size))
+                free = min(free, _time_clear_of_edge(segment, moves, centre, keep + size))
         for h in range(len(planes)):
             nx, ny, offset = planes[h]
-            free = min(free, _beyond(nx, ny, segment, moves, offset + keep))
+            free = min(free, _time_beyond(nx, ny, segment, moves, offset + keep))
     return free

@@ -27,16 +27,16 @@ if TYPE_CHECKING:
 Response = Literal["admittance", "equipotential"]
 
 ALONG = 1e-3
-"""Sine of the angle between force and streamline below which the force cannot be overcome: a jam."""
+"""Sine of the angle between force and streamline below which the force causes a jam."""
 
 
 class Nominal(NamedTuple):
-    """What the field says at a configuration.
+    """The nominal motion at a configuration.
 
-    `place`: in a free cell with a path, in a goal cell, or in neither; `velocity` (n,): ``V0``, per second; in the
-    world, or along the axes, as the configuration was given; `longest`: in seconds: until just across the next cell
-    face that current leaves by, and at most half the time to where a component vanishes. Steps no longer than this
-    enter no cell that the current does not enter.
+    `place`: "free" (in a free cell with a path to a goal), "goal" (in a goal cell) or "off"; `velocity` (n,): ``V0``,
+    per second, in world coordinates or along the axes, as the configuration was given; `longest`: maximum duration of a
+    straight step, in seconds.  The step ends just across the next cell face with outward current, and at most half way
+    to a zero of a component, so that it enters no cell that the current does not enter.
     """
 
     place: str
@@ -48,26 +48,26 @@ class Nominal(NamedTuple):
 @frozen
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """Harmonic control of a robot that takes velocities (Connolly & Grupen 1992, section 3.4).
+    """Harmonic control of a robot that takes velocity commands (Connolly & Grupen 1992, section 3.4).
 
-    `command` gives ``V = V0 + A F``: the nominal velocity ``V0`` points along the current of the field, at a given
-    speed, and the admittance ``A`` answers the generalised forces on the robot.
+    `command` returns ``V = V0 + A F``.  The nominal velocity ``V0`` points along the current of the field, at a given
+    speed; the admittance ``A`` responds to the generalised forces on the robot.
 
     Attributes
     ----------
     field : Field
-        What to follow.
+        The field to follow.
     admittance : ndarray of float64, shape (n, n)
-        ``A``, symmetric positive definite: units of the world's coordinates per second for a unit of generalised force.
+        ``A``, symmetric positive definite: world coordinates per second for a unit of generalised force.
     speed : float
         Length of ``V0``, per second.
     speed_limits : ndarray of float64, shape (n,)
-        Largest speed of each joint or coordinate of the world, per second; a faster command is slowed down as a whole,
-        so that its direction stays.
+        Largest speed of each joint or world coordinate, per second.  A faster command is scaled as a whole, so that its
+        direction does not change.
     response : {"admittance", "equipotential"}
-        What a force does: ``V0 + A F``; or, while it lasts, motion along the equipotential (equation 1).
+        Response to a force: ``V0 + A F``, or motion along the equipotential (equation 1) while the force lasts.
     threshold : float
-        Size of the generalised force below which ``"equipotential"`` senses none.
+        Smallest generalised force that ``"equipotential"`` responds to.
 
     Examples
     --------
@@ -93,26 +93,26 @@ class Controller:
         object.__setattr__(self, "speed_limits", limits)
 
     def command(self, configuration: ArrayLike, force: ArrayLike | None = None) -> NDArray[np.float64]:
-        """Velocity to command now: all that a robot's own control loop needs to call.
+        """Return the velocity command for now; the only call that a robot's own control loop needs.
 
         Parameters
         ----------
         configuration : array_like of float, shape (n,)
-            Where the robot believes it is, in world coordinates.
+            The believed configuration, in world coordinates.
         force : array_like of float, shape (n,), optional
-            Generalised force on it (joint torques; of a point or a disc the force in the world), without those of its
-            own weight; none by default.
+            Generalised force on the robot (joint torques; for a point or a disc the force in the world), without
+            weight; by default 0.
 
         Returns
         -------
         ndarray of float64, shape (n,)
-            In the world, per second.  In a goal cell the nominal part is 0.
+            In world coordinates, per second.  The nominal part is 0 in a goal cell.
 
         Raises
         ------
         InputError
-            If a value is not finite or of the wrong shape, the configuration lies outside the grid, or it lies more
-            than `RECOVERY` cells from every cell with a path.
+            If a value is not finite or has another shape, the configuration lies outside the grid, or it lies more than
+            `RECOVERY` cells from every cell with a path.
         """
         velocity = self.axis_nominal(self._along_axes(configuration)).velocity
         if force is not None:
@@ -124,7 +124,7 @@ class Controller:
         return self._frame.turned_to_world(self.limited(velocity))
 
     def admitting(self, nominal: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """``V0 + A F``, along the axes; where that is beyond doubles, something as large as they go."""
+        """Return ``V0 + A F`` along the axes, shape (n,); on overflow, the largest representable velocity."""
         admittance = self.axis_admittance
         with np.errstate(over="ignore", invalid="ignore"):
             velocity = nominal + admittance @ force
@@ -134,20 +134,21 @@ class Controller:
         return np.asarray(push * (np.finfo(np.float64).max / len(push)))
 
     def nominal(self, configuration: ArrayLike) -> Nominal:
-        """Nominal velocity ``V0`` at a configuration of the world, shape (n,), and how long a straight step may last.
+        """Return the nominal motion at a configuration in world coordinates, shape (n,).
 
-        Inside a cell the velocity is Pollock's: continuous, and decided by currents. Errors as in `command`.
+        The velocity within a cell follows Pollock's interpolation of the face currents and is continuous.  Errors as in
+        `command`.
         """
         own = self.axis_nominal(self._along_axes(configuration))
         return own._replace(velocity=self._frame.turned_to_world(own.velocity))
 
     def axis_nominal(self, configuration: ArrayLike) -> Nominal:
-        """The same of a configuration in axis units, and along the axes."""
+        """Return the nominal motion at a configuration along the axes, shape (n,), with the velocity along the axes."""
         seen = self.seen(configuration)
         return Nominal("off", self._recover(np.asarray(configuration)), np.inf) if seen.place == "off" else seen
 
     def seen(self, configuration: ArrayLike) -> Nominal:
-        """As `axis_nominal`, without leading anybody back: the velocity is 0 in a cell without a path."""
+        """Return the nominal motion at a configuration along the axes; the velocity is 0 in a cell without a path."""
         try:
             point = np.ascontiguousarray(configuration, dtype=np.float64)
         except (TypeError, ValueError):
@@ -164,13 +165,13 @@ class Controller:
                     f"the configuration {point.tolist()} is not finite: stop the robot, check its encoders"
                 )
             space = self.field.space
-            cell, local = space.split(point)  # raises, unless rounding alone took the point across the border
+            cell, local = space.split(point)  # raises unless the point is outside by rounding only
             within = np.clip(local, space.rounding_errors, 1.0 - space.rounding_errors)
             return self.seen(space.lower + (cell + within) * space.spacing)
         return Nominal(_PLACES[status], velocity, np.inf)
 
     def limited(self, velocity: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A velocity along the axes slowed down as a whole, so that no joint or coordinate is faster than its limit."""
+        """Return a velocity along the axes (n,), scaled down so that every speed limit holds."""
         size = float(np.abs(velocity).max())
         if size == 0.0:
             return velocity
@@ -179,13 +180,13 @@ class Controller:
         return direction / excess if size * excess > 1.0 else velocity
 
     def with_field(self, field: Field) -> Controller:
-        """The same controller on another field of the same axes."""
+        """Return the same controller with another field on the same axes."""
         return replace(self, field=field)
 
     @cached_property
     def axis_admittance(self) -> NDArray[np.float64]:
         """The admittance along the axes, shape (n, n)."""
-        # Rows and columns are vectors: both are turned.
+        # Rotate rows and columns.
         return self._frame.turned_from_world(self._frame.turned_from_world(self.admittance).T).T
 
     @property
@@ -197,7 +198,7 @@ class Controller:
 
     @cached_property
     def _kernel(self) -> Callable[[NDArray[np.float64], NDArray[np.float64]], tuple[int, float]]:
-        """What the field says at a point, whose velocity is written into the second array."""
+        """Function from a point to its status and longest step; it writes the velocity into the second array."""
         from resgrid.control.kernels import nominal
 
         space, flow = self.field.space, self.field.flow
@@ -205,11 +206,12 @@ class Controller:
 
     @cached_property
     def _served(self) -> NDArray[np.bool_]:
+        """Mask of goal cells and free cells with a path to a goal, shape of the space."""
         space = self.field.space
         return np.asarray(space.goal_connected | (space.cell == Cell.GOAL))
 
     def _recover(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Nominal velocity towards the centre of the nearest cell with a path."""
+        """Return the nominal velocity towards the centre of the nearest cell with a path."""
         space = self.field.space
         cell = tuple(space.split(point)[0].tolist())
         if self._served[cell]:
@@ -219,16 +221,17 @@ class Controller:
             )
         near = exits(space, point)
         if not near:
-            what = "an obstacle cell" if space.cell[cell] == Cell.OBSTACLE else "a cell without a path to a goal"
+            kind = "an obstacle cell" if space.cell[cell] == Cell.OBSTACLE else "a cell without a path to a goal"
             raise InputError(
-                f"the configuration {space.to_world(point).tolist()} lies in {what}, {cell}, and no cell with a path "
-                f"is within {RECOVERY:g} cells: stop the robot, and bring it back the way it came"
+                f"the configuration {space.to_world(point).tolist()} lies in {kind}, {cell}, and no cell with a path "
+                f"is within {RECOVERY:g} cells: stop the robot, and move it back along its path"
             )
         offset = near[0][1]
         return np.asarray(offset * (self.speed / np.linalg.norm(offset)))
 
 
 _PLACES = ("free", "goal", "off")
+"""Values of `Nominal.place`, by the kernel's status."""
 
 
 def make_controller(
@@ -239,18 +242,18 @@ def make_controller(
     speed_limits: ArrayLike | None = None,
     response: Response = "admittance",
 ) -> Controller:
-    """A controller with sensible defaults.
+    """Return a controller with default speed, admittance and limits.
 
     Parameters
     ----------
     field : Field
     speed : float, optional
-        Per second; by default a twentieth of the longest axis each second.
+        Per second; by default a twentieth of the longest axis.
     admittance : array_like of float, shape (n, n), (n * n,), (n,) or (), optional
-        A matrix, row by row if it is flat, its diagonal, or one number for all axes; by default a unit force changes
-        the velocity by the speed.
+        The matrix (flat: row by row), its diagonal, or one number for all axes; by default a unit force changes the
+        velocity by `speed`.
     speed_limits : array_like of float, shape (n,) or (), optional
-        Of each coordinate of the world, per second; by default five times the speed.
+        Of each world coordinate, per second; by default five times the speed.
     response : {"admittance", "equipotential"}
         As in `Controller`.
 
@@ -261,7 +264,7 @@ def make_controller(
     Raises
     ------
     InputError
-        If a value is impossible; an admittance that is not symmetric positive definite.
+        If a value is out of range, or the admittance is not symmetric positive definite.
 
     Examples
     --------
@@ -288,11 +291,11 @@ def make_controller(
 def equipotential_velocity(
     streamline_velocity: ArrayLike, force: ArrayLike, *, c: NotNegative = 1.0
 ) -> NDArray[np.float64]:
-    """Velocity along the equipotential surface, to the side that a force points to.
+    """Return the velocity along the equipotential surface, to the side that a force points to.
 
-    Equation (1) of Connolly & Grupen (1992), ``v_phi = c (v_psi x (f x v_psi))``, which in any number of dimensions is
-    ``c |v|^2 (I - v v^T / |v|^2) f``.  So ``v_phi . v_psi = 0`` and ``v_phi . f >= 0``, and it vanishes where the force
-    lies along the streamline: that jam this rule cannot overcome.
+    Equation (1) of Connolly & Grupen (1992), ``v_phi = c (v_psi x (f x v_psi))``, is ``c |v|^2 (I - v v^T / |v|^2) f``
+    in any number of dimensions.  So ``v_phi . v_psi = 0`` and ``v_phi . f >= 0``.  It vanishes where the force lies
+    along the streamline; this rule cannot resolve such a jam.
 
     Parameters
     ----------
@@ -311,7 +314,7 @@ def equipotential_velocity(
     Raises
     ------
     InputError
-        If a value is not finite, the shapes differ, the gain is negative, or the result is beyond doubles.
+        If a value is not finite, the shapes differ, the gain is negative, or the result overflows.
 
     Examples
     --------
@@ -329,20 +332,24 @@ def equipotential_velocity(
         velocity = c * _across(v, f)
     if not np.isfinite(velocity).all():
         raise InputError(
-            f"velocity {v.tolist()} and force {f.tolist()} give a velocity beyond doubles: scale them, or c"
+            f"velocity {v.tolist()} and force {f.tolist()} give a velocity that overflows: scale them, or c"
         )
     return velocity
 
 
 def _across(v: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float64]:
-    """``|v|^2 f - v (v . f)``, from the antisymmetric ``f v^T - v f^T``, which is exactly 0 along the streamline."""
+    """Return ``|v|^2 f - v (v . f)``, shape (n,).
+
+    The antisymmetric matrix ``f v^T - v f^T`` makes it exactly 0 for a force along the streamline.
+    """
     turn = np.outer(f, v) - np.outer(v, f)
     return np.asarray(turn @ v)
 
 
 def following_velocity(streamline_velocity: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same with the gain ``c = 1 / (|v| |f|)``: the streamline's speed times the sine of the angle between both.
+    """Return the equipotential velocity with the gain ``c = 1 / (|v| |f|)``.
 
+    Its length is the streamline speed times the sine of the angle between both vectors; 0 below an angle of `ALONG`.
     Shapes: `streamline_velocity, force` (n,); returns (n,).
     """
     speed, size = math.hypot(*streamline_velocity), math.hypot(*force)

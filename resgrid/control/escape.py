@@ -1,4 +1,4 @@
-"""Where a robot goes that the current does not lead: to the goal within a goal cell, and out of a lost cell."""
+"""Straight motions without current: to the goal within a goal cell, and out of a cell without a path."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ Vector = NDArray[np.float64]
 CellIndex = tuple[int, ...]
 
 RECOVERY = 2.0
-"""How far from a cell with a path a configuration may be and still be led back, in cells."""
+"""Largest distance from a cell with a path at which a robot is led back, in cells."""
 
 _INSIDE = 2e-9
+"""Smallest distance of a target from the border of its cell, in cells."""
 
 
 def goal_offset(space: ConfigurationSpace, place: Vector, *, sure: bool = True) -> Vector:
-    """From a place in a goal cell to the configuration there that solves the goal; 0 where the whole cell does.
+    """Return the offset from a point in a goal cell to the configuration that solves the goal, shape (ndim,).
 
-    One on the cell's border is taken 2e-9 of a cell inside it, where there is no doubt whose it is.  Who is not `sure`
-    of the place goes to the middle of a cell that is a goal as a whole.
+    The offset is 0 where the whole cell is a goal; with an inexact position (`sure` False) it then leads to the
+    centre.  A target on the border is moved 2e-9 of a cell inside, so that its cell is unambiguous.
     """
     cell, local = space.split(place)
     solution = (space.goal_point(cell) - space.lower) / space.spacing - cell
@@ -32,9 +33,10 @@ def goal_offset(space: ConfigurationSpace, place: Vector, *, sure: bool = True) 
 
 
 def goal_offsets(space: ConfigurationSpace, place: Vector, *, sure: bool = True) -> list[tuple[CellIndex, Vector]]:
-    """Goal cells whose goal may be taken from a place in one, and how far: its own, then those across its faces.
+    """Return goal cells near a point with the offsets to their goals: the cell of the point first.
 
-    Neighbours that share a face make a convex box, so that straight lines there meet goal cells alone.
+    Its face neighbours follow in order of distance.  Two neighbours that share a face form a convex box, so that
+    straight lines between them stay in goal cells.
     """
     cell, local = space.split(place)
     own = tuple(cell.tolist())
@@ -52,7 +54,10 @@ def goal_offsets(space: ConfigurationSpace, place: Vector, *, sure: bool = True)
 
 
 def exits(space: ConfigurationSpace, place: Vector) -> list[tuple[CellIndex, Vector]]:
-    """Cells with a path within `RECOVERY` cells of a place's own, and how far their centres are, the nearest first."""
+    """Return the cells with a path within `RECOVERY` cells of a point, nearest first.
+
+    Each comes with the offset of its centre.
+    """
     cell, local = space.split(place)
     most = int(RECOVERY)
     nearest: dict[CellIndex, tuple[float, Vector]] = {}
@@ -69,6 +74,6 @@ def exits(space: ConfigurationSpace, place: Vector) -> list[tuple[CellIndex, Vec
 
 
 def neighbour(space: ConfigurationSpace, cell: NDArray[np.int64]) -> CellIndex | None:
-    """Index of a cell counted on across seams; None beyond an edge."""
+    """Return the index of a cell, wrapped across periodic seams; None beyond an edge."""
     other = np.where(space.periodic, cell % space.shape, cell)
     return None if np.any(other < 0) or np.any(other >= space.shape) else tuple(other.tolist())

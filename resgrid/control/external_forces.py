@@ -1,4 +1,4 @@
-"""Pushes: external generalised forces on a robot while it moves."""
+"""External generalised forces on a robot while it moves."""
 
 from __future__ import annotations
 
@@ -15,14 +15,17 @@ from resgrid.errors import InputError
 from resgrid.scene.control import Control
 
 Force = Callable[[float, NDArray[np.float64]], ArrayLike]
-"""Generalised force at a time, in seconds, and a configuration; of a point or a disc both in the world."""
+"""Function from a time, in seconds, and a configuration to a generalised force.
+
+For a point or a disc, both are in world coordinates.
+"""
 
 
 @checked
 @frozen
 @dataclass(frozen=True, eq=False)
 class ExternalForce:
-    """A constant generalised force for a while.
+    """A constant generalised force during an interval of time.
 
     Attributes
     ----------
@@ -33,7 +36,7 @@ class ExternalForce:
     Raises
     ------
     InputError
-        If a number is not finite, or the duration not above 0.
+        If a number is not finite, or the duration is not above 0.
 
     Examples
     --------
@@ -58,7 +61,7 @@ class ExternalForce:
 def random_forces(
     seed: Natural, ndim: Count, *, until: NotNegative, size: float, duration: Positive, count: Natural = 8
 ) -> list[ExternalForce]:
-    """Pushes at random times in random directions.
+    """Return forces at random times in random directions.
 
     Parameters
     ----------
@@ -66,12 +69,13 @@ def random_forces(
     ndim : int
         Number of axes.
     until : float
-        Pushes start before this time, in seconds.
+        Upper limit of the start times, in seconds.
     size : float
         Length of the generalised force.
     duration : float
-        Of each, in seconds.
+        Duration of each force, in seconds.
     count : int
+        Number of forces.
 
     Returns
     -------
@@ -97,7 +101,10 @@ def random_forces(
 
 
 def control_pushes(control: Control, seed: int, space: ConfigurationSpace, speed: float) -> list[ExternalForce]:
-    """The pushes of a ``[control]`` table; random ones over the time that a robot needs along the longest axis."""
+    """Return the external forces of a ``[control]`` table.
+
+    Random forces start within the time that the robot needs along the longest axis.
+    """
     pushes = [ExternalForce(start, duration, np.array(force)) for start, duration, *force in control.push]
     until = float((space.upper - space.lower).max()) / speed
     if control.pushes and control.push_size:
@@ -107,7 +114,7 @@ def control_pushes(control: Control, seed: int, space: ConfigurationSpace, speed
 
 
 def force_of(pushes: Sequence[ExternalForce] | Force, ndim: int) -> Force:
-    """One function of time and configuration for what may be a list of pushes or a function."""
+    """Return external forces, a list or a function, as one function of time and configuration."""
     if callable(pushes):
         return lambda time, configuration: checked_force(pushes(time, configuration), ndim, f"the push at {time:g} s")
     schedule = list(pushes)
@@ -125,7 +132,7 @@ def force_of(pushes: Sequence[ExternalForce] | Force, ndim: int) -> Force:
 
 
 def checked_force(force: ArrayLike, ndim: int, name: str) -> NDArray[np.float64]:
-    """A generalised force, shape (ndim,): finite numbers."""
+    """Return a generalised force, shape (ndim,); raise InputError for another shape or values that are not finite."""
     try:
         tau = np.asarray(force, dtype=np.float64)
     except (TypeError, ValueError):

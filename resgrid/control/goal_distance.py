@@ -1,4 +1,4 @@
-"""How far a robot is from the goal region itself: a goal cell may hold configurations that do not solve the goal."""
+"""Distance of a robot from the goal itself; a goal cell may contain configurations that do not solve the goal."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Vector = NDArray[np.float64]
 
 
 def goal_distance(space: ConfigurationSpace, configuration: Vector, scene: Scene | None) -> float:
-    """Return the distance of a configuration in axis units, shape (ndim,), from the nearest goal; 0 inside one.
+    """Return the distance of a configuration (along the axes, shape (ndim,)) from the nearest goal; 0 inside a goal.
 
-    For a goal that is a place (a shape or a point of the workspace) this is the distance of the robot's reference
-    point, an arm's tip, from it, in units of the workspace.  For a cell or joint angles it is a distance in axis units.
-    Without a scene it is the distance to the point of the space's own goal cell; NaN outside all goal cells.
+    For a goal in the workspace (a shape or a point) it is the distance of the robot's reference point, the tip of an
+    arm, in units of the workspace.  For a cell or joint angles it is a distance in axis units.  Without a scene it is
+    the distance to the goal point of the cell; NaN outside all goal cells.
     """
     if scene is not None and scene.goals:
         return min(_distance(scene, space, goal, configuration) for goal in scene.goals)
@@ -32,7 +32,7 @@ def goal_distance(space: ConfigurationSpace, configuration: Vector, scene: Scene
 
 
 def _distance(scene: Scene, space: ConfigurationSpace, goal: Goal, configuration: Vector) -> float:
-    """The distance of a configuration from one goal of a scene."""
+    """Return the distance of a configuration from one goal of a scene."""
     robot, frame, width = scene.robot, space.frame, space.spacing
     match goal:
         case GoalCell(cell):
@@ -54,7 +54,7 @@ def _distance(scene: Scene, space: ConfigurationSpace, goal: Goal, configuration
 
 
 def _from_place(robot: Robot, space: ConfigurationSpace, shape: Shape, configuration: Vector) -> float:
-    """Distance of the robot's reference point from a shape of the workspace along the axes."""
+    """Return the distance of the robot's reference point from a workspace shape given along the axes."""
     import shapely
 
     at = robot.reference_point(_wrapped(space, configuration)[np.newaxis])
@@ -64,13 +64,13 @@ def _from_place(robot: Robot, space: ConfigurationSpace, shape: Shape, configura
 
 
 def _from_box(space: ConfigurationSpace, configuration: Vector, lower: Vector, upper: Vector) -> float:
-    """Distance from a box in configuration space, in axis units; the shorter way around periodic axes."""
+    """Return the distance from a box in configuration space, in axis units, with wrap-around on periodic axes."""
     turn = np.where(space.periodic, space.upper - space.lower, 0.0)
     at = _wrapped(space, configuration) + np.multiply.outer([-1.0, 0.0, 1.0], turn)
     return float(np.linalg.norm(np.maximum(np.maximum(lower - at, at - upper), 0.0).min(axis=0)))
 
 
 def _wrapped(space: ConfigurationSpace, configuration: Vector) -> Vector:
-    """The configuration within the range of periodic axes."""
+    """Return a configuration within the range of periodic axes, shape (ndim,)."""
     turn = space.upper - space.lower
     return np.asarray(np.where(space.periodic, space.lower + np.mod(configuration - space.lower, turn), configuration))

@@ -1,6 +1,6 @@
-"""Compiled loops of control: the nominal direction at a configuration, and relaxation.
+"""Numba kernels of control: the nominal direction at a configuration, and relaxation sweeps.
 
-Numba takes seconds to import: only functions that are about to run import this module.
+Importing numba takes seconds, so that this module is imported only by functions that call a kernel.
 """
 
 from __future__ import annotations
@@ -21,17 +21,20 @@ MOVES, GOAL, OFF, OUTSIDE, NOT_FINITE = 0, 1, 2, 3, 4
 _GOAL = 2
 _EDGE = 1e-9
 _BORDER = 2e-9
-_OFF = 3e-9
-_NOTHING = 4e-9
-"""Shares of a cell: beyond a face that was crossed, a border's width, off it, and around where a component is 0."""
+_CLEARANCE = 3e-9
+_VANISHING = 4e-9
+"""Lengths as fractions of a cell: overshoot beyond a crossed face; width of a border; clearance from a border; half
+width of the interval around a zero of a velocity component.
+"""
 
-_LITTLE = 1e-3
+_LARGEST_TILT = 1e-3
+"""Largest correction away from a border, relative to the length of the step."""
 
 
 class FlowGrid(NamedTuple):
-    """A field's flow, and where its cells lie.
+    """Currents of a field, with the position of its cells.
 
-    `served` (cells,): whether each is a goal or has a path to one; `corner, periodic` (n,): of the axes.
+    `served` (cells,): mask of goal cells and cells with a path to a goal; `corner, periodic` (n,): of the axes.
     """
 
     flow: Flow
@@ -42,7 +45,7 @@ class FlowGrid(NamedTuple):
 
 @inner
 def _cell_at(grid: FlowGrid, point: Floats, cell: Integers, local: Floats) -> int:
-    """Cell of a point, and where in it the point is, each coordinate in [0, 1]; returns a status."""
+    """Compute the cell of a point and its local coordinates in [0, 1]; return a status."""
     for axis in range(len(cell)):
         count = grid.flow.shape[axis]
         x = (point[axis] - grid.corner[axis]) / grid.flow.spacing[axis]
@@ -59,23 +62,24 @@ def _cell_at(grid: FlowGrid, point: Floats, cell: Integers, local: Floats) -> in
 
 @inlined
 def _to_face(x: float, velocity: float, spacing: float) -> float:
-    """Time until a point is just beyond the face ahead of it."""
+    """Return the time until a point lies just beyond the face in front of it."""
     return ((1.0 - x if velocity > 0.0 else x) + _EDGE) * spacing / abs(velocity)
 
 
 @inner
 def _along_current(local: Floats, lower: Floats, upper: Floats, spacing: Floats, velocity: Floats) -> float:
-    """Unit velocity within a cell, and how far a straight step may go; -1 where no current leaves.
+    """Compute the unit velocity within a cell; return the length of the longest straight step.
 
-    Each component is linear between its two faces (Pollock 1988).  One no larger than they change over `_NOTHING`
-    of a cell is 0: the point lies where it vanishes, and what rounding leaves of it would take thousands of steps, each
-    too short for the coordinates of a robot.
+    The length is -1 without outward current.  Each component is linear between its two faces (Pollock 1988).  A
+    component is set to 0 where it changes by more than its value over `_VANISHING` of a cell: the point lies at a zero
+    of the component, and following the rounding error would take thousands of steps that are too short for the
+    coordinates of a robot.
     """
     drifts, outward, out = False, 0.0, 0
     squares, decay = 0.0, 0.0
     for axis in range(len(local)):
         speed = lower[axis] * (1.0 - local[axis]) + upper[axis] * local[axis]
-        if abs(speed) <= _NOTHING * (abs(lower[axis]) + abs(upper[axis])):
+        if abs(speed) <= _VANISHING * (abs(lower[axis]) + abs(upper[axis])):
             speed = 0.0
         else:
             decay = max(decay, lower[axis] - upper[axis])
@@ -101,7 +105,7 @@ def _along_current(local: Floats, lower: Floats, upper: Floats, spacing: Floats,
 
 @inner
 def _cross(grid: FlowGrid, cell: Integers, local: Floats, lower: Floats, upper: Floats) -> bool:
-    """Into the next cell, where a point lies on faces that current leaves by: by the largest; whether there is one."""
+    """Move a point on faces with outward current across the face with the largest; return whether there is one."""
     out, step, outward = 0, 0, 0.0
     for axis in range(len(cell)):
         if local[axis] >= 1.0 - _BORDER and upper[axis] > outward:
@@ -113,23 +117,23 @@ def _cross(grid: FlowGrid, cell: Integers, local: Floats, lower: Floats, upper: 
 
 @inner
 def _keep_off(local: Floats, spacing: Floats, farthest: float, velocity: Floats) -> None:
-    """Away from borders that nothing crosses, `_OFF` of a cell by the end of the step.
+    """Turn the velocity away from borders without current, by `_CLEARANCE` of a cell at the end of the step.
 
-    On one it could lie on an edge where two cells meet that no current joins, and be taken to be in either.
+    On such a border the point could lie where two cells meet without a current between them, and belong to either.
     """
     for axis in range(len(local)):
         inward = 0.0
         if local[axis] <= _BORDER:
-            inward = _OFF - local[axis]
+            inward = _CLEARANCE - local[axis]
         elif local[axis] >= 1.0 - _BORDER:
-            inward = 1.0 - _OFF - local[axis]
-        if inward != 0.0 and abs(inward) * spacing[axis] <= _LITTLE * farthest:
+            inward = 1.0 - _CLEARANCE - local[axis]
+        if inward != 0.0 and abs(inward) * spacing[axis] <= _LARGEST_TILT * farthest:
             velocity[axis] += inward * spacing[axis] / farthest
 
 
 @inner
 def _step(grid: FlowGrid, cell: Integers, local: Floats, axis: int, step: int) -> bool:
-    """To the same place on a border as it belongs to the next cell; whether there is one."""
+    """Move a point on a border to the same position in the next cell; return whether that cell exists."""
     other = cell[axis] + step
     if grid.periodic[axis]:
         other %= grid.flow.shape[axis]
@@ -141,8 +145,8 @@ def _step(grid: FlowGrid, cell: Integers, local: Floats, axis: int, step: int) -
 
 
 @inner
-def _beside_served(grid: FlowGrid, cell: Integers, local: Floats) -> bool:
-    """Into a cell with a path, where a point lies on its border but was rounded out of it; whether there is one."""
+def _enter_served_neighbour(grid: FlowGrid, cell: Integers, local: Floats) -> bool:
+    """Move a point on the border of a cell with a path, rounded out of it, into that cell; return whether it exists."""
     for axis in range(len(cell)):
         step = 1 if local[axis] >= 1.0 - _BORDER else -1
         if step < 0 and local[axis] > _BORDER:
@@ -160,13 +164,13 @@ def _beside_served(grid: FlowGrid, cell: Integers, local: Floats) -> bool:
 def nominal(
     flow: Flow, served: NDArray[np.bool_], corner: Floats, periodic: NDArray[np.bool_], point: Floats, velocity: Floats
 ) -> tuple[int, float]:
-    """Unit velocity along the current at a point, as Pollock interpolates it within the point's cell.
+    """Compute the unit velocity along the current at a point, by Pollock's interpolation within the cell of the point.
 
-    A point on a border belongs to the cell that current enters there, step by step down the potential: else a robot at
-    a corner, where the cells before and behind it both lead back to the corner, would go to and fro for ever.  Where no
-    axis leads out in finite time it points to the face with the largest outward current.  Returns a status,
-    and how far a straight step may go: just across the next face that current leaves by, and no more than half way to
-    where a component vanishes, so that no step ends beyond a face without outward current.
+    A point on a border belongs to the cell that the current enters there, cell by cell down the potential.  Otherwise a
+    robot at a corner could oscillate for ever between cells that both lead back to the corner.  Where no axis leads out
+    of the cell in finite time, the velocity points to the face with the largest outward current.  Returns a status and
+    the length of the longest straight step.  The step ends just across the next face with outward current, and at most
+    half way to a zero of a component, so that it never ends beyond a face without outward current.
     """
     grid, ndim = FlowGrid(flow, served, corner, periodic), len(point)
     cell, local, lower, upper = np.empty(ndim, np.int64), np.empty(ndim), np.empty(ndim), np.empty(ndim)
@@ -177,7 +181,7 @@ def nominal(
     flat = ravel(cell, grid.flow.shape)
     if grid.flow.code[flat] == _GOAL:
         return GOAL, 0.0
-    if not grid.served[flat] and not _beside_served(grid, cell, local):
+    if not grid.served[flat] and not _enter_served_neighbour(grid, cell, local):
         return OFF, 0.0
     if face_velocities(grid.flow, cell, lower, upper) == -np.inf:
         return OFF, 0.0
@@ -201,10 +205,10 @@ def relax(
     first: NDArray[np.int32], column: NDArray[np.int32], coupling: Floats, diagonal: Floats, drive: Floats,
     omega: float, count: int, value: Floats, spare: Floats,
 ) -> None:  # fmt: skip
-    """Sweeps of relaxation of ``G x = b``, row by row; ``omega`` 0 stands for Jacobi's, which read old values only.
+    """Apply relaxation sweeps to ``G x = b``, row by row; ``omega = 0`` selects Jacobi sweeps.
 
-    The solution is known not to be negative.  Over-relaxation overshoots, and is held at 0: projected SOR (Cryer 1971)
-    converges to the same solution.
+    Jacobi sweeps read old values only.  The solution is nonnegative.  Over-relaxation may overshoot and is clipped at
+    0; projected SOR (Cryer 1971) converges to the same solution.
     """
     for _ in range(count):
         if omega == 0.0:

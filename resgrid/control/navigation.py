@@ -1,4 +1,4 @@
-"""What a robot does while nothing touches it: follow the current, head for the goal, go back, leave lost cells."""
+"""Motion without contact: along the current, to the goal, back along the trail, out of cells without a path."""
 
 from __future__ import annotations
 
@@ -16,49 +16,50 @@ from resgrid.errors import InputError
 
 Vector = NDArray[np.float64]
 
-LONGEST = 40.0
-"""Cells that a robot could have crossed while it stayed within half a cell: then it stands."""
+STALL_LIMIT = 40.0
+"""Stall criterion: distance, in cells, that a robot could have moved while it stayed within half a cell."""
 
 _FLAT = (
-    "no current flows here, although a path leads to a goal: nothing drives these cells; open the obstacles (k below "
+    "no current flows here, although a path leads to a goal: these cells have no drive; open the obstacles (k below "
     "1), or let the edge count as an obstacle (edge = 'obstacle')"
 )
+"""Message for a cell with a path to a goal but without current."""
 
 DITHERS = 10
-"""How often it is shaken before it is given up."""
+"""Maximum number of random motions of a stalled robot."""
 
 SAME = 1e-9
-"""Share of a cell within which two places are one."""
+"""Distance, as a fraction of a cell, below which two places are equal."""
 
 
 class StallDetector:
-    """Notices that a robot stays within half a cell, by what it could have crossed at the speed of its command.
+    """Detects that a robot stays within half a cell, from the distance that its commands could have moved it.
 
     `spacing, place` (ndim,).
     """
 
     def __init__(self, spacing: Vector, place: Vector) -> None:
         self._spacing = spacing
-        self.renew(place)
+        self.reset(place)
 
-    def renew(self, place: Vector) -> None:
-        """Begin anew here."""
+    def reset(self, place: Vector) -> None:
+        """Restart at a place."""
         self._anchor, self.crossed, self._dithers = place, 0.0, 0
 
-    def wait(self, place: Vector, cells: float) -> None:
-        """The robot is here, and could have crossed so many cells since it was asked last."""
+    def update(self, place: Vector, cells: float) -> None:
+        """Add the distance, in cells, that the robot could have moved; restart if it has left the half cell."""
         if np.any(np.abs(place - self._anchor) > 0.5 * self._spacing):
-            self.renew(place)
+            self.reset(place)
         else:
             self.crossed += cells
 
     @property
-    def lost(self) -> bool:
-        """Whether the robot has stood for long."""
-        return self.crossed >= LONGEST * (1.0 - 1e-9)
+    def stalled(self) -> bool:
+        """Whether the robot has stalled."""
+        return self.crossed >= STALL_LIMIT * (1.0 - 1e-9)
 
-    def shake(self) -> bool:
-        """Whether it may be shaken once more."""
+    def may_dither(self) -> bool:
+        """Restart the distance and return True, unless the robot has dithered `DITHERS` times here."""
         if self._dithers >= DITHERS:
             return False
         self.crossed, self._dithers = 0.0, self._dithers + 1
@@ -66,9 +67,9 @@ class StallDetector:
 
 
 class Command(NamedTuple):
-    """What the robot would do if nothing touched it.
+    """The command without contact.
 
-    `velocity` (ndim,): without forces; `longest`: for how long at most, in seconds.
+    `velocity` (ndim,): without external forces; `longest`: maximum duration, in seconds.
     """
 
     mode: ControlMode
@@ -77,23 +78,23 @@ class Command(NamedTuple):
 
 
 class Navigator:
-    """Chooses what to do, and remembers the way back and the cells that could not be reached."""
+    """Chooses the command without contact; keeps the trail of the robot and the cells that it could not reach."""
 
-    def __init__(self, live: LiveMap, sensor: Sensor, patience: StallDetector) -> None:
-        self._live, self._sensor, self._patience = live, sensor, patience
+    def __init__(self, live: LiveMap, sensor: Sensor, stall: StallDetector) -> None:
+        self._live, self._sensor, self._stall = live, sensor, stall
         self._trail: list[Vector] = []
         self._tried: set[CellIndex] = set()
-        self._lost = False
+        self._cut_off = False
         self._first: Vector | None = None
         self.exit: CellIndex | None = None
 
     def choose(self, believed: Vector, configuration: Vector, seen: Nominal, torque: Vector) -> Command | End:
-        """What to do without contact, or how the run ends."""
+        """Return the command without contact, or the end of the run."""
         live, controller = self._live, self._live.controller
         if self._first is None:
             self._first = believed
         if seen.place == "goal":
-            return self._home(believed)
+            return self._to_goal(believed)
         if seen.place == "off":
             if live.space.goal_connected[tuple(live.space.split(believed)[0])]:
                 waits = live.grid is not None
@@ -103,15 +104,15 @@ class Navigator:
                     else End(TerminationReason.NO_CURRENT, _FLAT)
                 )
             return self._recover(believed, configuration)
-        self._tried, self.exit, self._lost = set(), None, False
+        self._tried, self.exit, self._cut_off = set(), None, False
         if controller.response == "equipotential" and torque.any():
             following = following_velocity(seen.velocity, torque)
             return Command(ControlMode.FOLLOWING if following.any() else ControlMode.JAM, following)
         slowed = np.abs(seen.velocity).max() / np.abs(controller.limited(seen.velocity)).max()
         return Command(ControlMode.STREAMLINE, seen.velocity, seen.longest * float(slowed))
 
-    def _home(self, believed: Vector) -> Command | End:
-        """Straight to what solves the goal: in its own goal cell or, if that is obstructed, in one beside."""
+    def _to_goal(self, believed: Vector) -> Command | End:
+        """Move straight to the goal in this goal cell or, if it is obstructed, in a neighbour cell."""
         offsets = goal_offsets(self._live.space, believed, sure=self._sensor.exact)
         own = offsets[0][1]
         if np.all(np.abs(own) <= self._sensor.noise + SAME * self._live.spacing):
@@ -120,16 +121,16 @@ class Navigator:
         return self._straight(ControlMode.HOMING, own if self.exit is None else dict(offsets)[self.exit])
 
     def _recover(self, believed: Vector, configuration: Vector) -> Command | End:
-        """Back the way it came; but if no cell of it has a path any more, out to a cell beside that has one."""
-        if self._lost:
+        """Move back along the trail; if no cell of the trail has a path, move out to a near cell that has one."""
+        if self._cut_off:
             for cell, offset in exits(self._live.space, believed):
                 if cell not in self._tried:
                     self.exit = cell
                     return self._straight(ControlMode.RECOVERING, offset)
-            if self.exit is not None:  # Out of reach by now: it slid off what was in its way.
+            if self.exit is not None:  # the robot slid away from the obstacle, and the exit is out of reach
                 self.give_up_exit(configuration)
         elif self._sensor.noise.any() or (self._sensor.bias.any() and not self._trail):
-            # Wrong belief may put the robot into a cell without a path, and no way back leads out of a mistake.
+            # A wrong belief may place the robot in a cell without a path; moving back would not correct it.
             try:
                 return Command(ControlMode.RECOVERING, self._live.controller.axis_nominal(believed).velocity)
             except InputError as error:
@@ -142,38 +143,40 @@ class Navigator:
         return self._no_path()
 
     def _straight(self, mode: ControlMode, offset: Vector) -> Command:
+        """Return the command of a straight motion by an offset."""
         controller, length = self._live.controller, float(np.linalg.norm(offset))
         velocity = controller.limited(offset * (controller.speed / length))
         return Command(mode, velocity, length / float(np.linalg.norm(velocity)))
 
     def _no_path(self) -> End:
+        """Return the end of a run for lack of a path."""
         assert self._first is not None
         space = self._live.space
         cell = tuple(space.split(self._first)[0].tolist())
         if space.cell[cell] != Cell.OBSTACLE:
-            message = "the obstacle cells learnt, with those of the map, separate the start from every goal"
+            message = "the learnt obstacle cells and those of the map separate the start from every goal"
             return End(TerminationReason.NO_PATH, message)
-        tried = f", and {len(self._tried)} beside it that have one could not be reached" if self._tried else ""
-        message = f"the start's own cell {cell} holds an obstacle, as was learnt, and so has no path to a goal{tried}"
+        tried = f"; {len(self._tried)} near cells with a path could not be reached" if self._tried else ""
+        message = f"the start's own cell {cell} was learnt to hold an obstacle, and has no path to a goal{tried}"
         return End(TerminationReason.NO_PATH, message)
 
     def fail(self, mode: ControlMode, configuration: Vector) -> None:
-        """What was chosen leads nowhere: a cell beside that cannot be reached, or a place that was touched itself."""
+        """Discard a target that cannot be reached: a near cell, or the last place of the trail."""
         if self.exit is not None:
             self.give_up_exit(configuration)
         elif mode is ControlMode.RETREATING:
             self._trail.pop()
 
     def give_up_exit(self, configuration: Vector) -> None:
-        """Try another cell than the one it is on its way to."""
+        """Mark the present exit as unreachable."""
         assert self.exit is not None
         self._tried.add(self.exit)
         self.exit = None
-        if self._lost:
-            self._patience.renew(configuration)
+        if self._cut_off:
+            self._stall.reset(configuration)
 
     def remember(self, mode: ControlMode, before: Vector, after: Vector, *, pushed: bool) -> None:
-        """Keep the way back: every configuration that was left, so that each step of it has been taken before."""
+        """Append the configuration to the trail, so that each step back along it repeats an earlier step."""
         away = np.abs(after - self._trail[-1]) if self._trail else np.zeros_like(before)
         pushed_off = mode is ControlMode.RETREATING and pushed and np.any(away > SAME * self._live.spacing)
         unsure = mode is ControlMode.RECOVERING and not self._sensor.exact
@@ -181,14 +184,14 @@ class Navigator:
             self._trail.append(before)
 
     def learnt(self, configuration: Vector) -> End | None:
-        """Look at a changed map: an end where neither a place the robot has been at nor one beside has a path left."""
+        """Respond to a changed map; return an end if no place of the trail, and no cell near one, has a path."""
         self._tried, self.exit = set(), None
         space = self._live.space
         if not space.goal_count:
-            return End(TerminationReason.GOAL_BLOCKED, "every goal cell was learnt to be obstacle")
+            return End(TerminationReason.GOAL_BLOCKED, "every goal cell was learnt to be an obstacle")
         been = self._sensor.believed(np.array([*self._trail, configuration]))
         cells = tuple(space.split(been)[0].T)
-        self._lost = not np.any(space.goal_connected[cells] | (space.cell[cells] == Cell.GOAL))
-        if self._lost and not any(exits(space, place) for place in been[::-1]):
+        self._cut_off = not np.any(space.goal_connected[cells] | (space.cell[cells] == Cell.GOAL))
+        if self._cut_off and not any(exits(space, place) for place in been[::-1]):
             return self._no_path()
         return None

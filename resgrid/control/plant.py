@@ -1,4 +1,4 @@
-"""The plant: the robot's true body among everything that truly stands in the workspace, hidden obstacles included."""
+"""The plant: the robot's true body among the true obstacles of the workspace, hidden obstacles included."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from resgrid.scene.scene import Scene
 from resgrid.scene.world_coordinates import to_space
 
 INSIDE = 1e-6
-"""How far behind a touched surface the obstacle is taken to reach at least, in cells (of motion)."""
+"""Minimum thickness of an obstacle beyond a touched surface, in largest motions of the robot across a cell."""
 
 PAIR = np.dtype(
     [
@@ -28,22 +28,28 @@ PAIR = np.dtype(
         ("gap", np.float64), ("part", np.int64), ("body", np.int64),
     ]
 )  # fmt: skip
-"""A pair of near points: on the robot's surface, and on the obstacle's; the unit normal out of the obstacle, and the
-direction into it; the gap, in metres; the rigid part of the robot (of an arm, the link); number of the obstacle."""
+"""A pair of near points: on the robot's surface and on the obstacle's surface, in metres; the unit normal out of the
+obstacle and the direction into it; the gap, in metres; the rigid part of the robot (the link of an arm); the
+obstacle's number.
+"""
 
-_ROOM = 64
+_CAPACITY = 64
+"""Initial capacity of the array of pairs."""
 _SPLIT = 4
+"""Number of pieces that an undecided line is cut into."""
 _LEVELS = 10
+"""Maximum number of subdivisions."""
 _INNER = np.linspace(0.0, 1.0, 17)
+"""Positions along the edges of an intersection at which its depth is evaluated."""
 
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """A robot and the obstacles that are truly there.
+    """A robot and the true obstacles.
 
-    `robot`: of the plane: point, disc, polygon or arm; `axes`: of its configuration space; the ends of an axis that
-    is not periodic are mechanical stops; `obstacles`: all obstacles, those of the map first, along the axes; `known`:
-    how many of them the map shows; `frame`: where the axes lie in the world.
+    `robot`: a plane robot (point, disc, polygon or arm); `axes`: of its configuration space; the ends of an axis that
+    is not periodic are mechanical stops; `obstacles`: all obstacles along the axes, those of the map first; `known`:
+    number of obstacles in the map; `frame`: position of the axes in the world.
     """
 
     robot: Robot
@@ -53,15 +59,16 @@ class Plant:
     frame: Frame
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
-        """Pose of the robot in a configuration in axis units; a point is brought back into periodic axes."""
+        """Return the pose of the robot at a configuration along the axes (ndim,), wrapped into periodic axes."""
         return self.robot.pose(self._within_seams(configuration))
 
     def _within_seams(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return configurations wrapped into periodic axes."""
         return self.robot.within_seams(self.axes, configurations)
 
     @cached_property
     def arrays(self) -> ObstacleArrays:
-        """The obstacles for compiled loops."""
+        """The obstacles as arrays for kernels."""
         return obstacle_arrays(self.obstacles, self.robot.workspace_axes(self.axes))
 
     @cached_property
@@ -71,73 +78,77 @@ class Plant:
         return float(self.robot.travel(np.zeros_like(spacing), spacing)[0])
 
     def near(self, pose: Pose, reach: float) -> NDArray[Any]:
-        """Pairs of near points of the robot and the obstacles within a reach, in metres, as `PAIR`, shape (n,)."""
+        """Return the pairs of near points within a reach in metres, of dtype `PAIR`, shape (n,)."""
         from resgrid.control import contact_kernels
 
-        room = _ROOM
+        capacity = _CAPACITY
         while True:
-            pairs = np.empty(room, PAIR)
+            pairs = np.empty(capacity, PAIR)
             count = contact_kernels.near_points(pose, self.arrays, reach, pairs)
-            if count < room:
+            if count < capacity:
                 return pairs[:count]
-            room *= 4
+            capacity *= 4
 
-    def free_share(self, pose: Pose, motion: NDArray[np.float64], least: float) -> float:
-        """Share of a straight motion that surely keeps all gaps."""
+    def free_fraction(self, pose: Pose, motion: NDArray[np.float64], least: float) -> float:
+        """Return a fraction of a straight motion on which every gap provably stays at least `least`."""
         from resgrid.control import contact_kernels
 
-        return contact_kernels.free_share(pose, self.arrays, motion, least)
+        return contact_kernels.free_fraction(pose, self.arrays, motion, least)
 
     def within_stops(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Configurations in axis units, shape (..., ndim), held between the mechanical stops."""
+        """Return configurations along the axes, shape (..., ndim), clipped to the mechanical stops."""
         return np.minimum(np.maximum(configurations, self.stops[0]), self.stops[1])
 
     def true_space(self, space: ConfigurationSpace) -> ConfigurationSpace:
-        """The map as it would be if hidden obstacles were known, by the conservative rule."""
+        """Return the map with all hidden obstacles, by the conservative rule."""
         hidden = self.robot.occupancy(self.axes, self.obstacles[self.known :], "conservative")
         cell = np.where(hidden, np.uint8(Cell.OBSTACLE), space.cell)
         return space.with_cells(cell)
 
     @cached_property
-    def itself(self) -> NDArray[np.bool_]:
-        """Cells that the robot blocks without any obstacle: collisions with itself, virtual obstacles."""
+    def self_blocked(self) -> NDArray[np.bool_]:
+        """Mask of the cells that the robot blocks without obstacles: self-collisions and virtual obstacles."""
         return self.robot.occupancy(self.axes, [], "conservative")
 
     def proven_cells(self, point: ArrayLike) -> NDArray[np.bool_]:
-        """Cells that the conservative rule blocks for one point of the workspace, shape (2,).
+        """Return the mask of the cells that the conservative rule blocks for one point of the workspace, shape (2,).
 
-        Each of them is an obstacle cell by that rule if the point belongs to an obstacle; nothing else is claimed about
-        it: this is all that a contact proves (Connolly & Grupen 1992, section 7, figure 19).
+        If the point belongs to an obstacle, each of these cells is an obstacle cell by that rule.  A contact proves no
+        more (Connolly & Grupen 1992, section 7, figure 19).
         """
         place = tuple(np.asarray(point, dtype=np.float64).tolist())
-        return self.robot.occupancy(self.axes, [Ball(place, 0.0)], "conservative") & ~self.itself
+        return self.robot.occupancy(self.axes, [Ball(place, 0.0)], "conservative") & ~self.self_blocked
 
     def only(self, number: int) -> Plant:
-        """The same robot with one of the obstacles."""
+        """Return the same robot with one of the obstacles."""
         return replace(self, obstacles=(self.obstacles[number],), known=1)
 
     def name_of(self, number: int) -> str:
-        """What a scene's file calls an obstacle."""
+        """Return the name of an obstacle in the scene file."""
         if number >= self.known:
             return f"hidden[{number - self.known}]"
         return "the map" if isinstance(self.obstacles[number], CellSet) else f"obstacle[{number}]"
 
     @cached_property
     def stops(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lower and upper ends of the axes, shape (ndim,) each; infinite where an axis is periodic."""
+        """Lower and upper ends of the axes, shape (ndim,) each; infinite for periodic axes."""
         lower = [-np.inf if axis.periodic else axis.lower for axis in self.axes]
         upper = [np.inf if axis.periodic else axis.upper for axis in self.axes]
         return np.array(lower), np.array(upper)
 
     def penetration(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """How deep the robot is in an obstacle, by shapely and apart from the geometry that moves it.
+        """Return the penetration depth of the robot into obstacles, in metres, computed with shapely.
 
-        Shapes: `configurations` (n, ndim); returns (n,).
+        The computation is independent of the geometry that moves the robot.  Shapes: `configurations` (n, ndim);
+        returns (n,).
         """
         return self.axis_penetration(np.atleast_2d(self.frame.from_world(configurations)))
 
     def axis_penetration(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The same of configurations in axis units, shape (n, ndim); 0 where none is entered by more than a touch."""
+        """Return the penetration depth at configurations along the axes (n, ndim), in metres, shape (n,).
+
+        A touch has depth 0.
+        """
         depth = np.zeros(len(configurations))
         for part in self.robot.parts(self._within_seams(configurations)):
             for obstacle in self._solids:
@@ -153,10 +164,10 @@ class Plant:
         return depth
 
     def deepest(self, route: NDArray[np.float64]) -> float:
-        """Deepest entry on the straight lines between configurations in axis units, shape (n, ndim).
+        """Return the largest penetration depth on the straight lines between configurations along the axes (n, ndim).
 
-        A line is free for sure where no point of the robot moves farther on it than the gaps at both of its ends allow
-        together; others are cut in four until they are, ten times at most, or twice if something was entered.
+        A line is free if no point of the robot moves farther on it than the sum of the gaps at its ends.  Other lines
+        are cut into four pieces, up to ten times, or twice if a penetration was found.
         """
         deepest = float(self.axis_penetration(route).max(initial=0.0))
         moves = np.any(route[:-1] != route[1:], axis=1)
@@ -177,7 +188,10 @@ class Plant:
         return deepest
 
     def _gaps(self, configurations: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
-        """Distance from the nearest obstacle in every configuration, as far as the reach, shape (n,)."""
+        """Return the distance to the nearest obstacle at every configuration, in metres, shape (n,).
+
+        Distances above `reach` are cut off there.
+        """
         import shapely
 
         gaps = np.full(len(configurations), reach)
@@ -192,11 +206,12 @@ class Plant:
 
     @cached_property
     def _solids(self) -> list[Obstacle]:
+        """The obstacles as shapely geometries."""
         return obstacles_of(self.obstacles, self.robot.workspace_axes(self.axes))
 
 
 def plant_of(scene: Scene) -> Plant:
-    """The plant of a scene."""
+    """Return the plant of a scene; raise InputError if its contacts cannot be simulated."""
     if scene.ndim != 2 and scene.robot.moves_in_workspace:
         raise InputError(
             f"contacts need a scene in the plane; this scene has {scene.ndim} ax{'is' if scene.ndim == 1 else 'es'}"
@@ -205,7 +220,7 @@ def plant_of(scene: Scene) -> Plant:
         is_point = isinstance(shape, Ball) and shape.radius == 0
         is_line = isinstance(shape, Box) and any(a == b for a, b in zip(shape.lower, shape.upper, strict=True))
         if is_point or is_line:
-            raise InputError(f"hidden[{number}]: an obstacle to be touched needs an area; make it thicker")
+            raise InputError(f"hidden[{number}]: a hidden obstacle needs an area to be touched; make it thicker")
     known: list[Shape] = list(scene.obstacles)
     if scene.map is not None:
         known.append(scene.map.obstacles)
@@ -220,14 +235,14 @@ def make_plant(
     *,
     frame: Frame | None = None,
 ) -> Plant:
-    """A plant from its parts."""
+    """Return a plant from its parts."""
     place = Frame() if frame is None else frame
     obstacles = tuple(to_space(shape, place) for shape in (*known, *hidden))
     return Plant(robot, tuple(axes), obstacles, len(known), place)
 
 
 def _core_depth(cores: NDArray[Any], solid: Any) -> NDArray[np.float64]:
-    """How far from the border of an obstacle's core a core that meets it gets, where it is looked at, shape (n,)."""
+    """Return the depth of cores inside an obstacle's core, at sampled points, shape (n,), in metres."""
     import shapely
 
     border = shapely.boundary(solid)

@@ -1,18 +1,18 @@
 """Grids that are still settling while a robot follows them (Connolly & Grupen 1992, section 7).
 
-A change of the map sets the rails of some cells at once; everything else follows as a wavefront.  Two ways are
-emulated: the paper's digital relaxation, a number of sweeps over the grid per control step, and the chip itself, with a
-capacitor at every node, by implicit steps in time.  A step of the chip is what passes between two readings of it,
-`TICK` of a cell: 2 R C at the default pace.  Backward Euler is of first order in it, and late: what decays as
-``exp(-t / tau)`` takes ``step / (2 tau)`` longer.  At that pace potentials are off by some 2 % of the supply at the
-first reading and 0.4 % at the fourth; between readings the robot sees the last one.
+A change of the map changes the rail connections of some cells at once; all other voltages follow as a wavefront.  Two
+mechanisms are emulated: the digital relaxation of the paper, with a number of sweeps over the grid per control step,
+and the chip, with a capacitor at every node, by implicit time steps.  One time step of the chip is the time between two
+readings, `TICK` of a cell; 2 R C at the default pace.  Backward Euler is of first order, and late: a mode that decays
+as ``exp(-t / tau)`` takes ``step / (2 tau)`` longer.  At that pace the error of potentials is about 2 % of the supply
+at the first reading and 0.4 % at the fourth.  Between readings the robot sees the last reading.
 
-Voltages are counted from the obstacle rail (Dirichlet, walls) or from the goal rail (Neumann).  The right-hand sides
-then hold no negative number, and neither a Jacobi sweep nor a backward Euler step subtracts: a voltage keeps its
-relative accuracy far from the goals, and lies between those of the rails at every moment.  Over-relaxation overshoots;
-it is held at the rail (projected SOR).  So no current ever runs into an obstacle, however far the grid is from settled,
-and a robot that follows the current meets none that is on the map.  But until it has settled there may be local minima:
-cells that no current leaves.
+Voltages are measured from the obstacle rail (Dirichlet, walls) or from the goal rail (Neumann).  The right-hand side is
+then nonnegative, and neither a Jacobi sweep nor a backward Euler step contains a subtraction.  Therefore a voltage
+keeps its relative accuracy far from the goals, and lies between those of the rails at all times.  Over-relaxation may
+overshoot and is clipped at the rail (projected SOR).  Hence no current ever flows into an obstacle, however far the
+grid is from settled, and a robot that follows the current avoids all obstacles of the map.  Before the grid has
+settled, cells without outward current (local minima) may exist.
 """
 
 from __future__ import annotations
@@ -36,28 +36,28 @@ from resgrid.planning.blend import blend
 from resgrid.planning.fields import Field, read_field
 
 TICK = 0.2
-"""How often a chip is read: every time a robot at its nominal speed has crossed this share of a cell."""
+"""Interval between two readings of a chip, in cells that a robot at nominal speed crosses in that time."""
 
 _OMEGA = 1.8
 """Factor of over-relaxation."""
 
 _SETTLED = 1e-6
-"""Largest relative distance of a voltage from its end at which the grid counts as settled for good."""
+"""Largest relative distance of voltages from their final values at which the grid counts as settled."""
 
 _DIRECT = 100_000
-"""Unknowns up to which factors fit in memory and cache."""
+"""Maximum number of unknowns of the direct solver."""
 
 Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Relaxation:
-    """How a grid settles, and how fast compared to the robot.
+    """Mechanism and speed of settling.
 
-    `method`: ``"jacobi"`` sweeps, ``"sor"`` for sweeps of successive over-relaxation, or the transient of a ``"chip"``
-    with a capacitor at every node; `pace`: sweeps, or for a chip units ``R C`` of time (of one resistor and one
-    capacitor), while the robot at its nominal speed crosses one cell; `patience`: how long the robot stands still
-    before it gives up: in cells that it might have crossed.
+    `method`: ``"jacobi"`` sweeps, ``"sor"`` (sweeps of successive over-relaxation), or ``"chip"`` (the transient with a
+    capacitor at every node); `pace`: number of sweeps, or of time units ``R C`` (one resistor and one capacitor) for a
+    chip, while the robot at nominal speed crosses one cell; `patience`: time that the robot waits before it gives up,
+    in cells that it could have crossed.
     """
 
     method: str = "chip"
@@ -66,32 +66,32 @@ class Relaxation:
 
 
 class RelaxingGrid:
-    """The voltages of a map that has changed, on their way from the old operating point to the new one.
+    """Voltages of a changed map on the transition from the old operating point to the new one.
 
-    `before`: the field that the grid had settled to; it says how the grid is wired and blended.
+    `before`: the field to which the grid had settled, with its wiring and blend.
     """
 
     def __init__(self, relaxation: Relaxation, before: Field) -> None:
         self.relaxation, self.before = relaxation, before
         halves = (before.wiring, before.wiring.opened()) if before.boundary == "blend" else (before.wiring,)
-        self._parts = [_Part(relaxation, wiring, before.space) for wiring in halves]
-        self._owed = 0.0
+        self._parts = [_SettlingCircuit(relaxation, wiring, before.space) for wiring in halves]
+        self._pending = 0.0
 
     def change(self, space: ConfigurationSpace) -> None:
-        """Put another map on the rails; all other nodes keep their voltages."""
+        """Switch the rails to another map; all other nodes keep their voltages."""
         before = self.before.space
         if before.axes != space.axes or before.frame != space.frame:
             raise InputError(
-                f"the map had {before.shape} cells and now has {space.shape}: one grid settles, give one grid"
+                f"the map had {before.shape} cells and now has {space.shape}: give one grid, with the same axes"
             )
-        vars(self).pop("_end", None)
-        self._parts = [_Part(self.relaxation, part.wiring, space, part.per_cell()) for part in self._parts]
+        vars(self).pop("_final", None)
+        self._parts = [_SettlingCircuit(self.relaxation, part.wiring, space, part.per_cell()) for part in self._parts]
 
     def advance(self, cells: float) -> bool:
-        """Let it settle while the robot could cross so many cells; whether anything was due."""
-        self._owed += cells * (self.relaxation.pace if self.relaxation.method != "chip" else 1.0 / TICK)
-        due = int(self._owed * (1 + 1e-12))
-        self._owed -= due
+        """Continue settling while the robot could cross `cells` cells; return whether a step was taken."""
+        self._pending += cells * (self.relaxation.pace if self.relaxation.method != "chip" else 1.0 / TICK)
+        due = int(self._pending * (1 + 1e-12))
+        self._pending -= due
         moved = False
         for part in self._parts:
             moved |= part.advance(due)
@@ -99,31 +99,33 @@ class RelaxingGrid:
 
     @property
     def settled(self) -> bool:
-        """Whether every voltage is at its end."""
+        """Whether every voltage has its final value."""
         return all(part.settled for part in self._parts)
 
     @property
     def distance(self) -> float:
-        """Largest distance of a potential, as a field shows it, from its end."""
-        apart = np.abs(self.field.potential - self._end.potential)
+        """Largest distance of a potential of the displayed field from its final value."""
+        apart = np.abs(self.field.potential - self._final.potential)
         return float(np.nanmax(apart, initial=0.0))
 
     @property
     def field(self) -> Field:
-        """What the grid shows now: not direction-safe until it has settled."""
+        """The present field; not direction-safe until the grid has settled."""
         return self._shown([part.voltage for part in self._parts])
 
     @cached_property
-    def _end(self) -> Field:
-        return self._shown([part.end_voltage for part in self._parts])
+    def _final(self) -> Field:
+        """The field after settling."""
+        return self._shown([part.final_voltage for part in self._parts])
 
     def _shown(self, voltages: list[Vector]) -> Field:
+        """Return the field of the voltages of all circuits, blended where there are two."""
         fields = [field_now(part.netlist, volts) for part, volts in zip(self._parts, voltages, strict=True)]
         return fields[0] if len(fields) == 1 else blend(fields[0], fields[1], self.before.k)
 
 
-class _Part:
-    """One chip while it settles: at its end, or from the voltages of cells before."""
+class _SettlingCircuit:
+    """One circuit while it settles: in its final state, or starting from given voltages of the cells."""
 
     def __init__(
         self, relaxation: Relaxation, wiring: Wiring, space: ConfigurationSpace, cells: Vector | None = None
@@ -132,10 +134,10 @@ class _Part:
         self._dynamics = dynamics_of(self.netlist)
         drive = self._dynamics.drive
         solver: Solver = "direct" if self._dynamics.size <= _DIRECT else "auto"
-        self._end = factor_resolvent(self._dynamics, 0.0, solver).solve(drive, rtol=1e-12) if len(drive) else drive
+        self._final = factor_resolvent(self._dynamics, 0.0, solver).solve(drive, rtol=1e-12) if len(drive) else drive
         self._step = _stepping(self._dynamics, relaxation, solver)
         self.settled = cells is None
-        self._x = self._end.copy()
+        self._x = self._final.copy()
         if cells is not None:
             node, volts = self.netlist.cells.node, np.zeros(self.netlist.node_count)
             volts[node[node >= 0]] = np.nan_to_num(cells[node >= 0])
@@ -147,28 +149,28 @@ class _Part:
         return self._dynamics.voltage(self._x)
 
     @property
-    def end_voltage(self) -> Vector:
-        """Node voltages once it has settled."""
-        return self._dynamics.voltage(self._end)
+    def final_voltage(self) -> Vector:
+        """Node voltages after settling, in volts."""
+        return self._dynamics.voltage(self._final)
 
     def per_cell(self) -> Vector:
-        """Voltage of every cell, NaN where there is none."""
+        """Return the voltage of every cell, shape of the space, in volts; NaN for cells without a node."""
         node = self.netlist.cells.node
         return np.where(node >= 0, self.voltage[node], np.nan)
 
     def advance(self, count: int) -> bool:
-        """Make so many steps, unless it has settled; whether any was made."""
+        """Take `count` steps unless the circuit has settled; return whether steps were taken."""
         if self.settled or not count:
             return False
         self._x = self._step(self._x, count)
-        self.settled = bool(np.all(np.abs(self._x - self._end) <= _SETTLED * np.abs(self._end)))
+        self.settled = bool(np.all(np.abs(self._x - self._final) <= _SETTLED * np.abs(self._final)))
         if self.settled:
-            self._x = self._end.copy()
+            self._x = self._final.copy()
         return True
 
 
 def _stepping(dynamics: Dynamics, relaxation: Relaxation, solver: Solver) -> Callable[[Vector, int], Vector]:
-    """Many sweeps, or the chip for many ticks, as a function from state to state."""
+    """Return a function that takes a number of sweeps, or time steps of a chip, from state to state."""
     if relaxation.method == "chip":
         stepper = transient_stepper(dynamics.netlist, relaxation.pace * TICK, method="backward_euler", solver=solver)
 
@@ -194,7 +196,7 @@ def _stepping(dynamics: Dynamics, relaxation: Relaxation, solver: Solver) -> Cal
 
 
 def _compiled(wiring: Wiring, space: ConfigurationSpace) -> Netlist:
-    """A chip of 1 ohm and 1 farad, so that time counts in ``R C``, with its reference rail at 0 V."""
+    """Return a circuit of 1 ohm and 1 farad, so that the time unit is ``R C``, with its reference rail at 0 V."""
     supply, goal = (1.0, 0.0) if wiring.is_driven else (-1.0, 1.0)
     wall = None if wiring.wall_resistance is None else wiring.wall_resistance / wiring.resistance
     unit = replace(wiring, resistance=1.0, supply=supply, goal_voltage=goal, wall_resistance=wall)
@@ -205,7 +207,7 @@ def _compiled(wiring: Wiring, space: ConfigurationSpace) -> Netlist:
 
 
 def field_now(netlist: Netlist, voltage: Vector) -> Field:
-    """Read a field off voltages that need not be those of an operating point.  Shapes: `voltage` (nodes,)."""
+    """Return the field of voltages that need not be an operating point.  Shapes: `voltage` (nodes,)."""
     cells = netlist.cells
     height = voltage - cells.wiring.goal_voltage
     volts = cells.wiring.supply if cells.wiring.drive != "uniform" else float(np.nanmax(height, initial=0.0)) or 1.0

@@ -1,4 +1,4 @@
-"""What happened: every step of a controlled motion, every contact, every lesson."""
+"""Log of a controlled motion: every step, every contact, every update of the map."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from resgrid.scene.scene import Scene
 Vector = NDArray[np.float64]
 
 _AT_GOAL = 1e-8
-"""Distance from a goal that counts as none, as a fraction of the robot's motion across a cell."""
+"""Distance from a goal that counts as 0, as a fraction of the robot's motion across a cell."""
 
 
 class ControlMode(IntEnum):
-    """What the robot did in a step.
+    """Mode of the controller in a step.
 
     Examples
     --------
@@ -38,33 +38,33 @@ class ControlMode(IntEnum):
     STREAMLINE = 0
     """Followed the current."""
     PUSHED = 1
-    """Followed the current while an external force pushed it."""
+    """Followed the current under an external force."""
     SLIDING = 2
-    """Touched an obstacle and slid along it."""
+    """Slid along an obstacle."""
     STICKING = 3
-    """Touched an obstacle, and friction held it: the force is inside the friction cone."""
+    """Was held at an obstacle by friction: the contact force lies inside the friction cone."""
     FOLLOWING = 4
-    """Answered a contact force along the equipotential."""
+    """Responded to a contact force by motion along the equipotential."""
     JAM = 5
-    """The force lies along the streamline: equipotential following gives no velocity."""
+    """The contact force lies along the streamline, so that equipotential following gives no velocity."""
     LEARNING = 6
     """Stood still while contacts were marked in the map and the field was solved again."""
     RETREATING = 7
-    """Went back the way it came, to where the map has a path."""
+    """Moved back along its path, to a cell with a path to a goal."""
     RECOVERING = 8
-    """In an obstacle cell, by belief or since it was learnt, went to a near cell with a path."""
+    """In a cell without a path, because of a wrong belief or a learnt obstacle, moved to a near cell that has one."""
     DITHERING = 9
-    """Was shaken loose: a small random step after it had stood still for long."""
+    """Made a small random motion after a long stall."""
     ARRIVED = 10
-    """Is in a goal cell, at the configuration that solves the goal where the space names one."""
+    """Is in a goal cell, at the configuration that solves the goal if the space specifies one."""
     WAITING = 11
-    """Stood still where a grid that is still settling leads nowhere."""
+    """Stood still where a grid that has not settled has no outward current."""
     HOMING = 12
-    """In a goal cell, went straight to the configuration that solves the goal."""
+    """In a goal cell, moved straight to the configuration that solves the goal."""
 
 
 class TerminationReason(StrEnum):
-    """How a motion ended: ``arrived`` in a goal, or ``missed`` where only belief was in one.
+    """End of a motion: ``arrived`` in a goal, ``missed`` if only the believed configuration is in one, or a failure.
 
     Examples
     --------
@@ -88,7 +88,7 @@ class TerminationReason(StrEnum):
 
 
 class End(NamedTuple):
-    """How a motion ended, and the same in a sentence."""
+    """End of a motion, with a sentence."""
 
     ending: TerminationReason
     message: str
@@ -97,11 +97,11 @@ class End(NamedTuple):
 @frozen
 @dataclass(frozen=True, eq=False)
 class ContactLog:
-    """All contacts of a motion that carried force, one row each.
+    """All contacts of a motion with a force, one row each.
 
-    `step` (m,): row of the log; `point, normal, force` (m, 2): on the obstacle, in metres; out of it; on the robot:
-    all in the world; `gap` (m,): in metres; `part, body` (m,): rigid part of the robot, number of the obstacle (those
-    of the map first); `sticking` (m,).
+    `step` (m,): row of the log; `point, normal, force` (m, 2): point on the obstacle in metres, normal out of the
+    obstacle, and force on the robot, in world coordinates; `gap` (m,): in metres; `part, body` (m,): rigid part of the
+    robot, number of the obstacle (those of the map first); `sticking` (m,): whether friction holds the contact.
     """
 
     step: NDArray[np.int64]
@@ -117,10 +117,10 @@ class ContactLog:
 @frozen
 @dataclass(frozen=True, eq=False)
 class MapUpdate:
-    """Cells that contacts proved to be obstacle, and that the map did not show: one solve follows each lesson.
+    """Obstacle cells that contacts proved and that the map did not contain; one solve follows each update.
 
-    `step`: row of the log; `cells` (c, ndim): the new obstacle cells, at least one; `points` (p, 2): where the
-    obstacle was touched in the world, as far as the robot knows.
+    `step`: row of the log; `cells` (c, ndim): the new obstacle cells, at least one; `points` (p, 2): touched points of
+    the obstacle in world coordinates, according to the believed configuration.
     """
 
     step: int
@@ -137,34 +137,35 @@ class Run:
     ----------
     ending : TerminationReason
     message : str
-        The same in a sentence.
+        A sentence on the end.
     goal : int or None
-        Number of the goal region that it truly is in at the end, if it arrived.
+        Number of the goal region that the robot is truly in at the end, if it arrived.
     time : ndarray of float64, shape (n,)
-        At which each row holds, in seconds.
+        Time of each row, in seconds.
     configuration, believed : ndarray of float64, shape (n, ndim)
-        Where the robot truly was, continuous across periodic seams, and where it believed to be; in world coordinates.
+        True configuration, continuous across periodic seams, and believed configuration, in world coordinates.
     velocity : ndarray of float64, shape (n, ndim)
-        With which it left, in the world, per second; 0 in the last row.
+        Velocity of the step that begins at this row, in world coordinates, per second; 0 in the last row.
     mode : ndarray of uint8, shape (n,)
         Values of `ControlMode`.
     torque, push : ndarray of float64, shape (n, ndim)
-        Generalised forces of contacts, and from outside; of a point or a disc forces in the world.
+        Generalised forces of contacts, and external ones; for a point or a disc forces in world coordinates.
     contacts : ContactLog
     lessons : tuple of MapUpdate
     space, field : ConfigurationSpace, Field
-        The map as it was in the end, and its field.
+        The final map, and its field.
     penetration : float
-        Deepest entry of the robot into an obstacle, in any row and on the straight lines between rows, under exact
-        geometry, in metres; a run with any has the ending ``"entered"``, whatever else it came to.
+        Largest penetration of the robot into an obstacle, in any row and on the straight lines between rows, by exact
+        geometry, in metres.  A run with penetration has the ending ``"entered"``, whatever else happened.
     goal_distance : float
-        Distance from the nearest goal at the end, 0 inside it: for a goal that is a place, of the robot's reference
-        point (an arm's tip) in metres; for a cell or joint angles, in axis units; NaN where it is not known.  A robot
-        that does not know its configuration exactly may arrive in a goal cell and still be outside the goal.
+        Distance from the nearest goal at the end, 0 inside it.  For a goal in the workspace it is the distance of the
+        robot's reference point (the tip of an arm) in metres; for a cell or joint angles it is in axis units; NaN if
+        unknown.  A robot that does not know its configuration exactly may arrive in a goal cell and still be outside
+        the goal.
     unsolved : int
-        Steps in which no contact forces could be solved for, so that the robot stood still.
+        Number of steps without a solution for the contact forces, in which the robot stood still.
     scene : Scene or None
-        What it moved in.
+        The scene of the motion.
 
     Examples
     --------
@@ -203,7 +204,7 @@ class Run:
 
     @property
     def learnt(self) -> NDArray[np.bool_]:
-        """Cells learnt, shape of the space."""
+        """Mask of the learnt obstacle cells, shape of the space."""
         mask = np.zeros(self.space.shape, dtype=np.bool_)
         for lesson in self.lessons:
             mask[tuple(lesson.cells.T)] = True
@@ -211,7 +212,7 @@ class Run:
 
 
 class Recorder:
-    """Keeps the rows of a run while it grows, and makes the log of them."""
+    """Collects the rows of a run, and makes the log."""
 
     def __init__(self, ndim: int) -> None:
         self._ndim = ndim
@@ -231,7 +232,7 @@ class Recorder:
         self, time: float, configuration: Vector, believed: Vector, velocity: Vector, mode: ControlMode,
         contacts: ContactSet | None, push: Vector,
     ) -> None:  # fmt: skip
-        """Keep one step."""
+        """Append one step."""
         torque = np.zeros(self._ndim)
         if contacts is not None and contacts.pressing.any():
             torque = contacts.torque
@@ -243,7 +244,7 @@ class Recorder:
         self, end: End, goal: int | None, lessons: tuple[MapUpdate, ...], field: Field, space: ConfigurationSpace,
         plant: Plant, scene: Scene | None,
     ) -> Run:  # fmt: skip
-        """The log of all rows, in the world."""
+        """Return the log of all rows, in world coordinates."""
         frame = space.frame
         time, configuration, believed, velocity, mode, torque, push = zip(*self._rows, strict=True)
         places = np.array(configuration)
@@ -252,7 +253,7 @@ class Recorder:
             end, goal = End(TerminationReason.ENTERED, f"the robot entered an obstacle by {penetration:.3g} m"), None
         away = goal_distance(space, places[-1], scene)
         if not away > _AT_GOAL * (plant.cell_motion + float(np.linalg.norm(space.spacing))):
-            away = min(away, 0.0)  # rounding error; NaN stays
+            away = min(away, 0.0)  # rounding error; keeps NaN
         outside = end.ending is TerminationReason.ARRIVED and away > 0.0
         message = f"the robot is in a goal cell, but {away:.3g} outside the goal itself" if outside else end.message
         unsolved = f"; in {self._unsolved} steps no contact forces were known, and the robot stood still"
@@ -278,6 +279,8 @@ class Recorder:
         )
 
     def _contact_log(self, frame: Frame) -> ContactLog:
+        """Return the contacts with a force, in world coordinates."""
+
         def column(name: str, empty: NDArray[Any]) -> NDArray[Any]:
             return np.concatenate([empty, *(getattr(each, name)[each.pressing] for _, each in self._contacts)])
 

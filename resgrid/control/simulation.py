@@ -1,4 +1,4 @@
-"""A robot under harmonic control in its true surroundings, simulated step by step."""
+"""Simulation of a robot under harmonic control among its true obstacles, step by step."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ from resgrid.scene.scene import Scene
 @frozen
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """A controller, the plant it moves, and how they meet; runs from any number of starts.
+    """A controller and the plant that it moves; runs from any number of starts.
 
     Attributes
     ----------
     controller : Controller
-        With the field of the map as it is before anything is learnt.
+        With the field of the initial map.
     plant : Plant
     friction : float
         Coefficient mu of Coulomb friction.
     learn : bool
-        Whether contacts change the map.
+        Whether contacts update the map.
     step : float
-        No axis moves by more than this share of a cell in a step, so that no point of the robot moves farther than this
-        share of its largest motion across a cell.
+        Largest motion along an axis in one step, as a fraction of a cell.  No point of the robot then moves farther
+        than this fraction of its largest motion across a cell.
     relaxation : Relaxation or None
-        How the grid settles while the robot follows it; None: at once.
+        Settling of the grid while the robot follows it; None for a grid that settles at once.
     before : Field or None
-        Then, what the grid had settled to at time 0; None: the controller's field.
+        With `relaxation`, the field to which the grid had settled at time 0; None for the field of the controller.
     scene : Scene or None
-        What it was made from.
+        The scene of the simulation.
 
     Examples
     --------
@@ -74,12 +74,12 @@ class Simulation:
 
     @property
     def space(self) -> ConfigurationSpace:
-        """The map before anything is learnt."""
+        """The initial map."""
         return self.controller.field.space
 
     @property
     def margin(self) -> float:
-        """Gap at which the robot counts as touching, in metres."""
+        """Gap at which the robot is in contact, in metres."""
         return MARGIN * self.plant.cell_motion
 
     def run(
@@ -92,43 +92,45 @@ class Simulation:
         seed: int | None = None,
         max_steps: int | None = None,
     ) -> Run:
-        """Let the robot go from a start until it arrives, learns that there is no path, or can go no farther.
+        """Simulate the robot from a start until it arrives, finds that there is no path, or cannot continue.
 
-        With learning, exact belief, and pushes that end, a run ends at a goal or with a proof that there is no path.
-        Let F be the cells that are not obstacle in the map.  (1) Each lesson takes at least one cell out of F, and
-        nothing puts one back, so that there are at most ``|F|`` lessons.  (2) After the last one the robot follows the
-        current of a harmonic function, which enters no cell twice, so that it reaches a goal unless it is stopped; what
-        stops it is a contact in the closed cell that it is in or about to enter, both of which are in F, so that the
-        contact proves a new cell, and the lesson was not the last.  (Contact begins at a small gap, so that a point
-        that lies on a border between cells may prove nothing new at first: a robot that stands still is shaken loose.)
-        (3) A lesson holds only cells in which the conservative rule finds an obstacle that is truly there
-        (`Plant.proven_cells`), so a start that has a path in the true world's conservative map never loses it; after a
-        lesson the robot goes back the way it came, which is free because it came that way, to the last cell that still
-        has a path. That cell exists unless the start's own has none left. Then it tries the cells that have one within
-        `RECOVERY` cells of where it is, straight and one by one, and only where none can be reached is no path
-        announced: the start's own cell holds an obstacle, or the cells learnt, with those of the map, separate it from
-        every goal.
+        With learning, an exact belief, and external forces that end, a run ends at a goal or with a proof that there is
+        no path.  Let F be the set of cells that are not obstacles in the map.  (1) Each update of the map removes at
+        least one cell from F, and no cell is ever added, so that there are at most ``|F|`` updates.  (2) After the last
+        update the robot follows the current of a harmonic function, which enters no cell twice, so that it reaches a
+        goal unless a contact stops it.  Such a contact lies in the closed cell that the robot is in or about to enter,
+        both of which are in F.  Therefore the contact proves a new obstacle cell, which contradicts that the update was
+        the last.  (Contact begins at a small gap, so that a point on a border between cells may prove no new cell at
+        first; a robot that stands still makes a small random motion.)  (3) An update contains only cells in which the
+        conservative rule finds a true obstacle (`Plant.proven_cells`), so that a start with a path in the conservative
+        map of the true world never loses it.  After an update the robot moves back along its path, which is free, to
+        the last cell that still has a path.  That cell exists unless the start's own cell has no path left.  In that
+        case the robot tries the cells with a path within `RECOVERY` cells, straight and one by one.  Only if none can
+        be reached does the run end without a path: the start's own cell contains an obstacle, or the obstacle cells
+        separate it from every goal.
 
-        The robot is solid: no configuration inside an obstacle is entered, whatever the push, the step, the width and
-        the cell.  One that touches an obstacle at the start is lifted off by 1e-8 m; one that is inside by more than
-        1e-9 m is refused.  It arrives at the configuration of the goal cell that solves the goal, where the space names
-        one (`ConfigurationSpace.goal_points`), and anywhere in the cell otherwise, with a bias or noise in its middle.
-        It stops where it believes that; whether it ``arrived`` or ``missed`` the goal is decided by where it truly is.
+        The robot is solid: it never enters an obstacle, for any external force, step, and cell size.  A robot that
+        touches an obstacle at the start is moved away by 1e-8 m; a start that is inside by more than 1e-9 m is an
+        error.  The robot moves to the configuration of the goal cell that solves the goal, if the space specifies one
+        (`ConfigurationSpace.goal_points`); otherwise it stops anywhere in the cell, or at its centre with a bias or
+        noise.  It stops where it believes that it has arrived; the true configuration decides between ``arrived`` and
+        ``missed``.
 
         Parameters
         ----------
         start : array_like of float, shape (n,), optional
-            World coordinates; by default the scene's first start.  All else is as the scene's ``control`` says where it
-            is not given.
+            World coordinates; by default the first start of the scene.  Other defaults come from the ``control`` of the
+            scene.
         pushes : sequence of ExternalForce or callable, optional
-            External generalised forces, scheduled or a function of time and configuration; ``()`` for none.
+            External generalised forces, scheduled or as a function of time and configuration; ``()`` for none.
         bias : array_like of float, shape () or (n,), optional
-            What the believed configuration is off by, always, in world coordinates.
+            Constant error of the believed configuration, in world coordinates.
         noise : array_like of float, shape () or (n,), optional
-            And at most by how much more, anew in every step.
+            Largest additional random error in each step.
         seed : int, optional
-            Of all randomness; the same seed gives the same run.
+            Seed of all random numbers; the same seed gives the same run.
         max_steps : int, optional
+            Maximum number of steps.
 
         Returns
         -------
@@ -137,8 +139,8 @@ class Simulation:
         Raises
         ------
         InputError
-            If the start is not a configuration of the grid, the robot is inside an obstacle there, or a push, bias,
-            noise, seed or number of steps is impossible.
+            If the start is not a configuration of the grid, the robot is inside an obstacle there, or a force, bias,
+            noise, seed or number of steps is out of range.
         """
         control = Control() if self.scene is None else self.scene.control
         max_steps = control.steps if max_steps is None else max_steps
@@ -162,7 +164,7 @@ class Simulation:
         return loop.recorder.run(end, goal, tuple(loop.lessons), field, live.space, self.plant, self.scene)
 
     def _checked_start(self, start: ArrayLike | None, *, exact: bool) -> NDArray[np.float64]:
-        """Return a start along the axes; InputError if it lies in an obstacle that is not on the map."""
+        """Return a start along the axes; raise InputError for a start in an obstacle that the map does not contain."""
         if start is None:
             if self.scene is None or not self.scene.starts:
                 raise InputError("run() needs a start: give one, or a scene that has starts")
@@ -183,7 +185,7 @@ class Simulation:
         return point
 
     def _grid(self) -> RelaxingGrid | None:
-        """The grid at time 0, on the rails of the present map; None if it settles at once or carries no current."""
+        """Return the grid at time 0, switched to the present map; None if it settles at once or carries no current."""
         if self.relaxation is None or not self.controller.field.is_flowing:
             return None
         grid = RelaxingGrid(self.relaxation, self.before or self.controller.field)
@@ -193,7 +195,7 @@ class Simulation:
 
 
 MARGIN = 5e-3
-"""Gap at contact, as a share of the largest motion of the robot across a cell."""
+"""Gap at contact, as a fraction of the largest motion of the robot across a cell."""
 
 
 def simulation(
@@ -212,12 +214,12 @@ def simulation(
     announce: bool | None = None,
     field: Field | None = None,
 ) -> Simulation:
-    """Set a scene in motion: its hidden obstacles are there, but not in the map.
+    """Create a simulation of a scene, in which hidden obstacles exist but are not in the map.
 
     Parameters
     ----------
     scene : Scene
-        Of the plane; its ``control`` says all that is not given here.
+        A scene in the plane; its ``control`` has the defaults of all other parameters.
     k, speed, speed_limits, response, friction, learn, step, settle, pace, announce : optional
         As in `Control`.
     admittance : array_like of float, shape (n, n), (n,) or (), optional
@@ -232,7 +234,7 @@ def simulation(
     Raises
     ------
     InputError
-        If a value is impossible, or the robot's contacts are not known.
+        If a value is out of range, or the contacts of the robot cannot be simulated.
 
     Examples
     --------
@@ -262,7 +264,7 @@ def simulation(
 
 
 def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
-    """The same world, but at time 0 somebody puts the hidden obstacles on the map, and the grid begins to settle."""
+    """Return a simulation in which the hidden obstacles enter the map at time 0, and the grid begins to settle."""
     truth = sim.plant.true_space(sim.space)
     if not truth.goal_count:
         raise InputError("the hidden obstacles cover every goal cell: move a goal, or an obstacle")
@@ -274,25 +276,25 @@ def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
 def arrival(
     end: End, space: ConfigurationSpace, configuration: NDArray[np.float64], believed: NDArray[np.float64]
 ) -> tuple[End, int | None]:
-    """How a run ends that believes itself in a goal, and the goal region that it is truly in."""
+    """Return the end of a run that believes to be in a goal, and the number of its true goal region."""
     region = int(space.goal_region[tuple(space.split(configuration)[0])])
     if region >= 0:
         return end, region
     off = float(np.linalg.norm(believed - configuration))
     return End(
-        TerminationReason.MISSED, f"the robot believes to be in a goal, but is {off:.3g} away from where it believes"
+        TerminationReason.MISSED,
+        f"the robot believes to be in a goal, but its true configuration is {off:.3g} away from where it believes",
     ), None
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class Wavefront:
-    """How a change of the map spreads.
+    """Propagation of a change of the map through the grid.
 
-    `before, after`: the map that the grid had settled to, and the one it is settling to; `cells` (t,): when: in cells
-    that the robot could have crossed; `potential` (t, *shape of the space): at those times; NaN in cells without a
-    node; `distance` (t,): largest distance of a potential from its end; `first` as the space: potential before the
-    change.
+    `before, after`: the maps before and after the change; `cells` (t,): times, in cells that the robot could have
+    crossed; `potential` (t, *shape of the space): at those times, NaN in cells without a node; `distance` (t,): largest
+    distance of a potential from its final value; `first`, shape of the space: potential before the change.
     """
 
     before: ConfigurationSpace
@@ -306,14 +308,14 @@ class Wavefront:
 
 
 def wavefront(simulation: Simulation, cells: NDArray[np.float64]) -> Wavefront:
-    """Follow a change of the map through the grid.
+    """Compute the propagation of a change of the map through the grid.
 
     Parameters
     ----------
     simulation : Simulation
-        Of a plane, made with ``announce=True`` and a ``settle``.
+        In the plane, made with ``announce=True`` and a ``settle``.
     cells : ndarray of float64, shape (t,)
-        When to look: in cells that the robot could have crossed since the change, ascending.
+        Times, in cells that the robot could have crossed since the change, ascending.
 
     Returns
     -------
@@ -322,9 +324,9 @@ def wavefront(simulation: Simulation, cells: NDArray[np.float64]) -> Wavefront:
     Raises
     ------
     InputError
-        If nothing was announced, or the times do not ascend.
+        If no change was announced, or the times do not ascend.
     CircuitError
-        If nothing can be driven.
+        If the circuit has no drive.
 
     Examples
     --------
@@ -338,7 +340,7 @@ def wavefront(simulation: Simulation, cells: NDArray[np.float64]) -> Wavefront:
     if when.ndim != 1 or not len(when) or not np.isfinite(when).all() or when[0] < 0 or np.any(when[1:] < when[:-1]):
         raise InputError("times of a wavefront must be finite, at least 0 and ascending, in cells crossed")
     if simulation.relaxation is None or simulation.before is None:
-        raise InputError("nothing was announced in this simulation: make it with rg.simulation(scene, announce=True)")
+        raise InputError("no change was announced in this simulation: make it with rg.simulation(scene, announce=True)")
     grid = RelaxingGrid(simulation.relaxation, simulation.before)
     first = grid.field.potential
     grid.change(simulation.space)

@@ -1,4 +1,4 @@
-"""The loop of a simulation: sense, choose a mode, resolve contacts, step, learn."""
+"""The simulation loop: sense, choose a mode, resolve contacts, step, learn."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from resgrid.control.contact import KEEP, Body, ContactSet, Surroundings
 from resgrid.control.controller import Nominal
 from resgrid.control.escape import goal_offset
 from resgrid.control.external_forces import Force
-from resgrid.control.navigation import LONGEST, Navigator, StallDetector
+from resgrid.control.navigation import STALL_LIMIT, Navigator, StallDetector
 from resgrid.control.plant import INSIDE, Plant
 from resgrid.control.run_log import ControlMode, End, MapUpdate, Recorder, TerminationReason
 from resgrid.control.state_estimate import LiveMap, Sensor
@@ -17,12 +17,14 @@ from resgrid.core.space import Cell
 
 Vector = NDArray[np.float64]
 
-_LEADS = 0.1
+_PROGRESS = 0.1
+"""Smallest cosine of the angle between the velocity and the command at which the robot makes progress."""
 _HUGE = 1e100
+"""Largest ratio between the command and its limited value that contacts are solved for."""
 
 
 class Loop:
-    """One run while it lasts: what is true (the body), what the robot knows (sensor, map), what it does (navigator)."""
+    """State of one run: the true body, the knowledge of the robot (sensor, map), and its navigator."""
 
     def __init__(
         self, plant: Plant, body: Body, sensor: Sensor, live: LiveMap, push_at: Force, rng: np.random.Generator, *,
@@ -30,16 +32,16 @@ class Loop:
     ) -> None:  # fmt: skip
         self.plant, self.body, self.sensor, self.live = plant, body, sensor, live
         self.push_at, self.rng, self.friction, self.learns = push_at, rng, friction, learn
-        self.patience = StallDetector(live.spacing, body.configuration)
-        self.navigator = Navigator(live, sensor, self.patience)
+        self.stall = StallDetector(live.spacing, body.configuration)
+        self.navigator = Navigator(live, sensor, self.stall)
         self.recorder, self.lessons = Recorder(len(live.spacing)), list[MapUpdate]()
         self.believed = sensor.believed(body.configuration)
         self.time, self.torque = 0.0, np.zeros(len(live.spacing))
-        self._barren: Vector | None = None
+        self._known_points: Vector | None = None
 
     def run(self, max_steps: int) -> End:
-        """Step until the run ends."""
-        end = self._map_alone() if self.sensor.exact else None
+        """Take steps until the run ends."""
+        end = self._end_by_map() if self.sensor.exact else None
         while end is None:
             if len(self.recorder) >= max_steps:
                 end = End(TerminationReason.OUT_OF_STEPS, f"no goal reached after {max_steps} steps")
@@ -50,8 +52,8 @@ class Loop:
         self.recorder.add(self.time, self.body.configuration, self.believed, still, mode, None, still)
         return end
 
-    def _map_alone(self) -> End | None:
-        """What the map alone decides, where belief is exact."""
+    def _end_by_map(self) -> End | None:
+        """Return the end of the run if the map decides it at the start; only for an exact sensor."""
         space = self.live.space
         cell = tuple(space.split(self.believed)[0].tolist())
         if space.cell[cell] == Cell.OBSTACLE:
@@ -63,7 +65,7 @@ class Loop:
         return End(TerminationReason.NO_PATH, f"in the map the start's cell {cell} has no path to a goal")
 
     def _advance(self) -> End | None:
-        """One step, or the end."""
+        """Take one step, or return the end."""
         body, before = self.body, self.body.configuration
         self.live.read(self.time)
         believed = self.believed = self.sensor.sense(before)
@@ -80,31 +82,31 @@ class Loop:
             velocity = controller.admitting(velocity, push)
             mode, longest = ControlMode.PUSHED if mode is ControlMode.STREAMLINE else mode, pause
         around = body.look()
-        # The way back has been taken before: nothing is in it, however near it leads past things.
-        back = mode is ControlMode.RETREATING and not pushed
-        contacts = None if back else self._contacts(around, velocity, pause)
+        # The robot has moved along this path before, so that it is free, however small the gaps are.
+        on_trail = mode is ControlMode.RETREATING and not pushed
+        contacts = None if on_trail else self._contacts(around, velocity, pause)
         pressed = contacts is not None and bool(contacts.pressing.any())
         if contacts is not None:
             velocity = contacts.velocity
             if pressed:
-                if self.learns and (proven := self._proven(contacts, believed)) is not None:
+                if self.learns and (proven := self._proven_cells(contacts, believed)) is not None:
                     return self._learn(*proven, contacts, push, pause)
                 mode, longest = _contact_mode(mode, contacts), pause
         velocity = controller.limited(velocity)
-        elapsed, velocity = body.move(velocity, min(longest, pause), pause, around, 0.0 if back else KEEP)
+        elapsed, velocity = body.move(velocity, min(longest, pause), pause, around, 0.0 if on_trail else KEEP)
         if contacts is not None and pressed:
             self.torque = contacts.normal_torque
         elif mode is not ControlMode.JAM or velocity.any():
             self.torque = np.zeros_like(velocity)
         self.recorder.add(self.time, before, believed, velocity, mode, contacts, push)
         self.navigator.remember(mode, before, body.configuration, pushed=pushed)
-        if not pushed and not _leads_on(velocity, chosen.velocity):
+        if not pushed and not _makes_progress(velocity, chosen.velocity):
             self.navigator.fail(mode, body.configuration)
         self.time += elapsed
-        return self._watch(mode, elapsed * pace, pushed, seen)
+        return self._check_progress(mode, elapsed * pace, pushed, seen)
 
     def _pace(self, velocity: Vector) -> float:
-        """Cells that are crossed in a second at a velocity, as fast as the limits allow."""
+        """Return the speed at a velocity in cells per second, as fast as the limits allow."""
         controller, spacing = self.live.controller, self.live.spacing
         fastest = float((np.abs(controller.limited(velocity)) / spacing).max())
         if fastest > 0.0:
@@ -112,7 +114,10 @@ class Loop:
         return float(np.minimum(controller.speed, controller.speed_limits).max() / spacing.min())
 
     def _contacts(self, around: Surroundings, velocity: Vector, pause: float) -> ContactSet | None:
-        """Contacts at a velocity before speed limits, which will slow all of it down, opening gaps included."""
+        """Return the contacts at a velocity before speed limits.
+
+        The limits scale the whole velocity later, including the rates at which gaps open.
+        """
         controller = self.live.controller
         limited = controller.limited(velocity)
         scale = 1.0 if limited is velocity else float(np.abs(velocity).max() / np.abs(limited).max())
@@ -120,36 +125,38 @@ class Loop:
             velocity, scale = limited, 1.0
         return self.body.contacts(around, velocity, controller.axis_admittance, self.friction, pause / scale)
 
-    def _watch(self, mode: ControlMode, cells: float, pushed: bool, seen: Nominal) -> End | None:
-        """Notice that the robot does not get anywhere."""
-        patience, place, grid = self.patience, self.body.configuration, self.live.grid
+    def _check_progress(self, mode: ControlMode, cells: float, pushed: bool, seen: Nominal) -> End | None:
+        """Return the end of a run that makes no progress; give up an exit, or dither, before that."""
+        stall, place, grid = self.stall, self.body.configuration, self.live.grid
         if pushed:
-            patience.renew(place)
+            stall.reset(place)
             return None
-        patience.wait(place, cells)
+        stall.update(place, cells)
         if grid is not None and not grid.settled and mode in {ControlMode.WAITING, ControlMode.STREAMLINE}:
             limit = grid.relaxation.patience
             message = (
-                f"the unsettled grid leads nowhere from here, and {limit:g} cells' time of waiting has not changed "
-                "that: let the grid settle faster, or move more slowly"
+                f"the unsettled grid has no path from here, after a waiting time of {limit:g} cells; let the grid "
+                "settle faster, or move more slowly"
             )
-            return End(TerminationReason.STALLED, message) if patience.crossed >= limit else None
-        if not patience.lost:
+            return End(TerminationReason.STALLED, message) if stall.crossed >= limit else None
+        if not stall.stalled:
             return None
         if self.navigator.exit is not None:
             self.navigator.give_up_exit(place)
-        elif self.learns and patience.shake():
+        elif self.learns and stall.may_dither():
             self._dither()
         else:
-            return self._stuck(mode, seen)
+            return self._end_of_stall(mode, seen)
         return None
 
-    def _stuck(self, mode: ControlMode, seen: Nominal) -> End:
+    def _end_of_stall(self, mode: ControlMode, seen: Nominal) -> End:
+        """Return the end of a run that has stalled."""
         if mode is ControlMode.JAM:
             return End(
-                TerminationReason.JAM, "the contact force lies along the streamline, which following cannot overcome"
+                TerminationReason.JAM,
+                "the contact force lies along the streamline, which equipotential following cannot resolve",
             )
-        stood = f"the robot has stayed within half a cell while it could have crossed {LONGEST:g}"
+        stood = f"the robot has stayed within half a cell while it could have crossed {STALL_LIMIT:g}"
         if seen.place != "goal":
             return End(TerminationReason.STALLED, stood)
         away = np.linalg.norm(goal_offset(self.live.space, self.believed))
@@ -159,7 +166,7 @@ class Loop:
         )
 
     def _dither(self) -> None:
-        """Shake the robot loose by a small random step, if nothing is in its way."""
+        """Make a small random motion, if it is collision-free."""
         before, none = self.body.configuration, np.zeros_like(self.torque)
         self.torque = none
         if self.body.shaken(self.rng.uniform(-0.1, 0.1, len(none)) * self.live.spacing):
@@ -171,14 +178,14 @@ class Loop:
             self.time += size / float(np.abs(velocity).max())
             self.navigator.remember(ControlMode.DITHERING, before, self.body.configuration, pushed=False)
 
-    def _proven(self, contacts: ContactSet, believed: Vector) -> tuple[NDArray[np.bool_], Vector] | None:
-        """Cells that the contacts prove to be obstacle and the map does not show, and where; None if there are none."""
+    def _proven_cells(self, contacts: ContactSet, believed: Vector) -> tuple[NDArray[np.bool_], Vector] | None:
+        """Return the new obstacle cells that contacts prove, and the touched points; None if there are none."""
         pairs = contacts.pairs[contacts.pressing]
         points = pairs["point"] + INSIDE * self.plant.cell_motion * pairs["inward"]
         if not self.sensor.exact:
             true, thought = self.plant.pose(self.body.configuration), self.plant.pose(believed)
             points = np.array([true.carried(p, int(m), thought) for p, m in zip(points, pairs["part"], strict=True)])
-        if self._barren is not None and np.array_equal(points, self._barren):
+        if self._known_points is not None and np.array_equal(points, self._known_points):
             return None
         proven = np.zeros(self.live.space.shape, dtype=np.bool_)
         for point in points:
@@ -186,13 +193,13 @@ class Loop:
         new = proven & (self.live.space.cell != Cell.OBSTACLE)
         if new.any():
             return new, points
-        self._barren = points
+        self._known_points = points
         return None
 
     def _learn(
         self, cells: NDArray[np.bool_], points: Vector, contacts: ContactSet, push: Vector, pause: float
     ) -> End | None:
-        """Stand still, mark cells, and solve the changed map, unless it has no path from any place of the way back."""
+        """Stand still, mark cells, and solve the changed map, unless no place of the trail has a path any more."""
         place, none = self.body.configuration, np.zeros_like(self.torque)
         world = self.live.space.frame.to_world(points)
         self.lessons.append(MapUpdate(len(self.recorder), np.argwhere(cells), world))
@@ -200,20 +207,21 @@ class Loop:
         self.live.mark(cells)
         self.time += pause
         self.torque = none
-        self.patience.renew(place)
+        self.stall.reset(place)
         end = self.navigator.learnt(place)
         if end is None:
             self.live.solve()
         return end
 
 
-def _leads_on(velocity: Vector, chosen: Vector) -> bool:
-    """Whether a velocity still has a part of what was chosen."""
+def _makes_progress(velocity: Vector, chosen: Vector) -> bool:
+    """Return whether a velocity has a component along the command."""
     size = float(np.abs(chosen).max())
-    return size > 0.0 and float((velocity / size) @ (chosen / size)) > _LEADS
+    return size > 0.0 and float((velocity / size) @ (chosen / size)) > _PROGRESS
 
 
 def _contact_mode(mode: ControlMode, contacts: ContactSet) -> ControlMode:
+    """Return the mode of a step with contacts."""
     if mode in {
         ControlMode.RETREATING,
         ControlMode.JAM,

@@ -1,4 +1,4 @@
-"""What a robot knows: where it believes to be, and the map with its field."""
+"""State of the robot's knowledge: the believed configuration, and the map with its field."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ Vector = NDArray[np.float64]
 
 
 class Sensor:
-    """Tells the robot where it is: off by a bias, and by at most some noise, anew each time.
+    """Position sensor with a constant bias and bounded noise.
 
-    `bias` (ndim,): along the axes; `noise` (ndim,): along the world's.
+    `bias` (ndim,): constant error along the axes, given in world coordinates; `noise` (ndim,): largest random error of
+    a measurement, in world coordinates.
     """
 
     def __init__(self, plant: Plant, bias: Vector, noise: Vector, rng: np.random.Generator) -> None:
@@ -26,15 +27,15 @@ class Sensor:
 
     @property
     def exact(self) -> bool:
-        """Whether the robot knows where it is."""
+        """Whether the sensor has no error."""
         return not (self.bias.any() or self.noise.any())
 
     def believed(self, configurations: Vector) -> Vector:
-        """Where the robot believes to be, but for noise.  Shapes: (..., ndim)."""
+        """Return the believed configurations without noise.  Shapes: (..., ndim)."""
         return self._plant.within_stops(configurations + self.bias)
 
     def sense(self, configuration: Vector) -> Vector:
-        """Where the robot believes to be, shape (ndim,)."""
+        """Return a measurement of a configuration, shape (ndim,)."""
         if not self.noise.any():
             return self.believed(configuration)
         error = self.noise * self._rng.uniform(-1.0, 1.0, len(self.noise))
@@ -42,7 +43,7 @@ class Sensor:
 
 
 class LiveMap:
-    """The map that the robot goes by, and the controller on its field: solved at once, or on a grid that relaxes."""
+    """The robot's map and the controller on its field, which is solved at once or on a relaxing grid."""
 
     def __init__(self, controller: Controller, grid: RelaxingGrid | None = None) -> None:
         self.space: ConfigurationSpace = controller.field.space
@@ -51,11 +52,11 @@ class LiveMap:
 
     @property
     def spacing(self) -> Vector:
-        """Widths of a cell, shape (ndim,)."""
+        """Cell widths, shape (ndim,)."""
         return self.space.spacing
 
     def read(self, time: float) -> None:
-        """Let the grid relax until a time, and read it anew where it has moved."""
+        """Let the grid relax until a time, in seconds, and update the field if it has changed."""
         if self.grid is None:
             return
         crossed = (time - self._read_at) * self.controller.speed / float(self.spacing.min())
@@ -64,11 +65,11 @@ class LiveMap:
             self.controller = self.controller.with_field(self.grid.field)
 
     def mark(self, cells: NDArray[np.bool_]) -> None:
-        """Mark cells as obstacle, goal cells among them; the field is left as it is.  Shapes: `cells` as the space."""
+        """Mark cells as obstacles, goal cells included; the field does not change.  Shapes: `cells` as the space."""
         self.space = self.space.with_cells(np.where(cells, np.uint8(Cell.OBSTACLE), self.space.cell))
 
     def solve(self) -> None:
-        """Solve the present map: at once, or on the grid that settles; a map that carries no current has no grid."""
+        """Solve the present map, at once or on the relaxing grid; a map without current needs no grid."""
         if not self.space.goal_connected.any():
             self.grid = None
         if self.grid is None:
@@ -79,5 +80,5 @@ class LiveMap:
 
 
 def solve_again(field: Field, space: ConfigurationSpace) -> Field:
-    """The field of a changed space, wired and blended as another was."""
+    """Return the field of a changed space, with the wiring and blend of another field."""
     return solve_field(space, field.wiring, field.k if field.boundary == "blend" else None)

@@ -189,12 +189,12 @@ def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
 
 def _bits(frame: SolvedDrawing, index: tuple[int, ...]) -> float | None:
     """Converter bits that tell a cell's lowest neighbour from itself; None for blends, which are no circuit."""
-    from resgrid.chip.adc_resolution import analyse_precision
+    from resgrid.chip.adc_resolution import analyse_adc_resolution
 
     points = frame.solution.operating_points
     if len(points) != 1 or frame.drawing.cell[index] != Cell.FREE:
         return None
-    return float(analyse_precision(next(iter(points.values()))).cell_bits[index])
+    return float(analyse_adc_resolution(next(iter(points.values()))).cell_bits[index])
 
 
 def _circuit(op: OperatingPoint) -> dict[str, Any] | None:

@@ -11,12 +11,12 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
-from resgrid.chip.adc_resolution import Precision
+from resgrid.chip.adc_resolution import ADCResolution
 from resgrid.chip.build import value_text
 from resgrid.chip.settling import Settling
-from resgrid.chip.sweeps import Exploration
+from resgrid.chip.sweeps import Sweep
 from resgrid.errors import InputError
-from resgrid.plot.chip_maps import draw_precision, draw_settling
+from resgrid.plot.chip_maps import draw_adc_resolution, draw_settling
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, new_figure, panel_height
 from resgrid.plot.plane import plane_of
 from resgrid.plot.style import (
@@ -71,8 +71,8 @@ def draw_settling_curve(result: Settling, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def draw_precisions(
-    results: Mapping[str, Precision], ax: Axes | None = None, *,
+def draw_adc_resolutions(
+    results: Mapping[str, ADCResolution], ax: Axes | None = None, *,
     quantity: Literal["page", "served", "histogram"] = "page", bits: int = 10, title: str = "",
 ) -> Axes | Figure:  # fmt: skip
     """Draw required converter bits of several chips: a page, the fraction of starts served, or a histogram.
@@ -85,10 +85,10 @@ def draw_precisions(
         return _draw_histogram(results, ax, bits)
     if ax is not None:
         raise InputError("a page of precision has several panels and cannot use one ax; omit ax")
-    return _precision_page(results, bits, title)
+    return _adc_resolution_page(results, bits, title)
 
 
-def _draw_served(results: Mapping[str, Precision], ax: Axes | None, bits: int) -> Axes:
+def _draw_served(results: Mapping[str, ADCResolution], ax: Axes | None, bits: int) -> Axes:
     """Draw the fraction of starts that a read-out serves against its bits."""
     axes = axes_or_new(ax, 0.6)
     most = _most_bits(results, bits)
@@ -104,7 +104,7 @@ def _draw_served(results: Mapping[str, Precision], ax: Axes | None, bits: int) -
     return axes
 
 
-def _draw_histogram(results: Mapping[str, Precision], ax: Axes | None, bits: int) -> Axes:
+def _draw_histogram(results: Mapping[str, ADCResolution], ax: Axes | None, bits: int) -> Axes:
     """Draw the histogram of whole bits that starts require: a start that requires 9.3 bits counts at 10."""
     axes = axes_or_new(ax, 0.6)
     most = int(np.ceil(_most_bits(results, bits)))
@@ -119,7 +119,7 @@ def _draw_histogram(results: Mapping[str, Precision], ax: Axes | None, bits: int
     return axes
 
 
-def _precision_page(results: Mapping[str, Precision], bits: int, title: str) -> Figure:
+def _adc_resolution_page(results: Mapping[str, ADCResolution], bits: int, title: str) -> Figure:
     """Draw a page: one map per result, the histogram, and the fraction of starts served."""
     aspect = max(plane_of(result.space).aspect for result in results.values())
     height = panel_height(PAGE / len(results) - 1.0, aspect) + 0.2
@@ -128,7 +128,7 @@ def _precision_page(results: Mapping[str, Precision], bits: int, title: str) -> 
     most = max(_largest(result) for result in results.values())
     maps = above.subplots(1, len(results), squeeze=False)[0]
     for axes, (name, result) in zip(maps, results.items(), strict=True):
-        draw_precision(result, axes, most=most)
+        draw_adc_resolution(result, axes, most=most)
         axes.set_title(name, fontsize=TEXT + 1)
         refresh_legend(axes, columns=2)
     left, right = below.subplots(1, 2)
@@ -144,18 +144,18 @@ def _line(number: int) -> dict[str, Any]:
     return {"color": colour, "linestyle": style, "linewidth": 1.4}
 
 
-def _most_bits(results: Mapping[str, Precision], bits: int) -> float:
+def _most_bits(results: Mapping[str, ADCResolution], bits: int) -> float:
     """Return the upper limit of the bits' axis."""
     return max(bits + 2.0, *(_largest(result) for result in results.values()))
 
 
-def _largest(result: Precision) -> float:
+def _largest(result: ADCResolution) -> float:
     """Return the largest finite number of bits that a start requires, at least 1."""
     finite = result.starts[np.isfinite(result.starts)]
     return float(finite.max(initial=1.0))
 
 
-def draw_exploration(result: Exploration, ax: Axes | None = None, *, share: float = 0.99) -> Axes:
+def draw_sweep(result: Sweep, ax: Axes | None = None, *, share: float = 0.99) -> Axes:
     """Draw the yield over two parameters of a chip, with contours.
 
     `share`: fraction of starts; for each value of the first parameter, the smallest sufficient value of the second one
@@ -191,7 +191,7 @@ def draw_exploration(result: Exploration, ax: Axes | None = None, *, share: floa
     return axes
 
 
-def _mark_cheapest(result: Exploration, share: float, axes: Axes) -> None:
+def _mark_cheapest(result: Sweep, share: float, axes: Axes) -> None:
     """Mark the smallest second value that serves a fraction `share` of the starts, for each first value."""
     marks = [(column, value) for column, value in enumerate(result.cheapest(share)) if value is not None]
     if marks:

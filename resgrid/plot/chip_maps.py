@@ -12,8 +12,8 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
-from resgrid.chip.adc_resolution import Precision
-from resgrid.chip.fault_analysis import Criticality
+from resgrid.chip.adc_resolution import ADCResolution
+from resgrid.chip.fault_analysis import FaultAnalysis
 from resgrid.chip.noise import Noise
 from resgrid.chip.power import Power
 from resgrid.chip.sensitivity import Sensitivity
@@ -130,8 +130,8 @@ def draw_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: floa
     return axes
 
 
-def draw_precision(
-    result: Precision, ax: Axes | None = None, *, starts: bool = True, most: float | None = None
+def draw_adc_resolution(
+    result: ADCResolution, ax: Axes | None = None, *, starts: bool = True, most: float | None = None
 ) -> Axes:
     """Draw the converter bits that every start requires, or every cell itself.
 
@@ -160,7 +160,7 @@ def draw_yield(result: Yield, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def draw_criticality(result: Criticality, ax: Axes | None = None, *, fault: Literal["open", "short"] = "open") -> Axes:
+def draw_faults(result: FaultAnalysis, ax: Axes | None = None, *, fault: Literal["open", "short"] = "open") -> Axes:
     """Draw the number of starts lost by an open or shorted resistor; switches and loads are squares in their cells."""
     netlist, cells = result.netlist, result.netlist.cells
     plane = plane_of(cells.space)

@@ -144,7 +144,7 @@ def draw_configurations(run: Run, axes: Axes, *, path: bool = True) -> None:
     virtual = None
     if (bare := scene.robot.bare()) != scene.robot:
         touched = bare.occupancy(scene.axes, plant.obstacles[: plant.known], "conservative")
-        virtual = plant.itself & obstacle & ~touched
+        virtual = plant.self_blocked & obstacle & ~touched
     draw_space(known, axes, virtual=virtual)
     hidden = (plant.true_space(known).cell == Cell.OBSTACLE) & ~obstacle
     paint(plane_of(known), axes, (hidden, _HIDDEN_CELLS, "hidden obstacle"))

@@ -27,13 +27,13 @@ Picture = Callable[..., Axes | Figure]
 PictureT = TypeVar("PictureT", bound=Picture)
 
 PICTURES = {
-    "resgrid.chip.adc_resolution:Precision": "chip_maps:draw_precision",
-    "resgrid.chip.fault_analysis:Criticality": "chip_maps:draw_criticality",
+    "resgrid.chip.adc_resolution:ADCResolution": "chip_maps:draw_adc_resolution",
+    "resgrid.chip.fault_analysis:FaultAnalysis": "chip_maps:draw_faults",
     "resgrid.chip.noise:Noise": "chip_maps:draw_noise",
     "resgrid.chip.power:Power": "chip_maps:draw_power",
     "resgrid.chip.sensitivity:Sensitivity": "chip_maps:draw_sensitivity",
     "resgrid.chip.settling:Settling": "chip_curves:draw_settled",
-    "resgrid.chip.sweeps:Exploration": "chip_curves:draw_exploration",
+    "resgrid.chip.sweeps:Sweep": "chip_curves:draw_sweep",
     "resgrid.chip.yield_loss:YieldLoss": "yield_loss:draw_yield_loss",
     "resgrid.chip.yields:Yield": "chip_maps:draw_yield",
     "resgrid.circuit.operating_point:OperatingPoint": "pictures:draw_operating_point",
@@ -54,7 +54,7 @@ PICTURES = {
 """Picture of each type, a module of `resgrid.plot` and a function; imported when the first such value is drawn."""
 
 PICTURES_OF_SEVERAL = {
-    "resgrid.chip.adc_resolution:Precision": "chip_curves:draw_precisions",
+    "resgrid.chip.adc_resolution:ADCResolution": "chip_curves:draw_adc_resolutions",
     "resgrid.control.run_log:Run": "control:draw_runs",
     "resgrid.planning.streamline:Streamline": "paths:draw_streamlines",
 }

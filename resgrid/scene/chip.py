@@ -51,7 +51,7 @@ class Readout:
     Examples
     --------
     >>> readout = rg.chip.Readout(bits=8, range=(0.0, 1.2))
-    >>> rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(readout=readout)).precision().sentence(8)
+    >>> rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(readout=readout)).adc_resolution().sentence(8)
     'an 8-bit read-out serves 58 % of the starts'
     """
 

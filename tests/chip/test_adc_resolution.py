@@ -21,7 +21,7 @@ def corridor(width: int, length: int = 64) -> rg.Netlist:
 
 @pytest.mark.parametrize(("width", "bits"), [(8, 34.0), (4, 56.7)])
 def test_the_end_of_a_corridor_needs_as_many_bits_as_theory_says(width: int, bits: float) -> None:
-    result = rg.study(rg.solve(corridor(width))).precision()
+    result = rg.study(rg.solve(corridor(width))).adc_resolution()
     assert result.cell_bits[-1].max() == pytest.approx(bits, abs=0.05)
     assert result.cell_bits[-1].max() == pytest.approx(exact_bits(width, 64), abs=1e-9)
     assert np.nanmax(result.start_bits) == pytest.approx(bits, abs=0.05)
@@ -46,7 +46,7 @@ def exact_bits(width: int, length: int) -> float:
 
 
 def test_bits_go_on_where_doubles_end() -> None:
-    result = rg.study(rg.solve(corridor(2, 800))).precision()
+    result = rg.study(rg.solve(corridor(2, 800))).adc_resolution()
     assert result.cell_bits[-1, 0] == pytest.approx(exact_bits(2, 800), abs=1e-6)
     assert result.cell_bits[-1, 0] > 1100
 
@@ -54,7 +54,7 @@ def test_bits_go_on_where_doubles_end() -> None:
 @pytest.mark.parametrize("options", [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 30e3}])
 def test_bits_follow_from_the_definition(options: dict[str, object]) -> None:
     op = rg.solve(small_scene(**options))
-    result = rg.study(op).precision()
+    result = rg.study(op).adc_resolution()
     cell_map = op.netlist.cells
     volts = np.where(cell_map.node >= 0, op.voltage[cell_map.node], np.nan)
     code = cell_map.space.cell
@@ -76,7 +76,7 @@ def test_bits_follow_from_the_definition(options: dict[str, object]) -> None:
 def test_a_read_out_of_enough_bits_leads_home() -> None:
     """A robot that only sees voltages floored to 2**b steps, b one more than needed, walks to the goal."""
     op = rg.solve(small_scene())
-    result = rg.study(op).precision()
+    result = rg.study(op).adc_resolution()
     cell_map = op.netlist.cells
     code = cell_map.space.cell
     bits = result.bits_for(1.0)
@@ -90,7 +90,7 @@ def test_a_read_out_of_enough_bits_leads_home() -> None:
 
 
 def test_the_sentence_counts_starts() -> None:
-    result = rg.study(rg.solve(small_scene())).precision()
+    result = rg.study(rg.solve(small_scene())).adc_resolution()
     share = np.mean(result.starts <= 10)
     assert 0 < share < 1
     assert result.sentence() == f"a 10-bit read-out serves {int(100 * share)} % of the starts"
@@ -103,13 +103,13 @@ def test_the_sentence_counts_starts() -> None:
 
 def test_half_the_range_saves_a_bit() -> None:
     op = rg.solve(small_scene())
-    whole, half = rg.study(op).precision(), rg.study(op).precision(span=0.5)
+    whole, half = rg.study(op).adc_resolution(), rg.study(op).adc_resolution(span=0.5)
     free = op.netlist.cells.space.goal_connected
     assert (whole.cell_bits - half.cell_bits)[free] == pytest.approx(1.0)
 
 
 def test_a_falling_supply_changes_nothing() -> None:
-    up, down = (rg.study(rg.solve(small_scene(supply=volts))).precision() for volts in (2.0, -2.0))
+    up, down = (rg.study(rg.solve(small_scene(supply=volts))).adc_resolution() for volts in (2.0, -2.0))
     assert (up.following == down.following).all()
     assert up.starts == pytest.approx(down.starts)
 
@@ -120,23 +120,23 @@ def test_cells_without_current_need_more_bits_than_there_are() -> None:
     netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(3, 0))
     cell[3:5, 1:] = 1
     dead_end = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(3, 0))
-    assert np.isfinite(rg.study(rg.solve(netlist)).precision().cell_bits[3, 0])
-    assert np.isinf(rg.study(rg.solve(dead_end)).precision().start_bits[5, 4])
-    assert rg.study(rg.solve(dead_end)).precision().bits_for(1.0) is None
+    assert np.isfinite(rg.study(rg.solve(netlist)).adc_resolution().cell_bits[3, 0])
+    assert np.isinf(rg.study(rg.solve(dead_end)).adc_resolution().start_bits[5, 4])
+    assert rg.study(rg.solve(dead_end)).adc_resolution().bits_for(1.0) is None
 
 
 def test_readings_and_errors() -> None:
     op = rg.solve(small_scene())
-    data = rg.study(op).precision().to_json()
+    data = rg.study(op).adc_resolution().to_json()
     assert data["most_bits"]["unit"] == "bit"
-    assert data["sentence"] == rg.study(op).precision().sentence(10)
+    assert data["sentence"] == rg.study(op).adc_resolution().sentence(10)
     with pytest.raises(rg.InputError, match="span"):
-        rg.study(op).precision(span=0.0)
+        rg.study(op).adc_resolution(span=0.0)
     with pytest.raises(rg.InputError, match="share"):
-        rg.study(op).precision().bits_for(1.5)
+        rg.study(op).adc_resolution().bits_for(1.5)
     bare = op.netlist.replace(cell_map=None)
     with pytest.raises(rg.InputError, match="not compiled"):
-        rg.study(rg.solve(bare)).precision()
+        rg.study(rg.solve(bare)).adc_resolution()
 
 
 def test_a_broken_resistor_hides_no_neighbour() -> None:
@@ -156,7 +156,7 @@ def test_a_broken_resistor_hides_no_neighbour() -> None:
             resistor_nodes=netlist.resistor_nodes[keep], conductance=netlist.conductance[keep], cell_map=cell_map
         )
     )
-    result = rg.study(op).precision()
+    result = rg.study(op).adc_resolution()
     volts = {p: op.voltage[node[p]] for p in ((8, 12), (7, 12), (9, 12), (8, 11), (8, 13))}
     best = min(volts, key=volts.__getitem__)
     assert len(broken) == 1
@@ -169,7 +169,7 @@ def test_rings_close(shape: tuple[int, ...]) -> None:
     cell = np.zeros(shape, dtype=np.uint8)
     cell.flat[-1] = 2
     op = rg.solve(rg.compile_space(space_of(cell, periodic=(True,) * len(shape)), boundary="neumann"))
-    result = rg.study(op).precision()
+    result = rg.study(op).adc_resolution()
     assert np.isfinite(result.starts).all()
     volts = op.voltage[op.netlist.cells.node].ravel()
     for here in np.flatnonzero(cell.ravel() == 0).tolist():
@@ -184,8 +184,8 @@ def test_rings_close(shape: tuple[int, ...]) -> None:
 
 def test_without_any_start_nothing_is_not_a_number() -> None:
     cell = np.array([[0, 1, 2]], dtype=np.uint8)
-    result = rg.study(rg.solve(rg.compile_space(space_of(cell), rails="cells"))).precision()
-    assert result.sentence() == "no start has a way to a goal"
+    result = rg.study(rg.solve(rg.compile_space(space_of(cell), rails="cells"))).adc_resolution()
+    assert result.sentence() == "no start has a path to a goal"
     assert result.to_json()["served_10_bits"]["value"] is None
     assert "NaN" not in json.dumps(result.to_json())
 
@@ -193,7 +193,7 @@ def test_without_any_start_nothing_is_not_a_number() -> None:
 @pytest.mark.parametrize("span", ["x", 0.0, -1.0, np.nan, np.inf, True], ids=str)
 def test_bad_ranges_are_named(span: object) -> None:
     with pytest.raises(rg.InputError, match="span = "):
-        rg.study(rg.solve(small_scene())).precision(span=span)  # type: ignore[arg-type]
+        rg.study(rg.solve(small_scene())).adc_resolution(span=span)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -204,7 +204,7 @@ def test_no_analysis_lets_a_robot_step_into_an_obstacle_that_droops_behind_its_s
     chip = rg.Chip(obstacle_switch_on=1e6, mismatch=0.1, seed=seed)
     study = rg.study(space_of(cell), chip)
     code, volts = cell.ravel(), study.op.voltage[study.netlist.cells.node].ravel()
-    result = study.precision()
+    result = study.adc_resolution()
     following = result.following.ravel()
     moving = np.flatnonzero(following >= 0)
     assert (code[following[moving]] != Cell.OBSTACLE).all()
@@ -212,5 +212,5 @@ def test_no_analysis_lets_a_robot_step_into_an_obstacle_that_droops_behind_its_s
     cells = np.stack(np.unravel_index(moving, cell.shape), axis=1)
     assert (study.sensitivity(cells).best == following[moving]).all()
     one = rg.study(study.ideal, rg.Chip(obstacle_switch_on=1e6))
-    served = np.isfinite(one.precision().start_bits)
+    served = np.isfinite(one.adc_resolution().start_bits)
     assert (one.yields().reached == served).all()

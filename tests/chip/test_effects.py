@@ -79,9 +79,9 @@ def test_a_list_of_passes_is_data() -> None:
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ({"pass": "mismach", "sigma": 0.1}, "pass 0: 'mismach' is unknown; did you mean 'mismatch'"),
-        ({"sigma": 0.1}, "pass 0: None is unknown; there are"),
-        ("mismatch", "pass 0 = 'mismatch' must be a table, such as"),
+        ({"pass": "mismach", "sigma": 0.1}, "effect 0: 'mismach' is unknown; did you mean 'mismatch'"),
+        ({"sigma": 0.1}, "effect 0: None is unknown; there are"),
+        ("mismatch", "effect 0 = 'mismatch' must be a table, such as"),
         ({"pass": "mismatch", "sigmaa": 0.1}, "'sigmaa' is unknown; did you mean 'sigma'"),
         ({"pass": "mismatch", "sigma": "x"}, "sigma: 'x' is not a value"),
         ({"pass": "mismatch", "sigma": 3.0}, "sigma: must be below 1, got 3"),
@@ -90,7 +90,7 @@ def test_a_list_of_passes_is_data() -> None:
         ({"pass": "mismatch", "sigma": 0.1, "seed": -3}, "seed = -3 must be a whole number"),
         ({"pass": "temperature"}, "celsius: this key is missing"),
         ({"pass": "gradient", "shares": [0.1, float("nan")]}, r"shares\[1\]: nan is not a value"),
-        ({"pass": "faults", "open_density": 0.7, "short_density": 0.7}, "together at most 1"),
+        ({"pass": "faults", "open_density": 0.7, "short_density": 0.7}, "a sum of at most 1"),
         ({"pass": "faults", "short_resistance": 0.0}, "short_resistance: must be greater than 0"),
     ],
 )
@@ -154,7 +154,7 @@ def test_a_gradient_is_linear_and_spares_the_middle() -> None:
     place = np.array([(x.mean(axis=1) + 0.5) / 8, (y.mean(axis=1) + 0.5) / 10])
     ratio = netlist.conductance[both] / graded.conductance[both]
     np.testing.assert_allclose(ratio, 1 + 0.1 * (place[0] - 0.5) - 0.2 * (place[1] - 0.5), rtol=1e-12)
-    for shares, message in (((0.1,) * 3, "3 entries, but the space has 2 axes"), ((1.5, 0.6), "below 0 in a corner")):
+    for shares, message in (((0.1,) * 3, "3 entries, but the space has 2 axes"), ((1.5, 0.6), "negative in a corner")):
         with pytest.raises(rg.InputError, match=message):
             effects.Gradient(shares).apply(room())
 
@@ -210,7 +210,7 @@ def test_heat_follows_the_coefficients() -> None:
     hot = effects.Temperature(77.0).apply(effects.TemperatureCoefficients(2e-3, 1e-5).apply(room()))
     np.testing.assert_allclose(1 / hot.conductance, 10e3 * (1 + 0.1 + 0.025), rtol=1e-12)
     assert hot.tc1 is None
-    with pytest.raises(rg.InputError, match="turn a resistance into -1 of itself"):
+    with pytest.raises(rg.InputError, match="multiply a resistance by -1"):
         effects.Temperature(127.0).apply(effects.TemperatureCoefficients(-0.02).apply(room()))
 
 
@@ -402,12 +402,12 @@ def test_impossible_passes_are_refused_when_they_are_made(
 
 @pytest.mark.parametrize("entries", [5, None, {"pass": "mismatch"}, [{"pass": ["x"]}], [{"pass": None}]], ids=str)
 def test_what_is_no_list_of_passes_is_refused(entries: object) -> None:
-    with pytest.raises(rg.InputError, match=r"pass|entries"):
+    with pytest.raises(rg.InputError, match=r"effect|entries"):
         effects.from_json(entries)
 
 
 def test_absolute_zero_is_the_limit_in_json_too() -> None:
-    with pytest.raises(rg.InputError, match=r"pass 0 \(temperature\): celsius: must be greater than -273"):
+    with pytest.raises(rg.InputError, match=r"effect 0 \(temperature\): celsius: must be greater than -273"):
         effects.from_json([{"pass": "temperature", "celsius": -500}])
 
 

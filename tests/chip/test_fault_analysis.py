@@ -11,7 +11,7 @@ from support.spaces import space_of
 import resgrid as rg
 from resgrid.chip.effects.base import add_nodes
 from resgrid.chip.fault_analysis import faulty_voltages
-from resgrid.chip.monte_carlo import arrivals, converter_of, neighbours_of
+from resgrid.chip.walk import converter_of, neighbours_of, reaches_goal
 from resgrid.core.netlist import add_elements, select_elements
 
 FLAWS = rg.Chip(
@@ -50,14 +50,14 @@ def rebuilt(netlist: rg.Netlist, element: int, short: float | None) -> np.ndarra
 def test_starts_lost_are_those_of_the_faulty_chip(chip: rg.Chip) -> None:
     netlist = rg.chip.build_chip(rg.study(cells(), chip).ideal, chip)
     readout = rg.chip.Readout(bits=7)
-    result = rg.study(netlist).criticality(readout=readout, short_resistance=5.0)
+    result = rg.study(netlist).faults(readout=readout, short_resistance=5.0)
     floor, eyes = neighbours_of(netlist.cells), converter_of(readout, netlist.cells, None)
     starts = cells().goal_connected.ravel()
-    healthy = arrivals(rg.solve(netlist).voltage, floor, eyes) & starts
+    healthy = reaches_goal(rg.solve(netlist).voltage, floor, eyes) & starts
     assert result.served == healthy.sum() > 0
     for short, lost in ((None, result.open), (5.0, result.short)):
         some = range(0, len(lost), 1 if len(lost) < 150 and chip.saturation_voltage is None else 4)
-        expected = [(healthy & ~arrivals(rebuilt(netlist, element, short), floor, eyes)).sum() for element in some]
+        expected = [(healthy & ~reaches_goal(rebuilt(netlist, element, short), floor, eyes)).sum() for element in some]
         np.testing.assert_array_equal(lost[some], expected)
         assert max(expected) > 0
 
@@ -67,7 +67,7 @@ def test_bridges_cut_off_what_lies_behind_them() -> None:
     cell = np.zeros((1, 8), dtype=np.uint8)
     cell[0, 0], cell[0, 7] = 2, 1
     netlist = rg.study(space_of(cell), rg.Chip(), edge="open").ideal
-    result = rg.study(netlist).criticality()
+    result = rg.study(netlist).faults()
     assert result.served == 6
     by_face = {int(face): lost for face, lost in zip(netlist.cells.resistor_face, result.open, strict=True)}
     lost = [by_face[face] for face in sorted(by_face)]
@@ -79,7 +79,7 @@ def test_driven_grids_lose_the_currents_behind_a_bridge() -> None:
     cell = np.zeros((1, 8), dtype=np.uint8)
     cell[0, 0] = 2
     netlist = rg.study(space_of(cell), rg.Chip(), boundary="neumann").ideal
-    result = rg.study(netlist).criticality()
+    result = rg.study(netlist).faults()
     by_face = {int(face): lost for face, lost in zip(netlist.cells.resistor_face, result.open, strict=True)}
     assert [by_face[face] for face in sorted(by_face)] == [7, 6, 5, 4, 3, 2, 1]
 
@@ -87,12 +87,12 @@ def test_driven_grids_lose_the_currents_behind_a_bridge() -> None:
 def test_time_limits_and_starts() -> None:
     netlist = rg.chip.build_chip(rg.study(cells(), FLAWS).ideal, FLAWS)
     told: list[tuple[int, int]] = []
-    short = rg.study(netlist).criticality(seconds=1e-9, progress=lambda done, total: told.append((done, total)))
+    short = rg.study(netlist).faults(seconds=1e-9, progress=lambda done, total: told.append((done, total)))
     assert 0 < short.examined < len(short.open)
     assert told[0] == (0, len(short.open))
     one = np.zeros((6, 7), dtype=bool)
     one[5, 6] = True
-    single = rg.study(netlist).criticality(starts=one)
+    single = rg.study(netlist).faults(starts=one)
     assert single.served == 1
     assert np.nanmax(single.open) <= 1
     data = single.to_json()
@@ -103,9 +103,9 @@ def test_time_limits_and_starts() -> None:
         ({"short_resistance": 0.0}, "short_resistance"),
     ):
         with pytest.raises(rg.InputError, match=message):
-            rg.study(netlist).criticality(**options)  # type: ignore[arg-type]
+            rg.study(netlist).faults(**options)  # type: ignore[arg-type]
     with pytest.raises(rg.InputError, match="one node per cell"):
-        rg.study(rg.compile_space(cells())).criticality()
+        rg.study(rg.compile_space(cells())).faults()
 
 
 @pytest.mark.parametrize("leak", [1e7, 1.7e11, 1.7e12])
@@ -153,7 +153,7 @@ def exact_voltages(netlist: rg.Netlist, conductance: np.ndarray) -> np.ndarray:
 
 
 def test_faults_are_named() -> None:
-    result = rg.study(cells(), rg.Chip()).criticality()
+    result = rg.study(cells(), rg.Chip()).faults()
     with pytest.raises(rg.InputError, match="'bogus' is unknown"):
         result.worst("bogus")
     assert len(result.worst("short", 3)) <= 3
@@ -167,13 +167,13 @@ def test_faults_are_named() -> None:
 )
 def test_bad_numbers_are_named(options: dict[str, object]) -> None:
     with pytest.raises(rg.InputError, match=next(iter(options))):
-        rg.study(cells(), rg.Chip()).criticality(**options)
+        rg.study(cells(), rg.Chip()).faults(**options)
 
 
 def test_a_resistor_between_floating_nodes_costs_nothing() -> None:
     netlist = rg.study(cells(), FLAWS).netlist
     more, nodes = add_nodes(netlist, 2)
     more = add_elements(more, "resistor", nodes, 1e-3)
-    alone, beside = (rg.study(each).criticality() for each in (netlist, more))
+    alone, beside = (rg.study(each).faults() for each in (netlist, more))
     for fault in ("open", "short"):
         np.testing.assert_array_equal(beside.lost(fault), np.append(alone.lost(fault), 0.0))

@@ -206,7 +206,7 @@ def test_a_density_that_doubles_cannot_tell_is_refused() -> None:
     found = rg.study(netlist).noise_density([1, 2, 3, 4], [0.0])[0] / (4 * BOLTZMANN * ROOM)
     assert found == pytest.approx([1.0, 1.0, 1e12, 1e12], rel=1e-9)
     for nodes in ([4], [1, 4]):
-        with pytest.raises(rg.AccuracyError, match="too many decades"):
+        with pytest.raises(rg.AccuracyError, match="too many orders of magnitude"):
             rg.study(netlist).noise_density(nodes, [1e-3])
 
 
@@ -221,7 +221,7 @@ def test_weakly_tied_parts_have_their_effective_resistance(tie: float) -> None:
 
 def test_a_band_that_rounding_spoils_is_refused() -> None:
     for method in ("exact", "estimate"):
-        with pytest.raises(rg.AccuracyError, match="rounding may be"):
+        with pytest.raises(rg.AccuracyError, match="rounding may change"):
             rg.study(three_nodes([3.0, 7.0, 11.0], 1e-17)).noise(band=(0.0, 1.0), method=method)
 
 

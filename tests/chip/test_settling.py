@@ -137,7 +137,7 @@ def test_readings_have_units_and_definitions() -> None:
         (small_scene(), {"modes": 0}, rg.InputError, "modes"),
         (small_scene(), {"span": -1.0}, rg.InputError, "span"),
         (rg.compile_space(small_scene().cells.space), {}, rg.InputError, "no time constants; give chip.capacitance"),
-        (held_square(3), {}, rg.InputError, "same voltage"),
+        (held_square(3), {}, rg.InputError, "final voltages are equal"),
         (
             rg.Netlist(
                 4, [[1, 2]], [1.0], source_nodes=[[1, 0]], source_volts=[1.0], capacitor_nodes=[[2, 0], [3, 0]],

@@ -11,8 +11,8 @@ from support.dynamics import small_scene
 
 import resgrid as rg
 from resgrid.chip import ANALYSES
-from resgrid.chip.adc_resolution import Precision
-from resgrid.chip.fault_analysis import Criticality
+from resgrid.chip.adc_resolution import ADCResolution
+from resgrid.chip.fault_analysis import FaultAnalysis
 from resgrid.chip.figures_of_merit import Figure, Proportion
 from resgrid.chip.noise import Noise
 from resgrid.chip.power import Power
@@ -20,11 +20,11 @@ from resgrid.chip.report import SECTIONS, report_section
 from resgrid.chip.sensitivity import Sensitivity
 from resgrid.chip.settling import Settling
 from resgrid.chip.study_analyses import Study
-from resgrid.chip.sweeps import Exploration
+from resgrid.chip.sweeps import Sweep
 from resgrid.chip.yields import Yield
 
-QUESTIONS = ("settling", "noise", "power", "precision", "sensitivity", "yields", "criticality", "exploration")
-QUICK = {"yields": {"trials": 8, "batch": 8}, "criticality": {"seconds": 1e-9}, "exploration": {"trials": 2}}
+QUESTIONS = ("settling", "noise", "power", "adc_resolution", "sensitivity", "yields", "faults", "sweep")
+QUICK = {"yields": {"trials": 8, "batch": 8}, "faults": {"seconds": 1e-9}, "sweep": {"trials": 2}}
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_every_question_has_figures_that_show_themselves(made: Study, question: 
     result = getattr(made, question)(**QUICK.get(question, {}))
     assert isinstance(
         result,
-        Settling | Noise | Power | Precision | Sensitivity | Yield | Criticality | Exploration,
+        Settling | Noise | Power | ADCResolution | Sensitivity | Yield | FaultAnalysis | Sweep,
     )
     assert all(isinstance(figure, Figure) and len(figure.definition) > 20 for figure in result.figures.values())
     assert "array" not in repr(result)
@@ -67,7 +67,7 @@ def test_every_question_has_figures_that_show_themselves(made: Study, question: 
 def test_defaults_are_what_the_chip_says(made: Study, scene: rg.Scene) -> None:
     readout = scene.chip.readout
     assert made.settling().bits == made.bits == readout.bits
-    assert made.precision().span == made.settling().span == made.span
+    assert made.adc_resolution().span == made.settling().span == made.span
     assert made.noise().band == (0.0, readout.noise_bandwidth)
     assert made.noise().temperature == pytest.approx(scene.chip.temperature + 273.15)
     assert made.noise(temperature=100.0, band=(1.0, 2.0)).temperature == 100.0

@@ -14,7 +14,7 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.chip.build import chip_with
-from resgrid.chip.sweeps import Exploration
+from resgrid.chip.sweeps import Sweep
 
 
 def cells() -> rg.ConfigurationSpace:
@@ -47,10 +47,10 @@ def test_keys_of_one_table_change_together(order: int) -> None:
 def test_every_point_is_a_yield_of_its_own(first: tuple[str, list[float]], second: tuple[str, list[float]]) -> None:
     if " " in first[0]:
         with pytest.raises(rg.InputError, match="a chip has no key"):
-            rg.study(cells(), CHIP).exploration(first, second)
+            rg.study(cells(), CHIP).sweep(first, second)
         return
     told = []
-    result = rg.study(cells(), CHIP).exploration(first, second, trials=12, progress=lambda *all: told.append(all))
+    result = rg.study(cells(), CHIP).sweep(first, second, trials=12, progress=lambda *all: told.append(all))
     assert told[-1][0] == told[-1][1] == result.share.size * 12
     for (i, j), share in np.ndenumerate(result.share):
         chip = chip_with(CHIP, {first[0]: first[1][i], second[0]: second[1][j]})
@@ -64,8 +64,8 @@ def test_a_sweep_is_taken_up_where_it_was_killed(tmp_path: Path) -> None:
     axes = ("mismatch", [0.0, 0.1, 0.2]), ("readout.bits", [6, 10])
     kind = dataclasses.replace(CHIP, readout=rg.chip.Readout())
 
-    def explored(**options: Any) -> Exploration:
-        return rg.study(cells(), kind).exploration(*axes, trials=12, **options)
+    def explored(**options: Any) -> Sweep:
+        return rg.study(cells(), kind).sweep(*axes, trials=12, **options)
 
     alone = explored(checkpoint=file)
     data = file.read_bytes()
@@ -76,7 +76,7 @@ def test_a_sweep_is_taken_up_where_it_was_killed(tmp_path: Path) -> None:
             assert explored(checkpoint=file, executor=threads).to_json() == alone.to_json()
         assert file.read_bytes() == data
     with pytest.raises(rg.InputError, match="belongs to another run"):
-        rg.study(cells(), kind).exploration(*axes, trials=13, checkpoint=file)
+        rg.study(cells(), kind).sweep(*axes, trials=13, checkpoint=file)
     line = data.splitlines(keepends=True)[4]
     for damaged, why in (
         (line.replace(b'"chip":3,', b'"chip":4,'), "line 5: its parts do not agree"),
@@ -90,7 +90,7 @@ def test_a_sweep_is_taken_up_where_it_was_killed(tmp_path: Path) -> None:
 
 def test_the_cheapest_value_is_the_first_from_which_the_yield_stays() -> None:
     share = np.array([[0.5, 0.995, 0.98, 0.99, 1.0], [0.1, 0.2, 0.3, 0.4, 0.5], [1.0, 1.0, 1.0, 1.0, 1.0]])
-    result = Exploration("a", "b", (1, 2, 3), (6, 8, 10, 12, 14), share, share, share, 10, 0.95)
+    result = Sweep("a", "b", (1, 2, 3), (6, 8, 10, 12, 14), share, share, share, 10, 0.95)
     assert result.cheapest(0.99) == [12, None, 6]
     assert result.cheapest(0.5) == [6, 14, 6]
     with pytest.raises(rg.InputError, match="share"):
@@ -106,9 +106,9 @@ def test_wrong_keys_and_values_are_named() -> None:
         (("readout", [1]), "a chip has no key"),
     ):
         with pytest.raises(rg.InputError, match=message):
-            rg.study(cells(), CHIP).exploration(first, ("supply", [1.0]))
+            rg.study(cells(), CHIP).sweep(first, ("supply", [1.0]))
     with pytest.raises(rg.InputError, match="trials"):
-        rg.study(cells(), CHIP).exploration(("mismatch", [0.1]), ("supply", [1.0]), trials=0)
+        rg.study(cells(), CHIP).sweep(("mismatch", [0.1]), ("supply", [1.0]), trials=0)
 
 
 @pytest.mark.parametrize("readout", [rg.chip.Readout(), rg.chip.Readout(bits=8)])
@@ -116,6 +116,6 @@ def test_without_a_start_there_is_nothing_to_sweep(readout: rg.chip.Readout) -> 
     """A goal walled in: its own cell and what lies beyond the wall are between the rails, but nobody can come."""
     space = space_of(np.array([[2, 1, 0, 0, 1]], dtype=np.uint8))
     made = rg.study(space, rg.Chip(readout=readout, mismatch=0.1, goal_switch_off=1e8))
-    for ask in (made.yields, partial(made.exploration, ("mismatch", [0.1]), ("supply", [1.0]), trials=2)):
-        with pytest.raises(rg.InputError, match="no free cell has a way to a goal"):
+    for ask in (made.yields, partial(made.sweep, ("mismatch", [0.1]), ("supply", [1.0]), trials=2)):
+        with pytest.raises(rg.InputError, match="no free cell has a path to a goal"):
             ask()

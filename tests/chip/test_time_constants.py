@@ -112,9 +112,9 @@ def test_an_island_tied_weakly_charges_as_one_capacitor(side: int, ratio: float)
 
 @pytest.mark.parametrize("side", [5, 18])
 def test_an_island_that_rounding_unties_is_refused(side: int) -> None:
-    with pytest.raises(rg.AccuracyError, match="too many decades"):
+    with pytest.raises(rg.AccuracyError, match="too many orders of magnitude"):
         rg.study(island(side, 1e30)).settling()
-    with pytest.raises(rg.AccuracyError, match="too many decades"):
+    with pytest.raises(rg.AccuracyError, match="too many orders of magnitude"):
         slowest_modes(dynamics_of(island(side, 1e30)), 1)
 
 
@@ -242,7 +242,7 @@ def test_the_time_to_settle_does_not_depend_on_the_volts(volts: float) -> None:
 
 @pytest.mark.parametrize("volts", [1e165, 1e300])
 def test_energies_beyond_doubles_are_refused(volts: float) -> None:
-    with pytest.raises(rg.AccuracyError, match="doubles"):
+    with pytest.raises(rg.AccuracyError, match="overflows"):
         rg.study(two_lags(1e-9, 1e-9).replace(source_volts=[volts])).settling()
 
 

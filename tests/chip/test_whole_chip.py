@@ -85,7 +85,7 @@ def test_its_robot_takes_the_steps_that_its_voltages_show(op: rg.OperatingPoint)
     cell_map = op.netlist.cells
     volts = op.voltage[cell_map.node]
     code = cell_map.space.cell
-    result = rg.study(op).precision()
+    result = rg.study(op).adc_resolution()
     for cell in map(tuple, np.argwhere(cell_map.space.goal_connected).tolist()):
         around = [(cell[0] + a, cell[1] + b) for a, b in ((-1, 0), (1, 0), (0, -1), (0, 1))]
         around = [p for p in around if min(p) >= 0 and max(p) < 16 and code[p] != 1]
@@ -105,7 +105,7 @@ def test_saturating_resistors_are_judged_by_small_signals() -> None:
     chip = Chip(capacitance=1e-12, saturation_voltage=0.3)
     netlist = rg.study(small_scene().cells.space, chip).netlist
     op = rg.solve(netlist)
-    assert np.isfinite(rg.study(op).precision().starts).all()
+    assert np.isfinite(rg.study(op).adc_resolution().starts).all()
     assert rg.study(op).power().total == pytest.approx(op.power)
     assert np.isfinite(rg.study(op).sensitivity((8, 12)).flip_drift).any()
     small = rg.circuit.linearize(op)

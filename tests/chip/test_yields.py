@@ -18,8 +18,9 @@ from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.chip.figures_of_merit import effective_trials, wilson
-from resgrid.chip.monte_carlo import arrivals, converter_of, neighbours_of, prepare, run_trials, unpacked
+from resgrid.chip.monte_carlo import prepare_experiment, run_trials, unpacked
 from resgrid.chip.report import checkpoints_beside
+from resgrid.chip.walk import converter_of, neighbours_of, reaches_goal
 from resgrid.chip.yields import Yield
 from resgrid.core.random_sites import NOISE, OFFSET, generator
 
@@ -97,7 +98,7 @@ def test_robots_walk_by_the_rules(space: rg.ConfigurationSpace, seed: int, suppl
         offset = 0.01 * generator((seed, 0), OFFSET).standard_normal(space.shape)
     if readout.noise_bandwidth:
         blur = 0.02 * generator((seed, 0), NOISE).standard_normal((*space.shape, ways))
-    found = arrivals(volts, neighbours_of(netlist.cells), eyes, (seed, 0)).reshape(space.shape)
+    found = reaches_goal(volts, neighbours_of(netlist.cells), eyes, (seed, 0)).reshape(space.shape)
     for start in map(tuple, np.argwhere(space.goal_connected).tolist()):
         assert found[start] == robot(netlist, volts, readout, start, offset, blur)
 
@@ -133,7 +134,7 @@ def test_bits_taken_away_never_raise_the_yield() -> None:
         for boundary in ("dirichlet", "neumann"):
             chip = rg.Chip(mismatch=0.05)
             netlist = rg.study(space, chip, boundary=boundary).ideal
-            experiment = prepare(netlist, chip, [rg.chip.Readout(bits=b) for b in bits])
+            experiment = prepare_experiment(netlist, chip, [rg.chip.Readout(bits=b) for b in bits])
             starts = int(experiment.starts.sum())
             served = sum(unpacked(bits, starts).sum(axis=1) for bits in run_trials(experiment, range(2)))
             assert np.all(np.diff(served) <= 0)
@@ -206,9 +207,9 @@ def test_trials_are_their_own_chips_whoever_does_them(tmp_path: Path) -> None:
     other = made.yields(trials=70, batch=35, half_width=1e-4, seed=8)
     assert numbers(other) != numbers(alone)
     one = rg.chip.build_chip(made.ideal, CHIP, (7, 3))
-    experiment = prepare(made.ideal, CHIP, [CHIP.readout])
+    experiment = prepare_experiment(made.ideal, CHIP, [CHIP.readout])
     by_hand = (
-        arrivals(rg.solve(one).voltage, experiment.neighbours, experiment.converters[0], (7, 3)) & experiment.starts
+        reaches_goal(rg.solve(one).voltage, experiment.neighbours, experiment.converters[0], (7, 3)) & experiment.starts
     )
     served = unpacked(run_trials(experiment, [3])[0], int(experiment.starts.sum()))[0]
     np.testing.assert_array_equal(served, by_hand[experiment.starts])
@@ -390,5 +391,5 @@ def test_a_voltage_above_the_range_reads_full_scale_however_high(bits: int, volt
     high = np.zeros(netlist.node_count)
     high[netlist.cells.node[1, 0]] = volts
     floor, eyes = neighbours_of(netlist.cells), converter_of(rg.chip.Readout(bits=bits), netlist.cells, None)
-    assert arrivals(high, floor, eyes).all()
-    assert not arrivals(-high, floor, eyes)[1]
+    assert reaches_goal(high, floor, eyes).all()
+    assert not reaches_goal(-high, floor, eyes)[1]

@@ -100,7 +100,7 @@ def test_a_study_reports_options_under_its_own_names(scenes):
         (lambda: study.yields(trails=3), r"^yields\(\) has no option 'trails'; did you mean 'trials'\?$"),
         (lambda: study.settling(bit=3), r"^settling\(\) has no option 'bit'; did you mean 'bits'"),
         (lambda: study.power(foo=1), r"^power\(\) has no option 'foo'"),
-        (lambda: study.yields(3), r"^yields\(\) takes no arguments by position, got 1; give these by name: chip"),
+        (lambda: study.yields(3), r"^yields\(\) takes no arguments by position, got 1; give these by name: starts"),
         (lambda: rg.plan(study.scene, K=1), r"^plan\(\) has no option 'K'; did you mean 'k'\?$"),
         (lambda: rg.plan(study.scene, boundry="x"), r"^plan\(\) has no option 'boundry'; did you mean 'boundary'"),
         (

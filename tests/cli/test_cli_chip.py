@@ -133,7 +133,7 @@ def test_json_and_a_demand(answer, scenes: Path, tmp_path: Path) -> None:
 
 
 def test_chips_without_capacitance_and_in_space(call, scenes: Path, tmp_path: Path) -> None:
-    words = ["--set", "grid.cells=6", "--only", "settling,yield,precision", *QUICK, "--no-check"]
+    words = ["--set", "grid.cells=6", "--only", "settling,yield,adc_resolution", *QUICK, "--no-check"]
     result = call("chip", scenes / "lesson.toml", "-o", tmp_path / "flat", "--only", "settling,noise", "--no-check")
     assert result.exit_code == 0, result.stderr
     text = (tmp_path / "flat" / "report.md").read_text()
@@ -149,7 +149,7 @@ def test_chips_without_capacitance_and_in_space(call, scenes: Path, tmp_path: Pa
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--only", "yields"], "choose some of yield, yield_loss, precision"),
+        (["--only", "yields"], "choose some of yield, yield_loss, adc_resolution"),
         (["--half-width", "0.7"], "0<x<0.5"),
         (["--most", "0"], "x>=1"),
         (["--sweep", "readout.bits=8,10"], "give it twice"),
@@ -164,7 +164,7 @@ def test_chips_without_capacitance_and_in_space(call, scenes: Path, tmp_path: Pa
 )
 def test_wrong_usage_has_one_message(call, scenes: Path, tmp_path: Path, words: list[str], message: str) -> None:
     only = [] if "--only" in words or "--sweep" in words else ["--only", "power"]
-    only = ["--only", "exploration"] if "--sweep" in words else only
+    only = ["--only", "sweep"] if "--sweep" in words else only
     folder = [] if "-o" in words else ["-o", tmp_path / "out"]
     result = call("chip", scenes / "chip.toml", *folder, *only, *words)
     assert result.exit_code == 2

@@ -271,7 +271,7 @@ def test_options_of_decks_are_refused_for_scenes(call, room, tmp_path, verb, opt
         (["solve", "--worst", "3"], ["--worst", "decks"]),
         (["solve", "--raw", "ascii"], ["--raw", "decks"]),
         (["chip", "--only", "power", "--at-least", "0.9"], ["--at-least", "yield"]),
-        (["chip", "--only", "power", "--sweep", "mismatch=0,1", "--sweep", "readout.bits=4,8"], ["exploration"]),
+        (["chip", "--only", "power", "--sweep", "mismatch=0,1", "--sweep", "readout.bits=4,8"], ["sweep"]),
     ],
 )
 def test_options_that_would_do_nothing_are_refused(call, room, tmp_path, monkeypatch, words, expected):

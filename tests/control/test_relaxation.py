@@ -178,7 +178,7 @@ def test_the_wavefront_spreads_from_the_change_and_settles() -> None:
             wavefront(announced(Relaxation(), square(), blocked()), np.array(times))
     with pytest.raises(InputError, match="one grid"):
         wavefront(announced(Relaxation(), square(12), blocked(16)), np.array([1.0]))
-    with pytest.raises(InputError, match="nothing was announced"):
+    with pytest.raises(InputError, match="no change was announced"):
         wavefront(hiding([BLOCK]), np.array([1.0]))
 
 

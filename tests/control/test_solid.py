@@ -120,7 +120,7 @@ def test_what_a_sweep_calls_free_keeps_its_gap(robot, seed, keep) -> None:
     motion = rng.normal(size=len(start)) * rng.choice([0.01, 0.1, 0.5])
     gap = gaps(plant, start[np.newaxis])[0]
     assume(gap > 0)
-    share = plant.free_share(plant.pose(start), motion, keep * gap)
+    share = plant.free_fraction(plant.pose(start), motion, keep * gap)
     assert share >= 0
     on_the_way = start + np.linspace(0, min(share, 1.0), 60)[:, None] * motion
     assert gaps(plant, on_the_way).min() >= keep * gap - 1e-12

@@ -9,7 +9,7 @@ from support.dynamics import small_scene, with_capacitors
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.adc_resolution import Precision
+from resgrid.chip.adc_resolution import ADCResolution
 from resgrid.chip.noise import Noise
 from resgrid.chip.power import Power
 from resgrid.chip.settling import Settling
@@ -36,10 +36,10 @@ def power(op: rg.OperatingPoint) -> Power:
 
 
 @pytest.fixture(scope="module")
-def bits(op: rg.OperatingPoint) -> dict[str, Precision]:
+def bits(op: rg.OperatingPoint) -> dict[str, ADCResolution]:
     return {
-        "Dirichlet": rg.study(op).precision(),
-        "Neumann": rg.study(rg.solve(small_scene(boundary="neumann"))).precision(),
+        "Dirichlet": rg.study(op).adc_resolution(),
+        "Neumann": rg.study(rg.solve(small_scene(boundary="neumann"))).adc_resolution(),
     }
 
 
@@ -110,7 +110,7 @@ def test_resistors_that_decide_are_drawn_where_they_are(op: rg.OperatingPoint) -
             assert np.sort(segment, axis=0) == pytest.approx(np.sort(centres, axis=0))
 
 
-def test_maps_of_bits(bits: dict[str, Precision]) -> None:
+def test_maps_of_bits(bits: dict[str, ADCResolution]) -> None:
     result = bits["Dirichlet"]
     for starts in (True, False):
         axes = rg.draw(result, starts=starts)
@@ -124,11 +124,11 @@ def test_starts_that_no_bits_serve_are_named() -> None:
     cell[0, 0] = 2
     cell[3:5, 1:] = 1
     netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(3, 0))
-    axes = rg.draw(rg.study(rg.solve(netlist)).precision())
-    assert "no resolution suffices" in [text.get_text() for text in axes.get_legend().get_texts()]
+    axes = rg.draw(rg.study(rg.solve(netlist)).adc_resolution())
+    assert "no number of bits will do" in [text.get_text() for text in axes.get_legend().get_texts()]
 
 
-def test_the_share_served_rises_to_one(bits: dict[str, Precision]) -> None:
+def test_the_share_served_rises_to_one(bits: dict[str, ADCResolution]) -> None:
     axes = rg.draw(bits, quantity="served")
     for line, result in zip(axes.lines, bits.values(), strict=False):
         share = line.get_ydata()
@@ -137,14 +137,14 @@ def test_the_share_served_rises_to_one(bits: dict[str, Precision]) -> None:
         assert np.interp(10, line.get_xdata(), share) == pytest.approx(result.served(10), abs=0.02)
 
 
-def test_the_page_has_a_map_each_with_one_scale(bits: dict[str, Precision]) -> None:
+def test_the_page_has_a_map_each_with_one_scale(bits: dict[str, ADCResolution]) -> None:
     figure = rg.draw(bits, title="Precision")
     maps = [axes for axes in figure.findobj(lambda artist: hasattr(artist, "images")) if axes.images]
     assert [axes.get_title() for axes in maps] == list(bits)
     assert len({axes.images[0].get_clim() for axes in maps}) == 1
 
 
-def test_what_cannot_be_drawn_is_refused(noise: Noise, power: Power, bits: dict[str, Precision]) -> None:
+def test_what_cannot_be_drawn_is_refused(noise: Noise, power: Power, bits: dict[str, ADCResolution]) -> None:
     for value in (noise, power, bits):
         with pytest.raises(rg.InputError, match="quantity = 'colour' must be '"):
             rg.draw(value, quantity="colour")
@@ -178,22 +178,22 @@ def test_yield_is_drawn_by_start() -> None:
     assert "32 chips" in axes.get_title()
 
 
-def test_exploration_marks_the_cheapest_points() -> None:
-    result = rg.study(plain_space(), CHIP).exploration(("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8, 16]), trials=8)
+def test_sweep_marks_the_cheapest_points() -> None:
+    result = rg.study(plain_space(), CHIP).sweep(("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8, 16]), trials=8)
     axes = rg.draw(result, share=0.9)
     np.testing.assert_allclose(axes.images[0].get_array(), 100 * result.share.T)
     (marks,) = (line for line in axes.lines if line.get_marker() == "o")
     expected = [result.second_values.index(value) for value in result.cheapest(0.9)]
     assert list(marks.get_ydata()) == expected
     assert [label.get_text() for label in axes.get_xticklabels()] == ["0 %", "10 %"]
-    single = rg.study(plain_space(), CHIP).exploration(("readout.offset", [1e-3]), ("readout.bits", [8]), trials=2)
+    single = rg.study(plain_space(), CHIP).sweep(("readout.offset", [1e-3]), ("readout.bits", [8]), trials=2)
     assert rg.draw(single).get_xticklabels()[0].get_text() == "1 mV"
 
 
 @pytest.mark.parametrize("chip", [CHIP, rg.Chip(saturation_voltage=0.5)])
-def test_criticality_draws_the_elements_that_cost_starts(chip: rg.Chip) -> None:
+def test_faults_draws_the_elements_that_cost_starts(chip: rg.Chip) -> None:
     netlist = rg.chip.build_chip(rg.study(plain_space(), chip).ideal, chip)
-    result = rg.study(netlist).criticality(readout=rg.chip.Readout(bits=7), seconds=5.0)
+    result = rg.study(netlist).faults(readout=rg.chip.Readout(bits=7), seconds=5.0)
     for fault in ("open", "short"):
         axes = rg.draw(result, fault=fault)
         drawn = [lines.get_array() for lines in axes.collections if isinstance(lines, LineCollection)]

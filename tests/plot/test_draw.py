@@ -44,9 +44,9 @@ def of_chip(what: str) -> Any:
     match what:
         case "yield":
             return rg.study(small_space(), CHIP).yields(trials=8, batch=8)
-        case "criticality":
-            return rg.study(netlist).criticality(readout=rg.chip.Readout(bits=7), seconds=5.0)
-    return rg.study(small_space(), CHIP).exploration(("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8]), trials=2)
+        case "faults":
+            return rg.study(netlist).faults(readout=rg.chip.Readout(bits=7), seconds=5.0)
+    return rg.study(small_space(), CHIP).sweep(("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8]), trials=2)
 
 
 def paths() -> list[rg.Streamline]:
@@ -82,12 +82,12 @@ ALBUM: dict[str, Callable[[rg.control.Run], Any]] = {
     "settling curve": lambda _: rg.draw(rg.study(small_scene()).settling(bits=8), quantity="curve"),
     "noise": lambda _: rg.draw(rg.study(small_scene()).noise(band=(0.0, 1e6))),
     "power": lambda _: rg.draw(rg.study(small_op()).power()),
-    "precision": lambda _: rg.draw(rg.study(small_op()).precision()),
-    "precisions": lambda _: rg.draw({"Dirichlet": rg.study(small_op()).precision()}, title="Precision"),
+    "adc_resolution": lambda _: rg.draw(rg.study(small_op()).adc_resolution()),
+    "precisions": lambda _: rg.draw({"Dirichlet": rg.study(small_op()).adc_resolution()}, title="Precision"),
     "sensitivity": lambda _: rg.draw(rg.study(small_op()).sensitivity((5, 5)), drift=0.8),
     "yield": lambda _: rg.draw(of_chip("yield")),
-    "criticality": lambda _: rg.draw(of_chip("criticality"), fault="short"),
-    "exploration": lambda _: rg.draw(of_chip("exploration"), share=0.9),
+    "faults": lambda _: rg.draw(of_chip("faults"), fault="short"),
+    "sweep": lambda _: rg.draw(of_chip("sweep"), share=0.9),
 }
 
 

@@ -1,7 +1,8 @@
-"""The effects of a chip: passes from an ideal netlist to that of one real chip, as values and as data.
+"""Effects of real devices on a chip, each a function from netlist to netlist, as values and as JSON.
 
-A pass is a frozen value with ``apply(netlist) -> netlist``; `resgrid.chip.build_chip` takes a list of them, or a chip's
-description.  A new one is a file with a dataclass that derives from `Effect`, and a line in `EFFECTS`.
+An effect is a frozen dataclass with ``apply(netlist) -> netlist``.  `resgrid.chip.build_chip` takes a list of effects
+or a chip description.  To add an effect, write a dataclass that derives from `Effect` in a new file, and add a line to
+`EFFECTS`.
 
 >>> netlist = rg.Netlist(2, [[1, 0]], [1e-3])
 >>> effects = (rg.chip.effects.PreferredValues("E6"), rg.chip.effects.Mismatch(0.01, seed=3))
@@ -51,47 +52,49 @@ EFFECTS: dict[str, type[Effect]] = {
     "rail_resistance": RailResistance,
     "capacitance": Capacitance,
     "readout_load": ReadoutLoad,
-    "faults": Faults,  # last, for a switch or a load may still serve a cell that opens cut off
+    "faults": Faults,  # last: a switch or a load may connect a cell that opens isolate
 }
-"""Every pass by its name in JSON, in the order of design, fabrication and use."""
+"""All effects by their names in JSON, in the order of design, fabrication and use."""
 
 
 def of_chip(chip: Chip, seed: Any = None) -> tuple[Effect, ...]:
-    """What a chip's description asks for, in the order of design, fabrication and use."""
+    """Return the effects of a chip description, in the order of design, fabrication and use."""
     which = seed_of(chip.seed if seed is None else seed)
     effects = (kind.of(chip, which) for kind in EFFECTS.values())
     return tuple(effect for effect in effects if effect is not None)
 
 
-def to_json(passes: Iterable[Effect]) -> list[dict[str, Any]]:
-    """Passes as plain values."""
+def to_json(effects: Iterable[Effect]) -> list[dict[str, Any]]:
+    """Return effects as plain values."""
     names = {kind: name for name, kind in EFFECTS.items()}
-    return [{"pass": names[type(effect)], **plain(effect)} for effect in checked(passes)]
+    return [{"pass": names[type(effect)], **plain(effect)} for effect in checked(effects)]
 
 
 def from_json(entries: Sequence[Mapping[str, Any]]) -> tuple[Effect, ...]:
-    """Passes from what `to_json` gave."""
+    """Return the effects of a list of tables, the output of `to_json`."""
     if not isinstance(entries, list | tuple):
-        raise InputError(f"passes must be a list of tables, and this is {entries!r}")
+        raise InputError(
+            f"effects = {entries!r} must be a list of tables, such as [{{'pass': 'mismatch', 'sigma': 0.01}}]"
+        )
     return tuple(_effect_of(number, entry) for number, entry in enumerate(entries))
 
 
 def _effect_of(number: int, entry: Any) -> Effect:
     if not isinstance(entry, Mapping):
-        raise InputError(f"pass {number} = {entry!r} must be a table, such as {{'pass': 'mismatch', 'sigma': 0.01}}")
+        raise InputError(f"effect {number} = {entry!r} must be a table, such as {{'pass': 'mismatch', 'sigma': 0.01}}")
     name = entry.get("pass")
     kind: Any = EFFECTS.get(name) if isinstance(name, str) else None
     if kind is None:
         hint = suggestion(str(name), list(EFFECTS)) or f"there are {', '.join(EFFECTS)}"
-        raise InputError(f"pass {number}: {name!r} is unknown; {hint}")
+        raise InputError(f"effect {number}: {name!r} is unknown; {hint}")
     values = {key: value for key, value in entry.items() if key != "pass"}
     known = [item.name for item in dataclasses.fields(kind)]
     for key in values:
         if key not in known:
             hint = suggestion(key, known) or f"it may hold {', '.join(known)}"
-            raise InputError(f"pass {number} ({name}): {key!r} is unknown; {hint}")
+            raise InputError(f"effect {number} ({name}): {key!r} is unknown; {hint}")
     try:
         effect: Effect = kind(**fields_of(kind, values))
     except InputError as error:
-        raise InputError(f"pass {number} ({name}): {error}") from None
+        raise InputError(f"effect {number} ({name}): {error}") from None
     return effect

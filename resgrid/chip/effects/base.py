@@ -1,6 +1,6 @@
-"""What a pass is, and how passes change a netlist.
+"""Base class of the effects of a chip, and operations on netlists that effects share.
 
-Elements that a pass adds are appended, so that resistors of the grid keep their numbers; they cross no face (-1).
+Added elements are appended, so that resistors of the grid keep their numbers; added elements cross no face (-1).
 """
 
 from __future__ import annotations
@@ -24,10 +24,9 @@ from resgrid.scene.table_models import check_fields
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect of a chip on its netlist: pure and, where it is random, seeded.
+    """One effect of a chip on its netlist: a pure function with a seed where it is random.
 
-    Its fields are annotated as those of a `Chip` are, with range and unit; `KEYS` says from which keys of a chip's
-    description they come.
+    Fields have the annotations of `Chip` fields, with range and unit.  `KEYS`: the chip keys that the fields come from.
     """
 
     KEYS: ClassVar[Mapping[str, str]] = {}
@@ -39,34 +38,37 @@ class Effect:
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Self | None:
-        """The effect that a chip's description asks for; None where it says nothing, and the chip is ideal."""
+        """Return the effect of a chip description; None where the description does not contain it."""
         del seed
         values = {name: attrgetter(key)(chip) for name, key in cls.KEYS.items()}
         given = {name: value for name, value in values.items() if value}
         return cls(**given) if given else None
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """The netlist with this effect."""
+        """Return the netlist with this effect."""
         raise NotImplementedError
 
 
-def checked(passes: Iterable[Effect]) -> Iterator[Effect]:
-    """Passes, each of which is one."""
-    for effect in passes:
+def checked(effects: Iterable[Effect]) -> Iterator[Effect]:
+    """Yield effects; raise InputError for another value."""
+    for effect in effects:
         if not isinstance(effect, Effect):
             raise InputError(f"{effect!r} is not an effect of a chip; see resgrid.chip.effects, such as Mismatch(0.01)")
         yield effect
 
 
 def cells_with_nodes(netlist: Netlist, what: str) -> CellMap:
-    """The cells of a netlist that has a node for each of them."""
+    """Return the cells of a netlist; raise InputError unless each cell has a node.
+
+    `what`: plural noun for the message.
+    """
     if netlist.cells.wiring.rails != "cells":
         raise InputError(f"{what} need one node per cell; compile with rails = 'cells'")
     return netlist.cells
 
 
 def add_nodes(netlist: Netlist, count: int) -> tuple[Netlist, NDArray[np.int32]]:
-    """Append nodes; returns the netlist and their numbers."""
+    """Append nodes; return the netlist and the numbers of the nodes, shape (count,)."""
     first = netlist.node_count
     names = netlist.node_names
     if names is not None:
@@ -75,12 +77,15 @@ def add_nodes(netlist: Netlist, count: int) -> tuple[Netlist, NDArray[np.int32]]
 
 
 def to_node(nodes: NDArray[np.int32], end: int) -> NDArray[np.int32]:
-    """Pairs of nodes that all end in one, shape (n, 2)."""
+    """Return the pairs of each node with one common node, shape (n, 2)."""
     return np.stack([nodes, np.full(len(nodes), end, dtype=np.int32)], axis=1)
 
 
 def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
-    """The pin of a rail, made if there is none: where currents drive the chip, both are at the goal's voltage."""
+    """Return the netlist with the supply pin of a rail, and the number of the pin.
+
+    With a uniform drive both pins are at the goal voltage.
+    """
     cells = cells_with_nodes(netlist, "rails")
     wiring = cells.wiring
     known = cells.obstacle_node if rail == "obstacle" else cells.goal_nodes[0] if cells.goal_nodes else -1
@@ -95,7 +100,7 @@ def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
 
 
 def without_stranded_currents(netlist: Netlist) -> Netlist:
-    """Leave out current sources that feed parts which nothing ties to ground: their currents have nowhere to go."""
+    """Remove current sources into parts without a connection to ground, where their current has no return path."""
     if not netlist.current_nodes.size:
         return netlist
     ties = np.concatenate([netlist.resistor_nodes, netlist.source_nodes, netlist.nonlinear_nodes])

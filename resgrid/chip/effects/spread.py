@@ -1,4 +1,4 @@
-"""Passes that make a chip differ from its design: a gradient over the die, mismatch, opens and shorts."""
+"""Effects of fabrication: a gradient over the die, mismatch, open and shorted resistors."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from resgrid.scene.quantities import Listed, Quantity
 
 @dataclass(frozen=True)
 class Gradient(Effect):
-    """Let the resistance grow linearly across the die; its middle keeps the nominal value.
+    """Let resistances grow linearly across the die; the centre keeps the nominal value.
 
-    `shares`: growth from end to end along each axis (missing ones: 0), as a share of the nominal resistance.
+    `shares`: growth from end to end along each axis (missing axes: 0), as a fraction of the nominal resistance.
     """
 
     KEYS = {"shares": "gradient"}
@@ -34,7 +34,10 @@ class Gradient(Effect):
     def __post_init__(self) -> None:
         super().__post_init__()
         if sum(abs(share) for share in self.shares) >= 2:
-            raise InputError(f"gradient = {list(self.shares)} takes a resistance below 0 in a corner of the die")
+            raise InputError(
+                f"gradient = {list(self.shares)} makes a resistance negative in a corner of the die; the magnitudes "
+                "must add up to less than 2"
+            )
 
     def apply(self, netlist: Netlist) -> Netlist:
         ndim = netlist.cells.space.ndim
@@ -46,7 +49,7 @@ class Gradient(Effect):
 
 
 def _face_centres(cells: CellMap) -> NDArray[np.float64]:
-    """Where the centre of every face lies, in shares of the random_sites.  Returns (faces, ndim)."""
+    """Return the centre of every face as fractions of the die, shape (faces, ndim)."""
     shape = cells.space.shape
     parts = []
     for axis in range(len(shape)):
@@ -58,11 +61,11 @@ def _face_centres(cells: CellMap) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Mismatch(Effect):
-    """Let every resistor of the grid differ from its mean, independently and log-normally.
+    """Let every resistance of the grid deviate from its mean, independently and log-normally.
 
-    `sigma`: standard deviation as a share of the mean; `pelgrom`: instead: ``A_R`` in % µm, for ``sigma = A_R /
-    sqrt(W L)`` (Pelgrom, Duinmaijer & Welbers 1989); `width`: ``W``, in metres; `length`: ``L``, in metres; or
-    instead `sheet_resistance`: in ohms per square, for ``L = R W / Rs``; `seed`: the chip.
+    `sigma`: standard deviation as a fraction of the mean.  Alternatively `pelgrom`: ``A_R`` in % µm, for ``sigma = A_R
+    / sqrt(W L)`` (Pelgrom, Duinmaijer & Welbers 1989), with `width` ``W`` in metres, and either `length` ``L`` in
+    metres or `sheet_resistance` ``Rs`` in ohms per square, for ``L = R W / Rs``.  `seed`: seed of the chip.
     """
 
     sigma: Annotated[float, Ge(0), Lt(1), Quantity("", share=True)] | None = None
@@ -83,13 +86,13 @@ class Mismatch(Effect):
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Mismatch | None:
-        """Nothing where all resistors are as drawn."""
+        """Return the mismatch of a chip description; None without mismatch."""
         if chip.mismatch:
             return cls(sigma=chip.mismatch, seed=seed)
         return cls(None, chip.pelgrom, chip.width, chip.length, chip.sheet_resistance, seed) if chip.pelgrom else None
 
     def deviation(self, netlist: Netlist) -> float | NDArray[np.float64]:
-        """Standard deviation of every resistor that could be, as a share of its mean; shape () or (places,)."""
+        """Return the standard deviation at every resistor site, as a fraction of the mean; shape () or (sites,)."""
         if self.sigma is not None:
             return self.sigma
         assert self.pelgrom is not None
@@ -106,7 +109,7 @@ class Mismatch(Effect):
         return np.asarray(1e-8 * self.pelgrom / np.sqrt(self.width * metres))
 
     def factors(self, netlist: Netlist) -> NDArray[np.float64]:
-        """What every resistance is multiplied by: mean 1; shape (places,)."""
+        """Return the factors of the resistances, with mean 1; shape (sites,)."""
         return mismatch_factors(random_sites.site_count(netlist), self.deviation(netlist), self.seed)
 
     def apply(self, netlist: Netlist) -> Netlist:
@@ -115,14 +118,14 @@ class Mismatch(Effect):
 
 @dataclass(frozen=True)
 class Faults(Effect):
-    """Open some of the grid's resistors, and short others.
+    """Open some resistors of the grid, and short others.
 
-    A place is open, or shorted, at some density also at every higher density of the same seed.  A current source that
-    only feeds nodes that opens cut off from the rest is left out: its current has nowhere to go.
+    A resistor that is open (or shorted) at one density is so at every higher density of the same seed.  A current
+    source into nodes that opens isolate is removed, because its current has no return path.
 
-    `open_density, short_density`: share of the resistors; together at most 1; `short_resistance`: of a short, in
-    ohms; `seed`: the chip; `open_at`: resistors that are open besides, each as a cell and the axis across whose lower
-    face it lies; one that is not there, beside an open obstacle say, is no less open.
+    `open_density, short_density`: fractions of the resistors, with a sum of at most 1; `short_resistance`: of a short,
+    in ohms; `seed`: seed of the chip; `open_at`: further open resistors, each given by a cell and the axis across whose
+    lower face it lies; a place without a resistor, such as the contact of an open obstacle, is allowed.
     """
 
     open_density: Density = 0.0
@@ -135,27 +138,27 @@ class Faults(Effect):
         super().__post_init__()
         if self.open_density + self.short_density > 1:
             raise InputError(
-                f"open_density = {self.open_density:g} and short_density = {self.short_density:g} must be shares of "
-                "the resistors, together at most 1"
+                f"open_density = {self.open_density:g} and short_density = {self.short_density:g} must be fractions "
+                "of the resistors with a sum of at most 1"
             )
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Faults | None:
-        """Nothing where no resistor is open or shorted."""
+        """Return the faults of a chip description; None without open and shorted resistors."""
         defects = chip.defects
         if not (defects.open_density or defects.short_density or defects.open_at):
             return None
         return cls(**vars(defects), seed=seed)
 
     def places(self, netlist: Netlist) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which places on the die are open, and which are shorted; each of shape (places,)."""
+        """Return the masks of open and of shorted resistor sites, each of shape (sites,)."""
         draw = generator(self.seed, DEFECTS).random(random_sites.site_count(netlist))
         opened = draw < self.open_density
         opened[[self._face(netlist.cells.space, place) for place in self.open_at]] = True
         return opened, ~opened & (draw >= 1 - self.short_density)
 
     def _face(self, space: ConfigurationSpace, place: tuple[int, ...]) -> int:
-        """The number of a face, as in `CellMap`: on a ring the last one is the first."""
+        """Return the number of a face, as in `CellMap`; on a periodic axis the last face is the first."""
         *cell, axis = place
         if len(cell) == space.ndim > axis:
             if space.periodic[axis]:

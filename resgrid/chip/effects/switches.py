@@ -1,7 +1,7 @@
-"""Passes that put real switches, rails, capacitors and loads in the place of ideal ones.
+"""Effects that replace ideal connections by real switches, rails, capacitors and loads.
 
-They work on netlists compiled with ``rails="cells"``: every cell has a node, and every obstacle and goal cell a tie to
-its rail.  An open node is an off switch, a rail is an on switch.
+They need netlists compiled with ``rails="cells"``: every cell has a node, and every obstacle and goal cell is tied to
+its rail.  An open obstacle is an open switch; an obstacle on the rail is a closed switch.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ from resgrid.scene.quantities import Quantity
 
 
 def _on_rail(cells: CellMap, rail: str) -> NDArray[np.bool_]:
-    """Which cells are switched to a rail: obstacles, or a driven start where these are open, and goals."""
+    """Return the mask of cells that switches connect to a rail.
+
+    Goal cells; obstacle cells or, where obstacles are open, the driven start.
+    """
     if rail == "goal":
         return np.asarray(cells.space.cell == Cell.GOAL)
     if cells.wiring.boundary != "neumann":
@@ -39,11 +42,12 @@ def _on_rail(cells: CellMap, rail: str) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class InternodalSwitches(Effect):
-    """Put a switch in series with every resistor between cells: closed, and open at obstacles that are open nodes.
+    """Put a switch in series with every resistor between cells; switches at open obstacles are open, all others closed.
 
-    `on`: resistance of a closed one, in ohms; None is a wire; `off`: of an open one, in ohms; None is no connection.
-    Where obstacles are open, it gives these, and cells that no goal serves, nodes of their own; the resistors before
-    them keep their nominal values, and the leakage through them crosses no face of the field.
+    `on`: resistance of a closed switch in ohms, None for a wire; `off`: resistance of an open switch in ohms, None for
+    no connection.  With open obstacles (``boundary="neumann"``), `off` gives nodes to obstacles and to cells without a
+    path to a goal.  Resistors into these keep their nominal values, and the leakage through them crosses no face of the
+    field.
     """
 
     KEYS = {"on": "internodal_switch_on", "off": "internodal_switch_off"}
@@ -54,7 +58,7 @@ class InternodalSwitches(Effect):
     def apply(self, netlist: Netlist) -> Netlist:
         cells = cells_with_nodes(netlist, "internodal switches")
         if netlist.nonlinear_nodes.size:
-            raise InputError("internodal switches come before saturation in a list of passes")
+            raise InputError("internodal switches must come before saturation in a list of effects")
         if self.off is not None and cells.wiring.boundary == "neumann":
             netlist = _with_open_nodes(netlist, self.on or 0.0, self.off)
         elif self.on is not None:
@@ -63,7 +67,10 @@ class InternodalSwitches(Effect):
 
 
 def _in_series(netlist: Netlist, which: NDArray[np.bool_], ohms: float) -> Netlist:
-    """Switches in series with some resistors, whose temperature coefficients fall to their share of the sum."""
+    """Add a resistance in series to some resistors.
+
+    Temperature coefficients shrink to the resistor's fraction of the sum.
+    """
     whole = np.where(which, 1 / (1 / netlist.conductance + ohms), netlist.conductance)
     share = whole / netlist.conductance
     return netlist.replace(
@@ -74,13 +81,13 @@ def _in_series(netlist: Netlist, which: NDArray[np.bool_], ohms: float) -> Netli
 
 
 def _between_cells(netlist: Netlist, cells: CellMap) -> NDArray[np.bool_]:
-    """Grid resistors that do not lead to the rail beyond the edge."""
+    """Return the mask of grid resistors that do not lead to the rail beyond the edge."""
     to_edge = (netlist.resistor_nodes == cells.obstacle_node).any(axis=1) & (cells.obstacle_node >= 0)
     return np.asarray(random_sites.on_grid(netlist) & ~to_edge)
 
 
 def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
-    """Nodes for cells without one, obstacles and what no goal serves, and the links that end there: all open."""
+    """Add nodes for obstacles and for cells without a path to a goal, and the open connections that end there."""
     cells = netlist.cells
     netlist = _in_series(netlist, random_sites.on_grid(netlist), on)
     missing = cells.node < 0
@@ -97,13 +104,13 @@ def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
 
 @dataclass(frozen=True)
 class RailSwitches(Effect):
-    """Tie cells to the rails by switches: closed for cells of that kind, open for all others.
+    """Connect cells to the rails by switches: closed for cells of the rail's kind, open for all others.
 
-    Where obstacles are open (``boundary="neumann"``) all switches to the obstacle rail are, but for a driven start's;
-    with a uniform drive that rail lies at the goal's voltage.
+    With open obstacles (``boundary="neumann"``), all switches to the obstacle rail are open, except that of a driven
+    start.  With a uniform drive, the obstacle rail is at the goal voltage.
 
-    `obstacle_on, goal_on`: resistance of closed ones, in ohms; None is a wire; `obstacle_off, goal_off`: of open
-    ones, in ohms; None is no connection.
+    `obstacle_on, goal_on`: resistance of closed switches in ohms, None for a wire; `obstacle_off, goal_off`: resistance
+    of open switches in ohms, None for no connection.
     """
 
     KEYS = {f"{rail}_{state}": f"{rail}_switch_{state}" for rail in ("obstacle", "goal") for state in ("on", "off")}
@@ -132,20 +139,20 @@ class RailSwitches(Effect):
 
 
 def _tie(netlist: Netlist, nodes: NDArray[np.int32], pin: int, resistance: float) -> Netlist:
-    """Replace the sources of nodes by resistors to a pin."""
+    """Replace the voltage sources of nodes by resistors to a pin."""
     freed = select_elements(netlist, "voltage source", ~np.isin(netlist.source_nodes[:, 0], nodes))
     return add_elements(freed, "resistor", to_node(nodes, pin), 1 / resistance)
 
 
 @dataclass(frozen=True)
 class RailResistance(Effect):
-    """Make every rail a mesh over the die, fed all around its border, so that supplies droop.
+    """Model every rail as a resistive mesh over the die, supplied along its border, so that the supply droops.
 
-    A rail has a node at every cell, one segment between those of face neighbours (no periodic ones: the die is flat),
-    and one from each border cell to the pin.  A switch ties its cell to the rail's node there; a cell on an ideal
-    source is that node itself.
+    A rail has one node per cell, segments between the nodes of face neighbours (none across periodic seams: the die is
+    flat), and one segment from each border cell to the pin.  A switch connects its cell to the rail node there; a cell
+    on an ideal source is that node itself.
 
-    `ohms`: resistance of a segment; 0 is an ideal rail.
+    `ohms`: resistance of a segment; 0 for an ideal rail.
     """
 
     KEYS = {"ohms": "rail_resistance"}
@@ -163,6 +170,7 @@ class RailResistance(Effect):
 
 
 def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
+    """Replace a rail by a mesh of segments; move its switches from the pin to the rail nodes of their cells."""
     netlist, pin = rail_pin(netlist, rail)
     cells = netlist.cells
     own = cells.node >= 0
@@ -185,7 +193,7 @@ def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
 
 
 def _mesh_segments(mesh: NDArray[np.int32], pin: int) -> NDArray[np.int32]:
-    """Segments between neighbours, and from both ends of every line of cells to the pin; shape (n, 2)."""
+    """Return segments between neighbours, and from both ends of every line of cells to the pin; shape (n, 2)."""
     parts = []
     for axis in range(mesh.ndim):
         lines = np.moveaxis(mesh, axis, 0)
@@ -196,9 +204,9 @@ def _mesh_segments(mesh: NDArray[np.int32], pin: int) -> NDArray[np.int32]:
 
 @dataclass(frozen=True)
 class Capacitance(Effect):
-    """Give every cell's node a capacitor to ground.
+    """Give the node of every cell a capacitor to ground.
 
-    `farads`: its capacitance.
+    `farads`: capacitance, in farads.
     """
 
     KEYS = {"farads": "capacitance"}
@@ -212,9 +220,9 @@ class Capacitance(Effect):
 
 @dataclass(frozen=True)
 class ReadoutLoad(Effect):
-    """Load every cell's node with the input resistance of the read-out, to ground.
+    """Load the node of every cell with the input resistance of the read-out, to ground.
 
-    `ohms`: its input resistance.
+    `ohms`: input resistance, in ohms.
     """
 
     KEYS = {"ohms": "readout.input_resistance"}

@@ -1,4 +1,4 @@
-"""Passes over the values of the grid's resistors: preferred and drawn ones, heat and saturation."""
+"""Effects on the values of the grid's resistors: preferred values, drawn lengths, temperature and saturation."""
 
 from __future__ import annotations
 
@@ -22,24 +22,25 @@ NOMINAL_CELSIUS = 27.0
 """Temperature at which resistances are given: SPICE's ``TNOM``."""
 
 _E24 = (10, 11, 12, 13, 15, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 43, 47, 51, 56, 62, 68, 75, 82, 91)
+"""Preferred values of the E24 series, in tenths."""
 
 
 Series = Literal["E6", "E12", "E24", "E48", "E96", "E192"]
 
 
 def preferred_values(series: Series) -> NDArray[np.float64]:
-    """The preferred values of a decade, IEC 60063.  Returns (n,)."""
+    """Return the preferred values of one decade, 1 to 10 (IEC 60063); shape (n,)."""
     count = int(series[1:])
     if count <= len(_E24):
         return np.array(_E24[:: len(_E24) // count]) / 10
     values = np.round(10.0 ** (np.arange(count) / count), 2)
-    values[values == 9.19] = 9.2  # as the standard lists it
+    values[values == 9.19] = 9.2  # the standard lists 9.2
     return values
 
 
 @dataclass(frozen=True)
 class PreferredValues(Effect):
-    """Take every resistance from a series of preferred values: the nearest one by ratio.
+    """Round every resistance to the nearest value (by ratio) of a series of preferred values.
 
     `series`: ``"E6"`` to ``"E192"``.
     """
@@ -61,10 +62,9 @@ class PreferredValues(Effect):
 
 @dataclass(frozen=True)
 class SheetResistors(Effect):
-    """Draw every resistor as a strip of polysilicon: its length ``R W / Rs`` is a whole number of drawing steps.
+    """Round the length ``R W / Rs`` of every polysilicon resistor to a whole number of drawing steps.
 
-    `sheet_resistance`: ``Rs``, in ohms per square; `width`: ``W``, in metres; `drawing_grid`: step of the length, in
-    metres.
+    `sheet_resistance`: ``Rs``, in ohms per square; `width`: ``W``, in metres; `drawing_grid`: drawing step, in metres.
     """
 
     sheet_resistance: Ohms
@@ -73,14 +73,14 @@ class SheetResistors(Effect):
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> SheetResistors | None:
-        """As the chip's sheet resistance and width say, if both do."""
+        """Return the effect of a chip description with a sheet resistance and a width; None for another one."""
         del seed
         if chip.sheet_resistance is None or chip.width is None:
             return None
         return cls(chip.sheet_resistance, chip.width, chip.drawing_grid)
 
     def length(self, resistance: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Drawn length of resistors, in metres."""
+        """Return the drawn lengths of resistors in metres.  Shapes: as `resistance`."""
         steps = np.rint(resistance * self.width / (self.sheet_resistance * self.drawing_grid))
         if np.any(steps < 1):
             raise InputError(
@@ -91,7 +91,7 @@ class SheetResistors(Effect):
         return np.asarray(steps * self.drawing_grid)
 
     def area(self, netlist: Netlist) -> float:
-        """Area of the strips of all resistors of the grid, in square metres."""
+        """Return the total area of the strips of the grid's resistors, in square metres."""
         resistance = 1 / netlist.conductance[random_sites.on_grid(netlist)]
         nonlinear = netlist.nonlinear_voltage / netlist.nonlinear_current
         return float(self.width * self.length(np.append(resistance, nonlinear)).sum())
@@ -101,6 +101,7 @@ class SheetResistors(Effect):
 
 
 def _with_resistances(netlist: Netlist, drawn: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Netlist:
+    """Replace the resistances of the grid's resistors by a function of them."""
     own = random_sites.on_grid(netlist)
     conductance = netlist.conductance.copy()
     conductance[own] = 1 / drawn(1 / conductance[own])
@@ -112,9 +113,9 @@ def _with_resistances(netlist: Netlist, drawn: Callable[[NDArray[np.float64]], N
 
 @dataclass(frozen=True)
 class TemperatureCoefficients(Effect):
-    """Give the grid's resistors temperature coefficients, which a deck hands on to the simulator.
+    """Give the grid's resistors temperature coefficients, which decks pass on to the simulator.
 
-    `tc1, tc2`: in 1/K and 1/K^2, from 27 degrees Celsius.
+    `tc1, tc2`: in 1/K and 1/K^2, relative to 27 degrees Celsius.
     """
 
     KEYS = {"tc1": "tc1", "tc2": "tc2"}
@@ -129,16 +130,16 @@ class TemperatureCoefficients(Effect):
 
 @dataclass(frozen=True)
 class Temperature(Effect):
-    """Bring resistors to a temperature: ``R (1 + tc1 dT + tc2 dT^2)``, as SPICE does.
+    """Scale resistances to a temperature: ``R (1 + tc1 dT + tc2 dT^2)``, as in SPICE.
 
-    `celsius`: in degrees Celsius.
+    `celsius`: temperature, in degrees Celsius.
     """
 
     celsius: Annotated[float, Gt(ABSOLUTE_ZERO), Quantity("°C")]
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Temperature | None:
-        """As the chip says, if its resistors have temperature coefficients."""
+        """Return the effect of a chip description; None without a temperature or temperature coefficients."""
         del seed
         return None if chip.temperature is None or not (chip.tc1 or chip.tc2) else cls(chip.temperature)
 
@@ -149,8 +150,8 @@ class Temperature(Effect):
         factor = np.broadcast_to(1 + tc1 * rise + tc2 * rise**2, netlist.conductance.shape)
         if np.any(factor <= 0):
             raise InputError(
-                f"the temperature coefficients turn a resistance into {factor.min():g} of itself at {self.celsius:g} "
-                "degrees Celsius; they hold for 1/K and 1/K^2 around 27 degrees"
+                f"the temperature coefficients multiply a resistance by {factor.min():g} at {self.celsius:g} degrees "
+                "Celsius; give tc1 in 1/K and tc2 in 1/K^2, relative to 27 degrees"
             )
         return netlist.replace(conductance=netlist.conductance / factor, tc1=None, tc2=None)
 

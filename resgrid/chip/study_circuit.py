@@ -1,0 +1,267 @@
+"""Analyses of the circuit of one chip: settling, noise, power, converter resolution and sensitivity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Le
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid._internal.validation import Count, Natural, Positive
+from resgrid.chip import noise as thermal
+from resgrid.chip.adc_resolution import ADCResolution, analyse_adc_resolution
+from resgrid.chip.decks import noise_band
+from resgrid.chip.noise import Noise, analyse_noise
+from resgrid.chip.power import Power, analyse_power
+from resgrid.chip.sensitivity import Sensitivity, analyse_sensitivity, voltage_sensitivity
+from resgrid.chip.settling import Settling, analyse_settling
+from resgrid.chip.study_inputs import StudyInputs, checked_method
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.planning.trace import start_cell
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CircuitStudy(StudyInputs):
+    """Analyses of the circuit of one chip; the part of `Study` that needs no Monte Carlo trials."""
+
+    @checked_method
+    def settling(
+        self,
+        *,
+        bits: Annotated[int, Ge(1), Le(24)] | None = None,
+        initial: OperatingPoint | ArrayLike | None = None,
+        modes: Count = 6,
+        span: Positive | None = None,
+        method: str = "auto",
+    ) -> Settling:
+        """Compute the time and the energy that the chip needs to settle after its supplies are switched on.
+
+        Parameters
+        ----------
+        bits : int, optional
+            Accuracy of a settled voltage, 1 to 24: half a step of a converter of this resolution.  By default the
+            resolution of the read-out, or 10.
+        initial : OperatingPoint or array_like of float, shape (nodes,), optional
+            Voltages before the switch, as in `resgrid.circuit.transient`.  By default all capacitors are discharged.
+        modes : int
+            Number of slow time constants to compute.
+        span : float, optional
+            Range of the converter, in volts.  By default that of the read-out; without a chip description, the largest
+            difference of final voltages.
+        method : str
+            Method of the linear solver, as in `resgrid.solve`.
+
+        Returns
+        -------
+        Settling
+
+        Raises
+        ------
+        CircuitError
+            If a part of the circuit never settles.
+        AccuracyError
+            If rounding decides the slowest time constant, because the conductances span too many orders of magnitude,
+            or if a figure overflows.
+        """
+        return analyse_settling(
+            self.linear,
+            bits=min(self.bits, 24) if bits is None else bits,
+            initial=initial,
+            modes=modes,
+            span=self.span if span is None else span,
+            method=method,
+        )
+
+    @cached_property
+    def usual_settling(self) -> Settling:
+        """Settling to the resolution and the range of the chip's own converter."""
+        return self.settling()
+
+    @checked_method
+    def noise(
+        self,
+        *,
+        band: tuple[float, float] | None = None,
+        temperature: Positive | None = None,
+        method: Literal["auto", "exact", "estimate"] = "auto",
+        samples: Annotated[int, Ge(2)] = 64,
+        seed: Natural = 0,
+    ) -> Noise:
+        """Compute the thermal noise of every node voltage.
+
+        Parameters
+        ----------
+        band : tuple of float, optional
+            Limits of the noise integral, in hertz; a read-out of noise bandwidth ``B`` has ``(0, B)``.  By default the
+            band of the read-out, else the band that the capacitances leave; no band without a chip description.
+        temperature : float, optional
+            Temperature of the resistors, in kelvin; by default that of the die.
+        method : {"auto", "exact", "estimate"}
+            "exact" computes the diagonal of the inverse from the factors.  "estimate" estimates it from products with
+            random signs, for grids of three or more dimensions, whose factors are large.
+        samples : int
+            Number of random vectors of an estimate.
+        seed : int
+            Seed of the random vectors.
+
+        Returns
+        -------
+        Noise
+
+        Raises
+        ------
+        CircuitError
+            If no resistors connect a node to a rail.
+        AccuracyError
+            If rounding errors may exceed 1e-3 of a density within the band, or a tenth of an estimate.
+        """
+        return analyse_noise(
+            self.linear,
+            band=self._band if band is None else band,
+            temperature=self.temperature if temperature is None else temperature,
+            method=method,
+            samples=samples,
+            seed=seed,
+        )
+
+    @cached_property
+    def _band(self) -> tuple[float, float] | None:
+        """Default noise band, in hertz."""
+        if self.description.readout.noise_bandwidth is not None:
+            return 0.0, self.description.readout.noise_bandwidth
+        if self.chip is None or not self.netlist.capacitance.any():
+            return None
+        return 0.0, noise_band(self.usual_settling)[1]
+
+    @checked_method
+    def noise_density(
+        self, nodes: ArrayLike, frequencies: ArrayLike, *, temperature: Positive | None = None
+    ) -> NDArray[np.float64]:
+        """Compute the power spectral density of thermal noise, ``4 k T Re Z(f)``.
+
+        Parameters
+        ----------
+        nodes : array_like of int, shape (k,)
+            Numbers of the nodes.
+        frequencies : array_like of float, shape (f,)
+            Frequencies in hertz, at least 0.
+        temperature : float, optional
+            Temperature of the resistors, in kelvin; by default that of the die.
+
+        Returns
+        -------
+        ndarray of float64, shape (f, k)
+            In V^2/Hz; 0 on rails, NaN where a node floats.
+
+        Raises
+        ------
+        CircuitError
+            If a frequency is 0 and no resistors connect some part of the circuit to a rail.
+        AccuracyError
+            If the relative error of a density may exceed 1e-6.
+        """
+        temperature = self.temperature if temperature is None else temperature
+        return thermal.noise_density(self.linear, nodes, frequencies, temperature=temperature)
+
+    @checked_method
+    def noise_covariance(self, nodes: ArrayLike, *, temperature: Positive | None = None) -> NDArray[np.float64]:
+        """Compute the covariance ``k T C^-1`` of node voltages over all frequencies.
+
+        Parameters
+        ----------
+        nodes : array_like of int, shape (k,)
+            Numbers of the nodes; capacitances must connect each of them to a rail.
+        temperature : float, optional
+            Temperature of the resistors, in kelvin; by default that of the die.
+
+        Returns
+        -------
+        ndarray of float64, shape (k, k)
+            In V^2; 0 on rails, NaN where a node floats.
+
+        Raises
+        ------
+        InputError
+            If the noise of a node is unbounded, because no capacitances connect it to a rail.
+        """
+        temperature = self.temperature if temperature is None else temperature
+        return thermal.noise_covariance(self.linear, nodes, temperature=temperature)
+
+    @checked_method
+    def power(self) -> Power:
+        """Compute the power that the sources deliver and the heat of every resistor.
+
+        Returns
+        -------
+        Power
+        """
+        return analyse_power(self.op)
+
+    @checked_method
+    def adc_resolution(self, *, span: Positive | None = None) -> ADCResolution:
+        """Compute the converter bits that every cell and every start needs.
+
+        Parameters
+        ----------
+        span : float, optional
+            Range of the converter, in volts.  By default that of the read-out.  Without a chip description it is the
+            supply or, with a uniform drive, the height of the highest node above the goal rail.
+
+        Returns
+        -------
+        ADCResolution
+        """
+        return analyse_adc_resolution(self.op, span=self.span if span is None else span)
+
+    @checked_method
+    def sensitivity(self, cells: ArrayLike | None = None) -> Sensitivity:
+        """Find the resistors that can change a step of the robot.
+
+        Parameters
+        ----------
+        cells : array_like of int, shape (axes,) or (k, axes), optional
+            One cell, or all cells of a path; goal cells are left out.  Each cell costs one linear solve.  By default
+            the cells on the paths from the starts of the scene, or from the start that needs most bits.
+
+        Returns
+        -------
+        Sensitivity
+
+        Raises
+        ------
+        AccuracyError
+            If the derivatives cannot be computed accurately enough.
+        """
+        if cells is None:
+            space = self.netlist.cells.space
+            starts = () if self.scene is None else self.scene.starts
+            cells = self.adc_resolution().cells_passed([start_cell(space, start) for start in starts])
+        return analyse_sensitivity(self.op, cells)
+
+    @checked_method
+    def voltage_sensitivity(self, weights: ArrayLike) -> NDArray[np.float64]:
+        """Compute the derivatives of a weighted sum of node voltages with respect to the log of every resistance.
+
+        Parameters
+        ----------
+        weights : array_like of float, shape (nodes,)
+            Weights ``c`` of the sum ``c . V``: a single 1 for one node voltage, 1 and -1 for a difference.
+
+        Returns
+        -------
+        ndarray of float64, shape (resistors,)
+            In volts.  The error is at most 1e-5 of the largest derivative, plus the errors of the currents of the
+            operating point; derivatives below their error are 0.  Nonlinear resistors follow the linear ones; for them
+            the derivative is with respect to ``-ln I0``.
+
+        Raises
+        ------
+        InputError
+            If the weights have another shape, are not finite, or include a floating node.
+        AccuracyError
+            If the conductances span too many orders of magnitude.
+        """
+        return voltage_sensitivity(self.op, weights)

@@ -1,0 +1,106 @@
+"""Common inputs of the analyses of one chip: its circuits, operating point, and the data of its read-out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, wraps
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+from resgrid._internal.validation import check_call, guarded
+from resgrid._internal.values import picture_of
+from resgrid.chip.build import build_chip, described
+from resgrid.chip.figures_of_merit import html_table, table_lines
+from resgrid.chip.monte_carlo import die_temperature
+from resgrid.circuit.nonlinear import linearize
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.solve import solve
+from resgrid.core.netlist import Netlist
+from resgrid.scene import Scene
+from resgrid.scene.chip import Chip
+
+Parameters = ParamSpec("Parameters")
+Returned = TypeVar("Returned")
+
+
+def checked_method(method: Callable[Parameters, Returned]) -> Callable[Parameters, Returned]:
+    """Check the names and types of a method's arguments before the call."""
+    method.__qualname__ = f"Study.{method.__name__}"  # the name in Python's own messages
+    call = guarded(method.__name__, method)
+
+    @wraps(method)
+    def checked(*arguments: Parameters.args, **options: Parameters.kwargs) -> Returned:
+        check_call(method.__name__, method, arguments, options, bound=1)
+        result: Returned = call(*arguments, **options)
+        return result
+
+    return checked
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StudyInputs:
+    """Circuits and descriptions that the analyses of one chip share; each circuit is built and solved once."""
+
+    ideal: Netlist
+    chip: Chip | None = None
+    scene: Scene | None = None
+    solved: OperatingPoint | None = None
+
+    @cached_property
+    def netlist(self) -> Netlist:
+        """The circuit with the chip's effects."""
+        return self.ideal if self.chip is None else build_chip(self.ideal, self.chip)
+
+    @cached_property
+    def op(self) -> OperatingPoint:
+        """The operating point of `netlist`, solved at the first access."""
+        return solve(self.netlist) if self.solved is None else self.solved
+
+    @cached_property
+    def linear(self) -> Netlist:
+        """A linear circuit: `netlist`, or its linearization at the operating point where it has nonlinear resistors."""
+        return linearize(self.op) if self.netlist.nonlinear_nodes.size else self.netlist
+
+    @property
+    def title(self) -> str:
+        """Title for headings: that of the scene, else its file name, else "chip"."""
+        return (self.scene and (self.scene.title or Path(self.scene.source or "").stem)) or "chip"
+
+    @property
+    def description(self) -> Chip:
+        """The chip description, or that of an ideal chip."""
+        return self.chip or Chip()
+
+    @property
+    def bits(self) -> int:
+        """Resolution of the converter in bits; 10, for comparison, where the converter is ideal."""
+        return self.description.readout.bits or 10
+
+    @property
+    def span(self) -> float | None:
+        """Range of the converter, in volts; None without a chip description."""
+        if self.chip is None:
+            return None
+        low, high = self.chip.readout.range or (0.0, abs(self.chip.supply))
+        return high - low
+
+    @property
+    def temperature(self) -> float:
+        """Temperature of the die, in kelvin."""
+        return die_temperature(self.description)
+
+    @property
+    def parameters(self) -> list[tuple[str, str, str]]:
+        """Rows (key, value, meaning) of every key of the chip description that is set."""
+        cells = self.ideal.cells
+        return described(self.description, cells.space.shape, cells.wiring.boundary)
+
+    def __repr__(self) -> str:
+        cells = self.ideal.cell_map
+        shape = "" if cells is None else f"{' x '.join(map(str, cells.space.shape))} cells, {cells.wiring.boundary}, "
+        return f"{type(self).__name__}({self.title}: {shape}{self.netlist.node_count} nodes)"
+
+    def _repr_html_(self) -> str:
+        picture = "" if self.ideal.cell_map is None else picture_of(self.ideal.cells.space)
+        return picture + html_table(table_lines(("key", "value", "meaning"), self.parameters))
