@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.jit import inner, kernel, makes_arrays
+from resgrid._internal.jit import inner, kernel
 
 Floats = NDArray[np.float64]
 
@@ -75,7 +75,6 @@ def _last_between(
 
 
 @kernel
-@makes_arrays
 def last_outside(
     shape: Floats, weight: Floats, rate: Floats, times: Floats, band: float, rows: NDArray[np.int64], result: Floats
 ) -> None:  # fmt: skip
@@ -152,7 +151,6 @@ def step_down(
 
 
 @kernel
-@makes_arrays
 def follow(following: Integers, goal: NDArray[np.bool_], reached: NDArray[np.bool_]) -> None:
     """Which cells lead to a goal; one that leads to a dead end, or back to a cell passed before, does not."""
     count = len(following)

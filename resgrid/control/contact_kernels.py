@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.jit import inlined, inner, kernel, makes_arrays
+from resgrid._internal.jit import inlined, inner, kernel
 from resgrid.robots.geometry import TOUCH, ObstacleArrays, Pose
 from resgrid.robots.kernels import share
 
@@ -274,7 +274,6 @@ def _moves(
 
 
 @kernel
-@makes_arrays
 def free_share(pose: Pose, solid: ObstacleArrays, motion: Floats, least: float) -> float:
     """Share of a straight motion in configuration space for which every gap is known to stay at ``least`` or above.
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.jit import inlined, inner, kernel, makes_arrays
+from resgrid._internal.jit import inlined, inner, kernel
 from resgrid.planning.kernels import Flow, face_velocities, ravel
 
 Floats = NDArray[np.float64]
@@ -156,7 +156,6 @@ def _beside_served(grid: FlowGrid, cell: Integers, local: Floats) -> bool:
 
 
 @kernel
-@makes_arrays
 def nominal(
     flow: Flow, served: NDArray[np.bool_], corner: Floats, periodic: NDArray[np.bool_], point: Floats, velocity: Floats
 ) -> tuple[int, float]:
@@ -196,7 +195,6 @@ def nominal(
 
 
 @kernel
-@makes_arrays
 def relax(
     first: NDArray[np.int32], column: NDArray[np.int32], coupling: Floats, diagonal: Floats, drive: Floats,
     omega: float, count: int, value: Floats, spare: Floats,

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from resgrid._internal.jit import inner, kernel, makes_arrays
+from resgrid._internal.jit import inner, kernel
 from resgrid.robots.geometry import ArmLinks, ObstacleArrays
 from resgrid.robots.kernels import Flags, Floats, Integers, near_solids, place_joints, share
 
@@ -211,7 +211,6 @@ def _find(work: _Work, links: ArmLinks, goal: ObstacleArrays, tolerance: float) 
 
 
 @kernel
-@makes_arrays
 def find_tips(
     out: Flags, points: Floats, first: int, counts: Integers, lower: Floats, widths: Floats,
     links: ArmLinks, goal: ObstacleArrays, bounds: Floats, tolerance: float,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.jit import inner, interruptible, kernel, makes_arrays
+from resgrid._internal.jit import inner, interruptible, kernel
 from resgrid.solvers import ordering_kernels as ordering
 from resgrid.solvers.laplacian import Graph, Rows
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
@@ -66,7 +66,6 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
 
 @interruptible
 @kernel
-@makes_arrays
 def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int]:
     """Aggregates of up to ``most`` nodes, grown one by one.
 
@@ -126,7 +125,6 @@ def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int
 
 
 @inner
-@makes_arrays
 def _degrees(indptr: Indices, conductance: Singles, leak: Floats) -> tuple[Floats, Singles, Floats]:
     """All conductances of a node summed, one over the root of that, and the strongest one."""
     n = len(leak)
@@ -153,7 +151,6 @@ def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: In
 
 @interruptible
 @kernel
-@makes_arrays
 def sum_up(graph: Graph, aggregate: Indices, count: int) -> tuple[Indices, Indices, Singles, Floats]:
     """Sum conductances between aggregates, and leaks within them; rows come out unsorted."""
     (indptr, indices, conductance, leak), n = graph, len(graph.leak)
@@ -281,7 +278,6 @@ def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
 
 @interruptible
 @kernel
-@makes_arrays
 def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, Indices]:
     """Greedy colours, and how many neighbours of every node have an earlier one."""
     n = len(indptr) - 1

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid._internal.jit import inner, interruptible, kernel, makes_arrays
+from resgrid._internal.jit import inner, interruptible, kernel
 
 Bytes = NDArray[np.uint8]
 
@@ -176,7 +176,6 @@ def _are_alike(text: Bytes, first: int, second: int, size: int) -> bool:
 
 @interruptible
 @kernel
-@makes_arrays
 def number_names(text: Bytes, spans: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Number names in the order of their first occurrence, case folded.
 
@@ -209,7 +208,6 @@ def number_names(text: Bytes, spans: NDArray[np.int32]) -> tuple[NDArray[np.int3
 
 
 @kernel
-@makes_arrays
 def gather(text: Bytes, spans: NDArray[np.int32]) -> Bytes:
     """Pieces of a text, a line each."""
     size = 0
