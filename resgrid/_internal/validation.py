@@ -76,8 +76,8 @@ SOURCES = {
 }
 """Expressions that return a value of a class, for messages."""
 
-_ARRAY = frozenset(get_args(ArrayLike))
-"""Members of the union `ArrayLike`."""
+_ARRAY = frozenset(get_args(getattr(ArrayLike, "__value__", ArrayLike)))
+"""Members of the union `ArrayLike`, which numpy 2.5 defines by a type statement."""
 _MAX_TEXT = 60
 """Maximum number of characters of a value in a message."""
 _LARGEST = 2**63 - 1
@@ -235,6 +235,9 @@ class _Names(dict[str, Any]):
 def type_check_of(hint: Any) -> TypeCheck:  # noqa: PLR0911
     """Return the check of an annotation; unsupported annotations accept every value."""
     origin, parts = get_origin(hint), get_args(hint)
+    if hasattr(origin or hint, "__value__"):  # an alias that a type statement defines
+        value = (origin or hint).__value__
+        return type_check_of(value[parts] if parts else value)
     if origin is Annotated:
         return _limited(type_check_of(parts[0]), parts[1:])
     if origin in (Union, types.UnionType):

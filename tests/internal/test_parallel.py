@@ -65,7 +65,7 @@ def test_a_worker_that_dies_costs_its_tasks_only(kind: str, tmp_path: Path) -> N
 def test_items_that_kill_every_worker_are_named(kind: str, tmp_path: Path) -> None:
     with (
         two_workers(kind, tmp_path) as executor,
-        pytest.raises(rg.WorkerError, match=r"over chips (\d) to (\d+) .*memory") as caught,
+        pytest.raises(rg.WorkerError, match=r"computing chips (\d) to (\d+) .*memory") as caught,
     ):
         list(in_order([JobPart(deadly_sums, {"offset": 0}, range(12), "chips")], executor))
     words = str(caught.value).split()
