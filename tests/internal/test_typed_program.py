@@ -48,7 +48,7 @@ rg.streamlin
 
 def check(folder: Path, program: str) -> subprocess.CompletedProcess[str]:
     (folder / "program.py").write_text(program)
-    command = [sys.executable, "-m", "mypy", "--strict", "--config-file", "", "--cache-dir", str(folder), "program.py"]
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file", "", "--cache-dir", "../mypy", "program.py"]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=500, check=False)
 
 
