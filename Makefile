@@ -11,6 +11,7 @@
 # make docs    build the site into docs/_build/html, offline; any warning is an error
 # make look     open every page of the site in Chromium, and report elements that are too wide, broken or unnamed
 # make reference  write docs/reference/scene.md again
+# make versions  run a small set of tests with the lowest and the newest versions of the packages (PYTHON, VERSIONS)
 # make clean   remove what was made here
 
 PYTHON ?= python3
@@ -36,7 +37,7 @@ KEEP_MEMORY := MALLOC_MMAP_THRESHOLD_=4294967296 MALLOC_TRIM_THRESHOLD_=17179869
 
 TARGETS := generic $(shell grep -qm1 avx512f /proc/cpuinfo 2>/dev/null && echo skylake-avx512)
 
-.PHONY: demo test warm targets check format bench fuzz golden docs look reference clean
+.PHONY: demo test warm targets check format bench fuzz golden docs look reference versions clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED)
@@ -101,8 +102,11 @@ look: $(INSTALLED_DEV)
 reference: $(INSTALLED)
 	$(BIN)/python docs/_ext/scene_page.py > docs/reference/scene.md
 
+versions:
+	PYTHON=$(PYTHON) scripts/check_versions.sh $(VERSIONS)
+
 clean:
-	rm -rf $(VENV) $(BENCH_VENV) docs/_build docs/gallery docs/reference/api/names docs/jupyter_execute out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH_VENV) .venv-versions docs/_build docs/gallery docs/reference/api/names docs/jupyter_execute out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(CREATED):

@@ -1,4 +1,4 @@
-"""``python -m resgrid``: the command ``resgrid`` of this Python."""
+"""``python -m resgrid``: run the command ``resgrid`` with this Python interpreter."""
 
 from resgrid.cli import main
 

@@ -1,7 +1,8 @@
-"""Everything that resgrid raises on purpose.
+"""Exceptions of resgrid, and suggestions for misspelt names.
 
-A message says what is wrong, where (file, line, key, cell), and what to do about it.  The command line turns each
-class into an exit code; the library never exits.
+A message states the problem, its place (file, line, key, cell) and a remedy.  Every exception also derives from the
+matching built-in class, so that ``except ValueError`` catches an `InputError`.  The command line maps each class to an
+exit code; the library never exits.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from collections.abc import Iterable
 
 
 class ResgridError(Exception):
-    """Base class of every error that resgrid raises on purpose.
+    """Base class of all exceptions that resgrid raises for foreseen problems.
 
     Examples
     --------
@@ -22,8 +23,8 @@ class ResgridError(Exception):
     """
 
 
-class InputError(ResgridError):
-    """A file, key, value or argument is wrong; the message names it and the remedy.
+class InputError(ResgridError, ValueError):
+    """A file, key, value or argument is invalid; the message names it and a remedy.
 
     Examples
     --------
@@ -34,8 +35,8 @@ class InputError(ResgridError):
     """
 
 
-class CircuitError(ResgridError):
-    """The netlist has no operating point: nothing drives it, or its sources contradict each other.
+class CircuitError(ResgridError, ArithmeticError):
+    """The netlist has no operating point: no source drives it, or its sources contradict each other.
 
     Examples
     --------
@@ -46,13 +47,13 @@ class CircuitError(ResgridError):
     """
 
 
-class AccuracyError(ResgridError):
-    """An answer was computed but does not keep the promised accuracy.
+class AccuracyError(ResgridError, ArithmeticError):
+    """The computed result does not have the requested accuracy.
 
     Attributes
     ----------
     best : object or None
-        The best answer there was, for inspection only.
+        The most accurate result that was computed, for inspection only.
 
     Examples
     --------
@@ -70,8 +71,8 @@ class AccuracyError(ResgridError):
         self.best = best
 
 
-class CertificateError(ResgridError):
-    """A streamline breaks one of its promises; the message names the step and the promise.
+class CertificateError(ResgridError, ValueError):
+    """A path does not have a property that `certify` checks; the message names the step and the property.
 
     Examples
     --------
@@ -83,8 +84,11 @@ class CertificateError(ResgridError):
     """
 
 
-class ToolMissingError(ResgridError):
-    """An outside program (a circuit simulator) is not installed; the message says how to get it.
+class ToolMissingError(ResgridError, OSError):
+    """A program or an optional package is not installed; the message contains the command that installs it.
+
+    Most tools are programs, and Python reports a missing program as an OSError (`FileNotFoundError`).  The attributes
+    ``errno``, ``strerror`` and ``filename`` are None.
 
     Examples
     --------
@@ -96,8 +100,8 @@ class ToolMissingError(ResgridError):
     """
 
 
-class BudgetError(ResgridError):
-    """The job would not fit in the memory or time allowed; the message holds the estimate.
+class BudgetError(ResgridError, MemoryError):
+    """The job needs more memory, disk space or time than allowed; the message contains the estimate.
 
     Examples
     --------
@@ -109,8 +113,8 @@ class BudgetError(ResgridError):
     """
 
 
-class WorkerError(ResgridError):
-    """Workers of an executor died again and again over the same work, which the message names.
+class WorkerError(ResgridError, RuntimeError):
+    """Workers of an executor died repeatedly while they computed the same items, which the message names.
 
     Examples
     --------
@@ -122,18 +126,19 @@ class WorkerError(ResgridError):
     >>> list(rg.spread(abs, [-1], executor=Broken()))
     Traceback (most recent call last):
         ...
-    resgrid.errors.WorkerError: the executor broke (its threads do not start), and Broken cannot be made anew; ...
+    resgrid.errors.WorkerError: the executor broke (its threads do not start), and a Broken cannot be restarted; ...
     """
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """Return the name that was probably meant, as a question; empty if none is near.
+    """Return a question that proposes the most similar known name; an empty string if no known name is similar.
 
-    Names that differ only in their digits, such as ros1 and ros2, mean different things.
+    Names that differ only in their final digits, such as ros1 and ros2, are not similar: they mean different things.
     """
     from difflib import get_close_matches
 
-    kin = name.rstrip("0123456789")
-    candidates = [other for other in known if other.rstrip("0123456789") != kin or kin == name]
-    near = [other for other in candidates if other.lower() == name.lower()] or get_close_matches(name, candidates, 1)
-    return f"did you mean {near[0]!r}?" if near else ""
+    stem = name.rstrip("0123456789")
+    candidates = [other for other in known if other.rstrip("0123456789") != stem or stem == name]
+    same = [other for other in candidates if other.lower() == name.lower()]
+    similar = same or get_close_matches(name, candidates, 1)
+    return f"did you mean {similar[0]!r}?" if similar else ""

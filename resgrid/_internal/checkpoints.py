@@ -1,4 +1,4 @@
-"""Files of results that grow line by line, and can be taken up again wherever their writer was killed."""
+"""Checkpoint files: JSON lines that a later run can continue after its writer was killed."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from resgrid.errors import InputError
 
 _REMEDY = "remove it or name another"
 
-_LONGEST = 65536
-"""Bytes of a first line at most: nobody else's file is read further."""
+_MAX_HEAD_BYTES = 65536
+"""Maximum length of the first line in bytes; limits the memory for reading a file that is not a checkpoint."""
 
 
 class Journal:
-    """A file of JSON lines below a first one that says what they belong to.
+    """A file of JSON lines, the first of which (the head) identifies the run.
 
-    A last line that was cut off is dropped, and written again in its turn: a run that was killed and one that was not
-    end in the same bytes.
+    An incomplete last line is deleted and later written again: an interrupted and continued run ends with the same
+    bytes as an uninterrupted one.
     """
 
     def __init__(self, path: str | os.PathLike[str], head: dict[str, Any]) -> None:
-        """Begin a file, or take one up; InputError if it is none of ours, or belongs to another run."""
+        """Create or continue a file; raise InputError if it is not a checkpoint or belongs to another run."""
         self._path, line = Path(path), _line(head).encode()
         try:
             with self._path.open("ab+") as file:
                 file.seek(0)
-                first = file.readline(_LONGEST)
-                if line.startswith(first) and first != line:  # new, or cut off within its first line
+                first = file.readline(_MAX_HEAD_BYTES)
+                if line.startswith(first) and first != line:  # empty, or the head is incomplete
                     file.truncate(0)
                     file.write(line)
                 else:
@@ -45,7 +45,7 @@ class Journal:
             raise self._unusable(error) from error
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        """The lines so far, without the first."""
+        """Iterate over the records, without the head."""
         with self._path.open(encoding="utf-8", errors="replace") as file:
             next(file)
             for number, text in enumerate(file, 2):
@@ -56,7 +56,7 @@ class Journal:
                 yield record
 
     def append(self, record: dict[str, Any]) -> None:
-        """Write one more line; it is the system's at once, so that a process that is killed loses none."""
+        """Append a record and close the file, so that the record survives if the process is killed."""
         try:
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(_line(record))
@@ -64,12 +64,13 @@ class Journal:
             raise self._unusable(error) from error
 
     def _check(self, first: bytes, head: dict[str, Any]) -> None:
+        """Raise InputError if the first line of the file is not the expected head."""
         try:
             found = json.loads(first.decode(errors="replace"))
         except ValueError as error:
             raise self.damaged(error) from error
         if not isinstance(found, dict) or found.keys() != head.keys():
-            raise self.damaged("it does not begin as one")
+            raise self.damaged("its first line is not that of a checkpoint")
         if found != head:
             raise InputError(
                 f"the checkpoint {str(self._path)!r} belongs to another run: the scene, the chip or the seed differs; "
@@ -77,15 +78,17 @@ class Journal:
             )
 
     def _unusable(self, error: OSError) -> InputError:
+        """Return the InputError for a file that cannot be written."""
         return InputError(
             f"cannot write the checkpoint {str(self._path)!r}: {error.strerror}; check the path, its permissions and "
-            "the free space, then run again: what it holds is taken up"
+            "the free space, then run again: the results that it holds are kept"
         )
 
     def damaged(self, why: object) -> InputError:
-        """What to raise of a file with a fault."""
+        """Return the InputError for a damaged file."""
         return InputError(f"cannot read the checkpoint {str(self._path)!r}: {why}; {_REMEDY}")
 
 
 def _line(record: dict[str, Any]) -> str:
+    """Return a record as a line of compact JSON."""
     return json.dumps(record, separators=(",", ":")) + "\n"

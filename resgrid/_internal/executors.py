@@ -1,4 +1,4 @@
-"""Executors by their names on the command line: ``processes:4``, ``dask://HOST:PORT``, ``mpi``, ``parsl:FILE``."""
+"""Creation of executors from their names: ``processes:4``, ``dask://HOST:PORT``, ``mpi``, ``parsl:FILE``."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from resgrid._internal.extras import install_command
 from resgrid.errors import InputError, ToolMissingError
 
 FORMS = "processes[:N], dask://HOST:PORT, mpi or parsl:FILE"
-"""What names an executor."""
+"""Accepted names of executors, for messages."""
 
 DASK_SECONDS = 10.0
-"""How long a scheduler may take to answer."""
+"""Maximum time in seconds until a dask scheduler answers."""
 
-_MOMENT = 0.2
-"""Seconds between two looks at the workers of a pool that ends."""
+_POLL_INTERVAL = 0.2
+"""Time in seconds between two checks of the workers while a process pool shuts down."""
 
 
 @contextmanager
 def open_executor(name: str) -> Iterator[Executor]:
     """Open an executor by name, and close it at the end of the block.
 
-    ``mpi`` makes workers of all ranks but the first, which alone enters the block: start Python as
-    ``mpiexec -n N python ...``.  On the others the call serves the first, then ends the process (SystemExit).
+    With ``mpi``, start Python as ``mpiexec -n N python ...``.  Only rank 0 enters the block.  On every other rank the
+    call works as a worker of rank 0 and then ends the process (SystemExit).
 
     Parameters
     ----------
@@ -44,14 +44,14 @@ def open_executor(name: str) -> Iterator[Executor]:
     Yields
     ------
     concurrent.futures.Executor
-        For the ``executor`` of `Study.yields`, `spread`, `solve_many` and others.
+        An executor for the argument ``executor`` of `Study.yields`, `spread`, `solve_many` and others.
 
     Raises
     ------
     InputError
-        If nothing is called so, nobody answers at the address, or the file sets no ``config``.
+        If the name is unknown, no scheduler answers at the address, or the file does not set ``config``.
     ToolMissingError
-        If the package is not installed.
+        If the package of the executor is not installed.
 
     Examples
     --------
@@ -77,13 +77,13 @@ def open_executor(name: str) -> Iterator[Executor]:
 
 
 def renewed(executor: Executor) -> Executor | None:
-    """A pool like one whose workers died; None for other executors."""
+    """Return a new pool with the settings of a broken process pool; None for other kinds of executors."""
     kind = type(executor)
     if kind.__module__.partition(".")[0] == "loky":
         pool: Executor = importlib.import_module("loky").get_reusable_executor(getattr(executor, "_max_workers", None))
         return pool
     if isinstance(executor, ProcessPoolExecutor):
-        # The attributes are private, and have been the same since Python 3.7.
+        # A pool has no public attributes for its settings; these private ones are unchanged since Python 3.7.
         return ProcessPoolExecutor(
             getattr(executor, "_max_workers"),  # noqa: B009
             mp_context=executor._mp_context,
@@ -95,6 +95,7 @@ def renewed(executor: Executor) -> Executor | None:
 
 @contextmanager
 def _processes(count: int) -> Iterator[Executor]:
+    """Open a pool of new (spawned) processes that end with this process."""
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(count, mp_context=context, initializer=_follow_parent)
     try:
@@ -104,22 +105,22 @@ def _processes(count: int) -> Iterator[Executor]:
 
 
 def _end(executor: ProcessPoolExecutor) -> None:
-    """Shut a pool down; a worker that dies meanwhile with the lock of their queue takes the others along.
+    """Shut down a pool; if a worker dies during the shutdown, terminate all its workers.
 
-    The pool itself would wait for these for ever.
+    The dead worker may hold the lock of the common queue, and the pool would then wait for the others forever.
     """
     workers = list((executor._processes or {}).values())
     closing = threading.Thread(target=executor.shutdown, name="resgrid ends its workers")
     closing.start()
     while closing.is_alive():
-        closing.join(_MOMENT)
+        closing.join(_POLL_INTERVAL)
         if any(worker.exitcode for worker in workers):
             for worker in workers:
                 worker.terminate()
 
 
 def _follow_parent() -> None:
-    """In a worker: leave interrupts to the parent, and end when it does, however it ended."""
+    """In a worker process: ignore Ctrl-C, and exit as soon as the parent process has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
 
@@ -133,6 +134,7 @@ def _follow_parent() -> None:
 
 @contextmanager
 def _dask(address: str) -> Iterator[Executor]:
+    """Connect to a dask scheduler at ``HOST:PORT``."""
     distributed = _needed("distributed", "dask")
     try:
         client = distributed.Client(f"tcp://{address}", timeout=DASK_SECONDS, set_as_default=False)
@@ -144,15 +146,16 @@ def _dask(address: str) -> Iterator[Executor]:
 
 @contextmanager
 def _mpi() -> Iterator[Executor]:
+    """Use all MPI ranks except rank 0 as workers; on these ranks, end the process after the block of rank 0."""
     futures = _needed("mpi4py.futures", "mpi")
     mpi = importlib.import_module("mpi4py.MPI")
     world = mpi.COMM_WORLD
     if world.size < 2:
-        library, beside = mpi.get_vendor()[0], Path(sys.executable).with_name("mpiexec")
-        launcher = beside if library == "MPICH" and beside.exists() else "mpiexec"
+        library, local = mpi.get_vendor()[0], Path(sys.executable).with_name("mpiexec")
+        launcher = local if library == "MPICH" and local.exists() else "mpiexec"
         raise InputError(
-            f"mpi: this process is alone: start it with {launcher} -n N, the one that belongs to {library}, which "
-            "mpi4py found, or name the library of another MPI in MPI4PY_LIBMPI"
+            f"mpi: this process is the only rank; start it with {launcher} -n N, the launcher of {library} (which "
+            "mpi4py uses), or name the library of another MPI in MPI4PY_LIBMPI"
         )
     with futures.MPICommExecutor(world, root=0) as executor:
         if executor is not None:
@@ -163,29 +166,30 @@ def _mpi() -> Iterator[Executor]:
 
 @contextmanager
 def _parsl(file: str) -> Iterator[Executor]:
+    """Open a parsl executor with the ``config`` that a Python file defines."""
     concurrent = _needed("parsl.concurrent", "parsl")
     try:
         config = runpy.run_path(file)["config"]
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror}); name a Python file that sets config") from error
     except Exception as error:
-        raise InputError(f"{file}: {error!r}; let it say config = parsl.Config(...)") from error
+        raise InputError(f"{file}: {error!r}; the file must define config = parsl.Config(...)") from error
     if not isinstance(config, importlib.import_module("parsl").Config):
-        raise InputError(f"{file}: config is {config!r:.100}; let it say config = parsl.Config(...)")
+        raise InputError(f"{file}: config is {config!r:.100}; it must be a parsl.Config(...)")
     try:
         with _interrupts_ignored():
             executor = concurrent.ParslPoolExecutor(config=config)
     except FileNotFoundError as error:
-        raise InputError(f"parsl does not find {error.filename}: activate the environment that holds it") from error
+        raise InputError(f"parsl cannot find {error.filename}; activate the environment that contains it") from error
     try:
         yield executor
     finally:
-        executor.shutdown(wait=False)  # it knows no way to cancel what nobody waits for any more
+        executor.shutdown(wait=False)  # parsl cannot cancel tasks
 
 
 @contextmanager
 def _interrupts_ignored() -> Iterator[None]:
-    """Processes begun here leave Ctrl-C to this one, which needs them to the end; only the main thread can say so."""
+    """Let processes that are started in the block ignore Ctrl-C; without effect outside the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -197,6 +201,7 @@ def _interrupts_ignored() -> Iterator[None]:
 
 
 def _needed(module: str, extra: str) -> Any:
+    """Import a module of an optional package; raise ToolMissingError with the installation command of its extra."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

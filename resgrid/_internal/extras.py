@@ -1,4 +1,4 @@
-"""Optional packages: the command that installs them into the running Python."""
+"""Installation commands for the optional packages (extras) of resgrid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files read with errors that say what is wrong; files and folders written whole or not at all."""
+"""Reading of files with precise error messages, and atomic writing of files and folders."""
 
 from __future__ import annotations
 
@@ -14,22 +14,23 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from resgrid.errors import InputError
+from resgrid.errors import InputError, ResgridError
 
 SUMMARY = "summary.json"
-"""Lists the files of a folder of results."""
+"""Name of the file that lists all files of a folder of results."""
 
 MAX_TEXT_BYTES = 1 << 28
+"""Maximum size of a text file, in bytes."""
 
 _STALE = 86_400.0
-"""Seconds after which what a killed process left half-written is taken for that."""
+"""Age in seconds from which an unlocked temporary file is a remnant of a killed process."""
 
 
 @contextlib.contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """A folder among the system's temporary ones (``TMPDIR``), gone at the end.
+    """Create a folder in the system's temporary folder (``TMPDIR``), and delete it at the end of the block.
 
-    Also where the process ends while a thread that was left behind is removing it: both do it then.
+    It is deleted twice: if the process ends while another thread deletes the folder, one of both calls succeeds.
     """
     folder = tempfile.TemporaryDirectory(prefix="resgrid-", ignore_cleanup_errors=True)
     try:
@@ -42,10 +43,10 @@ def temporary_folder() -> Iterator[Path]:
 def read_bytes(
     path: Path, limit: int | None = None, *, name: str | None = None, first: int = -1, piped: bool = True
 ) -> bytes:
-    """All bytes of a file, or the first ones.
+    """Return the bytes of a file.
 
-    `limit`: most bytes that there may be; `name`: what messages call it; `first`: how many are read, -1 for all;
-    `piped`: whether it may be a pipe.
+    `limit`: maximum size in bytes; `name`: name of the file in messages; `first`: number of bytes to read, -1 for all;
+    `piped`: whether a pipe is accepted.
     """
     said = str(path) if name is None else name
     try:
@@ -55,11 +56,13 @@ def read_bytes(
         if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):
             raise InputError(f"{said}: this is a device; give a file")
         if not (piped or stat.S_ISREG(status.st_mode)):
-            raise InputError(f"{said}: this is no regular file; give one")
+            raise InputError(f"{said}: this is not a regular file; give one")
         if limit is not None and status.st_size > limit:
             raise InputError(f"{said}: {status.st_size} bytes are too many (at most {limit}); is it the right file?")
         with path.open("rb") as file:
             return file.read(first)
+    except InputError:
+        raise
     except FileNotFoundError:
         raise InputError(f"{said}: there is no such file; check the name and the folder") from None
     except PermissionError:
@@ -69,12 +72,12 @@ def read_bytes(
 
 
 def read_text(path: Path) -> str:
-    """All text of a UTF-8 file, line ends turned into newlines."""
+    """Return the text of a UTF-8 file with LF line ends."""
     return decode(read_bytes(path, MAX_TEXT_BYTES), path)
 
 
 def decode(data: bytes, path: Path) -> str:
-    """UTF-8 text of some bytes, a byte order mark dropped, line ends turned into newlines."""
+    """Decode UTF-8 text, without its byte order mark and with LF line ends; `path` is for messages."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -84,12 +87,12 @@ def decode(data: bytes, path: Path) -> str:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
-    r"""Write UTF-8 text atomically, line ends as they are."""
+    """Write UTF-8 text atomically, with unchanged line ends, and return the path."""
     return write_bytes(path, text.encode("utf-8"))
 
 
 def write_bytes(path: str | os.PathLike[str], data: bytes) -> Path:
-    """Write bytes atomically; as `write_text` otherwise."""
+    """Write bytes atomically, and return the path."""
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
     return Path(path)
@@ -97,10 +100,11 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> Path:
 
 @contextlib.contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path that takes the place of ``path`` if the block succeeds and vanishes if it does not.
+    """Yield a temporary path that replaces ``path`` if the block succeeds and is deleted if the block fails.
 
-    The temporary file lies in the same folder and has the same suffix (writers that judge by it see what they
-    expect).  A symbolic link is followed; a device such as ``/dev/stdout`` is written to once the content is complete.
+    The temporary file lies in the same folder and has the same suffix, because some writers choose a format by suffix.
+    A symbolic link is followed.  A device such as ``/dev/stdout`` is written after the block, when the content is
+    complete.
     """
     target = target_of(Path(path))
     is_device = Path(path).exists() and not Path(path).is_file()
@@ -112,6 +116,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
                 shutil.copyfileobj(source, sink)
         else:
             temporary.replace(target)
+    except ResgridError:
+        raise
     except OSError as error:
         raise _unwritable(Path(path), error) from error
     finally:
@@ -120,10 +126,15 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def whole_folder(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary folder beside ``path`` whose files move there if the block succeeds.
+    """Yield a temporary folder in the parent of ``path``, whose files are moved to ``path`` if the block succeeds.
 
-    An existing folder keeps its other files; those that its own earlier ``summary.json`` lists and that were not made
-    again are removed.  The summary is moved last.  While another process makes the same folder it is refused.
+    An existing folder keeps its other files, except files that its earlier ``summary.json`` lists and that were not
+    written again.  The summary is moved last.
+
+    Raises
+    ------
+    InputError
+        If ``path`` is a file or cannot be written, or another process is writing the same folder.
     """
     target = Path(path)
     if target.exists() and not target.is_dir():
@@ -132,23 +143,27 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
     temporary = temporary_place(target.parent, target.name)
     try:
         temporary.mkdir()
-        with _held(temporary):
-            if any(_is_held(other) for other in _beside(temporary.parent, target.name) if other != temporary):
+        with _locked(temporary):
+            if any(
+                _is_locked(other) for other in _temporary_paths(temporary.parent, target.name) if other != temporary
+            ):
                 raise InputError(f"-o {path}: another run is writing this folder; wait for its end, or name another")
             yield temporary
             _move_files(temporary, target)
         parents = []
+    except ResgridError:
+        raise
     except OSError as error:
         raise _unwritable(target, error) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
         for parent in parents:
-            with contextlib.suppress(OSError):  # somebody else has put something there
+            with contextlib.suppress(OSError):  # another process has written into the folder
                 parent.rmdir()
 
 
 def _make_parents(target: Path) -> list[Path]:
-    """Make the parents of a folder; those that were missing, the innermost first."""
+    """Create the parents of a folder, and return those that did not exist, innermost first."""
     try:
         missing = [parent for parent in target.absolute().parents if not parent.exists()]
         target.absolute().parent.mkdir(parents=True, exist_ok=True)
@@ -158,6 +173,7 @@ def _make_parents(target: Path) -> list[Path]:
 
 
 def _move_files(temporary: Path, target: Path) -> None:
+    """Move all files of a temporary folder to `target`, the summary last, and delete the outdated files there."""
     if not target.exists():
         temporary.rename(target)
         return
@@ -170,7 +186,7 @@ def _move_files(temporary: Path, target: Path) -> None:
 
 
 def _earlier_files(target: Path) -> set[str]:
-    """Files that an earlier run left here, by its own summary."""
+    """Return the names of existing files that the summary of an earlier run lists."""
     try:
         listed = json.loads((target / SUMMARY).read_text(encoding="utf-8"))["files"]
         names = {str(name) for name in listed}
@@ -180,25 +196,26 @@ def _earlier_files(target: Path) -> set[str]:
 
 
 def temporary_place(folder: Path, stem: str, suffix: str = "") -> Path:
-    """Where something may be made before it is renamed; what was killed while it made the same is removed."""
-    with contextlib.suppress(OSError):  # somebody else removed it; whether the folder can be written shows itself
-        for left in _beside(folder, stem, suffix):
-            if time.time() - left.lstat().st_mtime > _STALE and not _is_held(left):
-                shutil.rmtree(left) if left.is_dir() and not left.is_symlink() else left.unlink()
+    """Return a new path for a temporary file or folder, and delete remnants of killed processes with the same stem."""
+    with contextlib.suppress(OSError):  # another process deleted the remnant; an unwritable folder fails later
+        for remnant in _temporary_paths(folder, stem, suffix):
+            if time.time() - remnant.lstat().st_mtime > _STALE and not _is_locked(remnant):
+                shutil.rmtree(remnant) if remnant.is_dir() and not remnant.is_symlink() else remnant.unlink()
     return folder / f".{stem[:80]}-{secrets.token_hex(6)}{suffix[:20]}"
 
 
-def _beside(folder: Path, stem: str, suffix: str = "") -> list[Path]:
-    """Every place in a folder where something of that name is being made, or was."""
+def _temporary_paths(folder: Path, stem: str, suffix: str = "") -> list[Path]:
+    """Return the existing paths in a folder that `temporary_place` chose for a stem and suffix."""
     ours = re.compile(re.escape(f".{stem[:80]}-") + "[0-9a-f]{12}" + re.escape(suffix[:20]))
     return [path for path in folder.iterdir() if ours.fullmatch(path.name)]
 
 
 @contextlib.contextmanager
-def _held(place: Path) -> Iterator[bool]:
-    """Hold what is being made until this process ends, however it does; yields whether nobody else holds it.
+def _locked(place: Path) -> Iterator[bool]:
+    """Lock a temporary file or folder during the block; yield True if the lock was acquired.
 
-    That is True, too, where there are no locks (on Windows, in some networks), and of what is gone.
+    The system releases the lock when the process ends.  The value is also True if the path does not exist or the file
+    system has no locks (Windows, some network file systems).
     """
     try:
         number = os.open(place, os.O_RDONLY)
@@ -211,12 +228,14 @@ def _held(place: Path) -> Iterator[bool]:
         os.close(number)
 
 
-def _is_held(place: Path) -> bool:
-    with _held(place) as alone:
-        return not alone
+def _is_locked(place: Path) -> bool:
+    """Return whether another process has locked a path."""
+    with _locked(place) as acquired:
+        return not acquired
 
 
 def _lock(number: int) -> bool:
+    """Lock an open file descriptor without waiting; return False if another process has locked it."""
     try:
         import fcntl
 
@@ -229,20 +248,23 @@ def _lock(number: int) -> bool:
 
 
 def target_of(path: Path) -> Path:
-    """The file itself that a name, perhaps of a link, stands for; refused where there can be none."""
+    """Return the file that a path or symbolic link names; raise InputError if it cannot be written."""
     try:
         target = path.resolve()
         if target.is_dir():
             raise InputError(f"cannot write {path}: it is a directory; name a file")
         if not target.parent.exists():
             raise InputError(f"cannot write {path}: there is no folder {target.parent}; make it first")
-    except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a NUL in the name
+    except InputError:
+        raise
+    except (OSError, RuntimeError, ValueError) as error:  # a cycle of links, a NUL in the name
         raise _unwritable(path, error) from error
     return target
 
 
 def _create_temporary(folder: Path, target: Path, path: Path) -> Path:
-    # Not tempfile.mkstemp: its files are private (0600), ours keep to the user's umask.
+    """Create an empty temporary file in a folder; `path` is for messages."""
+    # tempfile.mkstemp creates private files (0600); results must obey the user's umask.
     temporary = temporary_place(folder, target.stem, target.suffix)
     try:
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
@@ -252,5 +274,6 @@ def _create_temporary(folder: Path, target: Path, path: Path) -> Path:
 
 
 def _unwritable(path: Path, error: Exception) -> InputError:
+    """Return the InputError for a path that cannot be written."""
     reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return InputError(f"cannot write {str(path)!r}: {reason}; check the path, its permissions and the free space")

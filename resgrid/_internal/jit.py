@@ -1,190 +1,130 @@
-"""How loops are compiled: those that Python calls, and those that only they call."""
+"""Compilation settings of the numba kernels, and the check that drops cached kernels whose sources have changed.
+
+A kernel is a compiled function that Python calls; its machine code is cached on disk.  A device function is called
+from kernels only.  This module uses only public names of numba.
+"""
 
 from __future__ import annotations
 
-import gc
+import contextlib
+import hashlib
 from collections.abc import Callable
 from functools import cache, wraps
+from inspect import unwrap
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar, cast
+from typing import Any, TypeVar, cast
 
-import numba
 import numpy as np
 from numba import njit
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}
-"""Liberties with the order of sums, so that they fill the vector registers; infinities and NaN keep their meaning."""
+"""Permitted floating-point rewrites: sums may be reordered and vectorized; infinities and NaN keep their meaning."""
 
 ZERO = cast(int, np.int64(0))
-"""A number that is no literal, for which functions would be compiled once more."""
+"""A zero of type int64 that is not a literal: numba specializes functions on literal arguments."""
+
+_STAMP = "resgrid-kernels.sha256"
+"""File next to cached kernels that holds the hash of the sources from which they were compiled."""
 
 _njit: Any = njit
-_Loop = TypeVar("_Loop", bound=Callable[..., Any])
-
-
-_KNOWN = (0, 68)
-"""The numba whose insides `_compilers` knows; any other compiles in its slower, ordinary way."""
-
-
-def _compilers() -> tuple[type[Any], type[Any]]:
-    """Compilers of kernels, and of loops that are optimized and translated as parts of their callers alone.
-
-    Numba looks for what a call means by the flags of the caller too, and hashes and compares some twenty of them for
-    every candidate: here all callers have the same.
-    """
-    from numba._dynfunc import make_function
-    from numba.core.codegen import JITCodeLibrary
-    from numba.core.compiler import CompilerBase, DefaultPassBuilder, Flags
-    from numba.core.compiler_machinery import register_pass
-    from numba.core.targetconfig import ConfigStack
-    from numba.core.typed_passes import NativeLowering, NopythonTypeInference
-
-    class Common(Flags):
-        """The flags of all callers, one object."""
-
-        __hash__ = object.__hash__
-
-        def __eq__(self, other: object) -> bool:
-            return self is other
-
-    counting, common = (cast(Any, Common()) for _ in range(2))
-    counting.nrt, common.nrt = True, False
-
-    @register_pass(mutates_CFG=True, analysis_only=False)
-    class Inference(NopythonTypeInference):
-        _name = "nopython_type_inference_by_common_flags"
-
-        def run_pass(self, state: Any) -> bool:
-            with ConfigStack().enter(counting if state.flags.nrt else common):
-                return bool(super().run_pass(state))
-
-    class Part(JITCodeLibrary):
-        """Code that is not optimized and translated once more by itself."""
-
-        def _optimize_final_module(self) -> None:
-            """Left to the callers."""
-
-        def _finalize_final_module(self) -> None:
-            """Ready to be linked, not to be run."""
-            self._finalize_dynamic_globals()
-            self._finalized = True
-
-    @register_pass(mutates_CFG=True, analysis_only=False)
-    class PartLowering(NativeLowering):
-        _name = "part_lowering"
-
-        def run_pass(self, state: Any) -> bool:
-            """Lower to a `Part`; what stands for it among numba's functions has no address, for nothing calls it."""
-            state.library = Part(state.targetctx.codegen(), state.func_id.func_qualname)
-            state.flags.no_compile = True
-            super().run_pass(state)
-            of = state.cr.fndesc
-            name = make_function(of.lookup_module(), of.qualname, "", 0, state.cr.env, (state.library,))
-            state.targetctx.insert_user_function(name, of, [state.library])
-            state.cr = state.cr._replace(cfunc=name)
-            return True
-
-    class KernelCompiler(CompilerBase):
-        instead: ClassVar[dict[type, type]] = {NopythonTypeInference: Inference}
-
-        def define_pipelines(self) -> list[Any]:
-            passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-            passes.passes = [(self.instead.get(one, one), why) for one, why in passes.passes]
-            passes.finalize()
-            return [passes]
-
-        def compile_extra(self, function: Any) -> Any:
-            """As ever, but what is made meanwhile is no garbage, and is not looked through for some."""
-            if not gc.isenabled():
-                return super().compile_extra(function)
-            gc.disable()
-            try:
-                return super().compile_extra(function)
-            finally:
-                gc.enable()
-
-    class PartCompiler(KernelCompiler):
-        instead: ClassVar[dict[type, type]] = {NopythonTypeInference: Inference, NativeLowering: PartLowering}
-
-    return KernelCompiler, PartCompiler
-
-
 _KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "no_cfunc_wrapper": True}
-_INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-if numba.version_info.short == _KNOWN:
-    _KERNEL["pipeline_class"], _INNER["pipeline_class"] = _compilers()
+_DEVICE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""Options of `numba.njit`: without entry points for C and, in device functions, for Python.
+
+Compilation of these unused entry points takes an eighth of the time until the first solution.
+"""
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-def makes_arrays(function: _Loop) -> _Loop:
-    """Let a loop make arrays, or return some: what others are given outlives them, and its references are not counted.
+def kernel(function: _Function) -> _Function:
+    """Compile a function that Python calls, cache it on disk, and release the GIL while it runs.
 
-    Counting them is a fifth of all that is compiled, and takes as long as short loops.
+    A device function is accepted, too, and is compiled again as a kernel.  A kernel must not return a named tuple:
+    Python crashes if a signal arrives while numba creates it.
     """
-    function._makes_arrays = True  # type: ignore[attr-defined]
-    return function
+    return _cached(function)
 
 
-def _compiled(function: _Loop, options: dict[str, Any]) -> _Loop:
-    return cast(_Loop, _njit(**options, _nrt=hasattr(function, "_makes_arrays"))(function))
+def kernel_fast(function: _Function) -> _Function:
+    """Compile a `kernel` in which sums may be reordered."""
+    return _cached(function, fastmath=FAST)
 
 
-@cache
-def _stamp() -> tuple[float, int]:
-    """When the loops of any file were last changed, and how long these files are."""
-    here = Path(__file__).parents[1]
-    files = [*here.rglob("*kernels.py"), *(here / "solvers").rglob("*.py"), Path(__file__)]
-    found = [file.stat() for file in files]
-    return max((of.st_mtime for of in found), default=0.0), sum(of.st_size for of in found)
+def inner(function: _Function) -> _Function:
+    """Compile a device function: it is called from compiled code only and is not cached by itself."""
+    return cast(_Function, _njit(**_DEVICE)(function))
 
 
-def _kept(function: _Loop, options: dict[str, Any]) -> _Loop:
-    """Compile a loop that is kept on disk until those it calls change, too: numba looks at its own file alone."""
-    loop = _compiled(function, options)
-    kept = getattr(getattr(loop, "_cache", None), "_cache_file", None)
-    if kept is not None:
-        kept._version = (kept._version, _stamp())  # which is read before names of classes, some of which may be gone
-    return loop
+def inner_fast(function: _Function) -> _Function:
+    """Compile a device function in which sums may be reordered."""
+    return cast(_Function, _njit(**_DEVICE, fastmath=FAST)(function))
 
 
-def kernel(function: _Loop) -> _Loop:
-    """Compile a loop, or an inner one once more, that Python calls, and keep it on disk; other threads may run.
+def inlined(function: _Function) -> _Function:
+    """Compile a short device function that is always inlined into its callers."""
+    return cast(_Function, _njit(**_DEVICE, forceinline=True)(function))
 
-    It returns no named tuple: where a signal comes while numba makes one, Python dies.
+
+def interruptible(function: _Function) -> _Function:
+    """Wrap a kernel that takes or returns tuples of arrays so that Ctrl-C raises KeyboardInterrupt.
+
+    If a signal arrives while numba creates the arrays, the kernel raises SystemError instead.  The wrapped kernel can
+    be called from Python only.
     """
-    return _kept(getattr(function, "py_func", function), _KERNEL)
 
-
-def interruptible(loop: _Loop) -> _Loop:
-    """A loop, for Python alone, of tuples with arrays: an interrupt while numba makes them is no `SystemError`."""
-
-    @wraps(loop)
-    def called(*given: Any) -> Any:
+    @wraps(function)
+    def call(*arguments: Any) -> Any:
         try:
-            return loop(*given)
+            return function(*arguments)
         except SystemError as error:
             cause: BaseException | None = error
-            while cause is not None and not isinstance(cause, KeyboardInterrupt):  # one for every array that is made
+            while cause is not None and not isinstance(cause, KeyboardInterrupt):  # one SystemError for every array
                 cause = cause.__cause__ or cause.__context__
             raise cause or error from None
 
-    return cast(_Loop, called)
+    return cast(_Function, call)
 
 
-def kernel_fast(function: _Loop) -> _Loop:
-    """The same for one whose sums may be taken in any order."""
-    return _kept(function, _KERNEL | {"fastmath": FAST})
+def _cached(function: _Function, **options: Any) -> _Function:
+    """Compile a cached kernel, after stale files have been removed from its cache folder."""
+    compiled = _njit(**_KERNEL, **options)(getattr(function, "py_func", function))
+    folder = cache_folder(compiled)
+    if folder is not None:
+        _remove_stale_kernels(folder)
+    return cast(_Function, compiled)
 
 
-def inner(function: _Loop) -> _Loop:
-    """Compile a loop that only compiled ones call: sooner, for it has no way in from Python and no code of its own."""
-    return _compiled(function, _INNER)
+def cache_folder(function: Callable[..., Any]) -> Path | None:
+    """Return the folder in which numba caches a kernel; None if it is not cached (``NUMBA_DISABLE_JIT``)."""
+    stats = getattr(unwrap(function, stop=lambda one: hasattr(one, "stats")), "stats", None)
+    return None if stats is None or stats.cache_path is None else Path(stats.cache_path)
 
 
-def inlined(function: _Loop) -> _Loop:
-    """The same for one that takes hardly longer than its call: it becomes part of its callers."""
-    return _compiled(function, _INNER | {"forceinline": True})
+@cache
+def _remove_stale_kernels(folder: Path) -> None:
+    """Delete the cached kernels of a folder if any kernel source has changed since they were compiled.
+
+    Numba compares a cached kernel with its own source file only, not with the files of the functions that it calls.
+    Loading its index also fails after a class of its arguments has been renamed.
+    """
+    stamp, current = folder / _STAMP, _source_hash()
+    with contextlib.suppress(OSError):
+        if stamp.read_text(encoding="ascii") == current:
+            return
+    with contextlib.suppress(OSError):  # another process deletes the same files
+        for pattern in ("*.nbi", "*.nbc"):
+            for file in folder.glob(pattern):
+                file.unlink(missing_ok=True)
+        stamp.write_text(current, encoding="ascii")
 
 
-def inner_fast(function: _Loop) -> _Loop:
-    """The same for one whose sums may be taken in any order."""
-    return _compiled(function, _INNER | {"fastmath": FAST})
+@cache
+def _source_hash() -> str:
+    """Return the SHA-256 digest of the sources of all kernels and device functions."""
+    package = Path(__file__).parents[1]
+    files = {*package.rglob("*kernels.py"), *(package / "solvers").rglob("*.py"), Path(__file__)}
+    digest = hashlib.sha256()
+    for file in sorted(files):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""What a job may take: memory is estimated and refused before it is taken."""
+"""Checks of available memory and disk space before a job allocates them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from resgrid.errors import BudgetError
 
 BYTES_PER_CELL = 16
-"""Memory of a scene's cell while it is sampled."""
+"""Estimated memory per cell in bytes while a scene is sampled."""
 
 FEWER_CELLS = "take fewer, larger cells"
 SMALLER_MAP = (
@@ -19,27 +19,30 @@ SMALLER_MAP = (
     "resolution; pictures and arrays: --spacing)"
 )
 FEWER_HEADINGS = "take fewer headings (--set map.headings=16)"
-"""Remedies for a scene, a map, and a robot that turns on a map, whose cells do not fit."""
+"""Remedies in messages if the cells of a scene, of a map, or of a robot that turns on a map exceed the memory."""
 
 _GROUP = Path("/sys/fs/cgroup")
-"""Where Linux tells what a container may take and has taken (cgroup v2)."""
+"""Folder in which Linux reports the memory limit and use of a container (cgroup v2)."""
 
 
 def available_memory() -> int:
-    """Memory that this process may still take, in bytes, from the kernel's own estimate and the container's limit."""
+    """Return the memory in bytes that this process can still allocate.
+
+    It is the smaller of the estimate of the operating system and the rest of the limit of the container.
+    """
     free, left = _meminfo_available(), _container_left()
     return free if left is None else min(free, left)
 
 
 def require_memory(needed: float, job: str, remedy: str) -> None:
-    """Refuse a job that will not fit."""
+    """Raise BudgetError if a job needs more than the available memory; `needed`: bytes."""
     free = available_memory()
     if needed > free:
         raise BudgetError(f"{job} needs about {needed / 2**30:.3g} GiB, but {free / 2**30:.3g} GiB is free; {remedy}")
 
 
 def require_disk(needed: float, folder: Path, job: str) -> None:
-    """Refuse files that a folder has no room for."""
+    """Raise BudgetError if files need more than the free space of the disk that holds `folder`; `needed`: bytes."""
     free = shutil.disk_usage(folder).free
     if needed > free:
         raise BudgetError(
@@ -51,24 +54,25 @@ def require_disk(needed: float, folder: Path, job: str) -> None:
 def require_grid_memory(
     shape: tuple[int, ...], what: str, bytes_per_cell: int = BYTES_PER_CELL, remedy: str = FEWER_CELLS
 ) -> None:
-    """Raise BudgetError for a grid that would not fit in memory, before anything is allocated."""
+    """Raise BudgetError if a grid would not fit in memory; `what`: name of the grid in the message."""
     size = " x ".join(map(str, shape))
     require_memory(prod(shape) * bytes_per_cell, f"{what}: {size} = {prod(shape):.3g} cells", remedy)
 
 
 def _meminfo_available() -> int:
+    """Return the available memory in bytes by the estimate of the operating system; no limit on Windows."""
     meminfo = Path("/proc/meminfo")
     if meminfo.exists():
         for line in meminfo.read_text().splitlines():
             if line.startswith("MemAvailable:"):
                 return int(line.split()[1]) * 1024
-    if not hasattr(os, "sysconf"):  # Windows, which tells nobody without a library: nothing is refused there
+    if not hasattr(os, "sysconf"):  # Windows reports its memory through libraries only
         return sys.maxsize
     return int(os.sysconf("SC_PAGE_SIZE")) * int(os.sysconf("SC_PHYS_PAGES"))
 
 
 def _container_left() -> int | None:
-    """What a container's limit leaves; pages of files that nobody uses are given up first, and count as free."""
+    """Return the unused memory in bytes of the container, None without a limit; inactive file pages count as unused."""
     try:
         limit, taken = (int((_GROUP / name).read_text()) for name in ("memory.max", "memory.current"))
         rows = dict(line.split() for line in (_GROUP / "memory.stat").read_text().splitlines())

@@ -1,8 +1,9 @@
-"""Work shared among the workers of any executor: results in their order, whoever does what, and whoever dies.
+"""Ordered parallel map over any `concurrent.futures` executor; tasks of workers that died are submitted again.
 
-Items are cut into tasks of about a second, a window of which is kept in flight that is as wide as the workers need.
-What the items share goes to every worker once: a task names it by its hash, and a worker that has not seen it reads it
-from a file, or, where there is no such file, says so and is sent the task again with all it needs.
+Items are divided into tasks of about one second.  The number of submitted tasks (the window) grows until all workers
+are busy.  Data that all items use is sent to every worker once: a task contains the hash of the data, and the worker
+reads the data from a file and caches it.  A worker that cannot read the file answers so, and the task is sent again
+together with the data.
 """
 
 from __future__ import annotations
@@ -34,22 +35,22 @@ from resgrid._internal.executors import renewed
 from resgrid.errors import InputError, WorkerError
 
 _SECONDS = 1.0
-"""That a task is to take in a worker."""
+"""Target duration of a task in a worker, in seconds."""
 
 _SECONDS_ALONE = 0.2
-"""That a task is to take where nobody shares the work, so that little is done in vain when it ends early."""
+"""Target duration of a task without an executor, in seconds; limits the wasted work if the caller stops early."""
 
-_FEWEST, _MOST = 4, 4096
-"""Tasks in flight, to begin with and at most."""
+_FIRST_WINDOW, _MAX_WINDOW = 4, 4096
+"""Initial and maximum number of submitted tasks."""
 
 _AHEAD = 16
-"""Windows that results may be ahead of the first one missing."""
+"""Maximum number of results that wait for an earlier one, in windows."""
 
-_STRIKES = 3
-"""Deaths of workers after which a task is blamed; from the last but one on it is tried alone."""
+_MAX_DEATHS = 3
+"""Number of workers that may die during a task before it fails; after all but one of them it runs alone."""
 
 _LOST = frozenset({"WorkerLost", "ManagerLost"})
-"""What parsl calls a worker that died."""
+"""Names of parsl's exceptions for a worker that died."""
 
 
 Results = Sequence[Any] | NDArray[Any]
@@ -57,9 +58,9 @@ Results = Sequence[Any] | NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class JobPart:
-    """Items that one function works on: ``function(shared, items)`` gives a result for each.
+    """Items of one function: ``function(shared, items)`` returns one result per item.
 
-    `items` can be cut (a range, a list, rows of an array); `name`: what messages call them.
+    `items`: a range, list or array that can be sliced; `name`: name of the items in messages.
     """
 
     function: Callable[[Any, Any], Results]
@@ -70,7 +71,7 @@ class JobPart:
 
 @dataclass(frozen=True)
 class _SharedData:
-    """What items share, by its hash: in a file that a worker may see, and at need with its bytes."""
+    """Pickled data that all items use: its hash, its file, and its bytes for workers that cannot read the file."""
 
     digest: str
     path: str = field(compare=False)
@@ -79,45 +80,50 @@ class _SharedData:
 
 @dataclass(eq=False)
 class _Task:
-    """Some items: results begin at `number` of all; `shared` is a parcel, or the value itself for threads."""
+    """Items `begin` to `end` of a part, the first of which has the position `number` among all items.
+
+    `shared`: `_SharedData`, or the value itself for threads; `deaths`: number of workers that died during the task;
+    `sent`: time of submission.
+    """
 
     part: JobPart
     shared: Any
     begin: int
     end: int
     number: int
-    strikes: int = 0
+    deaths: int = 0
     sent: float = 0.0
 
     @property
     def place(self) -> str:
-        """The items, for messages."""
+        """Name and range of the items, for messages."""
         items = self.part.items[self.begin : self.end]
         first, last = (items[0], items[-1]) if isinstance(items, range) else (self.begin, self.end - 1)
         return f"{self.part.name} {first} to {last}"
 
 
 def in_order(parts: Iterable[JobPart], executor: Executor | None = None) -> Generator[Any, None, None]:
-    """Results of all items, part by part, in their order.
+    """Iterate over the results of all items, part by part, in the order of the items.
 
-    They do not depend on the executor, its workers, or the order in which these finish.  A pool of processes that broke
-    is made anew, and what it was at is done again.  Close the iterator (`contextlib.closing`) to stop early: what has
-    not begun is cancelled.  An error of an item is raised in its turn.
+    The results do not depend on the executor, the number of its workers or their order.  A broken process pool is
+    replaced, and its tasks are submitted again.  Close the iterator (`contextlib.closing`) to stop early and to cancel
+    the waiting tasks.  The exception of an item is raised at its position.
 
     Raises
     ------
     WorkerError
-        If workers die over the same items again and again, or an executor broke that cannot be made anew.
+        If workers die repeatedly during the same items, or a broken executor cannot be replaced.
     """
     if executor is None:
         yield from _alone(parts)
         return
     with tempfile.TemporaryDirectory(prefix="resgrid-") as folder:
-        crew = _Scheduler(executor, _Chunker(parts, None if isinstance(executor, ThreadPoolExecutor) else Path(folder)))
+        chunker = _Chunker(parts, None if isinstance(executor, ThreadPoolExecutor) else Path(folder))
+        scheduler = _Scheduler(executor, chunker)
         try:
-            yield from crew.results()
+            yield from scheduler.results()
         finally:
-            crew.close()
+            scheduler.close()
 
 
 def spread(
@@ -128,25 +134,25 @@ def spread(
     Parameters
     ----------
     function : callable
-        Called as ``function(item, *shared)``; workers that are processes import it by its name.
+        Called as ``function(item, *shared)``.  Worker processes import it by its name.
     items : iterable
-        Anything that can be pickled.
+        Items that can be pickled.
     *shared
-        What all calls need; sent to every worker once.
+        Further arguments of all calls; sent to every worker once.
     executor : concurrent.futures.Executor, optional
-        Where the work is done; by default here, one item after the other.
+        Executor of the calls; by default the calls are made one after the other in this process.
 
     Returns
     -------
     iterator
-        What the calls return, in the order of the items, as soon as it is known.
+        Return values in the order of the items, each as soon as it and all earlier ones are known.
 
     Raises
     ------
     InputError
         If `shared` cannot be pickled.
     WorkerError
-        If a worker dies again and again over the same items.
+        If workers die repeatedly during the same items.
 
     Examples
     --------
@@ -159,20 +165,22 @@ def spread(
 
 
 def _call_each(shared: tuple[Callable[..., Any], tuple[Any, ...]], items: Sequence[Any]) -> list[Any]:
+    """Return the results of ``function(item, *rest)``; `shared`: the function and the other arguments."""
     function, rest = shared
     return [function(item, *rest) for item in items]
 
 
 def _alone(parts: Iterable[JobPart]) -> Iterator[Any]:
-    cutter = _Chunker(parts, None, _SECONDS_ALONE)
-    while (task := cutter.cut(1)) is not None:
+    """Iterate over the results of all items, which are computed in this process."""
+    chunker = _Chunker(parts, None, _SECONDS_ALONE)
+    while (task := chunker.next_task(1)) is not None:
         results, seconds = _do(task.part.function, task.shared, task.part.items[task.begin : task.end]) or ([], 0.0)
-        cutter.learn(len(results), seconds)
+        chunker.record(len(results), seconds)
         yield from results
 
 
 class _Chunker:
-    """Cuts parts into tasks of about so many seconds, and packs what their items share into files of a folder."""
+    """Divides parts into tasks with a target duration in seconds, and writes their shared data to files of a folder."""
 
     def __init__(self, parts: Iterable[JobPart], folder: Path | None, seconds: float = _SECONDS) -> None:
         self._parts, self._folder, self._seconds = iter(parts), folder, seconds
@@ -181,8 +189,11 @@ class _Chunker:
         self._begin = self._number = 0
         self._size = 1
 
-    def cut(self, window: int) -> _Task | None:
-        """The next task; towards the end of a part they get smaller, so that all workers end at about the same time."""
+    def next_task(self, window: int) -> _Task | None:
+        """Return the next task, None after the last one.
+
+        Tasks become smaller towards the end of a part, so that all workers finish at about the same time.
+        """
         while self._part is None or self._begin >= len(self._part.items):
             self._part = next(self._parts, None)
             if self._part is None:
@@ -190,34 +201,34 @@ class _Chunker:
             self._begin = 0
             if len(self._part.items):
                 self._shared = self._part.shared if self._folder is None else _packed(self._part.shared, self._folder)
-        left = len(self._part.items) - self._begin
-        end = self._begin + min(self._size, -(-left // window))
+        remaining = len(self._part.items) - self._begin
+        end = self._begin + min(self._size, -(-remaining // window))
         task = _Task(self._part, self._shared, self._begin, end, self._number)
         self._begin, self._number = end, self._number + end - task.begin
         return task
 
-    def learn(self, items: int, seconds: float) -> None:
-        """How long some items took."""
+    def record(self, items: int, seconds: float) -> None:
+        """Adapt the size of the next tasks to the measured duration of a number of items."""
         fits = int(items * self._seconds / max(seconds, 1e-6))
         self._size = max(1, min(fits, 2 * max(items, self._size)))
 
 
 class _Scheduler:
-    """The tasks in flight of an executor, and the results that came before their turn."""
+    """Submitted tasks of an executor, and the results that wait for earlier ones."""
 
-    def __init__(self, executor: Executor, cutter: _Chunker) -> None:
-        self._executor, self._own, self._cutter = executor, False, cutter
-        self._window = _FEWEST
-        self._flying: dict[Future[Any], _Task] = {}
-        self._again: deque[_Task] = deque()
+    def __init__(self, executor: Executor, chunker: _Chunker) -> None:
+        self._executor, self._is_own, self._chunker = executor, False, chunker
+        self._window = _FIRST_WINDOW
+        self._submitted: dict[Future[Any], _Task] = {}
+        self._retries: deque[_Task] = deque()
         self._early: dict[int, Results | Exception] = {}
 
     def results(self) -> Iterator[Any]:
-        """All results in their order."""
+        """Iterate over all results in the order of the items."""
         due = 0
         while self._fill():
-            for future in wait(self._flying, return_when=FIRST_COMPLETED).done:
-                if future in self._flying:  # not when its pool broke meanwhile
+            for future in wait(self._submitted, return_when=FIRST_COMPLETED).done:
+                if future in self._submitted:  # unless the pool broke in the meantime
                     self._receive(future)
             while due in self._early:
                 found = self._early.pop(due)
@@ -227,12 +238,15 @@ class _Scheduler:
                 yield from found
 
     def _fill(self) -> bool:
-        """Send tasks until the window is full; whether any is in flight."""
-        suspects = any(task.strikes >= _STRIKES - 1 for task in (*self._again, *self._flying.values()))
-        window = 1 if suspects else self._window
-        while len(self._flying) < window:
-            fresh = not self._again and len(self._early) < _AHEAD * self._window
-            task = self._again.popleft() if self._again else self._cutter.cut(self._window) if fresh else None
+        """Submit tasks until the window is full; return whether any task is submitted."""
+        is_suspect = any(task.deaths >= _MAX_DEATHS - 1 for task in (*self._retries, *self._submitted.values()))
+        window = 1 if is_suspect else self._window
+        while len(self._submitted) < window:
+            has_room = len(self._early) < _AHEAD * self._window
+            if self._retries:
+                task: _Task | None = self._retries.popleft()
+            else:
+                task = self._chunker.next_task(self._window) if has_room else None
             if task is None:
                 break
             task.sent = time.perf_counter()
@@ -240,71 +254,74 @@ class _Scheduler:
                 items = task.part.items[task.begin : task.end]
                 future = self._executor.submit(_do, task.part.function, task.shared, items)
             except BrokenExecutor as error:
-                self._again.appendleft(task)
+                self._retries.appendleft(task)
                 self._renew(error)
             else:
-                self._flying[future] = task
-        return bool(self._flying)
+                self._submitted[future] = task
+        return bool(self._submitted)
 
     def _receive(self, future: Future[Any]) -> None:
-        task = self._flying.pop(future)
+        """Store the result or exception of a finished task, or submit the task again."""
+        task = self._submitted.pop(future)
         error = CancelledError() if future.cancelled() else future.exception()
         if error is None and (answer := future.result()) is None:
             task.shared = replace(task.shared, data=Path(task.shared.path).read_bytes())
-            self._again.append(task)
+            self._retries.append(task)
         elif error is None:
             results, seconds = answer
-            # A task that did not wait for its worker says that the window is too narrow.
+            # A task that did not wait in the queue shows that workers are idle: enlarge the window.
             if time.perf_counter() - task.sent < 2 * seconds:
-                self._window = min(self._window + 1, _MOST)
-            self._cutter.learn(len(results), seconds)
+                self._window = min(self._window + 1, _MAX_WINDOW)
+            self._chunker.record(len(results), seconds)
             self._early[task.number] = results
         elif isinstance(error, BrokenExecutor):
-            self._blame(task, error)
+            self._retry(task, error)
             self._renew(error)
         elif type(error).__name__ in _LOST or _is_lost_by_dask(error):
-            self._blame(task, error)
-        elif type(error).__name__ == "KilledWorker":  # of all that waited on workers that died: dask tried again itself
-            task.strikes = max(task.strikes, _STRIKES - 2)
-            self._blame(task, error)
+            self._retry(task, error)
+        elif type(error).__name__ == "KilledWorker":  # dask has already retried the task
+            task.deaths = max(task.deaths, _MAX_DEATHS - 2)
+            self._retry(task, error)
         elif isinstance(error, CancelledError):
-            raise _given_up(self._executor, "it was closed, or lost its scheduler") from error
+            raise _executor_failed(self._executor, "it was closed, or lost its scheduler") from error
         else:
             self._early[task.number] = error if isinstance(error, Exception) else WorkerError(repr(error))
 
-    def _blame(self, task: _Task, error: BaseException) -> None:
-        task.strikes += 1
-        if task.strikes >= _STRIKES:
-            raise _guilty(task, error)
-        self._again.append(task)
-        self._again = deque(sorted(self._again, key=lambda task: task.number))
+    def _retry(self, task: _Task, error: BaseException) -> None:
+        """Schedule a task again after its worker died; raise WorkerError after too many deaths."""
+        task.deaths += 1
+        if task.deaths >= _MAX_DEATHS:
+            raise _task_failed(task, error)
+        self._retries.append(task)
+        self._retries = deque(sorted(self._retries, key=lambda task: task.number))
 
     def _renew(self, error: BaseException) -> None:
-        """Make a broken pool anew; what it was at is to be done again."""
-        wait(self._flying)
-        for future in list(self._flying):
+        """Replace a broken pool, and schedule its unfinished tasks again."""
+        wait(self._submitted)
+        for future in list(self._submitted):
             if future.done() and future.exception() is not None and isinstance(future.exception(), BrokenExecutor):
-                self._blame(self._flying.pop(future), error)
-        fresh = renewed(self._executor)
-        if fresh is None:
-            raise _given_up(self._executor, error) from error
-        self._shut()
-        self._executor, self._own = fresh, True
+                self._retry(self._submitted.pop(future), error)
+        pool = renewed(self._executor)
+        if pool is None:
+            raise _executor_failed(self._executor, error) from error
+        self._shut_down()
+        self._executor, self._is_own = pool, True
 
-    def _shut(self) -> None:
-        if self._own:
+    def _shut_down(self) -> None:
+        """Shut down a pool that this scheduler has created; leave the executor of the caller open."""
+        if self._is_own:
             self._executor.shutdown(wait=False)
 
     def close(self) -> None:
-        """Cancel what has not begun."""
-        for future in self._flying:
-            with contextlib.suppress(NotImplementedError):  # parsl's do not know how
+        """Cancel the waiting tasks."""
+        for future in self._submitted:
+            with contextlib.suppress(NotImplementedError):  # parsl cannot cancel tasks
                 future.cancel()
-        self._shut()
+        self._shut_down()
 
 
 def _is_lost_by_dask(error: BaseException) -> bool:
-    """Return whether dask forgot a task while it fetched the result: it then unpacks an answer that holds none."""
+    """Return whether dask lost a task while it fetched the result: dask then fails to unpack an empty answer."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
@@ -312,26 +329,30 @@ def _is_lost_by_dask(error: BaseException) -> bool:
     return isinstance(error, ValueError) and "to unpack" in str(error) and place == "distributed.cfexecutor"
 
 
-def _given_up(executor: Executor, why: object) -> WorkerError:
+def _executor_failed(executor: Executor, reason: object) -> WorkerError:
+    """Return the WorkerError for a broken executor that cannot be replaced."""
     return WorkerError(
-        f"the executor broke ({why}), and {type(executor).__name__} cannot be made anew; make another, and take the "
-        "run up from its checkpoint"
+        f"the executor broke ({reason}), and a {type(executor).__name__} cannot be restarted; create another executor "
+        "and continue the run from its checkpoint"
     )
 
 
-def _guilty(task: _Task, error: BaseException) -> WorkerError:
+def _task_failed(task: _Task, error: BaseException) -> WorkerError:
+    """Return the WorkerError for a task during which several workers died."""
     return WorkerError(
-        f"workers died again and again over {task.place} ({type(error).__name__}): most often memory is short; use "
-        "fewer workers or a coarser grid (in a script, make processes below if __name__ == '__main__')"
+        f"workers died repeatedly while computing {task.place} ({type(error).__name__}), probably for lack of memory; "
+        "use fewer workers or a coarser grid (in a script, create processes below if __name__ == '__main__')"
     )
 
 
 def _packed(shared: Any, folder: Path) -> _SharedData:
-    """Pickle what items share into a file of a folder."""
+    """Pickle the shared data of items into a file of a folder."""
     try:
         data = pickle.dumps(shared, protocol=5)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
-        raise InputError(f"what all items share cannot be sent to workers: {error}; use threads") from error
+        raise InputError(
+            f"the shared data of the items cannot be pickled for worker processes: {error}; use threads"
+        ) from error
     digest = hashlib.sha256(data).hexdigest()
     path = folder / digest
     path.write_bytes(data)
@@ -339,13 +360,13 @@ def _packed(shared: Any, folder: Path) -> _SharedData:
 
 
 @lru_cache(maxsize=4)
-def _unpacked(parcel: _SharedData) -> Any:
-    """The value in a parcel, kept by the worker; FileNotFoundError if it is not to be had here."""
-    return pickle.loads(Path(parcel.path).read_bytes() if parcel.data is None else parcel.data)
+def _unpacked(packed: _SharedData) -> Any:
+    """Return shared data, which the worker caches; raise FileNotFoundError if its file does not exist here."""
+    return pickle.loads(Path(packed.path).read_bytes() if packed.data is None else packed.data)
 
 
 def _do(function: Callable[[Any, Any], Results], shared: Any, items: Results) -> tuple[Results, float] | None:
-    """In a worker: results and the seconds they took; None where it has not got what the items share."""
+    """In a worker: return the results and their duration in seconds; None if the shared data cannot be read."""
     if isinstance(shared, _SharedData):
         try:
             shared = _unpacked(shared)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.jit import inner, kernel, makes_arrays
+from resgrid._internal.jit import inner, kernel
 
 Floats = NDArray[np.float64]
 
@@ -82,7 +82,6 @@ def _last_between(
 
 
 @kernel
-@makes_arrays
 def last_outside(
     shape: Floats, weight: Floats, rate: Floats, times: Floats, band: float, rows: NDArray[np.int64], result: Floats
 ) -> None:  # fmt: skip
@@ -163,7 +162,6 @@ def lowest_neighbours(
 
 
 @kernel
-@makes_arrays
 def reach_goals(following: Integers, goal: NDArray[np.bool_], reached: NDArray[np.bool_]) -> None:
     """Find the cells from which a walk along ``following`` reaches a goal.
 

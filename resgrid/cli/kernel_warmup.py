@@ -1,7 +1,7 @@
-"""Every loop that is compiled when it is first called, reached by small jobs (``python -m resgrid.cli.warm``).
+"""Small jobs that compile all kernels before they are needed (``python -m resgrid.cli.warm``).
 
-Loops are compiled when they are first called, and kept beside the sources (or in ``NUMBA_CACHE_DIR``).  Each of the
-`CASES` is a small job that reaches other methods; processes share them, and what one has compiled the others load.
+Numba compiles a kernel at its first call and caches it next to its source (or in ``NUMBA_CACHE_DIR``).  Each of the
+`CASES` calls the kernels of other methods.  The cases run in several processes, which share the cached kernels.
 """
 
 from __future__ import annotations
@@ -55,7 +55,10 @@ _TURNING = rg.Scene(
 
 
 def _room(*shape: int, walls: int = 0) -> rg.ConfigurationSpace:
-    """An open room, with a goal in its last corner, or with walls every so many cells and a way around each."""
+    """Return a space with a goal in its last corner and a block in its middle, or with a wall every `walls` cells.
+
+    Each wall leaves a passage on alternating sides.
+    """
     cell = np.zeros(shape, dtype=np.uint8)
     if walls:
         cell[walls :: 2 * walls, : 1 - walls] = 1
@@ -67,6 +70,7 @@ def _room(*shape: int, walls: int = 0) -> rg.ConfigurationSpace:
 
 
 def _solve(space: rg.ConfigurationSpace, **options: Any) -> rg.OperatingPoint:
+    """Compile and solve a space with options of `compile_space` and `solve`."""
     solving = {name: options.pop(name) for name in ("accuracy", "method") if name in options}
     return rg.solve(rg.compile_space(space, **options), **solving)
 
@@ -111,7 +115,7 @@ def _corridors() -> None:
 
 
 def _netlist(nodes: int, per_node: float = 3.0) -> rg.Netlist:
-    """Resistors between nodes at random, some in parallel, between two rails."""
+    """Return a netlist of resistors between random nodes, some of them in parallel, and two rails."""
     pick = np.random.default_rng(0)
     ends = pick.integers(1, nodes, (int(nodes * per_node), 2))
     ends = ends[ends[:, 0] != ends[:, 1]]
@@ -174,7 +178,7 @@ CASES: dict[str, Callable[[], None]] = {
         _plane_of_voltages, _open_obstacles,
     )
 }  # fmt: skip
-"""Small jobs, those that compile longest first."""
+"""Warm-up jobs by name, in the order of decreasing compile time."""
 
 
 def compile_last_stages() -> None:
@@ -196,16 +200,16 @@ def compile_last_stages() -> None:
     _ = rg.streamline(field, (4.0, 4.0)).clearance
 
 
-def compile_loops(jobs: int | None = None) -> Iterator[str]:
-    """Run every case in one of ``jobs`` processes, by default as many as there are cores; yields names.
+def compile_kernels(jobs: int | None = None) -> Iterator[str]:
+    """Run all cases in ``jobs`` processes, by default one per core, and yield the name of each finished case.
 
     Raises
     ------
     Exception
-        What a case raised: the installation is broken then.
+        The exception of a case, which shows that the installation is broken.
     """
     workers = min(jobs or os.cpu_count() or 1, len(CASES))
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_collect_no_garbage)
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_disable_collector)
     try:
         running = {pool.submit(_run, name): name for name in CASES}
         for done in as_completed(running):
@@ -215,10 +219,11 @@ def compile_loops(jobs: int | None = None) -> Iterator[str]:
         pool.shutdown(cancel_futures=True)
 
 
-def _collect_no_garbage() -> None:
-    """Compiling makes many objects that live on: looking for garbage among them takes a twentieth of the time."""
+def _disable_collector() -> None:
+    """Disable garbage collection: among the lasting objects of the compiler it takes a twentieth of the time."""
     gc.disable()
 
 
 def _run(name: str) -> None:
+    """Run a case in a worker process."""
     CASES[name]()

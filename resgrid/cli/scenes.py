@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import math
-import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -178,15 +177,17 @@ FIRST_RUN = (
     "the first solution after an installation also compiles its kernels, once: 10 to 60 s, longer on a busy machine "
     "('python -m resgrid.cli.warm' compiles all of them beforehand, on all cores)"
 )
-_KEPT_LOOP = "csr_kernels.conductances_by_row*.nbi"
+_FIRST_KERNEL = "csr_kernels.conductances_by_row*.nbi"
+"""Cache index of the first kernel that every solution compiles."""
 
 
 def is_first_run() -> bool:
-    """Whether no compiled loops are kept yet, where numba keeps them."""
-    kept = os.environ.get("NUMBA_CACHE_DIR")
-    if kept:
-        return not any(Path(kept).glob(f"*/{_KEPT_LOOP}"))
-    return not any((Path(rg.__file__).parent / "solvers" / "__pycache__").glob(_KEPT_LOOP))
+    """Return whether numba has not cached the kernels of a solution yet."""
+    from resgrid._internal.jit import cache_folder
+    from resgrid.solvers.csr_kernels import conductances_by_row
+
+    folder = cache_folder(conductances_by_row)
+    return folder is None or not any(folder.glob(_FIRST_KERNEL))
 
 
 def _load_numba() -> None:
@@ -205,9 +206,9 @@ def _load_numba() -> None:
 
 def _observe(name: str, function: Callable[..., Any], *arguments: Any, iterates: bool = False, **options: Any) -> Any:
     """Report a stage of the library."""
+    _load_numba()
     if iterates and is_first_run():
         say(FIRST_RUN)
-    _load_numba()
     return compute(name, function, *arguments, iterates=iterates, **options)
 
 

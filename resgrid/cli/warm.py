@@ -1,4 +1,4 @@
-"""``python -m resgrid.cli.warm``: compile every loop beforehand, on all cores."""
+"""``python -m resgrid.cli.warm``: compile all kernels before they are needed, on all cores."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from resgrid.cli.terminal import detail, say, stage
 @click.command(name="python -m resgrid.cli.warm")
 @click.option("-j", "--jobs", type=click.IntRange(1), help="Processes; as many as there are cores by default.")
 def command(jobs: int | None) -> None:
-    """Compile every loop on all cores, so that no first solution waits for it.
+    """Compile all kernels on all cores, so that no solution waits for their compilation.
 
-    What is compiled already is loaded: a second call takes seconds.
+    Cached kernels are not compiled again: a second call takes seconds.
     """
-    from resgrid.cli.kernel_warmup import CASES, compile_loops
+    from resgrid.cli.kernel_warmup import CASES, compile_kernels
 
-    say(f"compiling the loops, once after an installation: {len(CASES)} small jobs, a minute or two on two cores")
-    with stage("compile the loops", steps=len(CASES)) as progress:
-        for name in compile_loops(jobs):
+    say(f"compiling the kernels, once after an installation: {len(CASES)} small jobs, a minute or two on two cores")
+    with stage("compile the kernels", steps=len(CASES)) as progress:
+        for name in compile_kernels(jobs):
             progress.advance()
             detail(f"compiled: {name}")
 

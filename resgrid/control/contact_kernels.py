@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.jit import inlined, inner, kernel, makes_arrays
+from resgrid._internal.jit import inlined, inner, kernel
 from resgrid.robots.geometry import TOUCH, ObstacleArrays, Pose
 from resgrid.robots.kernels import segment_parameter
 
@@ -294,7 +294,6 @@ def _segment_motion(
 
 
 @kernel
-@makes_arrays
 def free_fraction(pose: Pose, solid: ObstacleArrays, motion: Floats, least: float) -> float:
     """Return a fraction of a straight motion in configuration space for which every gap stays at least ``least``.
 

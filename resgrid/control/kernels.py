@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.jit import inlined, inner, kernel, makes_arrays
+from resgrid._internal.jit import inlined, inner, kernel
 from resgrid.planning.kernels import Flow, face_velocities, ravel
 
 Floats = NDArray[np.float64]
@@ -160,7 +160,6 @@ def _enter_served_neighbour(grid: FlowGrid, cell: Integers, local: Floats) -> bo
 
 
 @kernel
-@makes_arrays
 def nominal(
     flow: Flow, served: NDArray[np.bool_], corner: Floats, periodic: NDArray[np.bool_], point: Floats, velocity: Floats
 ) -> tuple[int, float]:
@@ -200,7 +199,6 @@ def nominal(
 
 
 @kernel
-@makes_arrays
 def relax(
     first: NDArray[np.int32], column: NDArray[np.int32], coupling: Floats, diagonal: Floats, drive: Floats,
     omega: float, count: int, value: Floats, spare: Floats,

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.jit import inlined, inner, kernel, makes_arrays
+from resgrid._internal.jit import inlined, inner, kernel
 
 REACHED, NO_CURRENT, ENDLESS = 0, 1, 2  # in a goal cell; in a cell without outgoing current; more steps than cells
 MIXED, _FREE, _GOAL = -2, 0, 2  # label of cells with several goals; codes of cells
@@ -167,7 +167,6 @@ def _log_add(a: float, b: float) -> float:
 
 
 @kernel
-@makes_arrays
 def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: Floats) -> tuple[int, int, float, float]:
     """Follow the current from one point until it enters a goal cell.
 
@@ -200,7 +199,6 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
 
 
 @kernel
-@makes_arrays
 def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Integers:
     """Return the goal region at which all current lines from each cell end, shape (cells,).
 
@@ -251,7 +249,6 @@ def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Intege
 
 
 @kernel
-@makes_arrays
 def trace_many(
     flow: Flow, starts: Integers, locals_: Floats, outcome: Integers, steps: Integers, length: Floats, log_time: Floats
 ) -> None:
@@ -291,7 +288,6 @@ def segment_to_box(start: Floats, end: Floats, lower: Floats, upper: Floats) -> 
 
 
 @kernel
-@makes_arrays
 def clearance(
     cells: Integers,
     starts: Floats,
@@ -344,7 +340,6 @@ def clearance(
 
 
 @kernel
-@makes_arrays
 def segment_is_free(
     start: Floats, end: Floats, free: NDArray[np.bool_], shape: Integers, periodic: NDArray[np.bool_], rim: float
 ) -> bool:

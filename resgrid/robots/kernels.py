@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid._internal.jit import inner, kernel, makes_arrays
+from resgrid._internal.jit import inner, kernel
 from resgrid.robots.geometry import ArmLinks, ObstacleArrays
 
 Floats = NDArray[np.float64]
@@ -152,7 +152,6 @@ def _may_collide(
 
 
 @kernel
-@makes_arrays
 def mark_link(
     out: Flags, first: int, last: int, link: int, counts: Integers, centres: Floats, widths: Floats, links: ArmLinks,
     self_collision: bool, parts: int, slack: float, solids: ObstacleArrays,
@@ -282,7 +281,6 @@ def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: CellPla
 
 
 @kernel
-@makes_arrays
 def mark_enclosed(out: Flags, edges: Floats, plane: CellPlane) -> None:
     """Mark the cells whose centres lie inside closed rings of edges, by the even-odd rule.
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from resgrid._internal.jit import inner, kernel, makes_arrays
+from resgrid._internal.jit import inner, kernel
 from resgrid.robots.geometry import ArmLinks, ObstacleArrays
 from resgrid.robots.kernels import Flags, Floats, Integers, near_solids, place_joints, segment_parameter
 
@@ -223,7 +223,6 @@ def _search_cell(work: _SearchArrays, links: ArmLinks, goal: ObstacleArrays, tol
 
 
 @kernel
-@makes_arrays
 def find_goal_cells(
     out: Flags, points: Floats, first: int, counts: Integers, lower: Floats, widths: Floats,
     links: ArmLinks, goal: ObstacleArrays, bounds: Floats, tolerance: float,

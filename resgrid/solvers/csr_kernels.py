@@ -6,13 +6,12 @@ import math
 
 import numpy as np
 
-from resgrid._internal.jit import inner, interruptible, kernel, makes_arrays
+from resgrid._internal.jit import inner, interruptible, kernel
 from resgrid.solvers.scaled import Floats, Indices, Reals
 
 
 @interruptible
 @kernel
-@makes_arrays
 def conductances_by_row(
     pairs: Indices, conductance: Floats, row: Indices, size: int
 ) -> tuple[Indices, Indices, Floats]:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from resgrid._internal.jit import inlined, interruptible, kernel, makes_arrays
+from resgrid._internal.jit import inlined, interruptible, kernel
 from resgrid.solvers.llvm_intrinsics import prefetch
 from resgrid.solvers.scaled import Floats, Indices, Singles
 
@@ -35,7 +35,6 @@ def far_fraction(indptr: Indices, indices: Indices) -> float:
 
 @interruptible
 @kernel
-@makes_arrays
 def renumber(
     indptr: Indices, indices: Indices, conductance: Singles, leak: Floats
 ) -> tuple[tuple[Indices, Indices, Singles, Floats], Indices]:
@@ -104,7 +103,6 @@ def quotient_graph(indptr: Indices, indices: Indices) -> Quotient:
 
 
 @kernel
-@makes_arrays
 def minimum_fill(
     q: Quotient, place: Indices, kept: int, dense: int, most: float, most_members: int, step: Indices
 ) -> bool:
@@ -180,7 +178,6 @@ def _unlink(q: Quotient, i: int) -> None:
 
 
 @inlined
-@makes_arrays
 def with_room(numbers: Indices, size: int, more: int) -> Indices:
     """Return the first `size` numbers in an array with at least `more` free entries after them."""
     if size + more <= len(numbers):

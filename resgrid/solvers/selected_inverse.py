@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid._internal.jit import kernel, makes_arrays
+from resgrid._internal.jit import kernel
 from resgrid.errors import AccuracyError
 from resgrid.solvers.scaled import Floats, Indices, Integers
 
@@ -106,7 +106,6 @@ def _diagonal(order: NDArray[Any], lower: sparse.csc_array, pivot: NDArray[Any])
 
 
 @kernel
-@makes_arrays
 def selected_inverse(
     starts: Integers, rows: Indices, lower: Floats | NDArray[np.complex128], pivot: Floats, inverse: Floats
 ) -> None:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from resgrid._internal.jit import ZERO, inlined, interruptible, kernel, makes_arrays
+from resgrid._internal.jit import ZERO, inlined, interruptible, kernel
 from resgrid.errors import BudgetError
 from resgrid.solvers.csr_kernels import sort
 from resgrid.solvers.laplacian import MOST_NUMBERED, Laplacian
@@ -237,7 +237,6 @@ def postorder(pattern: Pattern, before: Indices, parent: Indices, last: Indices,
 
 @interruptible
 @kernel
-@makes_arrays
 def list_supernodes(
     pattern: Pattern, kept: int, most: float, most_rows: int, first: Indices, start: Indices, seen: Indices,
     branch: Indices, sibling: Indices,

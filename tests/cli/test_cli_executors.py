@@ -99,10 +99,10 @@ def test_what_is_interrupted_or_killed_is_taken_up(
     [
         ("threads", "there is no executor 'threads'; use processes", 2),
         ("processes:0", "there is no executor", 2),
-        ("mpi", "mpiexec -n N, the one that belongs to", 2),
+        ("mpi", "mpiexec -n N, the launcher of", 2),
         ("dask://127.0.0.1:1", "no dask scheduler answers at 127.0.0.1:1", 2),
         ("parsl:none.py", "none.py: cannot be read", 2),
-        ("parsl:three.py", "three.py: config is 3; let it say config = parsl.Config", 2),
+        ("parsl:three.py", "three.py: config is 3; it must be a parsl.Config", 2),
     ],
 )
 def test_wrong_names_have_one_message(

@@ -17,7 +17,6 @@ from support.cli import COMMAND
 
 import resgrid
 from resgrid.cli import terminal
-from resgrid.cli.scenes import is_first_run
 
 PATIENCE = 300.0
 """Seconds within which a process ends, also on a busy computer."""
@@ -204,12 +203,16 @@ with terminal.stage("solve the chip", seconds=1000.0):
     assert re.search(r"about \d+ s left", said)
 
 
-def test_a_kept_loop_ends_the_first_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert is_first_run()
-    (tmp_path / "nodal_1").mkdir()
-    (tmp_path / "nodal_1" / "csr_kernels.conductances_by_row-9.py311.nbi").touch()
-    assert not is_first_run()
+def test_a_cached_kernel_ends_the_first_run(tmp_path: Path) -> None:
+    script = (
+        "from resgrid.cli.scenes import is_first_run\nfrom resgrid._internal.jit import cache_folder\n"
+        "from resgrid.solvers.csr_kernels import conductances_by_row\nprint(is_first_run())\n"
+        "(cache_folder(conductances_by_row) / 'csr_kernels.conductances_by_row-9.py311.nbi').touch()\n"
+        "print(is_first_run())"
+    )
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", "False"]
 
 
 def test_a_small_path_waits_for_no_scipy(scenes: Path) -> None:

@@ -1,4 +1,4 @@
-"""Compiling beforehand: what is called afterwards compiles nothing."""
+"""Warm-up: later processes load the cached kernels."""
 
 import os
 import subprocess
@@ -66,9 +66,9 @@ def test_every_case_runs(case):
     kernel_warmup.CASES[case]()
 
 
-def test_what_one_process_has_compiled_the_next_one_loads(tmp_path):
-    assert compiled("many", tmp_path) > 0
-    assert compiled("many", tmp_path) == 0
+def test_a_process_loads_the_kernels_that_another_has_compiled(tmp_path):
+    assert compiled(tmp_path) > 0
+    assert compiled(tmp_path) == 0
 
 
 def _fail() -> None:
@@ -76,17 +76,17 @@ def _fail() -> None:
 
 
 def test_the_command_ends_with_a_code_for_scripts(monkeypatch):
-    monkeypatch.setattr(kernel_warmup, "compile_loops", lambda _jobs: iter(kernel_warmup.CASES))
+    monkeypatch.setattr(kernel_warmup, "compile_kernels", lambda _jobs: iter(kernel_warmup.CASES))
     assert CliRunner().invoke(command, ["--jobs", "2"]).exit_code == 0
 
     def broken(_jobs):
         yield "plane"
         _fail()
 
-    monkeypatch.setattr(kernel_warmup, "compile_loops", broken)
+    monkeypatch.setattr(kernel_warmup, "compile_kernels", broken)
     assert CliRunner().invoke(command, []).exit_code != 0
 
 
 def test_processes_share_the_cases(monkeypatch):
     monkeypatch.setattr(kernel_warmup, "CASES", {"many": kernel_warmup.CASES["many"]})
-    assert list(kernel_warmup.compile_loops(2)) == ["many"]
+    assert list(kernel_warmup.compile_kernels(2)) == ["many"]

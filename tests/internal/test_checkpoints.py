@@ -55,7 +55,7 @@ def test_files_of_others_are_left_alone(tmp_path: Path) -> None:
         (b"\x00\xff" * 100, "cannot read the checkpoint"),
         (b'{"resgrid":"tes\n', "cannot read the checkpoint"),
         (b'{"resgrid":"other', "cannot read the checkpoint"),
-        (b'{"resgrid":"test"}\n', "does not begin as one"),
+        (b'{"resgrid":"test"}\n', "its first line is not that of a checkpoint"),
     ):
         file.write_bytes(data)
         with pytest.raises(rg.InputError, match=message):

@@ -65,7 +65,7 @@ def test_a_worker_that_dies_costs_its_tasks_only(kind: str, tmp_path: Path) -> N
 def test_items_that_kill_every_worker_are_named(kind: str, tmp_path: Path) -> None:
     with (
         two_workers(kind, tmp_path) as executor,
-        pytest.raises(rg.WorkerError, match=r"over chips (\d) to (\d+) .*memory") as caught,
+        pytest.raises(rg.WorkerError, match=r"computing chips (\d) to (\d+) .*memory") as caught,
     ):
         list(in_order([JobPart(deadly_sums, {"offset": 0}, range(12), "chips")], executor))
     words = str(caught.value).split()
@@ -102,7 +102,7 @@ def test_an_executor_that_cannot_be_made_anew_says_so() -> None:
 
     with (
         ThreadPoolExecutor(1, initializer=broken) as executor,
-        pytest.raises(rg.WorkerError, match="ThreadPoolExecutor cannot be made anew"),
+        pytest.raises(rg.WorkerError, match="ThreadPoolExecutor cannot be restarted"),
     ):
         list(in_order([JobPart(sums, {"offset": 0}, range(3))], executor))
 
@@ -115,7 +115,7 @@ def test_an_executor_that_loses_its_scheduler_says_so() -> None:
             future.set_running_or_notify_cancel()
             return future
 
-    with pytest.raises(rg.WorkerError, match="Closing cannot be made anew"):
+    with pytest.raises(rg.WorkerError, match="Closing cannot be restarted"):
         list(in_order([JobPart(sums, {"offset": 0}, range(3))], Closing(1)))
 
 
@@ -210,7 +210,7 @@ def test_many_scenes_and_many_starts(scenes: Path) -> None:
         shapes = [planner.space.shape for planner in rg.spread(rg.plan, maps, executor=executor)]
         there = [path.length for path in rg.spread(_path, starts, planners[1], executor=executor)]
         assert list(rg.spread(squared, [1, 2, 3], 10, executor=executor)) == [11, 14, 19]
-        with pytest.raises(rg.InputError, match="cannot be sent to workers"):
+        with pytest.raises(rg.InputError, match="cannot be pickled for worker"):
             list(rg.spread(squared, [1], lambda: 0, executor=executor))
     assert shapes == [planner.space.shape for planner in planners]
     assert there == here

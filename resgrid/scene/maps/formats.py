@@ -89,6 +89,8 @@ def read_map(table: Mapping[str, Any]) -> MapCells:
     try:
         found = FORMATS[name].read(path, **options)
         cells = found if isinstance(found, MapCells) else MapCells(placed_axes(found.shape, **placing), found)
+    except BudgetError:
+        raise
     except MemoryError:  # beyond a limit that the estimate does not know, such as that of ulimit -v
         raise BudgetError(
             f"{path}: the memory that this process may take is too small for this map; raise its limit (ulimit -v), "

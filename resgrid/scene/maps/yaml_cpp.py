@@ -144,8 +144,9 @@ def truth(text: str) -> bool:
 
 
 def _first_document(path: Path) -> yaml.Node | None:
+    text = _text(path)
     try:
-        loader = _Loader(_without_directives(_text(path)))
+        loader = _Loader(_without_directives(text))
         return loader.get_node() if loader.check_node() else None
     except yaml.MarkedYAMLError as error:
         line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""

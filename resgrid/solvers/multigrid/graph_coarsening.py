@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.jit import inner, interruptible, kernel, makes_arrays
+from resgrid._internal.jit import inner, interruptible, kernel
 from resgrid.solvers import ordering_kernels as ordering
 from resgrid.solvers.laplacian import Graph, Rows
 from resgrid.solvers.multigrid.graph_sweeps import Graphs
@@ -66,7 +66,6 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
 
 @interruptible
 @kernel
-@makes_arrays
 def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int]:
     """Partition the nodes into aggregates of up to ``most`` nodes; returns every node's aggregate, and their number.
 
@@ -126,7 +125,6 @@ def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int
 
 
 @inner
-@makes_arrays
 def _degrees(indptr: Indices, conductance: Singles, leak: Floats) -> tuple[Floats, Singles, Floats]:
     """Return the sum of all conductances of every node, its reciprocal square root, and the strongest conductance."""
     n = len(leak)
@@ -153,7 +151,6 @@ def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: In
 
 @interruptible
 @kernel
-@makes_arrays
 def aggregate_graph(graph: Graph, aggregate: Indices, count: int) -> tuple[Indices, Indices, Singles, Floats]:
     """Sum conductances between aggregates, and leaks within them; rows are not sorted."""
     (indptr, indices, conductance, leak), n = graph, len(graph.leak)
@@ -281,7 +278,6 @@ def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
 
 @interruptible
 @kernel
-@makes_arrays
 def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, Indices]:
     """Return greedy colours, and the number of neighbours of an earlier colour."""
     n = len(indptr) - 1

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.jit import ZERO, inner, kernel, makes_arrays
+from resgrid._internal.jit import ZERO, inner, kernel
 from resgrid.solvers.csr_kernels import find, join
 from resgrid.solvers.multigrid.grid_level import WEAK, Level, level_of
 from resgrid.solvers.multigrid.red_black import Edges, Lattice
@@ -202,7 +202,6 @@ def join_inside(
 
 
 @kernel
-@makes_arrays
 def split_blocks(
     doubtful: NDArray[np.bool_], parent: Indices, block: Indices, coarse_slots: int, extra_block: Integers
 ) -> int:

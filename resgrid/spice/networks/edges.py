@@ -186,6 +186,8 @@ def is_edge_list(path: str | os.PathLike[str]) -> bool:
     try:
         with Path(path).open("rb") as file:
             text = decode(normalise(file.read(4096), os.fspath(path)))
+    except InputError:
+        raise
     except (OSError, ValueError):
         return False
     first, second = (*islice(filter(None, map(_words, text.split("\n"))), 2), [], [])[:2]
