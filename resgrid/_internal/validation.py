@@ -315,7 +315,7 @@ def _plain_kind(hint: Any, base: Any) -> TypeCheck:
         return TypeCheck(lambda value: hasattr(value, "read"), words)
     if getattr(hint, "_is_protocol", False):
         names = [key for key in vars(hint) if not key.startswith("_")]
-        words = (with_article(hint.__name__.removesuffix("Like")),)  # CircuitLike: a Circuit, or a class with its methods
+        words = (with_article(hint.__name__.removesuffix("Like")),)  # CircuitLike: a Circuit
         return TypeCheck(lambda value: not isinstance(value, type) and all(hasattr(value, key) for key in names), words)
     is_class = isinstance(base, type) and hint not in (Any, object)
     return TypeCheck((lambda value: isinstance(value, base)) if is_class else lambda _: True, words)
