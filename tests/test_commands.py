@@ -1,4 +1,7 @@
-"""Every command that pages, docstrings, help, scenes and the live page show runs, as it is shown, in this process."""
+"""Every command that pages, docstrings, help, scenes and the live page show runs, as it is shown, in this process.
+
+Tests internals: `resgrid.cli`, `resgrid.cli.entry`, `resgrid.live_page.launch`, `resgrid.scene.overrides`.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +22,11 @@ from PIL import Image
 from support.cli import call
 from support.shown import PROJECT, Piece, fragments, helps, pages, runs_resgrid, sources, words_of
 
+import resgrid as rg
 from resgrid.cli import main
 from resgrid.cli.entry import VERBS
 from resgrid.live_page.launch import LivePage
 from resgrid.scene.overrides import document_of
-from resgrid.scene.reading import read_scene
 
 ELSEWHERE = {
     "srun resgrid chip chip.toml --only yield --most 1000000 --executor mpi -o report": "needs Slurm",
@@ -59,7 +62,7 @@ SCEN = "version 1\n0\tarena.map\t8\t8\t0\t0\t7\t7\t9.9\n0\tarena.map\t8\t8\t0\t7
 
 def _link() -> str:
     """Return a link of the live page, in quotes."""
-    content = zlib.compress(json.dumps(document_of(read_scene("lesson"))).encode())
+    content = zlib.compress(json.dumps(document_of(rg.read_scene("lesson"))).encode())
     return f"'http://127.0.0.1:8017/#s={urlsafe_b64encode(content).decode().rstrip('=')}'"
 
 

@@ -1,4 +1,7 @@
-"""Mistakes of a first day: one message each, with a remedy that works in that situation, and no file."""
+"""Mistakes of a first day: one message each, with a remedy that works in that situation, and no file.
+
+Tests internals: `resgrid._internal.validation`.
+"""
 
 from __future__ import annotations
 

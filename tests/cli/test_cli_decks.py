@@ -1,4 +1,7 @@
-"""Decks on the command line: solved, described, checked, converted, and refused in one message."""
+"""Decks on the command line: solved, described, checked, converted, and refused in one message.
+
+Tests internals: `resgrid.spice.run.rawfile`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What only a real process shows: how fast it starts, how it ends, what it says to a terminal."""
+"""What only a real process shows: how fast it starts, how it ends, what it says to a terminal.
+
+Tests internals: `resgrid.cli`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The main job: one folder with paths, pictures and checked decks, whole or not there."""
+"""The main job: one folder with paths, pictures and checked decks, whole or not there.
+
+Tests internals: `resgrid._internal.files`.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,8 @@ import pytest
 import yaml
 from PIL import Image
 
+import resgrid as rg
 from resgrid._internal.files import whole_folder
-from resgrid.errors import InputError
 
 
 def names(folder: Path) -> set[str]:
@@ -160,7 +163,7 @@ def test_a_folder_is_whole_or_not_there(tmp_path, error):
 
 def test_a_folder_replaces_a_folder_of_that_name_never(tmp_path):
     (tmp_path / "out" / "x").mkdir(parents=True)
-    with pytest.raises(InputError, match="out"), whole_folder(tmp_path / "out") as made:
+    with pytest.raises(rg.InputError, match="out"), whole_folder(tmp_path / "out") as made:
         (made / "x").write_text("a file")
     assert (tmp_path / "out" / "x").is_dir() and names(tmp_path) == {"out"}
 

@@ -1,4 +1,7 @@
-"""Help and completion: a verb's own options first, examples that parse, values that a shell completes."""
+"""Help and completion: a verb's own options first, examples that parse, values that a shell completes.
+
+Tests internals: `resgrid.cli`, `resgrid.cli.entry`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Warm-up: later processes load the cached kernels."""
+"""Warm-up: later processes load the cached kernels.
+
+Tests internals: `resgrid.cli`, `resgrid.cli.warm`.
+"""
 
 import os
 import subprocess

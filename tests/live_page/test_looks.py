@@ -1,6 +1,8 @@
 """What the page looks like: nothing overlaps, nothing is cut off, at a desk and on a phone.
 
 With ``RESGRID_PICTURES=FOLDER`` every state is also photographed, in both themes, to be looked at.
+
+Tests internals: `resgrid.live_page`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""What the server answers, and what it refuses."""
+"""What the server answers, and what it refuses.
+
+Tests internals: `resgrid.live_page`, `resgrid.live_page.drawing`, `resgrid.live_page.frames`,
+`resgrid.live_page.messages`, `resgrid.live_page.server`, `resgrid.live_page.solving`.
+"""
 
 from __future__ import annotations
 

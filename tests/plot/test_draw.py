@@ -1,4 +1,7 @@
-"""Every value has its picture: with data, axes that say what they show, legible text, the same bytes every time."""
+"""Every value has its picture: with data, axes that say what they show, legible text, the same bytes every time.
+
+Tests internals: `resgrid.plot`, `resgrid.plot.figures`.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,6 @@ from support.dynamics import small_scene
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.planning.planner import Planner
 from resgrid.plot import pictures
 from resgrid.plot.figures import figure_of, render_figure
 
@@ -35,7 +37,7 @@ def small_op() -> rg.OperatingPoint:
 
 
 @cache
-def small_planner() -> Planner:
+def small_planner() -> rg.planning.Planner:
     return rg.plan(small_space(), k=0.5)
 
 

@@ -1,4 +1,7 @@
-"""The reference page and the JSON Schema say what the values themselves say."""
+"""The reference page and the JSON Schema say what the values themselves say.
+
+Tests internals: `resgrid.robots`, `resgrid.scene.schema`, `resgrid.scene.table_models`.
+"""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from resgrid.core.netlist import Netlist
+import resgrid as rg
 
 Element = tuple[int, int, float]
 
@@ -20,7 +20,7 @@ _SIEMENS: list[Callable[[np.random.Generator], float]] = [
 ]
 
 
-def cancelling_circuit(seed: int, number: int) -> Netlist:
+def cancelling_circuit(seed: int, number: int) -> rg.Netlist:
     """Return a circuit of 3 to 12 nodes, the same for the same seed and number."""
     rng = np.random.default_rng([seed, number])
     nodes = int(rng.integers(3, 13))
@@ -31,7 +31,7 @@ def cancelling_circuit(seed: int, number: int) -> Netlist:
         (label[np.reshape([each[:2] for each in found], (-1, 2)).astype(np.int64)], [each[2] for each in found])
         for found in (resistors, sources, currents)
     )
-    return Netlist(nodes, ends, siemens, poles, volts, current_nodes=flow, current_amps=amps)
+    return rg.Netlist(nodes, ends, siemens, poles, volts, current_nodes=flow, current_amps=amps)
 
 
 def _some(rng: np.random.Generator, nodes: int, count: int) -> list[int]:

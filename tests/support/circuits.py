@@ -6,15 +6,15 @@ from fractions import Fraction
 
 import numpy as np
 
-from resgrid.circuit.operating_point import BranchCurrents, OperatingPoint
-from resgrid.core.netlist import Netlist
+import resgrid as rg
+from resgrid.circuit.operating_point import BranchCurrents
 
 
-def ladder(rungs: int = 4) -> Netlist:
+def ladder(rungs: int = 4) -> rg.Netlist:
     """1 V at node 1, a chain of 1 kohm down to ground with 10 uA fed into its middle."""
     nodes = np.arange(1, rungs + 2)
     pairs = np.stack([nodes, np.append(nodes[1:], 0)], axis=1)
-    return Netlist(
+    return rg.Netlist(
         rungs + 2,
         pairs,
         np.full(len(pairs), 1e-3),
@@ -25,7 +25,7 @@ def ladder(rungs: int = 4) -> Netlist:
     )
 
 
-def random_grid(seed: int, side: int = 6, decades: float = 2.0, drive: bool = True) -> Netlist:
+def random_grid(seed: int, side: int = 6, decades: float = 2.0, drive: bool = True) -> rg.Netlist:
     """A square of random resistors between a rail of 1 V (node 1) and two goals of 0 V, with random currents."""
     rng = np.random.default_rng(seed)
     grid = 4 + np.arange(side * side).reshape(side, side)
@@ -34,7 +34,7 @@ def random_grid(seed: int, side: int = 6, decades: float = 2.0, drive: bool = Tr
     across = np.stack([grid[:, :-1].ravel(), grid[:, 1:].ravel()], axis=1)
     pairs = rng.permutation(np.concatenate([rails, down, across]))
     fed = grid[1:3].ravel() if drive else np.empty(0, dtype=np.int64)
-    return Netlist(
+    return rg.Netlist(
         int(grid.max()) + 1,
         pairs,
         1e-4 * 10.0 ** rng.uniform(-decades / 2, decades / 2, len(pairs)),
@@ -45,7 +45,7 @@ def random_grid(seed: int, side: int = 6, decades: float = 2.0, drive: bool = Tr
     )
 
 
-def dense_solution(netlist: Netlist) -> OperatingPoint:
+def dense_solution(netlist: rg.Netlist) -> rg.OperatingPoint:
     """Modified nodal analysis, dense, for circuits where nothing floats."""
     n, s = netlist.node_count, len(netlist.source_volts)
     A, b = np.zeros((n + s, n + s)), np.zeros(n + s)
@@ -65,7 +65,7 @@ def dense_solution(netlist: Netlist) -> OperatingPoint:
     voltage, current = x[:n], x[n:]
     first, second = voltage[netlist.resistor_nodes].T
     through = netlist.conductance * (first - second)
-    return OperatingPoint(
+    return rg.OperatingPoint(
         netlist=netlist,
         voltage=voltage,
         log_drop=None,
@@ -98,7 +98,7 @@ def eliminated(a: list[list[Fraction]], b: list[Fraction]) -> list[Fraction]:
     return x
 
 
-def exact_currents(netlist: Netlist) -> tuple[list[Fraction], list[Fraction]]:
+def exact_currents(netlist: rg.Netlist) -> tuple[list[Fraction], list[Fraction]]:
     """Voltages of all nodes, 0 where they float, and currents of all resistors, in exact arithmetic."""
     n = netlist.node_count
     root, height = list(range(n)), [Fraction(0)] * n

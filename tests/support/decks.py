@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 import resgrid as rg
-from resgrid.spice.circuit import KINDS, Circuit
+from resgrid.spice.circuit import KINDS
 from resgrid.spice.read.deck import read_with
 
 SUFFIXES = (("", 1.0), ("k", 1e3), ("K", 1e3), ("kOhm", 1e3), ("meg", 1e6), ("Meg", 1e6), ("m", 1e-3), ("u", 1e-6))
@@ -201,7 +201,7 @@ def decks() -> st.SearchStrategy[str]:
     return st.randoms(use_true_random=False).map(lambda pick: DeckMaker(pick).deck())
 
 
-def outcome(path: Path, least_bytes: int) -> Circuit | str:
+def outcome(path: Path, least_bytes: int) -> rg.spice.Circuit | str:
     """What comes of reading a deck, and of making a netlist of it: the deck, or the error's message."""
     try:
         deck = read_with(path, least_bytes=least_bytes)
@@ -214,7 +214,7 @@ def outcome(path: Path, least_bytes: int) -> Circuit | str:
     return deck
 
 
-def same(a: Circuit | str, b: Circuit | str) -> bool:
+def same(a: rg.spice.Circuit | str, b: rg.spice.Circuit | str) -> bool:
     """Whether two readings are the same in everything but the order of notes."""
     if isinstance(a, str) or isinstance(b, str):
         return a == b

@@ -14,29 +14,28 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
+import resgrid as rg
 from resgrid.spice.run.rawfile import RawFile, read_rawfile
 from support.circuits import random_grid
 from support.spaces import space_of
 
 
-def with_capacitors(netlist: Netlist, farads: float) -> Netlist:
+def with_capacitors(netlist: rg.Netlist, farads: float) -> rg.Netlist:
     """A compiled netlist with the same capacitor from every free cell to ground."""
     free = netlist.cells.free_node
     pairs = np.stack([free, np.zeros_like(free)], axis=1)
     return netlist.replace(capacitor_nodes=pairs, capacitance=np.full(len(free), farads))
 
 
-def small_scene(farads: float = 1e-12, **options: object) -> Netlist:
+def small_scene(farads: float = 1e-12, **options: object) -> rg.Netlist:
     """16 x 16 cells with three walls and a goal; 10 kohm and 1 pF."""
     cell = np.zeros((16, 16), dtype=np.uint8)
     cell[4:9, 7] = cell[10:12, 10:13] = cell[13, 0:4] = 1
     cell[11, 2] = 2
-    return with_capacitors(compile_space(space_of(cell), **options), farads)  # type: ignore[arg-type]
+    return with_capacitors(rg.compile_space(space_of(cell), **options), farads)  # type: ignore[arg-type]
 
 
-def random_dynamics(seed: int, side: int = 5, decades: float = 1.0) -> Netlist:
+def random_dynamics(seed: int, side: int = 5, decades: float = 1.0) -> rg.Netlist:
     """A random grid with capacitors to ground, to a rail and between cells; some cells have none."""
     netlist = random_grid(seed, side, decades)
     rng = np.random.default_rng(seed + 1)
@@ -52,7 +51,7 @@ def random_dynamics(seed: int, side: int = 5, decades: float = 1.0) -> Netlist:
 class ExactMotion:
     """Voltages of a netlist whose voltage sources all go to ground, by eigenvectors of ``C v = mu G v``."""
 
-    def __init__(self, netlist: Netlist, before: NDArray[np.float64] | None = None) -> None:
+    def __init__(self, netlist: rg.Netlist, before: NDArray[np.float64] | None = None) -> None:
         n = netlist.node_count
         G, C, b, known = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.full(n, np.nan)
         known[0] = 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import NamedTuple
 
-from resgrid.core.netlist import Netlist
+import resgrid as rg
 
 Value = Fraction | None
 
@@ -18,7 +18,7 @@ class ExactPoint(NamedTuple):
     source_current: list[Value]
 
 
-def solve_exactly(netlist: Netlist) -> ExactPoint | None:
+def solve_exactly(netlist: rg.Netlist) -> ExactPoint | None:
     """Solve by Gauss-Jordan elimination over voltages and source currents; None for contradictory equations."""
     rows, rhs = _equations(netlist)
     pivot, left = {}, set(range(len(rhs)))
@@ -48,7 +48,7 @@ def solve_exactly(netlist: Netlist) -> ExactPoint | None:
     return ExactPoint(values[: nodes + 1], currents, values[nodes + 1 :])
 
 
-def _equations(netlist: Netlist) -> tuple[list[dict[int, Fraction]], list[Fraction]]:
+def _equations(netlist: rg.Netlist) -> tuple[list[dict[int, Fraction]], list[Fraction]]:
     """Sparse rows and right-hand side; the unknowns are all voltages but that of ground, then source currents."""
     nodes = netlist.node_count - 1
     size = nodes + len(netlist.source_volts)

@@ -6,8 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from resgrid.core.axis import Axis
-from resgrid.core.space import ConfigurationSpace
+import resgrid as rg
 
 
 def space_of(
@@ -16,13 +15,15 @@ def space_of(
     periodic: tuple[bool, ...] | None = None,
     spacing: tuple[float, ...] | None = None,
     conductivity: ArrayLike | None = None,
-) -> ConfigurationSpace:
+) -> rg.ConfigurationSpace:
     """A space with the given cells, its lower corner at the origin."""
     code = np.asarray(cell, dtype=np.uint8)
     ring = periodic or (False,) * code.ndim
     width = spacing or (1.0,) * code.ndim
-    axes = [Axis("xyzw"[a], 0.0, n * h, n, p) for a, (n, h, p) in enumerate(zip(code.shape, width, ring, strict=True))]
-    return ConfigurationSpace(axes, code, conductivity)
+    axes = [
+        rg.Axis("xyzw"[a], 0.0, n * h, n, p) for a, (n, h, p) in enumerate(zip(code.shape, width, ring, strict=True))
+    ]
+    return rg.ConfigurationSpace(axes, code, conductivity)
 
 
 def serpentine(legs: int, leg: int, width: int) -> np.ndarray:
@@ -41,7 +42,7 @@ def serpentine(legs: int, leg: int, width: int) -> np.ndarray:
 @st.composite
 def spaces(
     draw: st.DrawFn, max_cells: int = 9, conductive: bool = True, dimensions: tuple[int, int] = (1, 4)
-) -> ConfigurationSpace:
+) -> rg.ConfigurationSpace:
     """Random spaces of one to four dimensions, or as given, with at least one goal cell and one free cell."""
     ndim = draw(st.integers(*dimensions))
     limit = {1: 30, 2: max_cells, 3: 5, 4: 3}[ndim]

@@ -2,14 +2,13 @@
 
 import numpy as np
 
-from resgrid.core.space import Cell
-from resgrid.planning.fields import Field
+import resgrid as rg
 
 
-def check_verdicts(field: Field) -> None:
+def check_verdicts(field: rg.Field) -> None:
     """Where no chain of free cells leads to a goal nothing arrives and nothing flows; elsewhere something does."""
     space = field.space
-    free = space.cell == Cell.FREE
+    free = space.cell == rg.Cell.FREE
     if field.log_drop is not None:
         arrives = ~(np.isneginf(field.log_drop) | np.isnan(field.log_drop))
         wrong = free & (arrives != space.goal_connected)
