@@ -357,9 +357,9 @@ def test_parsed_deck_arrays_are_read_only() -> None:
 
 def test_what_is_read_is_solved_and_checked_as_it_is() -> None:
     read = rg.read_spice(io.StringIO("t\nV1 in 0 2\nR1 in out 1k\nR2 out 0 1k\n.end\n"))
-    assert check_erc(read) == ()
+    assert rg.check_erc(read) == ()
     assert rg.solve(read).voltage.tolist() == rg.solve(read.netlist()).voltage.tolist() == [0.0, 2.0, 1.0]
-    assert factorize(read).solve(np.ones(1)).tolist() == [500.0]
+    assert rg.factorize(read).solve(np.ones(1)).tolist() == [500.0]
     with pytest.raises(rg.InputError, match="a list"):
         rg.solve([read])
 
