@@ -1,4 +1,4 @@
-"""What is wrong with a value, in this package's words instead of pydantic's."""
+"""Error messages for pydantic's validation errors: key path, line, problem and remedy."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
 Problem = tuple[Path, str]
-"""Where something is wrong, and what."""
+"""Key path of a problem, and its message."""
 
 MAX_SHOWN = 40
+"""Largest number of problems that one message lists."""
 
 
 def key_path(path: Sequence[str | int]) -> str:
-    """A key path as people write it, such as ``obstacle[2].radius`` (elements from 0)."""
+    """Return a key path as text, such as ``obstacle[2].radius``, with indices from 0."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
     return text.removeprefix(".") or "the scene"
 
 
 def report(problems: Sequence[Problem], source: str, lines: Mapping[Path, int] | None = None) -> str:
-    """All problems of a document in one message, in the order of its lines."""
+    """Return one message with all problems of a document, sorted by line."""
     placed = [(line_of(lines or {}, path) or 0, key_path(path), message) for path, message in problems]
     placed.sort(key=lambda entry: entry[0])
     listed = [f"{f'line {line}: ' if line else ''}{key}: {message}" for line, key, message in placed[:MAX_SHOWN]]
@@ -37,7 +38,7 @@ def report(problems: Sequence[Problem], source: str, lines: Mapping[Path, int] |
 
 
 def complaint(detail: ErrorDetails) -> str:
-    """What is wrong with a value, and what it may be."""
+    """Return the message for one of pydantic's errors: the invalid value, and the values that are allowed."""
     if detail["type"] == "literal_error":
         return _choice(detail)
     if _COMPLAINTS.get(detail["type"]) == _LIST and detail["loc"][0] == "starts" and len(detail["loc"]) == 2:
@@ -51,14 +52,14 @@ def complaint(detail: ErrorDetails) -> str:
 
 
 def unknown(words: str, given: Any, choice: str, options: Sequence[str]) -> str:
-    """That something is none of its options, and which of them was probably meant."""
+    """Return the message for a value that is not among its options, with the option of the nearest spelling."""
     meant = _ALIASES.get(given.lower(), given) if isinstance(given, str) else ""
     near = suggestion(meant, options)
     return f"{words} is unknown: it may be {choice}{near and f'; {near}'}"
 
 
 def shown(detail: ErrorDetails) -> str:
-    """A wrong value, cut short."""
+    """Return an invalid value as short text."""
     value = detail["input"]
     if isinstance(value, Mapping):
         return "a table"
@@ -68,13 +69,13 @@ def shown(detail: ErrorDetails) -> str:
 def _choice(detail: ErrorDetails) -> str:
     expected = str(detail.get("ctx", {}).get("expected", ""))
     options = [option.strip(" '") for option in expected.replace(" or ", ", ").split(",")]
-    if detail["input"] in options:  # of which it would be one, were it no text
+    if detail["input"] in options:  # the option is a number, the input is text
         return f"must be the number {detail['input']}, without quotes, got {shown(detail)}"
     return unknown(shown(detail), detail["input"], " or ".join(options), options)
 
 
 _ALIASES = {"ros2": "nav2", "ros": "nav2"}
-"""Names that people use for options of another name."""
+"""Common wrong names of options, mapped to the options."""
 
 _NUMBER = "must be a number, got {shown}"
 _WHOLE = "must be a whole number, got {shown}"
@@ -103,4 +104,4 @@ _COMPLAINTS = {
     "too_short": "needs at least {min_length} entries, got {actual_length}",
     "too_long": "needs at most {max_length} entries, got {actual_length}",
 }
-"""What is wrong, by pydantic's kind of error, with the figures that come with it."""
+"""Message templates by pydantic's type of error; the placeholders are the error's context."""
