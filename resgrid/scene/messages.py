@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from resgrid._internal.validation import short
@@ -10,6 +10,7 @@ from resgrid.errors import suggestion
 from resgrid.scene.toml_lines import Path, line_of
 
 if TYPE_CHECKING:
+    from pydantic import ValidationError
     from pydantic_core import ErrorDetails
 
 Problem = tuple[Path, str]
@@ -37,41 +38,53 @@ def report(problems: Sequence[Problem], source: str, lines: Mapping[Path, int] |
     return f"{source}: {len(placed)} errors\n" + "\n".join(f"  {entry}" for entry in listed)
 
 
-def complaint(detail: ErrorDetails) -> str:
+def message_of(detail: ErrorDetails) -> str:
     """Return the message for one of pydantic's errors: the invalid value, and the values that are allowed."""
     if detail["type"] == "literal_error":
-        return _choice(detail)
-    if _COMPLAINTS.get(detail["type"]) == _LIST and detail["loc"][0] == "starts" and len(detail["loc"]) == 2:
-        return f"must be a point, as in starts = [[1, 2]], got {shown(detail)}"
-    if _COMPLAINTS.get(detail["type"]) == _LIST and isinstance(detail["input"], Mapping):
+        return _choice_message(detail)
+    template, got = _TEMPLATES.get(detail["type"]), shown(detail["input"])
+    if template == _LIST and detail["loc"][0] == "starts" and len(detail["loc"]) == 2:
+        return f"must be a point, as in starts = [[1, 2]], got {got}"
+    if template == _LIST and isinstance(detail["input"], Mapping):
         return f"must be a list of tables: write [[{key_path(detail['loc'])}]], or put [ ] around the table"
-    if detail["type"] in _COMPLAINTS:
-        return _COMPLAINTS[detail["type"]].format(**detail.get("ctx", {}), shown=shown(detail))
+    if template is not None:
+        return template.format(**detail.get("ctx", {}), shown=got)
     message = detail["msg"].removeprefix("Value error, ")
-    return message if detail["type"] == "value_error" else f"{message[:1].lower()}{message[1:]}, got {shown(detail)}"
+    return message if detail["type"] == "value_error" else f"{message[:1].lower()}{message[1:]}, got {got}"
 
 
-def unknown(words: str, given: Any, choice: str, options: Sequence[str]) -> str:
+def problems_of(error: ValidationError, message: Callable[[ErrorDetails], str] = message_of) -> list[Problem]:
+    """Return the problems of a validation; `message`: returns the message of one of pydantic's errors.
+
+    Errors of length are omitted for lists whose entries have errors.
+    """
+    details = error.errors(include_url=False)
+    inner = {each["loc"][:size] for each in details for size in range(len(each["loc"]))}
+    kept = (each for each in details if each["type"] != "too_short" or each["loc"] not in inner)
+    return [(each["loc"], message(each)) for each in kept]
+
+
+def unknown_option(words: str, given: Any, choice: str, options: Sequence[str]) -> str:
     """Return the message for a value that is not among its options, with the option of the nearest spelling."""
     meant = _ALIASES.get(given.lower(), given) if isinstance(given, str) else ""
     near = suggestion(meant, options)
     return f"{words} is unknown: it may be {choice}{near and f'; {near}'}"
 
 
-def shown(detail: ErrorDetails) -> str:
+def shown(value: Any) -> str:
     """Return an invalid value as short text."""
-    value = detail["input"]
     if isinstance(value, Mapping):
         return "a table"
     return f"a list of {len(value)}" if isinstance(value, list) else short(value)
 
 
-def _choice(detail: ErrorDetails) -> str:
+def _choice_message(detail: ErrorDetails) -> str:
+    """Return the message for a value that is not among a key's options."""
     expected = str(detail.get("ctx", {}).get("expected", ""))
     options = [option.strip(" '") for option in expected.replace(" or ", ", ").split(",")]
     if detail["input"] in options:  # the option is a number, the input is text
-        return f"must be the number {detail['input']}, without quotes, got {shown(detail)}"
-    return unknown(shown(detail), detail["input"], " or ".join(options), options)
+        return f"must be the number {detail['input']}, without quotes, got {shown(detail['input'])}"
+    return unknown_option(shown(detail["input"]), detail["input"], " or ".join(options), options)
 
 
 _ALIASES = {"ros2": "nav2", "ros": "nav2"}
@@ -81,7 +94,7 @@ _NUMBER = "must be a number, got {shown}"
 _WHOLE = "must be a whole number, got {shown}"
 _LIST = "must be a list, such as [1, 2], got {shown}"
 _TABLE = "must be a table of keys, got {shown}"
-_COMPLAINTS = {
+_TEMPLATES = {
     "missing": "this key is missing; add it",
     "float_type": _NUMBER,
     "float_parsing": _NUMBER,

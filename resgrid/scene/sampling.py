@@ -19,7 +19,7 @@ from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
 from resgrid.scene.nearest_place import are_unknown, is_unknown, nearest_place, usable, why_blocked
 from resgrid.scene.scene import Scene
-from resgrid.scene.world_coordinates import check_cell, extent_of, locate_point, to_space
+from resgrid.scene.world_coordinates import check_cell, extent_of, locate_point, over_map, to_space
 
 
 def build_space(scene: Scene, *, require_goal: bool = True, progress: Progress | None = None) -> ConfigurationSpace:
@@ -185,8 +185,7 @@ def _over_map(scene: Scene, values: NDArray[Any], subject: str) -> NDArray[Any]:
         raise InputError(
             f"{subject} do not apply to a robot whose configurations are not places on the map; leave them out"
         )
-    shape = tuple(axis.cells for axis in scene.axes)
-    return np.broadcast_to(values.reshape(values.shape + (1,) * (scene.ndim - values.ndim)), shape)
+    return over_map(values, scene.axes)
 
 
 def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -> str:

@@ -35,10 +35,10 @@ from resgrid.scene.control import Control
 from resgrid.scene.goals import Conductivity, CostArea, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.arrays import HEADINGS
 from resgrid.scene.maps.formats import FORMATS, map_options
-from resgrid.scene.messages import Problem, complaint, unknown
+from resgrid.scene.messages import Problem, message_of, problems_of, unknown_option
 from resgrid.scene.quantities import Listed
 from resgrid.scene.scene import IN_FILES, LISTS, Scene
-from resgrid.scene.table_models import TableModel, fields_from, filled_as, meanings, problems_of, table_of, value_of
+from resgrid.scene.table_models import TableModel, fields_from, filled_as, meanings, table_of, value_of
 from resgrid.scene.toml_lines import Path
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def _checked_kind(key: str, kind: str, kinds: Iterable[str]) -> str:
     """Return `kind`; raise ValueError unless it is one of `kinds`."""
     options = list(kinds)
     if kind not in options:
-        raise ValueError(unknown(f"{key} = {kind!r}", kind, f"one of {', '.join(options)}", options))
+        raise ValueError(unknown_option(f"{key} = {kind!r}", kind, f"one of {', '.join(options)}", options))
     return kind
 
 
@@ -251,7 +251,7 @@ class GridTable(_Implied):
 def _checked_format(name: str) -> str:
     names = ["auto", *FORMATS]
     if name not in names:
-        raise ValueError(unknown(repr(name), name, " or ".join(names), names))
+        raise ValueError(unknown_option(repr(name), name, " or ".join(names), names))
     return name
 
 
@@ -336,7 +336,8 @@ def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any
     try:
         document = SceneFile.model_validate(dict(raw))
     except ValidationError as error:
-        problems = [_problem(detail, raw) for detail in problems_of(error)]
+        found = problems_of(error, partial(_message, raw=raw))
+        problems = [(_path_in(raw, location), message) for location, message in found]
         wrong = {path[: 2 if path[0] in numbers else 1] for path, _ in problems if path}
         valid = {key: value for key, value in raw.items() if (key,) not in wrong} | {"schema": 1}
         numbers = {key: [n for n in every if (key, n) not in wrong] for key, every in numbers.items() if key in valid}
@@ -346,9 +347,10 @@ def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any
     return document, problems, {(key, number): value for key, pairs in entries for number, value in pairs}
 
 
-def _problem(detail: ErrorDetails, raw: Mapping[str, Any]) -> Problem:
-    path = _path_in(raw, detail["loc"])
-    return path, _unknown_key(path, raw) if detail["type"] == "extra_forbidden" else complaint(detail)
+def _message(detail: ErrorDetails, raw: Mapping[str, Any]) -> str:
+    """Return the message for one of pydantic's errors; for unknown keys with the nearest key of the table."""
+    is_unknown_key = detail["type"] == "extra_forbidden"
+    return _unknown_key(_path_in(raw, detail["loc"]), raw) if is_unknown_key else message_of(detail)
 
 
 def _path_in(raw: Any, location: Path) -> Path:
@@ -362,6 +364,7 @@ def _path_in(raw: Any, location: Path) -> Path:
 
 
 def _unknown_key(path: Path, raw: Any) -> str:
+    """Return the message for an unknown key: the nearest key, its proper place, or all keys of the table."""
     kind = None  # of a table that has several kinds
     if path[0] in KIND_OF and len(path) == (2 if path[0] == "robot" else 3):
         kind = KIND_OF[str(path[0])](raw["robot"] if path[0] == "robot" else raw[path[0]][path[1]])

@@ -12,18 +12,15 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from inspect import cleandoc, signature
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Len
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError, create_model
 
 from resgrid.core.axis import Point
 from resgrid.errors import InputError
-from resgrid.scene.messages import complaint, key_path
+from resgrid.scene.messages import key_path, problems_of
 from resgrid.scene.quantities import Quantity
-
-if TYPE_CHECKING:
-    from pydantic_core import ErrorDetails
 
 _ENTRY = re.compile(r"^(\w[\w, ]*?)(?: : .*)?$")
 
@@ -157,16 +154,8 @@ def fields_of(kind: type, given: Mapping[str, Any]) -> dict[str, Any]:
     try:
         table = table_of(kind).model_validate(given)
     except ValidationError as error:
-        details = problems_of(error)
-        raise InputError("; ".join(f"{key_path(each['loc'])}: {complaint(each)}" for each in details)) from None
+        raise InputError("; ".join(f"{key_path(path)}: {text}" for path, text in problems_of(error))) from None
     return {name: getattr(table, name) for name in table_of(kind).model_fields}
-
-
-def problems_of(error: ValidationError) -> list[ErrorDetails]:
-    """Return the errors of a validation, without errors of length for lists that contain other errors."""
-    details = error.errors(include_url=False)
-    inner = {each["loc"][:size] for each in details for size in range(len(each["loc"]))}
-    return [each for each in details if each["type"] != "too_short" or each["loc"] not in inner]
 
 
 def plain(value: Any) -> Any:

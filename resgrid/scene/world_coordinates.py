@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,11 +35,13 @@ def unknown_cells(cells: MapCells | None, axes: tuple[Axis, ...]) -> NDArray[np.
     """
     if cells is None or cells.unknown is None or cells.table.get("unknown") == "free":
         return None
-    planar = cells.unknown.ndim
-    if axes[:planar] != cells.axes:
-        return None
-    unknown = cells.unknown.reshape(cells.unknown.shape + (1,) * (len(axes) - planar))
-    return np.broadcast_to(unknown, tuple(axis.cells for axis in axes))
+    return None if axes[: cells.unknown.ndim] != cells.axes else over_map(cells.unknown, axes)
+
+
+def over_map(values: NDArray[Any], axes: tuple[Axis, ...]) -> NDArray[Any]:
+    """Return values of a map's cells broadcast to the shape of a space whose first axes are those of the map."""
+    planar = values.reshape(values.shape + (1,) * (len(axes) - values.ndim))
+    return np.broadcast_to(planar, tuple(axis.cells for axis in axes))
 
 
 def _exchange_hint(axes: tuple[Axis, ...], point: NDArray[np.float64]) -> str:

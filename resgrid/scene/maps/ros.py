@@ -19,7 +19,7 @@ from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.pictures import BYTES_PER_PIXEL, Raster, read_raster
 from resgrid.scene.maps.ros_dialects import CONVERTERS, UNKNOWN, occupancies
 from resgrid.scene.maps.ros_header import NEWEST, Dialect, RosHeader, picture_of, read_header
-from resgrid.scene.messages import unknown as unknown_word
+from resgrid.scene.messages import unknown_option
 
 COSTS_BYTES = 40
 """Estimated memory during the conversion of occupancies to conductivities, in bytes per pixel."""
@@ -80,7 +80,7 @@ def _lethal(header: RosHeader, lethal: int | None) -> int:
 
 def _require_dialect(dialect: str) -> None:
     if dialect not in CONVERTERS:
-        raise InputError(f"dialect: {unknown_word(repr(dialect), dialect, ', '.join(CONVERTERS), list(CONVERTERS))}")
+        raise InputError(f"dialect: {unknown_option(repr(dialect), dialect, ', '.join(CONVERTERS), list(CONVERTERS))}")
 
 
 def from_occupancy_grid(file: str | os.PathLike[str], dialect: Dialect = NEWEST) -> NDArray[np.int8]:

@@ -14,10 +14,8 @@ from typing import Annotated, Any, Literal
 from annotated_types import Ge, Gt, Le
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, field_validator
 
-from resgrid._internal.validation import short
 from resgrid.errors import InputError
-from resgrid.scene.messages import complaint, report, unknown
-from resgrid.scene.table_models import problems_of
+from resgrid.scene.messages import problems_of, report, shown, unknown_option
 
 Dialect = Literal["nav2", "nav2-jazzy", "ros1"]
 """ROS map readers: Nav2 since 2025, Nav2 from Dashing to Jazzy, ROS 1."""
@@ -32,12 +30,8 @@ def _number(value: Any) -> float:
     from resgrid.scene.maps.yaml_cpp import double
 
     if not isinstance(value, str):
-        raise ValueError(f"must be a number, got {_shown(value)}")
+        raise ValueError(f"must be a number, got {shown(value)}")
     return double(value)
-
-
-def _shown(value: Any) -> str:
-    return f"a list of {len(value)}" if isinstance(value, list) else "a table" if value == {} else short(value)
 
 
 _Number = Annotated[float, BeforeValidator(_number)]
@@ -68,7 +62,7 @@ class RosHeader(BaseModel):
         if value in (None, ""):
             raise ValueError("must not be empty")
         if not isinstance(value, str):
-            raise ValueError(f"must be the name of a picture, got {_shown(value)}")
+            raise ValueError(f"must be the name of a picture, got {shown(value)}")
         return value
 
     @field_validator("origin", mode="before")
@@ -76,7 +70,7 @@ class RosHeader(BaseModel):
     def _is_pose(cls, origin: Any, info: ValidationInfo) -> Any:
         count = len(origin) if isinstance(origin, list) else 0
         if count < 3 or (count > 3 and info.context != "ros1"):
-            raise ValueError(f"must be a list of three numbers [x, y, yaw], got {_shown(origin)}")
+            raise ValueError(f"must be a list of three numbers [x, y, yaw], got {shown(origin)}")
         return origin[:3]
 
     @field_validator("negate", mode="before")
@@ -90,7 +84,7 @@ class RosHeader(BaseModel):
             except ValueError:
                 continue
         choice = "0 or 1" if info.context == "ros1" else "0, 1, true or false"
-        raise ValueError(f"must be {choice}, got {_shown(value)}")
+        raise ValueError(f"must be {choice}, got {shown(value)}")
 
     @field_validator("mode", mode="before")
     @classmethod
@@ -98,7 +92,7 @@ class RosHeader(BaseModel):
         if info.context == "ros1":
             return value if isinstance(value, str) else "trinary"
         if not isinstance(value, str) or value.lower() not in MODES:
-            raise ValueError(unknown(_shown(value), value, " or ".join(MODES), MODES))
+            raise ValueError(unknown_option(shown(value), value, " or ".join(MODES), MODES))
         return value.lower()
 
 
@@ -109,8 +103,7 @@ def read_header(path: Path, dialect: Dialect) -> RosHeader:
     try:
         return RosHeader.model_validate(read_mapping(path, RosHeader.model_fields), context=dialect)
     except ValidationError as error:
-        problems = [(each["loc"], complaint(each)) for each in problems_of(error)]
-        raise InputError(report(problems, str(path))) from None
+        raise InputError(report(problems_of(error), str(path))) from None
 
 
 def picture_of(path: Path, image: str) -> Path:
