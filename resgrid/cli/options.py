@@ -314,8 +314,9 @@ def with_method(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options ``--method`` and ``--ranks`` to a subcommand."""
     options = (
         click.option("--method", type=click.Choice(["auto", "direct", "multigrid", "petsc"]), default="auto",
-                     help="How to solve; petsc is for grids that do not fit otherwise."),
-        click.option("--ranks", metavar="N", type=click.IntRange(1), help="Processes of --method petsc.  [default: 2]"),
+                     help="Solution method; petsc is for grids that do not fit in memory otherwise."),
+        click.option("--ranks", metavar="N", type=click.IntRange(1),
+                     help="Number of processes of --method petsc.  [default: 2]"),
     )  # fmt: skip
     return _decorated(function, options)
 

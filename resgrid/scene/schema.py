@@ -217,16 +217,11 @@ AxisTable: Any = create_model(
     __doc__="One axis of the grid; an arm or a turning polygon supplies the keys that its axes leave out.",
     **fields_from(Axis)
     | {
-        "name": (
-            Annotated[str, Len(1)],
-            Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", description="Name of the axis, such as `x`."),
-        ),
+        "name": (Annotated[str, Len(1)], Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", description="Name, such as x.")),
         "cells": (Count | None, Field(None, description="Number of cells; instead of `spacing`.")),
         "spacing": (Annotated[float, Gt(0)] | None, Field(None, description="Width of a cell; instead of `cells`.")),
     },
 )
-
-
 _AXIS = filled_as(AxisTable, _axis)
 
 
@@ -283,8 +278,8 @@ def _key(name: str, kind: Any, default: Any, *marks: Any, about: str = "") -> tu
     return (hint, Field(default, description=text))
 
 
-def _list_of(name: str) -> tuple[Any, Any]:
-    return _key(name, list[_one_of(name)], [])  # type: ignore[misc]
+def _list_of(name: str, about: str = "") -> tuple[Any, Any]:
+    return _key(name, list[_one_of(name)], [], about=about)  # type: ignore[misc]
 
 
 _EDGES = Annotated[tuple[EdgeRule, ...], Strict(False), Listed()]
@@ -297,11 +292,11 @@ SceneFile: Any = create_model(
     edge=_key("edge", _EDGES, ("obstacle",)),
     robot=_key("robot", _one_of("robot"), PointRobot()),
     grid=_key("grid", GridTable | None, None, about="The grid; instead of a map."),
-    map=_key("map", Map | None, None),
+    map=_key("map", Map | None, None, about="A map file; instead of a grid."),
     obstacle=_list_of("obstacle"),
     hidden=_list_of("hidden"),
     goal=_list_of("goal"),
-    start=_list_of("start"),
+    start=_list_of("start", about="Starts as tables, each with a point in world coordinates or a cell."),
     starts=_key("starts", list[Coordinates], []),
     area=_list_of("area"),
 )
@@ -336,8 +331,7 @@ def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any
     try:
         document = SceneFile.model_validate(dict(raw))
     except ValidationError as error:
-        found = problems_of(error, partial(_message, raw=raw))
-        problems = [(_path_in(raw, location), message) for location, message in found]
+        problems = [(_path_in(raw, where), text) for where, text in problems_of(error, partial(_message, raw=raw))]
         wrong = {path[: 2 if path[0] in numbers else 1] for path, _ in problems if path}
         valid = {key: value for key, value in raw.items() if (key,) not in wrong} | {"schema": 1}
         numbers = {key: [n for n in every if (key, n) not in wrong] for key, every in numbers.items() if key in valid}
@@ -349,8 +343,8 @@ def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any
 
 def _message(detail: ErrorDetails, raw: Mapping[str, Any]) -> str:
     """Return the message for one of pydantic's errors; for unknown keys with the nearest key of the table."""
-    is_unknown_key = detail["type"] == "extra_forbidden"
-    return _unknown_key(_path_in(raw, detail["loc"]), raw) if is_unknown_key else message_of(detail)
+    is_unknown = detail["type"] == "extra_forbidden"
+    return _unknown_key(_path_in(raw, detail["loc"]), raw) if is_unknown else message_of(detail)
 
 
 def _path_in(raw: Any, location: Path) -> Path:

@@ -89,7 +89,7 @@ def table_of(value: type, kind: tuple[str, str] | None = None, planar: bool = Fa
     """
     keys = fields_from(value, planar=planar)
     if kind is not None:
-        keys = {kind[0]: (Literal[kind[1]], Field(kind[1], description=f"The {kind[0]}."))} | keys
+        keys = {kind[0]: (Literal[kind[1]], Field(kind[1], description=f"Selects this {kind[0]}."))} | keys
     sentence = cleandoc(value.__doc__ or "").split("\n")[0]
     return create_model(
         value.__name__ if kind is None else "_".join(kind), __base__=TableModel, __doc__=sentence, **keys

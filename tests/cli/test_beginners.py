@@ -45,6 +45,7 @@ MISTAKES = {
     "path map.yaml --goal 1,1.95 --start 1,1": ["lies in unknown space", "--unknown free"],
     "path map.yaml --goal 1.3,1 --start 1,1 --robot-radius 20cm": ["in the unit of the axes, such as 0.2 for 20 cm"],
     "path map.yaml --goal 1.3,1 --start 1,1 --robot-radius inf": ["'inf' is not finite", "such as 0.2"],
+    "path map.yaml --goal 1.3,1 --start 1,1 --threads two": ["'two' is not a whole number; give digits only"],
     "control map.yaml --goal 1.3,1 --start 1,1 --speed fast": ["'fast' is not a number", "without unit"],
     "path map.yaml --goal 1.3,1 --start 1,1 --robot-radius 0.3": ["too near to an obstacle", "radius smaller"],
 }
