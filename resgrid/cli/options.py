@@ -166,7 +166,7 @@ class SourceName(click.Path):
     """Type of an argument: the name of a scene, a map or a deck; files and shipped scenes are completed."""
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Return the files and shipped scenes that begin with the incomplete word; leave files alone to the shell."""
+        """Return matching files and shipped scenes; if no scene matches, the shell completes the files."""
         from resgrid.scene.shipped import shipped_scenes
 
         shipped = [name for name in shipped_scenes() if name.startswith(incomplete)]

@@ -33,9 +33,9 @@ CIRCUIT_CELLS = 8
 def command(source: CommandInput, output: str, what: str) -> int:
     """Draw one picture of SCENE.
 
-    A page shows potential, currents and paths together; a space of three axes is drawn in slices. Of a scene that asks
-    for several blends, the first is drawn; choose one with --k. '--what space' draws the cells alone: a map needs no
-    goal for that.
+    A page shows potential, currents and paths together; a space of three axes is drawn in slices. Of several blends in
+    the scene, the first one is drawn; choose a blend with --k. '--what space' draws only the cells, for which a map
+    needs no goal.
     """
     from resgrid.io.tables import emit
     from resgrid.plot.figures import picture_format, render_figure

@@ -182,7 +182,7 @@ def _sizes(values: dict[str, str], path: Path) -> tuple[int, int]:
     for key in ("width", "height"):
         text = values.get(key, "")
         if not (text.isascii() and text.isdigit() and len(text) < 16 and int(text) > 0):
-            raise InputError(f"{path}: the header needs '{key} N' with N at least 1, got {text[:20] or 'nothing'!r}")
+            raise InputError(f"{path}: the header needs '{key} N' with N at least 1, got {text[:20]!r}")
         sizes.append(int(text))
     return sizes[0], sizes[1]
 
