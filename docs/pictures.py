@@ -153,7 +153,7 @@ def draw_pages():
                     page.locator("#show-ends").check()
                     wait_for(page, f"{solved} && live.view.others.length === 2")
                 if moment:
-                    page.get_by_role("button", name="Let it settle").click()
+                    page.get_by_role("button", name="Show transient").click()
                     wait_for(page, "document.getElementById('time').textContent.endsWith('settled')")
                     page.locator("#moment").fill(moment)
                     page.wait_for_timeout(300)

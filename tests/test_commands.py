@@ -24,7 +24,7 @@ from support.shown import PROJECT, Piece, fragments, helps, pages, runs_resgrid,
 
 import resgrid as rg
 from resgrid.cli import main
-from resgrid.cli.entry import VERBS
+from resgrid.cli.entry import SUBCOMMANDS
 from resgrid.live_page.launch import LivePage
 from resgrid.scene.overrides import document_of
 
@@ -171,7 +171,7 @@ def test_the_commands_of_docstrings_scenes_and_the_live_page_run(desk: Path) -> 
     _run_all(sources())
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", SUBCOMMANDS)
 def test_the_examples_of_help_run(verb: str, desk: Path) -> None:
     if verb == "check":  # decks that the examples of other commands write
         for name in ("rooms.cir", "ours.cir"):
@@ -181,14 +181,14 @@ def test_the_examples_of_help_run(verb: str, desk: Path) -> None:
 
 def test_no_exception_is_stale() -> None:
     shown = [piece for pieces in PAGES.values() for piece in pieces] + sources()
-    shown += [piece for verb in VERBS for piece in helps(verb)]
+    shown += [piece for verb in SUBCOMMANDS for piece in helps(verb)]
     lines = {line for piece in shown if piece.kind != "python" for line, _ in _lines(piece)}
     assert set(ELSEWHERE) | set(CODES) <= lines
 
 
 @pytest.mark.parametrize("place", sorted({place for place, _ in fragments()}))
 def test_options_in_running_text_exist(place: str) -> None:
-    commands = [main.get_command(click.Context(main), verb) for verb in VERBS]  # type: ignore[attr-defined]
+    commands = [main.get_command(click.Context(main), verb) for verb in SUBCOMMANDS]  # type: ignore[attr-defined]
     known = {
         name for command in commands for option in command.params for name in (*option.opts, *option.secondary_opts)
     }

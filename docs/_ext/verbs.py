@@ -1,4 +1,4 @@
-"""The directive `verb`: a page of the command line, in the words and groups of `--help`."""
+"""The directive `verb`: the reference page of a subcommand, from its `--help`."""
 
 import inspect
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ from resgrid.cli import main
 
 
 class Groups(click.HelpFormatter):
-    """Keeps the groups of options that help would print."""
+    """Formatter that collects the groups of options of a help text."""
 
     def __init__(self):
         super().__init__()
@@ -24,17 +24,17 @@ class Groups(click.HelpFormatter):
         yield
 
     def write_dl(self, rows, **_):
-        """Keep the options of a group."""
+        """Store the options of the current group."""
         self.groups[self.title] = rows
 
 
 class VerbPage(SphinxDirective):
-    """What a verb does, its options in groups, and examples."""
+    """Description of a subcommand, its options in groups, and examples."""
 
     required_arguments = 1
 
     def run(self):
-        """Make the page's contents."""
+        """Return the contents of the page."""
         name = self.arguments[0]
         context = click.Context(main, info_name="resgrid")
         command = main.get_command(context, name)
@@ -55,7 +55,7 @@ class VerbPage(SphinxDirective):
 
 
 def code(text):
-    """A block as one types it."""
+    """Return a literal block."""
     return nodes.literal_block(text, text, language="text")
 
 

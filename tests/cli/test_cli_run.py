@@ -133,7 +133,7 @@ def test_one_and_four_axes_run(call, tmp_path):
 
 
 def test_a_deck_that_takes_long_is_written_but_not_simulated_unless_asked_for(call, lesson, tmp_path, monkeypatch):
-    monkeypatch.setattr("resgrid.cli.check.PATIENCE", 1e-9)
+    monkeypatch.setattr("resgrid.cli.check.MAX_AUTOMATIC_SECONDS", 1e-9)
     deck = tmp_path / "out" / "dirichlet.cir"
     result = call("run", lesson, "-o", tmp_path / "out")
     assert result.exit_code == 0 and "ngspice will take about" in result.stdout.replace("-klu", "")

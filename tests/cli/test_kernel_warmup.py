@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from resgrid.cli import kernel_warmup
 from resgrid.cli.warm import command
 
-SCENE = Path(__file__).resolve().parents[1] / "examples" / "scenes" / "rooms.toml"
+SCENE = Path(__file__).resolve().parents[2] / "examples" / "scenes" / "rooms.toml"
 
 COMPILED = """
 import sys

@@ -173,7 +173,7 @@ def test_the_grid_settles(shown: Page):
     legend = shown.inner_text("#legend")
     still(shown)
     field = shown.evaluate(PIXELS)
-    shown.get_by_role("button", name="Let it settle").click()
+    shown.get_by_role("button", name="Show transient").click()
     until(shown, "!document.getElementById('film').hidden")
     until(shown, "document.getElementById('moment').value === document.getElementById('moment').max")
     assert shown.inner_text("#origin") == "from the field before the last change"
@@ -220,7 +220,7 @@ def test_what_draws_nothing_changes_nothing(shown: Page):
     until(shown, "live.model.scene.title === 'Ring'")
     settle(shown)
     past, frames = shown.evaluate("live.model.past.length"), shown.evaluate("live.frames.length")
-    shown.get_by_role("button", name="Let it settle").click()
+    shown.get_by_role("button", name="Show transient").click()
     until(shown, "!document.getElementById('film').hidden")
     for tool in ("Look", "Erase"):
         shown.locator("#tools").get_by_role("button", name=tool).click()
@@ -276,7 +276,7 @@ def test_cells_that_are_cut_off_have_a_legend(shown: Page):
     shown.locator("#brush").fill("1")
     drag(shown, [(2, 2), (8, 2), (8, 8), (2, 8), (2, 2)])
     settle(shown)
-    assert shown.inner_text("#legend-cut") == "no way to a goal"
+    assert shown.inner_text("#legend-cut") == "no path to a goal"
 
 
 def test_the_card_hides_nothing_of_the_grid(shown: Page):

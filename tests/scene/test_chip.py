@@ -115,35 +115,35 @@ def test_a_chip_survives_the_way_through_a_document() -> None:
     ("text", "message"),
     [
         ("resistance = -1", "line 8: chip.resistance: must be greater than 0, got -1"),
-        ('resistance = "10 kohm"', "is not a value"),
+        ('resistance = "10 kohm"', "is not a number"),
         ("[chip.readout]\nbits = 0", "line 9: chip.readout.bits: must be at least 1, got 0"),
         ("[chip.readout]\nbits = 99", "must be at most 32"),
         ("[chip.readout]\nbits = 2.5", "must be a whole number"),
-        ("[chip.readout]\nrange = [1, 0]", r"range = \[1.0, 0.0\] must be the lowest and the highest voltage"),
+        ("[chip.readout]\nrange = [1, 0]", r"range = \[1.0, 0.0\] is empty"),
         ("[chip.readout]\nrange = [1]", "needs at least 2 entries"),
         ("[chip.readout]\noffsett = 1", "did you mean 'offset'"),
         ("goal_switch_on = 1e6\ngoal_switch_off = 1e3", "chip: goal_switch_on = 1e.06 ohm is not below"),
         ("internodal_switch_on = 5\ninternodal_switch_off = 5", "internodal_switch_on = 5 ohm is not below"),
         ("pelgrom = 2", "pelgrom needs the area of a resistor"),
         ('pelgrom = 2\nwidth = "1u"', "pelgrom needs the area of a resistor"),
-        ('mismatch = 0.1\npelgrom = 2\nwidth = "1u"\nlength = "1u"', "both say how resistors differ"),
+        ('mismatch = 0.1\npelgrom = 2\nwidth = "1u"\nlength = "1u"', "both set the standard deviation"),
         ("mismatch = 10", "mismatch = 10 is 1000% of a resistance"),
         ('mismatch = "-3 %"', "must be at least 0"),
-        ('mismatch = "ten %"', "is not a share"),
-        ('gradient = ["100 %", "100 %"]', "takes a resistance below 0 in a corner of the die"),
+        ('mismatch = "ten %"', "is not a fraction"),
+        ('gradient = ["100 %", "100 %"]', "makes a resistance negative in a corner of the die"),
         ("temperature = -300", "below absolute zero"),
-        ("temperature = 127\ntc1 = -0.02", "tc1 and tc2 turn resistances into -1 of themselves"),
+        ("temperature = 127\ntc1 = -0.02", "tc1 and tc2 multiply resistances by -1"),
         ('preferred = "E25"', "'E25' is unknown"),
-        ('preferred = "E24"\nsheet_resistance = 50\nwidth = "1u"', "both say which resistances there are"),
+        ('preferred = "E24"\nsheet_resistance = 50\nwidth = "1u"', "both restrict the resistances"),
         ("sheet_resistance = 50", "sheet_resistance needs the width"),
         ('sheet_resistance = 50\nwidth = "1u"\nlength = "9u"', "remove length"),
         ("saturation_voltage = 0", "must be greater than 0"),
         ("rail_resistance = -1", "must be at least 0"),
         ("seed = -1", "must be at least 0"),
-        ("supply = 0", "drives nothing"),
+        ("supply = 0", "drives no current"),
         ("[chip.defects]\nopen_density = 2", "must be at most 1"),
-        ("[chip.defects]\nopen_density = 0.6\nshort_density = 0.6", "no more than all resistors"),
-        ('[chip.defects]\nshort_density = 0.1\nshort_resistance = "20k"', "is no short of a resistor of 10000 ohm"),
+        ("[chip.defects]\nopen_density = 0.6\nshort_density = 0.6", "more than all resistors"),
+        ('[chip.defects]\nshort_density = 0.1\nshort_resistance = "20k"', "is not below the resistance of 10000 ohm"),
         ("[chip.defects]\nshort_resistance = 0", "must be greater than 0"),
     ],
 )
@@ -158,7 +158,7 @@ def test_absurd_chips_get_one_clear_message(text: str, message: str) -> None:
     [
         ({"resistance": -1.0}, "resistance: must be greater than 0, got -1.0"),
         ({"resistance": float("nan")}, "write a finite number"),
-        ({"supply": "1 V"}, "'1 V' is not a value"),
+        ({"supply": "1 V"}, "'1 V' is not a number"),
         ({"seed": 1.5}, "seed: must be a whole number, got 1.5"),
         ({"preferred": "E7"}, "it may be E6 or E12"),
     ],
@@ -188,5 +188,5 @@ def test_ranges_made_in_python_are_two_numbers(limits: object) -> None:
 
 
 def test_densities_of_defects_are_numbers() -> None:
-    with pytest.raises(rg.InputError, match="open_density: 'x' is not a value"):
+    with pytest.raises(rg.InputError, match="open_density: 'x' is not a number"):
         rg.chip.Defects(open_density="x")  # type: ignore[arg-type]

@@ -46,17 +46,17 @@ def test_movingai_letters(tmp_path):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        (MAP.replace("TSW.", "TSW"), "line 6: the row has 3 letters, but the header says width 4"),
+        (MAP.replace("TSW.", "TSW"), "line 6: the row has 3 letters, but the header has width 4"),
         (MAP.replace("TSW.", "TSW.."), "line 6: the row has 5"),
-        (MAP.replace("TSW.", "TSx."), "line 6, column 3: 'x' is no terrain"),
+        (MAP.replace("TSW.", "TSx."), "line 6, column 3: 'x' is not a letter of terrain"),
         (MAP.replace("height 3", "height 4"), "ends after 3 rows"),
         (MAP.replace("height 3", "height 2"), "line 7: more rows"),
         (MAP.replace("height 3", "height 0"), "'height N'"),
         (MAP.replace("height 3", "height -1"), "'height N'"),
         (MAP.replace("height 3\n", ""), "'height N'"),
         (MAP.replace("height 3", "height 1000000000").replace("width 4", "width 1000000000"), "width"),
-        (MAP.replace("octile", "hex"), "line 1: type 'hex' is not square"),
-        (MAP.replace("width 4", "width 4\nheight 3"), "line 4: 'height' stands in the header twice"),
+        (MAP.replace("octile", "hex"), "line 1: type 'hex' does not have square cells"),
+        (MAP.replace("width 4", "width 4\nheight 3"), "line 4: 'height' is in the header twice"),
         (MAP.replace("\nmap\n", "\n"), "line 4: expected"),
         ("type octile\n", "expected|does not end"),
         ("", "expected|does not end"),
@@ -69,7 +69,7 @@ def test_movingai_errors_name_the_line(tmp_path, text, expected):
 
 
 def test_movingai_options(tmp_path):
-    with pytest.raises(rg.InputError, match="'x' is no terrain"):
+    with pytest.raises(rg.InputError, match="'x' is not a letter of terrain"):
         rg.read_scene(write(tmp_path / "a.map", MAP), passable=".x")
 
 
@@ -82,7 +82,7 @@ def test_queries(tmp_path):
         ("version 2\n", "line 1: expected 'version 1' or 'version 0'"),
         ("0\ta\n", "line 1: expected 9 fields"),
         ("type octile\n", "line 1: expected 9 fields"),
-        ("0 gone.map 0 0 1 1 1\n", r"version 0 leaves out the size of its map, and .*gone\.map is not there"),
+        ("0 gone.map 0 0 1 1 1\n", r"version 0 omits the size of its map, and the map file .*gone\.map does not exist"),
         ("version 1\n0 a.map 4 3 0 0 3 2\n", "line 2: expected 9 fields"),
         ("version 1\n0 a.map 4 3 0 0 3 3 1\n", r"line 2: the goal \(3, 3\) is outside"),
         ("version 1\n0 a.map 4 3 0 0 3 2 nan\n", "line 2: expected 9 fields"),
@@ -344,9 +344,7 @@ def test_memory_that_gives_out_is_one_message(tmp_path, monkeypatch):
         raise MemoryError("Unable to allocate 1.00 TiB for an array with shape (1,)")
 
     monkeypatch.setitem(FORMATS, "npy", MapFormat(read, (".npy",)))
-    with pytest.raises(
-        rg.BudgetError, match=r"a\.npy: the memory that this process may take is too small for this map"
-    ):
+    with pytest.raises(rg.BudgetError, match=r"a\.npy: the memory limit of this process is too small for this map"):
         rg.read_scene(write(tmp_path / "a.npy", b""))
 
 
@@ -356,7 +354,7 @@ def test_a_picture_beside_its_header_is_read_with_a_warning(tmp_path):
     write(tmp_path / "a.yaml", "image: other.png\n")
     assert cells(file)[:, 0].tolist() == [1, 0, 0]
     write(tmp_path / "a.yaml", "image: a.png\n")
-    with pytest.warns(UserWarning, match=r"a\.png is read as a plain picture.*a\.yaml holds its resolution"):
+    with pytest.warns(UserWarning, match=r"a\.png is read as a plain picture.*a\.yaml contains its resolution"):
         assert cells(file)[:, 0].tolist() == [1, 0, 0]
     assert cells(file, format="image")[:, 0].tolist() == [1, 0, 0]
 
@@ -427,7 +425,7 @@ def test_a_scene_may_stand_on_a_map(tmp_path):
     for line, expected in (
         ('file = "gone.map"', r"gone\.map: there is no such file"),
         ('file = "floor.map"\npasable = "."', "did you mean 'passable'"),
-        ('file = "floor.map"\nthreshold = 3', "takes no such option"),
+        ('file = "floor.map"\nthreshold = 3', "has no such option"),
         ('file = "."', "is a directory"),
     ):
         write(tmp_path / "t.toml", f"schema = 1\n[map]\n{line}\n")

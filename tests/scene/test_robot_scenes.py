@@ -98,7 +98,7 @@ def test_progress_is_passed_on():
         (ARM.replace("length = 1.0", "length = -1.0") + GOAL, "line 5: robot.links[0].length: must be greater than 0"),
         (ARM.replace("width = 0.1", "width = -0.1") + GOAL, "robot.links[0].width: must be at least 0"),
         (ARM.replace("[-2, 2]", "[2, -2]") + GOAL, "line 5: robot.links[1]: limits = [2.0, -2.0] are reversed"),
-        (ARM.replace("[-2, 2]", "[1, 1]") + GOAL, "line 5: robot.links[1]: limits = [1.0, 1.0] leave the joint"),
+        (ARM.replace("[-2, 2]", "[1, 1]") + GOAL, "line 5: robot.links[1]: limits = [1.0, 1.0] are equal: the joint"),
         (ARM.replace("length = 1.0,", "lenght = 1.0,") + GOAL, "did you mean 'length'"),
         (ARM.replace('"arm"', '"arms"') + GOAL, "type = 'arms' is unknown: it may be one of point, disc, polygon, arm"),
         (ARM.replace("links = [{", "links = []\nl = [{") + GOAL, "robot.links: needs at least 1 entries"),

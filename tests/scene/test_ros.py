@@ -14,7 +14,7 @@ import resgrid as rg
 from resgrid.scene.maps.ros import ros_greys
 from resgrid.scene.maps.ros_header import read_header
 from resgrid.scene.nearest_place import is_unknown
-from resgrid.scene.world_coordinates import located, unknown_cells
+from resgrid.scene.world_coordinates import locate_point, unknown_cells
 
 HEADER = {
     "image": "map.png",
@@ -200,11 +200,11 @@ def test_palettes(tmp_path):
         == rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist()
         == [[0, 100, 0]]
     )
-    with pytest.warns(UserWarning, match="numbers of the colours in a palette"):
+    with pytest.warns(UserWarning, match="indices of the palette as grey values"):
         assert rg.maps.from_occupancy_grid(file, "ros1").tolist() == [[100, 100, 100]]
     picture.save(tmp_path / "map.png", transparency=bytes([255, 0, 255]))
     for mode in ("trinary", "scale", "raw"):
-        with pytest.warns(UserWarning, match="numbers of the colours in a palette"):
+        with pytest.warns(UserWarning, match="indices of the palette as grey values"):
             expected = [[0, 1, 2]] if mode == "raw" else [[100, 100, 100]]
             assert rg.maps.from_occupancy_grid(write_yaml(tmp_path, mode=mode), "ros1").tolist() == expected
     file = write_yaml(tmp_path)
@@ -272,7 +272,7 @@ def test_lethal_decides_in_scale_mode(tmp_path):
         ({"resolution": "1_0"}, "resolution: must be a number, got '1_0'"),
         ({"resolution": "1e400"}, "resolution: must be a number, got '1e400'"),
         ({"negate": "08"}, "negate: must be 0, 1, true or false, got '08'"),
-        ({"note": "\nimage: other.png"}, "line 8: image: this key stands in line 1 already; remove one"),
+        ({"note": "\nimage: other.png"}, "line 8: image: this key is already on line 1; remove one"),
         ({"image": "map.png\nx: [1"}, "not YAML"),
     ],
 )
@@ -294,7 +294,7 @@ def test_yaml_that_is_no_mapping(tmp_path):
             rg.maps.from_occupancy_grid(tmp_path / "map.yaml", dialect)
     with pytest.raises(rg.InputError, match="did you mean 'nav2-jazzy'"):
         rg.read_scene(tmp_path / "map.yaml", dialect="nav2-jazy")
-    with pytest.raises(rg.InputError, match="takes no such option"):
+    with pytest.raises(rg.InputError, match="has no such option"):
         rg.read_scene(write(tmp_path, [[0]]), passable=".")
 
 
@@ -395,7 +395,7 @@ def test_the_header_of_ros_1(tmp_path):
 @pytest.mark.parametrize("name", ["/home/ann/maps/map.png", "maps\\map.png", "C:\\maps\\map.png", "../maps/map.png"])
 def test_a_picture_beside_the_header_stands_for_one_that_is_gone(tmp_path, name):
     file = write(tmp_path, [[0, 254]], image=name)
-    with pytest.warns(UserWarning, match=r"image: there is no file .*map\.png is read in its place"):
+    with pytest.warns(UserWarning, match=r"image: the file .*map\.png is read instead"):
         assert rg.maps.from_occupancy_grid(file).tolist() == [[100, 0]]
 
 
@@ -403,7 +403,7 @@ def test_backslashes_name_folders(tmp_path):
     (tmp_path / "maps").mkdir()
     Image.fromarray(np.array([[254, 0]], dtype=np.uint8)).save(tmp_path / "maps" / "map.png")
     file = write(tmp_path, [[0, 254]], image="maps\\map.png")
-    with pytest.warns(UserWarning, match="is read in its place"):
+    with pytest.warns(UserWarning, match="is read instead"):
         assert rg.maps.from_occupancy_grid(file).tolist() == [[0, 100]]
 
 
@@ -423,7 +423,7 @@ def test_unknown_cells_are_kept_in_the_map(tmp_path):
     assert np.array_equal(unknown_cells(scene.map, scene.axes), scene.map.unknown)
 
     def seen(point, scene=scene):
-        cell, _ = located(scene.axes, scene.frame, point, "start")
+        cell, _ = locate_point(scene.axes, scene.frame, point, "start")
         return is_unknown(scene, cell)
 
     # turned by 90 degrees: the map's x runs along y, its y against x
@@ -449,7 +449,7 @@ def test_goals_in_unknown_space_are_called_so(tmp_path):
     ):
         rg.build_space(rg.read_scene(file, goal=(2.25, 0.75)))
     with pytest.raises(
-        rg.InputError, match=r"this goal lies in unknown space \(all 2 cells of it\); move it .*; --unknown free"
+        rg.InputError, match=r"this goal lies in unknown space \(all of its 2 cells\); move it .*; --unknown free"
     ):
         rg.build_space(rg.read_scene(file, goal=rg.Box((1.6, 0.2), (1.9, 0.8))))
     with pytest.raises(rg.InputError, match="this goal lies inside an obstacle"):

@@ -1,4 +1,4 @@
-"""Tests internals: `resgrid.check_rules`, `resgrid.factor`, `resgrid.spice.dialects.ngspice`."""
+"""Tests internals: `resgrid.check_erc`, `resgrid.factorize`, `resgrid.spice.dialects.ngspice`."""
 
 import io
 import math
