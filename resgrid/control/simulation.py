@@ -10,7 +10,8 @@ import numpy as np
 from annotated_types import Gt, Le
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import NotNegative, check_whole, checked, per_axis
+from resgrid._internal.numbers import NotNegative, check_whole, per_axis
+from resgrid._internal.validation import checked
 from resgrid._internal.values import frozen, picture_html
 from resgrid.control.contact import Body
 from resgrid.control.controller import Controller, make_controller
