@@ -1,7 +1,8 @@
 """Open every page of the built site in Chromium, with a narrow and a wide window: `make look`.
 
-The script reports pages wider than the window, messages on the console, pictures that do not load or have no alternative
-text, and requests to other sites.  `python docs/look.py FOLDER` saves a screenshot of every page, light and dark.
+The script reports pages wider than the window, messages on the console, pictures that do not load or have no
+alternative text, and requests to other sites.  `python docs/look.py FOLDER` saves a screenshot of every page, light and
+dark.
 """
 
 import sys
