@@ -1,6 +1,6 @@
 #!/bin/sh
-# Installs Chromium, in which the tests draw on the live page, unless a browser is there; otherwise stops with the command
-# to type.  RESGRID_CHROMIUM names another.
+# Install Chromium for the tests of the live page, unless a browser is installed.  If the installation is not possible,
+# stop with the command to run.  RESGRID_CHROMIUM selects another binary.
 set -eu
 . "${0%/*}/by_apt.sh"
 

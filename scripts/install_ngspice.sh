@@ -1,7 +1,7 @@
 #!/bin/sh
-# Installs ngspice, which checks the decks, unless it is there; otherwise stops with the command to type.
-# NGSPICE_VERSION=46 asks for a version: on Debian that of the backports, from a list of sources of its own, so that the
-# system's stay as they are.  resgrid is tried with 39 (Debian 12) and 46 (its backports).
+# Install ngspice, which checks decks, unless it is installed.  If the installation is not possible, stop with the command
+# to run.  NGSPICE_VERSION=46 requests a version: on Debian the version of the backports, from a separate list of sources,
+# so that the system's lists are unchanged.  resgrid is tested with 39 (Debian 12) and 46 (its backports).
 set -eu
 . "${0%/*}/by_apt.sh"
 

@@ -17,7 +17,7 @@ c.InteractiveShellApp.exec_lines = [
 
 
 def configure_kernels():
-    """Start kernels with inline pictures, in a folder that contains a link to `examples/`, as in a clone of the project."""
+    """Start kernels with inline pictures, in a folder with a link to `examples/`, as in a clone of the project."""
     folder = Path(tempfile.mkdtemp(prefix="resgrid-docs-"))
     profile = folder / "profile_default"
     profile.mkdir()
