@@ -105,7 +105,7 @@ class DeckMaker:
         return f"{head}\n{self.pick.choice(('', '* between', ''))}\n{self.pick.choice(('+', '+ ', '  +  '))}{tail}"
 
     def body(self, nodes: list[str], names: tuple[str, ...], fixed: int) -> list[str]:
-        """Return a random connected network of resistors on nodes, the first given, with shorts, capacitors and sources."""
+        """Return a random connected network of resistors on nodes, with shorts, capacitors and current sources."""
         lines = [self.resistor(nodes[i], self.pick.choice(nodes[:i]), names) for i in range(1, len(nodes))]
         for _ in range(self.pick.randrange(4)):
             a, b = self.pick.sample(nodes, 2)
