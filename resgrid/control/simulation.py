@@ -290,7 +290,7 @@ class Wavefront:
     """How a change of the map spreads.
 
     `before, after`: the map that the grid had settled to, and the one it is settling to; `cells` (t,): when: in cells
-    that the robot could have crossed; `potential` (t, *shape of the space): at those times; NaN in cells without a
+    that the robot could have crossed; `potential` (t, shape of the space): at those times; NaN in cells without a
     node; `distance` (t,): largest distance of a potential from its end; `first` as the space: potential before the
     change.
     """
