@@ -11,7 +11,7 @@ stop() {
 
 if [ -n "${RESGRID_CHROMIUM:-}" ]; then
     command -v "$RESGRID_CHROMIUM" >/dev/null 2>&1 && exit 0
-    stop "RESGRID_CHROMIUM names $RESGRID_CHROMIUM, which is no program: correct or unset it."
+    stop "RESGRID_CHROMIUM names $RESGRID_CHROMIUM, which is not a program: correct or unset it."
 fi
 for browser in chromium chromium-browser google-chrome google-chrome-stable; do
     command -v "$browser" >/dev/null 2>&1 && exit 0
