@@ -293,9 +293,10 @@ def arrival(
 class Wavefront:
     """Propagation of a change of the map through the grid.
 
-    `before, after`: the maps before and after the change; `cells` (t,): times, in cells that the robot could have
-    crossed; `potential` (t, *shape of the space): at those times, NaN in cells without a node; `distance` (t,): largest
-    distance of a potential from its final value; `first`, shape of the space: potential before the change.
+    `before, after`: the map that the grid had settled to, and the one it is settling to; `cells` (t,): when: in cells
+    that the robot could have crossed; `potential` (t, shape of the space): at those times; NaN in cells without a
+    node; `distance` (t,): largest distance of a potential from its end; `first` as the space: potential before the
+    change.
     """
 
     before: ConfigurationSpace

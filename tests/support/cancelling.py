@@ -1,4 +1,4 @@
-"""Random circuits whose voltages and currents cancel exactly, or leave something small."""
+"""Random circuits whose voltages and currents cancel exactly or nearly."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _amps(rng: np.random.Generator) -> float:
 
 
 def _resistors(rng: np.random.Generator, nodes: int) -> list[Element]:
-    """Trees on islands, weak resistors between these, meshes, parallel resistors, balanced bridges."""
+    """Return trees on islands, weak resistors between islands, meshes, parallel resistors, balanced bridges."""
     siemens = _SIEMENS[int(rng.integers(len(_SIEMENS)))]
     found: list[Element] = []
     island = rng.integers(0, int(rng.integers(1, 4)) if rng.random() < 0.5 else 1, nodes)
@@ -75,7 +75,7 @@ def _resistors(rng: np.random.Generator, nodes: int) -> list[Element]:
 
 
 def _voltage_sources(rng: np.random.Generator, nodes: int) -> list[Element]:
-    """Single sources and stacks of equal ones, without loops, or one loop that agrees."""
+    """Return single sources and stacks of equal sources, without loops or with one consistent loop."""
     found: list[Element] = []
     part = list(range(nodes))
 
@@ -99,7 +99,7 @@ def _voltage_sources(rng: np.random.Generator, nodes: int) -> list[Element]:
 
 
 def _current_sources(rng: np.random.Generator, nodes: int) -> list[Element]:
-    """Single sources, opposed ones, and sources that cancel at a node or run in a circle."""
+    """Return single and opposing current sources, and sources that cancel at a node or form a loop."""
     found: list[Element] = []
     for _ in range(int(rng.integers(0, 4))):
         a, b = _some(rng, nodes, 2)

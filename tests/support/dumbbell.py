@@ -1,4 +1,4 @@
-"""A robot that the package does not know: all that one has to write."""
+"""A robot outside of the package, as an example of the complete interface."""
 
 from __future__ import annotations
 

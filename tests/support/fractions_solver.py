@@ -1,4 +1,4 @@
-"""Modified nodal analysis in exact fractions: voltages and currents, None where the equations leave them open."""
+"""Modified nodal analysis in exact fractions; voltages and currents are None if the equations do not determine them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Value = Fraction | None
 
 
 class ExactPoint(NamedTuple):
-    """Exact values; None where a value is not unique."""
+    """Exact values; None if a value is not unique."""
 
     voltage: list[Value]
     resistor_current: list[Value]
@@ -19,7 +19,7 @@ class ExactPoint(NamedTuple):
 
 
 def solve_exactly(netlist: rg.Netlist) -> ExactPoint | None:
-    """Solve by Gauss-Jordan elimination over voltages and source currents; None for contradictory equations."""
+    """Solve by Gauss-Jordan elimination for voltages and source currents; return None for inconsistent equations."""
     rows, rhs = _equations(netlist)
     pivot, left = {}, set(range(len(rhs)))
     for column in range(len(rhs)):
@@ -49,7 +49,7 @@ def solve_exactly(netlist: rg.Netlist) -> ExactPoint | None:
 
 
 def _equations(netlist: rg.Netlist) -> tuple[list[dict[int, Fraction]], list[Fraction]]:
-    """Sparse rows and right-hand side; the unknowns are all voltages but that of ground, then source currents."""
+    """Return sparse rows and right-hand side; the unknowns are all voltages except ground, then source currents."""
     nodes = netlist.node_count - 1
     size = nodes + len(netlist.source_volts)
     rows: list[dict[int, Fraction]] = [{} for _ in range(size)]

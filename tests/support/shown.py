@@ -1,4 +1,4 @@
-"""Command lines that pages, docstrings and help show, with the cells that make their inputs."""
+"""Command lines in pages, docstrings and help texts, with the code cells that create their inputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a field shows, against the verdict of connectivity."""
+"""Comparison of a field with the connectivity of its space."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ import resgrid as rg
 
 
 def check_verdicts(field: rg.Field) -> None:
-    """Where no chain of free cells leads to a goal nothing arrives and nothing flows; elsewhere something does."""
+    """Check that only free cells connected to a goal carry current, and that the field has values in all of these."""
     space = field.space
     free = space.cell == rg.Cell.FREE
     if field.log_drop is not None:

@@ -1,4 +1,4 @@
-"""The directive `verb`: the reference page of a subcommand, from its `--help`."""
+"""The directive `subcommand`: the reference page of a subcommand, generated from its `--help`."""
 
 import inspect
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ from resgrid.cli import main
 
 
 class Groups(click.HelpFormatter):
-    """Formatter that collects the groups of options of a help text."""
+    """Collect the groups of options that `--help` prints."""
 
     def __init__(self):
         super().__init__()
@@ -19,7 +19,7 @@ class Groups(click.HelpFormatter):
 
     @contextmanager
     def section(self, name):
-        """Begin a group."""
+        """Start a group of options."""
         self.title = name
         yield
 
@@ -28,13 +28,13 @@ class Groups(click.HelpFormatter):
         self.groups[self.title] = rows
 
 
-class VerbPage(SphinxDirective):
+class SubcommandPage(SphinxDirective):
     """Description of a subcommand, its options in groups, and examples."""
 
     required_arguments = 1
 
     def run(self):
-        """Return the contents of the page."""
+        """Return the nodes of the page."""
         name = self.arguments[0]
         context = click.Context(main, info_name="resgrid")
         command = main.get_command(context, name)
@@ -55,11 +55,11 @@ class VerbPage(SphinxDirective):
 
 
 def code(text):
-    """Return a literal block."""
+    """Return a literal block without highlighting."""
     return nodes.literal_block(text, text, language="text")
 
 
 def setup(app):
     """Register the directive."""
-    app.add_directive("verb", VerbPage)
+    app.add_directive("subcommand", SubcommandPage)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
