@@ -32,7 +32,7 @@ from resgrid.spice.write.files import WrittenDeck, write_spice
 CELSIUS = (-40.0, 27.0, 85.0, 125.0)
 """Temperatures of the temperature deck, in degrees Celsius."""
 BAND = 100.0
-"""Upper limit of the noise band, in reciprocals of the fastest time constant (as angular frequency)."""
+"""Upper limit of the noise band: angular frequency times the fastest time constant."""
 
 Words = dict[str, Any]
 """Title and dialect of the decks, as options of `write_spice`."""
@@ -45,11 +45,11 @@ _DESCRIPTIONS = {
 }
 """Descriptions of the decks, by name."""
 _POINTS = 20
-"""Frequencies per decade of the noise analysis."""
+"""Number of frequencies per decade of the noise analysis."""
 _STEPS = 400
-"""Time steps of the transient analysis."""
+"""Number of time steps of the transient analysis."""
 _MOMENTS = 10
-"""Number of times with expected voltages."""
+"""Number of times of the transient analysis for which the sidecar states expected voltages."""
 _MOST_PROBES = 1000
 """Maximum number of nodes of which all voltages are recorded."""
 _FEW_PROBES = 64

@@ -30,10 +30,10 @@ _WEAK = 1e-3
 """Upper limit of the total conductance to the rails of a weakly tied part, as a fraction of its largest conductance."""
 
 _ALLOWED = 1e-6
-"""Largest relative error of a resistive part."""
+"""Largest accepted relative error of the real part of an impedance."""
 
 _ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
-"""Backward error of a solution, entrywise relative to the factors."""
+"""Backward error of a solution: relative perturbation of the entries of the triangular factors."""
 
 _POINTS_PER_DECADE = 6
 """Quadrature points per decade of frequency."""
@@ -134,7 +134,10 @@ errors.
 
 
 def exact_integrals(dynamics: Dynamics, band: tuple[float, float] | None) -> Integrals:
-    """Compute effective resistances, and integrals of ``Re Z`` over a band, from the factors of ``G``."""
+    """Compute effective resistances, and integrals of ``Re Z`` over a band in hertz, from the factors of ``G``.
+
+    Without a band the integrals are 0.
+    """
     none = np.zeros(dynamics.size)
     if not dynamics.size:
         return none, none, none, none
@@ -152,7 +155,10 @@ def exact_integrals(dynamics: Dynamics, band: tuple[float, float] | None) -> Int
 
 
 def estimated_integrals(dynamics: Dynamics, band: tuple[float, float] | None, signs: NDArray[np.float64]) -> Integrals:
-    """Estimate effective resistances and integrals from products with random signs.  Shapes: `signs` (n, samples)."""
+    """Estimate effective resistances, and integrals of ``Re Z`` over a band in hertz, from products with random signs.
+
+    `signs` (n, samples): random entries 1 and -1.  Without a band the integrals are 0.
+    """
     factors = factor_resolvent(dynamics, 0.0)
     currents = _largest_currents(dynamics, band or (0.0, 0.0))
     digits = _ITERATED if factors.name == "multigrid" else 2.0 * _EPS

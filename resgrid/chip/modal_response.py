@@ -28,17 +28,18 @@ SPAN = 256.0
 """Ratio of the end of a window to its beginning."""
 
 _SHIFT = 100.0
-"""Shift of the resolvent times the end of the window."""
+"""Shift ``s`` of the resolvent ``(G + s C)^-1``, in reciprocals of the end of the window."""
 
 _BLOCK = 8
 """Lanczos steps between two tests of convergence."""
 _MOST_VECTORS = 400
 """Maximum number of Lanczos vectors."""
 _COMPLETE = 1e-13
-"""Remainder of a vector, relative to its length, below which the Krylov space contains the whole motion."""
+"""Norm of a new Lanczos vector after orthogonalization, relative to its norm before, below which the Krylov space
+contains the whole motion."""
 
 _INSTANT = 1e-14
-"""Ritz values, relative to the largest, that are rounding errors."""
+"""Fraction of the largest Ritz value below which Ritz values are rounding errors."""
 
 _PROBES = 9
 """Number of times at which convergence is tested."""
@@ -65,7 +66,8 @@ def motions(
 ) -> Callable[[float, float], Motion]:
     """Return a function from a window of times (first, last), in seconds, to the motion in that window.
 
-    Shapes: `deviation` (n,).
+    `modes`: some or all modes of the circuit; `deviation` (n,): voltages at time 0 minus their final values;
+    `accuracy`: largest error of a computed deviation, in the unit of `deviation`.
     """
     root = laplacian_root(dynamics.capacitance)
     if modes.whole:

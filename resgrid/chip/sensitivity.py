@@ -125,7 +125,7 @@ def voltage_sensitivity(op: OperatingPoint, weights: ArrayLike) -> NDArray[np.fl
 
 
 def analyse_sensitivity(op: OperatingPoint, cells: ArrayLike) -> Sensitivity:
-    """Find the resistors that can change a step of the robot; see `Study.sensitivity`."""
+    """Find the resistors whose drift can change the cell that the robot steps to; see `Study.sensitivity`."""
     steps = steps_of(op)
     where, flat = _checked_cells(steps.cells.space, cells)
     adjoint = adjoint_of(op)
@@ -232,7 +232,10 @@ class Adjoint:
         )
 
     def _normwise(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return signs and logs of the differences of ``lambda``, and logs of their errors, from one solve."""
+        """Return signs and logs of the differences of the adjoint ``lambda``, and logs of their errors, from one solve.
+
+        `rhs` (n,); the results have shape (resistors,).
+        """
         matrix = factors.system.laplacian
         try:
             x = factors.solve(rhs, rtol=_RTOL)
@@ -244,7 +247,7 @@ class Adjoint:
         return *self._across([Scaled.of(x)]), self._log_error(residual)
 
     def _entrywise(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return signs and logs of the differences of ``lambda``, and of their error bounds, from two solves.
+        """Return signs and logs of the differences of the adjoint ``lambda``, and logs of error bounds, by two solves.
 
         Each solve has currents of one sign and is accurate componentwise.
         """

@@ -37,10 +37,10 @@ from resgrid.errors import AccuracyError, InputError
 Floats = NDArray[np.float64]
 
 _FINENESS = 0.005
-"""Accuracy of deviations, relative to the band."""
+"""Largest error of a voltage's computed deviation from its final value, as a fraction of the settling band."""
 
 _STEPS = 64
-"""Times per window at which rows are tested."""
+"""Number of times per window of the modal response at which deviations are compared with the settling band."""
 _POINTS = 256
 """Maximum number of points of the settling curve."""
 _FEWEST_POINTS = 32

@@ -22,7 +22,7 @@ from resgrid.robots.geometry import TOUCH
 Vector = NDArray[np.float64]
 
 _LOOK = 4.0
-"""Radius of the search for near obstacles, in largest motions of a step."""
+"""Radius of the search for near obstacles, in units of the largest motion of the robot in one step."""
 _AT_STOP = 1e-6
 """Distance from a mechanical stop, in cells, at which the robot is at the stop."""
 _LEAST = 1e-3

@@ -185,7 +185,7 @@ class Controller:
 
     @cached_property
     def axis_admittance(self) -> NDArray[np.float64]:
-        """The admittance along the axes, shape (n, n)."""
+        """The matrix `admittance` (velocity per generalised force) in the directions of the axes, shape (n, n)."""
         # Rotate rows and columns.
         return self._frame.turned_from_world(self._frame.turned_from_world(self.admittance).T).T
 

@@ -35,7 +35,7 @@ SAME = 1e-9
 class StallDetector:
     """Detects that a robot stays within half a cell, from the distance that its commands could have moved it.
 
-    `spacing, place` (ndim,).
+    `spacing` (ndim,): cell widths; `place` (ndim,): position at the start; both along the axes.
     """
 
     def __init__(self, spacing: Vector, place: Vector) -> None:

@@ -126,7 +126,7 @@ class Arm(Robot):
 
     @property
     def remedy(self) -> str:
-        """Advice in messages if the arm does not fit; empty for links without width."""
+        """Advice in messages if obstacles leave no room for the arm; empty for links without width."""
         return "make the arm's links thinner" if any(self.widths) else ""
 
     def axes(self, cells: int | Sequence[int]) -> tuple[Axis, ...]:

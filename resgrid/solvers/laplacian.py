@@ -22,7 +22,7 @@ MOST_NUMBERED = 2**31 - 1
 """Largest number of rows, entries or slots, which have 32-bit indices."""
 
 VOLUME = 4.2
-"""Mean number of neighbours above which corridors have two cross dimensions."""
+"""Mean number of neighbours of a row above which corridors are treated as three-dimensional (two dimensions across)."""
 
 WEAK = 0.1
 """A conductance is weak if it is below this fraction of the strongest one at either of its ends."""

@@ -32,7 +32,7 @@ _CONVERGED = 1e-12
 """Componentwise backward error up to which a solution is accepted without a bound on its entries."""
 
 CERTAIN = 1e-9
-"""Error relative to the largest value up to which no further check is needed."""
+"""Largest error, relative to the largest value, of a solution that needs no further check or correction."""
 
 _MOST_STEPS = 60
 _LEAST_GAIN = 0.5
@@ -44,7 +44,7 @@ Entries then have a relative error of 4e-9, plus the rounding of the rows' sums,
 """
 
 _MARGIN = 0.03
-"""Fraction of the limit that the last pass aims at."""
+"""Target of the corrections, as a fraction of the limit that they must reach; the last one then rarely misses it."""
 
 _HOPELESS = 1e-4
 """Componentwise backward error above which some voltages have few correct digits, or none."""
@@ -53,8 +53,8 @@ _PROVED = 1e-6
 """Bound on the relative error of entries up to which a solution is accepted, whatever its backward error."""
 
 _DIFFERENCE = 4.0
-"""Number of floors by which two values may be off where hardly any current flows; smaller differences are rounding
-error."""
+"""Multiple of the smallest attainable backward error (`floor`) up to which the relative difference of two values is
+rounding error."""
 
 _FLAT = 1e-14
 """Fraction of ``(b + |A| |x|)_i`` below which the currents at a row may be pure rounding error."""

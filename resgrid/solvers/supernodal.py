@@ -347,7 +347,7 @@ def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: I
 
 @inner_fast
 def _product(column: Floats, values: Floats, base: int, begin: int, end: int) -> float:
-    """Return the inner product of a slice with a column."""
+    """Return the inner product of ``column[begin:end]`` and ``values[base + begin:base + end]``."""
     total, b = 0.0, np.uint64(base)
     for each in range(begin, end):
         i = np.uint64(each)

@@ -142,7 +142,7 @@ class Circuit:
     files : tuple of str
         Every file that was read, the deck first.
     notes : tuple of Note
-        Remarks about ignored, adapted and doubtful text.
+        Remarks about text that was ignored, adapted, or read differently by simulators.
     tc1, tc2 : ndarray of float64, shape (m,), or None
         Temperature coefficients of the resistors, in 1/K and 1/K^2.
     temperature, nominal_temperature : float or None

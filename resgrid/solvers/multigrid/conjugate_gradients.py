@@ -25,7 +25,7 @@ from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 MOST_ITERATIONS = 200
 """Maximum number of iterations of a solve."""
 LEAST_GAIN = 0.5
-"""Factor by which the true residual must fall from burst to burst."""
+"""Ratio of the true residuals of two successive bursts of iterations above which the solve stops as stagnating."""
 
 ROUNDING = 2.0**-52
 """Machine epsilon of double precision."""
@@ -33,7 +33,8 @@ _SINGLE = 5e-7
 """Relative residual below which the recursive residual is rounding error of single precision."""
 
 _BURST = 1e-5
-"""Smallest ratio of the residual to its maximum within a burst: the limit of vectors in single precision."""
+"""Ratio of the residual to its largest value within a burst (the iterations between two computations of the true
+residual) at which the burst ends: single precision vectors gain nothing more."""
 
 _SMOOTH = 0.1
 """Fraction of the target residual at which an initial guess is accepted: its error is smooth, hence large for its
@@ -52,10 +53,11 @@ _FASTEST, _SLOWEST = 0.3, 0.95
 """Bounds on the estimated convergence factor, which two iterations alone determine badly."""
 
 _DOUBT = 10.0
-"""Safety factor on the estimated length of a step, below which the length is computed."""
+"""Safety factor of the cheap estimate of the remaining error: only an estimate below this multiple of the tolerance is
+replaced by a computed step length."""
 
 _PASS, _LEAST_PASS = 1e-15, 1e-2
-"""Bounds on the relative residual of a pass of refinement."""
+"""Smallest and largest relative residual that is requested of one pass of iterative refinement."""
 
 
 _RANGE = 400
@@ -244,9 +246,9 @@ class _Burst:
         self._gather(size)
         return steps
 
-    def _each(self, loop: Callable[[int, int], Any]) -> list[Any]:
-        """Call a kernel for slices of all slots."""
-        return self._problem.threads.over(len(self._v.r), lambda some: loop(some.start, some.stop))
+    def _each(self, kernel: Callable[[int, int], Any]) -> list[Any]:
+        """Call a kernel for slices of all slots, on all threads; return its results."""
+        return self._problem.threads.over(len(self._v.r), lambda some: kernel(some.start, some.stop))
 
     def _gather(self, unit: float) -> None:
         """Accumulate the kept steps in the solution, in units of ``unit``."""
@@ -274,7 +276,7 @@ class _Burst:
         self._kept += 1
 
         def move() -> float:
-            """Largest move of a voltage in this step."""
+            """Return the largest change of a voltage in this step."""
             return float(abs(alpha) * unit * krylov.largest_step(v.z[: self._kept], self._on_p, v.p))
 
         self._stop.record(alpha * zr * unit * unit, move)

@@ -139,7 +139,7 @@ def _visit_graph(
     graphs: Graphs, vectors: tuple[Singles, Singles, Singles, Singles, Singles, Singles], level: int,
     visit: tuple[int, Floats], stop: float,
 ) -> bool:  # fmt: skip
-    """Process a graph at the first, second or third visit; returns whether it is solved.
+    """Process a graph at its first, second or third visit in a K-cycle; returns whether its solution is complete.
 
     ``vectors``: arrays of `SweepBuffers`, from the first node on; ``visit``: number of the visit, and products of the
     first step.
@@ -212,7 +212,7 @@ def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) ->
 
 @inner
 def _product(level: Row, visit: int) -> int:
-    """Return the address of the product for a visit."""
+    """Return the address of the array that receives the product with the matrix in a visit of a level."""
     return int(level.s if visit == 1 else level.w)
 
 
@@ -251,7 +251,7 @@ def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
 
 @inner
 def _visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Floats], stop: float) -> bool:
-    """Process a grid at the first, second or third visit; returns whether it is solved, or the next level is due.
+    """Process a grid at its first, second or third visit in a K-cycle; returns whether its solution is complete.
 
     At the first visit red nodes are eliminated. At later visits the next level's solution is a search direction. Unless
     the grid is solved, its relaxed residual is restricted to the next level.

@@ -13,7 +13,7 @@ from resgrid.solvers.multigrid.red_black import Edges, Lattice, Stencil
 from resgrid.solvers.scaled import Floats, Indices, Integers, Reals
 
 _TINY = 1e-300
-"""Avoids division by zero."""
+"""Smallest divisor, against division by zero."""
 
 BLOCK = 2048
 """Number of slots that a kernel processes at a time: their data fit in the first caches."""

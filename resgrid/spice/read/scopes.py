@@ -213,7 +213,7 @@ class Scope:
                 if "statistical" not in str(error):
                     label = definition.card.rules.name
                     text = f"the parameter {name} has no value, and {label} may stop at it even if it is unused"
-                    self.diagnostics.doubt(definition.card.spot(definition.token.offset), text)
+                    self.diagnostics.warn_ignored(definition.card.spot(definition.token.offset), text)
 
     def parameter(self, name: str) -> float | None:
         """Return the value of a parameter in this scope or an enclosing one; None if it is undefined."""

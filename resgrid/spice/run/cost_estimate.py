@@ -60,7 +60,7 @@ class Forecast:
 def forecast(circuit: Netlist | Circuit, engine: str = "ngspice", version: str = "") -> Forecast:
     """Estimate time and memory of an operating point by an engine; takes time proportional to the elements.
 
-    `version`: of ngspice, which decides between its two matrix packages.  Raises InputError for an unknown engine.
+    `version`: of ngspice; it determines the matrix package (KLU from 42 on).  Raises InputError for an unknown engine.
     """
     major = version.partition(".")[0].rstrip("+")
     if engine == "ngspice" and major.isdecimal() and int(major) >= _FIRST_WITH_KLU:
