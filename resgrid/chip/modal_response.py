@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.chip.time_constants import Modes, Solver, accurate_solver, laplacian_root
+from resgrid.chip.time_constants import LinearMap, Modes, accurate_solver, laplacian_root
 from resgrid.circuit.dynamics import Dynamics, factor_resolvent
 from resgrid.errors import AccuracyError
 
@@ -85,9 +85,12 @@ def motions(
 
 
 def _krylov(
-    root: sparse.csr_array, solve: Solver, shift: float, deviation: Floats, accuracy: float, times: Floats
+    root: sparse.csr_array, solve: LinearMap, shift: float, deviation: Floats, accuracy: float, times: Floats
 ) -> Motion:
-    """Reduce the motion at some times to a few exponentials; ``solve`` is ``(G + shift C)^-1 F^T``."""
+    """Reduce the motion at some times to a few exponentials; ``solve`` is ``(G + shift C)^-1 F^T``.
+
+    `root`: ``F``; `deviation` (n,): initial deviation; `accuracy`: largest error of a deviation at the `times` (t,).
+    """
     u = root @ deviation
     length = float(np.linalg.norm(u))
     if length == 0.0:
@@ -123,7 +126,8 @@ def _krylov(
 def _reduced(W: Floats, T: Floats, length: float, shift: float) -> Motion:
     """Return the motion in Ritz vectors of the solutions ``W`` (Nour-Omid et al. 1987).
 
-    These are valid for nodes without capacitance, too.
+    The vectors are valid for nodes without capacitance, too.  `W` (k, n): solutions for the Lanczos vectors; `T` (k,
+    k): Lanczos matrix; `length`: norm of the initial deviation; `shift`: shift of the resolvent, in 1/s.
     """
     value, S = np.linalg.eigh(T)
     keep = value > _INSTANT * value[-1]

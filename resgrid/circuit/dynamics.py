@@ -46,7 +46,7 @@ from resgrid.solvers.scaled import Scaled
 
 _EPS = float(np.finfo(np.float64).eps)
 _LARGEST_ERROR = 1e-6
-"""Largest error of a voltage at 0+, as a fraction of the largest voltage."""
+"""Largest accepted error of a voltage at time 0+, as a fraction of the largest voltage."""
 
 _MOST_CORRECTIONS = 5
 
@@ -104,7 +104,10 @@ class Dynamics:
 
     @cached_property
     def charged(self) -> NDArray[np.bool_]:
-        """Mask of the rows (n,) of the definite block ``C_cc`` of ``C``: all but one of every column of `null_space`."""
+        """Mask of the rows (n,) of the definite block ``C_cc`` of ``C``.
+
+        It contains all rows but one of every column of `null_space`.
+        """
         columns = sparse.csc_array(self.null_space)
         charged = np.ones(self.size, dtype=np.bool_)
         charged[columns.indices[columns.indptr[:-1]]] = False

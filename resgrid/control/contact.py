@@ -203,7 +203,10 @@ class Body:
     def move(
         self, velocity: Vector, longest: float, pause: float, around: Surroundings, keep: float = KEEP
     ) -> tuple[float, Vector]:
-        """Take a step; return its duration in seconds and its velocity, or `pause` and 0 if the robot is blocked."""
+        """Take a step; return its duration in seconds and its velocity, or `pause` and 0 if the robot is blocked.
+
+        `longest`: maximum duration, in seconds; `keep`: smallest gap after the step, as a fraction of the margin.
+        """
         step = self._time_step(velocity, longest, around)
         fraction = self._free(step * velocity, around, keep)
         if fraction < _LEAST:

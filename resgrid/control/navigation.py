@@ -176,7 +176,10 @@ class Navigator:
             self._stall.reset(configuration)
 
     def remember(self, mode: ControlMode, before: Vector, after: Vector, *, pushed: bool) -> None:
-        """Append the configuration to the trail, so that each step back along it repeats an earlier step."""
+        """Append the configuration `before` a step to the trail, so that each step back repeats an earlier step.
+
+        A robot on its way back is recorded only where it was `pushed` (by an external force) off its trail.
+        """
         away = np.abs(after - self._trail[-1]) if self._trail else np.zeros_like(before)
         pushed_off = mode is ControlMode.RETREATING and pushed and np.any(away > SAME * self._live.spacing)
         unsure = mode is ControlMode.RECOVERING and not self._sensor.exact

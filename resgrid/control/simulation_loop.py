@@ -116,7 +116,7 @@ class Loop:
     def _contacts(self, around: Surroundings, velocity: Vector, pause: float) -> ContactSet | None:
         """Return the contacts at a velocity before speed limits.
 
-        The limits scale the whole velocity later, including the rates at which gaps open.
+        The limits scale the whole velocity later, including the rates at which gaps open.  `pause`: in seconds.
         """
         controller = self.live.controller
         limited = controller.limited(velocity)
@@ -126,7 +126,10 @@ class Loop:
         return self.body.contacts(around, velocity, controller.axis_admittance, self.friction, pause / scale)
 
     def _check_progress(self, mode: ControlMode, cells: float, pushed: bool, seen: Nominal) -> End | None:
-        """Return the end of a run that makes no progress; give up an exit, or dither, before that."""
+        """Return the end of a run that makes no progress; give up an exit, or dither, before that.
+
+        `cells`: distance, in cells, that the step could have covered; `pushed`: whether an external force acted.
+        """
         stall, place, grid = self.stall, self.body.configuration, self.live.grid
         if pushed:
             stall.reset(place)
@@ -199,7 +202,10 @@ class Loop:
     def _learn(
         self, cells: NDArray[np.bool_], points: Vector, contacts: ContactSet, push: Vector, pause: float
     ) -> End | None:
-        """Stand still, mark cells, and solve the changed map, unless no place of the trail has a path any more."""
+        """Stand still, mark cells, and solve the changed map, unless no place of the trail has a path any more.
+
+        `cells`: mask of the new obstacle cells; `points` (p, 2): touched points; `pause`: duration, in seconds.
+        """
         place, none = self.body.configuration, np.zeros_like(self.torque)
         world = self.live.space.frame.to_world(points)
         self.lessons.append(MapUpdate(len(self.recorder), np.argwhere(cells), world))

@@ -54,7 +54,10 @@ class Advisor:
         return "; ".join(part for part in parts if part)
 
     def _remedies(self, path: Streamline, *, unknown: bool) -> Iterator[str]:
-        """Yield a phrase for every change of the scene that opens a path."""
+        """Yield a phrase for every change of the scene that opens a path.
+
+        `unknown`: whether unknown space blocks the start; freeing it is then named even if it opens no path.
+        """
         scene = self.scene
         if self._has_unknown:
             helps = self._helps("unknown", partial(apply_overrides, scene, {"map.unknown": "free"}), path)

@@ -59,7 +59,7 @@ Box = tuple[slice, ...]
 Chips = Iterable[tuple[Laplacian, Floats]]
 """Matrices of chips with the connections of the nominal one, and the currents into their rows."""
 
-Solver = Callable[[Chips, float], Iterator[Floats | None]]
+ChipSolver = Callable[[Chips, float], Iterator[Floats | None]]
 """Yields the solution (n,) of every chip to a tolerance; None where it fails."""
 
 
@@ -95,7 +95,7 @@ def solve_by_levels(
         yield solution if residual <= max(wanted, _LEFT * ordinary * norm(solution)) else None
 
 
-def solver_by_levels(laplacian: Laplacian, drive: Floats) -> Solver | None:
+def solver_by_levels(laplacian: Laplacian, drive: Floats) -> ChipSolver | None:
     """Return a solver that shares a grid's coarse levels; None unless it has two colours. Shapes: `drive` (n,)."""
     hierarchy = build_hierarchy(laplacian)
     if hierarchy.grid is None:

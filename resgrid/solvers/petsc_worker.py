@@ -44,7 +44,7 @@ The residual that conjugate gradients update drifts from the true one, from whic
 
 
 def rows_of(rank: int, ranks: int, cells: int) -> tuple[int, int]:
-    """Return the first row of a rank, and that of the next rank."""
+    """Return the first row of a rank, and that of the next rank; `cells` rows are divided among `ranks` ranks."""
     return cells * rank // ranks, cells * (rank + 1) // ranks
 
 

@@ -135,7 +135,8 @@ def refine(
     With ``exact``, or if hardly any current flows, the residual is computed in double-double: the solution is then the
     nearest double. ``first_bound`` bounds the relative error of entries of the first approximation: a larger correction
     is rounding error of conductances that span more orders of magnitude than double-doubles. With ``resolve`` a few
-    rows without correct digits are solved directly.
+    rows without correct digits are solved directly. ``floor``: rounding error of a row's sum of currents, relative to
+    ``(b + |A| |x|)_i``.
     """
     matrix, current = laplacian.graph, scaled_currents(rhs)
     residual = current[0].copy(), current[1].copy()
@@ -181,7 +182,11 @@ def imbalance(
     kept: float = 1.0,
     threads: ThreadTeam = SINGLE_THREAD,
 ) -> Imbalance:
-    """Compute the residual of KCL into ``out`` over slices of rows, and return the violation of all rows."""
+    """Compute the residual of KCL into ``out`` over slices of rows, and return the violation of all rows.
+
+    ``exact``: compute in double-double; ``floor``: rounding error of a row, relative to ``(b + |A| |x|)_i``; ``kept``:
+    multiple of that error up to which rows with a residual of 0 keep it.
+    """
     from resgrid.solvers.scaled_kernels import residual
 
     plain = not (x.exponent.any() or current[1].any())

@@ -95,7 +95,7 @@ def _two_product(a: float, b: float) -> tuple[float, float]:
 
 @inlined
 def _sum(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
-    """Return the sum of two double-doubles."""
+    """Return the sum of the double-doubles ``a + a_low`` and ``b + b_low``, as leading part and rounding error."""
     s, t = _two_sum(a, b)
     u, v = _two_sum(a_low, b_low)
     s, t = _two_sum(s, t + u)

@@ -190,7 +190,10 @@ def _update(factors: SupernodalFactors, work: Workspace, other: int, node: int) 
 def _weigh(
     factors: SupernodalFactors, work: Workspace, first: int, columns: int, here: int, apart: int, row: int
 ) -> None:
-    """Compute the conductances from eliminated columns to a row; adds the row's conductance to the ground."""
+    """Compute the conductances from eliminated columns to a row; adds the row's conductance to the ground.
+
+    ``first, columns``: range of the columns; ``here, apart``: first entry of the row, and distance to the next column.
+    """
     total = 0.0
     for k in range(columns):
         w = factors.pivot[first + k] * factors.values[here + k * apart]

@@ -87,7 +87,10 @@ def _between_cells(netlist: Netlist, cells: CellMap) -> NDArray[np.bool_]:
 
 
 def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
-    """Add nodes for obstacles and for cells without a path to a goal, and the open connections that end there."""
+    """Add nodes for obstacles and for cells without a path to a goal, and the open connections that end there.
+
+    `on, off`: resistances of closed and of open switches, in ohms.
+    """
     cells = netlist.cells
     netlist = _in_series(netlist, random_sites.on_grid(netlist), on)
     missing = cells.node < 0

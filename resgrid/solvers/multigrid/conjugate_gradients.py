@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.multigrid import krylov
-from resgrid.solvers.multigrid.hierarchy import GraphProblem, GridProblem, Hierarchy, Problem
+from resgrid.solvers.multigrid.hierarchy import GraphProblem, GridProblem, Hierarchy, MultigridProblem
 from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.scaled import Numbers, power
 from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
@@ -90,7 +90,7 @@ def iterate(
             return np.ldexp(x, binades), float(np.ldexp(size, binades))
     scaled_rhs = b / unit
     wanted = rtol * krylov.norm(scaled_rhs, threads)
-    problem: Problem
+    problem: MultigridProblem
     if hierarchy.grid is None:
         problem = GraphProblem(laplacian, hierarchy, b, threads)
     else:
@@ -166,7 +166,7 @@ class StoppingRule:
         return self.wanted if x is None else max(self.wanted, self.rounding * krylov.norm(x.ravel()))
 
     def record(self, power: float, length: Callable[[], float]) -> None:
-        """Record the reduction of the squared energy norm by an iteration.
+        """Record ``power``, the reduction of the error's squared energy norm by an iteration.
 
         ``length`` returns the largest change of a voltage by this iteration. It is called for the first iteration, and
         if the reductions suggest that the change is small.
@@ -182,7 +182,7 @@ class StoppingRule:
             self.accurate = self._length * ahead <= self._near
 
 
-def converge(problem: Problem, stop: StoppingRule, watch: ProgressMonitor | None) -> float:
+def converge(problem: MultigridProblem, stop: StoppingRule, watch: ProgressMonitor | None) -> float:
     """Improve the solution until the rule is met or the residual stagnates; returns the residual norm, in units."""
     burst, x = _Burst(problem, stop, watch), problem.x
     last, left, nearly = np.inf, MOST_ITERATIONS, _NEARLY if problem.relaxes else _SAFETY
@@ -216,7 +216,7 @@ class _Burst:
     on_p` (depth + 1,), with those of ``p`` at the end.
     """
 
-    def __init__(self, problem: Problem, stop: StoppingRule, watch: ProgressMonitor | None) -> None:
+    def __init__(self, problem: MultigridProblem, stop: StoppingRule, watch: ProgressMonitor | None) -> None:
         self._problem, self._stop, self._watch = problem, stop, watch
         self._v = problem.vectors
         # Between bursts, the true residual stands where the last steps will be kept.
@@ -231,7 +231,7 @@ class _Burst:
         self._energy = 0.0
 
     def run(self, size: float, gain: float, limit: int) -> int:
-        """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the number of iterations."""
+        """Reduce the residual norm ``size`` to ``gain size`` in at most ``limit`` iterations; returns their number."""
         v, steps = self._v, 0
         np.divide(self.residual, size, out=v.r, casting="same_kind")
         np.multiply(v.inverse, v.r, out=v.before)

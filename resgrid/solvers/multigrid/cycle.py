@@ -84,7 +84,7 @@ def precondition_grid(
 def _precondition_grid(
     table: Table, state: Integers, graphs: Graphs, work: SweepBuffers, stop: float, on_graphs: bool | None
 ) -> tuple[float, float, float]:
-    """Kernel of `precondition_grid`; ``on_graphs`` is None if no visits of graphs are to be compiled."""
+    """Precondition as `precondition_grid` describes; ``on_graphs`` None omits the code for visits of graphs."""
     flags = flush_subnormals()
     _restrict_finest(table, state)
     _run_within(graphs, work, stop, 0, on_graphs, (table, state))
@@ -233,7 +233,7 @@ def help_sweep(table: Table, state: Integers) -> None:
 
 @inner
 def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
-    """Sweep over one slab."""
+    """Sweep over slab ``part`` of a level; ``kind`` is one of `sweeps.CLEAR` ...; ``visit``: number in the K-cycle."""
     slab, parts = slab_of(level, part), level.parts
     if kind == CLEAR or kind == ELIMINATE or kind == STEP:  # noqa: PLR1714, SIM109 (compiles in half the time)
         below_rhs = singles(level.below_rhs, level.below_slots)
@@ -273,7 +273,7 @@ def _visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Fl
 
 @inner
 def ascend_grid(table: Table, state: Integers, number: int, visit: int) -> tuple[float, float, float]:
-    """Add the next level's solution, relax, and multiply; returns ``z.r``, ``z.w`` and ``z.s``."""
+    """Add the next level's solution to that of level ``number``, relax, and multiply; returns ``z.r, z.w, z.s``."""
     for kind in (PROLONG, RELAX):
         _sweep(table, state, kind, number, visit)
     return _sweep(table, state, MULTIPLY, number, visit)

@@ -292,7 +292,10 @@ def compensate(stencil: Stencil, leak: Floats, fraction: Floats, degree: Floats)
 
 @inner_fast
 def _to_fractions(conductance: Floats, leak: Floats, inverse: Reals, begin: int, count: int) -> None:
-    """Convert the sums of conductances at some red cells to fractions of their currents."""
+    """Convert, in place, the conductances at red cells to the fraction of a cell's current that leaves through them.
+
+    Leaks are included; the fraction is 1 except for rounding of the reciprocal diagonal ``inverse``.
+    """
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)

@@ -294,4 +294,5 @@ class GraphProblem:
         return precondition_graph(self._graphs, self._work, self.vectors.r, self.vectors.s, z, self.vectors.w)
 
 
-Problem = GridProblem | GraphProblem
+MultigridProblem = GridProblem | GraphProblem
+"""Equations that conjugate gradients solve, with their multigrid preconditioner."""

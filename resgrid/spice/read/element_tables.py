@@ -82,7 +82,10 @@ class NodeTable:
         return number
 
     def _new(self, name: str, folded: str, order: int) -> int:
-        """Add a node, or an alias of ground; return its number."""
+        """Add a node, or an alias of ground; return its number.
+
+        `folded`: the name in the form in which names are compared; `order`: position of its first use in the deck.
+        """
         ground = folded in self.grounds
         number = self._number["0"] if ground and "0" in self._number else len(self.names)
         if number == len(self.names):

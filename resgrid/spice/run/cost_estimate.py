@@ -24,9 +24,10 @@ from resgrid.spice.dialects import DIALECTS
 _FIRST_WITH_KLU = 42
 """First version of ngspice that uses KLU."""
 _RANDOM_WIDTH = 0.117
-"""Factor in the upper limit of the core's width, times neighbours per node and ``size**(2/3)``.
+"""Factor in the upper limit of the core's width: this factor times neighbours per node times ``size**(2/3)``.
 
-Random networks have few breadth-first levels, so that nodes per level overestimates their cost.
+The limit is for random networks.  They have few breadth-first levels, so that the nodes per level would overestimate
+their cost.
 """
 
 
