@@ -73,7 +73,10 @@ class Sensitivity(Result):
     decision: NDArray[np.int64]
 
     def flips(self, drift: float = 0.01) -> NDArray[np.int64]:
-        """Return the numbers of the resistors whose relative drift changes a decision, most sensitive first."""
+        """Return the numbers of the resistors that change a decision by a relative drift of at most `drift`.
+
+        The most sensitive resistor is first; shape (n,).
+        """
         order = np.argsort(self.flip_drift, kind="stable")
         return order[self.flip_drift[order] <= drift]
 
@@ -269,10 +272,10 @@ class Adjoint:
         return *self._across(parts), log_error
 
     def _is_at_rest_around(self, rhs: NDArray[np.float64]) -> bool:
-        """Return whether ``lambda`` varies only within parts without currents.
+        """Return whether the adjoint ``lambda`` is constant across every resistor that carries a current.
 
-        This is so where the currents `rhs` (n,) enter and leave within parts at rest that are connected to one node, or
-        to rails.  No resistor with a current then has a derivative.
+        The derivatives with respect to all resistances are then 0.  The condition holds if the currents `rhs` (n,)
+        enter and leave within parts of the circuit without currents, each connected to one other node or to rails.
         """
         size, resting = len(rhs), np.isneginf(self.log_amps)
         is_inner = (self.row >= 0).all(axis=1)
@@ -292,7 +295,10 @@ class Adjoint:
         return np.asarray(0.5 * (energy - np.log(self.conductance)))
 
     def _across(self, parts: list[Scaled]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return sign and logarithm of the differences across resistors, of the first part minus the second."""
+        """Return sign and logarithm of the differences across resistors, of the first part minus the second.
+
+        `parts`: one or two solutions (n,); returns shapes (resistors,).
+        """
         hi, lo, e = (
             np.stack([np.append(getattr(x, name), 0)[self.row] for x in parts]) for name in ("hi", "lo", "exponent")
         )

@@ -182,7 +182,7 @@ class Loop:
             self.navigator.remember(ControlMode.DITHERING, before, self.body.configuration, pushed=False)
 
     def _proven_cells(self, contacts: ContactSet, believed: Vector) -> tuple[NDArray[np.bool_], Vector] | None:
-        """Return the new obstacle cells that contacts prove, and the touched points; None if there are none."""
+        """Return the mask of new obstacle cells that contacts prove, and the touched points (p, 2); None if none."""
         pairs = contacts.pairs[contacts.pressing]
         points = pairs["point"] + INSIDE * self.plant.cell_motion * pairs["inward"]
         if not self.sensor.exact:

@@ -149,7 +149,7 @@ def _check_cells(path: Streamline) -> None:
 
 
 def _check_crossings(path: Streamline) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Check that crossings lie on faces between neighbours and follow the current; return their axes and sides."""
+    """Check that crossings lie on faces between neighbours and follow the current; return axes and sides (steps,)."""
     space = path.space
     here, there = path.cells[:-1].astype(np.int64), path.cells[1:].astype(np.int64)
     number = np.arange(len(here))

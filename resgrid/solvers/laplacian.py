@@ -232,7 +232,10 @@ class Laplacian:
 
     @property
     def elements(self) -> tuple[sparse.csr_array, Floats]:
-        """The `branches`, followed by the conductances from rows to nodes of known voltage: the whole matrix."""
+        """The `branches`, followed by the conductances from rows to nodes of known voltage: the whole matrix.
+
+        Returns the incidence matrix (m, n) and the conductances (m,), in siemens.
+        """
         from scipy import sparse
 
         (incidence, value), tied = self.branches, self.ground > 0

@@ -122,7 +122,10 @@ def correct(x: Scaled, m: Floats, me: Integers, out: Scaled) -> None:
 def _add_inflow(
     r: float, r_low: float, g: float, v: float, v_low: float, own: float, own_low: float, exact: bool
 ) -> tuple[float, float, float]:
-    """Add the current from another row to a sum of currents; returns the sum and that current."""
+    """Add the current ``g ((v + v_low) - (own + own_low))`` from another row to the sum ``r + r_low``.
+
+    Returns both parts of the sum, and the current; with ``exact`` the sum is computed in double-double.
+    """
     if exact:
         d, d_low = _sum(v, v_low, -own, -own_low)
         inflow, inflow_low = _two_product(g, d)

@@ -136,7 +136,7 @@ def _wait(nodes: Supernodes, work: Workspace, node: int) -> None:
 
 @inlined
 def _load(factors: SupernodalFactors, work: Workspace, node: int) -> None:
-    """Fill a supernode with the conductances after odd-even reduction, ``g_ij + sum_k g_ik g_kj / d_k``."""
+    """Write conductances after odd-even reduction, ``g_ij + sum_k g_ik g_kj / d_k``, to a supernode's entries."""
     (order, place, nodes), (indptr, indices, edges, ground), values, pivot, _ = factors
     at, kept = work.at, len(work.at)
     length = nodes.start[node + 1] - nodes.start[node]

@@ -128,7 +128,7 @@ def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int
 
 @inner
 def _degrees(indptr: Indices, conductance: Singles, leak: Floats) -> tuple[Floats, Singles, Floats]:
-    """Return the sum of all conductances of every node, its reciprocal square root, and the strongest conductance."""
+    """Return sum, reciprocal square root of the sum, and maximum of the conductances at every node, (n,) each."""
     n = len(leak)
     degree, scale, strongest = np.empty(n), np.empty(n, np.float32), np.empty(n)
     for i in range(n):
@@ -154,7 +154,11 @@ def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: In
 @interruptible
 @kernel
 def aggregate_graph(graph: Graph, aggregate: Indices, count: int) -> tuple[Indices, Indices, Singles, Floats]:
-    """Sum conductances between aggregates, and leaks within them; rows are not sorted."""
+    """Return the graph of the aggregates: sums of the conductances between them, and of the leaks within them.
+
+    Shapes: `aggregate` (n,): aggregate of every node, below ``count``; returns the fields of `Graph` with ``count``
+    rows, which are not sorted.
+    """
     (indptr, indices, conductance, leak), n = graph, len(graph.leak)
     start = np.zeros(count + 1, np.int32)
     for node in range(n):

@@ -148,7 +148,7 @@ def sum_up(
 def _merge_couplings(
     red: NDArray[np.int32], black: NDArray[np.int32], axis: NDArray[np.int32], couplings: NDArray[np.float64]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-    """Sort couplings by red slot, and sum those between the same two nodes."""
+    """Return the couplings sorted by red slot, with the sum of those between the same two nodes as one coupling."""
     order = np.lexsort((black, red))
     red, black, axis, couplings = red[order], black[order], axis[order], couplings[order]
     first = np.flatnonzero((np.diff(red, prepend=-1) != 0) | (np.diff(black, prepend=-1) != 0))

@@ -83,7 +83,10 @@ def build_hierarchy(laplacian: Laplacian, threads: ThreadTeam = SINGLE_THREAD) -
 
 
 def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
-    """Coarsen a grid by blocks until it falls apart or is small; returns levels and black aggregates (slots,)."""
+    """Coarsen a grid by blocks until it is small, or too many blocks are disconnected.
+
+    Returns the levels, and for each but the last the node of the next level of every black slot, shape (slots,).
+    """
     levels, targets = [level], list[NDArray[np.int32]]()
     while True:
         coarser = coarsen(levels[-1], split=level.uneven)

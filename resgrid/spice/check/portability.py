@@ -252,6 +252,7 @@ def _cancellation(deck: Circuit, size: NDArray[np.float64]) -> tuple[str, ...]:
     """Return a reason for uncertainty if elimination loses small conductances next to large ones, else ().
 
     `size` (m,): magnitudes of the resistances, in ohms.
+
     Elimination in a group of nodes that large conductances join subtracts these from the diagonal sums.  The remainder
     is the conductance that leaves the group, with the rounding error of the large ones.
     """
