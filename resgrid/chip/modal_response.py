@@ -25,7 +25,7 @@ from resgrid.errors import AccuracyError
 Floats = NDArray[np.float64]
 
 SPAN = 256.0
-"""Ratio of the end of a window to its beginning."""
+"""Ratio of the last to the first time of a window for which one sum of exponentials is computed."""
 
 _SHIFT = 100.0
 """Shift ``s`` of the resolvent ``(G + s C)^-1``, in reciprocals of the end of the window."""

@@ -327,8 +327,9 @@ class _NonlinearCircuit:
         limit = np.append(np.zeros(len(netlist.conductance)), netlist.nonlinear_current)
 
         def crossing(weight: NDArray[np.float64]) -> NDArray[np.float64]:
-            """Return, per voltage but the highest, the sum of the weights of the elements that connect the rows up to
-            this voltage to rows above, shape (count - 1,).
+            """Return, per voltage but the highest, the weight of the elements between rows up to and above the voltage.
+
+            Shape (count - 1,).
             """
             return np.cumsum(np.bincount(below, weight, count) - np.bincount(above, weight, count))[:-1]
 

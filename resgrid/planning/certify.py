@@ -364,7 +364,10 @@ def _check_segments(scaled: NDArray[np.float64], space: ConfigurationSpace) -> N
 
 
 def _touched(start: NDArray[np.float64], end: NDArray[np.float64], space: ConfigurationSpace) -> Cells:
-    """Return the closed cells that a segment in cell units touches, at face crossings and midpoints between them."""
+    """Return the closed cells that a segment touches.
+
+    `start, end` (ndim,): in cell units.  Cells are tested at the crossings of faces and at midpoints between crossings.
+    """
     crossings = np.concatenate([[0.0], face_crossings(start, end), [1.0]])
     parameters = np.concatenate([crossings, (crossings[:-1] + crossings[1:]) / 2])
     at = start + parameters[:, np.newaxis] * (end - start)

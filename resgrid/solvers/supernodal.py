@@ -237,7 +237,7 @@ def _sum(values: Floats, begin: int, end: int) -> float:
 def _add_columns(
     target: Floats, there: int, values: Floats, here: int, apart: int, weight: Floats, columns: int, count: int
 ) -> None:
-    """Add weighted columns, whose values are `apart` entries from each other, to a slice; four at a time."""
+    """Add ``sum_k weight[k] values[here + k apart + i]`` to ``target[there + i]`` for ``i < count``, four at a time."""
     t, k = np.uint64(there), 0
     while k + 4 <= columns:
         w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
@@ -336,7 +336,10 @@ def _backward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column:
 
 @inlined
 def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: Integers, column: Floats) -> int:
-    """Convert the numbers of some rows to doubles with their largest exponent, which is returned."""
+    """Convert the scaled numbers of rows ``rows[begin + r]`` to doubles ``column[r]`` with their largest exponent.
+
+    ``r`` runs from ``skipped`` to ``length``.  Returns the exponent.
+    """
     common = NO_EXPONENT
     for r in range(skipped, length):
         row = rows[begin + r]

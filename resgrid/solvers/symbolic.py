@@ -193,7 +193,10 @@ def order_far_first(pattern: Pattern, root: int, nearest_first: Indices, depth: 
 
 @inlined
 def reached(pattern: Pattern, entry: int, kept: int) -> tuple[int, int]:
-    """Return the range of entries that replaces an entry: the neighbours of its row if that is reduced, else itself."""
+    """Return the range of entries of ``indices`` that stands for an entry after odd-even reduction.
+
+    If the entry's row is kept, the range is the entry alone; otherwise it is the neighbours of that row.
+    """
     j = pattern.indices[entry]
     if pattern.place[j] < kept:
         return entry, entry + 1

@@ -100,7 +100,10 @@ class Collector:
             self.contents.diagnostics.warn_ignored(spot, text)
 
     def _role(self, line: str, continued: bool) -> str:
-        """Classify a first line: "title", "command", "element" (possibly), or "language" (of Spectre)."""
+        """Classify a first line: "title", "command", "element" (possibly), or "language" (of Spectre).
+
+        `continued`: whether the next line continues it.
+        """
         words = line.split()
         if not words or words[0][0] == "*":
             return "title"
