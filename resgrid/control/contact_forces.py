@@ -14,7 +14,7 @@ Basis = tuple[NDArray[np.int64], Vector]
 """Nonzero columns (slacks, unknowns, or Lemke's artificial one), and the matrix from ``q`` to their values."""
 
 _LEAST_MOBILITY = 1e-12
-"""Smallest entry of ``n . J`` or ``t . J``, relative to the largest of all contacts, of a contact that is not ignored."""
+"""Largest entry of ``n . J`` (or ``t . J``), relative to that of all contacts, below which a contact is ignored."""
 _LEAST_PIVOT = 1e-13
 """Smallest relative pivot."""
 _TIE = 1e-12

@@ -198,7 +198,7 @@ class Controller:
 
     @cached_property
     def _kernel(self) -> Callable[[NDArray[np.float64], NDArray[np.float64]], tuple[int, float]]:
-        """Function from a point to its status and longest step; it writes the velocity into the second array."""
+        """Function ``(point, velocity)`` that writes the velocity at a point, and returns status and longest step."""
         from resgrid.control.kernels import nominal
 
         space, flow = self.field.space, self.field.flow

@@ -75,7 +75,10 @@ class Advisor:
             yield "refine the grid: twice as many cells on each axis open a path"
 
     def _helps(self, name: str, change: Change, path: Streamline) -> bool:
-        """Return whether a path from the same start reaches a goal after a change; False if the grid is too large."""
+        """Return whether a path from the same start reaches a goal after a change; False if the grid is too large.
+
+        `name`: key of the change in the cache.
+        """
         if name not in self._spaces:
             self._spaces[name] = _changed_space(change)
         space = self._spaces[name]

@@ -130,7 +130,10 @@ def ascend_graph(
 def _subtract_changes(
     graphs: Graphs, earlier: tuple[Unsigned, Unsigned], change: Singles, x: Singles, b: Singles, s: Singles, y: Singles
 ) -> tuple[float, float, float]:
-    """Set ``y -= sum_{j < i} g_ij change_j``; returns ``x.b, x.y, x.s``; ``earlier``: their ranges in rows."""
+    """Set ``y_i -= sum_{j < i} g_ij change_j``; returns ``x.b, x.y, x.s``.
+
+    ``earlier``: begin and end of the entries of the neighbours ``j < i`` in every row, (nodes,) each.
+    """
     g, j, (begin, end) = graphs.conductance, graphs.indices, earlier
     xb, xy, xs = 0.0, 0.0, 0.0
     for i in range(len(y)):

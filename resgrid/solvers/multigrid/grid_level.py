@@ -266,7 +266,7 @@ def _compare(conductance: Floats, statistics: Floats) -> None:
 
 @inner_fast
 def add(faces: Reals, q: int, begin: int, count: int, total: Floats, to: int) -> None:
-    """Add the conductances across a face of some red slots to as many slots of either colour."""
+    """Add the conductances across face ``q`` of ``count`` red slots, from ``begin`` on, to ``total`` from ``to`` on."""
     face, at, t_at = np.uint64(q), np.uint64(begin), np.uint64(to)
     for i in range(count):
         k = np.uint64(i)
@@ -304,7 +304,7 @@ def _to_fractions(conductance: Floats, leak: Floats, inverse: Reals, begin: int,
 
 @inner_fast
 def _add_weighted(faces: Reals, q: int, begin: int, count: int, fraction: Floats, total: Floats, to: int) -> None:
-    """Add ``g fraction`` across a face to the black neighbours of some red cells."""
+    """Add ``g fraction`` across face ``q`` of ``count`` red slots, from ``begin`` on, to ``total`` from ``to`` on."""
     face, at, t_at = np.uint64(q), np.uint64(begin), np.uint64(to)
     for i in range(count):
         k = np.uint64(i)
