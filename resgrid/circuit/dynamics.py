@@ -51,7 +51,7 @@ _LARGEST_ERROR = 1e-6
 _MOST_CORRECTIONS = 5
 
 _SLOPE_RTOL = 1e-3
-"""Backward error of slopes, which only choose the first step."""
+"""Normwise backward error of the time derivatives of the voltages, which only determine the first time step."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -289,7 +289,11 @@ def _add_rows(
     pattern: Pattern, k: int, node: int, seen: Indices, branch: Indices, sibling: Indices, start: Indices,
     rows: Indices, end: int,
 ) -> int:  # fmt: skip
-    """Append the rows of a column's entries to those of its supernode; returns their end."""
+    """Append the rows in which column ``k`` has entries, below the diagonal, to those of supernode ``node``.
+
+    They are the rows of the column's children (``branch, sibling``: linked lists) and of its neighbours.  Returns the
+    end of ``rows``.
+    """
     indptr, indices, order, place = pattern
     kept = len(seen) - 1
     child = branch[k]
