@@ -48,7 +48,7 @@ _MOST_ESTIMATED = 0.1
 
 _EPS = float(np.finfo(np.float64).eps)
 _ITERATED = 1e-10
-"""Backward error of iterative solutions."""
+"""Assumed normwise backward error of solutions by multigrid."""
 
 
 def resistive_parts(

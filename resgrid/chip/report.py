@@ -52,7 +52,7 @@ class Effort:
 
 
 USUAL = Effort()
-"""Default limits."""
+"""Default limits on the effort of the analyses of a report."""
 
 
 @dataclass(frozen=True)

@@ -279,7 +279,7 @@ _LIMITS = {
     "largest_offset": "Largest offset",
     "fewest_bits": "Fewest bits",
 }
-"""Texts of the limits."""
+"""First words of the sentence on each error limit, by the name of the limit."""
 
 
 def _largest_loss(result: YieldLoss) -> str:

@@ -39,7 +39,7 @@ _CAPACITY = 64
 _SPLIT = 4
 """Number of pieces that an undecided line is cut into."""
 _LEVELS = 10
-"""Maximum number of subdivisions."""
+"""Maximum number of successive subdivisions of an undecided line."""
 _INNER = np.linspace(0.0, 1.0, 17)
 """Positions along each edge (0 to 1) of the intersection of robot and obstacle at which its depth is evaluated."""
 

@@ -26,9 +26,10 @@ from resgrid.scene.quantities import Quantity
 
 
 def _on_rail(cells: CellMap, rail: str) -> NDArray[np.bool_]:
-    """Return the mask of cells that switches connect to a rail.
+    """Return the mask of the cells that closed switches connect to a rail.
 
-    Goal cells; obstacle cells or, where obstacles are open, the driven start.
+    For a goal rail these are the goal cells; for the obstacle rail the obstacle cells or, where obstacles are open, the
+    driven start.
     """
     if rail == "goal":
         return np.asarray(cells.space.cell == Cell.GOAL)
