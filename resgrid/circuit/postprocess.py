@@ -390,7 +390,7 @@ def _potential(system: Equations, height: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def _voltage(system: Equations, values: NodeValues) -> NDArray[np.float64]:
-    """Return the node voltages above ground, in volts, (nodes,); raise CircuitError if one exceeds doubles."""
+    """Return the node voltages above ground, in volts, (nodes,); raise CircuitError if one overflows."""
     plain = values.value.plain
     with np.errstate(over="ignore"):
         volts = values.zero + values.volts * plain

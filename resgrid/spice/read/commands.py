@@ -62,7 +62,7 @@ class Contents:
             return None
 
     def _stated(self, key: str, scope: Scope) -> float | None:
-        """Return the stated temperature, in degrees Celsius; None without one."""
+        """Return the temperature that the deck states for a key, in degrees Celsius; None if it states none."""
         stated = self._temperatures.get(f".{key}") or self._temperatures.get(key)
         return None if stated is None else scope.number(*stated)
 

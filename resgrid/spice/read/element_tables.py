@@ -141,7 +141,7 @@ class ElementArrays:
 
     @property
     def ordered(self) -> NDArray[np.int64]:
-        """The order, computed from the places if it is None; shape (n,)."""
+        """The array `order`, or the order of the elements' own cards if `order` is None; shape (n,)."""
         return order_of(self.place) if self.order is None else self.order
 
 
