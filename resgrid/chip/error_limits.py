@@ -150,7 +150,7 @@ def mismatch_ladder(chip: Chip) -> Ladder:
 
 
 def _area(chip: Chip) -> float | None:
-    """Return the area of a resistor of nominal value, in square metres."""
+    """Return the area of a resistor of nominal value, in square metres; None if the chip does not define it."""
     if chip.width is None:
         return None
     length = chip.length

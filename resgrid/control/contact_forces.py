@@ -94,6 +94,7 @@ def _complementary(M: Vector, q: Vector) -> Basis | None:
     """Return a basis of ``z >= 0, w = M z + q >= 0, z . w = 0`` by Lemke's method, for small copositive ``M``.
 
     Columns of the tableau: the slacks ``w``, the unknowns ``z``, Lemke's artificial variable, and the right-hand side.
+    Returns None without a solution.
     """
     size = len(q)
     basis, artificial = np.arange(size), 2 * size

@@ -187,7 +187,7 @@ class Navigator:
             self._trail.append(before)
 
     def learnt(self, configuration: Vector) -> End | None:
-        """Respond to a changed map; return an end if no place of the trail, and no cell near one, has a path."""
+        """Respond to a changed map; return an end, or None if a place of the trail, or a cell near one, has a path."""
         self._tried, self.exit = set(), None
         space = self._live.space
         if not space.goal_count:

@@ -149,7 +149,10 @@ def draw_panels(
 
 
 def draw_known(panel: Panel) -> tuple[ScalarMappable, str] | None:
-    """Draw the cells and the conductivity, if the space has one: as colours, or as a curve for one axis."""
+    """Draw the cells and the conductivity, if the space has one: as colours, or as a curve for one axis.
+
+    Returns colours and label of the colour bar; None without colours.
+    """
     conductivity, label = panel.space.conductivity, "conductivity (relative)"
     if conductivity is None or panel.plane is None:
         panel.draw_cells()

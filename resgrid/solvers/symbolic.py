@@ -126,7 +126,11 @@ def order_by_fill(laplacian: Laplacian, most: float = np.inf) -> Symbolic | None
 
 
 def _order(laplacian: Laplacian, most: float, *, by_fill: bool) -> Symbolic | None:
-    """Eliminate every other layer by distance from the row most strongly tied to the low rail; order the other rows."""
+    """Eliminate every other layer by distance from the row most strongly tied to the low rail; order the other rows.
+
+    `by_fill`: order by approximate minimum fill instead of by distance.  Returns None if the factors would have more
+    than `most` entries.
+    """
     matrix, n = laplacian.graph, laplacian.size
     tied = laplacian.ground if laplacian.rails is None else laplacian.rails.to_low
     nearest_first, depth = np.empty(n + 1, dtype=np.int32), np.full(n, -1, dtype=np.int32)

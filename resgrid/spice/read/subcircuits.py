@@ -226,7 +226,7 @@ class Expander:
         inner: list[Scope] = []
 
         def looked_up(name: str) -> float | None:
-            """Return the value of a name where the instance stands, or in some dialects inside the subcircuit."""
+            """Return the value of a name at the instance, in some dialects inside the subcircuit; None if undefined."""
             names.add(name)
             value = scope.named(name)
             if value is None and instance.card.rules.words.inner_names and name != setting.key:
