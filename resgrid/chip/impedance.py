@@ -3,8 +3,8 @@
 Let ``z`` be the voltages caused by 1 A (a phasor) into a node.  The resistors dissipate ``Re Z = sum g |z_a - z_b|^2``,
 a sum of positive terms.  The diagonal entry of ``(G + 2 pi j f C)^-1`` is almost purely imaginary where capacitors tie
 a node to its rail, so that its real part would be lost to rounding.  Parts with weak or no resistive connections to the
-rails swing as a whole, by much more than the voltages across their resistors.  Therefore one node of such a part is
-measured from the rail, and all others from that node.
+rails have voltages much larger than the voltages across their resistors.  Therefore one unknown of such a part is the
+voltage of one node above the rail, and the others are the differences of the other nodes from this node.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def resistive_parts(
     dynamics: Dynamics, rows: NDArray[np.int64], frequencies: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the resistive parts of the impedances from rows to the rails, shape (frequencies, rows), in ohms."""
-    basis = _swinging(dynamics.conductance)
+    basis = _weak_part_basis(dynamics.conductance)
     (G, conductors), (C, capacitors) = (_elements(part, basis) for part in (dynamics.conductance, dynamics.capacitance))
     own = basis[rows].T.toarray()
     result = np.empty((len(frequencies), len(rows)))
@@ -113,8 +113,12 @@ def inverse_columns(factors: SupernodalFactors, size: int, rows: NDArray[np.int6
     return columns
 
 
-def _swinging(G: Laplacian) -> sparse.csr_array:
-    """The basis: rows of weakly tied parts count from the first of them."""
+def _weak_part_basis(G: Laplacian) -> sparse.csr_array:
+    """Return the matrix, shape (n, n), from unknowns to row voltages, for weakly tied parts.
+
+    In a part with weak or no resistive connections to the rails, the first unknown is the voltage of its first row; the
+    other unknowns are the differences from this row.  Elsewhere unknowns are row voltages.
+    """
     n = len(G.ground)
     part = label_components(G.edges)
     tied = np.bincount(part, G.ground)

@@ -218,7 +218,11 @@ def _without(chip: Chip) -> dict[str, tuple[tuple[str, ...], Chip]]:
 def _cause(
     name: str, keys: tuple[str, ...], base: StartsServed, other: StartsServed, share: Proportion, size: tuple[int, int]
 ) -> Cause:
-    """Compare the yields with and without an effect chip by chip; `size`: numbers of starts and of chips."""
+    """Return the effect's gain in yield, compared chip by chip with and without it.
+
+    `base, other`: starts served with and without the effect; `share`: yield without it; `size`: numbers of starts and
+    of chips.
+    """
     starts, trials = size
     differences = (other.counts - base.counts) / starts  # without randomness, one chip stands for all
     changed, mean = int(np.count_nonzero(differences)), float(differences.mean())

@@ -195,7 +195,7 @@ def _currentless(system: Equations, rows: NDArray[np.int32]) -> NDArray[np.bool_
 
 
 def _bound(system: Equations, factors: SupernodalFactors, found: _Differences) -> float:
-    """Bound the errors of voltages relative to the largest one, and of currents relative to those at either end.
+    """Return a bound on the errors of voltages, relative to the largest one, and of currents, relative to either end.
 
     The inverse matrix has no negative entry.  Applied to the magnitudes of the residual currents, it bounds the voltage
     errors.  The error of a branch current is also at most the sum of the residual currents.

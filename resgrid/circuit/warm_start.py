@@ -214,7 +214,7 @@ class _WarmCircuit:
 
     @classmethod
     def of(cls, system: Equations, space: ConfigurationSpace, wiring: Wiring) -> _WarmCircuit | None:
-        """Set up the hierarchy for the equations of a space; None if the grid has no red-black colouring."""
+        """Return the circuit of a space with a new hierarchy; None if the grid has no red-black colouring."""
         row, is_driven = _rows_of(space, wiring), wiring.drive == "uniform"
         if not system.size == np.count_nonzero(row) > 0:
             return None

@@ -171,7 +171,7 @@ class Body:
         return self._nothing if self._clear > 2.0 * self._reach else self._survey()
 
     def _survey(self) -> Surroundings:
-        """Search for near obstacles at the present configuration."""
+        """Search for near obstacles at the present configuration; return the pairs of near points."""
         pose = self._pose = self.plant.pose(self.configuration)
         pairs = self.plant.near(pose, _LOOK * self._reach)
         self._clear = float(pairs["gap"].min()) if len(pairs) else _LOOK * self._reach

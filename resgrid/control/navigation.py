@@ -112,7 +112,7 @@ class Navigator:
         return Command(ControlMode.STREAMLINE, seen.velocity, seen.longest * float(slowed))
 
     def _to_goal(self, believed: Vector) -> Command | End:
-        """Move straight to the goal in this goal cell or, if it is obstructed, in a neighbour cell."""
+        """Return the command to the goal in this goal cell or, if obstructed, in a neighbour cell, else the end."""
         offsets = goal_offsets(self._live.space, believed, sure=self._sensor.exact)
         own = offsets[0][1]
         if np.all(np.abs(own) <= self._sensor.noise + SAME * self._live.spacing):
@@ -121,7 +121,10 @@ class Navigator:
         return self._straight(ControlMode.HOMING, own if self.exit is None else dict(offsets)[self.exit])
 
     def _recover(self, believed: Vector, configuration: Vector) -> Command | End:
-        """Move back along the trail; if no cell of the trail has a path, move out to a near cell that has one."""
+        """Return the command back along the trail or, if no cell of it has a path, to a near cell with a path.
+
+        Without such a cell, return the end of the run.
+        """
         if self._cut_off:
             for cell, offset in exits(self._live.space, believed):
                 if cell not in self._tried:

@@ -40,7 +40,7 @@ class Loop:
         self._known_points: Vector | None = None
 
     def run(self, max_steps: int) -> End:
-        """Take steps until the run ends."""
+        """Take steps until the run ends; return its end."""
         end = self._end_by_map() if self.sensor.exact else None
         while end is None:
             if len(self.recorder) >= max_steps:

@@ -102,7 +102,7 @@ class Imbalance(NamedTuple):
     log_size: float = np.inf
 
     def plus(self, rest: Imbalance) -> Imbalance:
-        """Combine with the violation of other rows."""
+        """Return the violation of these rows and of other rows together."""
         return Imbalance(
             max(self.backward, rest.backward), self.unconverged + rest.unconverged, self.converged + rest.converged,
             min(self.fraction, rest.fraction), max(self.log_size, rest.log_size),

@@ -104,7 +104,7 @@ def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
 def _grid_levels(
     levels: list[Level], targets: list[NDArray[np.int32]], stencils: tuple[Stencil, Stencil]
 ) -> tuple[Finest, Levels] | None:
-    """Store grids for the kernels, and coarsen the last one as a graph; None if it does not shrink."""
+    """Return the grids as arguments of kernels, with the graphs below the last one; None if that does not shrink."""
     level = levels[0]
     graph, number = to_graph(levels[-1])
     graphs, shrinking = coarsen_down(graph)
