@@ -69,7 +69,7 @@ class StallDetector:
 class Command(NamedTuple):
     """The command without contact.
 
-    `velocity` (ndim,): without external forces; `longest`: maximum duration, in seconds.
+    `mode`: kind of motion; `velocity` (ndim,): without external forces; `longest`: maximum duration, in seconds.
     """
 
     mode: ControlMode

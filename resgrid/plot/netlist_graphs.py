@@ -57,7 +57,10 @@ Shapes = list[BaseGeometry]
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """An element in the picture: kind, value, ends (2,), and preferred side of the value (unit vector)."""
+    """An element in the picture: kind, value, and both ends (2,).
+
+    `outward` (2,): unit vector towards the side on which the value is preferably written.
+    """
 
     kind: str
     value: float

@@ -27,10 +27,10 @@ WEAK = 0.1
 class Level:
     """A grid by colour, with conductances to the rails.
 
-    `leak` (2, slots): conductance to the rails, of red and of black slots; `degree` (2, slots): sum of all conductances
-    at a slot; `mean` (ndim,): mean conductance along every axis, 0 without any; `uneven`: whether some conductances are
-    weak relative to others; `extra_cell`: flat index of the cell of every extra node, red and black; `size`: number of
-    nodes.
+    `lattice`: memory layout; `edges`: conductances between cells; `leak` (2, slots): conductance to the rails, of red
+    and of black slots; `degree` (2, slots): sum of all conductances at a slot; `mean` (ndim,): mean conductance along
+    every axis, 0 without any; `uneven`: whether some conductances are weak relative to others; `extra_cell`: flat index
+    of the cell of every extra node, red and black; `size`: number of nodes.
     """
 
     lattice: Lattice

@@ -71,7 +71,11 @@ class GridLevel(NamedTuple):
 
 
 class Finest(NamedTuple):
-    """The finest grid: a `GridLevel` with a `grid_level.compensated` diagonal, and its stencil in double precision."""
+    """The finest grid.
+
+    `true`: stencil in double precision; `stencil`: in single precision, with a `grid_level.compensated` diagonal;
+    `aggregate`: as in `GridLevel`.
+    """
 
     true: Stencil
     stencil: Stencil

@@ -38,7 +38,7 @@ class Definition:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A ``.model`` card, and the block that contains it."""
+    """A ``.model`` card: the model's name, kind and keys, and the block that contains the card."""
 
     name: str
     kind: str
