@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from resgrid.chip.build import build_chip
 from resgrid.chip.effects.values import Temperature
 from resgrid.chip.figures_of_merit import defined
-from resgrid.chip.noise import ROOM, analyse_noise
+from resgrid.chip.noise import NOMINAL_KELVIN, analyse_noise
 from resgrid.chip.settling import Settling
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
@@ -130,7 +130,7 @@ def _noise(netlist: Netlist, settling: Settling, path: Path, words: Words) -> Wr
         "V/sqrt(Hz), limit the noise over all frequencies, sqrt(k T (C^-1)_ii) in volts (null where unbounded)",
         "node": netlist.node_name(node),
         "band": list(band),
-        "temperature": ROOM,
+        "temperature": NOMINAL_KELVIN,
         "total": float(noise.total[node]),
         "density": float(np.sqrt(noise.density[node])),
         "limit": defined(noise.limit[node]),

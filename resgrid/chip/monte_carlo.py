@@ -27,7 +27,7 @@ from resgrid.chip.build import ConductanceModel, build_chip
 from resgrid.chip.effects import Faults
 from resgrid.chip.effects.base import cells_with_nodes
 from resgrid.chip.effects.values import NOMINAL_CELSIUS
-from resgrid.chip.noise import ROOM, analyse_noise
+from resgrid.chip.noise import NOMINAL_KELVIN, analyse_noise
 from resgrid.chip.walk import Converter, Neighbours, converter_of, neighbours_of, read_out, walk
 from resgrid.circuit.batch import Batch, prepare_batch, solve_batch
 from resgrid.circuit.nonlinear import linearize
@@ -120,7 +120,7 @@ def differs(chip: Chip) -> bool:
 
 def die_temperature(chip: Chip) -> float:
     """Return the temperature of the die, in kelvin."""
-    return ROOM if chip.temperature is None else ROOM + chip.temperature - NOMINAL_CELSIUS
+    return NOMINAL_KELVIN if chip.temperature is None else NOMINAL_KELVIN + chip.temperature - NOMINAL_CELSIUS
 
 
 Noises = dict[tuple[Chip, float], NDArray[np.float64]]
