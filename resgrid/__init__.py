@@ -35,7 +35,10 @@ def __dir__() -> list[str]:
 
 
 def _picture(value: object) -> str | None:
-    """What a notebook shows of a value; pictures are above all other rooms, and loaded when the first one is drawn."""
+    """Return the HTML that a notebook shows for a value; None without a picture.
+
+    The module of the pictures is imported here, at the first picture, because lower packages must not import it.
+    """
     from resgrid.plot.pictures import image_html
 
     return image_html(value)

@@ -1,4 +1,8 @@
-"""The chip: effects of real devices on the circuit, and analyses of its accuracy, speed, noise and yield."""
+"""The chip: effects of real devices on the circuit, and analyses of its accuracy, speed, noise and yield.
+
+The chip may import `planning`, `spice` and packages below them; it does not depend on control, pictures or result
+files.
+"""
 
 from resgrid._internal.public import attach
 

@@ -102,7 +102,10 @@ def steps_of(op: OperatingPoint) -> Steps:
 def _across_elements(
     op: OperatingPoint, cells: CellMap
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]:
-    """Return face, orientation, current direction and log of the voltage of every element that crosses a face."""
+    """Return the elements that cross a face: face, whether upwards, sign of the current, and log of the voltage.
+
+    All arrays have shape (elements,).
+    """
     netlist = op.netlist
     linear, nonlinear = cells.resistor_face >= 0, cells.nonlinear_face >= 0
     log_volts = op.resistor_log_current[linear] - np.log(netlist.conductance[linear])

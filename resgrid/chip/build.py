@@ -32,7 +32,8 @@ READING = ("readout.offset", "readout.noise_bandwidth", "readout.bits", "readout
 """Keys of the read-out that do not change the circuit."""
 
 _SCALE = ("resistance", "supply", "wall_resistance")
-"""Keys of every form of the circuit; the next groups are switches, drawn resistors and random deviations."""
+"""Keys of a chip that every form of its circuit holds.  The next three constants are groups of further keys: switches,
+drawn resistors, and random deviations."""
 _SWITCHES = tuple(f"{kind}_switch_{state}" for kind in ("goal", "obstacle", "internodal") for state in ("on", "off"))
 _DRAWN = ("preferred", "sheet_resistance", "width", "length", "drawing_grid")
 _SCATTERED = ("gradient", "pelgrom", "mismatch", "seed")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from resgrid.chip.build import build_chip
 from resgrid.chip.effects.values import Temperature
 from resgrid.chip.figures_of_merit import defined
-from resgrid.chip.noise import ROOM, analyse_noise
+from resgrid.chip.noise import NOMINAL_KELVIN, analyse_noise
 from resgrid.chip.settling import Settling
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
@@ -32,7 +32,7 @@ from resgrid.spice.write.files import WrittenDeck, write_spice
 CELSIUS = (-40.0, 27.0, 85.0, 125.0)
 """Temperatures of the temperature deck, in degrees Celsius."""
 BAND = 100.0
-"""Upper limit of the noise band, in reciprocals of the fastest time constant (as angular frequency)."""
+"""Upper limit of the noise band: angular frequency times the fastest time constant."""
 
 Words = dict[str, Any]
 """Title and dialect of the decks, as options of `write_spice`."""
@@ -45,11 +45,11 @@ _DESCRIPTIONS = {
 }
 """Descriptions of the decks, by name."""
 _POINTS = 20
-"""Frequencies per decade of the noise analysis."""
+"""Number of frequencies per decade of the noise analysis."""
 _STEPS = 400
-"""Time steps of the transient analysis."""
+"""Number of time steps of the transient analysis."""
 _MOMENTS = 10
-"""Number of times with expected voltages."""
+"""Number of times of the transient analysis for which the sidecar states expected voltages."""
 _MOST_PROBES = 1000
 """Maximum number of nodes of which all voltages are recorded."""
 _FEW_PROBES = 64
@@ -130,7 +130,7 @@ def _noise(netlist: Netlist, settling: Settling, path: Path, words: Words) -> Wr
         "V/sqrt(Hz), limit the noise over all frequencies, sqrt(k T (C^-1)_ii) in volts (null where unbounded)",
         "node": netlist.node_name(node),
         "band": list(band),
-        "temperature": ROOM,
+        "temperature": NOMINAL_KELVIN,
         "total": float(noise.total[node]),
         "density": float(np.sqrt(noise.density[node])),
         "limit": defined(noise.limit[node]),

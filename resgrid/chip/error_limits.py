@@ -129,7 +129,7 @@ _IDEAL = {
 
 @dataclass(frozen=True)
 class Ladder:
-    """Values of one error from ideal to worst, and the chip with each of them."""
+    """Candidate values of one error from ideal to worst, and a function that returns the chip with a value."""
 
     name: str
     values: tuple[float | int | None, ...]
@@ -150,7 +150,7 @@ def mismatch_ladder(chip: Chip) -> Ladder:
 
 
 def _area(chip: Chip) -> float | None:
-    """Return the area of a resistor of nominal value, in square metres."""
+    """Return the area of a resistor of nominal value, in square metres; None if the chip does not define it."""
     if chip.width is None:
         return None
     length = chip.length
@@ -181,23 +181,24 @@ def bits_ladder(chip: Chip) -> Ladder:
 
 
 def find_limit(ladder: Ladder, target: float, yields: Callable[[int], Proportion], *, every: bool) -> Limit:
-    """Find the limit of a ladder whose rung `i` has the yield ``yields(i)``.
+    """Find the worst value of a ladder with a sufficient yield; value number `i` has the yield ``yields(i)``.
 
-    `every`: try the rungs one after the other; otherwise bisect, assuming that the yield falls from rung to rung.
+    `target`: sufficient yield; `every`: try the values one after the other; otherwise bisect, assuming that the yield
+    falls from value to value.
     """
     count = len(ladder.values)
     seen: dict[int, Proportion] = {}
 
-    def at(rung: int) -> Proportion:
-        if rung not in seen:
-            seen[rung] = yields(rung)
-        return seen[rung]
+    def at(candidate: int) -> Proportion:
+        if candidate not in seen:
+            seen[candidate] = yields(candidate)
+        return seen[candidate]
 
     search = _last_by_scan if every else _last_by_bisection
-    last = search(count, lambda rung: at(rung).value >= target)
-    sure = _last_sure(last, lambda rung: at(rung).low >= target, every=every)
-    possible = search(count, lambda rung: at(rung).high >= target)
-    near = -1 if last >= 0 else search(count, lambda rung: at(rung).value >= at(0).value - (1.0 - target))
+    last = search(count, lambda candidate: at(candidate).value >= target)
+    sure = _last_sure(last, lambda candidate: at(candidate).low >= target, every=every)
+    possible = search(count, lambda candidate: at(candidate).high >= target)
+    near = -1 if last >= 0 else search(count, lambda candidate: at(candidate).value >= at(0).value - (1.0 - target))
     beyond = last + 1 if 0 <= last < count - 1 else None
     values = ladder.values
     return Limit(
@@ -211,28 +212,29 @@ def find_limit(ladder: Ladder, target: float, yields: Callable[[int], Proportion
         values[possible] if possible >= 0 else None,
         last >= 0,
         values[near] if near > 0 else None,
-        tuple((values[rung], seen[rung]) for rung in sorted(seen)),
+        tuple((values[candidate], seen[candidate]) for candidate in sorted(seen)),
     )
 
 
 def _last_by_scan(count: int, passes: Callable[[int], bool]) -> int:
-    """Return the last rung before the first one that fails; -1 if rung 0 fails."""
-    return next((rung for rung in range(count) if not passes(rung)), count) - 1
+    """Return the last of `count` candidates before the first one that fails; -1 if candidate 0 fails."""
+    return next((candidate for candidate in range(count) if not passes(candidate)), count) - 1
 
 
 def _last_sure(last: int, passes: Callable[[int], bool], *, every: bool) -> int:
-    """Return the worst rung, up to `last`, whose interval lies above the target; -1 for none.
+    """Return the worst candidate, up to `last`, whose interval lies above the target; -1 for none.
 
-    Better rungs need not pass: the interval of equal chips is wider than that of chips that differ a little.
+    Better candidates need not pass: the interval of equal chips is wider than that of chips that differ a little.
+    `passes`: whether a candidate's interval lies above the target; `every`: try all candidates instead of bisecting.
     """
     if every:
-        return next((rung for rung in range(last, -1, -1) if passes(rung)), -1)
-    rung = _last_by_bisection(last + 1, lambda rung: rung == 0 or passes(rung)) if last >= 0 else -1
-    return rung if rung >= 0 and passes(rung) else -1
+        return next((candidate for candidate in range(last, -1, -1) if passes(candidate)), -1)
+    candidate = _last_by_bisection(last + 1, lambda candidate: candidate == 0 or passes(candidate)) if last >= 0 else -1
+    return candidate if candidate >= 0 and passes(candidate) else -1
 
 
 def _last_by_bisection(count: int, passes: Callable[[int], bool]) -> int:
-    """Return a rung that passes and whose successor fails; -1 if rung 0 fails."""
+    """Return one of `count` candidates that passes and whose successor fails, by bisection; -1 if candidate 0 fails."""
     if not passes(0):
         return -1
     low, high = 0, count

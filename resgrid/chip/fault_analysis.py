@@ -211,7 +211,8 @@ def faulty_voltages(
 class _Change:
     """A change of the conductance of one element of a linear circuit.
 
-    `volts` (nodes,): voltages before the change; `z` (nodes,): ``A^-1 w``, 0 where voltages are known.
+    `rows`: equations of the circuit; `solve`: product with ``A^-1``; `volts` (nodes,): voltages before the change;
+    `element`: index of the resistor; `z` (nodes,): ``A^-1 w``, 0 where voltages are known.
     """
 
     rows: Dynamics
@@ -222,7 +223,7 @@ class _Change:
 
     @classmethod
     def of(cls, rows: Dynamics, solve: Solve, volts: NDArray[np.float64], element: int) -> _Change:
-        """Solve for the voltages that 1 A through the element causes."""
+        """Return the change of an element, with the voltages ``z`` for 1 A into its first end and out of the second."""
         w = rows.injection(rows.netlist.resistor_nodes[element], np.array([1.0, -1.0]))
         return cls(rows, solve, volts, element, rows.at_nodes(solve(w)))
 

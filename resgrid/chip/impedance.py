@@ -3,8 +3,8 @@
 Let ``z`` be the voltages caused by 1 A (a phasor) into a node.  The resistors dissipate ``Re Z = sum g |z_a - z_b|^2``,
 a sum of positive terms.  The diagonal entry of ``(G + 2 pi j f C)^-1`` is almost purely imaginary where capacitors tie
 a node to its rail, so that its real part would be lost to rounding.  Parts with weak or no resistive connections to the
-rails swing as a whole, by much more than the voltages across their resistors.  Therefore one node of such a part is
-measured from the rail, and all others from that node.
+rails have voltages much larger than the voltages across their resistors.  Therefore one unknown of such a part is the
+voltage of one node above the rail, and the others are the differences of the other nodes from this node.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ _WEAK = 1e-3
 """Upper limit of the total conductance to the rails of a weakly tied part, as a fraction of its largest conductance."""
 
 _ALLOWED = 1e-6
-"""Largest relative error of a resistive part."""
+"""Largest accepted relative error of the real part of an impedance."""
 
 _ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
-"""Backward error of a solution, entrywise relative to the factors."""
+"""Backward error of a solution: relative perturbation of the entries of the triangular factors."""
 
 _POINTS_PER_DECADE = 6
 """Quadrature points per decade of frequency."""
@@ -48,14 +48,14 @@ _MOST_ESTIMATED = 0.1
 
 _EPS = float(np.finfo(np.float64).eps)
 _ITERATED = 1e-10
-"""Backward error of iterative solutions."""
+"""Assumed normwise backward error of solutions by multigrid."""
 
 
 def resistive_parts(
     dynamics: Dynamics, rows: NDArray[np.int64], frequencies: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the resistive parts of the impedances from rows to the rails, shape (frequencies, rows), in ohms."""
-    basis = _swinging(dynamics.conductance)
+    basis = _weak_part_basis(dynamics.conductance)
     (G, conductors), (C, capacitors) = (_elements(part, basis) for part in (dynamics.conductance, dynamics.capacitance))
     own = basis[rows].T.toarray()
     result = np.empty((len(frequencies), len(rows)))
@@ -113,8 +113,12 @@ def inverse_columns(factors: SupernodalFactors, size: int, rows: NDArray[np.int6
     return columns
 
 
-def _swinging(G: Laplacian) -> sparse.csr_array:
-    """The basis: rows of weakly tied parts count from the first of them."""
+def _weak_part_basis(G: Laplacian) -> sparse.csr_array:
+    """Return the matrix, shape (n, n), from unknowns to row voltages, for weakly tied parts.
+
+    In a part with weak or no resistive connections to the rails, the first unknown is the voltage of its first row; the
+    other unknowns are the differences from this row.  Elsewhere unknowns are row voltages.
+    """
     n = len(G.ground)
     part = label_components(G.edges)
     tied = np.bincount(part, G.ground)
@@ -134,7 +138,10 @@ errors.
 
 
 def exact_integrals(dynamics: Dynamics, band: tuple[float, float] | None) -> Integrals:
-    """Compute effective resistances, and integrals of ``Re Z`` over a band, from the factors of ``G``."""
+    """Compute effective resistances, and integrals of ``Re Z`` over a band in hertz, from the factors of ``G``.
+
+    Without a band the integrals are 0.
+    """
     none = np.zeros(dynamics.size)
     if not dynamics.size:
         return none, none, none, none
@@ -152,7 +159,10 @@ def exact_integrals(dynamics: Dynamics, band: tuple[float, float] | None) -> Int
 
 
 def estimated_integrals(dynamics: Dynamics, band: tuple[float, float] | None, signs: NDArray[np.float64]) -> Integrals:
-    """Estimate effective resistances and integrals from products with random signs.  Shapes: `signs` (n, samples)."""
+    """Estimate effective resistances, and integrals of ``Re Z`` over a band in hertz, from products with random signs.
+
+    `signs` (n, samples): random entries 1 and -1.  Without a band the integrals are 0.
+    """
     factors = factor_resolvent(dynamics, 0.0)
     currents = _largest_currents(dynamics, band or (0.0, 0.0))
     digits = _ITERATED if factors.name == "multigrid" else 2.0 * _EPS

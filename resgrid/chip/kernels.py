@@ -12,10 +12,11 @@ from resgrid._internal.jit import inner, kernel
 Floats = NDArray[np.float64]
 
 _FINE = 1e-9
-"""Step, relative to the time, below which a sum that touches the band counts as crossing it."""
+"""Step length of the search, as a fraction of the time, at which a sum that is still at the edge of the band is taken
+to leave the band there."""
 
 _EXACT = 1e-13
-"""Tolerance of a crossing: distance from the band relative to its width."""
+"""Tolerance of a crossing: distance of the sum from the edge of the band, as a fraction of the width of the band."""
 
 _MOST_STEPS = 100
 """Maximum number of iterations of the root search."""
@@ -26,7 +27,7 @@ _GONE = 700.0
 
 @inner
 def _sums(share: Floats, rate: Floats, time: float) -> tuple[float, float]:
-    """Return a sum of exponentials, and an upper bound on the magnitude of its second derivative from then on."""
+    """Return ``sum_j share_j exp(-rate_j time)``, and a bound on its second derivative's magnitude at later times."""
     value, bend = 0.0, 0.0
     for j in range(len(rate)):
         if rate[j] * time > _GONE:
@@ -39,9 +40,10 @@ def _sums(share: Floats, rate: Floats, time: float) -> tuple[float, float]:
 
 @inner
 def _crossing(share: Floats, rate: Floats, out: float, above: float, into: float, below: float, band: float) -> float:
-    """Return the time at which the magnitude falls through the band, between ``out`` and ``into``.
+    """Return the time at which the magnitude of a sum of exponentials falls below ``band``.
 
-    False position (Illinois; Dowell & Jarratt 1971).
+    The method is false position (Illinois; Dowell & Jarratt 1971) between the times ``out`` and ``into``, at which the
+    magnitude is ``above`` and ``below``.
     """
     above, below = above - band, below - band
     for _ in range(_MOST_STEPS):
@@ -60,7 +62,7 @@ def _crossing(share: Floats, rate: Floats, out: float, above: float, into: float
 def _last_between(
     share: Floats, rate: Floats, first: float, last: float, end: float, band: float
 ) -> float:  # fmt: skip
-    """Return the time at which the magnitude last falls through the band; ``first`` if it stays inside.
+    """Return the time at which the magnitude of a sum of exponentials last falls below ``band``; ``first`` if none.
 
     ``end``: magnitude at time ``last``.
     """
@@ -85,12 +87,13 @@ def _last_between(
 def last_outside(
     shape: Floats, weight: Floats, rate: Floats, times: Floats, band: float, rows: NDArray[np.int64], result: Floats
 ) -> None:  # fmt: skip
-    """Find the time at which rows enter a band for good, and write it into ``result[rows]``.
+    """Find for each row the last time at which its magnitude falls below ``band``; write it into ``result[rows]``.
 
-    Rows that stay inside keep their entry.  After the last of the ``times`` all rows must be inside.  The search goes
-    back from there in steps, from one time to the previous one or shorter.  A step is skipped where the line between
-    its ends, plus the largest deviation of the curve from it (``h**2 / 8`` times its second derivative), lies inside;
-    so no crossing is missed.  A step that cannot be made so short contains the crossing.
+    The value of row ``i`` is ``sum_j shape[i, j] weight[j] exp(-rate[j] t)``.  Rows that stay below ``band`` keep their
+    entry.  At the last of the ``times`` all rows must be below.  The search goes backwards from there, in steps of at
+    most the distance of two of the ``times``.  A step without a crossing is recognized by a bound: the line between
+    its ends, plus the largest deviation of the curve from that line (``h**2 / 8`` times its second derivative), lies
+    below ``band``.  Other steps are shortened until they contain exactly one crossing.
     """
     count = len(times)
     decay = np.empty((count, len(rate)))

@@ -18,27 +18,28 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.chip.time_constants import Modes, Solver, accurate_solver, laplacian_root
+from resgrid.chip.time_constants import LinearMap, Modes, accurate_solver, laplacian_root
 from resgrid.circuit.dynamics import Dynamics, factor_resolvent
 from resgrid.errors import AccuracyError
 
 Floats = NDArray[np.float64]
 
 SPAN = 256.0
-"""Ratio of the end of a window to its beginning."""
+"""Ratio of the last to the first time of a window for which one sum of exponentials is computed."""
 
 _SHIFT = 100.0
-"""Shift of the resolvent times the end of the window."""
+"""Shift ``s`` of the resolvent ``(G + s C)^-1``, in reciprocals of the end of the window."""
 
 _BLOCK = 8
 """Lanczos steps between two tests of convergence."""
 _MOST_VECTORS = 400
 """Maximum number of Lanczos vectors."""
 _COMPLETE = 1e-13
-"""Remainder of a vector, relative to its length, below which the Krylov space contains the whole motion."""
+"""Norm of a new Lanczos vector after orthogonalization, relative to its norm before, below which the Krylov space
+contains the whole motion."""
 
 _INSTANT = 1e-14
-"""Ritz values, relative to the largest, that are rounding errors."""
+"""Fraction of the largest Ritz value below which Ritz values are rounding errors."""
 
 _PROBES = 9
 """Number of times at which convergence is tested."""
@@ -65,7 +66,8 @@ def motions(
 ) -> Callable[[float, float], Motion]:
     """Return a function from a window of times (first, last), in seconds, to the motion in that window.
 
-    Shapes: `deviation` (n,).
+    `modes`: some or all modes of the circuit; `deviation` (n,): voltages at time 0 minus their final values;
+    `accuracy`: largest error of a computed deviation, in the unit of `deviation`.
     """
     root = laplacian_root(dynamics.capacitance)
     if modes.whole:
@@ -83,9 +85,12 @@ def motions(
 
 
 def _krylov(
-    root: sparse.csr_array, solve: Solver, shift: float, deviation: Floats, accuracy: float, times: Floats
+    root: sparse.csr_array, solve: LinearMap, shift: float, deviation: Floats, accuracy: float, times: Floats
 ) -> Motion:
-    """Reduce the motion at some times to a few exponentials; ``solve`` is ``(G + shift C)^-1 F^T``."""
+    """Reduce the motion at some times to a few exponentials; ``solve`` is ``(G + shift C)^-1 F^T``.
+
+    `root`: ``F``; `deviation` (n,): initial deviation; `accuracy`: largest error of a deviation at the `times` (t,).
+    """
     u = root @ deviation
     length = float(np.linalg.norm(u))
     if length == 0.0:
@@ -121,7 +126,8 @@ def _krylov(
 def _reduced(W: Floats, T: Floats, length: float, shift: float) -> Motion:
     """Return the motion in Ritz vectors of the solutions ``W`` (Nour-Omid et al. 1987).
 
-    These are valid for nodes without capacitance, too.
+    The vectors are valid for nodes without capacitance, too.  `W` (k, n): solutions for the Lanczos vectors; `T` (k,
+    k): Lanczos matrix; `length`: norm of the initial deviation; `shift`: shift of the resolvent, in 1/s.
     """
     value, S = np.linalg.eigh(T)
     keep = value > _INSTANT * value[-1]

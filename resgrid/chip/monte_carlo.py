@@ -27,7 +27,7 @@ from resgrid.chip.build import ConductanceModel, build_chip
 from resgrid.chip.effects import Faults
 from resgrid.chip.effects.base import cells_with_nodes
 from resgrid.chip.effects.values import NOMINAL_CELSIUS
-from resgrid.chip.noise import ROOM, analyse_noise
+from resgrid.chip.noise import NOMINAL_KELVIN, analyse_noise
 from resgrid.chip.walk import Converter, Neighbours, converter_of, neighbours_of, read_out, walk
 from resgrid.circuit.batch import Batch, prepare_batch, solve_batch
 from resgrid.circuit.nonlinear import linearize
@@ -47,7 +47,7 @@ _BLOCK = 16
 
 
 class ChipSolution(NamedTuple):
-    """ChipSolution of one chip, as far as its read-outs need it.
+    """Solution of one chip: the values that its read-outs need.
 
     `voltage` (nodes,): in volts, NaN without an operating point; None where every read-out is ideal; `lowest` (cells,):
     neighbour with the lowest potential according to the face currents, -1 for none; None where no read-out is ideal.
@@ -120,7 +120,7 @@ def differs(chip: Chip) -> bool:
 
 def die_temperature(chip: Chip) -> float:
     """Return the temperature of the die, in kelvin."""
-    return ROOM if chip.temperature is None else ROOM + chip.temperature - NOMINAL_CELSIUS
+    return NOMINAL_KELVIN if chip.temperature is None else NOMINAL_KELVIN + chip.temperature - NOMINAL_CELSIUS
 
 
 Noises = dict[tuple[Chip, float], NDArray[np.float64]]
@@ -194,7 +194,7 @@ def _is_ideal(readout: Readout) -> bool:
 
 
 def _noise(op: OperatingPoint, chip: Chip, bandwidth: float) -> NDArray[np.float64]:
-    """Return the rms thermal noise of a measurement in every cell, in volts, shape (cells,)."""
+    """Return the rms thermal noise of a measurement in every cell, in volts, shape (cells,); `bandwidth` in hertz."""
     linear = linearize(op) if op.netlist.nonlinear_nodes.size else op.netlist
     noise = analyse_noise(linear, band=(0.0, bandwidth), temperature=die_temperature(chip))
     assert noise.total is not None

@@ -29,7 +29,7 @@ from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
 BOLTZMANN = 1.380649e-23
 """Boltzmann constant, in J/K (exact)."""
 
-ROOM = 300.15
+NOMINAL_KELVIN = 300.15
 """Nominal temperature of SPICE, 27 degrees Celsius, in kelvin."""
 
 _HIGHEST = np.float64(1e300)
@@ -118,7 +118,7 @@ def analyse_noise(
     netlist: Netlist,
     *,
     band: tuple[float, float] | None = None,
-    temperature: Positive = ROOM,
+    temperature: Positive = NOMINAL_KELVIN,
     method: Literal["auto", "exact", "estimate"] = "auto",
     samples: Annotated[int, Ge(2)] = 64,
     seed: Natural = 0,
@@ -155,7 +155,7 @@ def analyse_noise(
 
 
 def noise_density(
-    netlist: Netlist, nodes: ArrayLike, frequencies: ArrayLike, *, temperature: Positive = ROOM
+    netlist: Netlist, nodes: ArrayLike, frequencies: ArrayLike, *, temperature: Positive = NOMINAL_KELVIN
 ) -> NDArray[np.float64]:
     """Return the power spectral density ``4 k T Re Z(f)``, shape (frequencies, nodes); see `Study.noise_density`."""
     node = _checked_nodes(netlist, nodes)
@@ -172,7 +172,9 @@ def noise_density(
     return 4.0 * BOLTZMANN * temperature * density
 
 
-def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: Positive = ROOM) -> NDArray[np.float64]:
+def noise_covariance(
+    netlist: Netlist, nodes: ArrayLike, *, temperature: Positive = NOMINAL_KELVIN
+) -> NDArray[np.float64]:
     """Return the covariance ``k T C^-1`` of node voltages, shape (nodes, nodes); see `Study.noise_covariance`."""
     node = _checked_nodes(netlist, nodes)
     dynamics = dynamics_of(netlist)

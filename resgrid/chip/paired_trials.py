@@ -33,7 +33,10 @@ class SharedCircuit(NamedTuple, Generic[Key]):
 
 
 class StartsServed(NamedTuple):
-    """Number of starts that each chip serves, shape (trials,), or (1,) where all chips are equal."""
+    """Number of starts that each chip serves.
+
+    `counts` (trials,): the numbers, shape (1,) if all chips are equal; `random`: whether chips differ.
+    """
 
     counts: NDArray[np.int64]
     random: bool

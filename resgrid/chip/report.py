@@ -52,7 +52,7 @@ class Effort:
 
 
 USUAL = Effort()
-"""Default limits."""
+"""Default limits on the effort of the analyses of a report."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def _missing(name: str, reason: str) -> Section:
 
 
 def yield_section(chip: Study, effort: Effort) -> Section:
-    """Report the yield: from how many starts, on how many chips, robots reach a goal."""
+    """Return the section on the yield: the fraction of starts from which robots reach a goal, over many chips."""
     result = chip.yields(
         half_width=effort.half_width,
         trials=effort.trials,
@@ -128,7 +128,7 @@ def yield_section(chip: Study, effort: Effort) -> Section:
 
 
 def yield_loss_section(chip: Study, effort: Effort) -> Section:
-    """Report the cost of each effect, and the limits of mismatch, offset and bits."""
+    """Return the section on the loss of yield by each effect, and on the limits of mismatch, offset and bits."""
     trials = min(usual_trials(chip.ideal.cells.space), effort.trials)
     result = chip.yield_loss(trials=trials, executor=effort.executor, progress=effort.progress)
     section = _section("yield_loss", result, loss_sentences(result))
@@ -139,7 +139,7 @@ def yield_loss_section(chip: Study, effort: Effort) -> Section:
 
 
 def adc_resolution_section(chip: Study, _effort: Effort) -> Section:
-    """Report the converter bits that starts need, at every boundary."""
+    """Return the section on the converter bits that starts need, for every boundary condition."""
     results = _by_boundary(chip)
     own = next(iter(results.values()))
     needed = own.bits_for(0.99)
@@ -172,7 +172,7 @@ def _by_boundary(chip: Study) -> dict[str, ADCResolution]:
 
 
 def settling_section(chip: Study, _effort: Effort) -> Section:
-    """Report the settling time and the energy of a plan."""
+    """Return the section on the settling time and the energy of one settling."""
     if not chip.netlist.capacitance.any():
         return _missing("settling", "the chip has no capacitance; give chip.capacitance, such as 50f")
     result = chip.usual_settling
@@ -192,7 +192,7 @@ def settling_section(chip: Study, _effort: Effort) -> Section:
 
 
 def noise_section(chip: Study, _effort: Effort) -> Section:
-    """Report the noise in steps of the converter."""
+    """Return the section on the thermal noise, in volts and in steps of the converter."""
     bandwidth = None if chip.chip is None else chip.chip.readout.noise_bandwidth
     if bandwidth is None and not chip.netlist.capacitance.any():
         why = "neither a noise bandwidth nor a capacitance limits the noise; give chip.readout.noise_bandwidth"
@@ -217,7 +217,7 @@ def _linearization(chip: Study) -> tuple[str, ...]:
 
 
 def power_section(chip: Study, _effort: Effort) -> Section:
-    """Report the power of the chip and the droop of its rails."""
+    """Return the section on the power of the chip and the droop of its rails."""
     result = chip.power()
     text = [f"The chip takes {formatted(result.total, 'W')} once it has settled."]
     pictures = [Picture("power", "heat by cell, and the hottest resistors", result)]
@@ -232,7 +232,7 @@ def power_section(chip: Study, _effort: Effort) -> Section:
 
 
 def sensitivity_section(chip: Study, _effort: Effort) -> Section:
-    """Report the resistors that change a step by drifting."""
+    """Return the section on the resistors whose drift changes a step of the robot."""
     result = chip.sensitivity()
     starts = 0 if chip.scene is None else len(chip.scene.starts)
     origin = {0: "the start that needs most bits", 1: "the start"}.get(starts, f"the {starts} starts")
@@ -248,7 +248,7 @@ def sensitivity_section(chip: Study, _effort: Effort) -> Section:
 
 
 def sweep_section(chip: Study, effort: Effort) -> Section:
-    """Report the yield over two values of the chip."""
+    """Return the section on the yield over a grid of two values of the chip description."""
     result = chip.sweep(
         *effort.sweep,
         trials=_SWEEP_TRIALS,
@@ -271,7 +271,7 @@ def sweep_section(chip: Study, effort: Effort) -> Section:
 
 
 def defects_section(chip: Study, effort: Effort) -> Section:
-    """Report the number of starts that single faults cost."""
+    """Return the section on the number of starts that are lost by single open or shorted elements."""
     result = chip.faults(seconds=effort.seconds, progress=effort.progress)
     opened, shorted = (int((np.nan_to_num(result.lost(fault)) > 0).sum()) for fault in ("open", "short"))
     seen = "an ideal read-out" if result.ideal else f"the {result.bits}-bit converter without offset and noise"

@@ -73,7 +73,10 @@ class Sensitivity(Result):
     decision: NDArray[np.int64]
 
     def flips(self, drift: float = 0.01) -> NDArray[np.int64]:
-        """Return the numbers of the resistors whose relative drift changes a decision, most sensitive first."""
+        """Return the numbers of the resistors that change a decision by a relative drift of at most `drift`.
+
+        The most sensitive resistor is first; shape (n,).
+        """
         order = np.argsort(self.flip_drift, kind="stable")
         return order[self.flip_drift[order] <= drift]
 
@@ -125,7 +128,7 @@ def voltage_sensitivity(op: OperatingPoint, weights: ArrayLike) -> NDArray[np.fl
 
 
 def analyse_sensitivity(op: OperatingPoint, cells: ArrayLike) -> Sensitivity:
-    """Find the resistors that can change a step of the robot; see `Study.sensitivity`."""
+    """Find the resistors whose drift can change the cell that the robot steps to; see `Study.sensitivity`."""
     steps = steps_of(op)
     where, flat = _checked_cells(steps.cells.space, cells)
     adjoint = adjoint_of(op)
@@ -232,7 +235,10 @@ class Adjoint:
         )
 
     def _normwise(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return signs and logs of the differences of ``lambda``, and logs of their errors, from one solve."""
+        """Return signs and logs of the differences of the adjoint ``lambda``, and logs of their errors, from one solve.
+
+        `rhs` (n,); the results have shape (resistors,).
+        """
         matrix = factors.system.laplacian
         try:
             x = factors.solve(rhs, rtol=_RTOL)
@@ -244,7 +250,7 @@ class Adjoint:
         return *self._across([Scaled.of(x)]), self._log_error(residual)
 
     def _entrywise(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return signs and logs of the differences of ``lambda``, and of their error bounds, from two solves.
+        """Return signs and logs of the differences of the adjoint ``lambda``, and logs of error bounds, by two solves.
 
         Each solve has currents of one sign and is accurate componentwise.
         """
@@ -266,10 +272,10 @@ class Adjoint:
         return *self._across(parts), log_error
 
     def _is_at_rest_around(self, rhs: NDArray[np.float64]) -> bool:
-        """Return whether ``lambda`` varies only within parts without currents.
+        """Return whether the adjoint ``lambda`` is constant across every resistor that carries a current.
 
-        This is so where the currents `rhs` (n,) enter and leave within parts at rest that are connected to one node, or
-        to rails.  No resistor with a current then has a derivative.
+        The derivatives with respect to all resistances are then 0.  The condition holds if the currents `rhs` (n,)
+        enter and leave within parts of the circuit without currents, each connected to one other node or to rails.
         """
         size, resting = len(rhs), np.isneginf(self.log_amps)
         is_inner = (self.row >= 0).all(axis=1)
@@ -289,7 +295,10 @@ class Adjoint:
         return np.asarray(0.5 * (energy - np.log(self.conductance)))
 
     def _across(self, parts: list[Scaled]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return sign and logarithm of the differences across resistors, of the first part minus the second."""
+        """Return sign and logarithm of the differences across resistors, of the first part minus the second.
+
+        `parts`: one or two solutions (n,); returns shapes (resistors,).
+        """
         hi, lo, e = (
             np.stack([np.append(getattr(x, name), 0)[self.row] for x in parts]) for name in ("hi", "lo", "exponent")
         )

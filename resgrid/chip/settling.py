@@ -14,7 +14,7 @@ from resgrid._internal.numbers import Count, Positive
 from resgrid.chip.figures_of_merit import Figure, Result
 from resgrid.chip.modal_response import SPAN, Motion, motions
 from resgrid.chip.time_constants import (
-    Solver,
+    LinearMap,
     accurate_solver,
     fastest_time_constant,
     laplacian_root,
@@ -37,10 +37,10 @@ from resgrid.errors import AccuracyError, InputError
 Floats = NDArray[np.float64]
 
 _FINENESS = 0.005
-"""Accuracy of deviations, relative to the band."""
+"""Largest error of a voltage's computed deviation from its final value, as a fraction of the settling band."""
 
 _STEPS = 64
-"""Times per window at which rows are tested."""
+"""Number of times per window of the modal response at which deviations are compared with the settling band."""
 _POINTS = 256
 """Maximum number of points of the settling curve."""
 _FEWEST_POINTS = 32
@@ -198,7 +198,7 @@ def _largest_difference(settled: Floats) -> float:
     return reach
 
 
-def settling_bound(dynamics: Dynamics, solve: Solver, deviation: Floats, tau: float, band: float) -> float:
+def settling_bound(dynamics: Dynamics, solve: LinearMap, deviation: Floats, tau: float, band: float) -> float:
     """Return a time, in seconds, after which ``exp(-t / tau)`` leaves no row outside a band.
 
     In the norms ``sqrt(y^T C y)`` and ``sqrt(y^T G y)`` every deviation ``y`` decays at least as ``exp(-t / tau)``.  A
@@ -223,7 +223,8 @@ def _walk_back(
     """Find the time after which each row stays within a band, window by window from the bound back to time 0.
 
     Returns that time, shape (n,); the deviations when the last row has settled, shape (n,); and times, shape (t,), with
-    the largest deviation at each.
+    the largest deviation at each.  `window`: returns the motion between two times; `bound`: time after which all rows
+    lie within the band; `fastest`: shortest time constant; all times in seconds.
     """
     from resgrid.chip.kernels import last_outside
 
@@ -256,7 +257,7 @@ def _curve(motion: Motion, deviation: Floats, first: float, last: float) -> tupl
     return np.append(0.0, times), np.concatenate([np.abs(deviation).max(keepdims=True), *parts])
 
 
-def _energy(dynamics: Dynamics, solve: Solver, final: Floats, start: Floats, end: Floats, time: float) -> float:
+def _energy(dynamics: Dynamics, solve: LinearMap, final: Floats, start: Floats, end: Floats, time: float) -> float:
     """Return the energy that the sources deliver while the deviation changes from `start` to `end`, in joules.
 
     The integral of the deviation over time is ``G^-1 C (start - end)``.

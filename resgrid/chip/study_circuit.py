@@ -129,7 +129,11 @@ class CircuitStudy(StudyInputs):
 
     @cached_property
     def _band(self) -> tuple[float, float] | None:
-        """Default noise band, in hertz."""
+        """Default noise band (lower and upper limit), in hertz.
+
+        It ends at the noise bandwidth of the read-out, else above the highest corner frequency.  None without a
+        bandwidth for a circuit without capacitors, or without a chip description.
+        """
         if self.description.readout.noise_bandwidth is not None:
             return 0.0, self.description.readout.noise_bandwidth
         if self.chip is None or not self.netlist.capacitance.any():

@@ -76,7 +76,7 @@ class Sweep(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """For each first value, the smallest second value with a yield of 99 %, with definitions."""
+        """Figures of merit by name: for each first value, the smallest second value with a yield of at least 99 %."""
         return {
             f"least_{self.second.rpartition('.')[2]}_at_{value}": Figure(
                 least,

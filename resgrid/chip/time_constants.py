@@ -34,12 +34,14 @@ from resgrid.solvers.scaled import BITS
 from resgrid.solvers.selected_inverse import symmetric_factors
 
 Floats = NDArray[np.float64]
-Solver = Callable[[Floats], Floats]
+LinearMap = Callable[[Floats], Floats]
+"""Function from a vector (n,) to the product of a matrix, or of its inverse, with the vector."""
 
 _SOLVE_RTOL = 1e-11
-"""Tolerance of ordinary solves."""
+"""Normwise backward error of solutions that need no componentwise accuracy."""
 _SPOILT = 1e-9
-"""Relative difference of two solutions above which rounding of the diagonal, or of pivots, is significant."""
+"""Relative difference between the normwise and the componentwise solution for the delays, above which the normwise
+solution is too inaccurate."""
 
 _PROVED = 1e-3
 """Largest accepted (pessimistic) bound on the relative error of delays."""
@@ -54,8 +56,8 @@ def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
     return sparse.csr_array(sparse.diags_array(np.sqrt(value)) @ incidence)
 
 
-def accurate_solver(factors: Factor, capacitance: Laplacian) -> Solver:
-    """Return a solver without loss of accuracy: plain if it gives the right Elmore delays, else entrywise.
+def accurate_solver(factors: Factor, capacitance: Laplacian) -> LinearMap:
+    """Return an accurate solver: the normwise one if it gives accurate Elmore delays, else a componentwise one.
 
     Elmore delays are dominated by the slowest parts, where rounding errors appear first.
     """
@@ -151,22 +153,21 @@ DENSE = 200
 """Maximum number of rows for which all modes are computed."""
 
 _RTOL = 1e-12
-"""Residuals at which the iterations stop: near rounding for slow modes, loose for a search for slower ones, and loose
-for the fastest mode, whose error is of the order of the squared residual.
-"""
+"""Relative residual at which the iteration for slow modes stops: near the rounding error."""
 _PROBE_RTOL = 1e-3
+"""Relative residual at which a search for slower modes stops."""
 _FASTEST_RTOL = 5e-3
-"""Residuals at which iterations stop: `_RTOL` for slow modes, near rounding; `_PROBE_RTOL` in a search for slower ones;
-`_FASTEST_RTOL` for the fastest mode, whose error is of the order of the squared residual."""
+"""Relative residual at which the iteration for the fastest mode stops; the error of its time constant is of the order
+of the squared residual."""
 
 _RESOLVED = 1e-12
-"""Smallest iterated time constant, relative to the slowest, that rounding does not decide."""
+"""Smallest time constant, as a fraction of the slowest, that an iteration determines in spite of rounding errors."""
 
 _KRYLOV, _PROBE_KRYLOV = 20, 10
-"""Minimum number of vectors of an iteration, and of a search for slower modes."""
+"""Minimum number of Lanczos vectors of an iteration, and of a search for slower modes."""
 
 
-def slowest_modes(dynamics: Dynamics, count: int, solve: Solver | None = None) -> Modes:
+def slowest_modes(dynamics: Dynamics, count: int, solve: LinearMap | None = None) -> Modes:
     """Compute the `count` slowest modes, or all modes of a small circuit; ``solve``: from `accurate_solver`."""
     live = require_charge(dynamics)
     solve = solve or accurate_solver(factor_resolvent(dynamics, 0.0), dynamics.capacitance)
@@ -186,8 +187,11 @@ def require_charge(dynamics: Dynamics) -> int:
     return live
 
 
-def _slowest(dynamics: Dynamics, count: int, live: int, solve: Solver) -> Modes:
-    """Iterate on ``K = F G^-1 F^T``, whose eigenvectors are orthonormal, until no slower mode remains."""
+def _slowest(dynamics: Dynamics, count: int, live: int, solve: LinearMap) -> Modes:
+    """Compute the `count` slowest modes by iteration on ``K = F G^-1 F^T``, until no slower mode remains.
+
+    `live`: number of all modes; `solve`: product with ``G^-1``.
+    """
     F = laplacian_root(dynamics.capacitance)
 
     def apply(u: Floats) -> Floats:
@@ -199,7 +203,7 @@ def _slowest(dynamics: Dynamics, count: int, live: int, solve: Solver) -> Modes:
         project = partial(_project_out, U)
         start = project(F @ random.uniform(0.5, 1.5, dynamics.size))
 
-        def rest(u: Floats, project: Solver = project) -> Floats:
+        def rest(u: Floats, project: LinearMap = project) -> Floats:
             return project(apply(project(np.ravel(u))))
 
         if _top(rest, start, 1, _PROBE_RTOL, _PROBE_KRYLOV)[0][0] * (1.0 + 2.0 * _PROBE_RTOL) < tau[count - 1]:
@@ -218,8 +222,12 @@ def _project_out(U: Floats, u: Floats) -> Floats:
     return np.asarray(u - U @ (U.T @ u))
 
 
-def _top(apply: Solver, start: Floats, count: int, rtol: float, least: int) -> tuple[Floats, Floats]:
-    """Return the largest eigenvalues, largest first, and their eigenvectors; shape (k,), (m, k)."""
+def _top(apply: LinearMap, start: Floats, count: int, rtol: float, least: int) -> tuple[Floats, Floats]:
+    """Return the `count` largest eigenvalues of an operator, largest first, and eigenvectors; shapes (k,), (m, k).
+
+    `apply`: product of the operator with a vector (m,); `start` (m,): start vector; `rtol`: relative residual; `least`:
+    minimum number of Lanczos vectors.
+    """
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
     n, vectors = len(start), max(2 * count + 1, least)

@@ -148,7 +148,7 @@ def analyse_yield_loss(
     removed = _without(chip)
     points = {("", 0): chip} | {(name, 0): other for name, (_, other) in removed.items()}
     for ladder in (offsets, bits):
-        points |= {(ladder.name, rung): ladder.chip_with(value) for rung, value in enumerate(ladder.values)}
+        points |= {(ladder.name, candidate): ladder.chip_with(value) for candidate, value in enumerate(ladder.values)}
     known: Noises = {}  # mismatch does not change the noise without random errors
     groups = groups_of(netlist, points, count, known)
     served: dict[tuple[str, int], StartsServed] = {}
@@ -173,16 +173,16 @@ def analyse_yield_loss(
         served |= results
         report(share_of(next(iter(results.values()))))
 
-    def yield_at_mismatch(rung: int) -> Proportion:
-        if rung == 0 and ("mismatch", 0) in served:
+    def yield_at_mismatch(candidate: int) -> Proportion:
+        if candidate == 0 and ("mismatch", 0) in served:
             return share_of(served["mismatch", 0])
-        point = {rung: mismatches.chip_with(mismatches.values[rung])}
+        point = {candidate: mismatches.chip_with(mismatches.values[candidate])}
         (group,) = run_groups(groups_of(netlist, point, count, known), starts, executor)
-        report(share_of(group[rung]))
-        return share_of(group[rung])
+        report(share_of(group[candidate]))
+        return share_of(group[candidate])
 
     def limit_of(ladder: Ladder) -> Limit:
-        return find_limit(ladder, target, lambda rung: share_of(served[ladder.name, rung]), every=True)
+        return find_limit(ladder, target, lambda candidate: share_of(served[ladder.name, candidate]), every=True)
 
     base = served["", 0]
     causes = [
@@ -218,7 +218,11 @@ def _without(chip: Chip) -> dict[str, tuple[tuple[str, ...], Chip]]:
 def _cause(
     name: str, keys: tuple[str, ...], base: StartsServed, other: StartsServed, share: Proportion, size: tuple[int, int]
 ) -> Cause:
-    """Compare the yields with and without an effect chip by chip; `size`: numbers of starts and of chips."""
+    """Return the effect's gain in yield, compared chip by chip with and without it.
+
+    `base, other`: starts served with and without the effect; `share`: yield without it; `size`: numbers of starts and
+    of chips.
+    """
     starts, trials = size
     differences = (other.counts - base.counts) / starts  # without randomness, one chip stands for all
     changed, mean = int(np.count_nonzero(differences)), float(differences.mean())
@@ -279,7 +283,7 @@ _LIMITS = {
     "largest_offset": "Largest offset",
     "fewest_bits": "Fewest bits",
 }
-"""Texts of the limits."""
+"""First words of the sentence on each error limit, by the name of the limit."""
 
 
 def _largest_loss(result: YieldLoss) -> str:

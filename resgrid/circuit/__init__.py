@@ -1,4 +1,7 @@
-"""Circuits: from a netlist to its equations, operating point, transient and effective values."""
+"""Circuits: from a netlist to its equations, operating point, transient and effective values.
+
+Circuits may import `solvers` and `core`; they do not depend on scenes, decks or paths.
+"""
 
 from resgrid._internal.public import attach
 

@@ -18,7 +18,7 @@ from resgrid.circuit.linear import solve_linear
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 from resgrid.solvers.factors import check_rtol
-from resgrid.solvers.hierarchy_reuse import Solver, solve_in_order, solver_by_levels
+from resgrid.solvers.hierarchy_reuse import ChipSolver, solve_in_order, solver_by_levels
 from resgrid.solvers.symbolic import order_rows
 
 _SMALL = 1000
@@ -36,7 +36,7 @@ class Batch(NamedTuple):
     """
 
     system: Equations
-    solver: Solver
+    solver: ChipSolver
 
 
 def solve_many(

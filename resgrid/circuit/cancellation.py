@@ -21,20 +21,24 @@ from resgrid.circuit.sources import sum_cuts, without_loops
 from resgrid.solvers.conservative_factors import Column, fixed, nearest, scaled, substitute
 
 _DEEP_FLOOR, _SHALLOW_FLOOR, _SMALL = 1000, 200, 1000
-"""Binary digits between the largest value and the floor, below which values are set to zero, in circuits of at most
-`_SMALL` rows and in larger ones; every 53 digits take a step of refinement."""
+"""Numbers of binary digits from the largest value down to the floor, below which values are set to zero:
+`_DEEP_FLOOR` in circuits of at most `_SMALL` rows, `_SHALLOW_FLOOR` in larger ones, since every 53 digits take a step
+of refinement."""
 
 _DIGITS = 60
-"""Binary digits to which a value is proved before it is rounded to the 53 digits of a double."""
+"""Number of proved correct binary digits that a value needs before it is rounded to the 53 digits of a double."""
 
 _GUARD = 300
-"""Binary digits of the units below the floor, in addition to the range of the conductances."""
+"""Number of binary digits that the integers of fixed-point arithmetic have below the floor, in addition to those for
+the range of the conductances."""
 
 _NEAR_FLOOR = 20
-"""Binary digits above the floor up to which KCL is not checked: some currents at the node may lie below the floor."""
+"""Number of binary digits above the floor up to which KCL is not checked, as other currents at the node may lie below
+the floor."""
 
 _LEAST_AMPS = -2200
-"""Binary logarithm of the largest current, in amperes, assumed for a circuit without current; below all doubles."""
+"""Smallest assumed binary logarithm of the largest current in amperes, for circuits without sources; it lies below
+the range of doubles."""
 
 _TINY = float(np.finfo(np.float64).tiny)
 """Smallest normalized double."""

@@ -28,18 +28,19 @@ from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.supernodal import SupernodalFactors
 
 _FEW_ENTRIES, _MOST_ENTRIES = 10_000, 2_000_000
-"""Numbers of entries of the factors up to which a circuit is solved in integers at once (30 ms), or if corrections in
-double-double have failed (some seconds)."""
+"""Limits on the number of entries of the factors.  A circuit with at most `_FEW_ENTRIES` is solved in integers
+immediately (30 ms); one with at most `_MOST_ENTRIES` after corrections in double-double have failed (some seconds)."""
 
 _CERTAIN = 1e-9
 """Largest change of a current by the last correction, as a fraction of the current through a node at its ends."""
 
 _UNDERFLOW, _UNRESOLVED, _UNCHECKED_KCL = 1e-280, 1e-30, 1e-28
-"""Fractions of the largest current: below the first, currents are set to zero because doubles underflow; below the
-second, currents lost to cancellation are; below the third, KCL is not checked at nodes with such currents."""
+"""Fractions of the largest current.  Currents below `_UNDERFLOW` are set to zero, because doubles underflow.  Currents
+below `_UNRESOLVED` are set to zero if cancellation has removed all their digits.  KCL is not checked at nodes with a
+current that was set to zero and a through-current below `_UNCHECKED_KCL`."""
 
 _UNBOUNDED = 1e-20
-"""Fraction of the largest current below which no error bound is computed."""
+"""Fraction of the largest current that replaces smaller currents in the denominator of the relative error bound."""
 
 _DIGITS = 48
 """Binary digits that are kept of a correction, counted from its largest entry; the others are rounding errors."""
@@ -194,7 +195,7 @@ def _currentless(system: Equations, rows: NDArray[np.int32]) -> NDArray[np.bool_
 
 
 def _bound(system: Equations, factors: SupernodalFactors, found: _Differences) -> float:
-    """Bound the errors of voltages relative to the largest one, and of currents relative to those at either end.
+    """Return a bound on the errors of voltages, relative to the largest one, and of currents, relative to either end.
 
     The inverse matrix has no negative entry.  Applied to the magnitudes of the residual currents, it bounds the voltage
     errors.  The error of a branch current is also at most the sum of the residual currents.

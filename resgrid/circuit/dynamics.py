@@ -46,12 +46,12 @@ from resgrid.solvers.scaled import Scaled
 
 _EPS = float(np.finfo(np.float64).eps)
 _LARGEST_ERROR = 1e-6
-"""Largest error of a voltage at 0+, as a fraction of the largest voltage."""
+"""Largest accepted error of a voltage at time 0+, as a fraction of the largest voltage."""
 
 _MOST_CORRECTIONS = 5
 
 _SLOPE_RTOL = 1e-3
-"""Backward error of slopes, which only choose the first step."""
+"""Normwise backward error of the time derivatives of the voltages, which only determine the first time step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,10 @@ class Dynamics:
 
     @cached_property
     def charged(self) -> NDArray[np.bool_]:
-        """Rows of ``y``, (n,): all rows but one of every column of `null_space`, so that ``C_cc`` is definite."""
+        """Mask of the rows (n,) of the definite block ``C_cc`` of ``C``.
+
+        It contains all rows but one of every column of `null_space`.
+        """
         columns = sparse.csc_array(self.null_space)
         charged = np.ones(self.size, dtype=np.bool_)
         charged[columns.indices[columns.indptr[:-1]]] = False
@@ -112,7 +115,7 @@ class Dynamics:
 
     @cached_property
     def capacitance_factor(self) -> Factor | None:
-        """Factors of ``C_cc``; None without capacitors."""
+        """Factors of ``C_cc``, the block of ``C`` of the rows `charged`; None without capacitors."""
         return factor_laplacian(self.capacitance.within(self.charged), "auto") if self.charged.any() else None
 
     @cached_property
@@ -138,7 +141,7 @@ class Dynamics:
         return np.where(np.isnan(self.fixed), np.nan, np.append(value, 0.0)[self.row])
 
     def injection(self, nodes: NDArray[np.int64], amount: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the sums of the amounts (k,) at nodes (k,) over rows, (n,); amounts at rails are omitted."""
+        """Add amounts (k,) at nodes (k,) to the rows of these nodes; return the sum per row, (n,), without rails."""
         inside = self.row[nodes] >= 0
         return sum_by_row(self.row[nodes[inside]], amount[inside], self.size)
 

@@ -90,7 +90,7 @@ class Equations:
         return known
 
     def heights(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the heights of all nodes above `reference`, in volts, (nodes,), NaN if floating; `x` (n,): rows."""
+        """Return the heights of all nodes above `reference`, (nodes,), NaN if floating; `x` (n,): of rows; in volts."""
         own = np.where(self.unknown >= 0, self.forest.offsets[0], self.known_voltages() - self.reference)
         return np.asarray(own + np.append(x, 0.0)[self.unknown])
 
@@ -247,7 +247,10 @@ def components_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceF
 
 
 def refuse_floating_currents(netlist: Netlist, components: Components, *, unless_balanced: bool = False) -> None:
-    """Raise CircuitError if current sources drive a floating component; if `unless_balanced`, only for a sum not 0."""
+    """Raise CircuitError if current sources drive a floating component.
+
+    With `unless_balanced`, a component is accepted if its source currents add up to 0.
+    """
     if not np.any(components.has_drive & components.floating):
         return
     node, amps = netlist.current_nodes.T.ravel(), np.outer([-1.0, 1.0], netlist.current_amps).ravel()

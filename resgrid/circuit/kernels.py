@@ -120,7 +120,11 @@ def _voltage_difference(
     a: float, a_low: float, a_is_drop: bool, b: float, b_low: float, b_is_drop: bool, rounding: float,
     drop_rounding: float,
 ) -> float:  # fmt: skip
-    """Return the potential of node a minus that of node b, in units of the rail distance; 0 within rounding errors."""
+    """Return the potential of node a minus that of node b, in units of the rail distance; 0 within rounding errors.
+
+    ``a + a_low`` is the drop of node a from the high rail if `a_is_drop`, else its height above the low rail; likewise
+    for b.  `rounding, drop_rounding`: relative rounding errors of heights and of drops.
+    """
     if a_is_drop == b_is_drop:
         d = (a - b) + (a_low - b_low)
         if abs(d) <= (drop_rounding if a_is_drop else rounding) * max(abs(a), abs(b)):
@@ -142,7 +146,8 @@ def currents(
     """Write the scaled currents of the resistors to `amps` and `exponent`; return the dissipated power in watts.
 
     `imprecise` marks a current whose voltage difference is at most ``threshold`` of the two values, or a rounding
-    error of these, but not zero.  Shapes: `pairs` (m, 2); `value, is_drop` (nodes,); others (m,).
+    error of these, but not zero.  `volts`: unit of the values, in volts; `rounding`: relative rounding error of
+    heights.  Shapes: `pairs` (m, 2); `value, is_drop` (nodes,); others (m,).
     """
     hi, lo, e, drop_rounding = value.hi, value.lo, value.exponent, value.noise
     power = 0.0

@@ -75,7 +75,11 @@ def solve_linear(
 
 
 class _Run(NamedTuple):
-    """Options and progress of one solve; `seconds`: wall-clock time of every finished stage, filled in by `timed`."""
+    """Options and progress of one solve.
+
+    `method, accuracy`: as in `resgrid.solve`; `team`: threads; `watch`: progress; `seconds`: wall-clock time of every
+    finished stage, filled in by `timed`.
+    """
 
     method: str
     accuracy: str

@@ -327,7 +327,10 @@ class _NonlinearCircuit:
         limit = np.append(np.zeros(len(netlist.conductance)), netlist.nonlinear_current)
 
         def crossing(weight: NDArray[np.float64]) -> NDArray[np.float64]:
-            """Return the sum of the weights of the elements across each voltage but the highest, (count - 1,)."""
+            """Return, per voltage but the highest, the weight of the elements between rows up to and above the voltage.
+
+            Shape (count - 1,).
+            """
             return np.cumsum(np.bincount(below, weight, count) - np.bincount(above, weight, count))[:-1]
 
         injected = np.cumsum(np.bincount(rank[:-1], self.system.injected, count))

@@ -44,8 +44,9 @@ _LEAST_COMPLEMENT = 1e-3
 """Smallest height above the low rail, as a fraction of the rail distance, that is computed as one minus the drop."""
 
 _IMPRECISE, _IMPRECISE_IN_SMALL = 1e-20, 1e-10
-"""Relative difference of two values below which the difference has few correct digits: half the digits of a
-double-double; in small circuits, where a check is cheap, the rounding error of summed contacts."""
+"""Relative difference of two values below which their difference has few correct digits.  `_IMPRECISE` is half the
+digits of a double-double.  `_IMPRECISE_IN_SMALL`, for small circuits, where a check is cheap, includes the rounding
+error of summed contacts."""
 
 _NO_EXPONENT = -(2**62)
 _PLAIN_EXPONENT = 2
@@ -389,7 +390,7 @@ def _potential(system: Equations, height: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def _voltage(system: Equations, values: NodeValues) -> NDArray[np.float64]:
-    """Return the node voltages above ground, in volts, (nodes,); raise CircuitError if one exceeds doubles."""
+    """Return the node voltages above ground, in volts, (nodes,); raise CircuitError if one overflows."""
     plain = values.value.plain
     with np.errstate(over="ignore"):
         volts = values.zero + values.volts * plain

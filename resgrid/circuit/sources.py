@@ -25,7 +25,8 @@ LOOP_TOLERANCE = 1e-12
 """Largest contradiction of the sources in a loop, as a fraction of the largest source voltage of that loop."""
 
 _MOST_OF_FLOW = 0.6
-"""Fraction of the current through a tree of sources above which a subtree is summed from the root, not the leaves."""
+"""Fraction of a tree's total current.  The current of a source whose subtree carries more is summed over the rest of
+the tree instead of over the subtree, because the smaller sum has the smaller rounding error."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,18 +32,19 @@ _SMALL = 100_000
 """Number of cells below which windows are not solved beforehand, because the saved iterations cost less."""
 
 _MORE_ITERATIONS, _MOST_ITERATIONS = 4, 3
-"""Number of iterations in excess of the first solve above which the next solve sets up a new hierarchy, and multiple of
-the iterations of the first solve above which a result is rejected, since its error estimate is unreliable."""
+"""Limits relative to the iterations of the first solve.  If a solve takes more than `_MORE_ITERATIONS` in addition, the
+next solve sets up a new hierarchy.  If it takes more than `_MOST_ITERATIONS` times as many, its result is rejected,
+since its error estimate is unreliable."""
 
 _WINDOW = 12_000
 """Approximate number of cells of the window around a small change that is solved beforehand."""
 
 _MOST = 4
-"""Inverse of the largest fraction of the space that windows may cover."""
+"""Windows may cover at most one cell in this number of cells of the space."""
 
 _RIM, _NEAR = 3, 2
-"""Width in cells of the margin of a window whose equations are incomplete, and distance from a changed cell up to which
-equations change."""
+"""Widths in cells: `_RIM`: margin of a window in which equations are incomplete; `_NEAR`: distance from a changed cell
+up to which equations change."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +214,7 @@ class _WarmCircuit:
 
     @classmethod
     def of(cls, system: Equations, space: ConfigurationSpace, wiring: Wiring) -> _WarmCircuit | None:
-        """Set up the hierarchy for the equations of a space; None if the grid has no red-black colouring."""
+        """Return the circuit of a space with a new hierarchy; None if the grid has no red-black colouring."""
         row, is_driven = _rows_of(space, wiring), wiring.drive == "uniform"
         if not system.size == np.count_nonzero(row) > 0:
             return None

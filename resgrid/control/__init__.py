@@ -1,4 +1,7 @@
-"""Harmonic control (Connolly & Grupen 1992, sections 3.4 and 5 to 7): velocities, contacts, learnt obstacles."""
+"""Harmonic control (Connolly & Grupen 1992, sections 3.4 and 5 to 7): velocities, contacts, learnt obstacles.
+
+Control may import `planning` and packages below it; it does not depend on pictures or result files.
+"""
 
 from resgrid._internal.public import attach
 

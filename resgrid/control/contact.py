@@ -22,7 +22,7 @@ from resgrid.robots.geometry import TOUCH
 Vector = NDArray[np.float64]
 
 _LOOK = 4.0
-"""Radius of the search for near obstacles, in largest motions of a step."""
+"""Radius of the search for near obstacles, in units of the largest motion of the robot in one step."""
 _AT_STOP = 1e-6
 """Distance from a mechanical stop, in cells, at which the robot is at the stop."""
 _LEAST = 1e-3
@@ -171,7 +171,7 @@ class Body:
         return self._nothing if self._clear > 2.0 * self._reach else self._survey()
 
     def _survey(self) -> Surroundings:
-        """Search for near obstacles at the present configuration."""
+        """Search for near obstacles at the present configuration; return the pairs of near points."""
         pose = self._pose = self.plant.pose(self.configuration)
         pairs = self.plant.near(pose, _LOOK * self._reach)
         self._clear = float(pairs["gap"].min()) if len(pairs) else _LOOK * self._reach
@@ -203,7 +203,10 @@ class Body:
     def move(
         self, velocity: Vector, longest: float, pause: float, around: Surroundings, keep: float = KEEP
     ) -> tuple[float, Vector]:
-        """Take a step; return its duration in seconds and its velocity, or `pause` and 0 if the robot is blocked."""
+        """Take a step; return its duration in seconds and its velocity, or `pause` and 0 if the robot is blocked.
+
+        `longest`: maximum duration, in seconds; `keep`: smallest gap after the step, as a fraction of the margin.
+        """
         step = self._time_step(velocity, longest, around)
         fraction = self._free(step * velocity, around, keep)
         if fraction < _LEAST:

@@ -14,15 +14,15 @@ Basis = tuple[NDArray[np.int64], Vector]
 """Nonzero columns (slacks, unknowns, or Lemke's artificial one), and the matrix from ``q`` to their values."""
 
 _LEAST_MOBILITY = 1e-12
-"""Smallest relative mobility of a contact that is not ignored."""
+"""Largest entry of ``n . J`` (or ``t . J``), relative to that of all contacts, below which a contact is ignored."""
 _LEAST_PIVOT = 1e-13
-"""Smallest relative pivot."""
+"""Smallest accepted pivot of Lemke's method, relative to the largest entry of the inverse basis."""
 _TIE = 1e-12
 """Relative difference of ratios that count as equal, and relative size of forces that count as 0."""
 _GONE = 1e-9
 """Value of the artificial variable that counts as 0."""
 _CLOSED = 1e-6
-"""Largest relative residual of a solution."""
+"""Largest accepted relative residual of the complementarity problem."""
 _REFINEMENTS = 3
 """Number of steps of iterative refinement."""
 
@@ -94,6 +94,7 @@ def _complementary(M: Vector, q: Vector) -> Basis | None:
     """Return a basis of ``z >= 0, w = M z + q >= 0, z . w = 0`` by Lemke's method, for small copositive ``M``.
 
     Columns of the tableau: the slacks ``w``, the unknowns ``z``, Lemke's artificial variable, and the right-hand side.
+    Returns None without a solution.
     """
     size = len(q)
     basis, artificial = np.arange(size), 2 * size
@@ -115,9 +116,10 @@ def _complementary(M: Vector, q: Vector) -> Basis | None:
 
 
 def _bounding_row(table: Vector, entering: int, basis: NDArray[np.int64]) -> int | None:
-    """Return the row with the smallest ratio, None if there is none.
+    """Return the row of the tableau that bounds the entering column: the one with the smallest ratio; None without one.
 
-    Ties are broken by the ratios of the inverse basis (lexicographic rule).
+    The ratio is the right-hand side over the entry of column `entering`.  Ties are broken by the ratios of the inverse
+    basis (lexicographic rule).
     """
     size = len(table)
     rows = np.flatnonzero(table[:, entering] > _LEAST_PIVOT * np.abs(table[:, :size]).max())

@@ -186,7 +186,7 @@ class Controller:
 
     @cached_property
     def axis_admittance(self) -> NDArray[np.float64]:
-        """The admittance along the axes, shape (n, n)."""
+        """The matrix `admittance` (velocity per generalised force) in the directions of the axes, shape (n, n)."""
         # Rotate rows and columns.
         return self._frame.turned_from_world(self._frame.turned_from_world(self.admittance).T).T
 
@@ -199,7 +199,7 @@ class Controller:
 
     @cached_property
     def _kernel(self) -> Callable[[NDArray[np.float64], NDArray[np.float64]], tuple[int, float]]:
-        """Function from a point to its status and longest step; it writes the velocity into the second array."""
+        """Function ``(point, velocity)`` that writes the velocity at a point, and returns status and longest step."""
         from resgrid.control.kernels import nominal
 
         space, flow = self.field.space, self.field.flow

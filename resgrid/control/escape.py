@@ -36,7 +36,7 @@ def goal_offsets(space: ConfigurationSpace, place: Vector, *, sure: bool = True)
     """Return goal cells near a point with the offsets to their goals: the cell of the point first.
 
     Its face neighbours follow in order of distance.  Two neighbours that share a face form a convex box, so that
-    straight lines between them stay in goal cells.
+    straight lines between them stay in goal cells.  `sure`: whether the position is exact (see `goal_offset`).
     """
     cell, local = space.split(place)
     own = tuple(cell.tolist())

@@ -33,6 +33,7 @@ class ExternalForce:
     start, duration : float
         In seconds.
     force : ndarray of float64, shape (ndim,)
+        Generalised force, with one component per coordinate of a configuration.
 
     Raises
     ------

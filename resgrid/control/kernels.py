@@ -23,8 +23,8 @@ _EDGE = 1e-9
 _BORDER = 2e-9
 _CLEARANCE = 3e-9
 _VANISHING = 4e-9
-"""Lengths as fractions of a cell: overshoot beyond a crossed face; width of a border; clearance from a border; half
-width of the interval around a zero of a velocity component.
+"""Lengths as fractions of a cell: `_EDGE`: overshoot beyond a crossed face; `_BORDER`: width of a border;
+`_CLEARANCE`: distance from a border; `_VANISHING`: half width of the interval around a zero of a velocity component.
 """
 
 _LARGEST_TILT = 1e-3
@@ -45,7 +45,7 @@ class FlowGrid(NamedTuple):
 
 @inner
 def _cell_at(grid: FlowGrid, point: Floats, cell: Integers, local: Floats) -> int:
-    """Compute the cell of a point and its local coordinates in [0, 1]; return a status."""
+    """Write the cell of a point, and its position in the cell in [0, 1], to `cell` and `local`; return a status."""
     for axis in range(len(cell)):
         count = grid.flow.shape[axis]
         x = (point[axis] - grid.corner[axis]) / grid.flow.spacing[axis]

@@ -35,7 +35,7 @@ SAME = 1e-9
 class StallDetector:
     """Detects that a robot stays within half a cell, from the distance that its commands could have moved it.
 
-    `spacing, place` (ndim,).
+    `spacing` (ndim,): cell widths; `place` (ndim,): position at the start; both along the axes.
     """
 
     def __init__(self, spacing: Vector, place: Vector) -> None:
@@ -69,7 +69,7 @@ class StallDetector:
 class Command(NamedTuple):
     """The command without contact.
 
-    `velocity` (ndim,): without external forces; `longest`: maximum duration, in seconds.
+    `mode`: kind of motion; `velocity` (ndim,): without external forces; `longest`: maximum duration, in seconds.
     """
 
     mode: ControlMode
@@ -112,7 +112,7 @@ class Navigator:
         return Command(ControlMode.STREAMLINE, seen.velocity, seen.longest * float(slowed))
 
     def _to_goal(self, believed: Vector) -> Command | End:
-        """Move straight to the goal in this goal cell or, if it is obstructed, in a neighbour cell."""
+        """Return the command to the goal in this goal cell or, if obstructed, in a neighbour cell, else the end."""
         offsets = goal_offsets(self._live.space, believed, sure=self._sensor.exact)
         own = offsets[0][1]
         if np.all(np.abs(own) <= self._sensor.noise + SAME * self._live.spacing):
@@ -121,7 +121,10 @@ class Navigator:
         return self._straight(ControlMode.HOMING, own if self.exit is None else dict(offsets)[self.exit])
 
     def _recover(self, believed: Vector, configuration: Vector) -> Command | End:
-        """Move back along the trail; if no cell of the trail has a path, move out to a near cell that has one."""
+        """Return the command back along the trail or, if no cell of it has a path, to a near cell with a path.
+
+        Without such a cell, return the end of the run.
+        """
         if self._cut_off:
             for cell, offset in exits(self._live.space, believed):
                 if cell not in self._tried:
@@ -176,7 +179,10 @@ class Navigator:
             self._stall.reset(configuration)
 
     def remember(self, mode: ControlMode, before: Vector, after: Vector, *, pushed: bool) -> None:
-        """Append the configuration to the trail, so that each step back along it repeats an earlier step."""
+        """Append the configuration `before` a step to the trail, so that each step back repeats an earlier step.
+
+        A robot on its way back is recorded only where it was `pushed` (by an external force) off its trail.
+        """
         away = np.abs(after - self._trail[-1]) if self._trail else np.zeros_like(before)
         pushed_off = mode is ControlMode.RETREATING and pushed and np.any(away > SAME * self._live.spacing)
         unsure = mode is ControlMode.RECOVERING and not self._sensor.exact
@@ -184,7 +190,7 @@ class Navigator:
             self._trail.append(before)
 
     def learnt(self, configuration: Vector) -> End | None:
-        """Respond to a changed map; return an end if no place of the trail, and no cell near one, has a path."""
+        """Respond to a changed map; return an end, or None if a place of the trail, or a cell near one, has a path."""
         self._tried, self.exit = set(), None
         space = self._live.space
         if not space.goal_count:

@@ -20,7 +20,8 @@ from resgrid.scene.scene import Scene
 from resgrid.scene.world_coordinates import to_space
 
 INSIDE = 1e-6
-"""Minimum thickness of an obstacle beyond a touched surface, in largest motions of the robot across a cell."""
+"""Minimum thickness of an obstacle behind a touched surface, as a fraction of the robot's largest motion across a
+cell."""
 
 PAIR = np.dtype(
     [
@@ -38,9 +39,9 @@ _CAPACITY = 64
 _SPLIT = 4
 """Number of pieces that an undecided line is cut into."""
 _LEVELS = 10
-"""Maximum number of subdivisions."""
+"""Maximum number of successive subdivisions of an undecided line."""
 _INNER = np.linspace(0.0, 1.0, 17)
-"""Positions along the edges of an intersection at which its depth is evaluated."""
+"""Positions along each edge (0 to 1) of the intersection of robot and obstacle at which its depth is evaluated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +236,11 @@ def make_plant(
     *,
     frame: Frame | None = None,
 ) -> Plant:
-    """Return a plant from its parts."""
+    """Return the plant of a robot, its axes and the obstacles, given in world coordinates.
+
+    `known`: obstacles of the robot's map; `hidden`: obstacles that the map does not contain; `frame`: position of the
+    axes in the world, by default at the world's origin.
+    """
     place = Frame() if frame is None else frame
     obstacles = tuple(to_space(shape, place) for shape in (*known, *hidden))
     return Plant(robot, tuple(axes), obstacles, len(known), place)

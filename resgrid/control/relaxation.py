@@ -39,7 +39,7 @@ TICK = 0.2
 """Interval between two readings of a chip, in cells that a robot at nominal speed crosses in that time."""
 
 _OMEGA = 1.8
-"""Factor of over-relaxation."""
+"""Relaxation factor of successive over-relaxation, between 1 and 2."""
 
 _SETTLED = 1e-6
 """Largest relative distance of voltages from their final values at which the grid counts as settled."""

@@ -88,7 +88,7 @@ class TerminationReason(StrEnum):
 
 
 class End(NamedTuple):
-    """End of a motion, with a sentence."""
+    """Termination reason of a run, with a sentence that explains it."""
 
     ending: TerminationReason
     message: str

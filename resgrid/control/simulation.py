@@ -165,7 +165,10 @@ class Simulation:
         return loop.recorder.run(end, goal, tuple(loop.lessons), field, live.space, self.plant, self.scene)
 
     def _checked_start(self, start: ArrayLike | None, *, exact: bool) -> NDArray[np.float64]:
-        """Return a start along the axes; raise InputError for a start in an obstacle that the map does not contain."""
+        """Return a start along the axes; raise InputError for a start in an obstacle that the map does not contain.
+
+        `exact`: whether the position sensor has no error; a start in an obstacle cell then ends the run at once.
+        """
         if start is None:
             if self.scene is None or not self.scene.starts:
                 raise InputError("run() needs a start: give one, or a scene that has starts")

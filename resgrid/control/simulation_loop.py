@@ -40,7 +40,7 @@ class Loop:
         self._known_points: Vector | None = None
 
     def run(self, max_steps: int) -> End:
-        """Take steps until the run ends."""
+        """Take steps until the run ends; return its end."""
         end = self._end_by_map() if self.sensor.exact else None
         while end is None:
             if len(self.recorder) >= max_steps:
@@ -53,7 +53,7 @@ class Loop:
         return end
 
     def _end_by_map(self) -> End | None:
-        """Return the end of the run if the map decides it at the start; only for an exact sensor."""
+        """Return the end of the run if the map decides it at the start, else None; None also for an inexact sensor."""
         space = self.live.space
         cell = tuple(space.split(self.believed)[0].tolist())
         if space.cell[cell] == Cell.OBSTACLE:
@@ -65,7 +65,7 @@ class Loop:
         return End(TerminationReason.NO_PATH, f"in the map the start's cell {cell} has no path to a goal")
 
     def _advance(self) -> End | None:
-        """Take one step, or return the end."""
+        """Take one step and return None, or return the end of the run."""
         body, before = self.body, self.body.configuration
         self.live.read(self.time)
         believed = self.believed = self.sensor.sense(before)
@@ -114,9 +114,9 @@ class Loop:
         return float(np.minimum(controller.speed, controller.speed_limits).max() / spacing.min())
 
     def _contacts(self, around: Surroundings, velocity: Vector, pause: float) -> ContactSet | None:
-        """Return the contacts at a velocity before speed limits.
+        """Return the contacts at a velocity before speed limits; None without contacts.
 
-        The limits scale the whole velocity later, including the rates at which gaps open.
+        The limits scale the whole velocity later, including the rates at which gaps open.  `pause`: in seconds.
         """
         controller = self.live.controller
         limited = controller.limited(velocity)
@@ -126,7 +126,10 @@ class Loop:
         return self.body.contacts(around, velocity, controller.axis_admittance, self.friction, pause / scale)
 
     def _check_progress(self, mode: ControlMode, cells: float, pushed: bool, seen: Nominal) -> End | None:
-        """Return the end of a run that makes no progress; give up an exit, or dither, before that."""
+        """Return the end of a run that makes no progress, else None; give up an exit, or dither, before that.
+
+        `cells`: distance, in cells, that the step could have covered; `pushed`: whether an external force acted.
+        """
         stall, place, grid = self.stall, self.body.configuration, self.live.grid
         if pushed:
             stall.reset(place)
@@ -179,7 +182,7 @@ class Loop:
             self.navigator.remember(ControlMode.DITHERING, before, self.body.configuration, pushed=False)
 
     def _proven_cells(self, contacts: ContactSet, believed: Vector) -> tuple[NDArray[np.bool_], Vector] | None:
-        """Return the new obstacle cells that contacts prove, and the touched points; None if there are none."""
+        """Return the mask of new obstacle cells that contacts prove, and the touched points (p, 2); None if none."""
         pairs = contacts.pairs[contacts.pressing]
         points = pairs["point"] + INSIDE * self.plant.cell_motion * pairs["inward"]
         if not self.sensor.exact:
@@ -199,7 +202,11 @@ class Loop:
     def _learn(
         self, cells: NDArray[np.bool_], points: Vector, contacts: ContactSet, push: Vector, pause: float
     ) -> End | None:
-        """Stand still, mark cells, and solve the changed map, unless no place of the trail has a path any more."""
+        """Stand still, mark cells, and solve the changed map; return the end if no place of the trail has a path.
+
+        `cells`: mask of the new obstacle cells; `points` (p, 2): touched points; `pause`: duration, in seconds.
+        Otherwise returns None.
+        """
         place, none = self.body.configuration, np.zeros_like(self.torque)
         world = self.live.space.frame.to_world(points)
         self.lessons.append(MapUpdate(len(self.recorder), np.argwhere(cells), world))

@@ -163,7 +163,7 @@ def require_netlist_memory(shape: tuple[int, ...], remedy: str = FEWER_CELLS) ->
 
 
 def _number_nodes(space: ConfigurationSpace, wiring: Wiring, kind: NDArray[np.uint8]) -> _Nodes:
-    """Number the nodes of rails and cells; `kind`: `CellRole` of every cell, with a margin of one cell."""
+    """Return the node numbers of rails and cells; `kind`: `CellRole` of every cell, with a margin of one cell."""
     own = kind[(slice(1, -1),) * space.ndim] == CellRole.NODE
     if wiring.start is not None:
         own[wiring.start] = True

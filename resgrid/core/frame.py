@@ -135,7 +135,7 @@ class Frame:
 
 
 def checked_frame(axes: tuple[Axis, ...], frame: Frame) -> Frame:
-    """Return the frame; raise InputError if it does not fit the axes, or its rounding errors exceed the cells."""
+    """Return the frame; raise InputError if it does not fit the axes, or rounding errors exceed 1/8 of a cell."""
     if not frame.is_world and len(axes) != (2 if frame.turning_length is None else 3):
         raise InputError(
             f"only a plane may be moved or rotated in the world, and this space has {len(axes)} axes; leave out frame"

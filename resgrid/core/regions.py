@@ -105,7 +105,11 @@ def _shifted(wide: NDArray[np.int64], step: tuple[int, ...]) -> NDArray[np.int64
 
 
 def _across_seam(labels: NDArray[np.int32], axis: int, rings: NDArray[np.bool_], *, corners: bool) -> NDArray[np.int32]:
-    """Return the labels of all pairs of cells that touch across the periodic border of an axis, shape (2, n)."""
+    """Return the labels of all pairs of cells that touch across the periodic border of an axis, shape (2, n).
+
+    `labels`: component of every cell, 0 for none; `rings`: which axes are periodic; `corners`: whether cells that share
+    only an edge or a corner touch, too.
+    """
     first, last = labels.take(0, axis), labels.take(-1, axis)
     if not corners or labels.ndim == 1:
         return np.stack([first.ravel(), last.ravel()])

@@ -208,7 +208,7 @@ def check_routes_file(target: str, space: ConfigurationSpace | None = None, *, t
 def _check_names(space: ConfigurationSpace, suffix: str, fixed: dict[str, list[str]], *, timed: bool) -> None:
     """Raise InputError if an axis has the name of another column, or a message for ROS cannot hold the poses.
 
-    `fixed`: names of the further columns, by suffix.
+    `fixed`: names of the further columns, by suffix; `timed`: whether the paths have times.
     """
     if suffix == ".yaml":
         require_plane(space)

@@ -1,4 +1,8 @@
-"""Planning: the pipeline from a scene to fields, streamlines, certificates, random walks and trajectories."""
+"""Planning: the pipeline from a scene to fields, streamlines, certificates, random walks and trajectories.
+
+Planning may import `circuit`, `scene` and packages below them; it does not depend on chip effects, control, pictures or
+result files.
+"""
 
 from resgrid._internal.public import attach
 

@@ -54,7 +54,10 @@ class Advisor:
         return "; ".join(part for part in parts if part)
 
     def _remedies(self, path: Streamline, *, unknown: bool) -> Iterator[str]:
-        """Yield a phrase for every change of the scene that opens a path."""
+        """Yield a phrase for every change of the scene that opens a path.
+
+        `unknown`: whether unknown space blocks the start; freeing it is then named even if it opens no path.
+        """
         scene = self.scene
         if self._has_unknown:
             helps = self._helps("unknown", partial(apply_overrides, scene, {"map.unknown": "free"}), path)
@@ -72,7 +75,10 @@ class Advisor:
             yield "refine the grid: twice as many cells on each axis open a path"
 
     def _helps(self, name: str, change: Change, path: Streamline) -> bool:
-        """Return whether a path from the same start reaches a goal after a change; False if the grid is too large."""
+        """Return whether a path from the same start reaches a goal after a change; False if the grid is too large.
+
+        `name`: key of the change in the cache.
+        """
         if name not in self._spaces:
             self._spaces[name] = _changed_space(change)
         space = self._spaces[name]

@@ -105,7 +105,10 @@ def _same_cells(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:
 def _add_currents(
     dirichlet: Field, neumann: Field, axis: int, k: float
 ) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-    """Return signs and log magnitudes of the weighted sum of face currents; sums within rounding error are zero."""
+    """Return signs and log magnitudes of the currents ``k I_D + (1 - k) I_N`` through the faces across an axis.
+
+    Sums within rounding error are zero.
+    """
     log_d = dirichlet.face_log_current[axis] + np.log(k)
     log_n = neumann.face_log_current[axis] + np.log1p(-k)
     largest = np.maximum(log_d, log_n)

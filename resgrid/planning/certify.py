@@ -149,7 +149,7 @@ def _check_cells(path: Streamline) -> None:
 
 
 def _check_crossings(path: Streamline) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Check that crossings lie on faces between neighbours and follow the current; return their axes and sides."""
+    """Check that crossings lie on faces between neighbours and follow the current; return axes and sides (steps,)."""
     space = path.space
     here, there = path.cells[:-1].astype(np.int64), path.cells[1:].astype(np.int64)
     number = np.arange(len(here))
@@ -364,7 +364,10 @@ def _check_segments(scaled: NDArray[np.float64], space: ConfigurationSpace) -> N
 
 
 def _touched(start: NDArray[np.float64], end: NDArray[np.float64], space: ConfigurationSpace) -> Cells:
-    """Return the closed cells that a segment in cell units touches, at face crossings and midpoints between them."""
+    """Return the closed cells that a segment touches.
+
+    `start, end` (ndim,): in cell units.  Cells are tested at the crossings of faces and at midpoints between crossings.
+    """
     crossings = np.concatenate([[0.0], face_crossings(start, end), [1.0]])
     parameters = np.concatenate([crossings, (crossings[:-1] + crossings[1:]) / 2])
     at = start + parameters[:, np.newaxis] * (end - start)

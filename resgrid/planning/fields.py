@@ -151,7 +151,10 @@ class Field:
 
     @cached_property
     def obstacle_reach(self) -> NDArray[np.float64] | None:
-        """Upper bound of the distance from any point of a cell to the nearest obstacle cell, in axis units."""
+        """Upper bounds of the distance from any point of each cell to the nearest obstacle cell, in axis units.
+
+        Shape of the space; None without an obstacle cell.
+        """
         return obstacle_reach(self.space)
 
     @cached_property

@@ -1,10 +1,13 @@
-"""Fields of grids that do not fit: solved by PETSc's ranks from mapped files, checked slab by slab, kept mapped.
+"""Fields of spaces too large for the memory of one process: PETSc processes solve them from memory-mapped files.
 
-PETSc stops at a norm.  Which cells are direction-safe is found out afterwards, cell by cell, and streamlines end where
-the answer no longer tells a direction; far from the goals of a Dirichlet field that is so.
+No netlist is compiled.  The equations are written, and the solution is read and checked, one slab of rows at a time;
+the arrays of the resulting field are memory-mapped files, too.
 
-In a circuit between two rails what is solved for is the drop ``u`` from the high one, 0 there and 1 on the goals; with
-a uniform drive it is the height above the goals.  Conductances count in units of ``1 / resistance``.
+PETSc stops at a residual norm.  Afterwards every cell is tested for direction safety.  A streamline ends at a cell that
+fails the test; in a Dirichlet field these are cells far from the goals.
+
+The unknown of a circuit between two rails is the drop ``u`` from the high rail: 0 on that rail, 1 on the goals.  With
+a uniform drive the unknown is the height above the goals.  Conductances are in units of ``1 / resistance``.
 """
 
 from __future__ import annotations
@@ -36,25 +39,25 @@ from resgrid.planning.kcl_check import face_currents, obeys_kcl
 from resgrid.solvers.petsc import Report, find_petsc, run_ranks
 
 RTOL = 1e-14
-"""Residual relative to the right-hand side that the ranks are asked for: what rounding leaves, mostly."""
+"""Requested residual norm relative to the right-hand side; about the rounding error."""
 
 _BYTES = {1: 400, 2: 500, 3: 1200, 4: 2500}
-"""Peak memory of all ranks together, in bytes a cell, by dimension; measured on open grids."""
+"""Peak memory of all ranks together, in bytes per cell, by the number of axes; measured on open grids."""
 
 _BYTES_OF_RANK = 8e7
-"""What a rank takes without any cell."""
-
+"""Memory of a rank without any cell, in bytes."""
 
 _CELLS = 2**20
-"""Cells of a slab: what is computed of one at a time takes some 100 MB."""
+"""Approximate number of cells of a slab; the arrays of one slab take about 100 MB."""
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class Ranked:
-    """A field that ranks solved, and how.
+    """A field solved by PETSc processes (ranks), with the statistics of the solve.
 
-    `field`: its arrays are mapped files without names, gone with it; `report`: of the ranks.
+    `field`: field whose arrays are memory-mapped files, which the system deletes together with the arrays; `report`:
+    statistics of the solve.
     """
 
     field: Field
@@ -62,22 +65,23 @@ class Ranked:
 
 
 def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int | None, launcher: str | None = None) -> Ranked:
-    """Solve a circuit of a space, ideal and with merged rails, on some number of ranks.
+    """Return the field of the ideal circuit of a space with merged rails, solved by PETSc processes (ranks).
 
-    The files lie in the system's folder for temporary files (``TMPDIR``), and are removed at the end.
-    With a `launcher`, a command that includes the number of ranks, `ranks` is None.  Its ranks may run on other
-    computers: the folder must then be shared by all of them, under one path, and memory is checked on none of them.
+    The files are in the system's folder for temporary files (``TMPDIR``) and are deleted at the end.
+    A `launcher` is a command that includes the number of ranks; `ranks` is then None.  It may start ranks on other
+    computers, which must share the folder under the same path; their memory is not checked.
 
     Raises
     ------
     InputError
-        If the wiring does not fit, PETSc refuses an option of ``PETSC_OPTIONS``, or the launcher is of another MPI.
+        If the wiring does not fit the space, PETSc rejects an option of ``PETSC_OPTIONS``, or the launcher belongs to
+        another MPI than PETSc.
     ToolMissingError
-        If there is no PETSc, or no such launcher.
+        If PETSc or the launcher is not installed.
     BudgetError
-        If memory or the disk has no room.
+        If the memory or the disk space is too small.
     CircuitError
-        If nothing is driven, or every goal is walled in.
+        If no current flows, or obstacles enclose every goal.
     AccuracyError
         If a rank fails or dies.
     """
@@ -108,7 +112,7 @@ def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int | None, l
 
 
 def _require_memory_of(space: ConfigurationSpace, ranks: int) -> None:
-    """Raise BudgetError if this computer lacks memory for some ranks; warn if it lacks cores."""
+    """Raise BudgetError if this computer has too little memory for a number of ranks; warn if it has fewer cores."""
     cores, cells = os.cpu_count() or 1, space.cell.size
     if ranks > cores:
         warnings.warn(f"more ranks ({ranks}) than cores ({cores}): they wait for one another", stacklevel=3)
@@ -124,18 +128,20 @@ def _write_through(folder: Path) -> None:
 
 
 def slabs(space: ConfigurationSpace) -> Iterator[tuple[int, int]]:
-    """Ranges of rows of the first axis, each of some `_CELLS` cells or a single row."""
+    """Return the slabs of a space: ranges (first, end) along the first axis, with about `_CELLS` cells or one row."""
     size, step = space.shape[0], max(1, _CELLS // prod(space.shape[1:]))
     return ((first, min(first + step, size)) for first in range(0, size, step))
 
 
 def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rtol: float) -> None:
-    """Write the files that `resgrid.solvers.petsc_worker` reads, one slab in memory at a time.
+    """Write the files that `resgrid.solvers.petsc_worker` reads, with one slab in memory at a time.
+
+    `rtol`: requested residual norm, relative to the right-hand side.
 
     Raises
     ------
     CircuitError
-        If no cell with a way to a goal is tied to the high rail or fed.
+        If no goal-connected cell has a resistor to the high rail or an injected current.
     """
     driven = False
     names = [*(f"ahead_{axis}" for axis in range(space.ndim)), "ground", "drive", "answer"]
@@ -166,12 +172,13 @@ def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rto
 
 @dataclass(frozen=True, eq=False)
 class SlabReading:
-    """What a slab of an answer shows.
+    """Values, currents and direction safety of the cells of one slab (a range of indices along the first axis).
 
-    `value`: of every cell, 0 to 1 where the circuit is right, NaN where there is no node; `current`: per axis through
-    the faces of the slab's cells, one more along that axis, in units of what a unit drives through the resistance,
-    positive in the axis' direction; `safe`: cells in which KCL holds to 1e-6 of their own current, rounding included,
-    and out of which current flows.
+    `value` (shape of the slab): the unknown (drop or height) of every cell, between 0 and 1 in a circuit between two
+    rails, NaN in cells without a node; `current`: one array per axis, the currents through the faces across that axis
+    (one more than cells along it), positive in the direction of the axis, in units of ``1 / resistance`` times the unit
+    of `value`; `safe` (shape of the slab): mask of the cells out of which current flows, and in which the KCL residual,
+    rounding errors included, is at most 1e-6 of the cell's through-current.
     """
 
     value: NDArray[np.float64]
@@ -182,7 +189,10 @@ class SlabReading:
 def read_rows(
     space: ConfigurationSpace, wiring: Wiring, answer: NDArray[np.float64], rows: tuple[int, int]
 ) -> SlabReading:
-    """Read an answer off, and check it cell by cell.  Shapes: `answer` that of the space."""
+    """Return values, currents and direction safety of a slab; `answer` (shape of the space): PETSc's solution.
+
+    `rows`: first and end index of the slab along the first axis.
+    """
     contacts = contacts_of_box(space, wiring, [rows])
     falls = wiring.drive != "uniform"  # a drop grows from the high rail to the goals
     value = np.where(contacts.kind == CellRole.NODE, with_margin(answer, space.periodic, [rows]), np.nan)
@@ -198,12 +208,12 @@ def read_rows(
 
 
 def _disk(space: ConfigurationSpace) -> int:
-    """Bytes of all files together."""
+    """Return the disk space of all files together, in bytes."""
     return prod(space.shape) * 8 * (space.ndim + 3) + 9 * sum(face_counts(space.shape)) + 17 * prod(space.shape)
 
 
 def _read(space: ConfigurationSpace, wiring: Wiring, answer: NDArray[np.float64], folder: Path) -> Field:
-    """The field of an answer, in mapped files; shape of `answer` as the space."""
+    """Return the field of PETSc's solution, `answer` (shape of the space), with arrays in mapped files of a folder."""
 
     def mapped(name: str, dtype: DTypeLike, shape: tuple[int, ...]) -> Any:
         return open_memmap(folder / f"{name}.npy", mode="w+", dtype=dtype, shape=shape)

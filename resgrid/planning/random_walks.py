@@ -283,7 +283,8 @@ def hitting_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Hitti
 def _to_goal(netlist: Netlist, node_goal: NDArray[np.int64], unknown: NDArray[np.int32], size: int) -> sparse.csr_array:
     """Return the conductances (goals, rows) between goal regions and matrix rows, in siemens.
 
-    `node_goal` (nodes,): goal region of every node or -1; `unknown` (nodes,): matrix row of every node or negative.
+    `node_goal` (nodes,): goal region of every node or -1; `unknown` (nodes,): matrix row of every node or negative;
+    `size`: number of matrix rows.
     """
     entries: list[NDArray[np.float64]] = []
     for here, there in ((0, 1), (1, 0)):

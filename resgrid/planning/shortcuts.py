@@ -125,7 +125,7 @@ def _greedy(points: NDArray[np.float64], clear: LineTest) -> NDArray[np.float64]
 
 
 def _farthest(points: NDArray[np.float64], here: int, last: int, clear: LineTest) -> int:
-    """Return the index of a visible point far ahead of point `here`, at least the next one."""
+    """Return the index of a visible point far ahead of point `here`, from the next one up to point `last`."""
     visible, step = here + 1, 2
     while visible < last and clear(points[here], points[min(here + step, last)]):
         visible = min(here + step, last)
@@ -141,7 +141,10 @@ def _farthest(points: NDArray[np.float64], here: int, last: int, clear: LineTest
 
 
 def _random_chords(points: NDArray[np.float64], clear: LineTest, rounds: int, seed: int) -> NDArray[np.float64]:
-    """Replace parts of a path by chords between random points that are shorter and pass the line test."""
+    """Replace parts of a path by chords between random points that are shorter and pass the line test.
+
+    `rounds`: number of random chords; `seed`: of the random generator.
+    """
     generator = np.random.default_rng(seed)
     for _ in range(rounds):
         if len(points) < 3:

@@ -209,7 +209,7 @@ class ShortPath:
 
     @property
     def goal(self) -> int | None:
-        """Index of the goal region at the end of the path."""
+        """Index of the goal region at the end of the path, None if it ends in no goal."""
         return self.original.goal
 
     @cached_property

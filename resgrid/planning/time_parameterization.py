@@ -334,7 +334,11 @@ def _blend_limits(
     acceleration: LimitRatio,
     within: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the distance ``d`` of every blend from its corner, and the largest speed in it; 0 at start and end."""
+    """Return the distance ``d`` of every blend from its corner, and the largest speed in it; 0 at start and end.
+
+    `heading` (n, ndim): unit directions of the segments; `length, top_speed` (n,): their lengths and largest speeds;
+    `within`: largest distance of the trajectory from a corner; returns shapes (n + 1,).
+    """
     reach, speed = np.zeros(len(length) + 1), np.zeros(len(length) + 1)
     turn = np.diff(heading, axis=0)
     sharpness = np.linalg.norm(turn, axis=1)

@@ -147,7 +147,10 @@ def check_collisions(path: AnyPath, obstacles: Sequence[Shape], *, step: Positiv
 def _poses(
     path: AnyPath, obstacles: Sequence[Shape], step: float
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64], list[RigidPart], list[Obstacle]]]:
-    """Yield batches of configurations along a path, with their segments, the robot's parts there, and all obstacles."""
+    """Yield batches of configurations along a path, with their segments, the robot's parts there, and all obstacles.
+
+    `step`: largest distance that a point of the robot moves between two configurations, in workspace units.
+    """
     robot, space = robot_of(path), path.space
     solids = obstacles_of((to_space(shape, space.frame) for shape in obstacles), robot.workspace_axes(space.axes))
     configurations, segment = sample_path(path, step)

@@ -1,6 +1,6 @@
 """Pictures: functions that draw a value on an ax and return the ax; `save_figure` writes a picture to a file.
 
-Only this package imports matplotlib.
+Pictures may import the packages of the values that they draw; only this package may import matplotlib.
 """
 
 from resgrid._internal.public import attach

@@ -139,7 +139,7 @@ def _adc_resolution_page(results: Mapping[str, ADCResolution], bits: int, title:
 
 
 def _line(number: int) -> dict[str, Any]:
-    """Return the style of the curve with an index."""
+    """Return colour and line style of curve `number`, counted from 0."""
     colour, style = PATHS[number % len(PATHS)], LINE_STYLES[number % len(LINE_STYLES)]
     return {"color": colour, "linestyle": style, "linewidth": 1.4}
 

@@ -133,9 +133,10 @@ def draw_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: floa
 def draw_adc_resolution(
     result: ADCResolution, ax: Axes | None = None, *, starts: bool = True, most: float | None = None
 ) -> Axes:
-    """Draw the converter bits that every start requires, or every cell itself.
+    """Draw a map of the converter resolution, in bits, that a robot needs.
 
-    `starts`: whether the bits are those of a whole path from the cell; `most`: upper limit of the colour scale.
+    `starts`: draw for every start the bits for its whole path to a goal, or else for every cell the bits for its own
+    step; `most`: upper limit of the colour scale, in bits.
     """
     values = result.start_bits if starts else result.cell_bits
     shown = np.where(np.isfinite(values), values, np.nan)

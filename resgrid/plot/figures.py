@@ -64,7 +64,10 @@ def axes_or_new(axes: Axes | None, aspect: float = 1.0) -> Axes:
 
 
 def add_title(figure: Figure, title: str, caption: str = "") -> None:
-    """Write a title above a figure and a caption below the title; empty ones are omitted.  Axes are aligned upwards."""
+    """Write a title above a figure and a caption below the title; empty ones are omitted.
+
+    All axes are moved to the upper edge of their places.
+    """
     for axes in figure.axes:
         axes.set_anchor("N")
     if caption:

@@ -32,11 +32,11 @@ from resgrid.scene.quantities import format_quantity
 MOST_NODES = 40
 """Largest number of nodes, including ground, in a diagram."""
 _NODES_APART = 2.2
-"""Smallest distance of nodes."""
+"""Smallest distance between two nodes, in drawing units."""
 _HALF_LENGTH, _HALF_SYMBOL = 0.3, 0.18
-"""Half the length of an element with and without its leads."""
+"""Half the length of an element with its leads, and without them, in drawing units."""
 _LETTER = np.array([0.073, 0.15])
-"""Width and height of a letter."""
+"""Width and height of a letter, in drawing units."""
 
 _ELEMENTS = {
     "resistor": ("resistor_nodes", "conductance", "Ω"),
@@ -57,7 +57,10 @@ Shapes = list[BaseGeometry]
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """An element in the picture: kind, value, ends (2,), and preferred side of the value (unit vector)."""
+    """An element in the picture: kind, value, and both ends (2,).
+
+    `outward` (2,): unit vector towards the side on which the value is preferably written.
+    """
 
     kind: str
     value: float
@@ -183,14 +186,14 @@ def _places(netlist: Netlist, groups: Groups) -> Place:
         if nx.check_planarity(inside)[0]:
             starts.append(nx.planar_layout(inside))
         spreads = [nx.kamada_kawai_layout(inside, pos=start) for start in starts]
-        layouts = [_lying(np.array([spread[node] for node in part])) for spread in spreads]
+        layouts = [_oriented(np.array([spread[node] for node in part])) for spread in spreads]
         local = min(layouts, key=lambda places: _closeness(places[edges]))
         place[part] = local - (local[:, 0].min() - left, local[:, 1].min())
         left = float(place[part, 0].max()) + 2.6
     return place
 
 
-def _lying(places: Place) -> Place:
+def _oriented(places: Place) -> Place:
     """Scale a layout (n, 2) by the distance of nearest nodes; turn an elongated one horizontal, first node left."""
     centred = places - places.mean(axis=0)
     _, extent, axes = np.linalg.svd(np.concatenate([centred, np.zeros((1, 2))]), full_matrices=False)

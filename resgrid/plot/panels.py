@@ -21,11 +21,11 @@ from resgrid.plot.figures import PAGE, axes_or_new, figure_of, new_figure, panel
 from resgrid.plot.plane import (
     Mask,
     PicturePlane,
+    cells_with_path,
     draw_cells,
     draw_image,
     finish,
     kinds_of,
-    leading_on,
     paint,
     plane_of,
     unknown_cells,
@@ -97,7 +97,7 @@ class Panel:
             draw_cells(self.plane, self.axes)
             finish(self.plane, self.axes, columns=0)
             return
-        self.paint(*kinds_of(self.space.cell, leading_on(self.space)), order=2.0)
+        self.paint(*kinds_of(self.space.cell, cells_with_path(self.space)), order=2.0)
         axis = self.space.axes[0]
         self.axes.set(xlim=(axis.lower, axis.upper), xlabel=axis_label(axis))
         self.axes.set_yticks([])
@@ -149,7 +149,10 @@ def draw_panels(
 
 
 def draw_known(panel: Panel) -> tuple[ScalarMappable, str] | None:
-    """Draw the cells and the conductivity, if the space has one: as colours, or as a curve for one axis."""
+    """Draw the cells and the conductivity, if the space has one: as colours, or as a curve for one axis.
+
+    Returns colours and label of the colour bar; None without colours.
+    """
     conductivity, label = panel.space.conductivity, "conductivity (relative)"
     if conductivity is None or panel.plane is None:
         panel.draw_cells()

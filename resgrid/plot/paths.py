@@ -113,7 +113,10 @@ def _draw_lines(
     lines: list[NDArray[np.float64]], panel: Panel, label: str, *, color: str = PATHS[0],
     linestyle: str | tuple[int, tuple[float, ...]] = "-", linewidth: float = 1.5, is_cased: bool = True,
 ) -> None:  # fmt: skip
-    """Draw lines (n, ndim) in axis units; in a slice, projections are thin and the parts inside the slice bold."""
+    """Draw lines (n, ndim) in axis units; in a slice, projections are thin and the parts inside the slice bold.
+
+    `is_cased`: whether the lines have a white outline; the other options are those of matplotlib.
+    """
     axes, colour = panel.axes, color
     if panel.normal is not None:
         for line in lines:

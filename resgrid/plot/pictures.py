@@ -70,13 +70,13 @@ SHOWN_PARTS: dict[str, Callable[[Any], object]] = {
 
 @functools.singledispatch
 def _one(value: object) -> Axes | Figure:
-    """Registry of the pictures of one value; this entry, of `object`, stands for no picture."""
+    """Draw one value by the function registered for its type; this default raises an error, as there is no picture."""
     raise NotImplementedError
 
 
 @functools.singledispatch
 def _several(value: object) -> Axes | Figure:
-    """Registry of the pictures of several values; this entry, of `object`, stands for no picture."""
+    """Draw several values by the function registered for their type; this default raises an error."""
     raise NotImplementedError
 
 

@@ -105,7 +105,7 @@ class PicturePlane:
 
 def plane_of(space: ConfigurationSpace, cut: tuple[int, int] | None = None) -> PicturePlane:
     """Return the plane of a space with two axes, or a slice of one with three; `cut`: normal axis and index."""
-    connected = leading_on(space)
+    connected = cells_with_path(space)
     if cut is not None:
         normal, index = cut
         x, y = (axis for number, axis in enumerate(space.axes) if number != normal)
@@ -122,7 +122,7 @@ def plane_of(space: ConfigurationSpace, cut: tuple[int, int] | None = None) -> P
     return PicturePlane(x, y, space.cell, connected, space.frame, obstacle=obstacle)
 
 
-def leading_on(space: ConfigurationSpace) -> NDArray[np.bool_]:
+def cells_with_path(space: ConfigurationSpace) -> NDArray[np.bool_]:
     """Return the cells with a path to a goal, shape of the space; all cells if there is no goal yet."""
     return space.goal_connected if (space.cell == Cell.GOAL).any() else np.ones(space.shape, dtype=np.bool_)
 

@@ -1,4 +1,7 @@
-"""Robots: geometry, kinematics, and the free cells of their configuration spaces among workspace obstacles."""
+"""Robots: geometry, kinematics, and the free cells of their configuration spaces among workspace obstacles.
+
+Robots may import `core` and packages below it; they do not depend on scenes or circuits.
+"""
 
 from resgrid.robots.arm import Arm as Arm
 from resgrid.robots.base import Robot as Robot

@@ -126,7 +126,7 @@ class Arm(Robot):
 
     @property
     def remedy(self) -> str:
-        """Advice in messages if the arm does not fit; empty for links without width."""
+        """Advice in messages if obstacles leave no room for the arm; empty for links without width."""
         return "make the arm's links thinner" if any(self.widths) else ""
 
     def axes(self, cells: int | Sequence[int]) -> tuple[Axis, ...]:
@@ -236,8 +236,7 @@ class Arm(Robot):
             turned = [_within(angle, limits) for angle, limits in zip(angles, self.limits, strict=True)]
             if len(turned[0]) * len(turned[1]) > _MOST_SOLUTIONS:
                 raise InputError(
-                    f"the joint limits span so many turns that there are more than {_MOST_SOLUTIONS:,} solutions; "
-                    "narrow them"
+                    f"the joint limits span too many turns, with more than {_MOST_SOLUTIONS:,} solutions: narrow them"
                 )
             solutions += product(*turned)
         return np.array(solutions, dtype=np.float64).reshape(-1, 2)

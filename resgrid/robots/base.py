@@ -73,7 +73,7 @@ class Robot(ABC):
 
     @property
     def remedy(self) -> str:
-        """Advice in messages if the robot does not fit; empty for a robot without size."""
+        """Advice in messages if obstacles leave no room for the robot; empty for a robot without size."""
         return "make the robot smaller"
 
     @property

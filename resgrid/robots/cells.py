@@ -288,7 +288,11 @@ def _enter_region(
 def _nearest_on_outline(
     edges: NDArray[np.float64], middle: NDArray[np.float64], half: NDArray[np.float64], rim: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return, for cells with centres (m, 2), the nearest point of the parts of edges (e, 4) within the cell."""
+    """Return, for every cell, the point of an outline within the cell that is nearest to its centre, shape (m, 2).
+
+    `edges` (e, 4): segments ``x0, y0, x1, y1`` of the outline; `middle` (m, 2): centres of the cells; `half` (2,): half
+    widths of a cell; `rim` (2,): allowance by which cells are enlarged.
+    """
     import shapely
 
     lines = shapely.multilinestrings(edges.reshape(-1, 2, 2))

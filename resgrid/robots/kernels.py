@@ -130,7 +130,11 @@ def _may_collide(
     joints: Floats, link: int, chords: Floats, relative_chords: Floats, links: ArmLinks, self_collision: bool,
     slack: float, solids: ObstacleArrays,
 ) -> bool:  # fmt: skip
-    """Return whether a link may touch an obstacle, or a non-adjacent earlier link, for some configuration of a cell."""
+    """Return whether a link may touch an obstacle, or a non-adjacent earlier link, for some configuration of a cell.
+
+    `joints`: positions at the cell's centre; `chords` (n,): ``2 sin(t / 2)`` for the largest turn ``t`` of every joint
+    within the cell; `relative_chords` (n,): work array; `slack`: rounding error of distances, in metres.
+    """
     radii, lengths, relative = links.radii, links.lengths, links.relative
     ax, ay, bx, by = joints[link, 0], joints[link, 1], joints[link + 1, 0], joints[link + 1, 1]
     reach = radii[link] + _displacement_bound(joints, 0, link, chords, lengths, relative) + slack

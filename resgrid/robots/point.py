@@ -52,7 +52,7 @@ class PointRobot(Robot):
 
     @property
     def remedy(self) -> str:
-        """Advice in messages if the robot does not fit; empty for a point."""
+        """Advice in messages if obstacles leave no room for the robot; empty for a point."""
         return "make the robot's radius smaller" if self.radius else ""
 
     @property

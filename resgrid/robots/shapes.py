@@ -257,7 +257,7 @@ class CellSet(_Bounded):
 
 
 def _runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return row, first and past-the-last column of every run of True entries along the second axis of a mask."""
+    """Return row, first column and end column of every run of True entries along the second axis; (runs,) each."""
     flips = np.diff(mask.astype(np.int8), axis=1, prepend=0, append=0)
     row, first = np.nonzero(flips > 0)
     _, last = np.nonzero(flips < 0)

@@ -1,1 +1,4 @@
-"""Linear solvers for Laplacians: `(matrix, right-hand side, grid or None) -> x`. They do not depend on netlists."""
+"""Linear solvers for Laplacians: `(matrix, right-hand side, grid or None) -> x`.
+
+Solvers may import only `_internal` and `errors`; they do not depend on netlists, spaces or scenes.
+"""

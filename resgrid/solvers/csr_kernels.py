@@ -99,7 +99,7 @@ def find(parent: Indices, node: int) -> int:
 
 @inner
 def join(parent: Indices, a: int, b: int) -> None:
-    """Merge the trees of two nodes."""
+    """Merge the trees of nodes ``a`` and ``b`` of a union-find."""
     a, b = find(parent, a), find(parent, b)
     if a != b:
         parent[max(a, b)] = min(a, b)

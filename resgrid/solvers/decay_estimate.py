@@ -16,20 +16,20 @@ from resgrid.solvers.llvm_intrinsics import prefetch
 from resgrid.solvers.scaled import Indices
 
 STRAIGHTNESS = 0.7
-"""Ratio of straight distances, over which potentials fall, to distances along the grid."""
+"""Typical ratio of the straight distance, over which the potential decays, to the distance along the grid lines."""
 
 _MOST_EXCLUDED, _EXCLUDED_OF = 5_000, 50
 """Upper limits on the nodes excluded from the estimate: absolute, and as 1/N of all nodes."""
 
 _PARTS = 64.0
-"""Number of units per factor of e in which path costs are counted."""
+"""Path costs are integers: this number of units is a decay of the potential by a factor of e."""
 
 _SEEN = -1
 """End of a list of nodes; smaller values encode the cost of a step to a node that has not been reached."""
 
 
 def estimate_decades(laplacian: Laplacian, statistics: ConductanceStatistics) -> float:
-    """Return by how many orders of magnitude a potential falls between two rails, estimated; 0 for other circuits.
+    """Estimate the number of orders of magnitude by which a potential falls between two rails; 0 for other circuits.
 
     The lowest nodes are excluded if they are few, since they are solved directly (`resgrid.solvers.refinement`).
 
@@ -55,7 +55,7 @@ def estimate_decades(laplacian: Laplacian, statistics: ConductanceStatistics) ->
 def decay(
     rows: Rows, ends: tuple[NDArray[np.bool_], NDArray[np.bool_]], rate: float, wall: float, excluded: int
 ) -> float:
-    """Return the approximate number of factors of e by which a potential falls, without the ``rest`` lowest nodes.
+    """Return the approximate natural logarithm of a potential's fall, without the ``excluded`` lowest nodes.
 
     ``ends``: masks of the nodes that touch the low rail and the high rail. If the nearest contact with the high rail
     lies ``r`` steps away, the corridor is taken to be ``w = 2 r + 1`` cells wide. The potential then falls by ``((w /
@@ -71,7 +71,11 @@ def decay(
 
 
 def costs_by_depth(deepest: int, rate: float, wall: float) -> Indices:
-    """Return the cost of a step by depth, at least one unit of 1/`_PARTS` of a factor of e; 0 at the last index."""
+    """Return the cost of a step to a node by its depth (steps from the high rail): the decay of the potential.
+
+    The unit is a decay by a factor of ``exp(1 / _PARTS)``; the least cost is 1.
+    Shape (deepest + 1,); the last entry, for nodes without a path to the high rail, is 0.
+    """
     costs = np.ones(deepest + 1, dtype=np.int32)
     width = 2.0 * np.arange(min(deepest, int(_PARTS * rate))) + 1.0
     costs[: len(width)] = np.maximum(1.0, _PARTS / np.sqrt((width / rate) ** 2 + width * wall))
@@ -81,7 +85,7 @@ def costs_by_depth(deepest: int, rate: float, wall: float) -> Indices:
 
 @kernel
 def cheapest_paths(rows: Rows, begin: NDArray[np.bool_], cost: Indices, wanted: int, head: Indices) -> int:
-    """Return the largest cost of a cheapest path to the ``kept`` nearest nodes (Dial 1969).
+    """Return the largest cost of a cheapest path to any of the ``wanted`` nearest nodes (Dial 1969).
 
     The cost of a step depends only on the node that it leads to, so that the first path found to a node is the
     cheapest.

@@ -73,7 +73,7 @@ class Factor(ABC):
         guess: ArrayLike | None = None,
         watch: ProgressMonitor | None = None,
     ) -> Floats:
-        """Solve to a normwise backward error. Shapes: `rhs` (n,), `guess` (n,); returns (n,)."""
+        """Solve to a normwise backward error of `rtol`. Shapes: `rhs` (n,), `guess` (n,); returns (n,)."""
         check_rtol(rtol)
         begin = None if guess is None else self._one_per_row("guess", guess)
         return self._solve(self._one_per_row("rhs", rhs), rtol, begin, watch)

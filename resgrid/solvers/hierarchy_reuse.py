@@ -37,20 +37,21 @@ _FEW = 300
 """Number of sampled resistors from whose median a chip's unit of conductance is computed."""
 
 _LEFT = 16 * ROUNDING
-"""Residual relative to ``|A| |x|`` up to which a residual may be due to rounding."""
+"""Rounding error of a residual norm, as a fraction of the largest conductance times ``|x|``."""
 
 _ROUNDINGS = 1e-13
 """Relative error of subtraction-free factors due to rounding."""
 
 _FORBIDDEN = 1e-9
-"""Smallest tolerance that is applied to the error of voltages, relative to the largest."""
+"""Smallest tolerance of the error of voltages, as a fraction of the largest voltage; smaller ones are raised to it."""
 
 _EVEN = 1e4
-"""Ratio of conductances up to which steps estimate the remaining error; beyond, strong ones hide the error of weak
-ones."""
+"""Largest ratio of the rows' conductances for which the length of the iteration's steps estimates the remaining error.
+With a larger ratio the error at weak conductances may be hidden."""
 
 _WINDOW_RTOL = 1e-10
-"""Residual of a window's solution: the outside mode is computed from small differences at the rim."""
+"""Relative residual of a window's solution.  It is small because the correction outside the window is computed from
+small differences at the window's rim."""
 
 Box = tuple[slice, ...]
 """A box of cells of a grid: one slice per axis."""
@@ -58,7 +59,7 @@ Box = tuple[slice, ...]
 Chips = Iterable[tuple[Laplacian, Floats]]
 """Matrices of chips with the connections of the nominal one, and the currents into their rows."""
 
-Solver = Callable[[Chips, float], Iterator[Floats | None]]
+ChipSolver = Callable[[Chips, float], Iterator[Floats | None]]
 """Yields the solution (n,) of every chip to a tolerance; None where it fails."""
 
 
@@ -94,7 +95,7 @@ def solve_by_levels(
         yield solution if residual <= max(wanted, _LEFT * ordinary * norm(solution)) else None
 
 
-def solver_by_levels(laplacian: Laplacian, drive: Floats) -> Solver | None:
+def solver_by_levels(laplacian: Laplacian, drive: Floats) -> ChipSolver | None:
     """Return a solver that shares a grid's coarse levels; None unless it has two colours. Shapes: `drive` (n,)."""
     hierarchy = build_hierarchy(laplacian)
     if hierarchy.grid is None:
@@ -126,8 +127,8 @@ class WarmGrid:
 
     `hierarchy`: of a grid of two colours, all of whose rows are cells; `finest`: its finest level, into which changes
     are written; `lattice`: of that level; `slot`, of the grid's shape: slot of every cell, 0 for none; `flat`: whether
-    the mode outside of windows is constant, since there is a single rail; otherwise it is ``1 - x``; `b, x` (2, slots):
-    in units of the hierarchy, and in volts.
+    the correction of the solution outside a changed window is a multiple of a constant (a single rail) or of ``1 - x``
+    (two rails); `b, x` (2, slots): right-hand side in units of the hierarchy, and solution in volts.
     """
 
     hierarchy: Hierarchy

@@ -22,7 +22,7 @@ MOST_NUMBERED = 2**31 - 1
 """Largest number of rows, entries or slots, which have 32-bit indices."""
 
 VOLUME = 4.2
-"""Mean number of neighbours above which corridors have two cross dimensions."""
+"""Mean number of neighbours of a row above which corridors are treated as three-dimensional (two dimensions across)."""
 
 WEAK = 0.1
 """A conductance is weak if it is below this fraction of the strongest one at either of its ends."""
@@ -232,7 +232,10 @@ class Laplacian:
 
     @property
     def elements(self) -> tuple[sparse.csr_array, Floats]:
-        """The `branches`, followed by the conductances from rows to nodes of known voltage: the whole matrix."""
+        """The `branches`, followed by the conductances from rows to nodes of known voltage: the whole matrix.
+
+        Returns the incidence matrix (m, n) and the conductances (m,), in siemens.
+        """
         from scipy import sparse
 
         (incidence, value), tied = self.branches, self.ground > 0

@@ -168,7 +168,7 @@ _offer_core: Any = intrinsic(_yielding)
 
 @inner
 def announce(state: Integers, kind: int, level: int, visit: int, parts: int) -> None:
-    """Publish a job of some parts; the previous job must be finished."""
+    """Publish a job of ``parts`` parts; the previous job must be finished.  The other arguments describe the sweep."""
     state[KIND], state[LEVEL], state[VISIT] = kind, level, visit
     _put(state, _DONE, 0)
     _put(state, _LEFT, parts)

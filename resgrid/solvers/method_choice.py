@@ -86,8 +86,8 @@ class MethodChoice(NamedTuple):
         The entries of a known elimination order are counted (`resgrid.solvers.symbolic`). Otherwise there are about ``n
         log n`` entries on planes, ``n**(4/3)`` in three dimensions, ``n**(3/2)`` in four (George & Liu 1981), with
         constants measured on open grids, which have the most fill. The constants of multigrid are a tenth above the
-        measured ones, on grids (without compressed rows) and on other netlists. Directions additionally need compressed
-        rows and scaled numbers.
+        measured ones, on grids (without compressed rows) and on other netlists. The accuracy "direction" additionally
+        needs compressed rows and scaled numbers.
         """
         laplacian, order, n = self.laplacian, self.order, self.laplacian.size
         if self.method == "multigrid":
@@ -111,13 +111,15 @@ The limit of volumes is higher, since their direct factors cost more.
 """
 
 _EVEN, _CONTRAST = 3.0, 0.4
-"""Orders of magnitude of conductances on a plane that cost no time; orders of magnitude in time per further one."""
+"""Effect of the range of conductances on the time of multigrid on planes: a range of up to `_EVEN` orders of magnitude
+costs no time; each further one multiplies the time by ``10**_CONTRAST``."""
 
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
-"""Orders of magnitude that the potential of any maze falls at least, and from which refinement takes too long."""
+"""Orders of magnitude of the decay of the potential: the least that is assumed of any maze, and the decay from which
+iterative refinement takes too long."""
 
 _ON_LEVELS = 0.5e6
-"""Memory of multigrid independent of the size, in bytes."""
+"""Memory of multigrid that does not depend on the number of rows, in bytes."""
 
 _ON_ROWS = 500.0
 """Peak memory of a direct solution without its factors, in bytes per row."""
@@ -257,7 +259,7 @@ def _faster_for_voltages(iterative: MethodChoice, corridors: Corridors) -> Metho
 
 
 def _by_distance(iterative: MethodChoice, seconds: float) -> MethodChoice | None:
-    """Return the direct method in the order by distance if it takes less than some seconds."""
+    """Return the direct method in the order by distance if it takes less than `seconds`; else None."""
     from resgrid.solvers.symbolic import order_by_distance
 
     order = order_by_distance(iterative.laplacian)
@@ -266,7 +268,7 @@ def _by_distance(iterative: MethodChoice, seconds: float) -> MethodChoice | None
 
 
 def _by_fill(iterative: MethodChoice, seconds: float) -> MethodChoice | None:
-    """Return the direct method in the order by fill if it takes less than some seconds, ordering included."""
+    """Return the direct method in the order by fill if it takes less than `seconds`, ordering included; else None."""
     from resgrid.solvers.symbolic import order_by_fill
 
     laplacian, n = iterative.laplacian, iterative.laplacian.size

@@ -20,7 +20,8 @@ from resgrid.solvers.llvm_intrinsics import prefetch
 from resgrid.solvers.scaled import Floats, Indices, Singles
 
 _WAITS, _JOINS = -1, -2
-"""Values in place of an elimination step: the row is not eliminated; the row joins the newest element."""
+"""Codes of rows without an elimination step: `_WAITS`: the row is not eliminated; `_JOINS`: the row belongs to the
+newest element of the quotient graph."""
 
 _SAMPLE = 8000
 """Number of sampled entries from which the distance between the numbers of neighbours is estimated."""

@@ -21,22 +21,20 @@ from typing import Any
 import numpy as np
 
 GAMG = {"pc_type": "gamg", "pc_gamg_agg_nsmooths": "1", "pc_gamg_threshold": "0.02", "mg_levels_pc_type": "jacobi"}
-"""Options of the algebraic multigrid preconditioners; geometric interpolation would cross walls.
+"""PETSc options of the preconditioner GAMG (algebraic multigrid; geometric interpolation would cross walls)."""
+BOOMERAMG = {"pc_type": "hypre", "pc_hypre_type": "boomeramg"}
+"""PETSc options of the preconditioner BoomerAMG.
 
 BoomerAMG takes longer than GAMG and less memory, and is accurate in a far larger part of a potential that falls by many
 orders of magnitude.
 """
-BOOMERAMG = {"pc_type": "hypre", "pc_hypre_type": "boomeramg"}
 BOOMERAMG_3D = {
     **BOOMERAMG,
     "pc_hypre_boomeramg_coarsen_type": "HMIS",
     "pc_hypre_boomeramg_interp_type": "ext+i",
     "pc_hypre_boomeramg_strong_threshold": "0.5",
 }
-"""Algebraic multigrid: interpolation along the grid's lines would blend across walls.
-
-BoomerAMG takes longer than GAMG and less memory, and keeps far more of a potential that falls by many decades right.
-"""
+"""PETSc options of the preconditioner BoomerAMG for grids with three or more axes."""
 
 PASS, MOST_PASSES, MOST_STEPS = 1e-8, 5, 1000
 """Relative residual of a pass, maximum number of passes, and of iterations per pass.
@@ -46,7 +44,7 @@ The residual that conjugate gradients update drifts from the true one, from whic
 
 
 def rows_of(rank: int, ranks: int, cells: int) -> tuple[int, int]:
-    """Return the first row of a rank, and that of the next rank."""
+    """Return the first row of a rank, and that of the next rank; `cells` rows are divided among `ranks` ranks."""
     return cells * rank // ranks, cells * (rank + 1) // ranks
 
 

@@ -32,7 +32,7 @@ _CONVERGED = 1e-12
 """Componentwise backward error up to which a solution is accepted without a bound on its entries."""
 
 CERTAIN = 1e-9
-"""Error relative to the largest value up to which no further check is needed."""
+"""Largest error, relative to the largest value, of a solution that needs no further check or correction."""
 
 _MOST_STEPS = 60
 _LEAST_GAIN = 0.5
@@ -44,7 +44,7 @@ Entries then have a relative error of 4e-9, plus the rounding of the rows' sums,
 """
 
 _MARGIN = 0.03
-"""Fraction of the limit that the last pass aims at."""
+"""Target of the corrections, as a fraction of the limit that they must reach; the last one then rarely misses it."""
 
 _HOPELESS = 1e-4
 """Componentwise backward error above which some voltages have few correct digits, or none."""
@@ -53,8 +53,8 @@ _PROVED = 1e-6
 """Bound on the relative error of entries up to which a solution is accepted, whatever its backward error."""
 
 _DIFFERENCE = 4.0
-"""Number of floors by which two values may be off where hardly any current flows; smaller differences are rounding
-error."""
+"""Multiple of the smallest attainable backward error (`floor`) up to which the relative difference of two values is
+rounding error."""
 
 _FLAT = 1e-14
 """Fraction of ``(b + |A| |x|)_i`` below which the currents at a row may be pure rounding error."""
@@ -102,7 +102,7 @@ class Imbalance(NamedTuple):
     log_size: float = np.inf
 
     def plus(self, rest: Imbalance) -> Imbalance:
-        """Combine with the violation of other rows."""
+        """Return the violation of these rows and of other rows together."""
         return Imbalance(
             max(self.backward, rest.backward), self.unconverged + rest.unconverged, self.converged + rest.converged,
             min(self.fraction, rest.fraction), max(self.log_size, rest.log_size),
@@ -135,7 +135,8 @@ def refine(
     With ``exact``, or if hardly any current flows, the residual is computed in double-double: the solution is then the
     nearest double. ``first_bound`` bounds the relative error of entries of the first approximation: a larger correction
     is rounding error of conductances that span more orders of magnitude than double-doubles. With ``resolve`` a few
-    rows without correct digits are solved directly.
+    rows without correct digits are solved directly. ``floor``: rounding error of a row's sum of currents, relative to
+    ``(b + |A| |x|)_i``.
     """
     matrix, current = laplacian.graph, scaled_currents(rhs)
     residual = current[0].copy(), current[1].copy()
@@ -181,7 +182,11 @@ def imbalance(
     kept: float = 1.0,
     threads: ThreadTeam = SINGLE_THREAD,
 ) -> Imbalance:
-    """Compute the residual of KCL into ``out`` over slices of rows, and return the violation of all rows."""
+    """Compute the residual of KCL into ``out`` over slices of rows, and return the violation of all rows.
+
+    ``exact``: compute in double-double; ``floor``: rounding error of a row, relative to ``(b + |A| |x|)_i``; ``kept``:
+    multiple of that error up to which rows with a residual of 0 keep it.
+    """
     from resgrid.solvers.scaled_kernels import residual
 
     plain = not (x.exponent.any() or current[1].any())

@@ -95,7 +95,7 @@ def _two_product(a: float, b: float) -> tuple[float, float]:
 
 @inlined
 def _sum(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
-    """Return the sum of two double-doubles."""
+    """Return the sum of the double-doubles ``a + a_low`` and ``b + b_low``, as leading part and rounding error."""
     s, t = _two_sum(a, b)
     u, v = _two_sum(a_low, b_low)
     s, t = _two_sum(s, t + u)
@@ -122,7 +122,10 @@ def correct(x: Scaled, m: Floats, me: Integers, out: Scaled) -> None:
 def _add_inflow(
     r: float, r_low: float, g: float, v: float, v_low: float, own: float, own_low: float, exact: bool
 ) -> tuple[float, float, float]:
-    """Add the current from another row to a sum of currents; returns the sum and that current."""
+    """Add the current ``g ((v + v_low) - (own + own_low))`` from another row to the sum ``r + r_low``.
+
+    Returns both parts of the sum, and the current; with ``exact`` the sum is computed in double-double.
+    """
     if exact:
         d, d_low = _sum(v, v_low, -own, -own_low)
         inflow, inflow_low = _two_product(g, d)

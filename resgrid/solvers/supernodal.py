@@ -136,7 +136,7 @@ def _wait(nodes: Supernodes, work: Workspace, node: int) -> None:
 
 @inlined
 def _load(factors: SupernodalFactors, work: Workspace, node: int) -> None:
-    """Fill a supernode with the conductances after odd-even reduction, ``g_ij + sum_k g_ik g_kj / d_k``."""
+    """Write conductances after odd-even reduction, ``g_ij + sum_k g_ik g_kj / d_k``, to a supernode's entries."""
     (order, place, nodes), (indptr, indices, edges, ground), values, pivot, _ = factors
     at, kept = work.at, len(work.at)
     length = nodes.start[node + 1] - nodes.start[node]
@@ -190,7 +190,10 @@ def _update(factors: SupernodalFactors, work: Workspace, other: int, node: int) 
 def _weigh(
     factors: SupernodalFactors, work: Workspace, first: int, columns: int, here: int, apart: int, row: int
 ) -> None:
-    """Compute the conductances from eliminated columns to a row; adds the row's conductance to the ground."""
+    """Compute the conductances from eliminated columns to a row; adds the row's conductance to the ground.
+
+    ``first, columns``: range of the columns; ``here, apart``: first entry of the row, and distance to the next column.
+    """
     total = 0.0
     for k in range(columns):
         w = factors.pivot[first + k] * factors.values[here + k * apart]
@@ -234,7 +237,7 @@ def _sum(values: Floats, begin: int, end: int) -> float:
 def _add_columns(
     target: Floats, there: int, values: Floats, here: int, apart: int, weight: Floats, columns: int, count: int
 ) -> None:
-    """Add weighted columns, whose values are `apart` entries from each other, to a slice; four at a time."""
+    """Add ``sum_k weight[k] values[here + k apart + i]`` to ``target[there + i]`` for ``i < count``, four at a time."""
     t, k = np.uint64(there), 0
     while k + 4 <= columns:
         w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
@@ -333,7 +336,10 @@ def _backward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column:
 
 @inlined
 def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: Integers, column: Floats) -> int:
-    """Convert the numbers of some rows to doubles with their largest exponent, which is returned."""
+    """Convert the scaled numbers of rows ``rows[begin + r]`` to doubles ``column[r]`` with their largest exponent.
+
+    ``r`` runs from ``skipped`` to ``length``.  Returns the exponent.
+    """
     common = NO_EXPONENT
     for r in range(skipped, length):
         row = rows[begin + r]
@@ -347,7 +353,7 @@ def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: I
 
 @inner_fast
 def _product(column: Floats, values: Floats, base: int, begin: int, end: int) -> float:
-    """Return the inner product of a slice with a column."""
+    """Return the inner product of ``column[begin:end]`` and ``values[base + begin:base + end]``."""
     total, b = 0.0, np.uint64(base)
     for each in range(begin, end):
         i = np.uint64(each)

@@ -126,7 +126,11 @@ def order_by_fill(laplacian: Laplacian, most: float = np.inf) -> Symbolic | None
 
 
 def _order(laplacian: Laplacian, most: float, *, by_fill: bool) -> Symbolic | None:
-    """Eliminate every other layer by distance from the row most strongly tied to the low rail; order the other rows."""
+    """Eliminate every other layer by distance from the row most strongly tied to the low rail; order the other rows.
+
+    `by_fill`: order by approximate minimum fill instead of by distance.  Returns None if the factors would have more
+    than `most` entries.
+    """
     matrix, n = laplacian.graph, laplacian.size
     tied = laplacian.ground if laplacian.rails is None else laplacian.rails.to_low
     nearest_first, depth = np.empty(n + 1, dtype=np.int32), np.full(n, -1, dtype=np.int32)
@@ -193,7 +197,10 @@ def order_far_first(pattern: Pattern, root: int, nearest_first: Indices, depth: 
 
 @inlined
 def reached(pattern: Pattern, entry: int, kept: int) -> tuple[int, int]:
-    """Return the range of entries that replaces an entry: the neighbours of its row if that is reduced, else itself."""
+    """Return the range of entries of ``indices`` that stands for an entry after odd-even reduction.
+
+    If the entry's row is kept, the range is the entry alone; otherwise it is the neighbours of that row.
+    """
     j = pattern.indices[entry]
     if pattern.place[j] < kept:
         return entry, entry + 1
@@ -286,7 +293,11 @@ def _add_rows(
     pattern: Pattern, k: int, node: int, seen: Indices, branch: Indices, sibling: Indices, start: Indices,
     rows: Indices, end: int,
 ) -> int:  # fmt: skip
-    """Append the rows of a column's entries to those of its supernode; returns their end."""
+    """Append the rows in which column ``k`` has entries, below the diagonal, to those of supernode ``node``.
+
+    They are the rows of the column's children (``branch, sibling``: linked lists) and of its neighbours.  Returns the
+    end of ``rows``.
+    """
     indptr, indices, order, place = pattern
     kept = len(seen) - 1
     child = branch[k]

@@ -70,10 +70,10 @@ class ThreadTeam:
         self.run_parts(part, len(jobs))
         return results
 
-    def over(self, count: int, loop: Callable[[slice], Result]) -> list[Result]:
+    def over(self, count: int, function: Callable[[slice], Result]) -> list[Result]:
         """Map a function over slices of ``range(count)``; the slices do not depend on the number of threads."""
         pieces = [slice(k, min(k + _PIECE, count)) for k in range(0, count, _PIECE)]
-        return self.together([partial(loop, piece) for piece in pieces])
+        return self.together([partial(function, piece) for piece in pieces])
 
 
 SINGLE_THREAD = ThreadTeam()

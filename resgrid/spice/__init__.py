@@ -1,5 +1,7 @@
 """SPICE decks: dialects, readers, writers, simulator runs and checks.
 
+Decks may import `circuit` and packages below it; they do not depend on fields, paths or chip analyses.
+
 `dialects` describes each simulator as data.  `read` and `networks` read circuits from files.  `write` turns a netlist
 into a deck, simulator commands and a sidecar.  `run` runs a simulator on a deck.  `check` applies the electrical rule
 check (ERC) to a `circuit`, predicts its portability between simulators, and compares simulated with expected voltages.

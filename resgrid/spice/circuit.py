@@ -142,7 +142,7 @@ class Circuit:
     files : tuple of str
         Every file that was read, the deck first.
     notes : tuple of Note
-        Remarks about ignored, adapted and doubtful text.
+        Remarks about text that was ignored, adapted, or read differently by simulators.
     tc1, tc2 : ndarray of float64, shape (m,), or None
         Temperature coefficients of the resistors, in 1/K and 1/K^2.
     temperature, nominal_temperature : float or None
@@ -394,7 +394,7 @@ def rebase(
 
 
 def rebase_one(ohms: float, tc1: float, tc2: float, heating: float) -> tuple[float, float, float]:
-    """Return resistance, tc1 and tc2 of one resistor at a reference temperature higher by `heating`, in kelvin."""
+    """Return ohms, tc1 and tc2 of one resistor at a reference temperature higher by `heating`, in kelvin."""
     factor = 1.0 + (tc1 + tc2 * heating) * heating
     moved = ((tc1 + 2.0 * tc2 * heating) / factor, tc2 / factor) if factor else (0.0, 0.0)
     return ohms * factor, *moved

@@ -15,7 +15,7 @@ from hypothesis import given, settings, strategies as st
 from support.dynamics import ExactMotion, random_dynamics, run_analysis, small_scene
 
 import resgrid as rg
-from resgrid.chip.noise import BOLTZMANN, ROOM
+from resgrid.chip.noise import BOLTZMANN, NOMINAL_KELVIN
 from resgrid.chip.time_constants import fastest_time_constant
 from resgrid.circuit.dynamics import dynamics_of
 from resgrid.spice.write.flat import flatten
@@ -27,7 +27,7 @@ def exact_power(exact: ExactMotion, low: float, high: float) -> np.ndarray:
     slow = w > 0
     area = np.full(len(w), high - low)
     area[slow] = (np.arctan(high * w[slow]) - np.arctan(low * w[slow])) / w[slow]
-    return 4 * BOLTZMANN * ROOM * (exact.vectors**2 @ area)
+    return 4 * BOLTZMANN * NOMINAL_KELVIN * (exact.vectors**2 @ area)
 
 
 @settings(max_examples=10)
@@ -52,7 +52,7 @@ def test_a_picofarad_gives_64_microvolt() -> None:
     assert result.total[free] == pytest.approx(result.limit[free], rel=0.01)
     assert (result.total[free] < result.limit[free]).all()
     covariance = rg.study(netlist).noise_covariance(free[:3])
-    assert covariance == pytest.approx(np.eye(3) * BOLTZMANN * ROOM / 1e-12)
+    assert covariance == pytest.approx(np.eye(3) * BOLTZMANN * NOMINAL_KELVIN / 1e-12)
 
 
 def test_ngspice_integrates_the_same_noise(tmp_path: Path) -> None:
@@ -82,7 +82,7 @@ def test_ngspice_shows_the_same_spot_density(tmp_path: Path) -> None:
     frequency = raw.values[:, raw.names.index("frequency")].real
     impedance = raw.values[:, raw.names.index("v(node_9)")].real
     found = rg.study(netlist).noise_density([9], frequency)
-    assert found[:, 0] == pytest.approx(4 * BOLTZMANN * ROOM * impedance, rel=1e-6)
+    assert found[:, 0] == pytest.approx(4 * BOLTZMANN * NOMINAL_KELVIN * impedance, rel=1e-6)
 
 
 def test_an_estimate_lies_within_its_error_bars() -> None:
@@ -114,7 +114,7 @@ def test_covariance_of_coupled_capacitors() -> None:
     netlist = rg.Netlist(
         3, [[1, 0], [2, 0]], [1.0, 1.0], capacitor_nodes=[[1, 0], [1, 2], [2, 0]], capacitance=[1e-12, 2e-12, 3e-12]
     )
-    wanted = np.linalg.inv([[3e-12, -2e-12], [-2e-12, 5e-12]]) * BOLTZMANN * ROOM
+    wanted = np.linalg.inv([[3e-12, -2e-12], [-2e-12, 5e-12]]) * BOLTZMANN * NOMINAL_KELVIN
     assert rg.study(netlist).noise_covariance([1, 2]) == pytest.approx(wanted)
     assert rg.study(netlist).noise().limit[1:] == pytest.approx(np.sqrt(np.diag(wanted)))
 
@@ -192,7 +192,7 @@ def test_spot_density_where_capacitors_alone_hold_a_part(frequency: float, tie: 
                 Y[b - 1, a - 1] -= g
         Z = Y**-1
         wanted = [float(mp.re(Z[i, i])) for i in range(3)]
-    found = rg.study(netlist).noise_density([1, 2, 3], [frequency])[0] / (4 * BOLTZMANN * ROOM)
+    found = rg.study(netlist).noise_density([1, 2, 3], [frequency])[0] / (4 * BOLTZMANN * NOMINAL_KELVIN)
     assert found == pytest.approx(wanted, rel=1e-9)
 
 
@@ -206,7 +206,7 @@ def test_a_density_that_doubles_cannot_tell_is_refused() -> None:
     netlist = rg.Netlist(
         5, [[1, 2], [2, 3], [3, 4], [1, 0]], [1e12, 1e-12, 1e12, 1.0], capacitor_nodes=[[4, 0]], capacitance=[1e-12]
     )
-    found = rg.study(netlist).noise_density([1, 2, 3, 4], [0.0])[0] / (4 * BOLTZMANN * ROOM)
+    found = rg.study(netlist).noise_density([1, 2, 3, 4], [0.0])[0] / (4 * BOLTZMANN * NOMINAL_KELVIN)
     assert found == pytest.approx([1.0, 1.0, 1e12, 1e12], rel=1e-9)
     for nodes in ([4], [1, 4]):
         with pytest.raises(rg.AccuracyError, match="too many orders of magnitude"):
@@ -235,7 +235,7 @@ def test_the_noise_of_one_capacitor_is_an_arc_tangent(low: float, high: float) -
     if high <= low:
         return
     corner = 1 / (2 * np.pi * 1e-8)
-    wanted = 4 * BOLTZMANN * ROOM * 1e4 * corner * (np.arctan(high) - np.arctan(low))
+    wanted = 4 * BOLTZMANN * NOMINAL_KELVIN * 1e4 * corner * (np.arctan(high) - np.arctan(low))
     found = rg.study(netlist).noise(band=(low * corner, high * corner))
     assert found.total[1] ** 2 == pytest.approx(wanted, rel=1e-8)
     assert 0 < found.total_error[1] < 1e-14 * found.total[1]
@@ -244,7 +244,7 @@ def test_the_noise_of_one_capacitor_is_an_arc_tangent(low: float, high: float) -
 def test_covariance_of_floating_nodes_is_unknown_and_of_rails_none() -> None:
     netlist = rg.Netlist(4, [[1, 0], [2, 0]], [1.0, 1.0], capacitor_nodes=[[1, 0], [2, 0]], capacitance=[1e-12, 4e-12])
     found = rg.study(netlist).noise_covariance([0, 1, 3])
-    wanted = np.diag([0.0, BOLTZMANN * ROOM / 1e-12, np.nan])
+    wanted = np.diag([0.0, BOLTZMANN * NOMINAL_KELVIN / 1e-12, np.nan])
     wanted[2] = wanted[:, 2] = np.nan
     assert found == pytest.approx(wanted, nan_ok=True)
 

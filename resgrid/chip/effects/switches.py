@@ -26,9 +26,10 @@ from resgrid.scene.quantities import Quantity
 
 
 def _on_rail(cells: CellMap, rail: str) -> NDArray[np.bool_]:
-    """Return the mask of cells that switches connect to a rail.
+    """Return the mask of the cells that closed switches connect to a rail.
 
-    Goal cells; obstacle cells or, where obstacles are open, the driven start.
+    For a goal rail these are the goal cells; for the obstacle rail the obstacle cells or, where obstacles are open, the
+    driven start.
     """
     if rail == "goal":
         return np.asarray(cells.space.cell == Cell.GOAL)
@@ -87,7 +88,10 @@ def _between_cells(netlist: Netlist, cells: CellMap) -> NDArray[np.bool_]:
 
 
 def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
-    """Add nodes for obstacles and for cells without a path to a goal, and the open connections that end there."""
+    """Add nodes for obstacles and for cells without a path to a goal, and the open connections that end there.
+
+    `on, off`: resistances of closed and of open switches, in ohms.
+    """
     cells = netlist.cells
     netlist = _in_series(netlist, random_sites.on_grid(netlist), on)
     missing = cells.node < 0

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.multigrid import krylov
-from resgrid.solvers.multigrid.hierarchy import GraphProblem, GridProblem, Hierarchy, Problem
+from resgrid.solvers.multigrid.hierarchy import GraphProblem, GridProblem, Hierarchy, MultigridProblem
 from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.scaled import Numbers, power
 from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
@@ -25,7 +25,7 @@ from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 MOST_ITERATIONS = 200
 """Maximum number of iterations of a solve."""
 LEAST_GAIN = 0.5
-"""Factor by which the true residual must fall from burst to burst."""
+"""Ratio of the true residuals of two successive bursts of iterations above which the solve stops as stagnating."""
 
 ROUNDING = 2.0**-52
 """Machine epsilon of double precision."""
@@ -33,7 +33,8 @@ _SINGLE = 5e-7
 """Relative residual below which the recursive residual is rounding error of single precision."""
 
 _BURST = 1e-5
-"""Smallest ratio of the residual to its maximum within a burst: the limit of vectors in single precision."""
+"""Ratio of the residual to its largest value within a burst (the iterations between two computations of the true
+residual) at which the burst ends: single precision vectors gain nothing more."""
 
 _SMOOTH = 0.1
 """Fraction of the target residual at which an initial guess is accepted: its error is smooth, hence large for its
@@ -52,10 +53,11 @@ _FASTEST, _SLOWEST = 0.3, 0.95
 """Bounds on the estimated convergence factor, which two iterations alone determine badly."""
 
 _DOUBT = 10.0
-"""Safety factor on the estimated length of a step, below which the length is computed."""
+"""Safety factor of the cheap estimate of the remaining error: only an estimate below this multiple of the tolerance is
+replaced by a computed step length."""
 
 _PASS, _LEAST_PASS = 1e-15, 1e-2
-"""Bounds on the relative residual of a pass of refinement."""
+"""Smallest and largest relative residual that is requested of one pass of iterative refinement."""
 
 
 _RANGE = 400
@@ -88,7 +90,7 @@ def iterate(
             return np.ldexp(x, binades), float(np.ldexp(size, binades))
     scaled_rhs = b / unit
     wanted = rtol * krylov.norm(scaled_rhs, threads)
-    problem: Problem
+    problem: MultigridProblem
     if hierarchy.grid is None:
         problem = GraphProblem(laplacian, hierarchy, b, threads)
     else:
@@ -164,7 +166,7 @@ class StoppingRule:
         return self.wanted if x is None else max(self.wanted, self.rounding * krylov.norm(x.ravel()))
 
     def record(self, power: float, length: Callable[[], float]) -> None:
-        """Record the reduction of the squared energy norm by an iteration.
+        """Record ``power``, the reduction of the error's squared energy norm by an iteration.
 
         ``length`` returns the largest change of a voltage by this iteration. It is called for the first iteration, and
         if the reductions suggest that the change is small.
@@ -180,7 +182,7 @@ class StoppingRule:
             self.accurate = self._length * ahead <= self._near
 
 
-def converge(problem: Problem, stop: StoppingRule, watch: ProgressMonitor | None) -> float:
+def converge(problem: MultigridProblem, stop: StoppingRule, watch: ProgressMonitor | None) -> float:
     """Improve the solution until the rule is met or the residual stagnates; returns the residual norm, in units."""
     burst, x = _Burst(problem, stop, watch), problem.x
     last, left, nearly = np.inf, MOST_ITERATIONS, _NEARLY if problem.relaxes else _SAFETY
@@ -214,7 +216,7 @@ class _Burst:
     on_p` (depth + 1,), with those of ``p`` at the end.
     """
 
-    def __init__(self, problem: Problem, stop: StoppingRule, watch: ProgressMonitor | None) -> None:
+    def __init__(self, problem: MultigridProblem, stop: StoppingRule, watch: ProgressMonitor | None) -> None:
         self._problem, self._stop, self._watch = problem, stop, watch
         self._v = problem.vectors
         # Between bursts, the true residual stands where the last steps will be kept.
@@ -229,7 +231,7 @@ class _Burst:
         self._energy = 0.0
 
     def run(self, size: float, gain: float, limit: int) -> int:
-        """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the number of iterations."""
+        """Reduce the residual norm ``size`` to ``gain size`` in at most ``limit`` iterations; returns their number."""
         v, steps = self._v, 0
         np.divide(self.residual, size, out=v.r, casting="same_kind")
         np.multiply(v.inverse, v.r, out=v.before)
@@ -244,9 +246,9 @@ class _Burst:
         self._gather(size)
         return steps
 
-    def _each(self, loop: Callable[[int, int], Any]) -> list[Any]:
-        """Call a kernel for slices of all slots."""
-        return self._problem.threads.over(len(self._v.r), lambda some: loop(some.start, some.stop))
+    def _each(self, kernel: Callable[[int, int], Any]) -> list[Any]:
+        """Call a kernel for slices of all slots, on all threads; return its results."""
+        return self._problem.threads.over(len(self._v.r), lambda some: kernel(some.start, some.stop))
 
     def _gather(self, unit: float) -> None:
         """Accumulate the kept steps in the solution, in units of ``unit``."""
@@ -274,7 +276,7 @@ class _Burst:
         self._kept += 1
 
         def move() -> float:
-            """Largest move of a voltage in this step."""
+            """Return the largest change of a voltage in this step."""
             return float(abs(alpha) * unit * krylov.largest_step(v.z[: self._kept], self._on_p, v.p))
 
         self._stop.record(alpha * zr * unit * unit, move)

@@ -84,7 +84,7 @@ def precondition_grid(
 def _precondition_grid(
     table: Table, state: Integers, graphs: Graphs, work: SweepBuffers, stop: float, on_graphs: bool | None
 ) -> tuple[float, float, float]:
-    """Kernel of `precondition_grid`; ``on_graphs`` is None if no visits of graphs are to be compiled."""
+    """Precondition as `precondition_grid` describes; ``on_graphs`` None omits the code for visits of graphs."""
     flags = flush_subnormals()
     _restrict_finest(table, state)
     _run_within(graphs, work, stop, 0, on_graphs, (table, state))
@@ -139,7 +139,7 @@ def _visit_graph(
     graphs: Graphs, vectors: tuple[Singles, Singles, Singles, Singles, Singles, Singles], level: int,
     visit: tuple[int, Floats], stop: float,
 ) -> bool:  # fmt: skip
-    """Process a graph at the first, second or third visit; returns whether it is solved.
+    """Process a graph at its first, second or third visit in a K-cycle; returns whether its solution is complete.
 
     ``vectors``: arrays of `SweepBuffers`, from the first node on; ``visit``: number of the visit, and products of the
     first step.
@@ -212,7 +212,7 @@ def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) ->
 
 @inner
 def _product(level: Row, visit: int) -> int:
-    """Return the address of the product for a visit."""
+    """Return the address of the array that receives the product with the matrix in a visit of a level."""
     return int(level.s if visit == 1 else level.w)
 
 
@@ -233,7 +233,7 @@ def help_sweep(table: Table, state: Integers) -> None:
 
 @inner
 def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
-    """Sweep over one slab."""
+    """Sweep over slab ``part`` of a level; ``kind`` is one of `sweeps.CLEAR` ...; ``visit``: number in the K-cycle."""
     slab, parts = slab_of(level, part), level.parts
     if kind == CLEAR or kind == ELIMINATE or kind == STEP:  # noqa: PLR1714, SIM109 (compiles in half the time)
         below_rhs = singles(level.below_rhs, level.below_slots)
@@ -251,7 +251,7 @@ def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
 
 @inner
 def _visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Floats], stop: float) -> bool:
-    """Process a grid at the first, second or third visit; returns whether it is solved, or the next level is due.
+    """Process a grid at its first, second or third visit in a K-cycle; returns whether its solution is complete.
 
     At the first visit red nodes are eliminated. At later visits the next level's solution is a search direction. Unless
     the grid is solved, its relaxed residual is restricted to the next level.
@@ -273,7 +273,7 @@ def _visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Fl
 
 @inner
 def ascend_grid(table: Table, state: Integers, number: int, visit: int) -> tuple[float, float, float]:
-    """Add the next level's solution, relax, and multiply; returns ``z.r``, ``z.w`` and ``z.s``."""
+    """Add the next level's solution to that of level ``number``, relax, and multiply; returns ``z.r, z.w, z.s``."""
     for kind in (PROLONG, RELAX):
         _sweep(table, state, kind, number, visit)
     return _sweep(table, state, MULTIPLY, number, visit)

@@ -26,10 +26,12 @@ _CLUSTERS_SHRINK = 0.7
 """Ratio of aggregates to nodes above which aggregates are also grown along weak conductances."""
 
 _WEAK = 0.2
-"""Smallest fraction of a node's conductances (or of the first node's) to an aggregate that it may join."""
+"""A node may join an aggregate if its conductance to the aggregate is at least this fraction of the sum of its own
+conductances, or of those of the aggregate's first node."""
 
 _BESIDE_STRONGEST = 0.7
-"""A conductance to the aggregate of this fraction of the first node's strongest conductance also suffices."""
+"""A node may also join if its conductance to the aggregate is at least this fraction of the strongest conductance of
+the aggregate's first node."""
 
 _FAR = 0.5
 """Fraction of neighbours numbered far apart above which a graph is renumbered."""
@@ -126,7 +128,7 @@ def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int
 
 @inner
 def _degrees(indptr: Indices, conductance: Singles, leak: Floats) -> tuple[Floats, Singles, Floats]:
-    """Return the sum of all conductances of every node, its reciprocal square root, and the strongest conductance."""
+    """Return sum, reciprocal square root of the sum, and maximum of the conductances at every node, (n,) each."""
     n = len(leak)
     degree, scale, strongest = np.empty(n), np.empty(n, np.float32), np.empty(n)
     for i in range(n):
@@ -152,7 +154,11 @@ def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: In
 @interruptible
 @kernel
 def aggregate_graph(graph: Graph, aggregate: Indices, count: int) -> tuple[Indices, Indices, Singles, Floats]:
-    """Sum conductances between aggregates, and leaks within them; rows are not sorted."""
+    """Return the graph of the aggregates: sums of the conductances between them, and of the leaks within them.
+
+    Shapes: `aggregate` (n,): aggregate of every node, below ``count``; returns the fields of `Graph` with ``count``
+    rows, which are not sorted.
+    """
     (indptr, indices, conductance, leak), n = graph, len(graph.leak)
     start = np.zeros(count + 1, np.int32)
     for node in range(n):
@@ -279,7 +285,7 @@ def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
 @interruptible
 @kernel
 def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, Indices]:
-    """Return greedy colours, and the number of neighbours of an earlier colour."""
+    """Return the greedy colour of every node, and the number of its neighbours with a lower colour; shapes (n,)."""
     n = len(indptr) - 1
     bit, colour, earlier = np.zeros(n, np.uint64), np.empty(n, np.int32), np.zeros(n, np.int32)
     for i in range(n):

@@ -45,9 +45,10 @@ class Graphs(NamedTuple):
 class SweepBuffers(NamedTuple):
     """Work arrays of one solve, over the nodes of all graphs.
 
-    `b, x` (1 + nodes,): currents and voltages; entry 0 belongs to no node; `c, v, w` (nodes,): first direction, and
-    products; `change` (nodes,): of the last sweep; `visits` (levels,), `first_steps` (levels, 2): state of a K-cycle:
-    number of visits of every level, and products of the first step there.
+    `b, x` (1 + nodes,): currents and voltages; entry 0 belongs to no node; `c` (nodes,): first search direction of a
+    K-cycle; `v, w` (nodes,): products of the matrix with the first and the second direction; `change` (nodes,):
+    changes of the voltages by the last sweep; `visits` (levels,): number of visits of every level in a K-cycle;
+    `first_steps` (levels, 2): inner products of the first step of the K-cycle on every level.
     """
 
     b: Singles
@@ -129,7 +130,10 @@ def ascend_graph(
 def _subtract_changes(
     graphs: Graphs, earlier: tuple[Unsigned, Unsigned], change: Singles, x: Singles, b: Singles, s: Singles, y: Singles
 ) -> tuple[float, float, float]:
-    """Set ``y -= sum_{j < i} g_ij change_j``; returns ``x.b, x.y, x.s``; ``earlier``: their ranges in rows."""
+    """Set ``y_i -= sum_{j < i} g_ij change_j``; returns ``x.b, x.y, x.s``.
+
+    ``earlier``: begin and end of the entries of the neighbours ``j < i`` in every row, (nodes,) each.
+    """
     g, j, (begin, end) = graphs.conductance, graphs.indices, earlier
     xb, xy, xs = 0.0, 0.0, 0.0
     for i in range(len(y)):

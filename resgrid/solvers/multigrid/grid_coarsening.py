@@ -59,7 +59,11 @@ def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray
 
 
 def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float) -> NDArray[np.int64]:
-    """Number the parts of disconnected blocks, in place; returns the block of every extra node."""
+    """Give every further part of a disconnected block an extra node; returns the block of every extra node.
+
+    `target` (2, slots): block of every slot of both colours, 0 for none; changed in place; `weak`: fraction of the
+    strongest conductance at a node below which conductances do not connect a block.
+    """
     edges = level.edges
     strongest = _strongest(edges) if weak else np.zeros((2, 1), dtype=np.float32)
     members, inner = np.zeros((2, 2 * lattice.slots), dtype=np.int32)
@@ -144,7 +148,7 @@ def sum_up(
 def _merge_couplings(
     red: NDArray[np.int32], black: NDArray[np.int32], axis: NDArray[np.int32], couplings: NDArray[np.float64]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-    """Sort couplings by red slot, and sum those between the same two nodes."""
+    """Return the couplings sorted by red slot, with the sum of those between the same two nodes as one coupling."""
     order = np.lexsort((black, red))
     red, black, axis, couplings = red[order], black[order], axis[order], couplings[order]
     first = np.flatnonzero((np.diff(red, prepend=-1) != 0) | (np.diff(black, prepend=-1) != 0))
@@ -183,7 +187,7 @@ def count_inside(
 def join_inside(
     edges: Edges, block: Indices, weak: float, strongest: Singles, doubtful: NDArray[np.bool_], parent: Indices
 ) -> None:
-    """Join the members of possibly disconnected blocks by the conductances inside that are not weak (union-find)."""
+    """Join the members of possibly disconnected blocks along conductances that are not weak (union-find `parent`)."""
     faces, distance, margin, off_red, off_black, _, couplings = edges
     slots = faces.shape[1]
     for k in range(margin, faces.shape[1] - margin):
@@ -276,6 +280,6 @@ def sum_blocks(edges: Edges, target: Indices, first_extra: int, coarse: Edges, i
 
 @inner
 def _record(edges: Edges, k: int, red: Any, black: Any, axis: Any, conductance: float) -> None:
-    """Write a coupling."""
+    """Write the ``k``-th coupling: its slots, axis and conductance."""
     edges.off_red[k], edges.off_black[k] = red, black
     edges.off_axis[k], edges.couplings[k] = axis, conductance

@@ -13,7 +13,7 @@ from resgrid.solvers.multigrid.red_black import Edges, Lattice, Stencil
 from resgrid.solvers.scaled import Floats, Indices, Integers, Reals
 
 _TINY = 1e-300
-"""Avoids division by zero."""
+"""Smallest divisor, against division by zero."""
 
 BLOCK = 2048
 """Number of slots that a kernel processes at a time: their data fit in the first caches."""
@@ -27,10 +27,10 @@ WEAK = 0.1
 class Level:
     """A grid by colour, with conductances to the rails.
 
-    `leak` (2, slots): conductance to the rails, of red and of black slots; `degree` (2, slots): sum of all conductances
-    at a slot; `mean` (ndim,): mean conductance along every axis, 0 without any; `uneven`: whether some conductances are
-    weak relative to others; `extra_cell`: flat index of the cell of every extra node, red and black; `size`: number of
-    nodes.
+    `lattice`: memory layout; `edges`: conductances between cells; `leak` (2, slots): conductance to the rails, of red
+    and of black slots; `degree` (2, slots): sum of all conductances at a slot; `mean` (ndim,): mean conductance along
+    every axis, 0 without any; `uneven`: whether some conductances are weak relative to others; `extra_cell`: flat index
+    of the cell of every extra node, red and black; `size`: number of nodes.
     """
 
     lattice: Lattice
@@ -266,7 +266,7 @@ def _compare(conductance: Floats, statistics: Floats) -> None:
 
 @inner_fast
 def add(faces: Reals, q: int, begin: int, count: int, total: Floats, to: int) -> None:
-    """Add the conductances across a face of some red slots to as many slots of either colour."""
+    """Add the conductances across face ``q`` of ``count`` red slots, from ``begin`` on, to ``total`` from ``to`` on."""
     face, at, t_at = np.uint64(q), np.uint64(begin), np.uint64(to)
     for i in range(count):
         k = np.uint64(i)
@@ -292,7 +292,10 @@ def compensate(stencil: Stencil, leak: Floats, fraction: Floats, degree: Floats)
 
 @inner_fast
 def _to_fractions(conductance: Floats, leak: Floats, inverse: Reals, begin: int, count: int) -> None:
-    """Convert the sums of conductances at some red cells to fractions of their currents."""
+    """Convert, in place, the conductances at red cells to the fraction of a cell's current that leaves through them.
+
+    Leaks are included; the fraction is 1 except for rounding of the reciprocal diagonal ``inverse``.
+    """
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
@@ -301,7 +304,7 @@ def _to_fractions(conductance: Floats, leak: Floats, inverse: Reals, begin: int,
 
 @inner_fast
 def _add_weighted(faces: Reals, q: int, begin: int, count: int, fraction: Floats, total: Floats, to: int) -> None:
-    """Add ``g fraction`` across a face to the black neighbours of some red cells."""
+    """Add ``g fraction`` across face ``q`` of ``count`` red slots, from ``begin`` on, to ``total`` from ``to`` on."""
     face, at, t_at = np.uint64(q), np.uint64(begin), np.uint64(to)
     for i in range(count):
         k = np.uint64(i)

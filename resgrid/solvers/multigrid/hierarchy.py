@@ -83,7 +83,10 @@ def build_hierarchy(laplacian: Laplacian, threads: ThreadTeam = SINGLE_THREAD) -
 
 
 def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
-    """Coarsen a grid by blocks until it falls apart or is small; returns levels and black aggregates (slots,)."""
+    """Coarsen a grid by blocks until it is small, or too many blocks are disconnected.
+
+    Returns the levels, and for each but the last the node of the next level of every black slot, shape (slots,).
+    """
     levels, targets = [level], list[NDArray[np.int32]]()
     while True:
         coarser = coarsen(levels[-1], split=level.uneven)
@@ -101,7 +104,7 @@ def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
 def _grid_levels(
     levels: list[Level], targets: list[NDArray[np.int32]], stencils: tuple[Stencil, Stencil]
 ) -> tuple[Finest, Levels] | None:
-    """Store grids for the kernels, and coarsen the last one as a graph; None if it does not shrink."""
+    """Return the grids as arguments of kernels, with the graphs below the last one; None if that does not shrink."""
     level = levels[0]
     graph, number = to_graph(levels[-1])
     graphs, shrinking = coarsen_down(graph)
@@ -294,4 +297,5 @@ class GraphProblem:
         return precondition_graph(self._graphs, self._work, self.vectors.r, self.vectors.s, z, self.vectors.w)
 
 
-Problem = GridProblem | GraphProblem
+MultigridProblem = GridProblem | GraphProblem
+"""Equations that conjugate gradients solve, with their multigrid preconditioner."""

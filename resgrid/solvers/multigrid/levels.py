@@ -71,7 +71,11 @@ class GridLevel(NamedTuple):
 
 
 class Finest(NamedTuple):
-    """The finest grid: a `GridLevel` with a `grid_level.compensated` diagonal, and its stencil in double precision."""
+    """The finest grid.
+
+    `true`: stencil in double precision; `stencil`: in single precision, with a `grid_level.compensated` diagonal;
+    `aggregate`: as in `GridLevel`.
+    """
 
     true: Stencil
     stencil: Stencil
@@ -116,7 +120,7 @@ def take_step(r: Singles, v: Singles, step: np.float32, begin: int, count: int) 
 
 @inner_fast
 def copy(values: Singles, begin: int, count: int, there: Singles) -> None:
-    """Copy some slots."""
+    """Copy ``values[begin:begin + count]`` to the same slots of ``there``."""
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
@@ -193,8 +197,9 @@ def scale(inverse: Singles, x: Reals, first: int, begin: int, count: int, value:
 def slabs_of(stencil: Stencil, most: int) -> list[Slab]:
     """Divide a stencil into at most `most` slabs; small stencils are not divided.
 
-    No slab is thinner than twice the part that its neighbours compute too. Nodes of the next level are parts of blocks
-    that begin at even indices along the first axis; two rows along it span a stride of slots.
+    No slab is thinner than twice the part that its neighbours compute too. The slots that a slab restricts begin at an
+    even index along the first axis, as the blocks of the next level do, so that no node of that level gets values from
+    two slabs. Two steps along the first axis are one stride of slots.
     """
     margin, blocks, slots = stencil.margin, blocks_of(stencil), stencil.faces.shape[1]
     count = min(most, int(blocks // (_THICK * -(-margin // stencil.block)))) if slots >= _LEAST else 1

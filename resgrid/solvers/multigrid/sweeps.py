@@ -95,7 +95,7 @@ def _add_rhs(
 
 @inner
 def _add_to_nodes(aggregate: Indices, begin: int, count: int, total: Singles, skipped: int, coarse: Singles) -> None:
-    """Restrict some slots: add their values to their nodes of the next level."""
+    """Restrict: add the values of slots, ``total[skipped:skipped + count]``, to their nodes of the next level."""
     at, t_at = np.uint64(begin), np.uint64(skipped)
     for i in range(count):
         k = np.uint64(i)

@@ -131,7 +131,7 @@ def _unmatched(expected: Mapping[str, object], got: Mapping[str, object], kind: 
 
 
 def unverified(agreement: Agreement, why: str) -> Agreement:
-    """Wrap the comparison for a rewritten deck as the unverified result for the deck itself, with the reason."""
+    """Return the comparison of a rewritten deck as the unverified result of the deck itself, with the reason."""
     return replace(
         agreement,
         agrees=None if agreement.agrees else False,

@@ -29,7 +29,7 @@ def ground(circuit: Circuit) -> Iterator[Violation]:
 
 
 def islands(circuit: Circuit) -> Iterator[Violation]:
-    """Report the connected parts without a DC path to ground; parts tied by capacitors are a rule of their own."""
+    """Report connected parts without a DC path to ground; parts that capacitors tie to ground get another message."""
     floating = np.flatnonzero(circuit.is_floating)
     if not floating.size:
         return

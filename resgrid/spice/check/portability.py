@@ -132,11 +132,11 @@ def _predict_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: li
     """Predict the result for a deck that resgrid writes, which avoids the known traps; `resistance` (m,) in ohms."""
     if errors:
         return "fails", None, None, (f"the netlist has no deck: {errors[0].message}",)
-    doubts = _spread_doubts(resistance)
+    uncertainties = _uncertain_spread(resistance)
     least = quirks.smallest_resistance
     if least and not quirks.raises_zero_only and resistance.min(initial=np.inf) < least:
-        doubts += (f"it raises resistances to {least:g} ohm (RESMIN)",)
-    return "unsure" if doubts else "right", None, None, doubts
+        uncertainties += (f"it raises resistances to {least:g} ohm (RESMIN)",)
+    return "unsure" if uncertainties else "right", None, None, uncertainties
 
 
 def _predict_file(dialect: Dialect, case: _Case) -> _Result:
@@ -160,10 +160,10 @@ def _predict_file(dialect: Dialect, case: _Case) -> _Result:
                 reason = f"{label} reads another circuit from this file"
                 return "wrong", _finite(difference[1]), difference[0], (reason,)
         outcome, error, worst, reasons = _predict_deck(dialect.quirks, own)
-    doubts = tuple(str(note) for note in found.circuit.notes if note.outcome == "unsure")[:_SHOWN]
-    if doubts and outcome == "right":
+    uncertainties = tuple(str(note) for note in found.circuit.notes if note.outcome == "unsure")[:_SHOWN]
+    if uncertainties and outcome == "right":
         outcome = "unsure"
-    return outcome, error, worst, (*reasons, *doubts)
+    return outcome, error, worst, (*reasons, *uncertainties)
 
 
 def _finite(volts: float) -> float | None:
@@ -179,7 +179,7 @@ def _case_of(deck: Circuit, violations: Iterable[Violation]) -> _Case:
 
 
 def _predict_deck(quirks: Quirks, case: _Case) -> _Result:
-    """Predict the result for a deck as read: fatal defects, then changes of the circuit, then doubts."""
+    """Predict the result for a deck as read: fatal defects, changes of the circuit, then reasons for uncertainty."""
     fatal = [
         f"a loop of voltage sources makes the matrix singular ({case.deck.place_of('voltage source', number)})"
         for number in _failing_loops(quirks, case)[:1]
@@ -190,29 +190,29 @@ def _predict_deck(quirks: Quirks, case: _Case) -> _Result:
         return "fails", None, None, tuple(fatal)
     lost = _elements_on_title_line(case.deck)
     resistance, raised = _raised_resistances(quirks, case.deck)
-    siemens, shunts, shunt_doubts = _shunt(quirks, case)
+    siemens, shunts, shunt_uncertainties = _shunt(quirks, case)
     reasons = (*(f"the first line is read as the title, so {name} is lost" for name in lost[:1]), *raised, *shunts)
-    doubts = (*_doubts(quirks, case, resistance), *shunt_doubts)
+    uncertainties = (*_uncertainties(quirks, case, resistance), *shunt_uncertainties)
     trapped = case.deck.trapped_sources
     if trapped.size:
         name = case.deck.element_name("current source", int(trapped[0]))
         text = f"{name} drives a floating part, which has no return path: no operating point exists"
         if quirks.floating == "unknown":
-            doubts += (text,)
+            uncertainties += (text,)
         else:
             reasons += (text,)
     if not reasons:
-        return "unsure" if doubts else "right", None, None, doubts
+        return "unsure" if uncertainties else "right", None, None, uncertainties
     got = None if case.voltage is None else _voltages(lambda: _simulated(case.deck, lost, resistance, siemens))
     if case.voltage is None or got is None:
-        return "wrong", None, None, (*reasons, *doubts)
+        return "wrong", None, None, (*reasons, *uncertainties)
     names, error = case.deck.node_names, np.nan_to_num(np.abs(got - case.voltage), nan=0.0)
     cut_off = np.flatnonzero(np.isnan(got) & ~np.isnan(case.voltage))
     reasons += tuple(f"node {names[node]} is cut off" for node in cut_off[:1].tolist())
     worst = int(np.argmax(error))
     harmless = error[worst] <= TOLERANCE * np.nanmax(np.abs(case.voltage), initial=0.0) and not cut_off.size
-    outcome: Outcome = "wrong" if not harmless else "unsure" if doubts else "right"
-    return outcome, float(error[worst]), names[worst], (*reasons, *doubts)
+    outcome: Outcome = "wrong" if not harmless else "unsure" if uncertainties else "right"
+    return outcome, float(error[worst]), names[worst], (*reasons, *uncertainties)
 
 
 def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
@@ -227,29 +227,31 @@ def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
     return closing
 
 
-def _doubts(quirks: Quirks, case: _Case, resistance: NDArray[np.float64]) -> tuple[str, ...]:
+def _uncertainties(quirks: Quirks, case: _Case, resistance: NDArray[np.float64]) -> tuple[str, ...]:
     """Return reasons why the result is uncertain; `resistance` (m,): as the simulator uses them, in ohms."""
-    doubts = _spread_doubts(np.abs(case.deck.resistance)) or _cancellation(case.deck, np.abs(resistance))
+    uncertainties = _uncertain_spread(np.abs(case.deck.resistance)) or _cancellation(case.deck, np.abs(resistance))
     continues = quirks.loops == "fail at ground"
     for kind, numbers in (("inductors", case.loops.inductors), ("voltage sources", case.loops.sources)):
         if not numbers.size:
             continue
         place = case.deck.place_of("voltage source", int(numbers[0]))
         effect = "the result is the end of a transient, and may be arbitrary" if continues else "it may fail"
-        doubts += (f"a loop of {kind} ({place}): {effect}",)
+        uncertainties += (f"a loop of {kind} ({place}): {effect}",)
     if case.deck.is_floating.any() and quirks.floating == "unknown":
-        doubts += ("its treatment of floating nodes is not known",)
+        uncertainties += ("its treatment of floating nodes is not known",)
     if quirks.smallest_resistance is None and (case.deck.resistance == 0).any():
-        doubts += ("its treatment of 0 ohm is not known",)
+        uncertainties += ("its treatment of 0 ohm is not known",)
     if (case.deck.resistance < 0).any():
-        doubts += ("decks with negative resistances cannot be checked",)
+        uncertainties += ("decks with negative resistances cannot be checked",)
     if quirks.duplicates == "unknown" and case.duplicates:
-        doubts += ("it is not known which of two elements of one name it keeps",)
-    return doubts
+        uncertainties += ("it is not known which of two elements of one name it keeps",)
+    return uncertainties
 
 
 def _cancellation(deck: Circuit, size: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return a doubt if elimination loses small conductances next to large ones; `size` (m,): resistances in ohms.
+    """Return a reason for uncertainty if elimination loses small conductances next to large ones, else ().
+
+    `size` (m,): magnitudes of the resistances, in ohms.
 
     Elimination in a group of nodes that large conductances join subtracts these from the diagonal sums.  The remainder
     is the conductance that leaves the group, with the rounding error of the large ones.
@@ -275,8 +277,8 @@ def _cancellation(deck: Circuit, size: NDArray[np.float64]) -> tuple[str, ...]:
     return (f"cancellation at the smallest resistances causes a relative voltage error of about {error}",)
 
 
-def _spread_doubts(resistance: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return a doubt if the ratio of resistances is too large for doubles; `resistance` (m,) in ohms."""
+def _uncertain_spread(resistance: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return a reason for uncertainty if the ratio of resistances (m,), in ohms, is too large for doubles, else ()."""
     size = resistance[(resistance > 0) & np.isfinite(resistance)]
     if not size.size or size.max() <= _SAFE_SPREAD * size.min():
         return ()
@@ -307,8 +309,11 @@ def _raised_resistances(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float
 
 
 def _shunt(quirks: Quirks, case: _Case) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
-    """Return the conductance that a simulator adds from every node to ground, in siemens, with reasons and doubts."""
-    siemens, reasons, doubts = 0.0, [], []
+    """Return the conductance that a simulator adds from every node to ground, in siemens.
+
+    The second value are reasons why the result is wrong, the third one reasons why it is uncertain.
+    """
+    siemens, reasons, uncertainties = 0.0, [], []
     for option, unit in quirks.shunt_options.items():
         value = _option(case.deck, option)
         if value:
@@ -324,8 +329,8 @@ def _shunt(quirks: Quirks, case: _Case) -> tuple[float, tuple[str, ...], tuple[s
             siemens += gmin
             reasons.append(f"{floating:,} floating nodes: the result, with exit status 0, is {text}")
         elif singular == "unknown":
-            doubts.append(f"{floating:,} floating nodes: rounding errors decide whether the result is {text}")
-    return siemens, tuple(reasons), tuple(doubts)
+            uncertainties.append(f"{floating:,} floating nodes: rounding errors decide whether the result is {text}")
+    return siemens, tuple(reasons), tuple(uncertainties)
 
 
 def _option(deck: Circuit, name: str) -> float:

@@ -78,11 +78,11 @@ def _resolve_title(contents: Contents, scope: Scope, elements: Elements, expande
     first, diagnostics = contents.first, contents.diagnostics
     if first is None:
         return
-    doubts = Diagnostics()
+    trial_diagnostics = Diagnostics()
     trial = expander.elements()
-    alone = Scope(contents.top, doubts, built_ins=contents.built_ins())
+    alone = Scope(contents.top, trial_diagnostics, built_ins=contents.built_ins())
     Expander(contents, expander.nominal, expander.heating).fill(alone, trial, [first])
-    reads = not doubts.errors
+    reads = not trial_diagnostics.errors
     wired = any(name in elements.nodes.number for name in trial.nodes.number if name not in contents.grounds)
     if reads and wired:
         expander.fill(scope, elements, [first])

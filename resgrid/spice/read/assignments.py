@@ -65,7 +65,10 @@ def _begins_definition(tokens: list[Token], i: int) -> bool:
 
 
 def _value(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> Token | None:
-    """Return the value given by some tokens as one token; None if they are not a value."""
+    """Return the value given by some tokens as one token; None if they are not a value.
+
+    `blanks`: whether an expression may contain blanks; `alone`: whether the card has only this definition.
+    """
     if len(parts) == 3 and parts[0].is_mark("(") and parts[2].is_mark(")"):
         parts = parts[1:2]
     if len(parts) > 1:

@@ -122,7 +122,7 @@ def _check_letters(text: str, spot: Spot, source: SourceFile, rules: ReadingRule
         text = f"{rules.name} stops at non-ASCII letters that are not UTF-8: save the file as UTF-8"
         diagnostics.refuse(spot, text)
     elif letters and rules.refusals.letters:
-        diagnostics.doubt(spot, f"{rules.name} may not read non-ASCII letters")
+        diagnostics.warn_ignored(spot, f"{rules.name} may not read non-ASCII letters")
 
 
 def _joined(pieces: list[tuple[int, int, str]], source: SourceFile, rules: ReadingRules) -> Card:

@@ -97,10 +97,13 @@ class Collector:
         if found is not None:
             spot = Spot(source.name, source.data.count(b"\n", 0, found.start()) + 1)
             text = f"a comment that begins with *# is a command of {rules.name}, which is not run here"
-            self.contents.diagnostics.doubt(spot, text)
+            self.contents.diagnostics.warn_ignored(spot, text)
 
     def _role(self, line: str, continued: bool) -> str:
-        """Classify a first line: "title", "command", "element" (possibly), or "language" (of Spectre)."""
+        """Classify a first line: "title", "command", "element" (possibly), or "language" (of Spectre).
+
+        `continued`: whether the next line continues it.
+        """
         words = line.split()
         if not words or words[0][0] == "*":
             return "title"
@@ -189,7 +192,7 @@ class Collector:
             diagnostics.warn(card.spot(), "cards after .alter describe another run, and are not read")
             return "stop"
         if word in rules.refusals.foreign_commands:
-            diagnostics.doubt(card.spot(), f"the manual of {rules.name} has no command {word}")
+            diagnostics.warn_ignored(card.spot(), f"the manual of {rules.name} has no command {word}")
         if word in (".step", ".data"):
             self.contents.note_swept(card)
         if word in _BLOCKS:
@@ -236,7 +239,7 @@ class Collector:
         self._skipping = False
         if until == ".endc" and changing:
             text = f"the commands of .control ... .endc are not run: {changing[0]} would change the circuit"
-            self.contents.diagnostics.doubt(card.spot(), text)
+            self.contents.diagnostics.warn_ignored(card.spot(), text)
         elif until == ".endc":
             self.contents.diagnostics.inform(card.spot(), "the commands of .control ... .endc are not run")
 

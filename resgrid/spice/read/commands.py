@@ -62,7 +62,7 @@ class Contents:
             return None
 
     def _stated(self, key: str, scope: Scope) -> float | None:
-        """Return the stated temperature, in degrees Celsius; None without one."""
+        """Return the temperature that the deck states for a key, in degrees Celsius; None if it states none."""
         stated = self._temperatures.get(f".{key}") or self._temperatures.get(key)
         return None if stated is None else scope.number(*stated)
 
@@ -239,14 +239,14 @@ class Contents:
         models[name] = Model(tokens[0].text, kind, keys, card, self.block)
 
     def _global(self, card: Card) -> None:
-        """Add global nodes."""
+        """Add the nodes of ``.global`` to the global nodes."""
         names = [word.lower() for word in card.text.split()[1:]]
         if card.rules.instances and names:  # the first one is ground
             self.grounds |= {names.pop(0)}
         self.global_nodes.update(names)
 
     def _title(self, card: Card) -> None:
-        """Set the title."""
+        """Set the title to the text of ``.title``."""
         self.title = card.text.split(maxsplit=1)[1] if " " in card.text.strip() else self.title
 
     def _connect(self, card: Card) -> None:

@@ -67,7 +67,7 @@ class Diagnostics:
         self._outcomes[text] = "fails"
         self._note("warning", spot, text, 1)
 
-    def doubt(self, spot: Spot, text: str) -> None:
+    def warn_ignored(self, spot: Spot, text: str) -> None:
         """Add a warning about text that is ignored here, but may change the result of the dialect's own simulator."""
         self._outcomes[text] = "unsure"
         self._note("warning", spot, text, 1)

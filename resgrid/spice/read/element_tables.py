@@ -82,7 +82,10 @@ class NodeTable:
         return number
 
     def _new(self, name: str, folded: str, order: int) -> int:
-        """Add a node, or an alias of ground; return its number."""
+        """Add a node, or an alias of ground; return its number.
+
+        `folded`: the name in the form in which names are compared; `order`: position of its first use in the deck.
+        """
         ground = folded in self.grounds
         number = self._number["0"] if ground and "0" in self._number else len(self.names)
         if number == len(self.names):
@@ -138,7 +141,7 @@ class ElementArrays:
 
     @property
     def ordered(self) -> NDArray[np.int64]:
-        """The order, computed from the places if it is None; shape (n,)."""
+        """The array `order`, or the order of the elements' own cards if `order` is None; shape (n,)."""
         return order_of(self.place) if self.order is None else self.order
 
 

@@ -159,7 +159,11 @@ def _tokens(text: str) -> tuple[_Token, ...]:
 
 @dataclass
 class _Reader:
-    """A precedence-climbing parser that evaluates the tokens of one expression."""
+    """A precedence-climbing parser that evaluates the tokens of one expression.
+
+    `rules`: rules of the dialect; `lookup`: returns the value of a name, or None; `call`: returns the value of a
+    function of the deck; `position`: index of the next token; `depth`: nesting depth.
+    """
 
     tokens: tuple[_Token, ...]
     rules: ReadingRules

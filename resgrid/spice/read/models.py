@@ -55,7 +55,7 @@ def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str,
         refuse_unsupported(model.card, use, values[key] if key == "r" else None)
         if use.used and rules.words.temperature_in_values:
             text = f"{rules.name} rounds an expression of the temperature in a model to about seven digits"
-            scope.diagnostics.doubt(model.card.spot(setting.offset), text)
+            scope.diagnostics.warn_ignored(model.card.spot(setting.offset), text)
     return values
 
 

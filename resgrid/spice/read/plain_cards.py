@@ -128,7 +128,7 @@ class PlainCards:
                 self._code[line] = _OTHER
 
     def _values(self, decimals: list[bytes], suffixed: list[bytes]) -> NDArray[np.float64]:
-        """Return the values of a block's lines, NaN or infinite for doubtful ones; shape (lines,)."""
+        """Return the values of a block's lines, shape (lines,); NaN or infinite for the general reader's cards."""
         value = _parsed(float, decimals)
         for line in np.flatnonzero(value == 0).tolist():
             if decimals[line].lower().partition(b"e")[0].strip(b"+-0."):  # not zero, but too small for a double

@@ -38,7 +38,7 @@ class Definition:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A ``.model`` card, and the block that contains it."""
+    """A ``.model`` card: the model's name, kind and keys, and the block that contains the card."""
 
     name: str
     kind: str
@@ -213,7 +213,7 @@ class Scope:
                 if "statistical" not in str(error):
                     label = definition.card.rules.name
                     text = f"the parameter {name} has no value, and {label} may stop at it even if it is unused"
-                    self.diagnostics.doubt(definition.card.spot(definition.token.offset), text)
+                    self.diagnostics.warn_ignored(definition.card.spot(definition.token.offset), text)
 
     def parameter(self, name: str) -> float | None:
         """Return the value of a parameter in this scope or an enclosing one; None if it is undefined."""

@@ -128,7 +128,7 @@ class Expander:
             diagnostics.refuse(card.spot(offset), f"{rules.name} cuts the quoted name {name} at its blank, and stops")
         else:
             text = f"it is not known here whether {rules.name} reads the blank in the quoted name {name}"
-            diagnostics.doubt(card.spot(offset), text)
+            diagnostics.warn_ignored(card.spot(offset), text)
 
     def check_size(self, limit: int | None) -> None:
         """Check the size of the expanded deck before the expansion.
@@ -226,7 +226,7 @@ class Expander:
         inner: list[Scope] = []
 
         def looked_up(name: str) -> float | None:
-            """Return the value of a name where the instance stands, or in some dialects inside the subcircuit."""
+            """Return the value of a name at the instance, in some dialects inside the subcircuit; None if undefined."""
             names.add(name)
             value = scope.named(name)
             if value is None and instance.card.rules.words.inner_names and name != setting.key:
@@ -265,16 +265,16 @@ class Expander:
 
         The dialect's simulator looks the name up there, other simulators where the instance stands.
         """
-        doubtful = [
+        ambiguous = [
             (setting, name)
             for setting in instance.given
             for name in named[setting.key] - {setting.key}
             if name in instance.block.parameters and scope.defines(name)
         ]
-        if not doubtful:
+        if not ambiguous:
             return
         inside = Scope(instance.block, scope.diagnostics, scope, given)
-        for setting, name in sorted(doubtful, key=lambda one: (one[0].offset, one[1])):
+        for setting, name in sorted(ambiguous, key=lambda one: (one[0].offset, one[1])):
             if inside.parameter(name) != scope.parameter(name):
                 dialect, block = instance.card.rules.name, instance.block.name
                 raise instance.card.error(

@@ -9,7 +9,10 @@ from resgrid.spice.read.scopes import TemperatureUse
 
 
 def refuse_unsupported(card: Card, use: TemperatureUse, ohms: float | None) -> None:
-    """Raise CardError for an expression of the temperature that the dialect's simulator does not evaluate."""
+    """Raise CardError for an expression of the temperature that the dialect's simulator does not evaluate.
+
+    `use`: record of the evaluation; `ohms`: value of a resistor, None for other values; ngspice fails at 0 ohm.
+    """
     words = card.rules.words
     if not use.used or not words.temperature_in_values:
         return

@@ -24,9 +24,10 @@ from resgrid.spice.dialects import DIALECTS
 _FIRST_WITH_KLU = 42
 """First version of ngspice that uses KLU."""
 _RANDOM_WIDTH = 0.117
-"""Factor in the upper limit of the core's width, times neighbours per node and ``size**(2/3)``.
+"""Factor in the upper limit of the core's width: this factor times neighbours per node times ``size**(2/3)``.
 
-Random networks have few breadth-first levels, so that nodes per level overestimates their cost.
+The limit is for random networks.  They have few breadth-first levels, so that the nodes per level would overestimate
+their cost.
 """
 
 
@@ -60,7 +61,7 @@ class Forecast:
 def forecast(circuit: Netlist | Circuit, engine: str = "ngspice", version: str = "") -> Forecast:
     """Estimate time and memory of an operating point by an engine; takes time proportional to the elements.
 
-    `version`: of ngspice, which decides between its two matrix packages.  Raises InputError for an unknown engine.
+    `version`: of ngspice; it determines the matrix package (KLU from 42 on).  Raises InputError for an unknown engine.
     """
     major = version.partition(".")[0].rstrip("+")
     if engine == "ngspice" and major.isdecimal() and int(major) >= _FIRST_WITH_KLU:

@@ -108,7 +108,7 @@ _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class _Blocks(BaseModel):
-    """Hashes of blocks of lines."""
+    """Number of lines per block of a deck, and the beginning of the SHA-256 of every block."""
 
     lines: PositiveInt
     sha256: list[str]

@@ -132,7 +132,11 @@ def _depends_on_neighbours(tiles: Tiles) -> bool:
 
 
 def _subcircuit(rules: Dialect, tiles: Tiles, master: str, axes: Sequence[int], spread: float) -> Iterator[str]:
-    """Yield the lines of the subcircuit of a kind of tile; `axes`: along which it has a resistor."""
+    """Yield the lines of the subcircuit of a kind of tile.
+
+    `master`: name of the subcircuit; `axes`: axes along which the tile has a resistor; `spread`: relative standard
+    deviation of the resistors, 0 for fixed values.
+    """
     defaults: dict[str, float | int] = {"state": 0}
     if _depends_on_neighbours(tiles):
         defaults |= {_neighbour_state(tiles, axis): 0 for axis in axes}
@@ -153,7 +157,10 @@ def _subcircuit(rules: Dialect, tiles: Tiles, master: str, axes: Sequence[int], 
 
 
 def _elements(rules: Dialect, tiles: Tiles, axes: Sequence[int], spread: float) -> Iterator[str]:
-    """Yield the element lines of a tile: resistors along the axes, switches, capacitor and drive."""
+    """Yield the element lines of a tile: resistors along the axes, switches, capacitor and drive.
+
+    `spread`: relative standard deviation of the resistors, 0 for fixed values.
+    """
 
     def expression(value: str) -> str:
         return rules.expression.format(value=value)

@@ -30,7 +30,7 @@ from resgrid.spice.write.flat import resistances, rounded
 RAILS = ("obstacle", "goal")
 """Rails that every tile has a switch to."""
 SWITCHES = (*RAILS, "internodal")
-"""Kinds of switch of a tile."""
+"""Kinds of switches of a tile: to the obstacle rail, to the goal rail, and in series with the resistors."""
 ENDS = ("on", "off")
 """States of a switch, as in the keys of a chip."""
 _ON, _OFF = 10.0, 1e10

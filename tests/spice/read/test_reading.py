@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.check_erc`, `resgrid.factorize`, `resgrid.spice.dialects.ngspice`."""
+"""Reading decks: cards, values, parameters, subcircuits and messages, as ngspice reads them.
+
+Tests internals: `resgrid.spice.dialects.ngspice`.
+"""
 
 import io
 import math
