@@ -291,7 +291,23 @@ def _merged(
 class CircuitFactor:
     """Equations of a circuit and the factors of their matrix.
 
-    `system`: equations, with the row of every node and the right-hand side; `factors`: of ``system.laplacian``.
+    Returned by `resgrid.factorize`; one factorization serves any number of right-hand sides.
+
+    Attributes
+    ----------
+    system : Equations
+        Nodal equations: the row of every node, the conductances in siemens and the injected currents in amperes.
+    factors : Factor
+        Factors of the matrix ``system.laplacian``, shape (n, n), in siemens.
+
+    Examples
+    --------
+    >>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 3e-3], source_nodes=[[1, 0]], source_volts=[2.0])
+    >>> factor = rg.factorize(divider)
+    >>> factor
+    <CircuitFactor of <Netlist of 3 nodes: 2 resistors, 1 voltage source>: 1 rows, direct>
+    >>> factor.solve([1e-3]).round(6)
+    array([0.25])
     """
 
     system: Equations

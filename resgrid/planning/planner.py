@@ -179,9 +179,33 @@ def plan(
 class ClearanceCurve:
     """Clearance of paths as a function of a parameter of the boundary condition at obstacles.
 
-    `knob`: the parameter, ``"k"`` or ``"wall_resistance"`` in ohms; `value` (n,): its values; `starts` (m, ndim): in
-    world coordinates; `clearance, length` (n, m): of every path, in axis units, NaN if it reaches no goal; `counted`
-    (m,): mask of starts with a path at every value, over which means are computed.
+    Returned by `resgrid.planning.clearance_curve`.
+
+    Attributes
+    ----------
+    knob : {"k", "wall_resistance"}
+        The parameter.
+    value : ndarray of float64, shape (n,)
+        Values of the parameter: pure numbers for ``"k"``, ohms for ``"wall_resistance"``.
+    starts : ndarray of float64, shape (m, ndim)
+        Starts of the paths, in world coordinates.
+    clearance, length : ndarray of float64, shape (n, m)
+        Clearance and length of every path, in axis units; NaN if the path reaches no goal.
+    counted : ndarray of bool, shape (m,)
+        Mask of the starts that have a path at every value; means are computed over these starts.
+    mean, mean_length : ndarray of float64, shape (n,)
+        Mean clearance and mean length at every value, in axis units.
+
+    Examples
+    --------
+    >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=1.0)
+    >>> curve = rg.planning.clearance_curve(planner, ks=(0.0, 1.0))
+    >>> curve.knob, curve.clearance.shape
+    ('k', (2, 56))
+    >>> curve.clearance[:, 10].round(3), curve.length[:, 10].round(3)
+    (array([0.03 , 0.211]), array([5.564, 5.46 ]))
+    >>> curve.mean.round(3)
+    array([0.462, 0.506])
     """
 
     knob: str

@@ -32,6 +32,8 @@ _BATCH = 1 << 18
 class Traces:
     """End points and measures of n streamlines, without their points.
 
+    Returned by `resgrid.streamlines` and `resgrid.planning.Planner.ends`.
+
     Attributes
     ----------
     outcome : ndarray of str, shape (n,)
@@ -45,6 +47,15 @@ class Traces:
         motion.
     steps : ndarray of int64, shape (n,)
         Number of crossed faces.
+
+    Examples
+    --------
+    >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).field
+    >>> traces = rg.streamlines(field, [(0.5, 6.5), (2.5, 4.5)])
+    >>> traces.outcome.tolist()
+    ['reached', 'start_blocked']
+    >>> traces.length.round(3), traces.steps
+    (array([8.712,   nan]), array([11,  0]))
     """
 
     outcome: NDArray[np.str_]
