@@ -292,9 +292,30 @@ def arrival(
 class Wavefront:
     """Propagation of a change of the map through the grid.
 
-    `before, after`: the maps before and after the change; `cells` (t,): times, in cells that the robot could have
-    crossed; `potential` (t, *shape of the space): at those times, NaN in cells without a node; `distance` (t,): largest
-    distance of a potential from its final value; `first`, shape of the space: potential before the change.
+    Returned by `resgrid.control.wavefront`.
+
+    Attributes
+    ----------
+    before, after : ConfigurationSpace
+        The maps before and after the change.
+    cells : ndarray of float64, shape (t,)
+        Times, in cells that the robot could have crossed.
+    potential : ndarray of float64, shape (t, *shape of the space)
+        Normalised potential at those times; NaN in cells without a node.
+    distance : ndarray of float64, shape (t,)
+        Largest distance of a normalised potential from its final value.
+    first : ndarray of float64, shape of the space
+        Normalised potential before the change.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
+    >>> world = rg.simulation(scene, k=1.0, announce=True, settle="sor")
+    >>> front = rg.control.wavefront(world, np.array([0.0, 0.5, 4.0]))
+    >>> front.distance.round(3)
+    array([0.112, 0.03 , 0.   ])
+    >>> (front.potential[1] - front.first)[5, 3:6].round(3)
+    array([0.102, 0.036, 0.025])
     """
 
     before: ConfigurationSpace

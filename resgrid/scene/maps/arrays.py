@@ -36,22 +36,39 @@ HEADINGS = 36
 @frozen
 @dataclass(frozen=True, eq=False)
 class MapCells:
-    """What was read from a map file.
+    """Cells of a map file, with axes, frame and costs.
+
+    The type of `Scene.map`, which `resgrid.read_scene` fills for a map file and for a scene with a ``[map]`` table.
 
     Attributes
     ----------
     axes : tuple of Axis
-        Of the map, in its own coordinates; those of the scene, unless its robot turns or is an arm.
-    cell : ndarray of uint8
-        `resgrid.core.space.Cell` codes on these axes, before obstacles grow by the robot's radius.
+        Axes of the map in its own coordinates.  They are the axes of the scene, unless its robot turns or is an arm.
+    cell : ndarray of uint8, one dimension per axis
+        `resgrid.Cell` codes on these axes, before obstacles grow by the robot's radius.
     frame : Frame
-        From the map's coordinates to the world's.
-    conductivity : ndarray of float64 or None
-        Of its cells; None where the map says nothing of costs.
-    unknown : ndarray of bool or None
-        Cells of unknown occupancy, which `cell` holds as obstacles or as free; None where the format has none.
+        Transformation from map coordinates to world coordinates.
+    conductivity : ndarray of float64, shape of `cell`, or None
+        Relative conductivity of every cell, a positive number; None where the map has no costs.
+    unknown : ndarray of bool, shape of `cell`, or None
+        Cells of unknown occupancy, which are obstacles or free in `cell`; None where the format has none.
     table : mapping
-        The ``[map]`` table it came from; ``file`` is an absolute path.
+        The ``[map]`` table of the scene; ``file`` is an absolute path.
+    obstacles : CellSet
+        The obstacle cells, as a shape in map coordinates.
+
+    Examples
+    --------
+    >>> cell = np.zeros((3, 2), dtype=np.uint8)
+    >>> cell[1, 0], cell[2, 1] = rg.Cell.OBSTACLE, rg.Cell.GOAL
+    >>> np.save("cells.npy", cell)
+    >>> cells = rg.read_scene("cells.npy").map
+    >>> [axis.cells for axis in cells.axes], cells.unknown
+    ([3, 2], None)
+    >>> cells.cell
+    array([[0, 0],
+           [1, 0],
+           [0, 2]], dtype=uint8)
     """
 
     axes: tuple[Axis, ...]
