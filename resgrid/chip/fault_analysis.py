@@ -105,6 +105,7 @@ class FaultAnalysis(Result):
         Parameters
         ----------
         fault : {"open", "short"}
+            The fault.
         count : int
             Maximum number of elements.
 
@@ -163,7 +164,23 @@ class FaultAnalysis(Result):
         return {**super().to_json(), **listed}
 
     def lost(self, fault: str) -> NDArray[np.float64]:
-        """Return the number of starts lost by each element with a fault, "open" or "short"; shape (elements,)."""
+        """Return the number of starts that each element with a fault loses.
+
+        Parameters
+        ----------
+        fault : {"open", "short"}
+            The fault.
+
+        Returns
+        -------
+        ndarray of float64, shape (elements,)
+            NaN for elements beyond the time limit.
+
+        Raises
+        ------
+        InputError
+            If the fault is unknown.
+        """
         if fault not in ("open", "short"):
             raise InputError(f"fault = {fault!r} is unknown; it may be 'open' or 'short'")
         return self.open if fault == "open" else self.short

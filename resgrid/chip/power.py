@@ -114,7 +114,17 @@ class Power(Result):
         return float(np.nanmax(np.abs(self.droop))) if np.isfinite(self.droop).any() else 0.0
 
     def worst(self, count: int = _WORST) -> NDArray[np.int64]:
-        """Return the numbers of the hottest resistors, hottest first; shape (at most count,)."""
+        """Return the numbers of the hottest resistors, hottest first.
+
+        Parameters
+        ----------
+        count : int
+            Maximum number of resistors.
+
+        Returns
+        -------
+        ndarray of int64, shape (at most count,)
+        """
         return np.argsort(-self.resistor, kind="stable")[:count]
 
     @property

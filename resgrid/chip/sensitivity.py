@@ -87,7 +87,18 @@ class Sensitivity(Result):
     decision: NDArray[np.int64]
 
     def flips(self, drift: float = 0.01) -> NDArray[np.int64]:
-        """Return the numbers of the resistors whose relative drift changes a decision, most sensitive first."""
+        """Return the numbers of the resistors that can change a decision, most sensitive first.
+
+        Parameters
+        ----------
+        drift : float
+            Largest relative change of a resistance.
+
+        Returns
+        -------
+        ndarray of int64, shape (k,)
+            Resistors with ``flip_drift <= drift``.
+        """
         order = np.argsort(self.flip_drift, kind="stable")
         return order[self.flip_drift[order] <= drift]
 

@@ -79,7 +79,20 @@ class Sweep(Result):
     def cheapest(self, share: float = 0.99) -> list[Any]:
         """Return, for each first value, the smallest second value from which on the yield is at least `share`.
 
-        None where no second value reaches it.
+        Parameters
+        ----------
+        share : float
+            The yield to reach, in [0, 1].
+
+        Returns
+        -------
+        list
+            One second value for each first value; None where no second value reaches the yield.
+
+        Raises
+        ------
+        InputError
+            If `share` is out of range.
         """
         check_share("share", share)
         result: list[Any] = []

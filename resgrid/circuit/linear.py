@@ -317,10 +317,26 @@ class CircuitFactor:
         return f"<CircuitFactor of {self.system.netlist!r}: {self.system.size} rows, {self.factors.name}>"
 
     def solve(self, rhs: ArrayLike, *, rtol: float = 1e-10, guess: ArrayLike | None = None) -> NDArray[np.float64]:
-        """Solve for a right-hand side in amperes with a normwise backward error of at most `rtol`.
+        """Solve for a right-hand side.
 
-        Shapes: `rhs` (n,), `guess` (n,), the initial value in volts; returns heights above the reference, (n,), in
-        volts.
+        Parameters
+        ----------
+        rhs : array_like of float, shape (n,)
+            Currents into the nodes of the rows, in amperes.
+        rtol : float
+            Largest normwise backward error of the solution.
+        guess : array_like of float, shape (n,), optional
+            Initial value of an iterative method, in volts.
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+            Heights of the nodes above the reference, in volts.
+
+        Raises
+        ------
+        InputError
+            If the shape of `rhs` is wrong.
         """
         return self.factors.solve(rhs, rtol=rtol, guess=guess)
 

@@ -219,11 +219,29 @@ def simulation(
     Parameters
     ----------
     scene : Scene
-        A scene in the plane; its ``control`` has the defaults of all other parameters.
-    k, speed, speed_limits, response, friction, learn, step, settle, pace, announce : optional
-        As in `Control`.
-    admittance : array_like of float, shape (n, n), (n,) or (), optional
-        As in `make_controller`.
+        A scene in the plane; its ``control`` (`resgrid.control.Control`) has the defaults of all other parameters.
+    k : float, optional
+        Weight of the Dirichlet field, in [0, 1].
+    speed : float, optional
+        Nominal speed, in world coordinates per second.
+    admittance : array_like of float, shape (n, n), (n * n,), (n,) or (), optional
+        Velocity per unit force: a matrix (flat: row by row), its diagonal, or one number for all axes.
+    speed_limits : array_like of float, shape (n,) or (), optional
+        Largest speed of each world coordinate, per second.
+    response : {"equipotential", "admittance"}, optional
+        Whether a contact force turns the robot along the equipotential, or pushes it.
+    friction : float, optional
+        Coefficient of Coulomb friction of all contacts, at most 1e6.
+    learn : bool, optional
+        Whether touched cells become obstacles of the map.
+    step : float, optional
+        Largest motion of an axis in a step, as a fraction of a cell; at most 0.5.
+    settle : {"chip", "jacobi", "sor"}, optional
+        How the grid settles while the robot moves; without a value it settles at once.
+    pace : float, optional
+        Sweeps, or units RC of a chip, while the robot crosses a cell.
+    announce : bool, optional
+        Whether hidden obstacles appear on the map at time 0, and the grid settles.
     field : Field, optional
         The field of the scene's map, if it has been solved already.
 

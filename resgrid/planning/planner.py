@@ -74,9 +74,21 @@ class Planner:
         return self.solution.problem.starts
 
     def at(self, k: float) -> Planner:
-        """Return a planner for another blend, k in [0, 1], without solving again.
+        """Return a planner for another blend, without solving again.
 
-        The planner must have been created with a k, so that it holds both fields.
+        Parameters
+        ----------
+        k : float
+            Weight of the Dirichlet field, in [0, 1].
+
+        Returns
+        -------
+        Planner
+
+        Raises
+        ------
+        InputError
+            If `k` is out of range, or the planner was created without a k, so that it does not hold both fields.
         """
         return replace(self, field=blend(*self.solution.halves, k))
 
@@ -89,15 +101,63 @@ class Planner:
         return dirichlet_share(*self.solution.halves, self.k)
 
     def path(self, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None) -> Streamline:
-        """Return the streamline from a start in world coordinates, shape (ndim,), or from the centre of a cell."""
+        """Return the streamline from a start.
+
+        Parameters
+        ----------
+        start : array_like of float, shape (ndim,), optional
+            Start in world coordinates; give either `start` or `cell`.
+        cell : sequence of int, optional
+            Start at the centre of this cell.
+
+        Returns
+        -------
+        Streamline
+            Its ``outcome`` tells whether it reaches a goal.
+
+        Raises
+        ------
+        InputError
+            If the start lies outside the grid, or not exactly one of `start` and `cell` is given.
+        """
         return streamline(self.field, start, cell=cell)
 
     def paths(self, starts: ArrayLike | None = None) -> list[Streamline]:
-        """Return streamlines from starts in world coordinates, shape (n, ndim); by default from the scene's starts."""
+        """Return the streamlines from several starts.
+
+        Parameters
+        ----------
+        starts : array_like of float, shape (n, ndim), optional
+            Starts in world coordinates; by default those of the scene.
+
+        Returns
+        -------
+        list of Streamline
+
+        Raises
+        ------
+        InputError
+            If a start lies outside the grid.
+        """
         return [follow(self.field, point) for point in start_points(self.space, self._starts(starts))]
 
     def ends(self, starts: ArrayLike | None = None) -> Traces:
-        """Return only the ends of streamlines from n starts in world coordinates, much faster than `paths`."""
+        """Return only the ends of the streamlines from several starts, much faster than `paths`.
+
+        Parameters
+        ----------
+        starts : array_like of float, shape (n, ndim), optional
+            Starts in world coordinates; by default those of the scene.
+
+        Returns
+        -------
+        Traces
+
+        Raises
+        ------
+        InputError
+            If a start lies outside the grid.
+        """
         return streamlines(self.field, self._starts(starts))
 
     def _starts(self, starts: ArrayLike | None) -> ArrayLike:

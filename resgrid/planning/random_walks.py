@@ -61,7 +61,23 @@ class RandomWalk:
     to_goal: sparse.csr_array
 
     def solve(self, rhs: NDArray[np.float64] | Scaled) -> Scaled:
-        """Solve ``G x = rhs`` for ``rhs >= 0`` with componentwise accuracy; shapes (rows,)."""
+        """Solve ``G x = rhs`` with componentwise accuracy, where ``G`` is the conductance matrix in siemens.
+
+        Parameters
+        ----------
+        rhs : ndarray of float64, shape (rows,), or Scaled
+            Right-hand side without negative entries.
+
+        Returns
+        -------
+        Scaled
+            Solution with its own exponent for every row, shape (rows,).
+
+        Raises
+        ------
+        AccuracyError
+            If the conductances differ by more orders of magnitude than the factors can represent.
+        """
         watch = ProgressMonitor()
         answer, error = self.factors.factors.solve_nonnegative(rhs, watch=watch)
         if not is_answer(error, watch.bound):
@@ -75,9 +91,18 @@ class RandomWalk:
     def per_cell(
         self, values: NDArray[np.float64], *, obstacle: float, goal: float, cut_off: float
     ) -> NDArray[np.float64]:
-        """Return values of rows (rows,) per cell, shape of the space.
+        """Return the values of rows as an array over the cells.
 
-        `obstacle`, `goal`, `cut_off`: values for obstacle cells, goal cells, and free cells without a row.
+        Parameters
+        ----------
+        values : ndarray of float64, shape (rows,)
+            Value of every row.
+        obstacle, goal, cut_off : float
+            Values for obstacle cells, goal cells, and free cells without a row.
+
+        Returns
+        -------
+        ndarray of float64, shape of the space
         """
         cell = self.cells.space.cell
         out = np.full(cell.shape, cut_off)

@@ -170,9 +170,23 @@ class Trajectory:
         return times, *self.at(times)
 
     def resampled(self, rate: float) -> Trajectory:
-        """Return the motion with knots at a constant rate per second.
+        """Return the motion with knots at a constant rate.
 
-        Positions and velocities are exact at the knots, and `at` remains exact at all times.  Accelerations are means.
+        Parameters
+        ----------
+        rate : float
+            Knots per second.
+
+        Returns
+        -------
+        Trajectory
+            Positions and velocities are exact at the knots, and `at` remains exact at all times.  Accelerations are
+            means.
+
+        Raises
+        ------
+        InputError
+            If the rate is not positive, or gives more than 10,000,000 knots.
         """
         times, positions, velocities = self.sample(rate)
         step = np.diff(times)[:, np.newaxis]

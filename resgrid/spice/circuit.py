@@ -153,7 +153,19 @@ class Circuit:
 
     @staticmethod
     def of(circuit: Circuit | Netlist, path: str = "") -> Circuit:
-        """Return the circuit of a netlist read from the file `path`, or without a file; return a circuit unchanged."""
+        """Return the circuit of a netlist; return a circuit unchanged.
+
+        Parameters
+        ----------
+        circuit : Circuit or Netlist
+            The circuit or netlist.
+        path : str
+            Displayed name of the file of the netlist; empty without a file.
+
+        Returns
+        -------
+        Circuit
+        """
         if isinstance(circuit, Circuit):
             return circuit
         with np.errstate(over="ignore"):
@@ -223,12 +235,36 @@ class Circuit:
         return some(self.names_of(nodes[:SHOWN]), nodes.size)
 
     def element_name(self, kind: str, number: int) -> str:
-        """Return the name of an element, or its kind and number if it has no name."""
+        """Return the name of an element, or its kind and number if it has no name.
+
+        Parameters
+        ----------
+        kind : str
+            Kind of the element, a key of `ends`.
+        number : int
+            Index of the element among those of its kind.
+
+        Returns
+        -------
+        str
+        """
         names = self.element_names
         return names[kind][number] if kind in names else f"{kind} {number}"
 
     def place_of(self, kind: str, element: int) -> str:
-        """Return ``file:line`` of an element in a deck, otherwise the cells or nodes that it connects."""
+        """Return ``file:line`` of an element in a deck, otherwise the cells or nodes that it connects.
+
+        Parameters
+        ----------
+        kind : str
+            Kind of the element, a key of `ends`.
+        element : int
+            Index of the element among those of its kind.
+
+        Returns
+        -------
+        str
+        """
         if not self.is_deck:
             return self.place_of_nodes(np.unique(self.ends[kind][element]))
         file, line = self.place[kind][element].tolist()

@@ -129,7 +129,18 @@ class IrDrop:
     drop: NDArray[np.float64]
 
     def worst(self, count: int) -> NDArray[np.int64]:
-        """Return up to `count` nodes with the largest drops, the largest first, without floating nodes; shape (n,)."""
+        """Return the nodes with the largest drops, the largest first, without floating nodes.
+
+        Parameters
+        ----------
+        count : int
+            Maximum number of nodes.
+
+        Returns
+        -------
+        ndarray of int64, shape (at most count,)
+            Node numbers.
+        """
         size = np.abs(self.drop)
         size[~np.isfinite(size)] = -1.0
         size[GROUND] = -1.0

@@ -79,7 +79,22 @@ class MapCells:
     table: Mapping[str, Any] = field(default_factory=dict)
 
     def read_by(self, table: Mapping[str, Any]) -> MapCells:
-        """The same map as its table says, of which no reader knows: its named axes closed to rings."""
+        """Return a copy with a ``[map]`` table, whose periodic axes are closed to rings.
+
+        Parameters
+        ----------
+        table : mapping
+            The table; ``periodic`` lists names of axes.
+
+        Returns
+        -------
+        MapCells
+
+        Raises
+        ------
+        InputError
+            If the map has no axis of a listed name.
+        """
         names, periodic = [axis.name for axis in self.axes], table.get("periodic", ())
         for name in periodic:
             if name not in names:
@@ -89,16 +104,29 @@ class MapCells:
 
     @property
     def obstacles(self) -> CellSet:
-        """The cells that are obstacles, as a shape of the map's own frame."""
+        """The obstacle cells, as a shape in map coordinates."""
         return CellSet(self.axes, self.cell == Cell.OBSTACLE)
 
     def space_of(self, robot: Robot) -> tuple[tuple[Axis, ...], Frame]:
-        """Axes and frame of the configuration space of a robot on this map."""
+        """Return the axes and the frame of the configuration space of a robot on this map.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot.
+
+        Returns
+        -------
+        axes : tuple of Axis
+            Axes of the space; a turning robot adds one for its heading.
+        frame : Frame
+            Transformation from axis units to world coordinates.
+        """
         axes = robot.axes_on_map(self.axes, self.table.get("headings", HEADINGS))
         return tuple(axes), replace(self.frame, turning_length=robot.turning_length)
 
     def without_obstacles(self) -> MapCells:
-        """The same map, free where obstacles were."""
+        """Return a copy in which obstacle cells are free."""
         return replace(self, cell=np.where(self.cell == Cell.OBSTACLE, np.uint8(Cell.FREE), self.cell))
 
 
