@@ -318,7 +318,7 @@ class Wavefront:
         The maps before and after the change.
     cells : ndarray of float64, shape (t,)
         Times, in cells that the robot could have crossed.
-    potential : ndarray of float64, shape (t, *shape of the space)
+    potential : ndarray of float64, shape (t,) + shape of the space
         Normalised potential at those times; NaN in cells without a node.
     distance : ndarray of float64, shape (t,)
         Largest distance of a normalised potential from its final value.

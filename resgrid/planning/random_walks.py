@@ -282,9 +282,9 @@ class HittingProbability:
 
     Attributes
     ----------
-    probability : ndarray of float64, shape (goals, *shape of the space)
+    probability : ndarray of float64, shape (goals,) + shape of the space
         Probability of absorption at each goal region, before any obstacle; 0 on underflow.
-    log_probability : ndarray of float64, shape (goals, *shape of the space)
+    log_probability : ndarray of float64, shape (goals,) + shape of the space
         Natural logarithm of `probability`; -inf where the goal cannot be hit.
     likeliest : ndarray of int32, shape of the space
         Goal region with the largest probability, the lower index of ties; -1 where no goal can be hit.
