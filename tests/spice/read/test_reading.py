@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from resgrid import check_rules, factor, read_spice, solve
+from resgrid import check_erc, factorize, read_spice, solve
 from resgrid.errors import BudgetError, InputError
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects.ngspice import ngspice_name
@@ -357,9 +357,9 @@ def test_parsed_deck_arrays_are_read_only() -> None:
 
 def test_what_is_read_is_solved_and_checked_as_it_is() -> None:
     read = read_spice(io.StringIO("t\nV1 in 0 2\nR1 in out 1k\nR2 out 0 1k\n.end\n"))
-    assert check_rules(read) == ()
+    assert check_erc(read) == ()
     assert solve(read).voltage.tolist() == solve(read.netlist()).voltage.tolist() == [0.0, 2.0, 1.0]
-    assert factor(read).solve(np.ones(1)).tolist() == [500.0]
+    assert factorize(read).solve(np.ones(1)).tolist() == [500.0]
     with pytest.raises(InputError, match="a list"):
         solve([read])
 
