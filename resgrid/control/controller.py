@@ -68,6 +68,8 @@ class Controller:
         Response to a force: ``V0 + A F``, or motion along the equipotential (equation 1) while the force lasts.
     threshold : float
         Smallest generalised force that ``"equipotential"`` responds to.
+    axis_admittance : ndarray of float64, shape (n, n)
+        The admittance along the axes.
 
     Examples
     --------

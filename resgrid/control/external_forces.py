@@ -32,6 +32,7 @@ class ExternalForce:
     start, duration : float
         In seconds.
     force : ndarray of float64, shape (ndim,)
+        Generalised force on the robot; its product with `Control.admittance` is a velocity.
 
     Raises
     ------
@@ -66,6 +67,7 @@ def random_forces(
     Parameters
     ----------
     seed : int
+        Seed of the random numbers.
     ndim : int
         Number of axes.
     until : float

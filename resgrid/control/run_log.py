@@ -177,6 +177,7 @@ class Run:
     Attributes
     ----------
     ending : TerminationReason
+        Reason for the end of the run.
     message : str
         A sentence on the end.
     goal : int or None
@@ -192,7 +193,9 @@ class Run:
     torque, push : ndarray of float64, shape (n, ndim)
         Generalised forces of contacts, and external ones; for a point or a disc forces in world coordinates.
     contacts : ContactLog
+        All contacts with a force.
     lessons : tuple of MapUpdate
+        Updates of the map with learnt obstacle cells, in order.
     space, field : ConfigurationSpace, Field
         The final map, and its field.
     penetration : float
@@ -207,6 +210,8 @@ class Run:
         Number of steps without a solution for the contact forces, in which the robot stood still.
     scene : Scene or None
         The scene of the motion.
+    learnt : ndarray of bool, shape of the space
+        Mask of the learnt obstacle cells.
 
     Examples
     --------

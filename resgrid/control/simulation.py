@@ -41,6 +41,7 @@ class Simulation:
     controller : Controller
         With the field of the initial map.
     plant : Plant
+        The robot and all obstacles, hidden ones included.
     friction : float
         Coefficient mu of Coulomb friction.
     learn : bool
@@ -54,6 +55,10 @@ class Simulation:
         With `relaxation`, the field to which the grid had settled at time 0; None for the field of the controller.
     scene : Scene or None
         The scene of the simulation.
+    space : ConfigurationSpace
+        The initial map.
+    margin : float
+        Gap at which the robot is in contact, in metres.
 
     Examples
     --------

@@ -33,6 +33,14 @@ class Planner:
         Field that streamlines follow.
     solution : Solution
         The solved fields: one, or the Dirichlet and Neumann fields of all blends.
+    space : ConfigurationSpace
+        Configuration space of the field.
+    k : float
+        Weight of the Dirichlet field, in [0, 1].
+    obstacle_field, open_field : Field
+        Fields of k = 1 (obstacles on the rail) and k = 0 (open obstacles).
+    scene_starts : ndarray of float64, shape (n, ndim)
+        Starts of the scene, in world coordinates.
 
     Examples
     --------

@@ -86,6 +86,14 @@ class Streamline:
         ``-conductivity * grad(phi)``; NaN without motion.
     field : Field
         The field whose current the streamline follows.
+    space : ConfigurationSpace
+        The configuration space of the path.
+    points, line : ndarray of float64, shape (m, ndim)
+        Distinct points in world coordinates, and in axis units, continuous across periodic seams.
+    reason : str or None
+        Reason why the streamline reaches no goal, with a remedy; None if it reaches a goal.
+    point_cells : ndarray of int64, shape (n, ndim)
+        Cell of every row of `axis_points`.
 
     Examples
     --------
@@ -322,6 +330,7 @@ def unwrap(path: AnyPath) -> NDArray[np.float64]:
     Parameters
     ----------
     path : Streamline, ShortPath or Polyline
+        The path.
 
     Returns
     -------

@@ -211,6 +211,7 @@ def time_parameterize(
     Parameters
     ----------
     path : Streamline, ShortPath or Polyline
+        The path to follow.
     velocity_limits : float or sequence of float
         Positive limits in world coordinates per second.  A sequence limits each coordinate separately.  A single number
         limits the speed (Euclidean norm) of point and disc robots, and each coordinate of other robots.

@@ -74,6 +74,7 @@ def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[i
     Parameters
     ----------
     field : Field
+        The field to follow.
     start : array_like of float, shape (ndim,)
         World coordinates of a point within the grid.
     cell : sequence of int, optional
@@ -147,6 +148,7 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
     Parameters
     ----------
     field : Field
+        The field to follow.
     starts : array_like of float, shape (n, ndim) or (ndim,)
         World coordinates, one start per row.
 
@@ -203,6 +205,7 @@ def basins(field: Field) -> NDArray[np.int32]:
     Parameters
     ----------
     field : Field
+        The field to follow.
 
     Returns
     -------

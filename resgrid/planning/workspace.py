@@ -63,6 +63,7 @@ def workspace_path(path: AnyPath) -> NDArray[np.float64]:
     Parameters
     ----------
     path : Streamline, ShortPath or Polyline
+        The path, in the space of the robot.
 
     Returns
     -------
@@ -87,6 +88,7 @@ def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: Posi
     Parameters
     ----------
     path : Streamline, ShortPath or Polyline
+        The path, in the space of the robot.
     obstacles : sequence of Shape
         Shapes in world coordinates; a `CellSet` has the axes of the space.
     step : float
@@ -124,6 +126,7 @@ def check_collisions(path: AnyPath, obstacles: Sequence[Shape], *, step: Positiv
     Parameters
     ----------
     path : Streamline, ShortPath or Polyline
+        The path, in the space of the robot.
     obstacles : sequence of Shape
         Shapes in world coordinates; a `CellSet` has the axes of the space.
     step : float

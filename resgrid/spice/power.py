@@ -77,6 +77,7 @@ def power_balance(op: OperatingPoint) -> PowerBalance:
     Parameters
     ----------
     op : OperatingPoint
+        The operating point of the circuit.
 
     Returns
     -------
@@ -155,6 +156,7 @@ def ir_drop(op: OperatingPoint) -> IrDrop:
     Parameters
     ----------
     op : OperatingPoint
+        The operating point of the circuit.
 
     Returns
     -------
