@@ -133,9 +133,12 @@ def _cells_of_faces(space: ConfigurationSpace) -> NDArray[np.int64]:
 class ADCResolution(Result):
     """Converter bits that the cells of a space need.
 
+    Returned by `resgrid.chip.Study.adc_resolution`.
+
     Attributes
     ----------
     space : ConfigurationSpace
+        The space of the chip.
     span : float
         Range of the converter, in volts.
     cell_bits : ndarray of float64, shape of the space
@@ -147,6 +150,20 @@ class ADCResolution(Result):
         Flat index (C order) of the lowest neighbour, -1 for none.
     boundary : str
         ``"dirichlet"``, ``"neumann"`` or ``"wall"``.
+    starts : ndarray of float64, shape (k,)
+        Bits that every start with a path to a goal needs, in C order of the cells.
+    figures : mapping of str to Figure
+        Figures of merit by name.
+
+    Examples
+    --------
+    >>> resolution = rg.study(rg.read_scene("examples/scenes/lesson.toml")).adc_resolution()
+    >>> resolution.sentence(8), resolution.bits_for(1.0)
+    ('an 8-bit read-out serves 60 % of the starts', 12)
+    >>> print(resolution.figures["most_bits"])
+    11.57 bit
+    >>> resolution.cell_bits[6, 2:5].round(2)
+    array([0.8 , 2.14, 3.22])
     """
 
     space: ConfigurationSpace
@@ -162,14 +179,38 @@ class ADCResolution(Result):
         return self.start_bits[self.space.goal_connected]
 
     def served(self, bits: float) -> float:
-        """Return the fraction of the starts that a read-out of `bits` bits serves.
+        """Return the fraction of the starts that a read-out serves.
 
-        Starts are free cells with a path to a goal; NaN if there are none.
+        Parameters
+        ----------
+        bits : float
+            Resolution of the read-out.
+
+        Returns
+        -------
+        float
+            Starts are free cells with a path to a goal; NaN without a start.
         """
         return float(np.mean(self.starts <= bits)) if self.starts.size else float("nan")
 
     def bits_for(self, share: float) -> int | None:
-        """Return the smallest number of bits that serves a fraction of the starts; None if no number does."""
+        """Return the smallest number of bits that serves a fraction of the starts.
+
+        Parameters
+        ----------
+        share : float
+            The fraction of the starts, in [0, 1].
+
+        Returns
+        -------
+        int or None
+            None if no number of bits serves the fraction.
+
+        Raises
+        ------
+        InputError
+            If `share` is out of range.
+        """
         check_share("share", share)
         ordered = np.sort(self.starts)
         if not ordered.size:
@@ -178,9 +219,21 @@ class ADCResolution(Result):
         return max(int(np.ceil(needed)), 1) if np.isfinite(needed) else None
 
     def cells_passed(self, starts: Sequence[tuple[int, ...]] = ()) -> NDArray[np.int64]:
-        """Return the cells on the paths from some starts, shape (k, axes).
+        """Return the cells on the paths from some starts.
 
-        By default the path from the start that needs most bits.
+        Parameters
+        ----------
+        starts : sequence of tuple of int
+            Start cells; by default the start that needs most bits.
+
+        Returns
+        -------
+        ndarray of int64, shape (k, axes)
+
+        Raises
+        ------
+        InputError
+            If no start has a lower neighbour.
         """
         shape = self.space.shape
         bits = np.where(np.isfinite(self.start_bits), self.start_bits, -np.inf)
@@ -198,12 +251,22 @@ class ADCResolution(Result):
         return np.stack(np.unravel_index(list(passed)[:_MOST_CELLS], shape), axis=1)
 
     def sentence(self, bits: int = 10) -> str:
-        """Return a sentence on a read-out of `bits` bits, e.g. ``"a 10-bit read-out serves 63 % of the starts"``."""
+        """Return a sentence on a read-out, such as ``"a 10-bit read-out serves 63 % of the starts"``.
+
+        Parameters
+        ----------
+        bits : int
+            Resolution of the read-out.
+
+        Returns
+        -------
+        str
+            The percentage is rounded down, so that 100 % means all starts.
+        """
         if not self.starts.size:
             return "no start has a path to a goal"
         article = "an" if str(bits).startswith("8") or bits in {11, 18} else "a"
         share = 100 * self.served(bits)
-        # Round down, so that 100 % means all starts.
         return f"{article} {bits}-bit read-out serves {np.floor(share + 1e-9):.0f} % of the starts"
 
     @property

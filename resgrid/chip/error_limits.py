@@ -27,6 +27,8 @@ _SMALLEST_OFFSET = 1e-6
 class Limit:
     """The worst value of one error at which the yield still reaches a target, with all other values unchanged.
 
+    An entry of `YieldLoss.limits`, which `resgrid.chip.Study.yield_loss` returns.
+
     Attributes
     ----------
     name : str
@@ -51,8 +53,24 @@ class Limit:
     tolerated : float, int or None
         Only where the ideal value does not reach the target: the worst value that reduces the yield of the ideal one by
         at most ``1 - target``.
-    tried : tuple
+    tried : tuple of (float, int or None, Proportion)
         Every value that was tried, best first, with its yield; None is an ideal converter.
+    figure : Figure
+        The value with its unit and definition.
+    answer : str
+        The value as text, with the yields on both sides of it.
+    remark : str
+        The yields on both sides of the limit, or the reason why there is no limit.
+
+    Examples
+    --------
+    >>> chip = rg.Chip(mismatch=0.02, readout=rg.chip.Readout(bits=8))
+    >>> loss = rg.study(rg.read_scene("examples/scenes/lesson.toml"), chip).yield_loss(trials=16)
+    >>> limit = loss.limits[2]
+    >>> limit.name, limit.value, limit.beyond
+    ('fewest_bits', 11, 10)
+    >>> limit.answer
+    '11 bits, where the yield is 100.0 % (at 10 bits it is 94.0 %)'
     """
 
     name: str

@@ -51,6 +51,8 @@ Solve = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 class FaultAnalysis(Result):
     """Number of starts lost by single faults of a chip.
 
+    Returned by `resgrid.chip.Study.faults`.
+
     Attributes
     ----------
     netlist : Netlist
@@ -66,6 +68,20 @@ class FaultAnalysis(Result):
         Resolution of the read-out, which has neither offset nor noise.
     ideal : bool
         Whether `bits` stands for an ideal read-out.
+    examined : int
+        Number of elements that were made faulty.
+    figures : mapping of str to Figure
+        Figures of merit by name.
+
+    Examples
+    --------
+    >>> chip = rg.Chip(readout=rg.chip.Readout(bits=8))
+    >>> faults = rg.study(rg.read_scene("examples/scenes/lesson.toml"), chip).faults()
+    >>> faults.served, faults.examined
+    (40, 144)
+    >>> worst = faults.worst("open", count=3)
+    >>> faults.lost("open")[worst], faults.netlist.names_of(faults.netlist.resistor_nodes[worst[0]])
+    (array([5., 5., 5.]), ['n_5_3', 'n_5_4'])
     """
 
     netlist: Netlist
@@ -89,6 +105,7 @@ class FaultAnalysis(Result):
         Parameters
         ----------
         fault : {"open", "short"}
+            The fault.
         count : int
             Maximum number of elements.
 
@@ -147,7 +164,23 @@ class FaultAnalysis(Result):
         return {**super().to_json(), **listed}
 
     def lost(self, fault: str) -> NDArray[np.float64]:
-        """Return the number of starts lost by each element with a fault, "open" or "short"; shape (elements,)."""
+        """Return the number of starts that each element with a fault loses.
+
+        Parameters
+        ----------
+        fault : {"open", "short"}
+            The fault.
+
+        Returns
+        -------
+        ndarray of float64, shape (elements,)
+            NaN for elements beyond the time limit.
+
+        Raises
+        ------
+        InputError
+            If the fault is unknown.
+        """
         if fault not in ("open", "short"):
             raise InputError(f"fault = {fault!r} is unknown; it may be 'open' or 'short'")
         return self.open if fault == "open" else self.short

@@ -21,7 +21,24 @@ _UNITS = {"ohm": "Ω", "V/sqrt(Hz)": "V/√Hz"}
 class Figure:
     """One figure of merit.
 
-    `value`: None where it is undefined; `unit`: SI unit, ``""`` for a pure number; `definition`: one sentence.
+    A value of the mapping ``figures`` of every result of `resgrid.chip.Study`; ``str`` gives the value with its unit.
+
+    Attributes
+    ----------
+    value : float, int, str or None
+        The value, in `unit`; None where the figure is undefined.
+    unit : str
+        SI unit; ``""`` for a pure number.
+    definition : str
+        One sentence.
+
+    Examples
+    --------
+    >>> figure = rg.study(rg.read_scene("examples/scenes/lesson.toml")).power().figures["power"]
+    >>> print(figure)
+    246.2 µW
+    >>> f"{figure.value:.3e}", figure.unit, figure.definition
+    ('2.462e-04', 'W', 'heat in all resistors at the operating point')
     """
 
     value: float | int | str | None
@@ -95,6 +112,8 @@ def defined(value: float) -> float | None:
 class Proportion:
     """A fraction of trials, with its interval.
 
+    The type of `Yield.overall`, `Yield.perfect`, `YieldLoss.overall` and `Cause.share`.
+
     Attributes
     ----------
     value, low, high : float
@@ -103,6 +122,17 @@ class Proportion:
         Number of trials.
     confidence : float
         Confidence of the interval.
+    half_width : float
+        Half the width of the interval.
+
+    Examples
+    --------
+    >>> chip = rg.Chip(mismatch=0.02, readout=rg.chip.Readout(bits=8))
+    >>> overall = rg.study(rg.read_scene("examples/scenes/lesson.toml"), chip).yields(trials=32).overall
+    >>> print(overall)
+    70.8 % (68.6 to 72.8 %)
+    >>> overall.trials, round(overall.half_width, 3)
+    (32, 0.021)
     """
 
     value: float

@@ -42,6 +42,8 @@ _EXACT_PLANE, _EXACT_VOLUME = 300_000, 15_000
 class Noise(Result):
     """Thermal noise of every node voltage; 0 on rails, NaN where a node floats.
 
+    Returned by `resgrid.chip.Study.noise`.
+
     Attributes
     ----------
     netlist : Netlist
@@ -63,6 +65,19 @@ class Noise(Result):
         Standard error of an estimate, in volts; for exact results, a bound on rounding errors.
     exact : bool
         Whether the results are exact, not estimated from samples.
+    density : ndarray of float64, shape (nodes,)
+        Power spectral density ``4 k T R_eff`` at low frequency, in V^2/Hz.
+    figures : mapping of str to Figure
+        Figures of the noisiest node by name.
+
+    Examples
+    --------
+    >>> noise = rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(capacitance="100f")).noise()
+    >>> print(noise.figures["largest_noise_density"], noise.figures["largest_noise_limit"])
+    8.161 nV/√Hz 203.6 µV
+    >>> node = noise.netlist.cells.node[6, 2]
+    >>> f"{noise.resistance[node]:.5g} ohm", f"{noise.limit[node]:.4g} V"
+    ('3467.4 ohm', '0.0002036 V')
     """
 
     netlist: Netlist

@@ -24,9 +24,26 @@ _WORST = 10
 class RailPower:
     """Power of the voltage sources of one rail.
 
-    `name`: ``"obstacle"``, ``"goal_0"`` ..., ``"start"``, or the name of the node; `volts`: voltage of the sources;
-    `sources`: number of sources; `amps`: current out of their plus terminals; `watts`: power that they deliver,
-    negative where they absorb power.
+    An entry of `Power.rails`, which `resgrid.chip.Study.power` returns.
+
+    Attributes
+    ----------
+    name : str
+        ``"obstacle"``, ``"goal_0"`` ..., ``"start"``, or the name of the node.
+    volts : float
+        Voltage of the sources.
+    sources : int
+        Number of sources.
+    amps : float
+        Current out of the plus terminals of the sources, in amperes.
+    watts : float
+        Power that the sources deliver, in watts; negative where they absorb power.
+
+    Examples
+    --------
+    >>> rail = rg.study(rg.read_scene("examples/scenes/lesson.toml")).power().rails[0]
+    >>> rail.name, rail.sources, f"{rail.amps:.4g} A at {rail.volts:g} V"
+    ('obstacle', 8, '0.0002462 A at 1 V')
     """
 
     name: str
@@ -40,9 +57,12 @@ class RailPower:
 class Power(Result):
     """Power of a chip at its operating point.
 
+    Returned by `resgrid.chip.Study.power`.
+
     Attributes
     ----------
     op : OperatingPoint
+        Operating point of the chip.
     rails : tuple of RailPower
         Voltage sources, rail by rail, without the 0 V sources that join a cell to a rail.
     current_sources : float
@@ -56,6 +76,23 @@ class Power(Result):
     droop : ndarray of float64, shape (nodes,)
         Voltage between an obstacle or goal cell and its rail, in volts, positive towards the other rail.  NaN at other
         nodes; empty without a map of cells.
+    total : float
+        Heat of all resistors, equal to the power of all sources, in watts.
+    largest_droop : float
+        Largest magnitude of `droop`, in volts; 0 where rail cells have no nodes of their own.
+    cell_heat : ndarray of float64, shape of the space
+        Heat at every cell, in watts; NaN where a cell has no node of its own.
+    figures : mapping of str to Figure
+        Figures of merit by name.
+
+    Examples
+    --------
+    >>> power = rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(rail_resistance=10.0)).power()
+    >>> f"{power.total:.4g} W", f"{power.largest_droop:.3g} V"
+    ('0.0002459 W', '0.00103 V')
+    >>> hottest = power.worst(count=1)
+    >>> power.op.netlist.names_of(power.op.netlist.resistor_nodes[hottest[0]])
+    ['n_6_0', 'n_6_1']
     """
 
     op: OperatingPoint
@@ -77,7 +114,17 @@ class Power(Result):
         return float(np.nanmax(np.abs(self.droop))) if np.isfinite(self.droop).any() else 0.0
 
     def worst(self, count: int = _WORST) -> NDArray[np.int64]:
-        """Return the numbers of the hottest resistors, hottest first; shape (at most count,)."""
+        """Return the numbers of the hottest resistors, hottest first.
+
+        Parameters
+        ----------
+        count : int
+            Maximum number of resistors.
+
+        Returns
+        -------
+        ndarray of int64, shape (at most count,)
+        """
         return np.argsort(-self.resistor, kind="stable")[:count]
 
     @property

@@ -43,12 +43,14 @@ _WORST = 10
 class Sensitivity(Result):
     """Margins of a robot's steps, and the resistors that can change a step.
 
-    In a cell the robot compares the nodes of the face neighbours (free or goal cells) and of the cell itself, and steps
-    to the lowest.  The margin is the voltage between the second lowest and the lowest.
+    Returned by `resgrid.chip.Study.sensitivity`.  In a cell the robot compares the nodes of the face neighbours (free
+    or goal cells) and of the cell itself, and steps to the lowest.  The margin is the voltage between the second lowest
+    and the lowest.
 
     Attributes
     ----------
     op : OperatingPoint
+        Operating point of the chip.
     cells : ndarray of int64, shape (k, axes)
         Cells of the decisions.
     best, runner_up : ndarray of int64, shape (k,)
@@ -62,6 +64,18 @@ class Sensitivity(Result):
         the linear ones; for them it is the change of ``1 / I0``.
     decision : ndarray of int64, shape (resistors,)
         Index of that decision, below ``k``.
+    figures : mapping of str to Figure
+        Figures of merit by name.
+
+    Examples
+    --------
+    >>> sensitivity = rg.study(rg.read_scene("examples/scenes/lesson.toml")).sensitivity()
+    >>> print(sensitivity.figures["smallest_margin"], sensitivity.figures["smallest_flip_drift"])
+    45.15 µV 0.007782
+    >>> weakest = sensitivity.flips(drift=0.01)
+    >>> sensitivity.flip_drift[weakest].round(4), sensitivity.cells[sensitivity.decision[weakest]]
+    (array([0.0078, 0.0078]), array([[4, 6],
+           [4, 6]]))
     """
 
     op: OperatingPoint
@@ -73,9 +87,17 @@ class Sensitivity(Result):
     decision: NDArray[np.int64]
 
     def flips(self, drift: float = 0.01) -> NDArray[np.int64]:
-        """Return the numbers of the resistors that change a decision by a relative drift of at most `drift`.
+        """Return the numbers of the resistors that can change a decision, most sensitive first.
 
-        The most sensitive resistor is first; shape (n,).
+        Parameters
+        ----------
+        drift : float
+            Largest relative change of a resistance.
+
+        Returns
+        -------
+        ndarray of int64, shape (k,)
+            Resistors with ``flip_drift <= drift``.
         """
         order = np.argsort(self.flip_drift, kind="stable")
         return order[self.flip_drift[order] <= drift]

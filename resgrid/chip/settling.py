@@ -53,6 +53,8 @@ _MOST_VALUES = 3e7
 class Settling(Result):
     """Approach of the node voltages to the operating point after the sources are switched at time 0.
 
+    Returned by `resgrid.chip.Study.settling`.
+
     Attributes
     ----------
     netlist : Netlist
@@ -87,6 +89,19 @@ class Settling(Result):
         In seconds: 0, then in equal ratios until the last node has settled, or later.
     distance : ndarray of float64, shape (t,)
         Largest distance of a node from its final voltage at those times, in volts.
+    settle_time : float
+        Settling time of the last node, in seconds.
+    figures : mapping of str to Figure
+        Figures of merit by name.
+
+    Examples
+    --------
+    >>> settling = rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip(capacitance="100f")).settling()
+    >>> f"{settling.settle_time:.3g} s", f"{settling.bound:.3g} s", f"{settling.energy:.3g} J"
+    ('1.13e-08 s', '1.35e-08 s', '7.7e-12 J')
+    >>> slowest = int(np.nanargmax(settling.node_time))
+    >>> settling.netlist.node_name(slowest), f"{settling.time_constants[0]:.3g} s"
+    ('n_3_6', '1.41e-09 s')
     """
 
     netlist: Netlist

@@ -38,6 +38,8 @@ _MULTIPLES = (0.0, 0.3, 1.0, 3.0, 10.0)
 class Sweep(Result):
     """Yield over a grid of two values of a chip.
 
+    Returned by `resgrid.chip.Study.sweep`.
+
     Attributes
     ----------
     first, second : str
@@ -50,6 +52,18 @@ class Sweep(Result):
         Number of chips at every point; the chips have the same random numbers at all points.
     confidence : float
         Confidence of the intervals.
+    figures : mapping of str to Figure
+        For each first value, the smallest second value from which on the yield is at least 99 %.
+
+    Examples
+    --------
+    >>> study = rg.study(rg.read_scene("examples/scenes/lesson.toml"), rg.Chip())
+    >>> sweep = study.sweep(("mismatch", (0.0, 0.1)), ("readout.bits", (6, 8, 10, 12)), trials=16)
+    >>> sweep.share.round(2)
+    array([[0.5 , 0.71, 0.95, 1.  ],
+           [0.5 , 0.72, 0.93, 1.  ]])
+    >>> sweep.cheapest(0.9)
+    [10, 10]
     """
 
     first: str
@@ -65,7 +79,20 @@ class Sweep(Result):
     def cheapest(self, share: float = 0.99) -> list[Any]:
         """Return, for each first value, the smallest second value from which on the yield is at least `share`.
 
-        None where no second value reaches it.
+        Parameters
+        ----------
+        share : float
+            The yield to reach, in [0, 1].
+
+        Returns
+        -------
+        list
+            One second value for each first value; None where no second value reaches the yield.
+
+        Raises
+        ------
+        InputError
+            If `share` is out of range.
         """
         check_share("share", share)
         result: list[Any] = []

@@ -56,6 +56,8 @@ _BISECTED = 10
 class Cause:
     """One effect of a chip, and the yield without it.
 
+    An entry of `YieldLoss.causes`, which `resgrid.chip.Study.yield_loss` returns.
+
     Attributes
     ----------
     name : str
@@ -70,6 +72,15 @@ class Cause:
         Ends of the interval of the gain, from the differences chip by chip.
     changed : int
         Number of chips that serve another number of starts without the effect.
+
+    Examples
+    --------
+    >>> chip = rg.Chip(mismatch=0.02, readout=rg.chip.Readout(bits=8))
+    >>> loss = rg.study(rg.read_scene("examples/scenes/lesson.toml"), chip).yield_loss(trials=16)
+    >>> for cause in loss.causes:
+    ...     print(f"{cause.name} ({', '.join(cause.keys)}) costs {100 * cause.gain:.0f} % of the starts")
+    quantization (readout.bits) costs 29 % of the starts
+    mismatch (mismatch) costs 1 % of the starts
     """
 
     name: str
@@ -85,6 +96,8 @@ class Cause:
 class YieldLoss(Result):
     """Causes of yield loss.
 
+    Returned by `resgrid.chip.Study.yield_loss`.
+
     Attributes
     ----------
     overall : Proportion
@@ -99,6 +112,19 @@ class YieldLoss(Result):
         Number of chips of each kind; trial ``k`` has the same random numbers for each kind.
     confidence : float
         Confidence of the intervals.
+    figures : mapping of str to Figure
+        The yield and the limits by name.
+
+    Examples
+    --------
+    >>> chip = rg.Chip(mismatch=0.02, readout=rg.chip.Readout(bits=8))
+    >>> loss = rg.study(rg.read_scene("examples/scenes/lesson.toml"), chip).yield_loss(trials=16)
+    >>> print(loss.overall)
+    70.6 % (67.6 to 73.5 %)
+    >>> [(cause.name, round(cause.gain, 2)) for cause in loss.causes]
+    [('quantization', 0.29), ('mismatch', 0.01)]
+    >>> loss.figures["fewest_bits"].value
+    11
     """
 
     overall: Proportion

@@ -30,9 +30,12 @@ Progress = Callable[[int, int, Proportion], None]
 class Yield(Result):
     """Yield of chips of one description.
 
+    Returned by `resgrid.chip.Study.yields`.
+
     Attributes
     ----------
     space : ConfigurationSpace
+        The space of the chip.
     starts : ndarray of bool, shape of the space
         Mask of the start cells: free cells with a path to a goal.
     reached : ndarray of int64, shape of the space
@@ -43,6 +46,27 @@ class Yield(Result):
         Whether chips differ.  If not, a single chip was tried, and the numbers are exact.
     confidence : float
         Confidence of all intervals.
+    trials : int
+        Number of chips that were tried.
+    probability : ndarray of float64, shape of the space
+        Fraction of the chips on which a start reaches a goal; NaN outside the starts.
+    interval : tuple of two ndarray of float64, shape of the space
+        Ends of the Wilson interval of every start; NaN outside the starts.
+    overall : Proportion
+        Fraction of all starts on all chips that reach a goal.
+    perfect : Proportion
+        Fraction of the chips on which every start reaches a goal.
+    figures : mapping of str to Figure
+        Figures of merit by name.
+
+    Examples
+    --------
+    >>> chip = rg.Chip(mismatch=0.02, readout=rg.chip.Readout(bits=8))
+    >>> yields = rg.study(rg.read_scene("examples/scenes/lesson.toml"), chip).yields(trials=32)
+    >>> print(yields.overall)
+    70.8 % (68.6 to 72.8 %)
+    >>> yields.trials, yields.probability[6].round(2)
+    (32, array([1.  ,  nan, 1.  , 1.  , 1.  , 1.  ,  nan, 0.75]))
     """
 
     space: ConfigurationSpace

@@ -1,6 +1,8 @@
 """Circuits: from a netlist to its equations, operating point, transient and effective values.
 
-Circuits may import `solvers` and `core`; they do not depend on scenes, decks or paths.
+>>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 1e-3], source_nodes=[[1, 0]], source_volts=[2.0])
+>>> rg.circuit.solve_many(divider, [[1e-3, 1e-3], [1e-3, 3e-3]])[:, 2].round(6)
+array([1. , 0.5])
 """
 
 from resgrid._internal.public import attach

@@ -295,7 +295,23 @@ def _merged(
 class CircuitFactor:
     """Equations of a circuit and the factors of their matrix.
 
-    `system`: equations, with the row of every node and the right-hand side; `factors`: of ``system.laplacian``.
+    Returned by `resgrid.factorize`; one factorization serves any number of right-hand sides.
+
+    Attributes
+    ----------
+    system : Equations
+        Nodal equations: the row of every node, the conductances in siemens and the injected currents in amperes.
+    factors : Factor
+        Factors of the matrix ``system.laplacian``, shape (n, n), in siemens.
+
+    Examples
+    --------
+    >>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 3e-3], source_nodes=[[1, 0]], source_volts=[2.0])
+    >>> factor = rg.factorize(divider)
+    >>> factor
+    <CircuitFactor of <Netlist of 3 nodes: 2 resistors, 1 voltage source>: 1 rows, direct>
+    >>> factor.solve([1e-3]).round(6)
+    array([0.25])
     """
 
     system: Equations
@@ -305,10 +321,26 @@ class CircuitFactor:
         return f"<CircuitFactor of {self.system.netlist!r}: {self.system.size} rows, {self.factors.name}>"
 
     def solve(self, rhs: ArrayLike, *, rtol: float = 1e-10, guess: ArrayLike | None = None) -> NDArray[np.float64]:
-        """Solve for a right-hand side in amperes with a normwise backward error of at most `rtol`.
+        """Solve for a right-hand side.
 
-        Shapes: `rhs` (n,), `guess` (n,), the initial value in volts; returns heights above the reference, (n,), in
-        volts.
+        Parameters
+        ----------
+        rhs : array_like of float, shape (n,)
+            Currents into the nodes of the rows, in amperes.
+        rtol : float
+            Largest normwise backward error of the solution.
+        guess : array_like of float, shape (n,), optional
+            Initial value of an iterative method, in volts.
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+            Heights of the nodes above the reference, in volts.
+
+        Raises
+        ------
+        InputError
+            If the shape of `rhs` is wrong.
         """
         return self.factors.solve(rhs, rtol=rtol, guess=guess)
 

@@ -88,6 +88,22 @@ class OperatingPoint:
         Natural logarithm of the magnitude of that current; -inf for 0 A.
     nonlinear_direction : ndarray of int8, shape (nonlinear resistors,)
         Sign of that current: 1 from the first node to the second, -1 back, 0 for no current.
+    resistor_current : ndarray of float64, shape (resistors,)
+        Current from a resistor's first node to its second, in amperes; 0 if it underflows.
+    resistor_log_current : ndarray of float64, shape (resistors,)
+        Natural logarithm of the magnitude of every resistor's current; -inf for 0 A.
+    resistor_direction : ndarray of int8, shape (resistors,)
+        Sign of every resistor's current: 1 from the first node to the second, -1 back, or 0.
+    source_current : ndarray of float64, shape (sources,)
+        Current into the plus terminal of every voltage source, in amperes; NaN for sources in a loop of sources.
+    power : float
+        Power dissipated in the resistors, nonlinear ones included, in watts.
+    kcl_residual : float
+        Largest violation of Kirchhoff's current law at a node, relative to the current through that node.
+    readings : BranchCurrents
+        Branch currents, power and KCL residual.
+    has_stored_currents : bool
+        Whether the solve computed the branch currents.
 
     Examples
     --------

@@ -31,6 +31,8 @@ _KEPT = 4
 class Transient:
     """Voltages of a netlist over time.
 
+    Returned by `resgrid.circuit.transient`.
+
     Attributes
     ----------
     netlist : Netlist
@@ -49,6 +51,17 @@ class Transient:
         Number of matrices that were factored.
     method : str
         Integration method.
+
+    Examples
+    --------
+    >>> rc = rg.Netlist(
+    ...     3, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0], capacitor_nodes=[[2, 0]], capacitance=[1e-9]
+    ... )
+    >>> charging = rg.circuit.transient(rc, [0.0, 1e-6, 2e-6])
+    >>> charging.voltage[:, 2].round(3)
+    array([0.   , 0.632, 0.865])
+    >>> [f"{joules:.3g} J" for joules in charging.stored]
+    ['0 J', '2e-10 J', '3.74e-10 J']
     """
 
     netlist: Netlist
@@ -65,6 +78,8 @@ class Transient:
 class TransientStepper:
     """Time integrator for a netlist with a fixed step and a matrix that is factored once.
 
+    Returned by `resgrid.circuit.transient_stepper`.
+
     Attributes
     ----------
     dynamics : Dynamics
@@ -75,6 +90,15 @@ class TransientStepper:
         Integration method.
     factors : Factor or None
         Factors of the matrix of every step; None without unknown voltages.
+
+    Examples
+    --------
+    >>> rc = rg.Netlist(
+    ...     3, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0], capacitor_nodes=[[2, 0]], capacitance=[1e-9]
+    ... )
+    >>> stepper = rg.circuit.transient_stepper(rc, step=1e-7)
+    >>> stepper.advance(stepper.start(np.zeros(3))).round(4)
+    array([0.    , 1.    , 0.0952])
     """
 
     dynamics: Dynamics

@@ -51,6 +51,8 @@ up to which equations change."""
 class WarmPoint:
     """Solution of a warm start: the voltages of the cells of a space.
 
+    Returned by `resgrid.circuit.WarmStart.solve`.
+
     Attributes
     ----------
     space : ConfigurationSpace
@@ -65,6 +67,20 @@ class WarmPoint:
         Number of iterations of the iterative method.
     backward_error : float
         Normwise backward error.
+    netlist : Netlist
+        Netlist of the space, compiled at every access.
+
+    Examples
+    --------
+    >>> warm = rg.circuit.WarmStart(boundary="neumann")
+    >>> point = warm.solve(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> point.voltage[6, :4].round(6)
+    array([0.178125,      nan, 0.332966, 0.529663])
+    >>> point.fresh, point.backward_error < 1e-10
+    (True, True)
+    >>> op = point.operating_point()
+    >>> round(float(op.voltage.max()), 6)
+    1.14067
     """
 
     space: ConfigurationSpace

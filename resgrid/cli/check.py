@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
     from resgrid.spice.check.agreement import Agreement
     from resgrid.spice.check.portability import Prediction
-    from resgrid.spice.circuit import Circuit, Violation
+    from resgrid.spice.circuit import Circuit
+    from resgrid.spice.findings import Violation
 
 _REFERENCES = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "resgrid's solution"}
 _LONG_SIMULATION = 10.0

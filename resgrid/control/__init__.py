@@ -1,6 +1,8 @@
 """Harmonic control (Connolly & Grupen 1992, sections 3.4 and 5 to 7): velocities, contacts, learnt obstacles.
 
-Control may import `planning` and packages below it; it does not depend on pictures or result files.
+>>> controller = rg.control.make_controller(rg.plan(rg.read_scene("examples/scenes/lesson.toml")).field, speed=0.5)
+>>> controller.command((0.5, 6.5), (0.0, 0.0)).round(3)
+array([ 0.495, -0.071])
 """
 
 from resgrid._internal.public import attach

@@ -69,6 +69,8 @@ class Controller:
         Response to a force: ``V0 + A F``, or motion along the equipotential (equation 1) while the force lasts.
     threshold : float
         Smallest generalised force that ``"equipotential"`` responds to.
+    axis_admittance : ndarray of float64, shape (n, n)
+        The admittance along the axes.
 
     Examples
     --------
@@ -181,7 +183,17 @@ class Controller:
         return direction / excess if size * excess > 1.0 else velocity
 
     def with_field(self, field: Field) -> Controller:
-        """Return the same controller with another field on the same axes."""
+        """Return a copy with another field on the same axes.
+
+        Parameters
+        ----------
+        field : Field
+            The field to follow.
+
+        Returns
+        -------
+        Controller
+        """
         return replace(self, field=field)
 
     @cached_property
@@ -248,15 +260,16 @@ def make_controller(
     Parameters
     ----------
     field : Field
+        The field to follow.
     speed : float, optional
-        Per second; by default a twentieth of the longest axis.
+        Nominal speed, in world coordinates per second; by default a twentieth of the longest axis.
     admittance : array_like of float, shape (n, n), (n * n,), (n,) or (), optional
         The matrix (flat: row by row), its diagonal, or one number for all axes; by default a unit force changes the
         velocity by `speed`.
     speed_limits : array_like of float, shape (n,) or (), optional
-        Of each world coordinate, per second; by default five times the speed.
+        Largest speed of each world coordinate, per second; by default five times the speed.
     response : {"admittance", "equipotential"}
-        As in `Controller`.
+        Whether a force pushes the robot, or turns it along the equipotential.
 
     Returns
     -------
@@ -269,7 +282,6 @@ def make_controller(
 
     Examples
     --------
-    >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).field
     >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=0.9).field
     >>> controller = rg.control.make_controller(field, speed=0.5)
     >>> controller.command((0.5, 6.5), (0.0, 0.0)).round(3)

@@ -33,7 +33,7 @@ class ExternalForce:
     start, duration : float
         In seconds.
     force : ndarray of float64, shape (ndim,)
-        Generalised force, with one component per coordinate of a configuration.
+        Generalised force on the robot; its product with `Control.admittance` is a velocity.
 
     Raises
     ------
@@ -68,6 +68,7 @@ def random_forces(
     Parameters
     ----------
     seed : int
+        Seed of the random numbers.
     ndim : int
         Number of axes.
     until : float

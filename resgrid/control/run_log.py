@@ -99,9 +99,35 @@ class End(NamedTuple):
 class ContactLog:
     """All contacts of a motion with a force, one row each.
 
-    `step` (m,): row of the log; `point, normal, force` (m, 2): point on the obstacle in metres, normal out of the
-    obstacle, and force on the robot, in world coordinates; `gap` (m,): in metres; `part, body` (m,): rigid part of the
-    robot, number of the obstacle (those of the map first); `sticking` (m,): whether friction holds the contact.
+    The type of `Run.contacts`.  Points, normals and forces are in world coordinates.
+
+    Attributes
+    ----------
+    step : ndarray of int64, shape (m,)
+        Row of the log of the run.
+    point : ndarray of float64, shape (m, 2)
+        Point on the obstacle, in metres.
+    normal : ndarray of float64, shape (m, 2)
+        Unit normal out of the obstacle.
+    force : ndarray of float64, shape (m, 2)
+        Force on the robot; its product with `Control.admittance` is a velocity.
+    gap : ndarray of float64, shape (m,)
+        Distance between robot and obstacle, in metres.
+    part : ndarray of int64, shape (m,)
+        Index of the rigid part of the robot.
+    body : ndarray of int64, shape (m,)
+        Index of the obstacle; those of the map come first.
+    sticking : ndarray of bool, shape (m,)
+        Whether friction holds the contact.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
+    >>> contacts = rg.simulation(scene, k=0.9).run().contacts
+    >>> contacts.step, contacts.normal
+    (array([37]), array([[-1.,  0.]]))
+    >>> contacts.point.round(2), contacts.sticking
+    (array([[5. , 2.8]]), array([False]))
     """
 
     step: NDArray[np.int64]
@@ -119,8 +145,23 @@ class ContactLog:
 class MapUpdate:
     """Obstacle cells that contacts proved and that the map did not contain; one solve follows each update.
 
-    `step`: row of the log; `cells` (c, ndim): the new obstacle cells, at least one; `points` (p, 2): touched points of
-    the obstacle in world coordinates, according to the believed configuration.
+    An entry of `Run.lessons`.
+
+    Attributes
+    ----------
+    step : int
+        Row of the log of the run.
+    cells : ndarray of int64, shape (c, ndim)
+        The new obstacle cells, at least one.
+    points : ndarray of float64, shape (p, 2)
+        Touched points of the obstacle in world coordinates, in metres, according to the believed configuration.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
+    >>> lesson = rg.simulation(scene, k=0.9).run().lessons[0]
+    >>> lesson.step, lesson.cells, lesson.points.round(2)
+    (37, array([[5, 2]]), array([[5. , 2.8]]))
     """
 
     step: int
@@ -136,6 +177,7 @@ class Run:
     Attributes
     ----------
     ending : TerminationReason
+        Reason for the end of the run.
     message : str
         A sentence on the end.
     goal : int or None
@@ -151,7 +193,9 @@ class Run:
     torque, push : ndarray of float64, shape (n, ndim)
         Generalised forces of contacts, and external ones; for a point or a disc forces in world coordinates.
     contacts : ContactLog
+        All contacts with a force.
     lessons : tuple of MapUpdate
+        Updates of the map with learnt obstacle cells, in order.
     space, field : ConfigurationSpace, Field
         The final map, and its field.
     penetration : float
@@ -166,6 +210,8 @@ class Run:
         Number of steps without a solution for the contact forces, in which the robot stood still.
     scene : Scene or None
         The scene of the motion.
+    learnt : ndarray of bool, shape of the space
+        Mask of the learnt obstacle cells.
 
     Examples
     --------

@@ -42,6 +42,7 @@ class Simulation:
     controller : Controller
         With the field of the initial map.
     plant : Plant
+        The robot and all obstacles, hidden ones included.
     friction : float
         Coefficient mu of Coulomb friction.
     learn : bool
@@ -55,6 +56,10 @@ class Simulation:
         With `relaxation`, the field to which the grid had settled at time 0; None for the field of the controller.
     scene : Scene or None
         The scene of the simulation.
+    space : ConfigurationSpace
+        The initial map.
+    margin : float
+        Gap at which the robot is in contact, in metres.
 
     Examples
     --------
@@ -223,11 +228,29 @@ def simulation(
     Parameters
     ----------
     scene : Scene
-        A scene in the plane; its ``control`` has the defaults of all other parameters.
-    k, speed, speed_limits, response, friction, learn, step, settle, pace, announce : optional
-        As in `Control`.
-    admittance : array_like of float, shape (n, n), (n,) or (), optional
-        As in `make_controller`.
+        A scene in the plane; its ``control`` (`resgrid.control.Control`) has the defaults of all other parameters.
+    k : float, optional
+        Weight of the Dirichlet field, in [0, 1].
+    speed : float, optional
+        Nominal speed, in world coordinates per second.
+    admittance : array_like of float, shape (n, n), (n * n,), (n,) or (), optional
+        Velocity per unit force: a matrix (flat: row by row), its diagonal, or one number for all axes.
+    speed_limits : array_like of float, shape (n,) or (), optional
+        Largest speed of each world coordinate, per second.
+    response : {"equipotential", "admittance"}, optional
+        Whether a contact force turns the robot along the equipotential, or pushes it.
+    friction : float, optional
+        Coefficient of Coulomb friction of all contacts, at most 1e6.
+    learn : bool, optional
+        Whether touched cells become obstacles of the map.
+    step : float, optional
+        Largest motion of an axis in a step, as a fraction of a cell; at most 0.5.
+    settle : {"chip", "jacobi", "sor"}, optional
+        How the grid settles while the robot moves; without a value it settles at once.
+    pace : float, optional
+        Sweeps, or units RC of a chip, while the robot crosses a cell.
+    announce : bool, optional
+        Whether hidden obstacles appear on the map at time 0, and the grid settles.
     field : Field, optional
         The field of the scene's map, if it has been solved already.
 
@@ -296,10 +319,30 @@ def arrival(
 class Wavefront:
     """Propagation of a change of the map through the grid.
 
-    `before, after`: the map that the grid had settled to, and the one it is settling to; `cells` (t,): when: in cells
-    that the robot could have crossed; `potential` (t, shape of the space): at those times; NaN in cells without a
-    node; `distance` (t,): largest distance of a potential from its end; `first` as the space: potential before the
-    change.
+    Returned by `resgrid.control.wavefront`.
+
+    Attributes
+    ----------
+    before, after : ConfigurationSpace
+        The maps before and after the change.
+    cells : ndarray of float64, shape (t,)
+        Times, in cells that the robot could have crossed.
+    potential : ndarray of float64, shape (t,) + shape of the space
+        Normalised potential at those times; NaN in cells without a node.
+    distance : ndarray of float64, shape (t,)
+        Largest distance of a normalised potential from its final value.
+    first : ndarray of float64, shape of the space
+        Normalised potential before the change.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml").replace(hidden=(rg.Box((5.0, 2.2), (6.0, 3.0)),))
+    >>> world = rg.simulation(scene, k=1.0, announce=True, settle="sor")
+    >>> front = rg.control.wavefront(world, np.array([0.0, 0.5, 4.0]))
+    >>> front.distance.round(3)
+    array([0.112, 0.03 , 0.   ])
+    >>> (front.potential[1] - front.first)[5, 3:6].round(3)
+    array([0.102, 0.036, 0.025])
     """
 
     before: ConfigurationSpace

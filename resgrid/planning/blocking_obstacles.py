@@ -11,18 +11,17 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import combinations
 from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
 
 from resgrid._internal.values import frozen, picture_html
-from resgrid.core.regions import cells_at_faces, label_regions, with_margin
+from resgrid.core.regions import label_regions
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
+from resgrid.planning.obstacle_groups import Barriers, adjacency, group_obstacles
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import one_start, start_cells, static_outcomes
 from resgrid.scene import Scene, build_space
@@ -34,69 +33,26 @@ _MOST_PARTS = 63
 
 @frozen
 @dataclass(frozen=True, eq=False)
-class Barriers:
-    """Groups of obstacle cells that are connected across faces, edges or corners.
-
-    `label` (shape of the space): group of every obstacle cell, -1 elsewhere; groups are numbered from 0 in C order of
-    their first cell, real groups before virtual ones; `virtual` (groups,): mask of virtual obstacles.
-    """
-
-    space: ConfigurationSpace
-    label: NDArray[np.int32]
-    virtual: NDArray[np.bool_]
-
-    @cached_property
-    def sizes(self) -> NDArray[np.int64]:
-        """Number of cells of every group, shape (groups,)."""
-        return np.bincount(self.label[self.label >= 0], minlength=len(self.virtual))
-
-    @cached_property
-    def links(self) -> RegionGraph:
-        """Adjacency graph of regions and groups."""
-        return _adjacency(self)
-
-    def mask(self, *groups: int) -> NDArray[np.bool_]:
-        """Return the mask of the cells of the given groups, shape of the space."""
-        return np.isin(self.label, groups) & (self.label >= 0)
-
-
-@dataclass(frozen=True, eq=False)
-class RegionGraph:
-    """Adjacency graph of regions (of free and goal cells) and groups (of obstacle cells).
-
-    `node` (shape of the space): graph node of every cell; `regions`: number of regions, which are the first nodes; node
-    ``regions + g`` is group ``g``; `graph` (nodes, nodes): symmetric edge costs.  The cost of a path is the number of
-    groups on it, plus a small amount per cell of a group, which prefers small groups.
-    """
-
-    node: NDArray[np.int64]
-    regions: int
-    graph: sparse.csr_array
-
-    def adjacent_groups(self, node: int) -> tuple[int, ...]:
-        """Return the groups that share a face with the region or group of a node."""
-        neighbours = self.graph.indices[self.graph.indptr[node] : self.graph.indptr[node + 1]]
-        return tuple(sorted(int(other) - self.regions for other in neighbours if other >= self.regions))
-
-    def groups_between(self, first: int, last: int) -> tuple[int, ...]:
-        """Return the groups on a shortest path between two nodes, in path order, ends included."""
-        from scipy.sparse.csgraph import dijkstra
-
-        _, before = dijkstra(self.graph, directed=False, indices=np.array([first]), return_predecessors=True)
-        nodes = [last]
-        while nodes[-1] != first:
-            nodes.append(int(before[0, nodes[-1]]))
-        return tuple(node - self.regions for node in reversed(nodes) if node >= self.regions)
-
-
-@frozen
-@dataclass(frozen=True, eq=False)
 class Obstruction:
     """Groups of obstacle cells that separate a start from one goal region.
 
-    `goal`: index of the goal region; `least`: minimum set of groups whose removal opens a path, in path order, with
-    the fewest cells among several minimum sets, empty if a path exists; `alone`: all groups whose removal is
-    sufficient without another.
+    An entry of `Separation.obstructions`, which `resgrid.find_blocking_obstacles` returns for a space.
+
+    Attributes
+    ----------
+    goal : int
+        Index of the goal region.
+    least : tuple of int
+        Minimum set of groups whose removal opens a path, in path order, with the fewest cells among several minimum
+        sets.  Empty if a path exists.
+    alone : tuple of int
+        All groups whose removal is sufficient without another.
+
+    Examples
+    --------
+    >>> space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 6.0, 6)], [0, 1, 0, 1, 0, 2])
+    >>> rg.find_blocking_obstacles(space, cell=(0,)).obstructions[0]
+    Obstruction(goal=0, least=(0, 1), alone=())
     """
 
     goal: int
@@ -109,9 +65,39 @@ class Obstruction:
 class Separation:
     """Disconnection proof of a space: the groups of obstacle cells that separate a start from the goals.
 
-    `start`: start cell; `outcome`: ``REACHED`` if a path to a goal exists; `barriers`: all groups; `region` (shape of
-    the space): mask of cells that the start can reach, goal cells included; `bounding`: groups that touch the region;
-    `obstructions`: one per goal region; `edge`: whether the region touches the edge of the grid.
+    Returned by `resgrid.find_blocking_obstacles` for a space.
+
+    Attributes
+    ----------
+    space : ConfigurationSpace
+        The space.
+    start : tuple of int
+        Start cell.
+    outcome : Outcome
+        ``REACHED`` if a path to a goal exists.
+    barriers : Barriers
+        All groups of obstacle cells.
+    region : ndarray of bool, shape of the space
+        Mask of the cells that the start can reach, goal cells included.
+    bounding : tuple of int
+        Groups that touch the region.
+    obstructions : tuple of Obstruction
+        One for each goal region.
+    edge : bool
+        Whether the region touches the edge of the grid.
+    separating : tuple of int
+        The smallest of the goals' minimum sets of groups; empty if a path exists.
+    mask : ndarray of bool, shape of the space
+        Mask of the cells of the `separating` groups.
+
+    Examples
+    --------
+    >>> space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 6.0, 6)], [0, 1, 0, 1, 0, 2])
+    >>> proof = rg.find_blocking_obstacles(space, cell=(0,))
+    >>> str(proof.outcome), proof.separating
+    ('no_path', (0, 1))
+    >>> np.flatnonzero(proof.mask), np.flatnonzero(proof.region)
+    (array([1, 3]), array([0]))
     """
 
     space: ConfigurationSpace
@@ -143,11 +129,38 @@ class Separation:
 class SceneSeparation:
     """Disconnection proof of a scene: the obstacles that separate a start from the goals.
 
-    `space`: the scene's space; `start`: start cell; `outcome`: ``REACHED`` if a path to a goal exists; `region` (shape
-    of the space): mask of cells that the start can reach; `parts`: masks of blocked cells by name of the blocking part:
-    ``"obstacle[0]"`` as in the scene file, ``"map"``, ``"singularity"`` (virtual obstacles), ``"robot"``
-    (self-collision); `separating`: a smallest set of parts whose removal opens a path, empty if a path exists or if
-    no set of the permitted size opens one; `alone`: all parts whose removal is sufficient without another.
+    Returned by `resgrid.find_blocking_obstacles` for a scene.
+
+    Attributes
+    ----------
+    space : ConfigurationSpace
+        Space of the scene.
+    start : tuple of int
+        Start cell.
+    outcome : Outcome
+        ``REACHED`` if a path to a goal exists.
+    region : ndarray of bool, shape of the space
+        Mask of the cells that the start can reach.
+    parts : mapping of str to ndarray of bool, shape of the space
+        Masks of blocked cells by name of the blocking part: ``"obstacle[0]"`` as in the scene file, ``"map"``,
+        ``"singularity"`` (virtual obstacles), ``"robot"`` (self-collision).
+    separating : tuple of str
+        A smallest set of parts whose removal opens a path.  Empty if a path exists, or if no set of the permitted size
+        opens one.
+    alone : tuple of str
+        All parts whose removal is sufficient without another.
+    mask : ndarray of bool, shape of the space
+        Mask of the cells that the `separating` parts block.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml")
+    >>> wall = rg.Box((0.0, 2.0), (8.0, 2.5))
+    >>> proof = rg.find_blocking_obstacles(scene.replace(obstacles=(*scene.obstacles, wall)), (0.5, 6.5))
+    >>> proof.separating, list(proof.parts)
+    (('obstacle[3]',), ['obstacle[0]', 'obstacle[1]', 'obstacle[2]', 'obstacle[3]'])
+    >>> int(proof.mask.sum()), int(proof.region.sum())
+    (8, 35)
     """
 
     space: ConfigurationSpace
@@ -233,7 +246,7 @@ def find_blocking_obstacles(
     if not space.goal_count:
         raise InputError("the space has no goal cell; add a goal to find the obstacles before it")
     at = _cell_of(space, one_start(space, start, cell))
-    barriers = _group_obstacles(space, virtual)
+    barriers = group_obstacles(space, virtual)
     links = barriers.links
     here, free = int(links.node[at]), space.cell[at] != Cell.OBSTACLE
     region = (links.node == here) & free
@@ -270,7 +283,7 @@ def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstr
 
     def between(opened: tuple[int, ...]) -> tuple[int, ...]:
         """Return the groups on a shortest path after some groups were removed; empty if the path is open."""
-        remaining = _adjacency(barriers, opened) if opened else links
+        remaining = adjacency(barriers, opened) if opened else links
         return remaining.groups_between(int(remaining.node[start]), int(remaining.node[target]))
 
     adjacent = {here - links.regions} if here >= links.regions else set(links.adjacent_groups(here))
@@ -340,34 +353,3 @@ def _blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArra
     blocked = space.cell == Cell.OBSTACLE
     parts["robot"] = blocked & ~np.any([*parts.values(), np.zeros_like(blocked)], axis=0)
     return {name: mask & blocked for name, mask in parts.items() if np.any(mask & blocked)}
-
-
-def _group_obstacles(space: ConfigurationSpace, virtual: ArrayLike | None = None) -> Barriers:
-    """Group obstacle cells that are connected across faces, edges or corners; group virtual cells separately."""
-    obstacle = space.cell == Cell.OBSTACLE
-    marked = np.zeros(space.shape, dtype=np.bool_) if virtual is None else np.asarray(virtual)
-    if marked.shape != space.shape or marked.dtype.kind != "b":
-        raise InputError(
-            f"virtual must be a boolean array of shape {space.shape}, got {marked.dtype} of shape {marked.shape}"
-        )
-    real, added = (label_regions(obstacle & kind, space.periodic, corners=True) - 1 for kind in (~marked, marked))
-    first = int(real.max()) + 1
-    label = np.where(added >= 0, added + np.int32(first), real)
-    return Barriers(space, label, np.arange(first + int(added.max()) + 1) >= first)
-
-
-def _adjacency(barriers: Barriers, opened: tuple[int, ...] = ()) -> RegionGraph:
-    """Return the adjacency graph of regions and groups after some groups are removed."""
-    space = barriers.space
-    passable = (space.cell != Cell.OBSTACLE) | barriers.mask(*opened)
-    region = label_regions(passable, space.periodic).astype(np.int64) - 1
-    regions = int(region.max()) + 1
-    node = np.where(passable, region, regions + barriers.label)
-    cost = np.concatenate([np.zeros(regions), 1.0 + barriers.sizes / (1.0 + barriers.sizes.sum())])
-    wide = with_margin(node, space.periodic)
-    faces = [np.stack([side.ravel() for side in cells_at_faces(wide, axis)], axis=1) for axis in range(space.ndim)]
-    pairs = np.unique(np.sort(np.concatenate([pair[pair[:, 0] != pair[:, 1]] for pair in faces]), axis=1), axis=0)
-    first, last = np.concatenate([pairs, pairs[:, ::-1]]).T
-    # An edge carries half the cost of each end, so that a path through a group pays its full cost.
-    graph = sparse.coo_array((0.5 * (cost[first] + cost[last]), (first, last)), shape=(len(cost), len(cost)))
-    return RegionGraph(node, regions, graph.tocsr())

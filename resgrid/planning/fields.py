@@ -57,6 +57,12 @@ class Field:
         Free cells in which the field is direction-safe; streamlines end at all other cells with ``no_current``.  None
         if all cells are direction-safe, which holds except for ``method="petsc"``, warm starts and
         ``accuracy="normwise"``.
+    boundary : str
+        Boundary condition at obstacles: ``"dirichlet"``, ``"neumann"``, ``"wall"`` or ``"blend"``.
+    edge : tuple of str
+        Rule of the grid's edge per axis: ``"periodic"``, ``"obstacle"`` or ``"open"``.
+    is_flowing : bool
+        Whether any current is nonzero.
 
     Examples
     --------
@@ -133,6 +139,7 @@ class Field:
         Parameters
         ----------
         cells : ndarray of int64, shape (n, ndim)
+            The cells of the points.
         local : ndarray of float64, shape (n, ndim)
             Position within each cell, in [0, 1].
 

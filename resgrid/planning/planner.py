@@ -33,6 +33,14 @@ class Planner:
         Field that streamlines follow.
     solution : Solution
         The solved fields: one, or the Dirichlet and Neumann fields of all blends.
+    space : ConfigurationSpace
+        Configuration space of the field.
+    k : float
+        Weight of the Dirichlet field, in [0, 1].
+    obstacle_field, open_field : Field
+        Fields of k = 1 (obstacles on the rail) and k = 0 (open obstacles).
+    scene_starts : ndarray of float64, shape (n, ndim)
+        Starts of the scene, in world coordinates.
 
     Examples
     --------
@@ -74,9 +82,21 @@ class Planner:
         return self.solution.problem.starts
 
     def at(self, k: float) -> Planner:
-        """Return a planner for another blend, k in [0, 1], without solving again.
+        """Return a planner for another blend, without solving again.
 
-        The planner must have been created with a k, so that it holds both fields.
+        Parameters
+        ----------
+        k : float
+            Weight of the Dirichlet field, in [0, 1].
+
+        Returns
+        -------
+        Planner
+
+        Raises
+        ------
+        InputError
+            If `k` is out of range, or the planner was created without a k, so that it does not hold both fields.
         """
         return replace(self, field=blend(*self.solution.halves, k))
 
@@ -89,15 +109,63 @@ class Planner:
         return dirichlet_share(*self.solution.halves, self.k)
 
     def path(self, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None) -> Streamline:
-        """Return the streamline from a start in world coordinates, shape (ndim,), or from the centre of a cell."""
+        """Return the streamline from a start.
+
+        Parameters
+        ----------
+        start : array_like of float, shape (ndim,), optional
+            Start in world coordinates; give either `start` or `cell`.
+        cell : sequence of int, optional
+            Start at the centre of this cell.
+
+        Returns
+        -------
+        Streamline
+            Its ``outcome`` tells whether it reaches a goal.
+
+        Raises
+        ------
+        InputError
+            If the start lies outside the grid, or not exactly one of `start` and `cell` is given.
+        """
         return streamline(self.field, start, cell=cell)
 
     def paths(self, starts: ArrayLike | None = None) -> list[Streamline]:
-        """Return streamlines from starts in world coordinates, shape (n, ndim); by default from the scene's starts."""
+        """Return the streamlines from several starts.
+
+        Parameters
+        ----------
+        starts : array_like of float, shape (n, ndim), optional
+            Starts in world coordinates; by default those of the scene.
+
+        Returns
+        -------
+        list of Streamline
+
+        Raises
+        ------
+        InputError
+            If a start lies outside the grid.
+        """
         return [follow(self.field, point) for point in start_points(self.space, self._starts(starts))]
 
     def ends(self, starts: ArrayLike | None = None) -> Traces:
-        """Return only the ends of streamlines from n starts in world coordinates, much faster than `paths`."""
+        """Return only the ends of the streamlines from several starts, much faster than `paths`.
+
+        Parameters
+        ----------
+        starts : array_like of float, shape (n, ndim), optional
+            Starts in world coordinates; by default those of the scene.
+
+        Returns
+        -------
+        Traces
+
+        Raises
+        ------
+        InputError
+            If a start lies outside the grid.
+        """
         return streamlines(self.field, self._starts(starts))
 
     def _starts(self, starts: ArrayLike | None) -> ArrayLike:
@@ -179,9 +247,33 @@ def plan(
 class ClearanceCurve:
     """Clearance of paths as a function of a parameter of the boundary condition at obstacles.
 
-    `knob`: the parameter, ``"k"`` or ``"wall_resistance"`` in ohms; `value` (n,): its values; `starts` (m, ndim): in
-    world coordinates; `clearance, length` (n, m): of every path, in axis units, NaN if it reaches no goal; `counted`
-    (m,): mask of starts with a path at every value, over which means are computed.
+    Returned by `resgrid.planning.clearance_curve`.
+
+    Attributes
+    ----------
+    knob : {"k", "wall_resistance"}
+        The parameter.
+    value : ndarray of float64, shape (n,)
+        Values of the parameter: pure numbers for ``"k"``, ohms for ``"wall_resistance"``.
+    starts : ndarray of float64, shape (m, ndim)
+        Starts of the paths, in world coordinates.
+    clearance, length : ndarray of float64, shape (n, m)
+        Clearance and length of every path, in axis units; NaN if the path reaches no goal.
+    counted : ndarray of bool, shape (m,)
+        Mask of the starts that have a path at every value; means are computed over these starts.
+    mean, mean_length : ndarray of float64, shape (n,)
+        Mean clearance and mean length at every value, in axis units.
+
+    Examples
+    --------
+    >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=1.0)
+    >>> curve = rg.planning.clearance_curve(planner, ks=(0.0, 1.0))
+    >>> curve.knob, curve.clearance.shape
+    ('k', (2, 56))
+    >>> curve.clearance[:, 10].round(3), curve.length[:, 10].round(3)
+    (array([0.03 , 0.211]), array([5.564, 5.46 ]))
+    >>> curve.mean.round(3)
+    array([0.462, 0.506])
     """
 
     knob: str

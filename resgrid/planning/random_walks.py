@@ -31,18 +31,53 @@ from resgrid.solvers.scaled import Scaled, power
 class RandomWalk:
     """Random walk on the free cells of a space, with a factorization that all probabilities and times share.
 
-    `cells`: map between nodes and cells; `factors`: factorization of the nodal equations of all free nodes; `row`
-    (shape of the space): matrix row of every free cell, -1 elsewhere; `to_goal` (goals, rows): conductance from every
-    row to every goal region, in siemens.
+    Returned by `resgrid.planning.random_walk`.
+
+    Attributes
+    ----------
+    cells : CellMap
+        Map between nodes and cells.
+    factors : CircuitFactor
+        Factorization of the nodal equations of all free nodes.
+    row : ndarray of int32, shape of the space
+        Matrix row of every free cell; -1 elsewhere.
+    to_goal : scipy.sparse.csr_array of float64, shape (goals, rows)
+        Conductance from every row to every goal region, in siemens.
+
+    Examples
+    --------
+    >>> walk = rg.planning.random_walk(rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))))
+    >>> walk.to_goal.shape, int(walk.row[6, 2])
+    ((1, 56), 43)
+    >>> round(float(rg.planning.collision_probability(walk).collision[6, 2]), 6)
+    0.573718
+    >>> round(float(rg.planning.hitting_probability(walk).probability[0, 6, 2]), 6)
+    0.426282
     """
 
     cells: CellMap
     factors: CircuitFactor
-    row: NDArray[np.int64]
+    row: NDArray[np.int32]
     to_goal: sparse.csr_array
 
     def solve(self, rhs: NDArray[np.float64] | Scaled) -> Scaled:
-        """Solve ``G x = rhs`` for ``rhs >= 0`` with componentwise accuracy; shapes (rows,)."""
+        """Solve ``G x = rhs`` with componentwise accuracy, where ``G`` is the conductance matrix in siemens.
+
+        Parameters
+        ----------
+        rhs : ndarray of float64, shape (rows,), or Scaled
+            Right-hand side without negative entries.
+
+        Returns
+        -------
+        Scaled
+            Solution with its own exponent for every row, shape (rows,).
+
+        Raises
+        ------
+        AccuracyError
+            If the conductances differ by more orders of magnitude than the factors can represent.
+        """
         watch = ProgressMonitor()
         answer, error = self.factors.factors.solve_nonnegative(rhs, watch=watch)
         if not is_answer(error, watch.bound):
@@ -56,9 +91,18 @@ class RandomWalk:
     def per_cell(
         self, values: NDArray[np.float64], *, obstacle: float, goal: float, cut_off: float
     ) -> NDArray[np.float64]:
-        """Return values of rows (rows,) per cell, shape of the space.
+        """Return the values of rows as an array over the cells.
 
-        `obstacle`, `goal`, `cut_off`: values for obstacle cells, goal cells, and free cells without a row.
+        Parameters
+        ----------
+        values : ndarray of float64, shape (rows,)
+            Value of every row.
+        obstacle, goal, cut_off : float
+            Values for obstacle cells, goal cells, and free cells without a row.
+
+        Returns
+        -------
+        ndarray of float64, shape of the space
         """
         cell = self.cells.space.cell
         out = np.full(cell.shape, cut_off)
@@ -127,17 +171,37 @@ def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str =
 @frozen
 @dataclass(frozen=True, eq=False)
 class CollisionProbability:
-    """Hitting probabilities and expected times of random walks that start in each cell; shapes of the space.
+    """Hitting probabilities and expected times of random walks that start in each cell.
 
-    Times are in units of ``R C``, where R is the resistance between nearest cells at conductivity 1 and C the
-    capacitance of a cell.  A Brownian motion with diffusivity ``h_ref**2 / (R C)`` has approximately the same times.
-    Steps are jumps of the walk, including the last jump onto a rail.
+    Returned by `resgrid.planning.collision_probability`.  Times are in units of ``R C``, where R is the resistance
+    between nearest cells at conductivity 1 and C the capacitance of a cell.  A Brownian motion with diffusivity
+    ``h_ref**2 / (R C)`` has approximately the same times.  Steps are jumps of the walk, including the last jump onto a
+    rail.
 
-    `success`: probability ``u`` of hitting a goal before an obstacle, 0 on underflow; `log_success`: its natural
-    logarithm, accurate even on underflow; `time, steps`: expected time and number of jumps until a goal or obstacle is
-    hit (``G t = C``, ``G n = D 1`` with the diagonal ``D`` of ``G``), 0 on goals and obstacles, infinite in cells that
-    are connected to neither; `time_given_success, steps_given_success`: expectations over the walks that hit a goal
-    (``s / u`` with ``G s = C u`` or ``G s = D u``), NaN where u is 0.
+    Attributes
+    ----------
+    success : ndarray of float64, shape of the space
+        Probability ``u`` of hitting a goal before an obstacle, 0 on underflow.
+    log_success : ndarray of float64, shape of the space
+        Natural logarithm of `success`, accurate even on underflow.
+    time, steps : ndarray of float64, shape of the space
+        Expected time in units of ``R C`` and expected number of jumps until a goal or obstacle is hit (``G t = C``,
+        ``G n = D 1`` with the diagonal ``D`` of ``G``).  0 on goals and obstacles; infinite in cells that are connected
+        to neither.
+    time_given_success, steps_given_success : ndarray of float64, shape of the space
+        Expectations over the walks that hit a goal (``s / u`` with ``G s = C u`` or ``G s = D u``); NaN where
+        ``u`` is 0.
+    collision : ndarray of float64, shape of the space
+        Probability ``1 - u`` of hitting an obstacle first, or of never hitting a goal.
+
+    Examples
+    --------
+    >>> space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 5.0, 5)], [2, 0, 0, 0, 1])
+    >>> walk = rg.planning.collision_probability(rg.compile_space(space))
+    >>> walk.collision[1:].round(6)
+    array([0.25, 0.5 , 0.75, 1.  ])
+    >>> walk.time.round(6), walk.steps_given_success.round(6)
+    (array([0. , 1.5, 2. , 1.5, 0. ]), array([0.      , 2.333333, 4.      , 5.      ,      nan]))
     """
 
     success: NDArray[np.float64]
@@ -214,8 +278,26 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
 class HittingProbability:
     """Hitting probabilities of every goal region, for random walks that start in each cell.
 
-    `probability` (goals, *shape of the space): probability of absorption at each goal region, before any obstacle, 0 on
-    underflow; `log_probability`: its natural logarithm, -inf where the goal cannot be hit.
+    Returned by `resgrid.planning.hitting_probability`.
+
+    Attributes
+    ----------
+    probability : ndarray of float64, shape (goals,) + shape of the space
+        Probability of absorption at each goal region, before any obstacle; 0 on underflow.
+    log_probability : ndarray of float64, shape (goals,) + shape of the space
+        Natural logarithm of `probability`; -inf where the goal cannot be hit.
+    likeliest : ndarray of int32, shape of the space
+        Goal region with the largest probability, the lower index of ties; -1 where no goal can be hit.
+
+    Examples
+    --------
+    >>> space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 6.0, 6)], [2, 0, 0, 1, 0, 2])
+    >>> hits = rg.planning.hitting_probability(rg.compile_space(space))
+    >>> hits.probability[:, 1:3].round(6)
+    array([[0.666667, 0.333333],
+           [0.      , 0.      ]])
+    >>> hits.likeliest
+    array([ 0,  0,  0, -1,  1,  1], dtype=int32)
     """
 
     probability: NDArray[np.float64]

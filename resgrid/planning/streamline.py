@@ -86,6 +86,14 @@ class Streamline:
         ``-conductivity * grad(phi)``; NaN without motion.
     field : Field
         The field whose current the streamline follows.
+    space : ConfigurationSpace
+        The configuration space of the path.
+    points, line : ndarray of float64, shape (m, ndim)
+        Distinct points in world coordinates, and in axis units, continuous across periodic seams.
+    reason : str or None
+        Reason why the streamline reaches no goal, with a remedy; None if it reaches a goal.
+    point_cells : ndarray of int64, shape (n, ndim)
+        Cell of every row of `axis_points`.
 
     Examples
     --------
@@ -176,13 +184,15 @@ class Streamline:
 class ShortPath:
     """A streamline whose bends were replaced by straight lines, certified by `certify_free`.
 
-    Its `points` are world coordinates.
+    Returned by `resgrid.shortcut`.
 
     Attributes
     ----------
-    axis_points : ndarray of float64, shape (n, ndim)
+    axis_points, line : ndarray of float64, shape (n, ndim)
         Corners in axis units, from the streamline's start to its end.  Coordinates are continuous across periodic
         seams and may leave the range of a periodic axis.
+    points : ndarray of float64, shape (n, ndim)
+        Corners in world coordinates.
     length : float
         Length in axis units, at most that of the original.
     clearance : float
@@ -190,6 +200,21 @@ class ShortPath:
         infinite without any.
     original : Streamline
         The streamline that was shortened.
+    field : Field
+        Field of the original streamline.
+    space : ConfigurationSpace
+        Configuration space of the path.
+    goal : int or None
+        Index of the goal region at the end of the path.
+
+    Examples
+    --------
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5))
+    >>> short = rg.shortcut(path)
+    >>> len(path.points), len(short.points)
+    (12, 4)
+    >>> round(path.length, 3), round(short.length, 3), round(short.clearance, 3)
+    (8.712, 8.27, 0.251)
     """
 
     axis_points: NDArray[np.float64]
@@ -305,6 +330,7 @@ def unwrap(path: AnyPath) -> NDArray[np.float64]:
     Parameters
     ----------
     path : Streamline, ShortPath or Polyline
+        The path.
 
     Returns
     -------

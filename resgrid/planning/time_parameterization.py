@@ -47,6 +47,8 @@ _LEAST_STEP = 1e-3
 class Trajectory:
     """A path with times.  Between two knots the acceleration is constant, except in resampled trajectories.
 
+    Returned by `resgrid.time_parameterize`.
+
     Attributes
     ----------
     times : ndarray of float64, shape (n,)
@@ -61,6 +63,22 @@ class Trajectory:
         The path that was time-parameterized.
     motion : Trajectory or None
         For a resampled trajectory, the original, which defines the motion between knots.
+    space : ConfigurationSpace
+        Configuration space of the path.
+    duration : float
+        Time from start to end, in seconds.
+
+    Examples
+    --------
+    >>> path = rg.shortcut(rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5)), clearance=0.2)
+    >>> motion = rg.time_parameterize(path, velocity_limits=2.0, acceleration_limits=1.0)
+    >>> round(motion.duration, 2)
+    7.35
+    >>> positions, velocities = motion.at([1.0, 2.0])
+    >>> positions.round(2), velocities.round(2)
+    (array([[0.98, 6.36],
+           [2.42, 5.95]]), array([[ 0.96, -0.27],
+           [ 1.92, -0.55]]))
     """
 
     times: NDArray[np.float64]
@@ -152,9 +170,23 @@ class Trajectory:
         return times, *self.at(times)
 
     def resampled(self, rate: float) -> Trajectory:
-        """Return the motion with knots at a constant rate per second.
+        """Return the motion with knots at a constant rate.
 
-        Positions and velocities are exact at the knots, and `at` remains exact at all times.  Accelerations are means.
+        Parameters
+        ----------
+        rate : float
+            Knots per second.
+
+        Returns
+        -------
+        Trajectory
+            Positions and velocities are exact at the knots, and `at` remains exact at all times.  Accelerations are
+            means.
+
+        Raises
+        ------
+        InputError
+            If the rate is not positive, or gives more than 10,000,000 knots.
         """
         times, positions, velocities = self.sample(rate)
         step = np.diff(times)[:, np.newaxis]
@@ -179,6 +211,7 @@ def time_parameterize(
     Parameters
     ----------
     path : Streamline, ShortPath or Polyline
+        The path to follow.
     velocity_limits : float or sequence of float
         Positive limits in world coordinates per second.  A sequence limits each coordinate separately.  A single number
         limits the speed (Euclidean norm) of point and disc robots, and each coordinate of other robots.

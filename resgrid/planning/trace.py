@@ -32,6 +32,8 @@ _BATCH = 1 << 18
 class Traces:
     """End points and measures of n streamlines, without their points.
 
+    Returned by `resgrid.streamlines` and `resgrid.planning.Planner.ends`.
+
     Attributes
     ----------
     outcome : ndarray of str, shape (n,)
@@ -45,6 +47,15 @@ class Traces:
         motion.
     steps : ndarray of int64, shape (n,)
         Number of crossed faces.
+
+    Examples
+    --------
+    >>> field = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).field
+    >>> traces = rg.streamlines(field, [(0.5, 6.5), (2.5, 4.5)])
+    >>> traces.outcome.tolist()
+    ['reached', 'start_blocked']
+    >>> traces.length.round(3), traces.steps
+    (array([8.712,   nan]), array([11,  0]))
     """
 
     outcome: NDArray[np.str_]
@@ -63,6 +74,7 @@ def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[i
     Parameters
     ----------
     field : Field
+        The field to follow.
     start : array_like of float, shape (ndim,)
         World coordinates of a point within the grid.
     cell : sequence of int, optional
@@ -136,6 +148,7 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
     Parameters
     ----------
     field : Field
+        The field to follow.
     starts : array_like of float, shape (n, ndim) or (ndim,)
         World coordinates, one start per row.
 
@@ -192,6 +205,7 @@ def basins(field: Field) -> NDArray[np.int32]:
     Parameters
     ----------
     field : Field
+        The field to follow.
 
     Returns
     -------

@@ -28,8 +28,27 @@ _BATCH = 4096
 class Collision:
     """First collision of a robot with an obstacle along a path.
 
-    `segment`: index of the path's segment; `configuration` (ndim,): in world coordinates; `part`: index of the robot's
-    rigid part (the link of an arm); `obstacle`: index of the obstacle.  Indices start at 0.
+    Returned by `resgrid.check_collisions`.  Indices start at 0.
+
+    Attributes
+    ----------
+    segment : int
+        Index of the segment of the path.
+    configuration : ndarray of float64, shape (ndim,)
+        Configuration of the robot, in world coordinates.
+    part : int
+        Index of the rigid part of the robot, such as the link of an arm.
+    obstacle : int
+        Index of the obstacle.
+
+    Examples
+    --------
+    >>> arm = rg.Arm(lengths=(1.0, 1.0))
+    >>> space = rg.ConfigurationSpace(arm.axes(16), np.zeros((16, 16)), robot=arm)
+    >>> path = rg.Polyline([(0.0, 0.0), (0.0, np.pi / 2)], space)
+    >>> hit = rg.check_collisions(path, [rg.Ball((1.5, 1.0), 0.25)])
+    >>> hit.part, hit.configuration.round(2)
+    (1, array([0. , 0.9]))
     """
 
     segment: int
@@ -44,6 +63,7 @@ def workspace_path(path: AnyPath) -> NDArray[np.float64]:
     Parameters
     ----------
     path : Streamline, ShortPath or Polyline
+        The path, in the space of the robot.
 
     Returns
     -------
@@ -68,6 +88,7 @@ def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: Posi
     Parameters
     ----------
     path : Streamline, ShortPath or Polyline
+        The path, in the space of the robot.
     obstacles : sequence of Shape
         Shapes in world coordinates; a `CellSet` has the axes of the space.
     step : float
@@ -105,6 +126,7 @@ def check_collisions(path: AnyPath, obstacles: Sequence[Shape], *, step: Positiv
     Parameters
     ----------
     path : Streamline, ShortPath or Polyline
+        The path, in the space of the robot.
     obstacles : sequence of Shape
         Shapes in world coordinates; a `CellSet` has the axes of the space.
     step : float

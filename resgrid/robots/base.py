@@ -88,6 +88,7 @@ class Robot(ABC):
         Parameters
         ----------
         configurations : ndarray of float64, shape (n, ndim)
+            Configurations of the robot.
 
         Returns
         -------
@@ -186,9 +187,11 @@ class Robot(ABC):
         Parameters
         ----------
         axes : sequence of Axis
+            Axes of the configuration space.
         obstacles : sequence of Shape
             Shapes in the plane, in metres.
         rule : {"conservative", "centre"}
+            A cell is blocked if any configuration in it may collide, or if its centre collides.
         progress : callable, optional
             Called as ``progress(done, total)``.
 

@@ -294,5 +294,16 @@ Analysis = (
 
 
 def kind_of(analysis: Analysis) -> str:
-    """Return the name of an analysis: ``"operating"``, ``"transient"``, ..."""
+    """Return the name of an analysis: ``"operating"``, ``"transient"``, ...
+
+    Parameters
+    ----------
+    analysis : Analysis
+        An analysis of this module.
+
+    Returns
+    -------
+    str
+        Name of its class in lower case, without ``Analysis``.
+    """
     return type(analysis).__name__.removesuffix("Analysis").lower()

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import compress
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,11 +15,7 @@ from resgrid.core.netlist import GROUND, Netlist
 from resgrid.core.networkx_graphs import ARRAYS
 from resgrid.errors import InputError
 from resgrid.spice.dialects import DIALECTS
-
-Severity = Literal["error", "warning", "info"]
-
-SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
-"""All severities, the worst first."""
+from resgrid.spice.findings import Note
 
 KINDS = tuple(ARRAYS)
 """The kinds of element of a `Netlist`."""
@@ -32,6 +28,7 @@ SHOWN = 5
 
 LISTED = 1000
 """Maximum number of names in a list."""
+
 CONDUCTING = ("resistor", "voltage source", "nonlinear resistor")
 """Kinds that conduct at direct current: all but current sources and capacitors."""
 
@@ -40,78 +37,12 @@ _SHARED = tuple(name for names in ARRAYS.values() for name in names if name != "
 """Arrays that a circuit has in common with a netlist."""
 
 
-@dataclass(frozen=True)
-class Note:
-    """A remark of the reader about a deck.
-
-    Attributes
-    ----------
-    severity : {"error", "warning", "info"}
-        A warning concerns text that simulators read differently, or a probable mistake.
-    file : str
-        Displayed name of the file.
-    line, column : int
-        Position, counted from 1; column 0 means the whole line.
-    text : str
-        The remark.
-    outcome : {"", "fails", "unsure"}
-        Consequence in the simulator of the dialect: no result, or possibly another result.
-    """
-
-    severity: Severity
-    file: str
-    line: int
-    column: int
-    text: str
-    outcome: Literal["", "fails", "unsure"] = ""
-
-    @property
-    def place(self) -> str:
-        """``file:line``, or ``file:line:column`` if the column is not 0."""
-        return f"{self.file}:{self.line}" + (f":{self.column}" if self.column else "")
-
-    def __str__(self) -> str:
-        return f"{self.place}: {self.text}"
-
-
-@dataclass(frozen=True)
-class Violation:
-    """One violation of an electrical rule.
-
-    Attributes
-    ----------
-    severity : {"error", "warning", "info"}
-        With an error the circuit has no operating point, or a simulator reads its deck wrongly.
-    rule : str
-        Short name of the rule.
-    place : str
-        ``file:line`` in a deck, the cell of a scene, otherwise the nodes or elements concerned.
-    message : str
-        The problem.
-    remedy : str
-        The correction.
-    nodes : tuple of str
-        The nodes concerned, at most the first thousand.
-    """
-
-    severity: Severity
-    rule: str
-    place: str
-    message: str
-    remedy: str
-    nodes: tuple[str, ...] = ()
-
-    def __str__(self) -> str:
-        where = f"{self.place}: " if self.place else ""
-        return f"{self.severity} [{self.rule}] {where}{self.message}; {self.remedy}"
-
-
 @dataclass(frozen=True, eq=False)
 class Circuit:
-    """A resistive circuit as written, with subcircuits expanded and values evaluated, without corrections.
+    r"""A resistive circuit as written, with subcircuits expanded and values evaluated, without corrections.
 
-    Names keep the spelling of their first occurrence; SPICE ignores case, so ``A`` and ``a`` are one node.  Nodes and
-    elements in a subcircuit have its path as prefix, ``x1.x2.mid`` and ``x1.x2.r1``.
+    Returned by `resgrid.read_spice`.  Names keep the spelling of their first occurrence; SPICE ignores case, so ``A``
+    and ``a`` are one node.  Nodes and elements in a subcircuit have its path as prefix, ``x1.x2.mid`` and ``x1.x2.r1``.
 
     Attributes
     ----------
@@ -153,6 +84,33 @@ class Circuit:
         Names of the subcircuits with instances.
     given : Netlist or None
         The netlist of which the circuit was made, if it was not a deck.
+    is_deck : bool
+        Whether the circuit comes from a deck, and its elements have line numbers.
+    node_count : int
+        Number of nodes, ground among them.
+    ends : mapping of str to ndarray of int32, shape (elements, 2)
+        Nodes of every element by kind.
+    part : ndarray of int64, shape (nodes,)
+        Connected component of every node with respect to conducting elements.
+    is_floating : ndarray of bool, shape (nodes,)
+        Whether a node has no conducting path to ground.
+    degree : ndarray of int64, shape (nodes,)
+        Number of element ends at every node.
+    trapped_sources : ndarray of int64, shape (n,)
+        Indices of the current sources between two components, whose current has no return path.
+    heating : float
+        Temperature of the deck minus its nominal temperature, in kelvin.
+
+    Examples
+    --------
+    >>> import io
+    >>> deck = rg.read_spice(io.StringIO("divider\nV1 in 0 2\nR1 in out 1k\nR2 out 0 1k\n"))
+    >>> deck.node_names, deck.resistance
+    (('0', 'in', 'out'), array([1000., 1000.]))
+    >>> deck.element_name("resistor", 1), deck.place_of("resistor", 1)
+    ('R2', '<text>:4')
+    >>> deck.netlist()
+    <Netlist of 3 nodes: 2 resistors, 1 voltage source>
     """
 
     title: str | None
@@ -195,7 +153,19 @@ class Circuit:
 
     @staticmethod
     def of(circuit: Circuit | Netlist, path: str = "") -> Circuit:
-        """Return the circuit of a netlist read from the file `path`, or without a file; return a circuit unchanged."""
+        """Return the circuit of a netlist; return a circuit unchanged.
+
+        Parameters
+        ----------
+        circuit : Circuit or Netlist
+            The circuit or netlist.
+        path : str
+            Displayed name of the file of the netlist; empty without a file.
+
+        Returns
+        -------
+        Circuit
+        """
         if isinstance(circuit, Circuit):
             return circuit
         with np.errstate(over="ignore"):
@@ -265,12 +235,36 @@ class Circuit:
         return some(self.names_of(nodes[:SHOWN]), nodes.size)
 
     def element_name(self, kind: str, number: int) -> str:
-        """Return the name of an element, or its kind and number if it has no name."""
+        """Return the name of an element, or its kind and number if it has no name.
+
+        Parameters
+        ----------
+        kind : str
+            Kind of the element, a key of `ends`.
+        number : int
+            Index of the element among those of its kind.
+
+        Returns
+        -------
+        str
+        """
         names = self.element_names
         return names[kind][number] if kind in names else f"{kind} {number}"
 
     def place_of(self, kind: str, element: int) -> str:
-        """Return ``file:line`` of an element in a deck, otherwise the cells or nodes that it connects."""
+        """Return ``file:line`` of an element in a deck, otherwise the cells or nodes that it connects.
+
+        Parameters
+        ----------
+        kind : str
+            Kind of the element, a key of `ends`.
+        element : int
+            Index of the element among those of its kind.
+
+        Returns
+        -------
+        str
+        """
         if not self.is_deck:
             return self.place_of_nodes(np.unique(self.ends[kind][element]))
         file, line = self.place[kind][element].tolist()

@@ -19,6 +19,8 @@ from resgrid.core.regions import label_components
 class PowerBalance:
     """Power of every element (Tellegen's theorem: delivered and dissipated power are equal).
 
+    Returned by `resgrid.spice.power_balance`.
+
     Attributes
     ----------
     source_power : ndarray of float64, shape (sources,)
@@ -30,6 +32,21 @@ class PowerBalance:
         Power that every resistor dissipates, in watts.
     nonlinear_power : ndarray of float64, shape (nonlinear resistors,)
         Power that every nonlinear resistor dissipates, in watts.
+    delivered : float
+        Net power of all sources, in watts; NaN if the power of a source is undetermined.
+    dissipated : float
+        Power of all resistors, in watts.
+    imbalance : float
+        Delivered minus dissipated power, relative to the sum of all magnitudes; NaN if it is undetermined.
+
+    Examples
+    --------
+    >>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 3e-3], source_nodes=[[1, 0]], source_volts=[2.0])
+    >>> balance = rg.spice.power_balance(rg.solve(divider))
+    >>> balance.source_power.round(6), balance.resistor_power.round(6)
+    (array([0.003]), array([0.00225, 0.00075]))
+    >>> balance.imbalance < 1e-12
+    True
     """
 
     source_power: NDArray[np.float64]
@@ -60,6 +77,7 @@ def power_balance(op: OperatingPoint) -> PowerBalance:
     Parameters
     ----------
     op : OperatingPoint
+        The operating point of the circuit.
 
     Returns
     -------
@@ -88,8 +106,9 @@ def power_balance(op: OperatingPoint) -> PowerBalance:
 class IrDrop:
     """Voltage drop of every node from its supply.
 
-    A net is a set of nodes that resistors and sources of 0 V connect without ground.  The supply of a net is the source
-    voltage at one of its nodes that is farthest from 0 V, or 0 V without a source.
+    Returned by `resgrid.spice.ir_drop`.  A net is a set of nodes that resistors and sources of 0 V connect without
+    ground.  The supply of a net is the source voltage at one of its nodes that is farthest from 0 V, or 0 V without a
+    source.
 
     Attributes
     ----------
@@ -97,13 +116,32 @@ class IrDrop:
         Supply of every node's net, in volts.
     drop : ndarray of float64, shape (nodes,)
         ``supply - voltage``, in volts; negative for a node above its supply (ground bounce), NaN for a floating node.
+
+    Examples
+    --------
+    >>> grid = rg.Netlist(4, [[1, 2], [2, 3], [3, 0]], [1.0, 1.0, 0.1], source_nodes=[[1, 0]], source_volts=[1.8])
+    >>> drops = rg.spice.ir_drop(rg.solve(grid))
+    >>> worst = drops.worst(count=2)
+    >>> worst, drops.drop[worst].round(6), drops.supply[worst]
+    (array([3, 2]), array([0.3 , 0.15]), array([1.8, 1.8]))
     """
 
     supply: NDArray[np.float64]
     drop: NDArray[np.float64]
 
     def worst(self, count: int) -> NDArray[np.int64]:
-        """Return up to `count` nodes with the largest drops, the largest first, without floating nodes; shape (n,)."""
+        """Return the nodes with the largest drops, the largest first, without floating nodes.
+
+        Parameters
+        ----------
+        count : int
+            Maximum number of nodes.
+
+        Returns
+        -------
+        ndarray of int64, shape (at most count,)
+            Node numbers.
+        """
         size = np.abs(self.drop)
         size[~np.isfinite(size)] = -1.0
         size[GROUND] = -1.0
@@ -118,6 +156,7 @@ def ir_drop(op: OperatingPoint) -> IrDrop:
     Parameters
     ----------
     op : OperatingPoint
+        The operating point of the circuit.
 
     Returns
     -------

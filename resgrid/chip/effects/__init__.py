@@ -58,20 +58,58 @@ EFFECTS: dict[str, type[Effect]] = {
 
 
 def of_chip(chip: Chip, seed: Any = None) -> tuple[Effect, ...]:
-    """Return the effects of a chip description, in the order of design, fabrication and use."""
+    """Return the effects of a chip description, in the order of design, fabrication and use.
+
+    Parameters
+    ----------
+    chip : Chip
+        The chip description.
+    seed : int, sequence of int or numpy.random.SeedSequence, optional
+        Seed of the random effects; by default that of the chip description.
+
+    Returns
+    -------
+    tuple of Effect
+    """
     which = seed_of(chip.seed if seed is None else seed)
     effects = (kind.of(chip, which) for kind in EFFECTS.values())
     return tuple(effect for effect in effects if effect is not None)
 
 
 def to_json(effects: Iterable[Effect]) -> list[dict[str, Any]]:
-    """Return effects as plain values."""
+    """Return effects as plain values, which `from_json` reads.
+
+    Parameters
+    ----------
+    effects : iterable of Effect
+        The effects, in the order in which they are applied.
+
+    Returns
+    -------
+    list of dict
+        One table for each effect: its name in `EFFECTS` under ``"pass"``, and its fields.
+    """
     names = {kind: name for name, kind in EFFECTS.items()}
     return [{"pass": names[type(effect)], **plain(effect)} for effect in checked(effects)]
 
 
 def from_json(entries: Sequence[Mapping[str, Any]]) -> tuple[Effect, ...]:
-    """Return the effects of a list of tables, the output of `to_json`."""
+    """Return the effects of a list of tables, the output of `to_json`.
+
+    Parameters
+    ----------
+    entries : list or tuple of mapping
+        One table for each effect: its name in `EFFECTS` under ``"pass"``, and its fields.
+
+    Returns
+    -------
+    tuple of Effect
+
+    Raises
+    ------
+    InputError
+        If an entry is not a table, a name or key is unknown, or a value is out of range.
+    """
     if not isinstance(entries, list | tuple):
         raise InputError(
             f"effects = {entries!r} must be a list of tables, such as [{{'pass': 'mismatch', 'sigma': 0.01}}]"

@@ -36,23 +36,39 @@ HEADINGS = 36
 @frozen
 @dataclass(frozen=True, eq=False)
 class MapCells:
-    """The cells of a map file, with their axes, frame and costs.
+    """Cells of a map file, with axes, frame and costs.
+
+    The type of `Scene.map`, which `resgrid.read_scene` fills for a map file and for a scene with a ``[map]`` table.
 
     Attributes
     ----------
     axes : tuple of Axis
-        Axes of the map, in its own coordinates; also the axes of the scene, unless the robot turns or is an arm.
-    cell : ndarray of uint8
-        `resgrid.core.space.Cell` codes on these axes, before obstacles grow by the robot's radius.
+        Axes of the map in its own coordinates.  They are the axes of the scene, unless its robot turns or is an arm.
+    cell : ndarray of uint8, one dimension per axis
+        `resgrid.Cell` codes on these axes, before obstacles grow by the robot's radius.
     frame : Frame
-        Transformation from the map's coordinates to world coordinates.
-    conductivity : ndarray of float64 or None
-        Conductivity of every cell, in the shape of `cell`; None for maps without costs.
-    unknown : ndarray of bool or None
-        Mask of cells of unknown occupancy, in the shape of `cell`, whose codes are obstacle or free; None for formats
-        without unknown cells.
+        Transformation from map coordinates to world coordinates.
+    conductivity : ndarray of float64, shape of `cell`, or None
+        Relative conductivity of every cell, a positive number; None where the map has no costs.
+    unknown : ndarray of bool, shape of `cell`, or None
+        Cells of unknown occupancy, which are obstacles or free in `cell`; None where the format has none.
     table : mapping
-        The ``[map]`` table of the map; ``file`` is an absolute path.
+        The ``[map]`` table of the scene; ``file`` is an absolute path.
+    obstacles : CellSet
+        The obstacle cells, as a shape in map coordinates.
+
+    Examples
+    --------
+    >>> cell = np.zeros((3, 2), dtype=np.uint8)
+    >>> cell[1, 0], cell[2, 1] = rg.Cell.OBSTACLE, rg.Cell.GOAL
+    >>> np.save("cells.npy", cell)
+    >>> cells = rg.read_scene("cells.npy").map
+    >>> [axis.cells for axis in cells.axes], cells.unknown
+    ([3, 2], None)
+    >>> cells.cell
+    array([[0, 0],
+           [1, 0],
+           [0, 2]], dtype=uint8)
     """
 
     axes: tuple[Axis, ...]
@@ -63,7 +79,22 @@ class MapCells:
     table: Mapping[str, Any] = field(default_factory=dict)
 
     def with_table(self, table: Mapping[str, Any]) -> MapCells:
-        """Return the map with a ``[map]`` table, whose ``periodic`` names the axes that become periodic."""
+        """Return a copy with a ``[map]`` table, whose periodic axes are closed to rings.
+
+        Parameters
+        ----------
+        table : mapping
+            The table; ``periodic`` lists names of axes.
+
+        Returns
+        -------
+        MapCells
+
+        Raises
+        ------
+        InputError
+            If the map has no axis of a listed name.
+        """
         names, periodic = [axis.name for axis in self.axes], table.get("periodic", ())
         for name in periodic:
             if name not in names:
@@ -73,16 +104,29 @@ class MapCells:
 
     @property
     def obstacles(self) -> CellSet:
-        """The obstacle cells, as a shape in the map's own coordinates."""
+        """The obstacle cells, as a shape in map coordinates."""
         return CellSet(self.axes, self.cell == Cell.OBSTACLE)
 
     def space_of(self, robot: Robot) -> tuple[tuple[Axis, ...], Frame]:
-        """Return axes and frame of the configuration space of a robot on this map."""
+        """Return the axes and the frame of the configuration space of a robot on this map.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot.
+
+        Returns
+        -------
+        axes : tuple of Axis
+            Axes of the space; a turning robot adds one for its heading.
+        frame : Frame
+            Transformation from axis units to world coordinates.
+        """
         axes = robot.axes_on_map(self.axes, self.table.get("headings", HEADINGS))
         return tuple(axes), replace(self.frame, turning_length=robot.turning_length)
 
     def without_obstacles(self) -> MapCells:
-        """Return the map with all obstacle cells free."""
+        """Return a copy in which obstacle cells are free."""
         return replace(self, cell=np.where(self.cell == Cell.OBSTACLE, np.uint8(Cell.FREE), self.cell))
 
 

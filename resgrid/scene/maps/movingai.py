@@ -37,7 +37,9 @@ SCENARIO_FIELDS = {9: "1", 7: "0"}
 
 @dataclass(frozen=True)
 class MovingAIScenario:
-    """One path-planning problem of a scenario file.
+    r"""One problem of a scenario file.
+
+    Returned by `resgrid.maps.read_movingai_scenarios`, one for each line.
 
     Attributes
     ----------
@@ -47,11 +49,20 @@ class MovingAIScenario:
         Name of the map file, as given in the scenario.
     width, height : int
         Size of the map, in cells.
-    start, goal : tuple of int
-        Cells ``(x, y)`` with y upwards: column ``c``, row ``r`` of the file (row 0 at the top) is
-        ``(c, height - 1 - r)``.
+    start, goal : tuple of int, two entries
+        Cells in this package's convention: file column ``c``, row ``r`` (row 0 on top) is ``(c, height - 1 - r)``.
     optimal_length : float
-        Length of the shortest octile path, in cells; diagonal steps cost sqrt(2) and do not cut corners.
+        Length of the shortest octile path, in cells; diagonal steps cost sqrt(2) and cut no corner.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> size = Path("a.scen").write_text("version 1\n0\ta.map\t4\t2\t0\t0\t1\t1\t1.41421356\n")
+    >>> scenario = rg.maps.read_movingai_scenarios("a.scen")[0]
+    >>> scenario.map, (scenario.width, scenario.height)
+    ('a.map', (4, 2))
+    >>> scenario.start, scenario.goal, scenario.optimal_length
+    ((0, 1), (1, 0), 1.41421356)
     """
 
     bucket: int

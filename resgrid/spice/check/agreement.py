@@ -20,6 +20,8 @@ Reference = Literal["sidecar", "scene", "solve"]
 class Agreement:
     """The outcome of a comparison with a simulator.
 
+    Returned by `resgrid.check_deck`.
+
     Attributes
     ----------
     reference : {"sidecar", "scene", "solve"}
@@ -49,6 +51,14 @@ class Agreement:
         For a deck that was not run itself: the comparison for a deck written from the circuit that resgrid read.  This
         comparison tests the solution and not the reader.  The errors of the deck itself are then None, and its number
         of nodes is 0.
+
+    Examples
+    --------
+    >>> op = rg.solve(rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))))
+    >>> written = rg.write_spice(op, "lesson.cir")
+    >>> agreement = rg.check_deck("lesson.cir")
+    >>> agreement.agrees, agreement.reference, agreement.simulator, agreement.findings
+    (True, 'sidecar', 'ngspice', ())
     """
 
     reference: Reference

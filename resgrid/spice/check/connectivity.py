@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.sources import contradictions, tie_sources
 from resgrid.core.netlist import GROUND, Netlist
-from resgrid.spice.circuit import CONDUCTING, SHOWN, Circuit, Severity, Violation, some
+from resgrid.spice.circuit import CONDUCTING, SHOWN, Circuit, some
+from resgrid.spice.findings import Severity, Violation
 
 _MOST = 10
 """Maximum number of violations that one rule reports."""

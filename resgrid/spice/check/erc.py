@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from resgrid.core.netlist import Netlist
 from resgrid.spice.check import connectivity
-from resgrid.spice.circuit import LISTED, SEVERITIES, SHOWN, Circuit, Note, Severity, Violation, some
+from resgrid.spice.circuit import LISTED, SHOWN, Circuit, some
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.record import ReadingRules
+from resgrid.spice.findings import SEVERITIES, Note, Severity, Violation
 
 WIDEST_SPREAD = 1e15
 """Largest ratio of resistances at which double precision still resolves the small currents next to the large ones."""

@@ -22,9 +22,10 @@ from resgrid.spice.check.connectivity import Loops, loops_of
 from resgrid.spice.check.erc import check_erc
 from resgrid.spice.check.rereading import first_difference, reread
 from resgrid.spice.check.singular import singularity
-from resgrid.spice.circuit import TOLERANCE, Circuit, Violation, rebase
+from resgrid.spice.circuit import TOLERANCE, Circuit, rebase
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.record import Basis, Dialect, Quirks
+from resgrid.spice.findings import Violation
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 
 Outcome = Literal["right", "wrong", "fails", "unsure"]
@@ -42,7 +43,9 @@ _SHOWN = 3
 
 @dataclass(frozen=True)
 class Prediction:
-    """Predicted result of one simulator for a deck's operating point.
+    r"""Predicted result of one simulator for a deck's operating point.
+
+    Returned by `resgrid.spice.check_portability`, one for each simulator.
 
     Attributes
     ----------
@@ -59,6 +62,16 @@ class Prediction:
         Reasons for an outcome other than ``"right"``.
     basis : {"measured", "documented"}
         Source of the simulator's behaviour: runs of the simulator, or its documentation.
+
+    Examples
+    --------
+    >>> import io
+    >>> deck = rg.read_spice(io.StringIO("a short\nV1 a 0 2\nR1 a b 1k\nR2 b 0 0\n"))
+    >>> prediction = rg.spice.check_portability(deck)[0]
+    >>> prediction.simulator, prediction.outcome, prediction.basis
+    ('ngspice', 'wrong', 'measured')
+    >>> f"{prediction.max_error:.3g} V at {prediction.worst_node}"
+    '2e-06 V at b'
     """
 
     simulator: str

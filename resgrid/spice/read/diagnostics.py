@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from resgrid.errors import InputError
-from resgrid.spice.circuit import Note, Severity
+from resgrid.spice.findings import Note, Severity
 
 MAX_ERRORS = 20
 """Number of errors after which reading stops."""

@@ -32,11 +32,33 @@ Form = Literal["flat", "cells"]
 class WrittenDeck:
     """Paths of the files of one deck.
 
-    `path`: the portable deck, without commands; `commands`: the file that includes the deck and requests the operating
-    point or other analyses; `sidecar`: JSON with hashes, cells, reference results and versions; `sha256`: hash of the
-    deck; `companion`: the self-check deck, with which ngspice prints PASS or FAIL; None for other dialects, and for
-    random values; `chip, pattern`: in tile form, the array of tiles and the scene, which the deck includes;
-    `left_out`: number of floating nodes, and of elements of each kind, that the deck omits.
+    Returned by `resgrid.write_spice` and, by name, by `resgrid.chip.Study.write_decks`.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+        The portable deck, without commands.
+    commands : pathlib.Path
+        The file that includes the deck and requests the operating point or other analyses.
+    sidecar : pathlib.Path
+        JSON with hashes, cells, reference results and versions.
+    sha256 : str
+        Hash of the deck, 64 hexadecimal digits.
+    companion : pathlib.Path or None
+        The self-check deck, with which ngspice prints PASS or FAIL; None for other dialects, and for random values.
+    chip, pattern : pathlib.Path or None
+        In tile form, the array of tiles and the scene, which the deck includes.
+    left_out : mapping of str to int
+        Number of floating nodes, and of elements of each kind, that the deck omits.
+
+    Examples
+    --------
+    >>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")))
+    >>> written = rg.write_spice(netlist, "lesson.cir")
+    >>> [path.name for path in (written.path, written.commands, written.sidecar, written.companion)]
+    ['lesson.cir', 'lesson.cir.ngspice', 'lesson.cir.json', 'lesson.cir.verify']
+    >>> written.path.read_text().splitlines()[1]
+    '* ngspice dialect: 58 nodes besides ground, 2 voltage sources, 140 resistors'
     """
 
     path: Path

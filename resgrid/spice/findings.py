@@ -1,0 +1,101 @@
+"""Findings about decks and circuits: remarks of the reader, and violations of electrical rules."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Severity = Literal["error", "warning", "info"]
+
+SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
+"""All severities, the worst first."""
+
+
+@dataclass(frozen=True)
+class Note:
+    r"""A remark of the reader about a deck.
+
+    An entry of `Circuit.notes`.
+
+    Attributes
+    ----------
+    severity : {"error", "warning", "info"}
+        A warning concerns text that simulators read differently, or a probable mistake.
+    file : str
+        Displayed name of the file.
+    line, column : int
+        Position, counted from 1; column 0 means the whole line.
+    text : str
+        The remark.
+    outcome : {"", "fails", "unsure"}
+        Consequence in the simulator of the dialect: no result, or possibly another result.
+    place : str
+        ``file:line``, or ``file:line:column`` if the column is not 0.
+
+    Examples
+    --------
+    >>> import io
+    >>> deck = rg.read_spice(io.StringIO("one resistor\nV1 a 0 1\nR1 a 0 1k\n.tran 1u 1m\n"))
+    >>> print(deck.notes[0])
+    <text>:4: .tran is ignored: the operating point is solved
+    >>> deck.notes[0].severity, deck.notes[0].line
+    ('info', 4)
+    """
+
+    severity: Severity
+    file: str
+    line: int
+    column: int
+    text: str
+    outcome: Literal["", "fails", "unsure"] = ""
+
+    @property
+    def place(self) -> str:
+        """``file:line``, or ``file:line:column`` if the column is not 0."""
+        return f"{self.file}:{self.line}" + (f":{self.column}" if self.column else "")
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.text}"
+
+
+@dataclass(frozen=True)
+class Violation:
+    """One violation of an electrical rule.
+
+    Returned by `resgrid.check_erc`, one for each finding.
+
+    Attributes
+    ----------
+    severity : {"error", "warning", "info"}
+        With an error the circuit has no operating point, or a simulator reads its deck wrongly.
+    rule : str
+        Short name of the rule.
+    place : str
+        ``file:line`` in a deck, the cell of a scene, otherwise the nodes or elements concerned.
+    message : str
+        The problem.
+    remedy : str
+        The correction.
+    nodes : tuple of str
+        The nodes concerned, at most the first thousand.
+
+    Examples
+    --------
+    >>> circuit = rg.Netlist(3, [[1, 0]], [1.0], source_nodes=[[1, 0]], source_volts=[1.0])
+    >>> violation = rg.check_erc(circuit)[0]
+    >>> violation.severity, violation.rule, violation.nodes
+    ('warning', 'floating', ('node_2',))
+    >>> violation.remedy
+    'they are left out of decks; join them to the circuit by a resistor if they belong to it'
+    """
+
+    severity: Severity
+    rule: str
+    place: str
+    message: str
+    remedy: str
+    nodes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        where = f"{self.place}: " if self.place else ""
+        return f"{self.severity} [{self.rule}] {where}{self.message}; {self.remedy}"
