@@ -1,10 +1,8 @@
 """Time parameterization of paths: the fastest trajectory within velocity and acceleration limits.
 
-With acceleration limits, the robot would have to stop at every corner.  Instead, corners are rounded by linear segments
-with parabolic blends (R. P. Paul, Robot Manipulators, 1981, chapter 5): a parabola of constant acceleration leaves the
-first line at a distance ``d`` before the corner and joins the second line at the distance ``d`` after the corner.  It
-stays within the triangle at the corner.  Its distance from the corner is ``d |u2 - u1| / 4`` for unit directions ``u1``
-and ``u2``, and the tolerance of the path thus bounds ``d``.
+Corners are rounded by linear segments with parabolic blends (R. P. Paul, Robot Manipulators, 1981, chapter 5): a
+parabola of constant acceleration runs from a distance ``d`` before the corner to ``d`` after it, within the triangle at
+the corner, and passes it at ``d |u2 - u1| / 4`` for unit directions ``u1`` and ``u2``.  The tolerance bounds ``d``.
 """
 
 from __future__ import annotations
