@@ -3,7 +3,7 @@
 The value of a node is its potential relative to the nearer rail.  A branch current is computed from the difference of
 two values before any rounding.  With two rails, the linear system is solved for the drop ``u`` from the high rail.  The
 height ``phi = 1 - u`` above the low rail is the complement of the drop, or the solution of a second system if the
-complement would cancel at some node.  Source currents of both signs are two right-hand sides; their solutions may cancel.
+complement would cancel at some node.  Source currents of both signs are two right-hand sides; solutions may cancel.
 """
 
 from __future__ import annotations

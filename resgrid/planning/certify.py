@@ -287,8 +287,8 @@ def _exit_bounds(
 def _advance(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
     """Return positions after a time, clipped to the cell's range [0, 1]."""
     velocity, growth = lower * (1.0 - x) + upper * x, (upper - lower) * time
-    linear, exact = velocity * time * (1.0 + 0.5 * growth), velocity * np.expm1(growth) / (upper - lower)
-    step = np.where(np.abs(growth) < 1e-8, linear, exact)
+    exact = velocity * np.expm1(growth) / (upper - lower)
+    step = np.where(np.abs(growth) < 1e-8, velocity * time * (1.0 + 0.5 * growth), exact)
     return np.clip(x + np.where(velocity == 0, 0.0, step), 0.0, 1.0)
 
 
@@ -297,15 +297,14 @@ def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats)
     unit = 2.0 * np.log(path.space.spacing.min())
     low, high = (float(np.logaddexp.reduce(logs, initial=-np.inf) + unit) for logs in (log_shortest, log_longest))
     claimed = float(path.log_duration)
-    unmoved = np.isnan(claimed) and np.isneginf(low)
-    if not unmoved and not low - _SAME_TIME <= claimed <= high + _SAME_TIME:
+    if not (np.isnan(claimed) and np.isneginf(low)) and not low - _SAME_TIME <= claimed <= high + _SAME_TIME:
         raise CertificateError(f"the logarithm of the duration is {low}, not {claimed}")
 
 
 def certify_collision_free(path: AnyPath) -> None:
     """Check that no segment of a polyline meets an obstacle cell or leaves the grid.
 
-    All closed cells that a segment touches must be free or goal cells; or the segment must lie within one closed free or
+    All closed cells that a segment touches must be free or goal cells, or the segment must lie in one closed free or
     goal cell, as those of streamlines along an obstacle's face.  Consecutive cells of the second kind must be connected
     through faces of free cells that touch the point between them, so that no path passes between obstacles that meet at
     a corner.  Cells are enlarged by 1e-9 of their width, or by the rounding error of large coordinates.

@@ -345,7 +345,7 @@ def _wrapped(faces: tuple[NDArray[Any], ...], space: ConfigurationSpace) -> tupl
 
 
 def undriven_field(space: ConfigurationSpace, wiring: Wiring) -> Field:
-    """Return the field without currents: cells with a path to a goal at its potential, obstacles at that of their rail."""
+    """Return a field without currents: cells with a path to a goal at its potential, obstacles at their rail's."""
     faces = sum(face_counts(space.shape))
     potential = np.where(space.goal_connected | (space.cell == Cell.GOAL), 0.0, np.nan)
     if not wiring.is_driven:
