@@ -68,8 +68,8 @@ class Job:
 
         if ideal or self.is_ideal:
             return compile_circuit(self.space, wiring, scaled=scaled, work=self._work)
-        passes = partial(rg.chip.build_chip, chip=self.scene.chip)
-        return compile_circuit(self.space, replace(wiring, rails="cells"), passes=passes, work=self._work)
+        build_chip = partial(rg.chip.build_chip, chip=self.scene.chip)
+        return compile_circuit(self.space, replace(wiring, rails="cells"), build_chip=build_chip, work=self._work)
 
     def solve_ranked(self, wiring: rg.Wiring) -> Ranked:
         """Return the field of one circuit of the scene by method petsc; raise InputError unless the chip is ideal."""

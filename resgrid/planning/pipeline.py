@@ -30,7 +30,7 @@ from resgrid.planning.petsc_fields import Ranked, solve_ranked
 from resgrid.planning.trace import start_cell
 from resgrid.scene import Scene, build_space
 
-Passes = Callable[[Netlist], Netlist]
+ChipBuilder = Callable[[Netlist], Netlist]
 """Function that adds non-idealities of a chip to an ideal netlist."""
 
 Solver = Callable[..., OperatingPoint]
@@ -277,19 +277,19 @@ def compile_circuit(
     wiring: Wiring,
     *,
     scaled: bool = True,
-    passes: Passes | None = None,
+    build_chip: ChipBuilder | None = None,
     work: SolveOptions = DEFAULT_OPTIONS,
 ) -> Netlist:
     """Compile the netlist of one circuit.
 
     `scaled`: solve a uniformly driven circuit once, and scale its drive so that the highest node is at the supply;
-    `passes`: function that then adds the non-idealities of a chip.
+    `build_chip`: function that then adds the non-idealities of a chip.
     """
     seconds, stage = 4e-8 * space.cell.size * space.ndim, f"compile the {wiring.boundary} chip"
     netlist: Netlist = work.observe(stage, compile_space, space, wiring, seconds=seconds)
     if scaled and netlist.current_nodes.size:
         netlist = normalize_drive(netlist, work.solve(netlist, "scale its drive to the supply"))
-    return netlist if passes is None else passes(netlist)
+    return netlist if build_chip is None else build_chip(netlist)
 
 
 def solve_problem(problem: Problem, *, scaled: bool = False, work: SolveOptions = DEFAULT_OPTIONS) -> Solution:
