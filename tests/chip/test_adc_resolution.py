@@ -14,7 +14,7 @@ import resgrid as rg
 
 
 def corridor_netlist(width: int, length: int = 64) -> rg.Netlist:
-    """A corridor: the goal across one end, the walls and the other end at the supply voltage."""
+    """Return a corridor: the goal across one end, the walls and the other end at the supply voltage."""
     cell = np.zeros((length + 1, width), dtype=np.uint8)
     cell[0] = 2
     return rg.compile_space(space_of(cell))

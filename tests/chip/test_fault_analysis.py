@@ -55,14 +55,15 @@ def test_lost_starts_equal_those_of_the_rebuilt_faulty_chip(chip: rg.Chip) -> No
     netlist = rg.chip.build_chip(rg.study(walled_space(), chip).ideal, chip)
     readout = rg.chip.Readout(bits=7)
     result = rg.study(netlist).faults(readout=readout, short_resistance=5.0)
-    floor, eyes = neighbours_of(netlist.cells), converter_of(readout, netlist.cells, None)
+    neighbours, converter = neighbours_of(netlist.cells), converter_of(readout, netlist.cells, None)
     starts = walled_space().goal_connected.ravel()
-    healthy = reaches_goal(rg.solve(netlist).voltage, floor, eyes) & starts
+    healthy = reaches_goal(rg.solve(netlist).voltage, neighbours, converter) & starts
     assert result.served == healthy.sum() > 0
     for short, lost in ((None, result.open), (5.0, result.short)):
         some = range(0, len(lost), 1 if len(lost) < 150 and chip.saturation_voltage is None else 4)
         expected = [
-            (healthy & ~reaches_goal(rebuilt_voltages(netlist, element, short), floor, eyes)).sum() for element in some
+            (healthy & ~reaches_goal(rebuilt_voltages(netlist, element, short), neighbours, converter)).sum()
+            for element in some
         ]
         np.testing.assert_array_equal(lost[some], expected)
         assert max(expected) > 0

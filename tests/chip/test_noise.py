@@ -25,7 +25,7 @@ from resgrid.spice.write.flat import flatten
 
 
 def exact_power(exact: ExactMotion, low: float, high: float) -> np.ndarray:
-    """Mean square noise of the free nodes from the eigenvectors, in V^2."""
+    """Return the mean square noise of the free nodes from the eigenvectors, in V^2."""
     w = 2 * np.pi * exact.tau
     slow = w > 0
     area = np.full(len(w), high - low)
@@ -172,7 +172,7 @@ def test_invalid_frequencies_raise_input_error(frequencies: object) -> None:
 
 
 def three_nodes(resistors: list[float], tie: float = 0.0) -> rg.Netlist:
-    """Three nodes in a ring (or a chain) of resistors, 1 pF from each to ground, and a conductance from the last."""
+    """Return three nodes in a ring or chain of resistors, each with 1 pF to ground; node 3 may have a conductance."""
     pairs = [[1, 2], [2, 3], [3, 1]][: len(resistors)]
     return rg.Netlist(
         4,

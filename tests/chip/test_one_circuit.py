@@ -22,14 +22,14 @@ SWITCHES = {
     "internodal_switch_on": 50.0,
     "internodal_switch_off": 4e7,
 }
-WAYS = ["dirichlet", "wall", "uniform", "start"]
+WIRINGS = ["dirichlet", "wall", "uniform", "start"]
 
 Scene = tuple[rg.ConfigurationSpace, dict[str, Any]]
 
 
-def random_scene(number: int, way: str) -> Scene:
+def random_scene(number: int, wiring: str) -> Scene:
     """Return a small random grid with several goals, and its options of compile_space."""
-    rng = np.random.default_rng((number, WAYS.index(way)))
+    rng = np.random.default_rng((number, WIRINGS.index(wiring)))
     shape = tuple(rng.integers(1, (9, 5, 4)[ndim] + 1) for ndim in [rng.integers(0, 3)] for _ in range(ndim + 1))
     cell = rng.choice(3, shape, p=(0.55, 0.25, 0.2)).astype(np.uint8)
     cell.flat[rng.integers(cell.size)] = 2
@@ -41,11 +41,11 @@ def random_scene(number: int, way: str) -> Scene:
         conductivity=10.0 ** rng.uniform(-1, 1, shape) if rng.random() < 0.5 else None,
     )
     options: dict[str, Any] = {"edge": ["obstacle" if closed else "open" for closed in rng.random(cell.ndim) < 0.6]}
-    options["boundary"] = way if way in ("dirichlet", "wall") else "neumann"
+    options["boundary"] = wiring if wiring in ("dirichlet", "wall") else "neumann"
     if options["boundary"] == "neumann":
-        options["drive"] = way
+        options["drive"] = wiring
     served = np.argwhere(space.goal_connected)
-    if way == "start":
+    if wiring == "start":
         options["start"] = tuple(served[rng.integers(len(served))].tolist()) if len(served) else (0,) * cell.ndim
     return space, options
 
@@ -129,14 +129,14 @@ def assert_agrees(netlist: rg.Netlist, space: rg.ConfigurationSpace, expected: t
     assert point.power == pytest.approx(power, rel=1e-8, abs=1e-12 * scale**2 / R)
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_a_seed_draws_the_same_mismatch_in_analyses_netlists_and_decks(way: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("wiring", WIRINGS)
+def test_a_seed_draws_the_same_mismatch_in_analyses_netlists_and_decks(wiring: str, tmp_path: Path) -> None:
     drawn = rg.spice.analyses.MismatchAnalysis(0.4, seed=7)
     for number in range(20):
-        space, options = random_scene(number, way)
+        space, options = random_scene(number, wiring)
         if not (space.goal_connected & (space.cell == 0)).any():
             continue
-        wall = WALL if way == "wall" else None
+        wall = WALL if wiring == "wall" else None
         chip = rg.Chip(resistance=R, supply=VOLTS, wall_resistance=WALL, mismatch=0.4, seed=7)
         flat = rg.compile_space(space, **options, resistance=R, supply=VOLTS, wall_resistance=wall, rails="cells")
         made = rg.chip.build_chip(flat, chip)
@@ -148,15 +148,15 @@ def test_a_seed_draws_the_same_mismatch_in_analyses_netlists_and_decks(way: str,
             assert rg.check_deck(written.path).agrees
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_flat_netlists_and_chips_equal_the_dense_circuit_of_the_definition(way: str) -> None:
+@pytest.mark.parametrize("wiring", WIRINGS)
+def test_flat_netlists_and_chips_equal_the_dense_circuit_of_the_definition(wiring: str) -> None:
     compared = touching = 0
     for number in range(125):
-        space, options = random_scene(number, way)
+        space, options = random_scene(number, wiring)
         if not space.goal_connected.any():
             continue
         chip = rg.Chip(resistance=R, supply=VOLTS, wall_resistance=WALL)
-        wall = WALL if way == "wall" else None
+        wall = WALL if wiring == "wall" else None
         flat = rg.compile_space(space, **options, resistance=R, supply=VOLTS, wall_resistance=wall, rails="cells")
         ideal = dense_reference(space, options, {})
         try:

@@ -22,7 +22,7 @@ R, C = 10e3, 1e-12
 
 
 def grounded_square(n: int) -> rg.Netlist:
-    """N x N nodes, each with C to ground; the edge is tied to ground through R."""
+    """Return N x N nodes, each with C to ground; the edge is tied to ground through R."""
     node = np.arange(1, n * n + 1).reshape(n, n)
     inner = [(node[:-1], node[1:]), (node[:, :-1], node[:, 1:])]
     edge = [(side, 0 * side) for side in (node[0], node[-1], node[:, 0], node[:, -1])]
@@ -93,7 +93,7 @@ def test_settle_time_equals_that_of_the_exact_motion(boundary: str) -> None:
 
 
 def test_a_strongly_coupled_part_on_a_floating_source_ends_at_the_operating_point() -> None:
-    """The final currents inside are zero, although each row of the system contains +6 kA and -6 kA."""
+    """The final currents inside are zero, although terms of up to 6 kA cancel in the system."""
     netlist = rg.Netlist(
         5, [[1, 0], [3, 2], [4, 2], [3, 4]], [1e-10, 6e3, 0.03, 60.0], source_nodes=[[2, 1]], source_volts=[1.0],
         capacitor_nodes=[[3, 0], [4, 0]], capacitance=[C, C],

@@ -92,7 +92,7 @@ def test_a_pair_weakly_tied_to_two_rails_settles_with_exact_time_constants(ratio
 
 
 def island(side: int, ratio: float) -> rg.Netlist:
-    """A square of nodes joined by 1 S, tied to 1 V at one node by ``1 / ratio``, with 1 pF at each node."""
+    """Return a square of nodes joined by 1 S, tied to 1 V at one node by ``1 / ratio``, with 1 pF at each node."""
     node = np.arange(2, side * side + 2).reshape(side, side)
     inner = [(node[:-1], node[1:]), (node[:, :-1], node[:, 1:])]
     pairs = np.concatenate([[[1, 2]], *(np.stack([a.ravel(), b.ravel()], axis=1) for a, b in inner)])

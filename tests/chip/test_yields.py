@@ -37,7 +37,7 @@ def random_space(side: int = 12, seed: int = 0, density: float = 0.1) -> rg.Conf
 
 def robot_reaches_goal(
     netlist: rg.Netlist, volts: np.ndarray, readout: rg.chip.Readout, start: tuple[int, ...], offset: np.ndarray,
-    blur: np.ndarray,
+    noise: np.ndarray,
 ) -> bool:  # fmt: skip
     """Return whether one robot reaches a goal, cell by cell, by the documented rules."""
     cell_map = netlist.cell_map
@@ -58,7 +58,7 @@ def robot_reaches_goal(
         if here in been:
             return False
         been.add(here)
-        best, lowest = None, measure(here, blur[(*here, -1)])
+        best, lowest = None, measure(here, noise[(*here, -1)])
         for axis in range(space.ndim):
             for side, step in enumerate((-1, 1)):
                 there = list(here)
@@ -69,7 +69,7 @@ def robot_reaches_goal(
                     continue
                 if space.cell[tuple(there)] == 1:
                     continue
-                reading = measure(tuple(there), blur[(*here, 2 * axis + side)])
+                reading = measure(tuple(there), noise[(*here, 2 * axis + side)])
                 if reading < lowest:
                     best, lowest = tuple(there), reading
         if best is None:
@@ -96,16 +96,16 @@ def test_reached_goals_equal_those_of_the_robot_simulated_step_by_step(
         range=[None, (-0.1, 0.8)][rng.integers(2)],
     )
     sigma = np.full(space.cell.size, 0.02 if readout.noise_bandwidth else 0.0)
-    eyes = converter_of(readout, netlist.cells, sigma)
+    converter = converter_of(readout, netlist.cells, sigma)
     ways = 2 * space.ndim + 1
-    offset, blur = np.zeros(space.shape), np.zeros((*space.shape, ways))
+    offset, noise = np.zeros(space.shape), np.zeros((*space.shape, ways))
     if readout.offset:
         offset = 0.01 * generator((seed, 0), OFFSET).standard_normal(space.shape)
     if readout.noise_bandwidth:
-        blur = 0.02 * generator((seed, 0), NOISE).standard_normal((*space.shape, ways))
-    found = reaches_goal(volts, neighbours_of(netlist.cells), eyes, (seed, 0)).reshape(space.shape)
+        noise = 0.02 * generator((seed, 0), NOISE).standard_normal((*space.shape, ways))
+    found = reaches_goal(volts, neighbours_of(netlist.cells), converter, (seed, 0)).reshape(space.shape)
     for start in map(tuple, np.argwhere(space.goal_connected).tolist()):
-        assert found[start] == robot_reaches_goal(netlist, volts, readout, start, offset, blur)
+        assert found[start] == robot_reaches_goal(netlist, volts, readout, start, offset, noise)
 
 
 @settings(max_examples=15)
@@ -168,9 +168,9 @@ def test_yield_with_opens_equals_robots_simulated_on_every_chip() -> None:
         volts = point.voltage[netlist.cells.node]
         zero = np.zeros(result.space.shape)
         for start in map(tuple, np.argwhere(result.starts).tolist()):
-            blur = np.zeros((*result.space.shape, 5))
+            noise = np.zeros((*result.space.shape, 5))
             reached[start] += not np.isnan(volts[start]) and robot_reaches_goal(
-                netlist, point.voltage, rg.chip.Readout(), start, zero, blur
+                netlist, point.voltage, rg.chip.Readout(), start, zero, noise
             )
     assert np.abs(reached - result.reached).sum() <= 0.01 * result.reached.sum()
 
@@ -395,6 +395,6 @@ def test_every_voltage_above_the_range_reads_full_scale(bits: int, volts: float)
     )
     high = np.zeros(netlist.node_count)
     high[netlist.cells.node[1, 0]] = volts
-    floor, eyes = neighbours_of(netlist.cells), converter_of(rg.chip.Readout(bits=bits), netlist.cells, None)
-    assert reaches_goal(high, floor, eyes).all()
-    assert not reaches_goal(-high, floor, eyes)[1]
+    neighbours, converter = neighbours_of(netlist.cells), converter_of(rg.chip.Readout(bits=bits), netlist.cells, None)
+    assert reaches_goal(high, neighbours, converter).all()
+    assert not reaches_goal(-high, neighbours, converter)[1]

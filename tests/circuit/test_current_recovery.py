@@ -40,15 +40,15 @@ def stiff_circuits(draw: st.DrawFn) -> rg.Netlist:
         if part[a] != part[b]:
             part[part == part[a]] = part[b]
             sources.append((a, b))
-    fed = [rng.choice(n, 2, replace=False).tolist() for _ in range(int(rng.integers(not sources, 4)))]
+    injected = [rng.choice(n, 2, replace=False).tolist() for _ in range(int(rng.integers(not sources, 4)))]
     return rg.Netlist(
         n,
         pairs,
         10.0 ** (decades / 2 * exponent),
         np.reshape(sources, (-1, 2)),
         rng.choice([-1.0, 1.0], len(sources)) * 10.0 ** rng.uniform(-12.0, 4.0, len(sources)),
-        current_nodes=np.reshape(fed, (-1, 2)),
-        current_amps=10.0 ** rng.uniform(-9, 0, len(fed)),
+        current_nodes=np.reshape(injected, (-1, 2)),
+        current_amps=10.0 ** rng.uniform(-9, 0, len(injected)),
     )
 
 
@@ -70,8 +70,8 @@ def circuit_with_rails(
 ) -> rg.Netlist:
     """Return a circuit with voltage sources from nodes 1, 2, ... to ground, and an optional current into node 2."""
     sources = [(node, 0) for node in range(1, len(volts) + 1)]
-    fed = {"current_nodes": [(0, 2)], "current_amps": [amps]} if amps else {}
-    return rg.Netlist(max(map(max, pairs)) + 1, pairs, conductance, sources, volts, **fed)
+    injected = {"current_nodes": [(0, 2)], "current_amps": [amps]} if amps else {}
+    return rg.Netlist(max(map(max, pairs)) + 1, pairs, conductance, sources, volts, **injected)
 
 
 @pytest.mark.parametrize(
@@ -127,8 +127,8 @@ def test_currents_in_a_dead_end_decay_at_the_exact_rate_down_to_1e_270() -> None
     across = {tuple(pair): k for k, pair in enumerate(np.sort(netlist.resistor_nodes, axis=1).tolist())}
     rungs = [across[tuple(sorted((node[0, x], node[1, x])))] for x in range(5, 1000)]
     amps = np.abs(point.resistor_current[rungs])
-    told = amps > 0.0
-    assert amps[told].min() < 1e-270 and not told[np.argmin(told) :].any()
+    resolved = amps > 0.0
+    assert amps[resolved].min() < 1e-270 and not resolved[np.argmin(resolved) :].any()
     steps = -np.diff(np.log(amps[amps > 1e-270]))
     np.testing.assert_allclose(steps, np.arccosh(2.0), rtol=1e-9)
 
@@ -165,8 +165,8 @@ def test_cross_currents_of_a_ladder_decay_at_the_exact_rate_to_its_middle(rungs:
     point = rg.solve(netlist, method=method)
     assert point.kcl_residual < 1e-6
     across = np.abs(point.resistor_current[2 * rungs - 2 : 3 * rungs - 2])
-    told = across > 1e-25 * across.max()
-    quarter = np.diff(np.log(across[: rungs // 2 - 6][told[: rungs // 2 - 6]]))
+    resolved = across > 1e-25 * across.max()
+    quarter = np.diff(np.log(across[: rungs // 2 - 6][resolved[: rungs // 2 - 6]]))
     np.testing.assert_allclose(quarter, -np.arccosh(2.0), rtol=1e-4)  # f(x-1) - 4 f(x) + f(x+1) = 0
 
 

@@ -47,7 +47,7 @@ def test_energy_of_a_settled_circuit_equals_power_times_time() -> None:
 
 
 def floating_loop() -> rg.Netlist:
-    """1 V into an RC circuit, and 1 A through 1 ohm between two floating nodes."""
+    """Return 1 V into an RC circuit, and 1 A through 1 ohm between two floating nodes."""
     return rg.Netlist(
         5, [[1, 2], [3, 4]], [1.0, 1.0], source_nodes=[[1, 0]], source_volts=[1.0],
         current_nodes=[[3, 4]], current_amps=[1.0], capacitor_nodes=[[2, 0]], capacitance=[1.0],

@@ -43,7 +43,7 @@ def saturating(netlist: rg.Netlist, volts: float | np.ndarray) -> rg.Netlist:
 
 
 def saturating_pair(amps: float = 0.5e-6) -> rg.Netlist:
-    """A resistor with I = 1 uA tanh(dV / 0.1 V) from node 1 to ground, and a current source."""
+    """Return a resistor with I = 1 uA tanh(dV / 0.1 V) from node 1 to ground, and a current source."""
     return rg.Netlist(
         2, np.empty((0, 2), dtype=np.int64), [],
         current_nodes=[[0, 1]], current_amps=[amps],
@@ -117,16 +117,16 @@ def test_newton_is_damped_and_converges_in_deep_saturation() -> None:
 @pytest.mark.parametrize("order", [(2, 3, 1, 4, 5), (3, 5, 4, 2, 1), (4, 1, 2, 3, 5), (5, 4, 3, 2, 1)])
 def test_nodes_outside_a_closed_current_loop_are_at_zero_volts(order: tuple[int, ...]) -> None:
     """The current flows in a closed loop; the other nodes are at 0 V, where a relative error has no meaning."""
-    tied, end, up, down, fed = order
+    tied, end, up, down, injected = order
     netlist = rg.Netlist(
         6, [[tied, 0], [end, tied]], [1.1e-3, 2.7e-3],
         source_nodes=[[up, tied], [up, down]], source_volts=[0.53, 1.0],
-        current_nodes=[[fed, tied]], current_amps=[7e-4],
-        nonlinear_nodes=[[fed, down]], nonlinear_current=[7e-3], nonlinear_voltage=[6.76],
+        current_nodes=[[injected, tied]], current_amps=[7e-4],
+        nonlinear_nodes=[[injected, down]], nonlinear_current=[7e-3], nonlinear_voltage=[6.76],
     )  # fmt: skip
     op = rg.solve(netlist)
     assert op.voltage[[tied, end]] == pytest.approx([0.0, 0.0], abs=1e-15)
-    assert op.voltage[fed] == pytest.approx(-0.47 - 6.76 * np.arctanh(0.1))
+    assert op.voltage[injected] == pytest.approx(-0.47 - 6.76 * np.arctanh(0.1))
     assert op.nonlinear_amps == pytest.approx([-7e-4])
 
 
@@ -191,8 +191,8 @@ def test_random_saturating_circuits_are_solved_or_reported_as_overloaded(seed: i
         point = rg.solve(netlist)
     except rg.CircuitError as error:
         words = str(error).split()
-        fed, least = float(words[words.index("drive") + 1]), float(words[words.index("than") + 1])
-        assert fed >= least * (1 - 1e-5)
+        injected, least = float(words[words.index("drive") + 1]), float(words[words.index("than") + 1])
+        assert injected >= least * (1 - 1e-5)
         return
     v = point.voltage
     d = v[netlist.nonlinear_nodes[:, 0]] - v[netlist.nonlinear_nodes[:, 1]]
@@ -208,13 +208,13 @@ def test_linearize_equals_differences_of_operating_points() -> None:
     row = int(netlist.cells.free_node[20])
     nudge = 1e-4 * netlist.current_amps[0]
 
-    def fed(amps: float) -> np.ndarray:
+    def voltage_with(amps: float) -> np.ndarray:
         return rg.solve(netlist.replace(
             current_nodes=np.concatenate([netlist.current_nodes, [[0, row]]]),
             current_amps=np.append(netlist.current_amps, amps),
         )).voltage  # fmt: skip
 
-    seen = (fed(nudge) - fed(-nudge)) / (2 * nudge)
+    seen = (voltage_with(nudge) - voltage_with(-nudge)) / (2 * nudge)
     slope = rg.solve(rg.circuit.linearize(point).replace(current_nodes=[[0, row]], current_amps=[1.0]))
     np.testing.assert_allclose(slope.voltage, seen, rtol=1e-6, atol=1e-6 * np.abs(seen).max())
 
@@ -281,7 +281,7 @@ def test_currents_too_close_to_saturation_raise_circuit_error() -> None:
 
 
 def one_resistor(amps: float) -> rg.Netlist:
-    """A current source drives a nonlinear resistor to ground, ``I0`` = 1 A and ``V0`` = 0.1 V."""
+    """Return a current source on a nonlinear resistor to ground, ``I0`` = 1 A and ``V0`` = 0.1 V."""
     return rg.Netlist(
         2,
         [],

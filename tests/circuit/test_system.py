@@ -72,7 +72,7 @@ def test_matrix_rows_equal_sums_over_resistors(space: rg.ConfigurationSpace, rul
 
 
 def with_sources(seed: int) -> rg.Netlist:
-    """A random graph with grounded and floating sources (some of 0 V) and floating parts."""
+    """Return a random graph with grounded and floating sources (some of 0 V) and floating parts."""
     rng = np.random.default_rng(seed)
     count = 24
     pairs = rng.integers(0, count, (30, 2))

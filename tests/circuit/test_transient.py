@@ -22,7 +22,7 @@ METHODS = get_args(Method)
 
 
 def one_pole(**changes: object) -> rg.Netlist:
-    """1 V through 1 kohm into 1 nF: a time constant of 1 us."""
+    """Return 1 V through 1 kohm into 1 nF: a time constant of 1 us."""
     return rg.Netlist(
         3, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0], capacitor_nodes=[[2, 0]], capacitance=[1e-9]
     ).replace(**changes)

@@ -17,7 +17,7 @@ HEAD = "image: map.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_
 
 @pytest.fixture
 def working_folder(tmp_path, monkeypatch, scenes):
-    """The working folder, with a scene, a ROS map of 3 m x 2 m and a benchmark map."""
+    """Return the working folder, with a scene, a ROS map of 3 m x 2 m and a benchmark map."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "lesson.toml").write_text((scenes / "lesson.toml").read_text())
     cell = np.full((20, 30), 254, np.uint8)
@@ -95,10 +95,10 @@ def test_a_map_larger_than_the_memory_gets_the_remedy_for_maps(call, working_fol
 def test_keys_and_files_without_effect_are_reported(call, working_folder):
     words = ("path", "map.yaml", "--goal", "0.5,0.5", "--start", "1,1", "--set", "map.headings=9")
     assert "ignored: map.headings: this robot does not turn" in call(*words).stderr
-    said = call("path", "map.pgm", "--goal", "5,5", "--start", "9,9").stderr
-    assert "map.yaml" in said
-    said = call("path", "arena.map", "--queries", "arena.scen").stderr
-    assert "these queries are for the map 'other.map', not for 'arena.map'" in said
+    message = call("path", "map.pgm", "--goal", "5,5", "--start", "9,9").stderr
+    assert "map.yaml" in message
+    message = call("path", "arena.map", "--queries", "arena.scen").stderr
+    assert "these queries are for the map 'other.map', not for 'arena.map'" in message
 
 
 def test_unknown_options_raise_type_error_with_the_closest_name(scenes):
@@ -132,9 +132,9 @@ def test_messages_use_the_correct_article_before_type_names():
 
 def test_an_angle_that_looks_like_degrees_is_reported(call, scenes):
     arm = scenes / "problem_two_goals.toml"
-    said = call("info", arm, "--start", "90,0").stderr
+    message = call("info", arm, "--start", "90,0").stderr
     assert (
-        said
+        message
         == "starts[0]: theta_1 = 90 is an angle of 14.3 turns; give angles in radians (90 degrees are 1.5708 rad)\n"
     )
     assert call("info", arm, "--start", "1.5708,0").stderr == ""

@@ -9,7 +9,7 @@ KEYS = "resolution: 0.5\norigin: [-4, -3, 0]\nnegate: 0\noccupied_thresh: 0.65\n
 
 @pytest.fixture
 def map_file(tmp_path):
-    """A map of 100 x 60 unknown cells with 8 x 6 free cells inside walls."""
+    """Write a map of 100 x 60 unknown cells with 8 x 6 free cells inside walls."""
     grey = np.full((60, 100), 205, dtype=np.uint8)
     grey[20:28, 30:40] = 0
     grey[21:27, 31:39] = 254

@@ -104,7 +104,7 @@ def test_runs_on_ros_maps_write_ros_messages(answer, call, ros_map, tmp_path):
 
 @pytest.fixture
 def ros_map(tmp_path):
-    """A map of 0.8 m x 0.6 m with a wall that has a gap at the top, and an unknown corner."""
+    """Write a map of 0.8 m x 0.6 m with a wall that has a gap at the top, and an unknown corner."""
     cell = np.full((6, 8), 254, np.uint8)
     cell[1:, 4], cell[0, 0] = 0, 205
     Image.fromarray(cell).save(tmp_path / "map.pgm")

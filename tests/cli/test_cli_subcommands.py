@@ -256,7 +256,7 @@ def test_messages_are_written_to_standard_error(call, room, tmp_path):
 
 @pytest.fixture
 def picture(tmp_path: Path) -> Path:
-    """A grey image of 12 x 8 cells: white, with a black wall that has a gap at the bottom, and a grey dot."""
+    """Write a grey image of 12 x 8 cells: white, with a black wall that has a gap at the bottom, and a grey dot."""
     from PIL import Image
 
     rows = np.full((8, 12), 255, dtype=np.uint8)

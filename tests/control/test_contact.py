@@ -40,7 +40,7 @@ SOLIDS = [
 
 
 def jacobian(pose: Pose, point: np.ndarray, part: int) -> np.ndarray:
-    """Velocity of a point of a part for unit velocities of the axes, shape (2, ndim)."""
+    """Return the velocity of a point of a part for unit velocities of the axes, shape (2, ndim)."""
     spin, pivot = pose.spin[part], pose.pivot[part]
     return np.stack([-spin * (point[1] - pivot[:, 1]), spin * (point[0] - pivot[:, 0])]) + pose.shift[part].T
 

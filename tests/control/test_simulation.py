@@ -83,7 +83,7 @@ def test_starts_inside_a_hidden_u_arrive_with_learning_and_not_by_following() ->
     assert {run.ending for run in (hiding(U).run(start) for start in starts)} == {rg.control.TerminationReason.ARRIVED}
 
 
-def test_following_passes_a_disc_met_off_centre() -> None:
+def test_following_arrives_around_a_disc_that_is_hit_off_centre() -> None:
     sim = hiding([rg.Ball((3.7, 4.0), 0.5)], learn=False)
     run = sim.run((4.1, 7.5))
     assert_run_is_consistent(sim, run)

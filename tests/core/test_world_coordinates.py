@@ -60,7 +60,7 @@ class World:
         """Return world coordinates of one point of the map."""
         return tuple(self.place(point).tolist())
 
-    def say(self, point: ArrayLike) -> str:
+    def as_option(self, point: ArrayLike) -> str:
         """Return world coordinates of one point as text for the command line."""
         return ",".join(map(repr, self.at(point)))
 
@@ -115,7 +115,9 @@ def test_readme_code_planner_and_command_line_give_the_same_path(worlds: tuple[W
         exec(lines.replace("(0.5, 6.5)", repr(world.at(START))), names)
         own = names["path"]
         assert isinstance(own, rg.Streamline)
-        answer = call("path", world.file, "--goal", world.say(GOAL), f"--start={world.say(START)}", "--json")
+        answer = call(
+            "path", world.file, "--goal", world.as_option(GOAL), f"--start={world.as_option(START)}", "--json"
+        )
         (printed,) = json.loads(answer.stdout)["paths"]
         planned = rg.plan(rg.read_scene(world.file, goal=world.at(GOAL))).path(world.at(START))
         assert own.outcome == printed["outcome"] == planned.outcome == "reached"
@@ -230,8 +232,8 @@ def test_a_controller_accepts_and_returns_world_coordinates(worlds: tuple[World,
 def test_speed_limits_of_a_controller_hold_in_world_coordinates(worlds: tuple[World, World]) -> None:
     for world in worlds:
         controller = rg.control.make_controller(rg.plan(world.scene()).field, speed=1.0, speed_limits=(0.3, 0.2))
-        asked = np.array([controller.command(world.at(point)) for point in ((0.7, 4.1), (2.9, 0.4), (6.7, 4.0))])
-        assert np.abs(asked / (0.3, 0.2)).max(axis=1) == pytest.approx([1, 1, 1])
+        commands = np.array([controller.command(world.at(point)) for point in ((0.7, 4.1), (2.9, 0.4), (6.7, 4.0))])
+        assert np.abs(commands / (0.3, 0.2)).max(axis=1) == pytest.approx([1, 1, 1])
 
 
 def test_a_run_contains_world_coordinates(worlds: tuple[World, World]) -> None:
@@ -280,7 +282,7 @@ def test_surface_normals_are_in_world_coordinates(worlds: tuple[World, World]) -
 def test_command_line_results_are_in_world_coordinates(worlds: tuple[World, World], tmp_path: Path) -> None:
     results = []
     for world in worlds:
-        words = [str(world.file), f"--goal={world.say(GOAL)}", f"--start={world.say(START)}"]
+        words = [str(world.file), f"--goal={world.as_option(GOAL)}", f"--start={world.as_option(START)}"]
         result = call("path", *words, "--json")
         assert result.exit_code == 0, result.output
         (path,) = json.loads(result.stdout)["paths"]

@@ -75,7 +75,7 @@ def test_items_that_kill_every_worker_raise_worker_error_with_their_range(kind: 
 
 
 def test_a_task_that_fails_inside_dask_is_sent_again() -> None:
-    """dask may raise ValueError on an invalid result while it cancels tasks; ValueError of the task is still raised."""
+    """Dask may raise ValueError on an invalid result while it cancels tasks; ValueError of the task is still raised."""
     cascade: dict[str, object] = {"__name__": "distributed.cfexecutor"}
     exec("def fetch(result):\n    typ, exc, tb = result", cascade)
 

@@ -153,7 +153,7 @@ joints = [-3.0, 0.3]
 
 @pytest.fixture(scope="module")
 def ring_path() -> rg.Streamline:
-    """A streamline of an arm that crosses the seam of its first joint."""
+    """Return a streamline of an arm that crosses the seam of its first joint."""
     scene = rg.parse_scene(RING)
     return rg.plan(scene).path(scene.starts[0])
 
@@ -202,11 +202,11 @@ def test_files_of_paths_that_reach_no_goal_contain_the_outcome(tmp_path) -> None
         assert json.loads(write_path(path, tmp_path / "path.json").read_text())["outcome"] == outcome
         with np.load(write_path(path, tmp_path / "path.npz")) as arrays:
             assert arrays["outcome"] == outcome
-        for refused in (path, rg.time_parameterize(path, velocity_limits=1.0)):
+        for invalid in (path, rg.time_parameterize(path, velocity_limits=1.0)):
             with pytest.raises(rg.InputError, match=f"ended with '{outcome}'.*cannot hold an outcome"):
-                write_path(refused, tmp_path / "path.yaml")
+                write_path(invalid, tmp_path / "path.yaml")
             with pytest.raises(rg.InputError, match="cannot hold an outcome"):
-                rg.maps.to_ros_path(refused)
+                rg.maps.to_ros_path(invalid)
     assert not (tmp_path / "path.yaml").exists()
 
 
