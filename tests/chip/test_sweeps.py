@@ -73,7 +73,7 @@ def test_a_sweep_resumes_from_a_truncated_checkpoint_and_rejects_damaged_ones(tm
 
     alone = explored(checkpoint=file)
     data = file.read_bytes()
-    assert data.count(b"\n") == 1 + 1 + 12 + 12  # chips without mismatch are all the same
+    assert data.count(b"\n") == 1 + 1 + 12 + 12  # chips without mismatch are identical
     for size in (data.index(b"\n") + 1, len(data) // 3, len(data) - 3):
         file.write_bytes(data[:size])
         with ThreadPoolExecutor(2) as threads:
@@ -92,7 +92,7 @@ def test_a_sweep_resumes_from_a_truncated_checkpoint_and_rejects_damaged_ones(tm
             explored(checkpoint=file)
 
 
-def test_cheapest_returns_the_first_value_from_which_the_yield_stays_above_the_target() -> None:
+def test_cheapest_is_the_first_value_from_which_the_yield_stays_above_the_target() -> None:
     share = np.array([[0.5, 0.995, 0.98, 0.99, 1.0], [0.1, 0.2, 0.3, 0.4, 0.5], [1.0, 1.0, 1.0, 1.0, 1.0]])
     result = rg.chip.Sweep("a", "b", (1, 2, 3), (6, 8, 10, 12, 14), share, share, share, 10, 0.95)
     assert result.cheapest(0.99) == [12, None, 6]

@@ -84,7 +84,7 @@ def test_the_noise_agrees_with_ngspice(folder: Path, tmp_path: Path) -> None:
     assert wanted["limit"] == pytest.approx(np.sqrt(1.380649e-23 * 300.15 / 60e-15), rel=1e-9)
 
 
-def test_temperatures_are_those_of_ngspice(folder: Path, tmp_path: Path) -> None:
+def test_voltages_at_all_temperatures_agree_with_ngspice(folder: Path, tmp_path: Path) -> None:
     for file in folder.glob("temperature.cir*"):
         shutil.copy(file, tmp_path / file.name)
     run(tmp_path / "temperature.cir.ngspice")

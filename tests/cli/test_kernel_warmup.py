@@ -1,4 +1,4 @@
-"""The subcommand warm: kernels compiled in one process are loaded from the cache by later processes.
+"""``python -m resgrid.cli.warm``: kernels compiled in one process are loaded from the cache by later processes.
 
 Tests internals: `resgrid.cli`, `resgrid.cli.warm`.
 """
@@ -78,7 +78,7 @@ def _fail() -> None:
     raise ArithmeticError
 
 
-def test_warm_exits_with_0_and_with_another_code_after_a_failure(monkeypatch):
+def test_warmup_exits_with_0_and_with_another_code_after_a_failure(monkeypatch):
     monkeypatch.setattr(kernel_warmup, "compile_kernels", lambda _jobs: iter(kernel_warmup.CASES))
     assert CliRunner().invoke(command, ["--jobs", "2"]).exit_code == 0
 
