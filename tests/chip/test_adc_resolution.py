@@ -1,3 +1,5 @@
+"""Resolution of the read-out (bits): exact corridors by mpmath, and the definition evaluated cell by cell."""
+
 from __future__ import annotations
 
 import json
@@ -11,23 +13,23 @@ from support.spaces import space_of
 import resgrid as rg
 
 
-def corridor(width: int, length: int = 64) -> rg.Netlist:
-    """A corridor between held walls, the goal across one end, the other end held."""
+def corridor_netlist(width: int, length: int = 64) -> rg.Netlist:
+    """Return a corridor: the goal across one end, the walls and the other end at the supply voltage."""
     cell = np.zeros((length + 1, width), dtype=np.uint8)
     cell[0] = 2
     return rg.compile_space(space_of(cell))
 
 
 @pytest.mark.parametrize(("width", "bits"), [(8, 34.0), (4, 56.7)])
-def test_the_end_of_a_corridor_needs_as_many_bits_as_theory_says(width: int, bits: float) -> None:
-    result = rg.study(rg.solve(corridor(width))).adc_resolution()
+def test_bits_at_the_end_of_a_corridor_equal_the_exact_series(width: int, bits: float) -> None:
+    result = rg.study(rg.solve(corridor_netlist(width))).adc_resolution()
     assert result.cell_bits[-1].max() == pytest.approx(bits, abs=0.05)
-    assert result.cell_bits[-1].max() == pytest.approx(exact_bits(width, 64), abs=1e-9)
+    assert result.cell_bits[-1].max() == pytest.approx(exact_corridor_bits(width, 64), abs=1e-9)
     assert np.nanmax(result.start_bits) == pytest.approx(bits, abs=0.05)
 
 
-def exact_bits(width: int, length: int) -> float:
-    """Bits at the far corner, from the sine series of the discrete corridor in many digits."""
+def exact_corridor_bits(width: int, length: int) -> float:
+    """Return the bits at the far corner from the sine series of the discrete corridor, with 60 or 500 digits."""
     with mpmath.workdps(500 if length > 100 else 60):
 
         def drop(x: int, y: int) -> mpmath.mpf:
@@ -44,14 +46,14 @@ def exact_bits(width: int, length: int) -> float:
         return float(mpmath.log(1 / (best - drop(length, 1)), 2))
 
 
-def test_bits_go_on_where_doubles_end() -> None:
-    result = rg.study(rg.solve(corridor(2, 800))).adc_resolution()
-    assert result.cell_bits[-1, 0] == pytest.approx(exact_bits(2, 800), abs=1e-6)
+def test_bits_are_exact_where_voltage_differences_underflow_doubles() -> None:
+    result = rg.study(rg.solve(corridor_netlist(2, 800))).adc_resolution()
+    assert result.cell_bits[-1, 0] == pytest.approx(exact_corridor_bits(2, 800), abs=1e-6)
     assert result.cell_bits[-1, 0] > 1100
 
 
 @pytest.mark.parametrize("options", [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 30e3}])
-def test_bits_follow_from_the_definition(options: dict[str, object]) -> None:
+def test_bits_follow_from_the_definition_cell_by_cell(options: dict[str, object]) -> None:
     op = rg.solve(small_scene(**options))
     result = rg.study(op).adc_resolution()
     cell_map = op.netlist.cells
@@ -72,8 +74,8 @@ def test_bits_follow_from_the_definition(options: dict[str, object]) -> None:
     assert np.isnan(result.cell_bits[code != rg.Cell.FREE]).all()
 
 
-def test_a_read_out_of_enough_bits_leads_home() -> None:
-    """A robot that only sees voltages floored to 2**b steps, b one more than needed, walks to the goal."""
+def test_descent_on_quantized_voltages_reaches_the_goal_with_the_stated_bits() -> None:
+    """Voltages are floored to 2**b steps; b is one bit above the requirement."""
     op = rg.solve(small_scene())
     result = rg.study(op).adc_resolution()
     cell_map = op.netlist.cells
@@ -88,7 +90,7 @@ def test_a_read_out_of_enough_bits_leads_home() -> None:
     assert not (below < coarse[cell_map.space.goal_connected]).all()
 
 
-def test_the_sentence_counts_starts() -> None:
+def test_the_summary_sentence_states_the_fraction_of_served_starts() -> None:
     result = rg.study(rg.solve(small_scene())).adc_resolution()
     share = np.mean(result.starts <= 10)
     assert 0 < share < 1
@@ -100,20 +102,20 @@ def test_the_sentence_counts_starts() -> None:
         assert result.served(bits) >= share > result.served(bits - 1)
 
 
-def test_half_the_range_saves_a_bit() -> None:
+def test_halving_the_range_saves_one_bit() -> None:
     op = rg.solve(small_scene())
     whole, half = rg.study(op).adc_resolution(), rg.study(op).adc_resolution(span=0.5)
     free = op.netlist.cells.space.goal_connected
     assert (whole.cell_bits - half.cell_bits)[free] == pytest.approx(1.0)
 
 
-def test_a_falling_supply_changes_nothing() -> None:
+def test_a_negative_supply_needs_the_same_bits() -> None:
     up, down = (rg.study(rg.solve(small_scene(supply=volts))).adc_resolution() for volts in (2.0, -2.0))
     assert (up.following == down.following).all()
     assert up.starts == pytest.approx(down.starts)
 
 
-def test_cells_without_current_need_more_bits_than_there_are() -> None:
+def test_cells_without_current_need_infinitely_many_bits() -> None:
     cell = np.zeros((6, 5), dtype=np.uint8)
     cell[0, 0] = 2
     netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(3, 0))
@@ -124,7 +126,7 @@ def test_cells_without_current_need_more_bits_than_there_are() -> None:
     assert rg.study(rg.solve(dead_end)).adc_resolution().bits_for(1.0) is None
 
 
-def test_readings_and_errors() -> None:
+def test_json_has_units_and_invalid_arguments_raise_input_error() -> None:
     op = rg.solve(small_scene())
     data = rg.study(op).adc_resolution().to_json()
     assert data["most_bits"]["unit"] == "bit"
@@ -138,7 +140,7 @@ def test_readings_and_errors() -> None:
         rg.study(rg.solve(bare)).adc_resolution()
 
 
-def test_a_broken_resistor_hides_no_neighbour() -> None:
+def test_a_neighbour_behind_a_missing_resistor_is_still_compared() -> None:
     netlist = small_scene()
     cell_map = netlist.cells
     node = cell_map.node
@@ -164,7 +166,7 @@ def test_a_broken_resistor_hides_no_neighbour() -> None:
 
 
 @pytest.mark.parametrize("shape", [(2, 5), (1, 6), (3, 4, 5)])
-def test_rings_close(shape: tuple[int, ...]) -> None:
+def test_periodic_neighbours_are_compared_across_the_seam(shape: tuple[int, ...]) -> None:
     cell = np.zeros(shape, dtype=np.uint8)
     cell.flat[-1] = 2
     op = rg.solve(rg.compile_space(space_of(cell, periodic=(True,) * len(shape)), boundary="neumann"))
@@ -181,7 +183,7 @@ def test_rings_close(shape: tuple[int, ...]) -> None:
         assert volts[result.following.flat[here]] == pytest.approx(min(volts[a] for a in around), abs=1e-12)
 
 
-def test_without_any_start_nothing_is_not_a_number() -> None:
+def test_a_space_without_starts_gives_null_values_instead_of_nan() -> None:
     cell = np.array([[0, 1, 2]], dtype=np.uint8)
     result = rg.study(rg.solve(rg.compile_space(space_of(cell), rails="cells"))).adc_resolution()
     assert result.sentence() == "no start has a path to a goal"
@@ -190,13 +192,13 @@ def test_without_any_start_nothing_is_not_a_number() -> None:
 
 
 @pytest.mark.parametrize("span", ["x", 0.0, -1.0, np.nan, np.inf, True], ids=str)
-def test_bad_ranges_are_named(span: object) -> None:
+def test_invalid_spans_raise_input_error(span: object) -> None:
     with pytest.raises(rg.InputError, match="span = "):
         rg.study(rg.solve(small_scene())).adc_resolution(span=span)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_no_analysis_lets_a_robot_step_into_an_obstacle_that_droops_behind_its_switch(seed: int) -> None:
+def test_no_analysis_steps_into_an_obstacle_cell_whose_voltage_droops(seed: int) -> None:
     rng = np.random.default_rng(seed)
     cell = (rng.random((7, 9)) < 0.15).astype(np.uint8)
     cell[3, 4] = rg.Cell.GOAL

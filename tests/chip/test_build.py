@@ -1,4 +1,4 @@
-"""Building chips, one by one and by the thousand, and what ngspice says of them.
+"""Chips built one by one and in batches, against ngspice on the written deck.
 
 Tests internals: `resgrid.chip.effects.values`, `resgrid.core.random_sites`, `resgrid.spice.run.ngspice`,
 `resgrid.spice.write.flat`.
@@ -40,7 +40,7 @@ CHIPS = {
 }  # fmt: skip
 
 
-def scene() -> rg.ConfigurationSpace:
+def obstacle_space() -> rg.ConfigurationSpace:
     cell = np.zeros((16, 16), dtype=np.uint8)
     cell[3:9, 7], cell[12, 3], cell[1, 14] = rg.Cell.OBSTACLE, rg.Cell.GOAL, rg.Cell.GOAL
     return space_of(cell)
@@ -48,24 +48,26 @@ def scene() -> rg.ConfigurationSpace:
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann", "wall"])
 @pytest.mark.parametrize("name", CHIPS)
-def test_ngspice_agrees_about_the_very_same_chip(name: str, boundary: str) -> None:
+def test_ngspice_computes_the_same_voltages_for_every_kind_of_chip(name: str, boundary: str) -> None:
     wall = {"wall_resistance": 5e3} if boundary == "wall" else {}
-    netlist = rg.chip.build_chip(rg.compile_space(scene(), boundary=boundary, rails="cells", **wall), CHIPS[name])
+    netlist = rg.chip.build_chip(
+        rg.compile_space(obstacle_space(), boundary=boundary, rails="cells", **wall), CHIPS[name]
+    )
     tolerance = 1e-6 if name == "saturation" else 1e-9
     agreement = rg.check_deck(netlist, tolerance=tolerance)
     assert agreement.agrees, agreement
 
 
-def test_ngspice_heats_the_chip_by_its_own_coefficients(tmp_path: Path) -> None:
+def test_temperature_coefficients_in_the_deck_heat_the_chip_in_ngspice(tmp_path: Path) -> None:
     chip = rg.Chip(tc1=2e-3, tc2=-3e-6, mismatch=0.1, **SWITCHES)
-    netlist = rg.study(scene(), chip).netlist
+    netlist = rg.study(obstacle_space(), chip).netlist
     deck = tmp_path / "hot.cir"
     deck.write_text(flatten(netlist).text.replace("\n.end", "\n.temp 110\n.end"))
-    told = simulate(deck.read_bytes()).voltage
+    simulated = simulate(deck.read_bytes()).voltage
     point = rg.solve(Temperature(110.0).apply(netlist))
     names = netlist.names_of(np.arange(1, netlist.node_count))
-    apart = [abs(told[name] - volts) for name, volts in zip(names, point.voltage[1:].tolist(), strict=True)]
-    assert max(apart) < 1e-9
+    difference = [abs(simulated[name] - volts) for name, volts in zip(names, point.voltage[1:].tolist(), strict=True)]
+    assert max(difference) < 1e-9
     assert np.abs(point.voltage - rg.solve(netlist).voltage).max() > 1e-4
 
 
@@ -80,8 +82,8 @@ def test_ngspice_heats_the_chip_by_its_own_coefficients(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_thousands_of_chips_are_those_built_one_by_one(chip: rg.Chip, boundary: str) -> None:
-    netlist = rg.compile_space(scene(), rails="cells", boundary=boundary)
+def test_batched_conductances_equal_those_of_chips_built_one_by_one(chip: rg.Chip, boundary: str) -> None:
+    netlist = rg.compile_space(obstacle_space(), rails="cells", boundary=boundary)
     seeds = [3, (3, 0), np.random.SeedSequence(3).spawn(2)[1]]
     circuit, samples = rg.study(netlist, chip).conductances(seeds)
     assert samples.shape == (3, len(circuit.conductance))
@@ -93,20 +95,20 @@ def test_thousands_of_chips_are_those_built_one_by_one(chip: rg.Chip, boundary: 
         assert np.abs(np.log(samples[0] / samples[1])).max() > 0.1
 
 
-def test_chips_that_differ_in_more_than_values_are_built_one_by_one() -> None:
-    netlist = rg.compile_space(scene(), rails="cells")
+def test_conductances_rejects_effects_that_change_the_topology() -> None:
+    netlist = rg.compile_space(obstacle_space(), rails="cells")
     for chip in (rg.Chip(saturation_voltage=1.0), rg.Chip(defects=rg.chip.Defects(0.1))):
         with pytest.raises(rg.InputError, match="build them one by one"):
             rg.study(netlist, chip).conductances([1])
 
 
 def test_an_ideal_chip_is_the_netlist_itself() -> None:
-    netlist = rg.compile_space(scene())
+    netlist = rg.compile_space(obstacle_space())
     assert rg.chip.effects.of_chip(rg.Chip()) == ()
     assert rg.chip.build_chip(netlist, rg.Chip()) is netlist
 
 
-def test_streams_and_children_do_not_overlap() -> None:
+def test_random_streams_of_seeds_and_their_children_do_not_overlap() -> None:
     draws = {
         tuple(generator(seed, stream).integers(0, 2**63, 3).tolist())
         for seed in (0, 1, (0, 0), (0, 1), (1, 0), (0, 0, 1))
@@ -118,12 +120,12 @@ def test_streams_and_children_do_not_overlap() -> None:
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, "7", None, True, (), (1, -2), [None]])
-def test_seeds_are_whole_numbers(seed: object) -> None:
+def test_seeds_that_are_not_whole_numbers_raise_input_error(seed: object) -> None:
     with pytest.raises(rg.InputError, match="must be a whole number"):
         seed_of(seed)
 
 
-def test_the_chip_of_a_scene_is_built_as_its_table_says() -> None:
+def test_the_chip_table_of_a_scene_sets_supply_resistance_and_mismatch() -> None:
     text = """
     schema = 1
     [grid]

@@ -1,4 +1,4 @@
-"""Passes: each against what it says, by hand; and what holds for all of them.
+"""Effects of a chip, each against its formula evaluated by hand, and properties that all effects have.
 
 Tests internals: `resgrid.chip`, `resgrid.chip.effects.base`, `resgrid.chip.effects.values`, `resgrid.core.netlist`.
 """
@@ -22,7 +22,7 @@ from resgrid.chip.effects.values import preferred_values
 from resgrid.core.netlist import add_elements
 
 
-def room(boundary: str = "dirichlet", **options: object) -> rg.Netlist:
+def small_netlist(boundary: str = "dirichlet", **options: object) -> rg.Netlist:
     cell = np.zeros((8, 10), dtype=np.uint8)
     cell[2:5, 6], cell[6, 1], cell[0, 9] = rg.Cell.OBSTACLE, rg.Cell.GOAL, rg.Cell.GOAL
     return rg.compile_space(space_of(cell), boundary=boundary, rails="cells", **options)
@@ -45,7 +45,7 @@ ALL = (
 )
 
 
-def same(a: rg.Netlist, b: rg.Netlist) -> bool:
+def equal_arrays(a: rg.Netlist, b: rg.Netlist) -> bool:
     return all(
         np.array_equal(getattr(a, item.name), getattr(b, item.name))
         for item in dataclasses.fields(rg.Netlist)
@@ -55,12 +55,12 @@ def same(a: rg.Netlist, b: rg.Netlist) -> bool:
 
 @pytest.mark.parametrize("effect", ALL, ids=lambda effect: type(effect).__name__)
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_every_pass_is_pure_and_leaves_a_field(effect: effects.Effect, boundary: str) -> None:
-    netlist = room(boundary)
+def test_every_effect_is_pure_and_keeps_a_field_that_reaches_the_goal(effect: effects.Effect, boundary: str) -> None:
+    netlist = small_netlist(boundary)
     before = dataclasses.replace(netlist)
     once, again = effect.apply(netlist), effect.apply(netlist)
-    assert same(once, again)
-    assert same(netlist, before)
+    assert equal_arrays(once, again)
+    assert equal_arrays(netlist, before)
     cell_map = once.cells
     assert len(cell_map.resistor_face) == len(cell_map.resistor_upward) == len(once.conductance)
     assert len(cell_map.nonlinear_face) == len(cell_map.nonlinear_upward) == len(once.nonlinear_current)
@@ -71,11 +71,14 @@ def test_every_pass_is_pure_and_leaves_a_field(effect: effects.Effect, boundary:
         assert path.outcome == "reached"
 
 
-def test_a_list_of_passes_is_data() -> None:
+def test_a_list_of_effects_survives_a_json_round_trip() -> None:
     assert {type(effect) for effect in ALL} == set(effects.EFFECTS.values())
     text = json.dumps(effects.to_json(ALL), allow_nan=False)
     assert effects.from_json(json.loads(text)) == ALL
-    assert same(rg.chip.build_chip(room(), effects.from_json(json.loads(text))), rg.chip.build_chip(room(), ALL))
+    assert equal_arrays(
+        rg.chip.build_chip(small_netlist(), effects.from_json(json.loads(text))),
+        rg.chip.build_chip(small_netlist(), ALL),
+    )
 
 
 @pytest.mark.parametrize(
@@ -96,13 +99,13 @@ def test_a_list_of_passes_is_data() -> None:
         ({"pass": "faults", "short_resistance": 0.0}, "short_resistance: must be greater than 0"),
     ],
 )
-def test_wrong_lists_are_refused(entry: object, message: str) -> None:
+def test_invalid_effect_entries_raise_input_error(entry: object, message: str) -> None:
     with pytest.raises(rg.InputError, match=message):
         effects.from_json([entry])
 
 
-def test_what_needs_cells_says_so() -> None:
-    merged = rg.compile_space(room().cells.space)
+def test_effects_on_cells_require_rails_cells_and_a_compiled_space() -> None:
+    merged = rg.compile_space(small_netlist().cells.space)
     for effect in (
         effects.RailSwitches(1.0),
         effects.RailResistance(1.0),
@@ -118,7 +121,7 @@ def test_what_needs_cells_says_so() -> None:
     assert effects.Mismatch(0.1).apply(bare).conductance[0] != 1.0
 
 
-def test_series_of_preferred_values_are_those_of_the_standard() -> None:
+def test_series_of_preferred_values_equal_the_standard() -> None:
     assert preferred_values("E6").tolist() == [1.0, 1.5, 2.2, 3.3, 4.7, 6.8]
     assert preferred_values("E12").tolist() == [1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2]
     assert preferred_values("E48")[[1, 20, 47]].tolist() == [1.05, 2.61, 9.53]
@@ -137,19 +140,19 @@ def test_preferred_values_are_the_nearest_by_ratio(exponent: float, series: str)
     assert abs(np.log(drawn / wanted)) <= np.abs(np.log(every / wanted)).min() + 1e-12
 
 
-def test_sheet_resistors_are_whole_steps_long() -> None:
+def test_sheet_resistor_lengths_are_multiples_of_the_drawing_grid() -> None:
     strip = effects.SheetResistors(sheet_resistance=300.0, width=2e-6, drawing_grid=1e-7)
-    netlist = strip.apply(room(resistance=1234.0))
+    netlist = strip.apply(small_netlist(resistance=1234.0))
     length = 1234.0 * 2e-6 / 300.0
     steps = round(length / 1e-7)
     np.testing.assert_allclose(1 / netlist.conductance, 300.0 * steps * 1e-7 / 2e-6, rtol=1e-12)
     assert strip.area(netlist) == pytest.approx(len(netlist.conductance) * 2e-6 * steps * 1e-7)
     with pytest.raises(rg.InputError, match="shorter than the drawing step"):
-        effects.SheetResistors(1e6, 1e-6, 1e-6).apply(room(resistance=1.0))
+        effects.SheetResistors(1e6, 1e-6, 1e-6).apply(small_netlist(resistance=1.0))
 
 
-def test_a_gradient_is_linear_and_spares_the_middle() -> None:
-    netlist, graded = room(), effects.Gradient((0.1, -0.2)).apply(room())
+def test_a_gradient_is_linear_and_zero_at_the_centre() -> None:
+    netlist, graded = small_netlist(), effects.Gradient((0.1, -0.2)).apply(small_netlist())
     cell = netlist.cell_of_node()
     both = (cell[netlist.resistor_nodes] >= 0).all(axis=1)
     x, y = np.unravel_index(cell[netlist.resistor_nodes[both]], (8, 10))
@@ -158,10 +161,10 @@ def test_a_gradient_is_linear_and_spares_the_middle() -> None:
     np.testing.assert_allclose(ratio, 1 + 0.1 * (place[0] - 0.5) - 0.2 * (place[1] - 0.5), rtol=1e-12)
     for shares, message in (((0.1,) * 3, "3 entries, but the space has 2 axes"), ((1.5, 0.6), "negative in a corner")):
         with pytest.raises(rg.InputError, match=message):
-            effects.Gradient(shares).apply(room())
+            effects.Gradient(shares).apply(small_netlist())
 
 
-def test_mismatch_has_its_mean_and_deviation() -> None:
+def test_mismatch_has_mean_one_and_the_requested_standard_deviation() -> None:
     netlist = rg.compile_space(space_of(np.pad([[2]], 90)))
     for sigma in (0.02, 0.5):
         ratio = netlist.conductance / effects.Mismatch(sigma, seed=1).apply(netlist).conductance
@@ -171,14 +174,14 @@ def test_mismatch_has_its_mean_and_deviation() -> None:
         assert ratio.min() > 0
 
 
-def test_pelgrom_falls_with_the_root_of_the_area() -> None:
-    netlist = room()
+def test_pelgrom_mismatch_falls_with_the_square_root_of_the_area() -> None:
+    netlist = small_netlist()
     assert effects.Mismatch(pelgrom=3.0, width=1e-6, length=9e-6).deviation(netlist) == pytest.approx(0.01)
     drawn = effects.Mismatch(pelgrom=3.0, width=1e-6, sheet_resistance=10e3 / 9).deviation(netlist)
     assert drawn[netlist.cells.resistor_face] == pytest.approx(0.01)
 
 
-def test_a_seed_is_the_same_chip_whatever_else_is_done_and_whichever_scene_is_shown() -> None:
+def test_a_seed_draws_the_same_chip_in_every_order_of_effects_and_for_every_scene() -> None:
     chain = [
         effects.Mismatch(0.1, seed=9),
         effects.Faults(0.1, 0.1, 1.0, 9),
@@ -190,8 +193,8 @@ def test_a_seed_is_the_same_chip_whatever_else_is_done_and_whichever_scene_is_sh
         face = netlist.cells.resistor_face
         return dict(zip(face[face >= 0].tolist(), netlist.conductance[face >= 0].round(18).tolist(), strict=True))
 
-    forward = at_faces(rg.chip.build_chip(room(), chain))
-    late = at_faces(rg.chip.build_chip(room(), [chain[2], chain[3], chain[0], chain[1]]))
+    forward = at_faces(rg.chip.build_chip(small_netlist(), chain))
+    late = at_faces(rg.chip.build_chip(small_netlist(), [chain[2], chain[3], chain[0], chain[1]]))
     assert forward == late
     elsewhere = np.zeros((8, 10), dtype=np.uint8)
     elsewhere[5, 5] = rg.Cell.GOAL
@@ -199,35 +202,35 @@ def test_a_seed_is_the_same_chip_whatever_else_is_done_and_whichever_scene_is_sh
     common = forward.keys() & other.keys()
     assert len(common) > 100
     assert {face: forward[face] for face in common} == {face: other[face] for face in common}
-    assert forward != at_faces(rg.chip.build_chip(room(), [effects.Mismatch(0.1, seed=10), *chain[1:]]))
+    assert forward != at_faces(rg.chip.build_chip(small_netlist(), [effects.Mismatch(0.1, seed=10), *chain[1:]]))
 
 
-def test_a_saturating_chip_has_the_same_mismatch() -> None:
-    linear = effects.Mismatch(0.1, seed=4).apply(room())
-    saturating = effects.Mismatch(0.1, seed=4).apply(effects.Saturation(0.2).apply(room()))
+def test_saturating_resistors_have_the_mismatch_of_linear_ones() -> None:
+    linear = effects.Mismatch(0.1, seed=4).apply(small_netlist())
+    saturating = effects.Mismatch(0.1, seed=4).apply(effects.Saturation(0.2).apply(small_netlist()))
     np.testing.assert_allclose(saturating.nonlinear_current / 0.2, linear.conductance, rtol=1e-13)
 
 
-def test_heat_follows_the_coefficients() -> None:
-    hot = effects.Temperature(77.0).apply(effects.TemperatureCoefficients(2e-3, 1e-5).apply(room()))
+def test_temperature_applies_the_linear_and_quadratic_coefficients() -> None:
+    hot = effects.Temperature(77.0).apply(effects.TemperatureCoefficients(2e-3, 1e-5).apply(small_netlist()))
     np.testing.assert_allclose(1 / hot.conductance, 10e3 * (1 + 0.1 + 0.025), rtol=1e-12)
     assert hot.tc1 is None
     with pytest.raises(rg.InputError, match="multiply a resistance by -1"):
-        effects.Temperature(127.0).apply(effects.TemperatureCoefficients(-0.02).apply(room()))
+        effects.Temperature(127.0).apply(effects.TemperatureCoefficients(-0.02).apply(small_netlist()))
 
 
-def test_switches_beside_resistors_share_their_heat() -> None:
+def test_internodal_switches_do_not_change_the_heating_of_their_resistors() -> None:
     warm = [effects.TemperatureCoefficients(2e-3, 1e-5), effects.Temperature(77.0)]
-    before = rg.chip.build_chip(room(), [*warm, effects.InternodalSwitches(500.0)])
-    after = rg.chip.build_chip(room(), [warm[0], effects.InternodalSwitches(500.0), warm[1]])
+    before = rg.chip.build_chip(small_netlist(), [*warm, effects.InternodalSwitches(500.0)])
+    after = rg.chip.build_chip(small_netlist(), [warm[0], effects.InternodalSwitches(500.0), warm[1]])
     np.testing.assert_allclose(before.conductance, after.conductance, rtol=1e-13)
-    inner = (room().cell_of_node()[room().resistor_nodes] >= 0).all(axis=1)
+    inner = (small_netlist().cell_of_node()[small_netlist().resistor_nodes] >= 0).all(axis=1)
     np.testing.assert_allclose(1 / before.conductance[inner], 11250 + 500)
     np.testing.assert_allclose(1 / before.conductance[~inner], 11250)
 
 
 def test_open_internodal_switches_leak_into_obstacles() -> None:
-    ideal = room("neumann")
+    ideal = small_netlist("neumann")
     leaky = effects.InternodalSwitches(None, 1e7).apply(ideal)
     assert np.all(leaky.cells.node >= 0)
     inside = rg.solve(leaky).voltage[leaky.cells.node[3, 6]]
@@ -238,8 +241,8 @@ def test_open_internodal_switches_leak_into_obstacles() -> None:
     assert 0 < 100 * apart[0] < apart[1]
 
 
-def test_switches_to_the_rails_are_where_the_cells_say() -> None:
-    netlist = effects.RailSwitches(100.0, 1e9, 50.0, 1e8).apply(room())
+def test_rail_switches_are_closed_at_cells_of_their_kind_and_open_elsewhere() -> None:
+    netlist = effects.RailSwitches(100.0, 1e9, 50.0, 1e8).apply(small_netlist())
     cell_map, extra = netlist.cell_map, netlist.cell_map.resistor_face < 0
     pin = {cell_map.obstacle_node: (rg.Cell.OBSTACLE, 100.0, 1e9), cell_map.goal_nodes[0]: (rg.Cell.GOAL, 50.0, 1e8)}
     cell = netlist.cell_of_node()
@@ -250,13 +253,13 @@ def test_switches_to_the_rails_are_where_the_cells_say() -> None:
         seen.add((a, b))
     assert len(seen) == 2 * 80
     assert len(netlist.source_volts) == 2
-    only_on = effects.RailSwitches(100.0).apply(room())
+    only_on = effects.RailSwitches(100.0).apply(small_netlist())
     assert (only_on.cells.resistor_face < 0).sum() == 3
 
 
 @pytest.mark.parametrize("options", [{}, {"drive": "start", "start": (0, 0)}])
-def test_open_obstacles_keep_the_switches_of_their_tiles(options: dict[str, object]) -> None:
-    netlist = effects.RailSwitches(100.0, 1e8, 50.0, 1e8).apply(room("neumann", **options))
+def test_insulating_obstacles_keep_the_rail_switches_of_their_cells(options: dict[str, object]) -> None:
+    netlist = effects.RailSwitches(100.0, 1e8, 50.0, 1e8).apply(small_netlist("neumann", **options))
     driven = "start" in options
     cell_map, extra = netlist.cells, netlist.cells.resistor_face < 0
     assert np.bincount(np.rint(1 / netlist.conductance[extra]).astype(int) // 10).nonzero()[0].size == 2 + driven
@@ -272,7 +275,9 @@ def test_open_obstacles_keep_the_switches_of_their_tiles(options: dict[str, obje
 
 @given(space=spaces(max_cells=5), boundary=st.sampled_from(["dirichlet", "neumann", "wall"]), seed=st.integers(0, 99))
 @settings(max_examples=20)
-def test_any_chip_on_any_space_solves_as_a_dense_one(space: rg.ConfigurationSpace, boundary: str, seed: int) -> None:
+def test_chips_on_random_spaces_agree_with_a_dense_solution(
+    space: rg.ConfigurationSpace, boundary: str, seed: int
+) -> None:
     chip = rg.Chip(
         mismatch=0.2, gradient=(0.2,), temperature=60.0, tc1=1e-3, internodal_switch_on=200.0,
         internodal_switch_off=1e7,
@@ -291,10 +296,10 @@ def test_any_chip_on_any_space_solves_as_a_dense_one(space: rg.ConfigurationSpac
     np.testing.assert_allclose(point.voltage, exact.voltage, atol=1e-8 * span)
 
 
-def test_vanishing_switches_and_rails_come_back_to_the_ideal_chip() -> None:
+def test_switches_and_rails_with_vanishing_resistance_equal_the_ideal_chip() -> None:
     for boundary in ("dirichlet", "neumann", "wall"):
         options = {"wall_resistance": 3e3} if boundary == "wall" else {}
-        ideal = room(boundary, **options)
+        ideal = small_netlist(boundary, **options)
         real = rg.chip.build_chip(
             ideal,
             [
@@ -307,7 +312,7 @@ def test_vanishing_switches_and_rails_come_back_to_the_ideal_chip() -> None:
         np.testing.assert_allclose(there, rg.solve(ideal).voltage, atol=1e-6)
 
 
-def test_rails_droop_most_in_the_middle_of_the_die() -> None:
+def test_rail_resistance_lowers_the_voltages_in_the_middle_of_the_die() -> None:
     cell = np.ones((9, 9), dtype=np.uint8)
     cell[1:-1:2, :-1], cell[4, 4] = rg.Cell.FREE, rg.Cell.GOAL
     ideal = rg.compile_space(space_of(cell), rails="cells", resistance=100.0)
@@ -319,7 +324,7 @@ def test_rails_droop_most_in_the_middle_of_the_die() -> None:
     assert effects.RailResistance(0.0).apply(ideal) is ideal
 
 
-def test_rails_that_sag_into_the_obstacles_give_no_field_to_follow() -> None:
+def test_a_field_that_leads_into_drooping_obstacles_raises_accuracy_error() -> None:
     cell = np.zeros((9, 9), dtype=np.uint8)
     cell[4, :8], cell[3, 0] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     ideal = rg.compile_space(space_of(cell), rails="cells", edge="open")
@@ -333,8 +338,8 @@ def test_rails_that_sag_into_the_obstacles_give_no_field_to_follow() -> None:
     assert rg.streamline(good, cell=(5, 0)).outcome == "reached"
 
 
-def test_loads_and_capacitors_sit_at_every_cell() -> None:
-    netlist = effects.ReadoutLoad(1e6).apply(effects.Capacitance(2e-12).apply(room()))
+def test_every_cell_has_a_capacitor_and_a_readout_load() -> None:
+    netlist = effects.ReadoutLoad(1e6).apply(effects.Capacitance(2e-12).apply(small_netlist()))
     assert len(netlist.capacitance) == 80
     assert netlist.capacitance.sum() == pytest.approx(160e-12)
     loads = netlist.resistor_nodes[netlist.cells.resistor_face < 0]
@@ -344,7 +349,9 @@ def test_loads_and_capacitors_sit_at_every_cell() -> None:
 
 @given(space=spaces(max_cells=6), boundary=st.sampled_from(["dirichlet", "neumann"]), seed=st.integers(0, 99))
 @settings(max_examples=25)
-def test_mismatch_keeps_the_promises_on_any_space(space: rg.ConfigurationSpace, boundary: str, seed: int) -> None:
+def test_streamlines_on_random_mismatched_spaces_are_certified_and_keep_outcomes(
+    space: rg.ConfigurationSpace, boundary: str, seed: int
+) -> None:
     chip = rg.Chip(mismatch=0.4, gradient=(0.5,), seed=seed)
     edge = ["periodic" if ring else "open" for ring in space.periodic]
     try:
@@ -393,7 +400,7 @@ NO_NUMBERS = (float("nan"), float("inf"), "x", 1j, True)
         (effects.Gradient, "shares", (None, ("x",), (True,), (1.0, -1.0)), {}),
     ],
 )
-def test_impossible_passes_are_refused_when_they_are_made(
+def test_invalid_effect_parameters_raise_input_error_at_construction(
     kind: type, key: str, values: tuple[object, ...], others: dict[str, object]
 ) -> None:
     for value in (*values, *NO_NUMBERS):
@@ -403,19 +410,19 @@ def test_impossible_passes_are_refused_when_they_are_made(
 
 
 @pytest.mark.parametrize("entries", [5, None, {"pass": "mismatch"}, [{"pass": ["x"]}], [{"pass": None}]], ids=str)
-def test_what_is_no_list_of_passes_is_refused(entries: object) -> None:
+def test_from_json_rejects_values_that_are_not_lists_of_effects(entries: object) -> None:
     with pytest.raises(rg.InputError, match=r"effect|entries"):
         effects.from_json(entries)
 
 
-def test_absolute_zero_is_the_limit_in_json_too() -> None:
+def test_json_temperatures_at_or_below_absolute_zero_raise_input_error() -> None:
     with pytest.raises(rg.InputError, match=r"effect 0 \(temperature\): celsius: must be greater than -273"):
         effects.from_json([{"pass": "temperature", "celsius": -500}])
 
 
 @dataclasses.dataclass(frozen=True)
 class Leak(effects.Effect):
-    """An effect of somebody else: the substrate takes current from every cell."""
+    """A user-defined effect: a leak from every cell to the substrate."""
 
     ohms: float
 
@@ -424,12 +431,14 @@ class Leak(effects.Effect):
         return add_elements(netlist, "resistor", to_node(nodes, 0), 1 / self.ohms)
 
 
-def test_an_effect_is_one_class_and_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_user_defined_effect_works_in_json_netlists_decks_and_power(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setitem(effects.EFFECTS, "leak", Leak)
     chain = [*rg.chip.effects.of_chip(rg.Chip(mismatch=0.1)), Leak(1e7)]
     again = rg.chip.effects.from_json(json.loads(json.dumps(rg.chip.effects.to_json(chain))))
     assert list(again) == chain
-    netlist = rg.chip.build_chip(room(), again)
+    netlist = rg.chip.build_chip(small_netlist(), again)
     assert (netlist.conductance == 1e-7).sum() == 80
     op = rg.solve(netlist)
     assert rg.check_deck(rg.write_spice(op, tmp_path / "leaky.cir").path).agrees

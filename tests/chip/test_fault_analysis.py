@@ -1,4 +1,4 @@
-"""Faults one by one, against chips rebuilt with the fault and solved from scratch.
+"""Single faults, against chips rebuilt with the fault and solved from scratch, and against exact fractions.
 
 Tests internals: `resgrid.chip.effects.base`, `resgrid.chip.fault_analysis`, `resgrid.chip.walk`,
 `resgrid.core.netlist`.
@@ -28,15 +28,15 @@ FLAWS = rg.Chip(
 )
 
 
-def cells() -> rg.ConfigurationSpace:
+def walled_space() -> rg.ConfigurationSpace:
     cell = np.zeros((6, 7), dtype=np.uint8)
     cell[1:4, 3] = cell[4, :2] = 1
     cell[1, 1] = 2
     return space_of(cell)
 
 
-def rebuilt(netlist: rg.Netlist, element: int, short: float | None) -> np.ndarray:
-    """Voltages of the faulty chip, solved anew."""
+def rebuilt_voltages(netlist: rg.Netlist, element: int, short: float | None) -> np.ndarray:
+    """Return the voltages of the rebuilt faulty chip."""
     linear = len(netlist.conductance)
     if element >= linear:
         number = element - linear
@@ -51,23 +51,26 @@ def rebuilt(netlist: rg.Netlist, element: int, short: float | None) -> np.ndarra
 
 
 @pytest.mark.parametrize("chip", [FLAWS, rg.Chip(), rg.Chip(saturation_voltage=0.4)], ids=["flaws", "plain", "tanh"])
-def test_starts_lost_are_those_of_the_faulty_chip(chip: rg.Chip) -> None:
-    netlist = rg.chip.build_chip(rg.study(cells(), chip).ideal, chip)
+def test_lost_starts_equal_those_of_the_rebuilt_faulty_chip(chip: rg.Chip) -> None:
+    netlist = rg.chip.build_chip(rg.study(walled_space(), chip).ideal, chip)
     readout = rg.chip.Readout(bits=7)
     result = rg.study(netlist).faults(readout=readout, short_resistance=5.0)
-    floor, eyes = neighbours_of(netlist.cells), converter_of(readout, netlist.cells, None)
-    starts = cells().goal_connected.ravel()
-    healthy = reaches_goal(rg.solve(netlist).voltage, floor, eyes) & starts
+    neighbours, converter = neighbours_of(netlist.cells), converter_of(readout, netlist.cells, None)
+    starts = walled_space().goal_connected.ravel()
+    healthy = reaches_goal(rg.solve(netlist).voltage, neighbours, converter) & starts
     assert result.served == healthy.sum() > 0
     for short, lost in ((None, result.open), (5.0, result.short)):
         some = range(0, len(lost), 1 if len(lost) < 150 and chip.saturation_voltage is None else 4)
-        expected = [(healthy & ~reaches_goal(rebuilt(netlist, element, short), floor, eyes)).sum() for element in some]
+        expected = [
+            (healthy & ~reaches_goal(rebuilt_voltages(netlist, element, short), neighbours, converter)).sum()
+            for element in some
+        ]
         np.testing.assert_array_equal(lost[some], expected)
         assert max(expected) > 0
 
 
-def test_bridges_cut_off_what_lies_behind_them() -> None:
-    """A corridor with an open edge: every resistor of it is the only way."""
+def test_opens_in_a_single_corridor_lose_all_starts_behind_them() -> None:
+    """In a corridor with an open edge every resistor is a bridge of the graph."""
     cell = np.zeros((1, 8), dtype=np.uint8)
     cell[0, 0], cell[0, 7] = 2, 1
     netlist = rg.study(space_of(cell), rg.Chip(), edge="open").ideal
@@ -75,11 +78,11 @@ def test_bridges_cut_off_what_lies_behind_them() -> None:
     assert result.served == 6
     by_face = {int(face): lost for face, lost in zip(netlist.cells.resistor_face, result.open, strict=True)}
     lost = [by_face[face] for face in sorted(by_face)]
-    # Both sides of an open sit at their rails' voltages, flat; only the cell beside the goal still sees it lie lower.
+    # Both sides of an open are flat at their rail voltages; only the cell next to the goal has a lower neighbour.
     assert lost == [5.0] + [6.0] * 6
 
 
-def test_driven_grids_lose_the_currents_behind_a_bridge() -> None:
+def test_opens_in_a_driven_corridor_lose_only_the_starts_behind_them() -> None:
     cell = np.zeros((1, 8), dtype=np.uint8)
     cell[0, 0] = 2
     netlist = rg.study(space_of(cell), rg.Chip(), boundary="neumann").ideal
@@ -88,12 +91,12 @@ def test_driven_grids_lose_the_currents_behind_a_bridge() -> None:
     assert [by_face[face] for face in sorted(by_face)] == [7, 6, 5, 4, 3, 2, 1]
 
 
-def test_time_limits_and_starts() -> None:
-    netlist = rg.chip.build_chip(rg.study(cells(), FLAWS).ideal, FLAWS)
-    told: list[tuple[int, int]] = []
-    short = rg.study(netlist).faults(seconds=1e-9, progress=lambda done, total: told.append((done, total)))
+def test_faults_obeys_time_limit_and_starts_and_rejects_invalid_options() -> None:
+    netlist = rg.chip.build_chip(rg.study(walled_space(), FLAWS).ideal, FLAWS)
+    reports: list[tuple[int, int]] = []
+    short = rg.study(netlist).faults(seconds=1e-9, progress=lambda done, total: reports.append((done, total)))
     assert 0 < short.examined < len(short.open)
-    assert told[0] == (0, len(short.open))
+    assert reports[0] == (0, len(short.open))
     one = np.zeros((6, 7), dtype=bool)
     one[5, 6] = True
     single = rg.study(netlist).faults(starts=one)
@@ -109,13 +112,13 @@ def test_time_limits_and_starts() -> None:
         with pytest.raises(rg.InputError, match=message):
             rg.study(netlist).faults(**options)  # type: ignore[arg-type]
     with pytest.raises(rg.InputError, match="one node per cell"):
-        rg.study(rg.compile_space(cells())).faults()
+        rg.study(rg.compile_space(walled_space())).faults()
 
 
 @pytest.mark.parametrize("leak", [1e7, 1.7e11, 1.7e12])
 @pytest.mark.parametrize("short", [1.0, 3e9])
-def test_beside_leaks_faults_are_told_to_the_step_of_an_ideal_readout(leak: float, short: float) -> None:
-    """A driven corridor cut off by any open: leaks alone then hold it."""
+def test_faulty_voltages_with_only_leaks_to_a_rail_equal_exact_fractions(leak: float, short: float) -> None:
+    """Every open cuts this driven corridor; only leaks then connect the far part to a rail."""
     cell = np.array([[0, 0, 0, 0, 2]], dtype=np.uint8)
     chip = rg.Chip(goal_switch_off=leak, mismatch=0.3)
     netlist = rg.chip.build_chip(rg.study(space_of(cell), chip, boundary="neumann", edge="open").ideal, chip)
@@ -129,7 +132,7 @@ def test_beside_leaks_faults_are_told_to_the_step_of_an_ideal_readout(leak: floa
 
 
 def exact_voltages(netlist: rg.Netlist, conductance: np.ndarray) -> np.ndarray:
-    """Node voltages by elimination in fractions; every voltage source goes to ground."""
+    """Return node voltages by elimination in fractions; every voltage source is grounded."""
     known = {0: Fraction(0)} | {
         int(plus): Fraction(volts) for (plus, _), volts in zip(netlist.source_nodes, netlist.source_volts, strict=True)
     }
@@ -156,8 +159,8 @@ def exact_voltages(netlist: rg.Netlist, conductance: np.ndarray) -> np.ndarray:
     return np.array([float(known[node] if node in known else rows[node][None]) for node in range(netlist.node_count)])
 
 
-def test_faults_are_named() -> None:
-    result = rg.study(cells(), rg.Chip()).faults()
+def test_worst_rejects_unknown_fault_kinds_and_limits_its_length() -> None:
+    result = rg.study(walled_space(), rg.Chip()).faults()
     with pytest.raises(rg.InputError, match="'bogus' is unknown"):
         result.worst("bogus")
     assert len(result.worst("short", 3)) <= 3
@@ -169,13 +172,13 @@ def test_faults_are_named() -> None:
     + [{"seconds": value} for value in ("x", np.nan)],
     ids=str,
 )
-def test_bad_numbers_are_named(options: dict[str, object]) -> None:
+def test_invalid_fault_options_raise_input_error(options: dict[str, object]) -> None:
     with pytest.raises(rg.InputError, match=next(iter(options))):
-        rg.study(cells(), rg.Chip()).faults(**options)
+        rg.study(walled_space(), rg.Chip()).faults(**options)
 
 
-def test_a_resistor_between_floating_nodes_costs_nothing() -> None:
-    netlist = rg.study(cells(), FLAWS).netlist
+def test_a_fault_between_floating_nodes_loses_no_starts() -> None:
+    netlist = rg.study(walled_space(), FLAWS).netlist
     more, nodes = add_nodes(netlist, 2)
     more = add_elements(more, "resistor", nodes, 1e-3)
     alone, beside = (rg.study(each).faults() for each in (netlist, more))

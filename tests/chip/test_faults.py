@@ -1,4 +1,4 @@
-"""Shorts and opens: as dense as asked, and what is left of the chip.
+"""Shorts and opens: their densities and nesting, and the circuits that remain, against graphs counted by hand.
 
 Tests internals: `resgrid.chip.effects.spread`, `resgrid.chip.effects.values`.
 """
@@ -14,13 +14,13 @@ from resgrid.chip.effects.spread import Faults
 from resgrid.chip.effects.values import Saturation
 
 
-def room(boundary: str = "dirichlet") -> rg.Netlist:
+def small_netlist(boundary: str = "dirichlet") -> rg.Netlist:
     cell = np.zeros((8, 10), dtype=np.uint8)
     cell[2:5, 6], cell[6, 1] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     return rg.compile_space(space_of(cell), boundary=boundary, rails="cells")
 
 
-def test_faults_are_nested_and_as_dense_as_asked() -> None:
+def test_faults_have_the_requested_density_and_grow_with_it() -> None:
     netlist = rg.compile_space(space_of(np.pad([[2]], 60)), rails="cells")
     few, many = Faults(0.01, 0.02, 1.0, 7).places(netlist), Faults(0.05, 0.1, 1.0, 7).places(netlist)
     for a, b, share in ((few[0], many[0], 0.05), (few[1], many[1], 0.1)):
@@ -32,8 +32,8 @@ def test_faults_are_nested_and_as_dense_as_asked() -> None:
     assert (made.conductance == 0.5).sum() == many[1][face].sum()
 
 
-def test_everything_open_leaves_nodes_without_a_voltage() -> None:
-    netlist = room("neumann")
+def test_opens_leave_floating_nodes_whose_paths_have_no_current() -> None:
+    netlist = small_netlist("neumann")
     cut = Faults(open_density=1.0).apply(netlist)
     assert not cut.conductance.size
     assert not cut.current_nodes.size
@@ -48,23 +48,23 @@ def test_everything_open_leaves_nodes_without_a_voltage() -> None:
     }
 
 
-def test_a_shorted_saturating_resistor_is_linear() -> None:
-    netlist = Faults(0.1, 0.2, 3.0, 1).apply(Saturation(0.2).apply(room()))
+def test_shorted_saturating_resistors_become_linear() -> None:
+    netlist = Faults(0.1, 0.2, 3.0, 1).apply(Saturation(0.2).apply(small_netlist()))
     assert np.all(netlist.conductance == 1 / 3.0)
-    assert len(netlist.conductance) + len(netlist.nonlinear_current) < len(room().conductance)
-    linear = Faults(0.1, 0.2, 3.0, 1).apply(room())
+    assert len(netlist.conductance) + len(netlist.nonlinear_current) < len(small_netlist().conductance)
+    linear = Faults(0.1, 0.2, 3.0, 1).apply(small_netlist())
     shorts = {tuple(sorted(pair)) for pair in linear.resistor_nodes[linear.conductance > 0.1].tolist()}
     assert shorts == {tuple(sorted(pair)) for pair in netlist.resistor_nodes.tolist()}
 
 
-def test_a_cell_that_opens_cut_off_is_still_fed_where_a_load_ties_it_to_ground() -> None:
+def test_a_cell_isolated_by_opens_keeps_its_drive_current_through_its_load() -> None:
     chip = rg.Chip(readout=rg.chip.Readout(input_resistance=5e5), defects=rg.chip.Defects(open_density=1.0))
     netlist = rg.study(space_of([2, 0, 0]), chip, boundary="neumann").netlist
     volts = rg.solve(netlist).voltage[netlist.cells.node]
     np.testing.assert_allclose(volts, [0.0, 5e5 * 1.0 / 10e3 / 3, 5e5 * 1.0 / 10e3 / 3], rtol=1e-12)
 
 
-def test_resistors_are_opened_one_by_one():
+def test_open_at_removes_the_resistor_of_the_given_face():
     axes = [rg.Axis("a", 0.0, 5.0, 5, periodic=True), rg.Axis("b", 0.0, 4.0, 4)]
     cell = np.zeros((5, 4), dtype=np.uint8)
     cell[2, 2] = rg.Cell.GOAL

@@ -1,5 +1,8 @@
-"""Tests internals: `resgrid.chip.noise`, `resgrid.chip.time_constants`, `resgrid.circuit.dynamics`,
-`resgrid.spice.write.flat`."""
+"""Thermal noise, against eigenvectors, mpmath, kT/C, arc tangents and ngspice.
+
+Tests internals: `resgrid.chip.noise`, `resgrid.chip.time_constants`, `resgrid.circuit.dynamics`,
+`resgrid.spice.write.flat`.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ from resgrid.spice.write.flat import flatten
 
 
 def exact_power(exact: ExactMotion, low: float, high: float) -> np.ndarray:
-    """Mean square noise of the free nodes from the eigenvectors, in V^2."""
+    """Return the mean square noise of the free nodes from the eigenvectors, in V^2."""
     w = 2 * np.pi * exact.tau
     slow = w > 0
     area = np.full(len(w), high - low)
@@ -32,7 +35,9 @@ def exact_power(exact: ExactMotion, low: float, high: float) -> np.ndarray:
 
 @settings(max_examples=10)
 @given(seed=st.integers(0, 10**6), low=st.sampled_from([0.0, 1e3, 1e7]), decades=st.floats(0.1, 6))
-def test_noise_of_random_circuits_within_a_band(seed: int, low: float, decades: float) -> None:
+def test_noise_of_random_circuits_within_a_band_equals_the_eigenvector_integral(
+    seed: int, low: float, decades: float
+) -> None:
     netlist = random_dynamics(seed)
     exact = ExactMotion(netlist)
     band = (low, max(low, 1e4) * 10**decades)
@@ -43,7 +48,7 @@ def test_noise_of_random_circuits_within_a_band(seed: int, low: float, decades: 
     assert not result.total[~exact.free].any()
 
 
-def test_a_picofarad_gives_64_microvolt() -> None:
+def test_one_picofarad_has_64_microvolts_of_noise() -> None:
     netlist = small_scene()
     free = netlist.cells.free_node
     band = (0.0, 100 / (2 * np.pi * fastest_time_constant(dynamics_of(netlist))))
@@ -55,7 +60,7 @@ def test_a_picofarad_gives_64_microvolt() -> None:
     assert covariance == pytest.approx(np.eye(3) * BOLTZMANN * NOMINAL_KELVIN / 1e-12)
 
 
-def test_ngspice_integrates_the_same_noise(tmp_path: Path) -> None:
+def test_integrated_noise_agrees_with_ngspice(tmp_path: Path) -> None:
     netlist = small_scene()
     node = int(netlist.cells.node[3, 4])
     low, high = 1e3, 100 / (2 * np.pi * fastest_time_constant(dynamics_of(netlist)))
@@ -63,7 +68,7 @@ def test_ngspice_integrates_the_same_noise(tmp_path: Path) -> None:
     deck = flatten(netlist).text.replace("\n.end\n", f"\n{control}\n.end\n")
     deck = re.sub(r"(?m)^(v_obstacle .*)$", r"\1 ac 1", deck)
     (tmp_path / "noise.cir").write_text(deck)
-    said = subprocess.run(
+    output = subprocess.run(
         [shutil.which("ngspice"), "-n", "-b", "noise.cir"],
         cwd=tmp_path,
         check=False,
@@ -71,11 +76,11 @@ def test_ngspice_integrates_the_same_noise(tmp_path: Path) -> None:
         text=True,
         timeout=300,
     ).stdout
-    theirs = float(re.search(r"onoise_total = (\S+)", said).group(1))
+    theirs = float(re.search(r"onoise_total = (\S+)", output).group(1))
     assert rg.study(netlist).noise(band=(low, high)).total[node] == pytest.approx(theirs, rel=0.01)
 
 
-def test_ngspice_shows_the_same_spot_density(tmp_path: Path) -> None:
+def test_spot_density_agrees_with_the_impedance_of_ngspice(tmp_path: Path) -> None:
     netlist = random_dynamics(2)
     statements = ".ac dec 1 1e5 1e11\ni_probe 0 node_9 dc 0 ac 1"
     raw = run_analysis(flatten(netlist).text, statements, tmp_path)
@@ -85,7 +90,7 @@ def test_ngspice_shows_the_same_spot_density(tmp_path: Path) -> None:
     assert found[:, 0] == pytest.approx(4 * BOLTZMANN * NOMINAL_KELVIN * impedance, rel=1e-6)
 
 
-def test_an_estimate_lies_within_its_error_bars() -> None:
+def test_estimates_lie_within_their_error_bars() -> None:
     netlist = small_scene()
     free = netlist.cells.free_node
     band = (0.0, 1e8)
@@ -99,7 +104,7 @@ def test_an_estimate_lies_within_its_error_bars() -> None:
         assert np.mean(error < 3 * bar) > 0.97
 
 
-def test_without_capacitance_the_noise_is_unbounded() -> None:
+def test_noise_of_nodes_without_capacitance_is_unbounded() -> None:
     netlist = random_dynamics(9)
     bare = ExactMotion(netlist).C.any(axis=1)
     result = rg.study(netlist).noise()
@@ -110,7 +115,7 @@ def test_without_capacitance_the_noise_is_unbounded() -> None:
         rg.study(netlist).noise_covariance(free[~bare][:1])
 
 
-def test_covariance_of_coupled_capacitors() -> None:
+def test_covariance_of_coupled_capacitors_is_kt_times_the_inverse_capacitance() -> None:
     netlist = rg.Netlist(
         3, [[1, 0], [2, 0]], [1.0, 1.0], capacitor_nodes=[[1, 0], [1, 2], [2, 0]], capacitance=[1e-12, 2e-12, 3e-12]
     )
@@ -119,7 +124,7 @@ def test_covariance_of_coupled_capacitors() -> None:
     assert rg.study(netlist).noise().limit[1:] == pytest.approx(np.sqrt(np.diag(wanted)))
 
 
-def test_readings_state_the_limits_of_the_integral() -> None:
+def test_noise_json_states_the_limits_of_the_integral() -> None:
     data = rg.study(small_scene()).noise(band=(0.0, 1e6)).to_json()
     assert data["band"] == [0.0, 1e6]
     assert "from 0 Hz to 1e+06 Hz" in data["largest_noise"]["definition"]
@@ -147,13 +152,13 @@ def test_readings_state_the_limits_of_the_integral() -> None:
         ({"method": None}, "method = None"),
     ],
 )
-def test_bad_arguments_are_named(options: dict[str, object], word: str) -> None:
+def test_invalid_noise_options_raise_input_error(options: dict[str, object], word: str) -> None:
     with pytest.raises(rg.InputError, match=word):
         rg.study(small_scene()).noise(**options)
 
 
 @pytest.mark.parametrize("nodes", [[10**6], [-2], [1.9], [[1]], [True], "x", [2**63], [2**70], [1, [2]], None], ids=str)
-def test_nodes_are_checked(nodes: object) -> None:
+def test_invalid_nodes_raise_input_error(nodes: object) -> None:
     with pytest.raises(rg.InputError, match=r"node numbers|nodes = .* must be numbers"):
         rg.study(small_scene()).noise_density(nodes, [1.0])
     with pytest.raises(rg.InputError, match=r"node numbers|nodes = .* must be numbers"):
@@ -161,13 +166,13 @@ def test_nodes_are_checked(nodes: object) -> None:
 
 
 @pytest.mark.parametrize("frequencies", [[-1.0], [[1.0]], [1j], "x", None, [np.inf], [1e308], [1.0, [2.0]]], ids=str)
-def test_frequencies_are_checked(frequencies: object) -> None:
+def test_invalid_frequencies_raise_input_error(frequencies: object) -> None:
     with pytest.raises(rg.InputError, match="frequencies"):
         rg.study(small_scene()).noise_density([5], frequencies)
 
 
 def three_nodes(resistors: list[float], tie: float = 0.0) -> rg.Netlist:
-    """Three nodes in a ring (or a chain) of resistors, 1 pF from each to ground, and a conductance from the last."""
+    """Return three nodes in a ring or chain of resistors, each with 1 pF to ground; node 3 may have a conductance."""
     pairs = [[1, 2], [2, 3], [3, 1]][: len(resistors)]
     return rg.Netlist(
         4,
@@ -180,7 +185,9 @@ def three_nodes(resistors: list[float], tie: float = 0.0) -> rg.Netlist:
 
 @pytest.mark.parametrize("frequency", [1e9, 1e6, 1.0, 1e-2, 1e-6, 1e-12])
 @pytest.mark.parametrize(("tie", "resistors"), [(0.0, [1e4, 1e4]), (0.0, [3.0, 7.0, 11.0]), (1e-17, [3.0, 7.0, 11.0])])
-def test_spot_density_where_capacitors_alone_hold_a_part(frequency: float, tie: float, resistors: list[float]) -> None:
+def test_spot_density_of_parts_tied_by_capacitors_only_equals_mpmath(
+    frequency: float, tie: float, resistors: list[float]
+) -> None:
     netlist = three_nodes(resistors, tie)
     with mp.workdps(60):
         Y = mp.eye(3) * mp.mpc(0, 2 * mp.pi * frequency * mp.mpf(1e-12))
@@ -196,13 +203,13 @@ def test_spot_density_where_capacitors_alone_hold_a_part(frequency: float, tie: 
     assert found == pytest.approx(wanted, rel=1e-9)
 
 
-def test_at_0_hertz_a_part_without_resistors_to_a_rail_has_no_density() -> None:
+def test_density_at_0_hertz_of_a_part_without_a_rail_raises_circuit_error() -> None:
     with pytest.raises(rg.CircuitError, match="node_1 is tied to no rail"):
         rg.study(three_nodes([1e4, 3e4])).noise_density([1, 2, 3], [0.0])
 
 
-def test_a_density_that_doubles_cannot_tell_is_refused() -> None:
-    """Two stiff pairs whose middle tie is weak: neither pair is a part of its own."""
+def test_a_density_lost_to_rounding_raises_accuracy_error() -> None:
+    """A weak resistor joins two pairs of strongly coupled nodes, so that the circuit remains one part."""
     netlist = rg.Netlist(
         5, [[1, 2], [2, 3], [3, 4], [1, 0]], [1e12, 1e-12, 1e12, 1.0], capacitor_nodes=[[4, 0]], capacitance=[1e-12]
     )
@@ -214,7 +221,7 @@ def test_a_density_that_doubles_cannot_tell_is_refused() -> None:
 
 
 @pytest.mark.parametrize("tie", [1e-3, 1e-12, 1e-15, 1e-17, 1e-25])
-def test_weakly_tied_parts_have_their_effective_resistance(tie: float) -> None:
+def test_weakly_tied_parts_have_the_exact_effective_resistance(tie: float) -> None:
     result = rg.study(three_nodes([3.0, 7.0, 11.0], tie)).noise()
     across = [1 / (1 / 11 + 1 / 10), 1 / (1 / 7 + 1 / 14), 0.0]
     assert result.resistance[1:] == pytest.approx(1 / tie + np.array(across), rel=1e-14)
@@ -222,7 +229,7 @@ def test_weakly_tied_parts_have_their_effective_resistance(tie: float) -> None:
     assert not result.resistance_error.any()
 
 
-def test_a_band_that_rounding_spoils_is_refused() -> None:
+def test_a_band_lost_to_rounding_raises_accuracy_error() -> None:
     for method in ("exact", "estimate"):
         with pytest.raises(rg.AccuracyError, match="rounding may change"):
             rg.study(three_nodes([3.0, 7.0, 11.0], 1e-17)).noise(band=(0.0, 1.0), method=method)
@@ -230,7 +237,7 @@ def test_a_band_that_rounding_spoils_is_refused() -> None:
 
 @pytest.mark.parametrize("high", [1e-4, 1e-3, 9e-3, 1.1e-2, 0.1, 1.0, 100.0])
 @pytest.mark.parametrize("low", [0.0, 1e-5, 5e-3])
-def test_the_noise_of_one_capacitor_is_an_arc_tangent(low: float, high: float) -> None:
+def test_noise_of_one_capacitor_in_a_band_is_a_difference_of_arc_tangents(low: float, high: float) -> None:
     netlist = rg.Netlist(2, [[1, 0]], [1e-4], capacitor_nodes=[[1, 0]], capacitance=[1e-12])
     if high <= low:
         return
@@ -241,7 +248,7 @@ def test_the_noise_of_one_capacitor_is_an_arc_tangent(low: float, high: float) -
     assert 0 < found.total_error[1] < 1e-14 * found.total[1]
 
 
-def test_covariance_of_floating_nodes_is_unknown_and_of_rails_none() -> None:
+def test_covariance_is_nan_at_floating_nodes_and_zero_at_rails() -> None:
     netlist = rg.Netlist(4, [[1, 0], [2, 0]], [1.0, 1.0], capacitor_nodes=[[1, 0], [2, 0]], capacitance=[1e-12, 4e-12])
     found = rg.study(netlist).noise_covariance([0, 1, 3])
     wanted = np.diag([0.0, BOLTZMANN * NOMINAL_KELVIN / 1e-12, np.nan])
@@ -249,7 +256,7 @@ def test_covariance_of_floating_nodes_is_unknown_and_of_rails_none() -> None:
     assert found == pytest.approx(wanted, nan_ok=True)
 
 
-def test_where_the_rails_hold_every_node_nothing_is_noisy() -> None:
+def test_noise_is_zero_where_sources_fix_every_node() -> None:
     netlist = rg.Netlist(2, [[1, 0]], [1.0], [[1, 0]], [1.0])
     for method in ("exact", "estimate"):
         result = rg.study(netlist).noise(method=method, band=(0.0, 1.0))

@@ -1,4 +1,4 @@
-"""One chip is one circuit: flat, of tiles and by passes, it is what the written rule says, solved densely here."""
+"""Flat netlists and chips built by effects, against dense solutions of the circuit that the documentation defines."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ SWITCHES = {
     "internodal_switch_on": 50.0,
     "internodal_switch_off": 4e7,
 }
-WAYS = ["dirichlet", "wall", "uniform", "start"]
+WIRINGS = ["dirichlet", "wall", "uniform", "start"]
 
 Scene = tuple[rg.ConfigurationSpace, dict[str, Any]]
 
 
-def random_scene(number: int, way: str) -> Scene:
-    """A small grid with several goals, some beside obstacles and edges, and how it is compiled."""
-    rng = np.random.default_rng((number, WAYS.index(way)))
+def random_scene(number: int, wiring: str) -> Scene:
+    """Return a small random grid with several goals, and its options of compile_space."""
+    rng = np.random.default_rng((number, WIRINGS.index(wiring)))
     shape = tuple(rng.integers(1, (9, 5, 4)[ndim] + 1) for ndim in [rng.integers(0, 3)] for _ in range(ndim + 1))
     cell = rng.choice(3, shape, p=(0.55, 0.25, 0.2)).astype(np.uint8)
     cell.flat[rng.integers(cell.size)] = 2
@@ -41,17 +41,17 @@ def random_scene(number: int, way: str) -> Scene:
         conductivity=10.0 ** rng.uniform(-1, 1, shape) if rng.random() < 0.5 else None,
     )
     options: dict[str, Any] = {"edge": ["obstacle" if closed else "open" for closed in rng.random(cell.ndim) < 0.6]}
-    options["boundary"] = way if way in ("dirichlet", "wall") else "neumann"
+    options["boundary"] = wiring if wiring in ("dirichlet", "wall") else "neumann"
     if options["boundary"] == "neumann":
-        options["drive"] = way
+        options["drive"] = wiring
     served = np.argwhere(space.goal_connected)
-    if way == "start":
+    if wiring == "start":
         options["start"] = tuple(served[rng.integers(len(served))].tolist()) if len(served) else (0,) * cell.ndim
     return space, options
 
 
 def contacts(space: rg.ConfigurationSpace, options: dict[str, Any]) -> Iterator[tuple[Any, Any, float, bool]]:
-    """Two neighbours, the later one None for what lies beyond the edge, the ohms between them, and if one is open."""
+    """Yield two neighbours (None beyond the edge), the ohms between them, and whether one is insulating."""
     width, shape, wall = space.spacing, space.shape, WALL if options["boundary"] == "wall" else 0.0
     neumann = options["boundary"] == "neumann"
     for here in product(*map(range, shape)):
@@ -72,16 +72,18 @@ def contacts(space: rg.ConfigurationSpace, options: dict[str, Any]) -> Iterator[
                 c = np.ones(shape) if space.conductivity is None else space.conductivity
                 ohms = R * (width[axis] / width.min()) ** 2 * float(np.mean([1 / c[one] for one in counted]))
                 walled = (codes[0] == 1) != (codes[1] == 1)
-                yield here, there, ohms + wall * walled, neumann and any(is_open(space, one) for one in pair)
+                yield here, there, ohms + wall * walled, neumann and any(is_insulating(space, one) for one in pair)
 
 
-def is_open(space: rg.ConfigurationSpace, cell: Any) -> bool:
-    """With open obstacles: an obstacle, or a free cell that no goal serves."""
+def is_insulating(space: rg.ConfigurationSpace, cell: Any) -> bool:
+    """Return whether a Neumann boundary insulates the cell: an obstacle, or a free cell without a path to a goal."""
     return bool(space.cell[cell] == 1 or (space.cell[cell] == 0 and not space.goal_connected[cell]))
 
 
-def dense(space: rg.ConfigurationSpace, options: dict[str, Any], switches: dict[str, float]) -> tuple[Any, float]:
-    """Voltage of every cell (NaN without a node) and power in all resistors; ideal where there are no switches."""
+def dense_reference(
+    space: rg.ConfigurationSpace, options: dict[str, Any], switches: dict[str, float]
+) -> tuple[Any, float]:
+    """Return the voltage of every cell (NaN without a node) and the power; no switches means an ideal chip."""
     cells = {cell: number for number, cell in enumerate(product(*map(range, space.shape)))}
     high, low = len(cells), len(cells) + 1
     neumann, driven = options["boundary"] == "neumann", options.get("drive") == "uniform"
@@ -99,12 +101,14 @@ def dense(space: rg.ConfigurationSpace, options: dict[str, Any], switches: dict[
                 elements.append((number, rail, switches[f"{name}_switch_{'on' if closed else 'off'}"]))
             elif closed:
                 volts[number] = volts[rail]
-    fed = [number for cell, number in cells.items() if driven and space.cell[cell] == 0 and not is_open(space, cell)]
+    injected = [
+        number for cell, number in cells.items() if driven and space.cell[cell] == 0 and not is_insulating(space, cell)
+    ]
     count = len(cells) + 2
     matrix, current = np.zeros((count, count)), np.zeros(count)
     for a, b, ohms in elements:
         matrix[[a, b, a, b], [a, b, b, a]] += np.array([1, 1, -1, -1]) / ohms
-    current[fed] = VOLTS / R / max(len(fed), 1)
+    current[injected] = VOLTS / R / max(len(injected), 1)
     known = np.array(sorted(volts))
     inner = np.array([n for n in range(len(cells)) if n not in volts and matrix[n, n] > 0], dtype=int)
     found = np.full(count, np.nan)
@@ -115,7 +119,7 @@ def dense(space: rg.ConfigurationSpace, options: dict[str, Any], switches: dict[
     return found[: len(cells)].reshape(space.shape), power
 
 
-def agree(netlist: rg.Netlist, space: rg.ConfigurationSpace, expected: tuple[Any, float]) -> None:
+def assert_agrees(netlist: rg.Netlist, space: rg.ConfigurationSpace, expected: tuple[Any, float]) -> None:
     point, (volts, power) = rg.solve(netlist), expected
     node = netlist.cells.node
     has_node = node >= 0
@@ -125,14 +129,14 @@ def agree(netlist: rg.Netlist, space: rg.ConfigurationSpace, expected: tuple[Any
     assert point.power == pytest.approx(power, rel=1e-8, abs=1e-12 * scale**2 / R)
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_a_seed_draws_the_same_mismatch_in_every_form(way: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("wiring", WIRINGS)
+def test_a_seed_draws_the_same_mismatch_in_analyses_netlists_and_decks(wiring: str, tmp_path: Path) -> None:
     drawn = rg.spice.analyses.MismatchAnalysis(0.4, seed=7)
     for number in range(20):
-        space, options = random_scene(number, way)
+        space, options = random_scene(number, wiring)
         if not (space.goal_connected & (space.cell == 0)).any():
             continue
-        wall = WALL if way == "wall" else None
+        wall = WALL if wiring == "wall" else None
         chip = rg.Chip(resistance=R, supply=VOLTS, wall_resistance=WALL, mismatch=0.4, seed=7)
         flat = rg.compile_space(space, **options, resistance=R, supply=VOLTS, wall_resistance=wall, rails="cells")
         made = rg.chip.build_chip(flat, chip)
@@ -144,24 +148,24 @@ def test_a_seed_draws_the_same_mismatch_in_every_form(way: str, tmp_path: Path) 
             assert rg.check_deck(written.path).agrees
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_flat_tiles_and_passes_are_the_circuit_of_the_rule(way: str) -> None:
+@pytest.mark.parametrize("wiring", WIRINGS)
+def test_flat_netlists_and_chips_equal_the_dense_circuit_of_the_definition(wiring: str) -> None:
     compared = touching = 0
     for number in range(125):
-        space, options = random_scene(number, way)
+        space, options = random_scene(number, wiring)
         if not space.goal_connected.any():
             continue
         chip = rg.Chip(resistance=R, supply=VOLTS, wall_resistance=WALL)
-        wall = WALL if way == "wall" else None
+        wall = WALL if wiring == "wall" else None
         flat = rg.compile_space(space, **options, resistance=R, supply=VOLTS, wall_resistance=wall, rails="cells")
-        ideal = dense(space, options, {})
+        ideal = dense_reference(space, options, {})
         try:
-            agree(flat, space, ideal)
+            assert_agrees(flat, space, ideal)
         except rg.CircuitError:
             continue  # everything is on one rail
-        agree(rg.chip.build_chip(flat, chip), space, ideal)
-        real = dense(space, options, SWITCHES)
-        agree(rg.chip.build_chip(flat, rg.Chip(**vars(chip) | SWITCHES)), space, real)
+        assert_agrees(rg.chip.build_chip(flat, chip), space, ideal)
+        real = dense_reference(space, options, SWITCHES)
+        assert_agrees(rg.chip.build_chip(flat, rg.Chip(**vars(chip) | SWITCHES)), space, real)
         compared += 1
         touching += any(there is not None and {space.cell[here], space.cell[there]} == {1, 2}
                         for here, there, *_ in contacts(space, options))  # fmt: skip

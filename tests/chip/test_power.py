@@ -1,3 +1,5 @@
+"""Power and droop, against conservation of energy and the formula of each resistor."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -11,7 +13,7 @@ import resgrid as rg
 
 @settings(max_examples=20)
 @given(seed=st.integers(0, 10**6), drive=st.booleans())
-def test_what_sources_deliver_becomes_heat(seed: int, drive: bool) -> None:
+def test_delivered_power_equals_dissipated_power(seed: int, drive: bool) -> None:
     op = rg.solve(random_grid(seed, drive=drive))
     result = rg.study(op).power()
     delivered = sum(rail.watts for rail in result.rails) + result.current_sources
@@ -26,7 +28,7 @@ def test_what_sources_deliver_becomes_heat(seed: int, drive: bool) -> None:
 
 
 @pytest.mark.parametrize("rails", ["merged", "cells"])
-def test_rails_are_told_apart(rails: str) -> None:
+def test_power_is_reported_per_rail(rails: str) -> None:
     result = rg.study(rg.solve(small_scene(rails=rails))).power()
     obstacle, goal = result.rails
     assert (obstacle.name, obstacle.volts, goal.name, goal.volts) == ("obstacle", 1.0, "goal_0", 0.0)
@@ -35,7 +37,7 @@ def test_rails_are_told_apart(rails: str) -> None:
     assert result.largest_droop == 0.0
 
 
-def test_a_series_resistor_makes_a_rail_droop() -> None:
+def test_droop_equals_the_voltage_across_a_series_resistor_of_the_rail() -> None:
     netlist = small_scene(rails="cells")
     goal = netlist.cells.node[11, 2]
     which = int(np.flatnonzero(netlist.source_nodes[:, 0] == goal)[0])
@@ -61,7 +63,7 @@ def test_a_series_resistor_makes_a_rail_droop() -> None:
     assert result.droop[goal] == pytest.approx(volts) == pytest.approx(result.largest_droop)
 
 
-def test_heat_lies_on_cells() -> None:
+def test_cell_heat_sums_to_the_total_power() -> None:
     op = rg.solve(small_scene(rails="cells"))
     result = rg.study(op).power()
     heat = result.cell_heat
@@ -70,7 +72,7 @@ def test_heat_lies_on_cells() -> None:
     assert np.unravel_index(np.nanargmax(heat), heat.shape)[0] in {10, 11, 12}
 
 
-def test_readings_add_up() -> None:
+def test_power_json_values_add_up() -> None:
     data = rg.study(rg.solve(ladder())).power().to_json()
     assert data["power"]["unit"] == "W"
     assert data["power_node_1"]["value"] + data["power_current_sources"]["value"] == pytest.approx(
@@ -79,12 +81,12 @@ def test_readings_add_up() -> None:
     assert data["hottest"][0]["power"] == data["hottest_resistor"]["value"]
 
 
-def test_heat_needs_cells() -> None:
+def test_cell_heat_of_a_netlist_without_cells_raises_input_error() -> None:
     with pytest.raises(rg.InputError, match="not compiled"):
         _ = rg.study(rg.solve(ladder())).power().cell_heat
 
 
-def test_nonlinear_resistors_heat_too() -> None:
+def test_power_includes_nonlinear_resistors() -> None:
     netlist = rg.Netlist(
         3, [[2, 0]], [1e-4], source_nodes=[[1, 0]], source_volts=[1.0],
         nonlinear_nodes=[[1, 2]], nonlinear_current=[1e-4], nonlinear_voltage=[0.5],

@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.chip.sensitivity`."""
+"""Sensitivities of decisions to resistances, against central differences, dense and banded solutions.
+
+Tests internals: `resgrid.chip.sensitivity`.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +17,8 @@ import resgrid as rg
 from resgrid.chip.sensitivity import adjoint_of
 
 
-def differences(netlist: rg.Netlist, weights: np.ndarray, step: float = 1e-4) -> np.ndarray:
-    """Central differences of a weighted sum of voltages in the logarithms of resistances, by a dense solver.
+def central_differences(netlist: rg.Netlist, weights: np.ndarray, step: float = 1e-4) -> np.ndarray:
+    """Return central differences of a weighted sum of voltages in logarithms of resistances, by a dense solver.
 
     Fourth order, so that neither truncation nor rounding spoils the sixth digit.
     """
@@ -32,13 +35,13 @@ def differences(netlist: rg.Netlist, weights: np.ndarray, step: float = 1e-4) ->
 
 @settings(max_examples=10)
 @given(seed=st.integers(0, 10**6), drive=st.booleans())
-def test_derivatives_equal_central_differences(seed: int, drive: bool) -> None:
+def test_derivatives_of_random_circuits_equal_central_differences(seed: int, drive: bool) -> None:
     netlist = random_grid(seed, side=4, drive=drive)
     weights = np.zeros(netlist.node_count)
     rng = np.random.default_rng(seed)
     weights[rng.choice(np.arange(4, netlist.node_count), 2, replace=False)] = 1.0, -1.0
     found = rg.study(rg.solve(netlist)).voltage_sensitivity(weights)
-    wanted = differences(netlist, weights)
+    wanted = central_differences(netlist, weights)
     assert np.abs(found - wanted).max() < 1e-6 * np.abs(wanted).max()
 
 
@@ -59,7 +62,7 @@ def test_derivatives_of_a_scene_equal_central_differences(boundary: str) -> None
         assert found[k] == pytest.approx((value[0] - value[1]) / 2e-4, abs=1e-6 * np.abs(found).max())
 
 
-def test_scaling_all_resistances_together_moves_nothing() -> None:
+def test_derivatives_sum_to_zero_under_a_common_scaling_of_all_resistances() -> None:
     netlist = small_scene()
     weights = np.zeros(netlist.node_count)
     weights[netlist.cells.node[3, 3]] = 1.0
@@ -68,7 +71,7 @@ def test_scaling_all_resistances_together_moves_nothing() -> None:
 
 
 def next_step(op: rg.OperatingPoint, cell: tuple[int, int]) -> int:
-    """Flat index of the lowest of a cell and its free or goal neighbours, by plain voltages."""
+    """Return the flat index of the lowest voltage among a cell and its free or goal neighbours."""
     cell_map = op.netlist.cells
     code = cell_map.space.cell
     places = [cell]
@@ -82,8 +85,8 @@ def next_step(op: rg.OperatingPoint, cell: tuple[int, int]) -> int:
     return int(np.ravel_multi_index(places[int(np.argmin(volts))], code.shape))
 
 
-def test_a_drift_beyond_the_margin_changes_the_step() -> None:
-    """On the diagonal of a square with the goal in its corner only mismatch decides."""
+def test_a_drift_beyond_flip_drift_changes_the_chosen_neighbour() -> None:
+    """On the diagonal of a square with the goal in its corner, only mismatch decides between two neighbours."""
     cell = np.zeros((8, 8), dtype=np.uint8)
     cell[0, 0] = 2
     netlist = rg.compile_space(space_of(cell))
@@ -112,7 +115,7 @@ def test_a_drift_beyond_the_margin_changes_the_step() -> None:
     assert checked >= 4
 
 
-def test_a_path_is_as_firm_as_its_weakest_step() -> None:
+def test_flip_drift_of_a_path_is_the_minimum_over_its_steps() -> None:
     op = rg.solve(small_scene())
     path = rg.streamline(rg.field(op), start=(8.5, 12.5))
     whole = rg.study(op).sensitivity(path.cells)
@@ -124,7 +127,7 @@ def test_a_path_is_as_firm_as_its_weakest_step() -> None:
     assert (np.diff(whole.flip_drift[flips]) >= 0).all()
 
 
-def test_deep_in_a_corridor_steps_are_still_decided() -> None:
+def test_margins_far_below_rounding_error_still_decide_the_step() -> None:
     cell = np.zeros((120, 3), dtype=np.uint8)
     cell[0] = 2
     result = rg.study(rg.solve(rg.compile_space(space_of(cell)))).sensitivity((115, 1))
@@ -134,9 +137,9 @@ def test_deep_in_a_corridor_steps_are_still_decided() -> None:
 
 
 def banded_corridor(netlist: rg.Netlist, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodal matrix of an open corridor in upper banded form, and the conductances to the goal; rows are its nodes.
+    """Return the nodal matrix of an open corridor in upper banded form, and the conductances to the goal.
 
-    Cholesky factors of such a matrix hold no sum of mixed signs in their substitution: far entries keep their digits.
+    Substitution with the Cholesky factors of this matrix adds no terms of mixed signs: far entries keep their digits.
     """
     node = netlist.cells.node
     free = node[netlist.cells.space.cell == rg.Cell.FREE]
@@ -155,8 +158,8 @@ def banded_corridor(netlist: rg.Netlist, width: int) -> tuple[np.ndarray, np.nda
     return band, to_goal
 
 
-def test_what_is_far_from_a_decision_flips_nothing_whatever_the_method() -> None:
-    """Along this corridor currents grow by 45 decades as the adjoint falls by as many."""
+def test_distant_resistors_do_not_flip_a_decision_with_any_method() -> None:
+    """Along this corridor the currents grow by 45 orders of magnitude and the adjoint decreases by 45."""
     width = 30
     cell = np.zeros((1000, width), dtype=np.uint8)
     cell[0] = 2
@@ -189,13 +192,13 @@ def test_what_is_far_from_a_decision_flips_nothing_whatever_the_method() -> None
     assert result.flip_drift.min() > 0.5
 
 
-def test_where_the_rails_hold_every_node_nothing_is_sensitive() -> None:
+def test_sensitivity_is_zero_where_sources_fix_every_node() -> None:
     op = rg.solve(rg.Netlist(3, [[1, 0], [2, 1]], [1.0, 1.0], [[1, 0], [2, 0]], [1.0, 2.0]))
     assert not rg.study(op).voltage_sensitivity([0.0, 1.0, 0.0]).any()
 
 
-def test_a_node_at_rest_is_sensitive_to_nothing() -> None:
-    """A current flows elsewhere, beyond ground: no rounding of what it could do there is a doubt."""
+def test_sensitivity_of_a_node_without_current_is_zero() -> None:
+    """A current flows only beyond ground; its rounding error must not appear at this node."""
     resting = [[7, 0], [5, 7], [6, 5], [2, 6]]
     netlist = rg.Netlist(
         8, [[3, 0], [1, 3], *resting],
@@ -206,7 +209,7 @@ def test_a_node_at_rest_is_sensitive_to_nothing() -> None:
     assert not rg.study(netlist).voltage_sensitivity(np.eye(8)[4]).any()
 
 
-# 1 V over a divider, 1 - 2 - 0; at node 2 hang a ring, 3 - 4 - 2, with an end, 5, and another end, 6; 8 hangs at 0.
+# 1 V over a divider 1 - 2 - 0.  Without current: the ring 2 - 3 - 4 with dead end 5, and dead ends 6, and 7 - 8.
 HANGING = rg.Netlist(
     9, [[1, 2], [2, 0], [2, 3], [3, 4], [4, 2], [4, 5], [2, 6], [0, 7], [7, 8]],
     [1e-3, 3e-3, 1.1e-3, 0.7e-3, 0.3e-3, 1.3e-3, 0.9e-3, 1e-3, 2e-3], source_nodes=[[1, 0]], source_volts=[1.0],
@@ -214,20 +217,20 @@ HANGING = rg.Netlist(
 
 
 @pytest.mark.parametrize(("plus", "minus"), [(4, 2), (4, 3), (5, 3), (5, 6), (6, 2), (8, 7), (7, 0)])
-def test_voltages_within_a_part_at_rest_are_sensitive_to_nothing(plus: int, minus: int) -> None:
-    """Whatever the resistances are, no current flows there, so that these nodes have one voltage."""
+def test_voltage_differences_within_a_part_without_current_have_zero_sensitivity(plus: int, minus: int) -> None:
+    """No current flows there for any resistances, so that these nodes have one voltage."""
     assert not rg.study(HANGING).voltage_sensitivity(np.eye(9)[plus] - np.eye(9)[minus]).any()
 
 
 @pytest.mark.parametrize(("plus", "minus"), [(5, 0), (6, 1), (6, 8)])
-def test_voltages_of_parts_at_rest_follow_the_node_they_hang_at(plus: int, minus: int) -> None:
+def test_a_part_without_current_has_the_sensitivity_of_its_connecting_node(plus: int, minus: int) -> None:
     found = rg.study(HANGING).voltage_sensitivity(np.eye(9)[plus] - np.eye(9)[minus])
     assert found == pytest.approx([-0.1875, 0.1875, *[0.0] * 7], abs=1e-12)
 
 
 @settings(max_examples=20)
 @given(space=spaces(max_cells=6))
-def test_any_space_gives_the_steepest_neighbour(space: rg.ConfigurationSpace) -> None:
+def test_the_best_neighbour_is_not_higher_on_random_spaces(space: rg.ConfigurationSpace) -> None:
     try:
         op = rg.solve(rg.compile_space(space))
     except rg.CircuitError:
@@ -246,7 +249,7 @@ def test_any_space_gives_the_steepest_neighbour(space: rg.ConfigurationSpace) ->
     assert result.margin[0] >= 0
 
 
-def test_nonlinear_resistors_are_seen_by_small_signals() -> None:
+def test_sensitivity_to_nonlinear_resistors_equals_small_signal_differences() -> None:
     netlist = rg.Netlist(
         3, [[2, 0]], [1e-4], source_nodes=[[1, 0]], source_volts=[1.0],
         nonlinear_nodes=[[1, 2]], nonlinear_current=[1e-4], nonlinear_voltage=[0.5],
@@ -262,7 +265,7 @@ def test_nonlinear_resistors_are_seen_by_small_signals() -> None:
     assert found[1] == pytest.approx((volts(1, up) - volts(1, down)) / 2e-4, rel=1e-6)
 
 
-def test_readings_name_the_weakest_resistors() -> None:
+def test_sensitivity_json_lists_the_weakest_resistors() -> None:
     data = rg.study(rg.solve(small_scene())).sensitivity((5, 3)).to_json()
     assert data["smallest_margin"]["unit"] == "V"
     assert len(data["weakest"]) == 10
@@ -274,12 +277,12 @@ def test_readings_name_the_weakest_resistors() -> None:
     ("cells", "word"),
     [((99, 0), "not in the grid"), ((4, 7), "free"), ((11, 2), "free"), (3, "2 whole"), ([0.5, 1], "whole indices")],
 )
-def test_bad_cells_are_named(cells: object, word: str) -> None:
+def test_invalid_cells_raise_input_error(cells: object, word: str) -> None:
     with pytest.raises(rg.InputError, match=word):
         rg.study(rg.solve(small_scene())).sensitivity(cells)
 
 
-def test_bad_weights_are_named() -> None:
+def test_invalid_weights_raise_input_error() -> None:
     op = rg.solve(small_scene())
     with pytest.raises(rg.InputError, match="one per node"):
         rg.study(op).voltage_sensitivity([1.0])

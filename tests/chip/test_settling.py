@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.chip.time_constants`, `resgrid.circuit.dynamics`, `resgrid.spice.write.flat`."""
+"""Settling times, against exact time constants of square grids, dense eigenvalues, exact motions and ngspice.
+
+Tests internals: `resgrid.chip.time_constants`, `resgrid.circuit.dynamics`, `resgrid.spice.write.flat`.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +21,8 @@ from resgrid.spice.write.flat import flatten
 R, C = 10e3, 1e-12
 
 
-def held_square(n: int) -> rg.Netlist:
-    """N x N cells, every one with C to ground, the edge held at ground through R."""
+def grounded_square(n: int) -> rg.Netlist:
+    """Return N x N nodes, each with C to ground; the edge is tied to ground through R."""
     node = np.arange(1, n * n + 1).reshape(n, n)
     inner = [(node[:-1], node[1:]), (node[:, :-1], node[:, 1:])]
     edge = [(side, 0 * side) for side in (node[0], node[-1], node[:, 0], node[:, -1])]
@@ -29,8 +32,8 @@ def held_square(n: int) -> rg.Netlist:
 
 
 @pytest.mark.parametrize("n", [5, 16, 64])
-def test_time_constants_of_a_held_square(n: int) -> None:
-    dynamics = dynamics_of(held_square(n))
+def test_time_constants_of_a_square_with_grounded_edge_equal_the_closed_form(n: int) -> None:
+    dynamics = dynamics_of(grounded_square(n))
     rate = 2 * (1 - np.cos(np.pi * np.arange(1, n + 1) / (n + 1)))
     exact = np.sort(R * C / np.add.outer(rate, rate).ravel())[::-1]
     slow = slowest_modes(dynamics, 4)
@@ -42,8 +45,8 @@ def test_time_constants_of_a_held_square(n: int) -> None:
     assert np.abs(ripple).max() < 1e-5 * C / np.sqrt(1 / R)
 
 
-def test_the_two_figures_of_a_64_cell_grid() -> None:
-    assert slowest_modes(dynamics_of(held_square(64)), 1).tau[0] / (R * C) == pytest.approx(214.08, abs=0.005)
+def test_slowest_time_constants_of_two_64_cell_grids_equal_the_documented_figures() -> None:
+    assert slowest_modes(dynamics_of(grounded_square(64)), 1).tau[0] / (R * C) == pytest.approx(214.08, abs=0.005)
     cell = np.zeros((64, 64), dtype=np.uint8)
     cell[0, 0] = 2
     corner = with_capacitors(rg.compile_space(space_of(cell), boundary="neumann", edge="open"), C)
@@ -52,7 +55,7 @@ def test_the_two_figures_of_a_64_cell_grid() -> None:
 
 @settings(max_examples=15)
 @given(seed=st.integers(0, 10**6))
-def test_time_constants_of_random_circuits(seed: int) -> None:
+def test_time_constants_of_random_circuits_equal_dense_eigenvalues(seed: int) -> None:
     netlist = random_dynamics(seed, side=6)
     exact = np.sort(ExactMotion(netlist).tau)[::-1]
     dynamics = dynamics_of(netlist)
@@ -60,7 +63,9 @@ def test_time_constants_of_random_circuits(seed: int) -> None:
     assert fastest_time_constant(dynamics) == pytest.approx(exact[exact > 0][-1], rel=1e-6)
 
 
-def test_iteration_and_dense_algebra_agree_where_nodes_lack_capacitance(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_iterative_and_dense_time_constants_agree_with_nodes_without_capacitance(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     dynamics = dynamics_of(random_dynamics(11, side=8))
     dense = slowest_modes(dynamics, 3).tau[:3], fastest_time_constant(dynamics)
     monkeypatch.setattr("resgrid.chip.time_constants.DENSE", 0)
@@ -69,7 +74,7 @@ def test_iteration_and_dense_algebra_agree_where_nodes_lack_capacitance(monkeypa
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_the_last_node_settles_when_the_exact_motion_says(boundary: str) -> None:
+def test_settle_time_equals_that_of_the_exact_motion(boundary: str) -> None:
     netlist = small_scene(boundary=boundary)
     result = rg.study(netlist).settling(bits=8)
     exact = ExactMotion(netlist)
@@ -87,8 +92,8 @@ def test_the_last_node_settles_when_the_exact_motion_says(boundary: str) -> None
     assert result.mode.min() >= -1e-12
 
 
-def test_a_stiff_part_that_a_source_lifts_ends_at_the_operating_point() -> None:
-    """Inside it flows nothing in the end, though each of its rows is fed by 6 kA, less as much."""
+def test_a_strongly_coupled_part_on_a_floating_source_ends_at_the_operating_point() -> None:
+    """The final currents inside are zero, although terms of up to 6 kA cancel in the system."""
     netlist = rg.Netlist(
         5, [[1, 0], [3, 2], [4, 2], [3, 4]], [1e-10, 6e3, 0.03, 60.0], source_nodes=[[2, 1]], source_volts=[1.0],
         capacitor_nodes=[[3, 0], [4, 0]], capacitance=[C, C],
@@ -98,7 +103,7 @@ def test_a_stiff_part_that_a_source_lifts_ends_at_the_operating_point() -> None:
     assert result.power == pytest.approx(0.0, abs=1e-30)
 
 
-def test_a_change_of_scene_settles_sooner_than_a_cold_start() -> None:
+def test_a_change_of_scene_settles_faster_than_a_cold_start() -> None:
     netlist = small_scene()
     other = netlist.cells.space.cell.copy()
     other[4, 7] = 0
@@ -106,13 +111,13 @@ def test_a_change_of_scene_settles_sooner_than_a_cold_start() -> None:
     assert rg.study(netlist).settling(initial=before).settle_time < rg.study(netlist).settling().settle_time
 
 
-def test_nothing_to_do_takes_no_time() -> None:
+def test_settle_time_and_energy_are_zero_from_the_operating_point() -> None:
     netlist = small_scene()
     result = rg.study(netlist).settling(initial=rg.solve(netlist))
     assert result.settle_time == result.energy == 0.0
 
 
-def test_ngspice_shows_the_same_slowest_time_constant(tmp_path: Path) -> None:
+def test_slowest_time_constant_agrees_with_ngspice(tmp_path: Path) -> None:
     netlist = small_scene(boundary="neumann")
     tau = slowest_modes(dynamics_of(netlist), 1).tau[0]
     statements = f".options method=trap reltol=1e-6\n.tran {tau / 500} {6 * tau} 0 {tau / 500} uic"
@@ -124,7 +129,7 @@ def test_ngspice_shows_the_same_slowest_time_constant(tmp_path: Path) -> None:
     assert 2 * tau / np.log(early / late) == pytest.approx(tau, rel=0.01)
 
 
-def test_readings_have_units_and_definitions() -> None:
+def test_settling_json_has_units_and_definitions() -> None:
     data = rg.study(small_scene()).settling(bits=6).to_json()
     assert data["settle_time"]["unit"] == "s"
     assert "6-bit" in data["settle_time"]["definition"]
@@ -139,7 +144,7 @@ def test_readings_have_units_and_definitions() -> None:
         (small_scene(), {"modes": 0}, rg.InputError, "modes"),
         (small_scene(), {"span": -1.0}, rg.InputError, "span"),
         (rg.compile_space(small_scene().cells.space), {}, rg.InputError, "no time constants; give chip.capacitance"),
-        (held_square(3), {}, rg.InputError, "final voltages are equal"),
+        (grounded_square(3), {}, rg.InputError, "final voltages are equal"),
         (
             rg.Netlist(
                 4, [[1, 2]], [1.0], source_nodes=[[1, 0]], source_volts=[1.0], capacitor_nodes=[[2, 0], [3, 0]],
@@ -149,7 +154,7 @@ def test_readings_have_units_and_definitions() -> None:
         ),
     ],
 )  # fmt: skip
-def test_what_cannot_settle_is_refused(
+def test_invalid_options_and_circuits_that_never_settle_raise_errors(
     netlist: rg.Netlist, options: dict[str, float], error: type[Exception], word: str
 ) -> None:
     with pytest.raises(error, match=word):

@@ -1,4 +1,4 @@
-"""A study: made from whatever there is, each circuit once, every question a method; results show themselves.
+"""Studies: made from a scene, space, netlist or deck; circuits are built once; every analysis is a method with figures.
 
 Tests internals: `resgrid.chip`, `resgrid.chip.report`.
 """
@@ -16,8 +16,8 @@ import resgrid as rg
 from resgrid.chip import ANALYSES
 from resgrid.chip.report import SECTIONS, report_section
 
-QUESTIONS = ("settling", "noise", "power", "adc_resolution", "sensitivity", "yields", "faults", "sweep")
-QUICK = {"yields": {"trials": 8, "batch": 8}, "faults": {"seconds": 1e-9}, "sweep": {"trials": 2}}
+METHODS = ("settling", "noise", "power", "adc_resolution", "sensitivity", "yields", "faults", "sweep")
+QUICK_OPTIONS = {"yields": {"trials": 8, "batch": 8}, "faults": {"seconds": 1e-9}, "sweep": {"trials": 2}}
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def made(scene: rg.Scene) -> rg.chip.Study:
     return rg.study(scene)
 
 
-def test_a_circuit_is_made_once(made: rg.chip.Study, scene: rg.Scene) -> None:
+def test_a_study_builds_its_circuit_once_and_reproducibly(made: rg.chip.Study, scene: rg.Scene) -> None:
     assert made.netlist is made.netlist
     assert made.op is made.op
     assert made.op.netlist is made.netlist
@@ -40,9 +40,9 @@ def test_a_circuit_is_made_once(made: rg.chip.Study, scene: rg.Scene) -> None:
     np.testing.assert_array_equal(rg.study(scene, space=rg.build_space(scene)).op.voltage, made.op.voltage)
 
 
-@pytest.mark.parametrize("question", QUESTIONS)
-def test_every_question_has_figures_that_show_themselves(made: rg.chip.Study, question: str) -> None:
-    result = getattr(made, question)(**QUICK.get(question, {}))
+@pytest.mark.parametrize("analysis", METHODS)
+def test_every_analysis_returns_figures_with_text_html_and_json(made: rg.chip.Study, analysis: str) -> None:
+    result = getattr(made, analysis)(**QUICK_OPTIONS.get(analysis, {}))
     assert isinstance(
         result,
         rg.chip.Settling
@@ -64,18 +64,18 @@ def test_every_question_has_figures_that_show_themselves(made: rg.chip.Study, qu
         next(value for value in vars(result).values() if isinstance(value, np.ndarray) and value.size)[...] = 0
 
 
-def test_defaults_are_what_the_chip_says(made: rg.chip.Study, scene: rg.Scene) -> None:
+def test_default_options_come_from_the_chip(made: rg.chip.Study, scene: rg.Scene) -> None:
     readout = scene.chip.readout
     assert made.settling().bits == made.bits == readout.bits
     assert made.adc_resolution().span == made.settling().span == made.span
     assert made.noise().band == (0.0, readout.noise_bandwidth)
     assert made.noise().temperature == pytest.approx(scene.chip.temperature + 273.15)
     assert made.noise(temperature=100.0, band=(1.0, 2.0)).temperature == 100.0
-    assert isinstance(made.yields(**QUICK["yields"]).overall, rg.chip.Proportion)
+    assert isinstance(made.yields(**QUICK_OPTIONS["yields"]).overall, rg.chip.Proportion)
     assert "netlist" not in inspect.signature(made.settling).parameters
 
 
-def test_a_deck_can_be_studied_too(tmp_path: Path) -> None:
+def test_a_study_of_a_deck_equals_the_study_of_its_operating_point(tmp_path: Path) -> None:
     op = rg.solve(small_scene())
     written = rg.write_spice(op, tmp_path / "a.cir")
     deck = rg.read_spice(written.path)
@@ -87,13 +87,13 @@ def test_a_deck_can_be_studied_too(tmp_path: Path) -> None:
         rg.study(op, boundary="neumann")
 
 
-def test_a_boundary_may_be_another(scene: rg.Scene) -> None:
+def test_a_study_accepts_another_boundary_than_the_scene(scene: rg.Scene) -> None:
     walled = rg.study(scene, rg.Chip(wall_resistance=1e3), boundary="wall")
     assert walled.ideal.cells.wiring.wall_resistance == 1e3
     assert "boundary" in walled._repr_html_()
 
 
-def test_the_report_has_a_section_for_every_question_of_the_verb(made: rg.chip.Study) -> None:
+def test_the_report_has_a_section_for_every_analysis_of_the_subcommand(made: rg.chip.Study) -> None:
     assert tuple(SECTIONS) == ANALYSES
     section = report_section("power", made)
     assert section.text[0].startswith("The chip takes ")

@@ -1,4 +1,4 @@
-"""Time constants and settling where symmetry, weak ties and far-apart scales make them hard, against exact laws.
+"""Time constants and settling with symmetry, weak ties and widely separated scales, against closed forms and mpmath.
 
 Tests internals: `resgrid.chip.time_constants`, `resgrid.circuit.dynamics`.
 """
@@ -19,7 +19,7 @@ from resgrid.circuit.dynamics import dynamics_of
 
 Floats = NDArray[np.float64]
 HALF_STEPS = np.log(2.0**11)
-"""Time constants in which 1 V falls to half a step of 10 bits of it."""
+"""Number of time constants in which 1 V decays to half a step of a 10-bit read-out."""
 
 
 def symmetric_grid(shape: tuple[int, ...], goal: tuple[int, ...], periodic: bool, boundary: str) -> rg.Netlist:
@@ -47,7 +47,7 @@ def laplacian(count: int, nodes: Floats, values: Floats) -> Floats:
         ((7, 7, 7), (3, 3, 3), False, "neumann"),
     ],
 )
-def test_no_twin_is_missed_on_symmetric_grids(
+def test_no_multiple_eigenvalue_is_missed_on_symmetric_grids(
     shape: tuple[int, ...], goal: tuple[int, ...], periodic: bool, boundary: str, modes: int
 ) -> None:
     netlist = symmetric_grid(shape, goal, periodic, boundary)
@@ -60,7 +60,7 @@ def test_no_twin_is_missed_on_symmetric_grids(
     assert mode.T @ (dynamics.conductance.matrix @ mode) == pytest.approx(np.eye(modes), abs=1e-7)
 
 
-def test_a_large_grid_with_few_capacitors() -> None:
+def test_a_large_grid_with_three_capacitors_has_two_exact_time_constants() -> None:
     netlist = symmetric_grid((19, 19), (2, 5), False, "neumann")
     netlist = netlist.replace(capacitor_nodes=[[30, 0], [200, 0], [30, 200]], capacitance=[1e-12, 3e-12, 2e-12])
     free = netlist.cells.free_node
@@ -77,7 +77,7 @@ def test_a_large_grid_with_few_capacitors() -> None:
 
 
 @pytest.mark.parametrize("ratio", [1e6, 1e13, 1e15, 1e17, 1e20])
-def test_a_pair_tied_weakly_to_two_rails(ratio: float) -> None:
+def test_a_pair_weakly_tied_to_two_rails_settles_with_exact_time_constants(ratio: float) -> None:
     netlist = rg.Netlist(
         4, [[2, 3], [1, 2], [3, 0]], [1.0, 1 / ratio, 2 / ratio], [[1, 0]], [1.0],
         capacitor_nodes=[[2, 0], [3, 0]], capacitance=[1e-12, 1e-12],
@@ -92,7 +92,7 @@ def test_a_pair_tied_weakly_to_two_rails(ratio: float) -> None:
 
 
 def island(side: int, ratio: float) -> rg.Netlist:
-    """A square of nodes joined by 1 S, all tied to 1 V by ``1 / ratio``, with 1 pF each."""
+    """Return a square of nodes joined by 1 S, tied to 1 V at one node by ``1 / ratio``, with 1 pF at each node."""
     node = np.arange(2, side * side + 2).reshape(side, side)
     inner = [(node[:-1], node[1:]), (node[:, :-1], node[:, 1:])]
     pairs = np.concatenate([[[1, 2]], *(np.stack([a.ravel(), b.ravel()], axis=1) for a, b in inner)])
@@ -105,7 +105,7 @@ def island(side: int, ratio: float) -> rg.Netlist:
 
 @pytest.mark.parametrize("side", [5, 18])
 @pytest.mark.parametrize("ratio", [1e10, 1e13, 1e15, 1e17])
-def test_an_island_tied_weakly_charges_as_one_capacitor(side: int, ratio: float) -> None:
+def test_a_weakly_tied_island_charges_as_one_capacitor(side: int, ratio: float) -> None:
     result = rg.study(island(side, ratio)).settling()
     tau = side**2 * 1e-12 * ratio
     assert result.time_constants[0] == pytest.approx(tau, rel=1e-8)
@@ -114,14 +114,14 @@ def test_an_island_tied_weakly_charges_as_one_capacitor(side: int, ratio: float)
 
 
 @pytest.mark.parametrize("side", [5, 18])
-def test_an_island_that_rounding_unties_is_refused(side: int) -> None:
+def test_an_island_whose_tie_is_lost_to_rounding_raises_accuracy_error(side: int) -> None:
     with pytest.raises(rg.AccuracyError, match="too many orders of magnitude"):
         rg.study(island(side, 1e30)).settling()
     with pytest.raises(rg.AccuracyError, match="too many orders of magnitude"):
         slowest_modes(dynamics_of(island(side, 1e30)), 1)
 
 
-def two_lags(fast: float, slow: float) -> rg.Netlist:
+def two_rc_circuits(fast: float, slow: float) -> rg.Netlist:
     return rg.Netlist(
         4, [[1, 2], [1, 3]], [1e-3, 1e-3], [[1, 0]], [1.0], capacitor_nodes=[[2, 0], [3, 0]],
         capacitance=[1e-3 * fast, 1e-3 * slow],
@@ -129,14 +129,14 @@ def two_lags(fast: float, slow: float) -> rg.Netlist:
 
 
 @pytest.mark.parametrize(("fast", "slow"), [(1e-9, 1e-9), (1e-9, 1e-3), (1e-15, 1.0)])
-def test_lags_far_apart_settle_on_their_own(fast: float, slow: float) -> None:
-    result = rg.study(two_lags(fast, slow)).settling()
+def test_separate_rc_circuits_with_different_time_constants_settle_independently(fast: float, slow: float) -> None:
+    result = rg.study(two_rc_circuits(fast, slow)).settling()
     assert result.node_time[2:] == pytest.approx([fast * HALF_STEPS, slow * HALF_STEPS], rel=1e-9)
     assert result.energy == pytest.approx(1e-3 * (fast + slow) * (1 - 2.0**-11), rel=1e-2)
 
 
-def test_time_and_energy_end_with_the_last_node_that_moves() -> None:
-    result = rg.study(two_lags(1e-9, 1e-3)).settling(initial=[0.0, 1.0, 0.0, 0.9996])
+def test_settling_ends_with_the_last_node_outside_the_band() -> None:
+    result = rg.study(two_rc_circuits(1e-9, 1e-3)).settling(initial=[0.0, 1.0, 0.0, 0.9996])
     assert result.settle_time == pytest.approx(1e-9 * HALF_STEPS, rel=1e-9)
     slow = 1e-6 * 0.0004 * -np.expm1(-result.settle_time / 1e-3)
     assert result.energy == pytest.approx(1e-12 * (1 - 2.0**-11) + slow, rel=1e-9)
@@ -144,7 +144,7 @@ def test_time_and_energy_end_with_the_last_node_that_moves() -> None:
     assert np.interp(result.settle_time, result.times, result.distance) == pytest.approx(result.span / 2**11, rel=0.02)
 
 
-def test_capacitors_in_series_between_loose_nodes_stay_below_the_bound() -> None:
+def test_settle_time_of_capacitors_in_series_stays_below_the_bound() -> None:
     n, R, C = 16, 1e6, 1e-9
     pairs = np.array([[2 * k + 1, 2 * k + 2] for k in range(n)])
     links = [[2 * k, 2 * k + 1] for k in range(n)]
@@ -158,7 +158,7 @@ def test_capacitors_in_series_between_loose_nodes_stay_below_the_bound() -> None
     assert result.settle_time <= result.bound
 
 
-class ExactLags:
+class ExactDeviations:
     """Deviations of a circuit with a capacitor at every node, from eigenvectors in 50 digits."""
 
     def __init__(self, G: Floats, C: Floats, start: Floats) -> None:
@@ -181,7 +181,7 @@ class ExactLags:
         return self.share @ np.exp(-np.outer(self.rate, times))
 
     def settled(self, band: float) -> Floats:
-        """When every node last leaves the band, by looking closely and halving."""
+        """Return the last time at which each node is outside the band, by dense sampling and bisection."""
         times = np.append(0.0, np.geomspace(1e-4 / self.rate.max(), 60 / self.rate.min(), 20000))
         result = np.zeros(len(self.share))
         for row, outside in enumerate(np.abs(self.at(times)) > band):
@@ -197,7 +197,7 @@ class ExactLags:
 
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 10**6), iterated=st.booleans())
-def test_every_node_settles_when_its_exponentials_say(seed: int, iterated: bool) -> None:
+def test_node_times_equal_those_of_exact_exponentials(seed: int, iterated: bool) -> None:
     rng = np.random.default_rng(seed)
     n, decades = int(rng.integers(3, 8)), float(rng.choice([0.5, 3.0, 6.0]))
     tree = [[k, int(rng.integers(0, k))] for k in range(1, n + 1)]
@@ -207,13 +207,13 @@ def test_every_node_settles_when_its_exponentials_say(seed: int, iterated: bool)
     caps = np.stack([np.arange(1, n + 1), np.zeros(n, dtype=int)], axis=1)
     netlist = rg.Netlist(n + 1, nodes, conductance, capacitor_nodes=caps, capacitance=capacitance)
     start = rng.normal(size=n)
-    # Off-diagonals, and on the diagonal only what ties a node to ground.
+    # Off-diagonal entries, and on the diagonal only the conductance to ground.
     G = np.zeros((n + 1, n + 1))
     for (a, b), value in zip(nodes, conductance, strict=True):
         if a != b:
             G[a, b], G[b, a] = G[a, b] - value, G[b, a] - value
     G[np.diag_indices(n + 1)] = -G[:, 0]
-    exact = ExactLags(G[1:, 1:], capacitance, start)
+    exact = ExactDeviations(G[1:, 1:], capacitance, start)
     with pytest.MonkeyPatch.context() as patch:
         if iterated:
             patch.setattr("resgrid.chip.time_constants.DENSE", 0)
@@ -224,8 +224,8 @@ def test_every_node_settles_when_its_exponentials_say(seed: int, iterated: bool)
     assert result.settle_time <= result.bound
 
 
-def test_an_excursion_is_seen_however_short() -> None:
-    """Node 2 begins at its end, follows node 1 out of the band, and is back a millionth of the time to settle later."""
+def test_node_time_includes_a_short_excursion_out_of_the_band() -> None:
+    """Node 2 starts at its final voltage, leaves the band and returns within a millionth of the settle time."""
     nodes = [[0, 1], [1, 2], [0, 2], [0, 3]]
     netlist = rg.Netlist(
         4, nodes, [1e-3, 1e-3, 1e-3, 1e-6], capacitor_nodes=[[1, 0], [2, 0], [3, 0]], capacitance=[1e-12, 1e-12, 1e-6]
@@ -237,31 +237,31 @@ def test_an_excursion_is_seen_however_short() -> None:
 
 
 @pytest.mark.parametrize("volts", [1e-200, 1e-12, 1e12, 1e150])
-def test_the_time_to_settle_does_not_depend_on_the_volts(volts: float) -> None:
-    result = rg.study(two_lags(1e-9, 1e-9).replace(source_volts=[volts])).settling()
+def test_settle_time_does_not_depend_on_the_source_voltage(volts: float) -> None:
+    result = rg.study(two_rc_circuits(1e-9, 1e-9).replace(source_volts=[volts])).settling()
     assert result.settle_time == pytest.approx(1e-9 * HALF_STEPS, rel=1e-9)
     assert result.energy == pytest.approx(2e-12 * (1 - 2.0**-11) * volts**2, rel=1e-9)
 
 
 @pytest.mark.parametrize("volts", [1e165, 1e300])
-def test_energies_beyond_doubles_are_refused(volts: float) -> None:
+def test_energies_beyond_the_range_of_doubles_raise_accuracy_error(volts: float) -> None:
     with pytest.raises(rg.AccuracyError, match="overflows"):
-        rg.study(two_lags(1e-9, 1e-9).replace(source_volts=[volts])).settling()
+        rg.study(two_rc_circuits(1e-9, 1e-9).replace(source_volts=[volts])).settling()
 
 
 @pytest.mark.parametrize("bad", ["6", float("nan"), np.array([4, 5]), 1.5, True, 0, -3])
 @pytest.mark.parametrize("name", ["bits", "modes"])
-def test_bits_and_modes_are_whole_numbers(name: str, bad: object) -> None:
+def test_bits_and_modes_that_are_not_positive_whole_numbers_raise_input_error(name: str, bad: object) -> None:
     with pytest.raises(rg.InputError, match=name):
-        rg.study(two_lags(1e-9, 1e-9)).settling(**{name: bad})
+        rg.study(two_rc_circuits(1e-9, 1e-9)).settling(**{name: bad})
 
 
 @pytest.mark.parametrize("bad", ["1", float("nan"), float("inf"), np.array([1.0, 2.0]), True, 0.0])
-def test_a_span_is_a_positive_number(bad: object) -> None:
+def test_spans_that_are_not_positive_numbers_raise_input_error(bad: object) -> None:
     with pytest.raises(rg.InputError, match="span"):
-        rg.study(two_lags(1e-9, 1e-9)).settling(span=bad)  # type: ignore[arg-type]
+        rg.study(two_rc_circuits(1e-9, 1e-9)).settling(span=bad)  # type: ignore[arg-type]
 
 
-def test_a_span_beside_which_nothing_settles_is_refused() -> None:
+def test_a_span_far_below_rounding_error_raises_input_error() -> None:
     with pytest.raises(rg.InputError, match="span"):
-        rg.study(two_lags(1e-9, 1e-9).replace(source_volts=[1e150])).settling(span=1e-300)
+        rg.study(two_rc_circuits(1e-9, 1e-9).replace(source_volts=[1e150])).settling(span=1e-300)

@@ -1,4 +1,4 @@
-"""Every analysis on one chip with all its flaws, against ngspice and its own laws.
+"""All analyses of one chip with every effect, against ngspice and conservation laws.
 
 Tests internals: `resgrid.spice.run.rawfile`, `resgrid.spice.write.flat`.
 """
@@ -41,7 +41,7 @@ def op(netlist: rg.Netlist) -> rg.OperatingPoint:
     return rg.solve(netlist)
 
 
-def test_it_moves_as_ngspice_says_and_ends_in_its_operating_point(
+def test_the_transient_agrees_with_ngspice_and_ends_at_the_operating_point(
     netlist: rg.Netlist, op: rg.OperatingPoint, tmp_path: Path
 ) -> None:
     slowest = float(rg.study(netlist).settling().time_constants[0])
@@ -57,8 +57,8 @@ def test_it_moves_as_ngspice_says_and_ends_in_its_operating_point(
     assert np.abs(found.voltage[-1] - op.voltage).max() < 1e-9
 
 
-def test_its_noise_is_that_of_ngspice(netlist: rg.Netlist, tmp_path: Path) -> None:
-    """By the spectrum: ngspice's own integral is NaN once a resistor contributes nothing at all."""
+def test_noise_agrees_with_ngspice(netlist: rg.Netlist, tmp_path: Path) -> None:
+    """The spectrum is integrated here, because the integral of ngspice is NaN if a resistor contributes zero noise."""
     band = (1e3, 100 / (2 * np.pi * rg.study(netlist).settling().fastest))
     node = int(netlist.cells.node[3, 4])
     deck = re.sub(r"(?m)^(v_obstacle .*)$", r"\1 ac 1", flatten(netlist).text)
@@ -73,7 +73,7 @@ def test_its_noise_is_that_of_ngspice(netlist: rg.Netlist, tmp_path: Path) -> No
     assert rg.study(netlist).noise_density([node], frequency)[:, 0] == pytest.approx(density**2, rel=1e-5)
 
 
-def test_its_power_balances_and_its_rails_droop(op: rg.OperatingPoint) -> None:
+def test_power_is_conserved_and_rails_droop(op: rg.OperatingPoint) -> None:
     power = rg.study(op).power()
     assert sum(rail.watts for rail in power.rails) == pytest.approx(power.total, rel=1e-9)
     assert {rail.name for rail in power.rails} == {"obstacle", "goal_0"}
@@ -83,7 +83,7 @@ def test_its_power_balances_and_its_rails_droop(op: rg.OperatingPoint) -> None:
     assert power.droop[goal] == pytest.approx(op.voltage[goal])
 
 
-def test_its_robot_takes_the_steps_that_its_voltages_show(op: rg.OperatingPoint) -> None:
+def test_following_is_the_neighbour_with_the_lowest_voltage(op: rg.OperatingPoint) -> None:
     cell_map = op.netlist.cells
     volts = op.voltage[cell_map.node]
     code = cell_map.space.cell
@@ -96,14 +96,14 @@ def test_its_robot_takes_the_steps_that_its_voltages_show(op: rg.OperatingPoint)
         assert result.cell_bits[cell] == pytest.approx(np.log2(1 / (volts[cell] - volts[lowest])), abs=1e-6)
 
 
-def test_switches_count_among_the_resistors_that_decide(op: rg.OperatingPoint) -> None:
+def test_sensitivity_includes_switches(op: rg.OperatingPoint) -> None:
     result = rg.study(op).sensitivity((8, 12))
     assert len(result.flip_drift) == len(op.netlist.conductance)
     switches = op.netlist.cells.resistor_face < 0
     assert np.isfinite(result.flip_drift[switches]).any()
 
 
-def test_saturating_resistors_are_judged_by_small_signals() -> None:
+def test_saturating_chips_are_analysed_by_their_small_signal_circuit() -> None:
     chip = rg.Chip(capacitance=1e-12, saturation_voltage=0.3)
     netlist = rg.study(small_scene().cells.space, chip).netlist
     op = rg.solve(netlist)

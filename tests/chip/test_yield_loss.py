@@ -1,4 +1,4 @@
-"""Causes of yield loss and limits of errors, against chips that are described without the effect.
+"""Causes of yield loss and limits of errors, against yields of chips that are described without the effect.
 
 Tests internals: `resgrid.chip.build`, `resgrid.chip.error_limits`, `resgrid.chip.report`, `resgrid.chip.yield_loss`,
 `resgrid.scene.table_models`.
@@ -23,7 +23,7 @@ from resgrid.scene.table_models import described_keys
 
 NOT_EFFECTS = {"resistance", "supply", "wall_resistance", "capacitance", "width", "length", "tc1", "tc2",
                "drawing_grid", "seed", "defects.short_resistance"}  # fmt: skip
-"""Keys of the design itself, and keys that say nothing without another one."""
+"""Keys of the design itself, and keys without an effect of their own."""
 
 CHIP = rg.Chip(
     mismatch=0.1, gradient=(0.1,), goal_switch_on=200.0, rail_resistance=1.0, preferred="E12", temperature=85,
@@ -31,7 +31,7 @@ CHIP = rg.Chip(
 )  # fmt: skip
 
 
-def cells(side: int = 9) -> rg.ConfigurationSpace:
+def walled_space(side: int = 9) -> rg.ConfigurationSpace:
     cell = np.zeros((side, side), dtype=np.uint8)
     cell[3:6, 4] = 1
     cell[1, 1] = 2
@@ -39,7 +39,7 @@ def cells(side: int = 9) -> rg.ConfigurationSpace:
 
 
 def served(chip: rg.Chip, trials: int, space: rg.ConfigurationSpace | None = None) -> np.ndarray:
-    return rg.study(space or cells(), chip).yields(trials=trials, batch=trials, half_width=1e-9).served
+    return rg.study(space or walled_space(), chip).yields(trials=trials, batch=trials, half_width=1e-9).served
 
 
 def test_every_key_of_a_chip_belongs_to_an_effect_or_to_the_design() -> None:
@@ -49,10 +49,10 @@ def test_every_key_of_a_chip_belongs_to_an_effect_or_to_the_design() -> None:
     assert not set(effects) & NOT_EFFECTS
 
 
-def test_a_cause_is_the_yield_of_the_chip_without_the_effect() -> None:
+def test_a_cause_has_the_yield_of_the_chip_without_the_effect() -> None:
     trials = 16
-    loss = rg.study(cells(), CHIP).yield_loss(trials=trials)
-    base, starts = served(CHIP, trials), int(cells().goal_connected.sum())
+    loss = rg.study(walled_space(), CHIP).yield_loss(trials=trials)
+    base, starts = served(CHIP, trials), int(walled_space().goal_connected.sum())
     assert loss.overall.value == base.sum() / (trials * starts)
     assert {cause.name for cause in loss.causes} == {
         "mismatch", "gradient", "preferred values", "temperature", "rail switches", "rail resistance",
@@ -72,13 +72,13 @@ def test_a_cause_is_the_yield_of_the_chip_without_the_effect() -> None:
 
 def test_an_effect_without_influence_changes_no_chip() -> None:
     chip = dataclasses.replace(rg.Chip(mismatch=0.1, seed=3), preferred="E24", readout=rg.chip.Readout(bits=7))
-    (cause,) = (item for item in rg.study(cells(), chip).yield_loss(trials=20).causes if item.name[:4] == "pref")
+    (cause,) = (item for item in rg.study(walled_space(), chip).yield_loss(trials=20).causes if item.name[:4] == "pref")
     assert (cause.gain, cause.changed) == (0.0, 0)  # 10 kohm is a preferred value
     assert (cause.low, cause.high) == pytest.approx((0.05**0.05 - 1, 1 - 0.05**0.05))
 
 
 @pytest.mark.parametrize("confidence", [0.8, 0.95])
-def test_intervals_of_paired_differences_hold_the_mean(confidence: float) -> None:
+def test_paired_intervals_contain_the_mean_with_the_stated_confidence(confidence: float) -> None:
     rng = np.random.default_rng(0)
     held = 0
     for _ in range(400):
@@ -88,9 +88,9 @@ def test_intervals_of_paired_differences_hold_the_mean(confidence: float) -> Non
     assert paired_interval(np.array([0.5]), confidence) == (-1.0, 1.0)
 
 
-def test_limits_bracket_the_target() -> None:
+def test_limits_and_the_next_value_bracket_the_target_yield() -> None:
     chip = dataclasses.replace(CHIP, mismatch=0.02, preferred=None, readout=rg.chip.Readout(bits=12, offset=1e-4))
-    trials, space = 16, cells(16)
+    trials, space = 16, walled_space(16)
     starts = int(space.goal_connected.sum())
     loss = rg.study(space, chip).yield_loss(trials=trials, target=0.97)
     ladders = {ladder.name: ladder for ladder in (mismatch_ladder(chip), offset_ladder(chip), bits_ladder(chip))}
@@ -113,9 +113,9 @@ def test_limits_bracket_the_target() -> None:
     assert loss.figures["fewest_bits"].value == loss.limits[2].value
 
 
-def test_a_limit_that_is_not_reached_at_zero_says_so() -> None:
+def test_a_limit_not_reached_at_zero_is_reported_as_such() -> None:
     chip = dataclasses.replace(CHIP, mismatch=0.01, readout=rg.chip.Readout(bits=6, offset=1e-3))
-    loss = rg.study(cells(), chip).yield_loss(trials=16, target=0.99)
+    loss = rg.study(walled_space(), chip).yield_loss(trials=16, target=0.99)
     mismatch, offset, _ = loss.limits
     for limit in (mismatch, offset):
         assert (limit.reached, limit.value, limit.beyond) == (False, None, None)
@@ -131,38 +131,41 @@ def test_pelgrom_and_mismatch_have_the_same_limit() -> None:
         changed = mismatch_ladder(chip).chip_with(0.02)
         assert changed.pelgrom == pytest.approx(10.0)
     same = dataclasses.replace(drawn, pelgrom=None, mismatch=0.01)
-    limits = [rg.study(cells(), chip).yield_loss(trials=8, target=0.95).limits[0] for chip in (drawn, same)]
+    limits = [rg.study(walled_space(), chip).yield_loss(trials=8, target=0.95).limits[0] for chip in (drawn, same)]
     assert limits[0].value == limits[1].value
 
 
-def test_an_ideal_chip_loses_nothing() -> None:
-    loss = rg.study(cells(), rg.Chip()).yield_loss(trials=4)
+def test_an_ideal_chip_has_no_causes_of_loss() -> None:
+    loss = rg.study(walled_space(), rg.Chip()).yield_loss(trials=4)
     assert loss.causes == ()
     assert loss.overall.value == 1.0
-    assert "no single effect" in report_section("yield_loss", rg.study(cells(), rg.Chip()), Effort(trials=4)).text[0]
+    assert (
+        "no single effect"
+        in report_section("yield_loss", rg.study(walled_space(), rg.Chip()), Effort(trials=4)).text[0]
+    )
 
 
-def test_chips_that_are_all_the_same_have_exact_gains() -> None:
-    loss = rg.study(cells(16), rg.Chip(readout=rg.chip.Readout(bits=8))).yield_loss(trials=4, target=0.9)
+def test_gains_of_chips_without_randomness_have_zero_width_intervals() -> None:
+    loss = rg.study(walled_space(16), rg.Chip(readout=rg.chip.Readout(bits=8))).yield_loss(trials=4, target=0.9)
     (cause,) = loss.causes
     assert (cause.name, cause.changed, cause.share.value) == ("quantization", 4, 1.0)
     assert cause.low == cause.gain == cause.high > 0
     assert cause.gain == pytest.approx(1.0 - loss.overall.value)
 
 
-def test_the_numbers_are_those_of_the_seed() -> None:
-    study = rg.study(cells(), CHIP)
-    told: list[tuple[int, int]] = []
-    alone = study.yield_loss(trials=4, progress=lambda done, expected, _: told.append((done, expected)))
+def test_yield_loss_depends_on_the_seed_and_not_on_the_executor() -> None:
+    study = rg.study(walled_space(), CHIP)
+    reports: list[tuple[int, int]] = []
+    alone = study.yield_loss(trials=4, progress=lambda done, expected, _: reports.append((done, expected)))
     with ThreadPoolExecutor(2) as threads:
         assert study.yield_loss(trials=4, executor=threads).to_json() == alone.to_json()
     assert isinstance(alone, rg.chip.YieldLoss)
-    assert all(done <= expected for done, expected in told)
-    assert rg.study(cells(), dataclasses.replace(CHIP, seed=8)).yield_loss(trials=4).to_json() != alone.to_json()
+    assert all(done <= expected for done, expected in reports)
+    assert rg.study(walled_space(), dataclasses.replace(CHIP, seed=8)).yield_loss(trials=4).to_json() != alone.to_json()
 
 
 def test_the_report_lists_causes_and_limits() -> None:
-    study = rg.study(cells(), CHIP)
+    study = rg.study(walled_space(), CHIP)
     section = report_section("yield_loss", study, Effort(trials=16))
     text = report_markdown(study, [section], {}, "")
     assert "## Yield loss" in text

@@ -1,4 +1,4 @@
-"""Robots that see the read-out only, against a robot walked by hand; runs that are killed, shared and resumed.
+"""Yields of robots that see only the read-out, against a robot simulated step by step; parallel and resumed runs.
 
 Tests internals: `resgrid.chip.figures_of_merit`, `resgrid.chip.monte_carlo`, `resgrid.chip.report`,
 `resgrid.chip.walk`, `resgrid.core.random_sites`.
@@ -28,18 +28,18 @@ from resgrid.chip.walk import converter_of, neighbours_of, reaches_goal
 from resgrid.core.random_sites import NOISE, OFFSET, generator
 
 
-def room(side: int = 12, seed: int = 0, density: float = 0.1) -> rg.ConfigurationSpace:
+def random_space(side: int = 12, seed: int = 0, density: float = 0.1) -> rg.ConfigurationSpace:
     rng = np.random.default_rng(seed)
     cell = (rng.random((side, side)) < density).astype(np.uint8)
     cell[side // 3, side // 2] = 2
     return space_of(cell)
 
 
-def robot(
+def robot_reaches_goal(
     netlist: rg.Netlist, volts: np.ndarray, readout: rg.chip.Readout, start: tuple[int, ...], offset: np.ndarray,
-    blur: np.ndarray,
+    noise: np.ndarray,
 ) -> bool:  # fmt: skip
-    """One robot, cell by cell, by the rules in words."""
+    """Return whether one robot reaches a goal, cell by cell, by the documented rules."""
     cell_map = netlist.cell_map
     space = cell_map.space
     rails = sorted((cell_map.wiring.goal_voltage, cell_map.wiring.goal_voltage + cell_map.wiring.supply))
@@ -58,7 +58,7 @@ def robot(
         if here in been:
             return False
         been.add(here)
-        best, lowest = None, measure(here, blur[(*here, -1)])
+        best, lowest = None, measure(here, noise[(*here, -1)])
         for axis in range(space.ndim):
             for side, step in enumerate((-1, 1)):
                 there = list(here)
@@ -69,7 +69,7 @@ def robot(
                     continue
                 if space.cell[tuple(there)] == 1:
                     continue
-                reading = measure(tuple(there), blur[(*here, 2 * axis + side)])
+                reading = measure(tuple(there), noise[(*here, 2 * axis + side)])
                 if reading < lowest:
                     best, lowest = tuple(there), reading
         if best is None:
@@ -80,11 +80,13 @@ def robot(
 
 @settings(max_examples=25)
 @given(spaces(max_cells=6, conductive=False), st.integers(0, 1000), st.sampled_from([1.0, -2.5]))
-def test_robots_walk_by_the_rules(space: rg.ConfigurationSpace, seed: int, supply: float) -> None:
+def test_reached_goals_equal_those_of_the_robot_simulated_step_by_step(
+    space: rg.ConfigurationSpace, seed: int, supply: float
+) -> None:
     try:
         netlist = rg.study(space, rg.Chip(supply=supply)).ideal
         volts = rg.solve(netlist).voltage
-    except rg.CircuitError:  # nothing is driven
+    except rg.CircuitError:  # no part of the circuit is driven
         return
     rng = np.random.default_rng(seed)
     readout = rg.chip.Readout(
@@ -94,21 +96,21 @@ def test_robots_walk_by_the_rules(space: rg.ConfigurationSpace, seed: int, suppl
         range=[None, (-0.1, 0.8)][rng.integers(2)],
     )
     sigma = np.full(space.cell.size, 0.02 if readout.noise_bandwidth else 0.0)
-    eyes = converter_of(readout, netlist.cells, sigma)
+    converter = converter_of(readout, netlist.cells, sigma)
     ways = 2 * space.ndim + 1
-    offset, blur = np.zeros(space.shape), np.zeros((*space.shape, ways))
+    offset, noise = np.zeros(space.shape), np.zeros((*space.shape, ways))
     if readout.offset:
         offset = 0.01 * generator((seed, 0), OFFSET).standard_normal(space.shape)
     if readout.noise_bandwidth:
-        blur = 0.02 * generator((seed, 0), NOISE).standard_normal((*space.shape, ways))
-    found = reaches_goal(volts, neighbours_of(netlist.cells), eyes, (seed, 0)).reshape(space.shape)
+        noise = 0.02 * generator((seed, 0), NOISE).standard_normal((*space.shape, ways))
+    found = reaches_goal(volts, neighbours_of(netlist.cells), converter, (seed, 0)).reshape(space.shape)
     for start in map(tuple, np.argwhere(space.goal_connected).tolist()):
-        assert found[start] == robot(netlist, volts, readout, start, offset, blur)
+        assert found[start] == robot_reaches_goal(netlist, volts, readout, start, offset, noise)
 
 
 @settings(max_examples=15)
 @given(spaces(max_cells=7), st.sampled_from(["dirichlet", "neumann"]), st.sampled_from([None, 0.2]))
-def test_through_an_ideal_readout_every_start_with_a_path_is_served(
+def test_an_ideal_readout_serves_every_start_with_a_path(
     space: rg.ConfigurationSpace, boundary: str, mismatch: float | None
 ) -> None:
     chip = rg.Chip(mismatch=mismatch)
@@ -128,10 +130,10 @@ def test_through_an_ideal_readout_every_start_with_a_path_is_served(
         assert (result.trials, result.overall.low) == (1, result.overall.value)
 
 
-def test_bits_taken_away_never_raise_the_yield() -> None:
+def test_fewer_bits_never_raise_the_yield() -> None:
     bits = range(20, 0, -1)
     for seed in range(40):
-        space = room(int(np.random.default_rng(seed).integers(4, 16)), seed, (seed % 4) / 10)
+        space = random_space(int(np.random.default_rng(seed).integers(4, 16)), seed, (seed % 4) / 10)
         if not space.goal_connected.any():
             continue
         for boundary in ("dirichlet", "neumann"):
@@ -144,8 +146,8 @@ def test_bits_taken_away_never_raise_the_yield() -> None:
             assert served[0] > served[-1] or served[0] == 2 * experiment.starts.sum()
 
 
-def test_leaks_make_starts_of_even_an_ideal_readout_lose_their_way() -> None:
-    """A load on every node lets voltages have minima of their own, which robots get stuck in."""
+def test_leaks_lower_the_yield_of_an_ideal_readout() -> None:
+    """A load on every node creates local minima of the voltage, where robots get stuck."""
     chip = rg.Chip(readout=rg.chip.Readout(input_resistance=50e3))
     cell = np.zeros((16, 16), dtype=np.uint8)
     cell[1, 1] = 2
@@ -154,9 +156,9 @@ def test_leaks_make_starts_of_even_an_ideal_readout_lose_their_way() -> None:
     assert 0.0 < result.overall.value < 1.0
 
 
-def test_opens_cost_starts_and_shorts_break_chips() -> None:
+def test_yield_with_opens_equals_robots_simulated_on_every_chip() -> None:
     chip = rg.Chip(defects=rg.chip.Defects(open_density=0.3), seed=4)
-    netlist = rg.study(room(), chip).ideal
+    netlist = rg.study(random_space(), chip).ideal
     result = rg.study(netlist, chip).yields(trials=20, batch=20)
     assert 0.3 < result.overall.value < 1.0
     assert result.perfect.value < result.overall.value
@@ -166,14 +168,14 @@ def test_opens_cost_starts_and_shorts_break_chips() -> None:
         volts = point.voltage[netlist.cells.node]
         zero = np.zeros(result.space.shape)
         for start in map(tuple, np.argwhere(result.starts).tolist()):
-            blur = np.zeros((*result.space.shape, 5))
-            reached[start] += not np.isnan(volts[start]) and robot(
-                netlist, point.voltage, rg.chip.Readout(), start, zero, blur
+            noise = np.zeros((*result.space.shape, 5))
+            reached[start] += not np.isnan(volts[start]) and robot_reaches_goal(
+                netlist, point.voltage, rg.chip.Readout(), start, zero, noise
             )
     assert np.abs(reached - result.reached).sum() <= 0.01 * result.reached.sum()
 
 
-def test_the_interval_is_wilsons_and_counts_chips_as_clusters() -> None:
+def test_the_interval_is_that_of_wilson_with_chips_as_clusters() -> None:
     low, high = wilson(0.5, 100, 0.95)
     assert (low, high) == pytest.approx((0.40383, 0.59617), abs=1e-5)  # Wilson 1927; tables of Newcombe 1998
     assert wilson(1.0, 10, 0.95)[0] == pytest.approx(1 / (1 + 1.959964**2 / 10))
@@ -199,8 +201,8 @@ def numbers(result: rg.chip.Yield) -> tuple[object, ...]:
     return (result.trials, result.reached.tolist(), result.served.tolist())
 
 
-def test_trials_are_their_own_chips_whoever_does_them(tmp_path: Path) -> None:
-    made = rg.study(room(), CHIP)
+def test_trials_are_independent_chips_with_the_same_results_on_every_executor(tmp_path: Path) -> None:
+    made = rg.study(random_space(), CHIP)
     alone = made.yields(trials=70, batch=35, half_width=1e-4)
     assert alone.trials == 70
     with ThreadPoolExecutor(2) as threads:
@@ -218,17 +220,17 @@ def test_trials_are_their_own_chips_whoever_does_them(tmp_path: Path) -> None:
     np.testing.assert_array_equal(served, by_hand[experiment.starts])
 
 
-def test_trials_stop_at_the_first_batch_that_suffices() -> None:
-    made = rg.study(room(), CHIP)
-    told = []
+def test_trials_stop_at_the_first_batch_with_the_requested_half_width() -> None:
+    made = rg.study(random_space(), CHIP)
+    reports = []
     result = made.yields(
-        half_width=0.006, batch=16, progress=lambda done, total, share: told.append((done, total, share))
+        half_width=0.006, batch=16, progress=lambda done, total, share: reports.append((done, total, share))
     )
-    assert [done for done, _, _ in told] == list(range(16, result.trials + 1, 16))
-    assert all(share.half_width > 0.006 for _, _, share in told[:-1])
-    assert told[-1][2].half_width <= 0.006
-    assert told[-1][2] == result.overall
-    assert all(done <= total for done, total, _ in told)
+    assert [done for done, _, _ in reports] == list(range(16, result.trials + 1, 16))
+    assert all(share.half_width > 0.006 for _, _, share in reports[:-1])
+    assert reports[-1][2].half_width <= 0.006
+    assert reports[-1][2] == result.overall
+    assert all(done <= total for done, total, _ in reports)
     assert result.trials < 10_000
 
 
@@ -236,19 +238,19 @@ _SCRIPT = """
 import sys, time
 sys.path.insert(0, {tests!r})
 import resgrid as rg
-from test_yields import CHIP, numbers, room
-made = rg.study(room(), CHIP)
-def stay(done, *_):
+from test_yields import CHIP, numbers, random_space
+made = rg.study(random_space(), CHIP)
+def pause(done, *_):
     if done >= {most}:
         print("here", flush=True)
         time.sleep(600)
 
-result = made.yields(trials=400, batch=10, half_width=1e-4, checkpoint={checkpoint!r}, progress=stay)
+result = made.yields(trials=400, batch=10, half_width=1e-4, checkpoint={checkpoint!r}, progress=pause)
 print(numbers(result))
 """
 
 
-def test_a_run_that_is_killed_and_started_again_ends_in_the_same_numbers(tmp_path: Path) -> None:
+def test_a_killed_run_resumes_from_its_checkpoint_with_the_same_results(tmp_path: Path) -> None:
     here = Path(__file__).parent
     checkpoint = tmp_path / "chips.jsonl"
     words = {"tests": str(here), "checkpoint": str(checkpoint)}
@@ -262,13 +264,13 @@ def test_a_run_that_is_killed_and_started_again_ends_in_the_same_numbers(tmp_pat
             stderr=subprocess.PIPE,
         )
         assert slow.stdout is not None
-        slow.stdout.readline()  # it has done so many trials, and goes no further
+        slow.stdout.readline()  # the run has reported this number of trials and pauses
         slow.send_signal(signal.SIGKILL)
         _, errors = slow.communicate()
         assert checkpoint.exists(), errors.decode()
         sizes.append(checkpoint.read_bytes().count(b"\n") - 1)
     assert 0 < sizes[0] < sizes[1] < 400
-    made = rg.study(room(), CHIP)
+    made = rg.study(random_space(), CHIP)
     resumed = made.yields(trials=400, batch=10, half_width=1e-4, checkpoint=checkpoint)
     whole = made.yields(trials=400, batch=10, half_width=1e-4, checkpoint=tmp_path / "whole.jsonl")
     assert numbers(resumed) == numbers(whole)
@@ -276,17 +278,17 @@ def test_a_run_that_is_killed_and_started_again_ends_in_the_same_numbers(tmp_pat
     assert numbers(made.yields(trials=400, batch=10, half_width=1e-4, checkpoint=checkpoint)) == (numbers(whole))
 
 
-def test_a_run_that_ended_within_a_batch_is_taken_up_at_its_end(tmp_path: Path) -> None:
-    made = rg.study(room(), CHIP)
+def test_a_run_that_ended_within_a_batch_is_resumed_at_its_last_trial(tmp_path: Path) -> None:
+    made = rg.study(random_space(), CHIP)
     checkpoint = tmp_path / "chips.jsonl"
     rule = {"batch": 7, "half_width": 0.02}
     once = made.yields(trials=200, **rule)
     assert 10 < once.trials < 200
     for trials in (3, 10):
         assert made.yields(trials=trials, checkpoint=checkpoint, **rule).trials == trials
-    told: list[int] = []
-    resumed = made.yields(trials=200, checkpoint=checkpoint, **rule, progress=lambda done, *_: told.append(done))
-    assert told == list(range(14, once.trials + 1, 7))
+    reports: list[int] = []
+    resumed = made.yields(trials=200, checkpoint=checkpoint, **rule, progress=lambda done, *_: reports.append(done))
+    assert reports == list(range(14, once.trials + 1, 7))
     assert numbers(resumed) == numbers(once)
     assert numbers(made.yields(trials=5, checkpoint=checkpoint, **rule)) == numbers(made.yields(trials=5, **rule))
     assert numbers(made.yields(trials=200, checkpoint=checkpoint, batch=50)) == numbers(
@@ -295,9 +297,9 @@ def test_a_run_that_ended_within_a_batch_is_taken_up_at_its_end(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("kind", ["processes", "loky", "parsl"])
-def test_the_numbers_and_the_file_are_the_same_whoever_works_and_dies(kind: str, tmp_path: Path) -> None:
-    """Of dask and MPI the command line's tests show it."""
-    made = rg.study(room(), CHIP)
+def test_results_and_checkpoint_are_the_same_when_a_worker_process_is_killed(kind: str, tmp_path: Path) -> None:
+    """For dask and MPI, see the tests of the command line."""
+    made = rg.study(random_space(), CHIP)
     rule = {"trials": 300, "half_width": 1e-4}
     alone = made.yields(**rule, checkpoint=tmp_path / "alone.jsonl")
     died = []
@@ -315,8 +317,8 @@ def test_the_numbers_and_the_file_are_the_same_whoever_works_and_dies(kind: str,
     assert bool(died) == (kind in ("processes", "loky"))
 
 
-def test_what_a_killed_run_kept_is_looked_for_by_all_that_makes_its_chips(tmp_path: Path) -> None:
-    space = room()
+def test_checkpoint_names_depend_on_everything_that_defines_the_chips(tmp_path: Path) -> None:
+    space = random_space()
     costly = replace(space, conductivity=np.where(space.cell == 0, 0.5, 1.0))
     wide = replace(space, axes=tuple(replace(axis, upper=2 * axis.upper) for axis in space.axes))
     opened = [rg.Chip(defects=rg.chip.Defects(open_at=tuple((k, row, 0) for k in range(14)))) for row in (1, 2)]
@@ -328,11 +330,11 @@ def test_what_a_killed_run_kept_is_looked_for_by_all_that_makes_its_chips(tmp_pa
     ]
     kept = [checkpoints_beside(tmp_path / "out", made, ())["yield"] for made in studies]
     assert len(set(kept)) == len(kept)
-    assert checkpoints_beside(tmp_path / "out", rg.study(room(), CHIP), ())["yield"] == kept[0]
+    assert checkpoints_beside(tmp_path / "out", rg.study(random_space(), CHIP), ())["yield"] == kept[0]
 
 
-def test_checkpoints_of_other_runs_and_damaged_ones_are_refused(tmp_path: Path) -> None:
-    made = rg.study(room(), CHIP)
+def test_damaged_checkpoints_and_those_of_other_runs_raise_input_error(tmp_path: Path) -> None:
+    made = rg.study(random_space(), CHIP)
     file = tmp_path / "chips.jsonl"
     made.yields(trials=10, batch=10, checkpoint=file)
     with pytest.raises(rg.InputError, match="belongs to another run"):
@@ -353,8 +355,8 @@ def test_checkpoints_of_other_runs_and_damaged_ones_are_refused(tmp_path: Path) 
         made.yields(trials=10, batch=10, checkpoint=tmp_path / "none" / "chips.jsonl")
 
 
-def test_wrong_arguments_have_one_message_each() -> None:
-    made = rg.study(room(), CHIP)
+def test_invalid_arguments_of_yields_raise_input_error() -> None:
+    made = rg.study(random_space(), CHIP)
     for options, message in (
         ({"half_width": 0.0}, "half_width"),
         ({"confidence": 1.0}, "confidence"),
@@ -369,11 +371,11 @@ def test_wrong_arguments_have_one_message_each() -> None:
         with pytest.raises(rg.InputError, match=message):
             made.yields(**options)  # type: ignore[arg-type]
     with pytest.raises(rg.InputError, match="one node per cell"):
-        rg.study(rg.compile_space(room()), CHIP).yields()
+        rg.study(rg.compile_space(random_space()), CHIP).yields()
 
 
-def test_readings_have_units_and_definitions() -> None:
-    made = rg.study(room(), CHIP)
+def test_yield_json_has_definitions_and_intervals_contain_the_probability() -> None:
+    made = rg.study(random_space(), CHIP)
     result = made.yields(trials=32, batch=32)
     data = result.to_json()
     assert data["yield"]["value"] == pytest.approx(np.nanmean(result.probability))
@@ -387,12 +389,12 @@ def test_readings_have_units_and_definitions() -> None:
 
 @pytest.mark.parametrize("bits", [1, 8, 32])
 @pytest.mark.parametrize("volts", [1.0, 1e10, 1e300, np.inf])
-def test_a_voltage_above_the_range_reads_full_scale_however_high(bits: int, volts: float) -> None:
+def test_every_voltage_above_the_range_reads_full_scale(bits: int, volts: float) -> None:
     netlist = rg.compile_space(
         space_of(np.array([[2], [0]], dtype=np.uint8)), rails="cells", edge="open", boundary="neumann"
     )
     high = np.zeros(netlist.node_count)
     high[netlist.cells.node[1, 0]] = volts
-    floor, eyes = neighbours_of(netlist.cells), converter_of(rg.chip.Readout(bits=bits), netlist.cells, None)
-    assert reaches_goal(high, floor, eyes).all()
-    assert not reaches_goal(-high, floor, eyes)[1]
+    neighbours, converter = neighbours_of(netlist.cells), converter_of(rg.chip.Readout(bits=bits), netlist.cells, None)
+    assert reaches_goal(high, neighbours, converter).all()
+    assert not reaches_goal(-high, neighbours, converter)[1]

@@ -1,4 +1,4 @@
-"""Levels and currents that remain after large ones cancel, against exact fractions.
+"""Small voltages and currents that remain after large ones cancel, against exact fractions.
 
 ``RESGRID_CIRCUITS`` sets the number of random circuits, ``RESGRID_SEED`` their seed.
 """
@@ -16,11 +16,11 @@ from support.fractions_solver import Value, solve_exactly
 
 import resgrid as rg
 
-_SHARE = Fraction(1, 10**15)
+_RELATIVE_ERROR = Fraction(1, 10**15)
 """Promised relative error of every voltage and every current in circuits of few nodes."""
 
 _FLOOR = Fraction(1, 2**1000)
-"""Fraction of the largest voltage or current below which one may count as zero."""
+"""Fraction of the largest voltage or current below which a value may be returned as zero."""
 
 
 def assert_exact(netlist: rg.Netlist, point: rg.OperatingPoint) -> None:
@@ -37,11 +37,14 @@ def _assert_close(found: np.ndarray, wanted: list[Value]) -> None:
     for value, exact in zip(found.tolist(), wanted, strict=True):
         assert np.isnan(value) == (exact is None)
         if exact is not None:
-            assert abs(Fraction(value) - exact) <= max(_SHARE * abs(exact), _FLOOR * largest), (value, float(exact))
+            assert abs(Fraction(value) - exact) <= max(_RELATIVE_ERROR * abs(exact), _FLOOR * largest), (
+                value,
+                float(exact),
+            )
 
 
 @pytest.mark.parametrize("part", range(8))
-def test_no_value_of_a_circuit_that_cancels_is_wrong_or_refused(part: int) -> None:
+def test_random_circuits_with_cancelling_currents_equal_exact_fractions(part: int) -> None:
     seed, count = int(os.environ.get("RESGRID_SEED", "0")), int(os.environ.get("RESGRID_CIRCUITS", "400"))
     for number in range(part, count, 8):
         netlist = cancelling_circuit(seed, number)
@@ -56,8 +59,8 @@ def test_no_value_of_a_circuit_that_cancels_is_wrong_or_refused(part: int) -> No
         assert_exact(netlist, point)
 
 
-def test_sources_that_cancel_at_a_node_leave_dead_ends_without_current() -> None:
-    """The node between two sources of 1 mA passes on exactly nothing through its parallel resistors."""
+def test_resistors_behind_current_sources_that_cancel_carry_exactly_zero() -> None:
+    """Two sources of 1 mA cancel at node 2, so that its parallel resistors carry zero current."""
     netlist = rg.Netlist(
         4, [[3, 1], [1, 2], [1, 0], [3, 0], [2, 1], [3, 0]], [0.0882, 0.0185, 0.003, 0.00343, 0.0135, 0.000179],
         current_nodes=[[1, 0], [3, 2], [2, 0], [3, 0], [3, 0], [3, 0]],
@@ -68,7 +71,7 @@ def test_sources_that_cancel_at_a_node_leave_dead_ends_without_current() -> None
     assert point.resistor_direction[[1, 4]].tolist() == [0, 0]
 
 
-def test_a_source_between_two_others_carries_the_small_difference() -> None:
+def test_a_voltage_source_carries_the_small_difference_of_large_currents() -> None:
     netlist = rg.Netlist(
         4, [[2, 3], [0, 1]], [1.0, 1.0], [[1, 0], [2, 1], [2, 3]], [1.0, 1.0, 1.0],
         current_nodes=[[3, 0]], current_amps=[-2e-13],
@@ -79,7 +82,7 @@ def test_a_source_between_two_others_carries_the_small_difference() -> None:
 
 
 @pytest.mark.parametrize("weak", [1e-5, 1.0, 50.0])
-def test_a_weak_resistor_beside_a_stiff_one_carries_its_part(weak: float) -> None:
+def test_a_weak_resistor_parallel_to_a_strong_one_carries_its_exact_current(weak: float) -> None:
     netlist = rg.Netlist(
         4, [[1, 0], [2, 1], [2, 1], [3, 2]], [1e-12, weak, 1e12, 1.0], current_nodes=[[3, 0]], current_amps=[-0.072]
     )
@@ -88,8 +91,8 @@ def test_a_weak_resistor_beside_a_stiff_one_carries_its_part(weak: float) -> Non
     assert point.resistor_direction.tolist() == [1, 1, 1, 1]
 
 
-def test_a_group_of_stiff_resistors_takes_its_level_from_weak_ones() -> None:
-    """Nodes 2 and 4 are at 0 V, as weak resistors say, while 1e13 A flow among their neighbours."""
+def test_weak_resistors_determine_the_voltage_of_strongly_coupled_nodes() -> None:
+    """Weak resistors put nodes 2 and 4 at 0 V, while 1e13 A flow among their neighbours."""
     netlist = rg.Netlist(
         9, [[0, 1], [1, 2], [1, 3], [2, 4], [0, 5], [2, 6], [1, 7], [5, 8], [0, 6]],
         [1e-12, 1e12, 1e-12, 1e12, 1.0, 1e12, 1e12, 1e12, 1e-12],
@@ -100,7 +103,7 @@ def test_a_group_of_stiff_resistors_takes_its_level_from_weak_ones() -> None:
     assert point.voltage[[2, 4]].tolist() == [0.0, 0.0]
 
 
-def test_a_balanced_current_source_in_a_floating_part_has_currents() -> None:
+def test_currents_of_balanced_current_sources_in_a_floating_part_are_exact() -> None:
     netlist = rg.Netlist(
         7, [[1, 0], [2, 3], [3, 4], [4, 2], [5, 4], [5, 6]], [1.0, 1.0, 2.0, 4.0, 1e-12, 3.0],
         [[1, 0], [5, 6]], [1.0, 2.0], current_nodes=[[2, 3], [0, 4], [2, 0]], current_amps=[0.3, 0.1, 0.1],
@@ -111,7 +114,7 @@ def test_a_balanced_current_source_in_a_floating_part_has_currents() -> None:
 
 
 @pytest.mark.parametrize("reach", [1, 2])
-def test_a_current_source_that_charges_a_floating_part_is_refused(reach: int) -> None:
+def test_a_net_current_into_a_floating_part_raises_circuit_error(reach: int) -> None:
     netlist = rg.Netlist(
         4, [[1, 0], [2, 3]], [1.0, 1.0], [[1, 0]], [1.0],
         current_nodes=[[0, 2], [2, 3]][:reach], current_amps=[1e-3, 1.0][:reach],
@@ -120,8 +123,8 @@ def test_a_current_source_that_charges_a_floating_part_is_refused(reach: int) ->
         rg.solve(netlist)
 
 
-def test_a_large_group_of_stiff_resistors_takes_its_level_from_weak_ones() -> None:
-    """A mesh, the same from both ends: opposite nodes are at opposite voltages."""
+def test_weak_resistors_determine_the_voltage_of_a_large_strongly_coupled_mesh() -> None:
+    """The mesh is symmetric under a half turn: opposite nodes have opposite voltages."""
     side = 40
     mesh = 1 + np.arange(side * side).reshape(side, side)
     sides = ((mesh[1:], mesh[:-1]), (mesh[:, 1:], mesh[:, :-1]))
@@ -135,8 +138,8 @@ def test_a_large_group_of_stiff_resistors_takes_its_level_from_weak_ones() -> No
     np.testing.assert_allclose(point.resistor_current[-4:] * 1e12, volts[np.subtract(ties, 1)[:, 0]], rtol=1e-12)
 
 
-def test_source_currents_of_large_circuits_keep_the_small_difference() -> None:
-    """Beside 1 A in each of its neighbours, a source between two others carries 2e-13 A."""
+def test_small_source_currents_of_large_circuits_keep_their_digits() -> None:
+    """A source between two others carries 2e-13 A, while each neighbour carries 1 A."""
     chain = np.arange(4, 30_000)
     netlist = rg.Netlist(
         30_000, np.concatenate([[[2, 3], [0, 1]], np.stack([chain, np.append(0, chain[:-1])], axis=1)]),
@@ -146,8 +149,8 @@ def test_source_currents_of_large_circuits_keep_the_small_difference() -> None:
     assert rg.solve(netlist).source_current == pytest.approx([-1.0, 2e-13, -1.0], rel=1e-12)
 
 
-def test_currents_below_the_range_of_doubles_leave_others_their_digits() -> None:
-    """A source of 1 nV on 1 V drives 1 nA beside a ladder along which currents fall to 1e-372 A."""
+def test_currents_below_the_range_of_doubles_do_not_disturb_others() -> None:
+    """A source of 1 nV on 1 V drives 1 nA, while the currents along a ladder decrease to 1e-372 A."""
     resistors = [(2, 1, 1.0)]
     for node in range(3, 19):
         resistors += [(node - 1 if node > 3 else 1, node, 1e-12), (node, 0, 1e12)]
@@ -165,8 +168,8 @@ def test_currents_below_the_range_of_doubles_leave_others_their_digits() -> None
     assert rungs == pytest.approx(-12.0 - 24.0 * np.arange(16), rel=1e-12)
 
 
-def test_a_circuit_near_the_end_of_doubles_is_not_refused() -> None:
-    """Currents of 1e-312 A have few digits left, so that their sums at a node say nothing."""
+def test_currents_near_the_smallest_double_are_solved() -> None:
+    """Currents of 1e-312 A are subnormal, so that Kirchhoff's current law is not a useful test."""
     resistors = [(5, 4, 1.0), (4, 1, 2e12), (5, 1, 1e12), (0, 3, 0.1), (2, 3, 1e11), (5, 3, 1e12), (9, 4, 1e-12)]
     resistors += [(1, 4, 1e-12), (6, 2, 0.1), (7, 2, 1.0), (7, 3, 1e11), (8, 0, 0.1), (9, 0, 2e-12)]
     netlist = rg.Netlist(
@@ -183,8 +186,8 @@ def test_a_circuit_near_the_end_of_doubles_is_not_refused() -> None:
 
 
 @pytest.mark.parametrize("volts", [1.0, 1e-250, 1e-290])
-def test_small_voltages_have_all_their_digits_without_a_current_source(volts: float) -> None:
-    """A floating source on a chain of 1e-12 S, a dead end beside it: no voltage is too small for its circuit."""
+def test_voltages_down_to_1e_290_have_full_relative_accuracy(volts: float) -> None:
+    """A floating source on a chain of 1e-12 S with a dead end."""
     netlist = rg.Netlist(
         8,
         [[4, 3], [1, 5], [5, 6], [7, 0], [6, 4], [2, 7], [3, 2]],

@@ -1,4 +1,4 @@
-"""Every current is right, or the answer is refused: against exact fractions."""
+"""Resistor currents of circuits with widely different conductances, against exact fractions and closed forms."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from support.spaces import serpentine, space_of
 import resgrid as rg
 
 _LEAST = Fraction(1, 2**1000)
-"""Fraction of the largest current or voltage below which one may count as zero."""
+"""Fraction of the largest current or voltage below which a value may be returned as zero."""
 
 
-def assert_right(netlist: rg.Netlist, point: rg.OperatingPoint) -> None:
-    """Compare each current and each voltage of a small circuit with the exact one, to a few roundings of itself."""
+def assert_equals_fractions(netlist: rg.Netlist, point: rg.OperatingPoint) -> None:
+    """Compare each current and voltage of a small circuit with its exact value, to a relative error of 1e-15."""
     for found, exact in zip((point.voltage, point.resistor_current), exact_currents(netlist), strict=True):
         largest = max(map(abs, exact))
         for value, wanted in zip(np.nan_to_num(found).tolist(), exact, strict=True):
@@ -27,7 +27,7 @@ def assert_right(netlist: rg.Netlist, point: rg.OperatingPoint) -> None:
 
 @st.composite
 def stiff_circuits(draw: st.DrawFn) -> rg.Netlist:
-    """Two to twelve nodes, up to 24 decades of conductances, up to four ideal sources and three of current."""
+    """Draw a circuit: 2 to 12 nodes, conductances over up to 24 orders of magnitude, voltage and current sources."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     n, decades = int(rng.integers(2, 13)), draw(st.sampled_from([4.0, 12.0, 24.0]))
     pairs = [(int(rng.integers(0, k)), k) for k in range(1, n)]
@@ -40,46 +40,48 @@ def stiff_circuits(draw: st.DrawFn) -> rg.Netlist:
         if part[a] != part[b]:
             part[part == part[a]] = part[b]
             sources.append((a, b))
-    fed = [rng.choice(n, 2, replace=False).tolist() for _ in range(int(rng.integers(not sources, 4)))]
+    injected = [rng.choice(n, 2, replace=False).tolist() for _ in range(int(rng.integers(not sources, 4)))]
     return rg.Netlist(
         n,
         pairs,
         10.0 ** (decades / 2 * exponent),
         np.reshape(sources, (-1, 2)),
         rng.choice([-1.0, 1.0], len(sources)) * 10.0 ** rng.uniform(-12.0, 4.0, len(sources)),
-        current_nodes=np.reshape(fed, (-1, 2)),
-        current_amps=10.0 ** rng.uniform(-9, 0, len(fed)),
+        current_nodes=np.reshape(injected, (-1, 2)),
+        current_amps=10.0 ** rng.uniform(-9, 0, len(injected)),
     )
 
 
 @settings(max_examples=400)
 @given(stiff_circuits(), st.sampled_from(["auto", "direct", "multigrid"]))
-def test_currents_of_stiff_circuits_are_right(netlist: rg.Netlist, method: str) -> None:
+def test_currents_over_24_orders_of_magnitude_equal_exact_fractions(netlist: rg.Netlist, method: str) -> None:
     try:
         point = rg.solve(netlist, method=method)
     except rg.CircuitError as error:
         assert "touches ground" in str(error)
         return
-    assert_right(netlist, point)
+    assert_equals_fractions(netlist, point)
 
 
-def tied(pairs: list[tuple[int, int]], conductance: list[float], volts: list[float], amps: float = 0.0) -> rg.Netlist:
-    """Nodes 1 ... of ideal sources to ground, and a current into node 2 where there is one."""
+def circuit_with_rails(
+    pairs: list[tuple[int, int]], conductance: list[float], volts: list[float], amps: float = 0.0
+) -> rg.Netlist:
+    """Return a circuit with voltage sources from nodes 1, 2, ... to ground, and an optional current into node 2."""
     sources = [(node, 0) for node in range(1, len(volts) + 1)]
-    fed = {"current_nodes": [(0, 2)], "current_amps": [amps]} if amps else {}
-    return rg.Netlist(max(map(max, pairs)) + 1, pairs, conductance, sources, volts, **fed)
+    injected = {"current_nodes": [(0, 2)], "current_amps": [amps]} if amps else {}
+    return rg.Netlist(max(map(max, pairs)) + 1, pairs, conductance, sources, volts, **injected)
 
 
 @pytest.mark.parametrize(
     "netlist",
     [
-        tied([(2, 1), (2, 0)], [1e6, 1e-12], [1.0], 2.27e-9),
-        tied([(2, 1), (2, 0)], [1e12, 1e-12], [1.0], 2.27e-9),
-        tied([(2, 1), (2, 0)], [1e12, 1e-12], [1.0], 3.4e-8),
-        tied([(3, 1), (3, 2), (3, 0)], [1e12, 1e-12, 3e-12], [1.0, 2.0]),
-        tied([(3, 1), (3, 2), (3, 0)], [1e6, 1e-6, 3e-6], [1.0, 2.0]),
-        tied([(3, 1), (3, 2), (3, 0)], [1e2, 1e-10, 3e-10], [1.0, 2.0]),
-        rg.Netlist(  # what circulates around the floating source drowns what holds its height
+        circuit_with_rails([(2, 1), (2, 0)], [1e6, 1e-12], [1.0], 2.27e-9),
+        circuit_with_rails([(2, 1), (2, 0)], [1e12, 1e-12], [1.0], 2.27e-9),
+        circuit_with_rails([(2, 1), (2, 0)], [1e12, 1e-12], [1.0], 3.4e-8),
+        circuit_with_rails([(3, 1), (3, 2), (3, 0)], [1e12, 1e-12, 3e-12], [1.0, 2.0]),
+        circuit_with_rails([(3, 1), (3, 2), (3, 0)], [1e6, 1e-6, 3e-6], [1.0, 2.0]),
+        circuit_with_rails([(3, 1), (3, 2), (3, 0)], [1e2, 1e-10, 3e-10], [1.0, 2.0]),
+        rg.Netlist(  # the large circulating current hides the small currents that determine the potential of the source
             5,
             [(2, 3), (4, 2), (2, 1), (2, 0)],
             [1e12, 3e12, 1e-12, 1e-12],
@@ -88,16 +90,16 @@ def tied(pairs: list[tuple[int, int]], conductance: list[float], volts: list[flo
         ),
     ],
 )
-def test_a_stiff_tie_to_a_rail_keeps_its_current(netlist: rg.Netlist) -> None:
+def test_a_strong_resistor_to_a_rail_has_an_exact_current_after_balancing(netlist: rg.Netlist) -> None:
     for method in ("direct", "multigrid"):
         point = rg.solve(netlist, method=method)
-        assert_right(netlist, point)
+        assert_equals_fractions(netlist, point)
         assert "balance" in point.seconds
 
 
 @pytest.mark.parametrize("method", ["direct", "multigrid"])
-def test_currents_far_down_a_wide_dead_end_are_right(method: str) -> None:
-    """Beyond the start a corridor two cells wide is flat but for what falls off by the same factor at every step."""
+def test_currents_in_a_two_cell_wide_dead_end_decay_at_the_exact_rate(method: str) -> None:
+    """Beyond the start, currents across a corridor two cells wide decrease by a constant factor per step."""
     cell = np.zeros((2, 200), dtype=np.uint8)
     cell[0, 0] = 2
     netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(1, 3), edge="open")
@@ -113,7 +115,7 @@ def test_currents_far_down_a_wide_dead_end_are_right(method: str) -> None:
     assert log[-1] < -230 and point.kcl_residual < 1e-9
 
 
-def test_a_wide_dead_end_longer_than_the_range_of_doubles_is_right_as_far_as_that_reaches() -> None:
+def test_currents_in_a_dead_end_decay_at_the_exact_rate_down_to_1e_270() -> None:
     cell = np.zeros((2, 1000), dtype=np.uint8)
     cell[0, 0] = 2
     netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(0, 1), edge="open")
@@ -123,16 +125,18 @@ def test_a_wide_dead_end_longer_than_the_range_of_doubles_is_right_as_far_as_tha
     across = {tuple(pair): k for k, pair in enumerate(np.sort(netlist.resistor_nodes, axis=1).tolist())}
     rungs = [across[tuple(sorted((node[0, x], node[1, x])))] for x in range(5, 1000)]
     amps = np.abs(point.resistor_current[rungs])
-    told = amps > 0.0
-    assert amps[told].min() < 1e-270 and not told[np.argmin(told) :].any()
+    resolved = amps > 0.0
+    assert amps[resolved].min() < 1e-270 and not resolved[np.argmin(resolved) :].any()
     steps = -np.diff(np.log(amps[amps > 1e-270]))
     np.testing.assert_allclose(steps, np.arccosh(2.0), rtol=1e-9)
 
 
 @pytest.mark.parametrize(("width", "length", "wall"), [(12, 400, 0.0), (20, 500, 0.0), (16, 600, 1e5), (8, 300, 3e4)])
 @pytest.mark.parametrize("method", ["direct", "multigrid"])
-def test_a_corridor_whose_halves_mirror_each_other(width: int, length: int, wall: float, method: str) -> None:
-    """Far from the goal hardly any current flows between them; what rounding says of it makes no other one doubtful."""
+def test_log_drop_of_a_symmetric_corridor_is_symmetric_and_decays_at_the_exact_rate(
+    width: int, length: int, wall: float, method: str
+) -> None:
+    """Currents between the halves are far below rounding error; they must not change the other currents."""
     cell = np.zeros((width, length), dtype=np.uint8)
     cell[width // 2, 3] = 2
     wired = {"boundary": "wall", "wall_resistance": wall} if wall else {}
@@ -147,8 +151,8 @@ def test_a_corridor_whose_halves_mirror_each_other(width: int, length: int, wall
 
 @pytest.mark.parametrize("rungs", [60, 91, 125, 129, 400])
 @pytest.mark.parametrize("method", ["direct", "multigrid"])
-def test_loops_whose_currents_die_out(rungs: int, method: str) -> None:
-    """A ladder whose ends shunt a resistor each: in its middle next to nothing flows, down to 1e-114 of all."""
+def test_cross_currents_of_a_ladder_decay_at_the_exact_rate_to_its_middle(rungs: int, method: str) -> None:
+    """The ends of the ladder are shunted by a resistor each; its currents decrease to 1e-114 of the largest one."""
     upper, lower = np.arange(2, 2 + rungs), np.arange(2 + rungs, 2 + 2 * rungs)
     pairs = np.concatenate(
         [np.stack(ends, axis=1) for ends in ((upper[:-1], upper[1:]), (lower[:-1], lower[1:]), (upper, lower))]
@@ -159,13 +163,13 @@ def test_loops_whose_currents_die_out(rungs: int, method: str) -> None:
     point = rg.solve(netlist, method=method)
     assert point.kcl_residual < 1e-6
     across = np.abs(point.resistor_current[2 * rungs - 2 : 3 * rungs - 2])
-    told = across > 1e-25 * across.max()
-    quarter = np.diff(np.log(across[: rungs // 2 - 6][told[: rungs // 2 - 6]]))
+    resolved = across > 1e-25 * across.max()
+    quarter = np.diff(np.log(across[: rungs // 2 - 6][resolved[: rungs // 2 - 6]]))
     np.testing.assert_allclose(quarter, -np.arccosh(2.0), rtol=1e-4)  # f(x-1) - 4 f(x) + f(x+1) = 0
 
 
-def test_a_loop_whose_mouths_are_nearly_at_one_potential_leads_to_the_goal() -> None:
-    """All through it flows some 1e-19 of the largest current, which values tell in none of their digits."""
+def test_streamlines_in_a_loop_with_almost_zero_current_reach_the_goal() -> None:
+    """The loop carries about 1e-19 of the largest current, which is below the rounding error of voltage differences."""
     cell = np.ones((8, 64), dtype=np.uint8)
     cell[3:5, :61] = 0
     cell[0, 30:], cell[7, 30:], cell[:, 63] = 0, 0, 0
@@ -179,8 +183,8 @@ def test_a_loop_whose_mouths_are_nearly_at_one_potential_leads_to_the_goal() -> 
     assert set(np.asarray(found.outcome).tolist()) == {"reached"}
 
 
-def test_potentials_are_as_right_where_currents_have_been_balanced() -> None:
-    """A stiff resistor asks for it; thirty decades further down the potential is that of the corridor without it."""
+def test_balancing_of_currents_does_not_change_log_drop() -> None:
+    """A strong resistor starts the balancing; 30 orders of magnitude further down, log_drop must not change."""
     cell = np.zeros((12, 400), dtype=np.uint8)
     cell[5, 3] = 2
     stiff = np.ones(cell.shape)
@@ -194,8 +198,8 @@ def test_potentials_are_as_right_where_currents_have_been_balanced() -> None:
     assert plain.log_drop[node].min() < -34 * np.log(10.0)
 
 
-def test_a_maze_without_a_way_on_carries_nothing() -> None:
-    """Trees behind the start are flat, exactly."""
+def test_resistors_of_trees_behind_the_start_have_direction_zero() -> None:
+    """A tree carries no current, so that its direction must be exactly zero."""
     cell = serpentine(9, 60, 1)
     netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(9, 30))
     point = rg.solve(netlist)
@@ -205,16 +209,16 @@ def test_a_maze_without_a_way_on_carries_nothing() -> None:
 
 @pytest.mark.parametrize(("stiff", "weak"), [(1e12, 1e-12), (1.0, 1e-24), (1e3, 1e3)])
 @pytest.mark.parametrize("method", ["direct", "multigrid"])
-def test_islands_between_two_rails(stiff: float, weak: float, method: str) -> None:
-    """Two complete graphs of four nodes beside each other, each tied to both rails at 5 V and 0 V."""
+def test_currents_of_islands_between_two_rails_equal_exact_fractions(stiff: float, weak: float, method: str) -> None:
+    """Two complete graphs of four nodes, each tied to both rails, at 5 V and 0 V."""
     complete = [(first + i, first + j) for first in (2, 6) for i in range(4) for j in range(i)]
     ties = [(1, 2), (0, 3), (4, 6), (5, 7), (1, 8), (0, 9)]
     conductance = [stiff] * len(complete) + [weak] * len(ties)
     netlist = rg.Netlist(10, complete + ties, conductance, source_nodes=[[1, 0]], source_volts=[5.0])
-    assert_right(netlist, rg.solve(netlist, method=method))
+    assert_equals_fractions(netlist, rg.solve(netlist, method=method))
 
 
-def test_balanced_currents_in_a_chain_that_is_hardly_grounded() -> None:
+def test_a_chain_with_a_weak_ground_resistor_has_exact_voltages_and_currents() -> None:
     netlist = rg.Netlist(
         5, [[1, 2], [2, 3], [3, 4], [4, 0]], [1e12, 1e12, 1e12, 1e-12], current_nodes=[[1, 3]], current_amps=[1.0]
     )
@@ -223,17 +227,17 @@ def test_balanced_currents_in_a_chain_that_is_hardly_grounded() -> None:
     np.testing.assert_allclose(point.resistor_current, [-1.0, -1.0, 0.0, 0.0], rtol=1e-6, atol=1e-18)
 
 
-def test_sources_that_nearly_cancel_at_a_node_are_summed_exactly() -> None:
+def test_current_sources_at_a_node_are_summed_exactly() -> None:
     amps = [1e-09, 3.451341256858813e-10, -3.2800583629327586e-08, 3.145544950364485e-08]
     chain = rg.Netlist(4, [[2, 1], [1, 0], [2, 3]], np.ones(3), current_nodes=[[0, 3]] * 4, current_amps=amps)
     exact = float(sum(map(Fraction, amps)))
     np.testing.assert_allclose(rg.solve(chain).resistor_current, [exact, exact, -exact], rtol=1e-12)
 
 
-def test_dead_ends_of_a_large_mesh_carry_nothing_and_leave_no_doubt() -> None:
-    """Stubs and rings on single nodes of a mesh have no current, whatever rounding leaves of their falls.
+def test_dead_ends_of_a_large_mesh_carry_zero_and_keep_the_error_bound_small() -> None:
+    """Stubs and rings on single nodes of a mesh have no current; rounding errors of voltages must not create one.
 
-    Its factors are beyond those of small circuits, and bounded errors of all others must not rest on these currents.
+    The mesh is too large for exact integer factors; the error bound of other currents must not include these.
     """
     from resgrid.circuit.current_recovery import recover_currents
     from resgrid.circuit.equations import assemble

@@ -1,4 +1,4 @@
-"""What sources deliver: exact laws, where small differences of large numbers would be wrong."""
+"""Energy delivered by sources in a transient, against closed forms with small differences of large numbers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import resgrid as rg
 
 
 @pytest.mark.parametrize("weak", [1e-6, 1e-10, 1e-13, 1e-16])
-def test_what_a_weak_tie_takes_is_not_lost_beside_strong_ones(weak: float) -> None:
+def test_energy_includes_the_small_current_through_a_weak_resistor(weak: float) -> None:
     netlist = rg.Netlist(
         4, [[1, 2], [2, 3], [3, 0]], [1.0, 1.0, weak], source_nodes=[[1, 0]], source_volts=[1.0],
         capacitor_nodes=[[2, 0]], capacitance=[1e-12],
@@ -21,7 +21,7 @@ def test_what_a_weak_tie_takes_is_not_lost_beside_strong_ones(weak: float) -> No
 
 
 @given(common=st.floats(-1e8, 1e8), volts=st.floats(0.5, 2.0))
-def test_energy_does_not_depend_on_what_voltages_are_counted_from(common: float, volts: float) -> None:
+def test_energy_does_not_depend_on_the_reference_of_the_voltages(common: float, volts: float) -> None:
     netlist = rg.Netlist(
         4, [[1, 2], [2, 3]], [1e-3, 1e-3], source_nodes=[[1, 0], [3, 0]], source_volts=[common + volts, common],
         capacitor_nodes=[[2, 3]], capacitance=[1e-9],
@@ -35,7 +35,7 @@ def test_energy_does_not_depend_on_what_voltages_are_counted_from(common: float,
     assert found.energy[-1] == pytest.approx(wanted, rel=1e-5 + 1e-13 * abs(common))
 
 
-def test_the_energy_of_a_settled_circuit_is_its_power_times_time() -> None:
+def test_energy_of_a_settled_circuit_equals_power_times_time() -> None:
     netlist = rg.Netlist(
         4, [[1, 2], [2, 0], [2, 3], [3, 0]], [1e-3, 2e-3, 5e-4, 1e-3], source_nodes=[[1, 0]], source_volts=[1.0],
         current_nodes=[[0, 3]], current_amps=[1e-3], capacitor_nodes=[[2, 3], [3, 0]], capacitance=[1e-9, 2e-9],
@@ -47,7 +47,7 @@ def test_the_energy_of_a_settled_circuit_is_its_power_times_time() -> None:
 
 
 def floating_loop() -> rg.Netlist:
-    """1 V into an RC, and beside it 1 A through 1 ohm between two nodes that float."""
+    """Return 1 V into an RC circuit, and 1 A through 1 ohm between two floating nodes."""
     return rg.Netlist(
         5, [[1, 2], [3, 4]], [1.0, 1.0], source_nodes=[[1, 0]], source_volts=[1.0],
         current_nodes=[[3, 4]], current_amps=[1.0], capacitor_nodes=[[2, 0]], capacitance=[1.0],
@@ -62,7 +62,7 @@ def floating_loop() -> rg.Netlist:
         lambda netlist: rg.study(netlist).noise(),
     ],
 )
-def test_a_current_within_a_floating_part_is_refused_over_time(analyse: object) -> None:
+def test_dynamic_analyses_reject_current_sources_in_a_floating_part(analyse: object) -> None:
     assert callable(analyse)
     with pytest.raises(rg.CircuitError, match="no resistor or voltage source ties these to ground"):
         analyse(floating_loop())

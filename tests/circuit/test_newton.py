@@ -1,4 +1,4 @@
-"""Nonlinear resistors: Newton's method against scipy, exact answers, ngspice and the laws of monotone branches.
+"""Nonlinear resistors: Newton's method against scipy, closed forms, ngspice and the maximum principle.
 
 Tests internals: `resgrid.circuit.nonlinear`.
 """
@@ -21,7 +21,7 @@ from resgrid.circuit.nonlinear import newton
 
 
 def saturating(netlist: rg.Netlist, volts: float | np.ndarray) -> rg.Netlist:
-    """All resistors replaced by nonlinear ones of the same small-signal resistance."""
+    """Return the netlist with nonlinear resistors of the same small-signal resistance."""
     cell_map, m = netlist.cell_map, len(netlist.conductance)
     if cell_map is not None:
         cell_map = dataclasses.replace(
@@ -42,8 +42,8 @@ def saturating(netlist: rg.Netlist, volts: float | np.ndarray) -> rg.Netlist:
     )
 
 
-def pair(amps: float = 0.5e-6) -> rg.Netlist:
-    """1 uA tanh(dV / 0.1 V) from node 1 to ground, fed with a current."""
+def saturating_pair(amps: float = 0.5e-6) -> rg.Netlist:
+    """Return a resistor with I = 1 uA tanh(dV / 0.1 V) from node 1 to ground, and a current source."""
     return rg.Netlist(
         2, np.empty((0, 2), dtype=np.int64), [],
         current_nodes=[[0, 1]], current_amps=[amps],
@@ -51,21 +51,21 @@ def pair(amps: float = 0.5e-6) -> rg.Netlist:
     )  # fmt: skip
 
 
-def wide_open() -> rg.ConfigurationSpace:
+def obstacle_space() -> rg.ConfigurationSpace:
     cell = np.zeros((12, 12), dtype=np.uint8)
     cell[3:9, 5], cell[9, 3] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     return space_of(cell)
 
 
 @pytest.mark.parametrize("share", [1e-9, 0.5, 0.999, -0.5, 1 - 1e-9])
-def test_one_resistor_has_the_inverse_law(share: float) -> None:
-    point = rg.solve(pair(share * 1e-6))
+def test_the_voltage_of_one_resistor_is_the_inverse_of_its_law(share: float) -> None:
+    point = rg.solve(saturating_pair(share * 1e-6))
     assert point.voltage[1] == pytest.approx(0.1 * np.arctanh(share), rel=1e-7 if share > 0.9999 else 1e-12)
     assert point.nonlinear_amps[0] == pytest.approx(share * 1e-6, rel=1e-12)
     assert point.power == pytest.approx(point.voltage[1] * share * 1e-6, rel=1e-7)
 
 
-def test_a_mixed_circuit_agrees_with_a_root_finder() -> None:
+def test_a_mixed_circuit_agrees_with_scipy_root() -> None:
     linear = random_grid(3, side=5, drive=True)
     half = np.arange(len(linear.conductance)) % 2 == 0
     rng = np.random.default_rng(5)
@@ -99,15 +99,15 @@ def test_a_mixed_circuit_agrees_with_a_root_finder() -> None:
 
 
 def test_newton_converges_quadratically() -> None:
-    history = np.array(newton(saturating(rg.compile_space(wide_open()), 0.3)).residual)
+    history = np.array(newton(saturating(rg.compile_space(obstacle_space()), 0.3)).residual)
     tail = history[history > 1e-16][-4:]
     assert len(tail) == 4
     order = np.diff(np.log(tail))[1:] / np.diff(np.log(tail))[:-1]
     assert np.all(order > 1.7), history
 
 
-def test_deep_saturation_is_damped_and_still_converges() -> None:
-    netlist = saturating(rg.compile_space(wide_open()), 2e-3)
+def test_newton_is_damped_and_converges_in_deep_saturation() -> None:
+    netlist = saturating(rg.compile_space(obstacle_space()), 2e-3)
     found = newton(netlist)
     assert min(found.step) < 1 and found.step[-1] == 1
     assert len(found.step) < 40
@@ -115,24 +115,24 @@ def test_deep_saturation_is_damped_and_still_converges() -> None:
 
 
 @pytest.mark.parametrize("order", [(2, 3, 1, 4, 5), (3, 5, 4, 2, 1), (4, 1, 2, 3, 5), (5, 4, 3, 2, 1)])
-def test_nodes_at_rest_beside_a_loop_of_current_are_found(order: tuple[int, ...]) -> None:
-    """The current returns where it came from: beyond that loop voltages end at 0, where no digit is ever right."""
-    tied, end, up, down, fed = order
+def test_nodes_outside_a_closed_current_loop_are_at_zero_volts(order: tuple[int, ...]) -> None:
+    """The current flows in a closed loop; the other nodes are at 0 V, where a relative error has no meaning."""
+    tied, end, up, down, injected = order
     netlist = rg.Netlist(
         6, [[tied, 0], [end, tied]], [1.1e-3, 2.7e-3],
         source_nodes=[[up, tied], [up, down]], source_volts=[0.53, 1.0],
-        current_nodes=[[fed, tied]], current_amps=[7e-4],
-        nonlinear_nodes=[[fed, down]], nonlinear_current=[7e-3], nonlinear_voltage=[6.76],
+        current_nodes=[[injected, tied]], current_amps=[7e-4],
+        nonlinear_nodes=[[injected, down]], nonlinear_current=[7e-3], nonlinear_voltage=[6.76],
     )  # fmt: skip
     op = rg.solve(netlist)
     assert op.voltage[[tied, end]] == pytest.approx([0.0, 0.0], abs=1e-15)
-    assert op.voltage[fed] == pytest.approx(-0.47 - 6.76 * np.arctanh(0.1))
+    assert op.voltage[injected] == pytest.approx(-0.47 - 6.76 * np.arctanh(0.1))
     assert op.nonlinear_amps == pytest.approx([-7e-4])
 
 
 @given(space=spaces(), volts=st.sampled_from([0.02, 0.2, 2.0]), spread=st.floats(0, 0.5), seed=st.integers(0, 99))
 @settings(max_examples=25)
-def test_monotone_branches_leave_no_local_minimum(
+def test_streamlines_with_saturating_resistors_have_the_outcomes_of_linear_ones(
     space: rg.ConfigurationSpace, volts: float, spread: float, seed: int
 ) -> None:
     linear = rg.compile_space(space, edge=["periodic" if ring else "obstacle" for ring in space.periodic])
@@ -150,7 +150,7 @@ def test_monotone_branches_leave_no_local_minimum(
         rg.certify(path)
 
 
-def test_the_bottom_of_a_long_corridor_is_still_told_apart() -> None:
+def test_log_drop_resolves_the_end_of_a_long_corridor_with_saturation() -> None:
     space = space_of(serpentine(8, 40, 2))
     field = rg.field(rg.solve(saturating(rg.compile_space(space), 0.05)))
     assert np.nanmin(field.log_drop[space.cell == rg.Cell.FREE]) < -200
@@ -159,13 +159,13 @@ def test_the_bottom_of_a_long_corridor_is_still_told_apart() -> None:
 
 
 @pytest.mark.parametrize("amps", [1e-6, -1e-6, 1.5e-6])
-def test_more_than_a_cut_can_carry_has_no_operating_point(amps: float) -> None:
+def test_a_current_above_the_saturation_of_a_cut_raises_circuit_error(amps: float) -> None:
     with pytest.raises(rg.CircuitError, match=r"carry less than 1e-06 A, the sum of their I0"):
-        rg.solve(pair(amps))
+        rg.solve(saturating_pair(amps))
 
 
-def test_the_overloaded_cut_is_named() -> None:
-    linear = rg.compile_space(wide_open(), boundary="neumann", drive="uniform")
+def test_the_error_states_the_overloaded_cut() -> None:
+    linear = rg.compile_space(obstacle_space(), boundary="neumann", drive="uniform")
     goal_ring = np.isin(linear.resistor_nodes, linear.cells.goal_nodes).any(axis=1)
     netlist = saturating(linear, np.where(goal_ring, 0.1, 10.0))
     with pytest.raises(rg.CircuitError, match=r"drive 0.0001 A through the 4 nonlinear resistors around 137 nodes"):
@@ -174,7 +174,7 @@ def test_the_overloaded_cut_is_named() -> None:
 
 
 @pytest.mark.parametrize("seed", range(24))
-def test_extreme_circuits_are_solved_or_shown_to_be_overloaded(seed: int) -> None:
+def test_random_saturating_circuits_are_solved_or_reported_as_overloaded(seed: int) -> None:
     rng = np.random.default_rng(seed)
     linear = random_grid(seed, side=int(rng.integers(3, 8)), decades=float(rng.uniform(0, 8)), drive=bool(seed % 2))
     half = rng.random(len(linear.conductance)) < rng.choice([0.3, 0.9, 1.0])
@@ -191,8 +191,8 @@ def test_extreme_circuits_are_solved_or_shown_to_be_overloaded(seed: int) -> Non
         point = rg.solve(netlist)
     except rg.CircuitError as error:
         words = str(error).split()
-        fed, least = float(words[words.index("drive") + 1]), float(words[words.index("than") + 1])
-        assert fed >= least * (1 - 1e-5)
+        injected, least = float(words[words.index("drive") + 1]), float(words[words.index("than") + 1])
+        assert injected >= least * (1 - 1e-5)
         return
     v = point.voltage
     d = v[netlist.nonlinear_nodes[:, 0]] - v[netlist.nonlinear_nodes[:, 1]]
@@ -202,32 +202,32 @@ def test_extreme_circuits_are_solved_or_shown_to_be_overloaded(seed: int) -> Non
     assert point.kcl_residual < 1e-9
 
 
-def test_small_signals_see_the_slope() -> None:
-    netlist = saturating(rg.compile_space(wide_open(), boundary="neumann"), 0.5)
+def test_linearize_equals_differences_of_operating_points() -> None:
+    netlist = saturating(rg.compile_space(obstacle_space(), boundary="neumann"), 0.5)
     point = rg.solve(netlist)
     row = int(netlist.cells.free_node[20])
     nudge = 1e-4 * netlist.current_amps[0]
 
-    def fed(amps: float) -> np.ndarray:
+    def voltage_with(amps: float) -> np.ndarray:
         return rg.solve(netlist.replace(
             current_nodes=np.concatenate([netlist.current_nodes, [[0, row]]]),
             current_amps=np.append(netlist.current_amps, amps),
         )).voltage  # fmt: skip
 
-    seen = (fed(nudge) - fed(-nudge)) / (2 * nudge)
+    seen = (voltage_with(nudge) - voltage_with(-nudge)) / (2 * nudge)
     slope = rg.solve(rg.circuit.linearize(point).replace(current_nodes=[[0, row]], current_amps=[1.0]))
     np.testing.assert_allclose(slope.voltage, seen, rtol=1e-6, atol=1e-6 * np.abs(seen).max())
 
 
-def test_what_is_only_for_linear_circuits_says_so() -> None:
-    netlist = saturating(rg.compile_space(wide_open(), boundary="neumann"), 1.0)
+def test_factorize_and_normalize_drive_reject_nonlinear_resistors() -> None:
+    netlist = saturating(rg.compile_space(obstacle_space(), boundary="neumann"), 1.0)
     with pytest.raises(rg.InputError, match="small_signal"):
         rg.factorize(netlist)
     with pytest.raises(rg.InputError, match="do not scale"):
         rg.normalize_drive(netlist, rg.solve(netlist))
 
 
-def test_ngspice_finds_the_same_voltages(tmp_path: Path) -> None:
+def test_voltages_agree_with_ngspice(tmp_path: Path) -> None:
     cell = np.zeros((16, 16), dtype=np.uint8)
     cell[4:9, 6], cell[12, 3] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     netlist = saturating(rg.compile_space(space_of(cell)), 0.2)
@@ -245,15 +245,15 @@ def test_ngspice_finds_the_same_voltages(tmp_path: Path) -> None:
     run = subprocess.run(["ngspice", "-b", deck], capture_output=True, text=True, timeout=300, check=False)
     found = dict(line.split(" = ") for line in run.stdout.splitlines() if line.startswith("v(") and " = " in line)
     point = rg.solve(netlist)
-    told = {int(name[2:-1]): float(value) for name, value in found.items()}
-    assert len(told) >= netlist.node_count - 1
-    assert max(abs(value - point.voltage[node]) for node, value in told.items()) < 1e-6
+    simulated = {int(name[2:-1]): float(value) for name, value in found.items()}
+    assert len(simulated) >= netlist.node_count - 1
+    assert max(abs(value - point.voltage[node]) for node, value in simulated.items()) < 1e-6
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e-9, 1e-12])
 @pytest.mark.parametrize("share", [1e-3, 0.9, 0.999])
-def test_slope_and_heat_are_those_of_the_drop_however_high_the_resistor_lies(scale: float, share: float) -> None:
-    """A share of ``I0`` flows through a resistor that hangs on 1 V: the drop is ``V0 atanh(share)``."""
+def test_slope_and_power_are_exact_for_small_drops_at_a_high_potential(scale: float, share: float) -> None:
+    """A fraction of ``I0`` flows through a resistor whose other end is at 1 V: the drop is ``V0 atanh(share)``."""
     netlist = rg.Netlist(
         3,
         [[1, 0]],
@@ -272,7 +272,7 @@ def test_slope_and_heat_are_those_of_the_drop_however_high_the_resistor_lies(sca
     np.testing.assert_allclose(rg.circuit.linearize(point).conductance[-1], (1 - share) * (1 + share), rtol=1e-9)
 
 
-def test_a_resistor_nearly_saturated_may_have_no_operating_point() -> None:
+def test_currents_too_close_to_saturation_raise_circuit_error() -> None:
     with pytest.raises(rg.CircuitError, match="may be no operating point, because the currents are so close to I0"):
         rg.solve(one_resistor(1.0 - 1e-13))
     with pytest.raises(rg.CircuitError, match="there is no operating point"):
@@ -281,7 +281,7 @@ def test_a_resistor_nearly_saturated_may_have_no_operating_point() -> None:
 
 
 def one_resistor(amps: float) -> rg.Netlist:
-    """A source feeds a nonlinear resistor to ground, ``I0`` = 1 A and ``V0`` = 0.1 V."""
+    """Return a current source on a nonlinear resistor to ground, ``I0`` = 1 A and ``V0`` = 0.1 V."""
     return rg.Netlist(
         2,
         [],
@@ -294,7 +294,7 @@ def one_resistor(amps: float) -> rg.Netlist:
     )
 
 
-def test_sources_that_hold_every_node_leave_saturated_resistors_their_currents() -> None:
+def test_saturated_resistors_between_fixed_nodes_have_exact_currents() -> None:
     held = rg.Netlist(
         3,
         [[1, 0]],

@@ -1,4 +1,4 @@
-"""The operating point of a normwise answer: currents wait until they are asked for, and are the right ones."""
+"""Operating points with normwise accuracy: currents computed on demand, against dense solutions and closed forms."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import resgrid as rg
 
 
 @pytest.mark.parametrize("netlist", [ladder(), random_grid(1), random_grid(2, drive=False)])
-def test_normwise_readings_are_those_of_a_dense_solution(netlist: rg.Netlist) -> None:
+def test_normwise_voltages_currents_and_power_equal_a_dense_solution(netlist: rg.Netlist) -> None:
     point, expected = rg.solve(netlist, accuracy="normwise"), dense_solution(netlist)
     for name in ("voltage", "resistor_current", "source_current"):
         np.testing.assert_allclose(getattr(point, name), getattr(expected, name), rtol=1e-9, atol=1e-15)
@@ -23,8 +23,8 @@ def test_normwise_readings_are_those_of_a_dense_solution(netlist: rg.Netlist) ->
     np.testing.assert_allclose(np.exp(point.resistor_log_current), np.abs(point.resistor_current), rtol=1e-12)
 
 
-def test_normwise_rails_stand_at_the_voltages_they_were_given() -> None:
-    """Counted from the lowest rail, most of these come back with another last digit."""
+def test_normwise_rails_have_exactly_their_source_voltages() -> None:
+    """Relative to the lowest rail, most of these voltages would change in their last digit."""
     volts = np.append(-np.pi, np.linspace(0.01, 0.1, 20))
     rails = np.arange(1, len(volts) + 1)
     to_one_row = np.stack([rails, np.full(len(rails), len(rails) + 1)], axis=1)
@@ -37,7 +37,7 @@ def test_normwise_rails_stand_at_the_voltages_they_were_given() -> None:
         np.testing.assert_array_equal(rg.solve(netlist, accuracy="normwise", method=method).voltage[rails], volts)
 
 
-def test_normwise_readings_are_taken_once_and_are_those_of_copies() -> None:
+def test_normwise_currents_are_cached_read_only_and_equal_those_of_copies() -> None:
     point = rg.solve(random_grid(3), accuracy="normwise")
     copy = replace(point, iterations=7)
     assert point.resistor_current is point.resistor_current
@@ -46,17 +46,17 @@ def test_normwise_readings_are_taken_once_and_are_those_of_copies() -> None:
     assert not point.voltage.flags.writeable
 
 
-@pytest.mark.parametrize("asked", [False, True])
-def test_a_point_survives_pickling(asked: bool) -> None:
+@pytest.mark.parametrize("computed", [False, True])
+def test_operating_points_are_equal_after_pickling(computed: bool) -> None:
     point = rg.solve(random_grid(4), accuracy="normwise")
-    if asked:
+    if computed:
         assert point.power > 0
     again = pickle.loads(pickle.dumps(point))
     np.testing.assert_array_equal(again.resistor_current, point.resistor_current)
     assert again.power == point.power
 
 
-def test_currents_of_a_loop_of_sources_warn_at_once() -> None:
+def test_a_loop_of_sources_warns_in_solve_and_has_nan_currents() -> None:
     netlist = rg.Netlist(3, [[2, 0]], [1e-3], source_nodes=[[1, 0], [2, 1], [2, 0]], source_volts=[1.0, 1.0, 2.0])
     with pytest.warns(UserWarning, match="form loops"):
         point = rg.solve(netlist.replace(resistor_nodes=[[2, 0]]), accuracy="normwise")
@@ -66,9 +66,7 @@ def test_currents_of_a_loop_of_sources_warn_at_once() -> None:
 @pytest.mark.parametrize(
     ("cells", "start"), [([[0, 2]], (0, 0)), ([[0, 0, 2]], (0, 1)), ([[0, 2], [0, 1]], (0, 0)), ([[0, 2, 0]], (0, 0))]
 )
-def test_a_start_beside_the_goal_leaves_nothing_to_solve_and_still_has_a_field(
-    cells: list[list[int]], start: tuple[int, int]
-) -> None:
+def test_a_start_next_to_the_goal_has_a_field_without_unknowns(cells: list[list[int]], start: tuple[int, int]) -> None:
     cell = np.array(cells, dtype=np.uint8)
     axes = [rg.Axis(name, 0, size, size) for name, size in zip("yx", cell.shape, strict=True)]
     space = rg.ConfigurationSpace(axes, cell)
@@ -86,7 +84,7 @@ def test_a_start_beside_the_goal_leaves_nothing_to_solve_and_still_has_a_field(
 @pytest.mark.parametrize("accuracy", ["direction", "normwise"])
 @pytest.mark.parametrize("method", ["direct", "multigrid"])
 @pytest.mark.parametrize(("conductance", "amps"), [(1e-3, 1e308), (1e-300, 1e10)])
-def test_voltages_beyond_the_range_of_doubles_are_refused(
+def test_voltages_beyond_the_range_of_doubles_raise_circuit_error(
     accuracy: str, method: str, conductance: float, amps: float
 ) -> None:
     pairs = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [1, 3]])
@@ -113,34 +111,34 @@ def test_voltages_beyond_the_range_of_doubles_are_refused(
         {"progress": "loud"},
     ],
 )
-def test_wrong_options_are_named(wrong: dict[str, object]) -> None:
+def test_invalid_solve_options_raise_input_error(wrong: dict[str, object]) -> None:
     with pytest.raises(rg.InputError, match=next(iter(wrong)) + " = "):
         rg.solve(ladder(3), **wrong)
 
 
-def test_a_method_that_is_none_is_named_where_nothing_is_left_to_solve() -> None:
+def test_unknown_methods_raise_input_error_without_unknowns() -> None:
     with pytest.raises(rg.InputError, match="method = 'dirct' is unknown; it may be one of auto, direct, multigrid"):
         rg.solve(rg.Netlist(2, [[1, 0]], [1e-3]), method="dirct")
 
 
-def test_small_currents_beside_large_ones_are_kept_beyond_the_rails() -> None:
-    """Ground is no rail of node 3, which lies between 1 V and 2 V; two loads lead there from 1 V."""
+def test_small_currents_between_rails_are_exact_with_large_currents_elsewhere() -> None:
+    """Node 3 lies between 1 V and 2 V; two loads lead from 1 V to ground."""
     netlist = rg.Netlist(4, [[2, 3], [3, 1], [1, 0], [1, 0]], [1e-4, 1e-4, 1e3, 1e-5], [[1, 0], [2, 0]], [1.0, 2.0])
     point = rg.solve(netlist)
     np.testing.assert_allclose(point.resistor_current, [5e-5, 5e-5, 1e3, 1e-5], rtol=1e-14)
     assert point.resistor_direction.tolist() == [1, 1, 1, 1]
 
 
-def test_a_grid_that_nothing_drives_is_told_by_the_key_that_would() -> None:
-    """Not by an option: the message is read on the live page and in Python, too."""
+def test_an_undriven_grid_raises_circuit_error_with_the_key_that_drives_it() -> None:
+    """The message contains no command-line option, because the live page and Python show it, too."""
     axes = rg.Axis("x", 0.0, 3.0, 3), rg.Axis("y", 0.0, 2.0, 2)
     space = rg.ConfigurationSpace(axes, [[0, 0], [0, 0], [0, 2]])
     with pytest.raises(rg.CircuitError, match=r"nothing is driven: .*\(boundary = 'neumann'\)$"):
         rg.solve(rg.compile_space(space, edge="open"))
 
 
-def test_a_node_held_between_the_rails_has_no_drop_but_a_potential() -> None:
-    """Its drop would be the difference of voltages that are rounded."""
+def test_a_node_fixed_between_the_rails_has_a_potential_and_no_log_drop() -> None:
+    """Its drop would be a difference of rounded voltages."""
     held = rg.solve(
         rg.Netlist(4, [[1, 3], [3, 0]], [1e-3] * 2, source_nodes=[[1, 0], [1, 2]], source_volts=[1.0, 1e-12])
     )

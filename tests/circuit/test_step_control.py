@@ -1,4 +1,4 @@
-"""Steps that keep a tolerance: against closed forms of circuits whose scales lie far apart.
+"""Step control of transients, against closed forms of circuits with widely separated time scales.
 
 Tests internals: `resgrid.circuit.dynamics`, `resgrid.circuit.stepping`.
 """
@@ -18,7 +18,7 @@ from resgrid.circuit.stepping import Method, controlled_steps
 
 
 def one_pole() -> rg.Netlist:
-    """1 V through 1 kohm into 1 nF: a time constant of 1 us."""
+    """Return 1 V through 1 kohm into 1 nF: a time constant of 1 us."""
     return rg.Netlist(
         3, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0], capacitor_nodes=[[2, 0]], capacitance=[1e-9]
     )
@@ -26,7 +26,7 @@ def one_pole() -> rg.Netlist:
 
 @pytest.mark.parametrize("options", [{}, {"step": 1e-4}, {"step": 1e-4, "method": "backward_euler"}])
 @pytest.mark.parametrize("weak", [1e-9, 1e-13, 1e-16])
-def test_charge_of_an_island_stays(weak: float, options: dict[str, object]) -> None:
+def test_the_charge_of_an_island_is_conserved(weak: float, options: dict[str, object]) -> None:
     netlist = rg.Netlist(
         4, [[2, 3]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0],
         capacitor_nodes=[[1, 2], [2, 3], [3, 0]], capacitance=[weak, 1e-6, weak],
@@ -37,21 +37,21 @@ def test_charge_of_an_island_stays(weak: float, options: dict[str, object]) -> N
 
 
 @pytest.mark.parametrize("leak", [1e-6, 1e-9, 1e-12, 1e-14])
-def test_a_charge_between_weakly_tied_islands_leaks_off(leak: float) -> None:
+def test_the_charge_between_weakly_tied_islands_decays_exactly(leak: float) -> None:
     netlist = rg.Netlist(
         5, [[1, 0], [2, 1], [4, 3], [3, 0]], [1e-3, 1e3, leak, leak], current_nodes=[[0, 1]], current_amps=[1e-3],
         capacitor_nodes=[[2, 4]], capacitance=[1e-10],
     )  # fmt: skip
     times = np.array([0.0, 1e-9, 1e-6, 1e-3, 1.0])
     found = rg.circuit.transient(netlist, times, initial=[0, 3, 1, -2, 5.0])
-    # 1 V at node 2 in the end; what the capacitor holds beyond that flows through 1 ohm, 1 mS and the two leaks.
+    # Node 2 ends at 1 V; the excess voltage of the capacitor drives a current through 1 kohm, 1 mohm and two leaks.
     ohms = 1e3 + 1e-3 + 2 / leak
     current = (1.0 - (-4.0)) / ohms * np.exp(-times / (1e-10 * ohms))
     assert found.voltage[:, 4] == pytest.approx(2 / leak * current, abs=5e-6)
     assert found.steps < 500
 
 
-def test_strong_currents_within_an_island_leave_it_where_it_is() -> None:
+def test_strong_currents_within_an_island_do_not_change_its_potential() -> None:
     netlist = rg.Netlist(
         7, [[1, 0], [2, 1], [3, 2], [4, 3], [5, 0], [6, 0]], [2.12e-4, 1.015e-2, 2.67e3, 1.66e-8, 2.75e-12, 1.877e-11],
         current_nodes=[[3, 2], [3, 0]], current_amps=[-0.0569, 0.00216], capacitor_nodes=[[3, 6]],
@@ -67,7 +67,7 @@ def test_strong_currents_within_an_island_leave_it_where_it_is() -> None:
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-6, 1e-12])
-def test_a_circuit_at_rest_without_operating_point_is_judged_by_its_own_voltages(scale: float) -> None:
+def test_the_tolerance_scales_with_the_voltages_of_a_circuit_without_operating_point(scale: float) -> None:
     amps, ohms, farads = 1e-9 * scale, 1e3, 1e-9
     netlist = rg.Netlist(
         3, [[1, 2]], [1 / ohms], current_nodes=[[0, 1]], current_amps=[amps], capacitor_nodes=[[1, 0], [2, 0]],
@@ -81,7 +81,7 @@ def test_a_circuit_at_rest_without_operating_point_is_judged_by_its_own_voltages
 
 
 @pytest.mark.parametrize("leak", [1e-12, 1e-14, 1e-18])
-def test_an_end_that_is_never_reached_loosens_nothing(leak: float) -> None:
+def test_a_large_final_voltage_does_not_loosen_the_tolerance(leak: float) -> None:
     netlist = rg.Netlist(
         4, [[1, 2], [3, 0]], [1e-3, leak], source_nodes=[[1, 0]], source_volts=[1.0], current_nodes=[[0, 3]],
         current_amps=[1e-9], capacitor_nodes=[[2, 0], [3, 0]], capacitance=[1e-9, 1e-12],
@@ -93,7 +93,7 @@ def test_an_end_that_is_never_reached_loosens_nothing(leak: float) -> None:
 
 @settings(max_examples=20)
 @given(small=st.integers(-18, -13), tolerance=st.sampled_from([1e-2, 1e-3, 1e-6]), last=st.sampled_from([1e-3, 1.0]))
-def test_a_fast_mode_is_followed_however_late_the_last_time(small: int, tolerance: float, last: float) -> None:
+def test_a_fast_mode_is_resolved_with_a_late_last_time(small: int, tolerance: float, last: float) -> None:
     # Both nodes rise together with 1 kohm times the small capacitance; 1 nF between them holds them together.
     farads = 10.0**small
     netlist = rg.Netlist(
@@ -104,7 +104,7 @@ def test_a_fast_mode_is_followed_however_late_the_last_time(small: int, toleranc
     tau = 1e3 * end * farads
     times = np.array([0.5, 1, 2, 4]) * tau
     found = rg.circuit.transient(netlist, np.append(times, last), tolerance=tolerance).voltage[:-1, 1]
-    # What 1 nF takes up meanwhile is at most twice the share of the small capacitance.
+    # The voltage across 1 nF is at most twice the ratio of the capacitances.
     assert np.abs(found + end * np.expm1(-times / tau)).max() < tolerance + 2 * farads / 1e-9
 
 
@@ -129,13 +129,13 @@ def test_every_method_keeps_its_tolerance(method: str, tolerance: float) -> None
 
 
 @pytest.mark.parametrize(("method", "tolerance"), [("backward_euler", 1e-9), ("trapezoidal", 1e-11)])
-def test_a_tolerance_beyond_rounding_is_refused(method: str, tolerance: float) -> None:
+def test_a_tolerance_below_rounding_error_raises_accuracy_error(method: str, tolerance: float) -> None:
     with pytest.raises(rg.AccuracyError, match="tr-bdf2"):
         rg.circuit.transient(one_pole(), [1e-6], method=method, tolerance=tolerance)
 
 
 @pytest.mark.parametrize("method", get_args(Method))
-def test_steps_that_no_longer_gain_are_refused(method: str) -> None:
+def test_steps_dominated_by_solver_errors_raise_accuracy_error(method: str) -> None:
     dynamics = dynamics_of(one_pole())
     rng = np.random.default_rng(0)
 

@@ -1,4 +1,4 @@
-"""Nodal systems: rows, ties and counts against dense sums, with compressed rows and without.
+"""Nodal systems: rows, ground conductances and counts, against dense sums over resistors.
 
 Tests internals: `resgrid.circuit.equations`, `resgrid.solvers.laplacian`, `resgrid.solvers.method_choice`.
 """
@@ -29,7 +29,7 @@ RULES: tuple[dict[str, Any], ...] = (
 
 
 def dense_sums(system: Equations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Couplings, excess and feed, resistor by resistor."""
+    """Return couplings, ground conductances and right-hand side, resistor by resistor."""
     n, netlist, known = system.size, system.netlist, system.known_voltages()
     coupling, excess, feed = np.zeros((n, n)), np.zeros(n), np.zeros(n)
     for (a, b), g in zip(netlist.resistor_nodes.tolist(), netlist.conductance.tolist(), strict=True):
@@ -44,7 +44,7 @@ def dense_sums(system: Equations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return coupling, excess, feed
 
 
-def check(system: Equations) -> None:
+def assert_equals_dense_sums(system: Equations) -> None:
     coupling, excess, feed = dense_sums(system)
     assert system.unknown.dtype == np.int32
     np.testing.assert_allclose(system.laplacian.ground, excess, rtol=1e-14)
@@ -60,7 +60,7 @@ def check(system: Equations) -> None:
 
 @settings(max_examples=60)
 @given(space=spaces(), rules=st.sampled_from(RULES), seed=st.integers(0, 99))
-def test_rows_are_sums_over_resistors(space: rg.ConfigurationSpace, rules: dict[str, Any], seed: int) -> None:
+def test_matrix_rows_equal_sums_over_resistors(space: rg.ConfigurationSpace, rules: dict[str, Any], seed: int) -> None:
     try:
         netlist = rg.compile_space(space, **rules)
         spread = np.random.default_rng(seed).uniform(0.5, 2.0, len(netlist.conductance))
@@ -68,11 +68,11 @@ def test_rows_are_sums_over_resistors(space: rg.ConfigurationSpace, rules: dict[
     except rg.CircuitError as error:
         assert "nothing is driven" in str(error)
         return
-    check(system)
+    assert_equals_dense_sums(system)
 
 
 def with_sources(seed: int) -> rg.Netlist:
-    """A random graph with floating sources, 0 V ones among them, parts that float, and currents."""
+    """Return a random graph with grounded and floating sources (some of 0 V) and floating parts."""
     rng = np.random.default_rng(seed)
     count = 24
     pairs = rng.integers(0, count, (30, 2))
@@ -89,19 +89,19 @@ def with_sources(seed: int) -> rg.Netlist:
 
 AT_REST = {
     "all sources 0 V": ("V1 a 0 0\nR1 a b 1\nR2 b 0 1", {"a": 0, "b": 0}),
-    "an open load": ("V1 a 0 10\nR1 a b 1\nR2 b c 1", {"a": 10, "b": 10, "c": 10}),
+    "an open-ended load": ("V1 a 0 10\nR1 a b 1\nR2 b c 1", {"a": 10, "b": 10, "c": 10}),
     "a load between equal rails": ("V1 a 0 2\nV2 b 0 2\nR1 a b 1", {"a": 2, "b": 2}),
     "two loads, each on one rail": ("V1 a 0 2\nV2 b 0 5\nR1 a c 1\nR2 b d 1", {"c": 2, "d": 5}),
     "no source at all": ("R1 a 0 1\nR2 a b 1", {"a": 0, "b": 0}),
-    "beside a part that floats": ("V1 a 0 3\nR1 a b 1\nR2 x y 1", {"b": 3, "x": None, "y": None}),
+    "next to a floating part": ("V1 a 0 3\nR1 a b 1\nR2 x y 1", {"b": 3, "x": None, "y": None}),
     "behind a capacitor": ("V1 a 0 3\nC1 a b 1\nR1 b 0 1", {"a": 3, "b": 0}),
 }
 
 
-@pytest.mark.parametrize("what", AT_REST)
+@pytest.mark.parametrize("case", AT_REST)
 @pytest.mark.parametrize("accuracy", ["direction", "normwise"])
-def test_a_circuit_in_which_nothing_flows_is_a_circuit(what: str, accuracy: str) -> None:
-    text, volts = AT_REST[what]
+def test_circuits_without_currents_are_solved(case: str, accuracy: str) -> None:
+    text, volts = AT_REST[case]
     point = rg.solve(rg.read_spice(io.StringIO(f"t\n{text}\n.end\n")).netlist(), accuracy=accuracy)
     for name, expected in volts.items():
         node = point.netlist.node_names.index(name)
@@ -112,13 +112,13 @@ def test_a_circuit_in_which_nothing_flows_is_a_circuit(what: str, accuracy: str)
 
 
 @pytest.mark.parametrize("netlist", [rg.Netlist(1, np.empty((0, 2), np.int32), []), rg.Netlist(3, [[1, 2]], [1.0])])
-def test_a_circuit_that_does_not_touch_ground_is_none(netlist: rg.Netlist) -> None:
+def test_a_circuit_without_ground_raises_circuit_error(netlist: rg.Netlist) -> None:
     with pytest.raises(rg.CircuitError, match="touches ground"):
         rg.solve(netlist)
 
 
-def test_what_hangs_on_a_rail_is_no_rail() -> None:
-    """A resistor between two rails of 10 V and 5 V makes them the only two, whatever hangs on one of them."""
+def test_a_dead_end_on_a_rail_is_not_counted_as_a_rail() -> None:
+    """A resistor between rails of 10 V and 5 V is the only element with a current."""
     deck = rg.read_spice(io.StringIO("t\nV1 a 0 10\nV2 b 0 5\nR1 a b 1\nR2 a c 1\n.end\n"))
     point = rg.solve(deck.netlist())
     assert point.log_drop is not None
@@ -128,13 +128,13 @@ def test_what_hangs_on_a_rail_is_no_rail() -> None:
 
 @settings(max_examples=60)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_floating_sources_share_rows(seed: int) -> None:
+def test_nodes_joined_by_floating_sources_have_one_row(seed: int) -> None:
     try:
         system = assemble(with_sources(seed))
     except rg.CircuitError as error:
         assert "ground" in str(error)
         return
-    check(system)
+    assert_equals_dense_sums(system)
     root = system.forest.root
     for node, row in enumerate(system.unknown.tolist()):
         assert row == system.unknown[root[node]]
@@ -147,7 +147,7 @@ def test_floating_sources_share_rows(seed: int) -> None:
 
 @settings(max_examples=60)
 @given(space=spaces(), rules=st.sampled_from(RULES), decades=st.sampled_from([0.0, 3.0]), seed=st.integers(0, 99))
-def test_counts_are_those_of_the_compressed_rows(
+def test_conductance_statistics_equal_those_of_the_compressed_rows(
     space: rg.ConfigurationSpace, rules: dict[str, Any], decades: float, seed: int
 ) -> None:
     try:
@@ -171,7 +171,7 @@ def test_counts_are_those_of_the_compressed_rows(
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_a_grid_is_judged_without_compressed_rows(boundary: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_choose_method_does_not_compress_the_rows_of_a_grid(boundary: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("resgrid.solvers.laplacian._compress", lambda *_: pytest.fail("rows were compressed"))
     cell = (np.random.default_rng(3).random((120, 120)) < 0.1).astype(np.uint8)
     cell[30, 30] = 2

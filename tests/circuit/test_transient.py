@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.circuit.stepping`, `resgrid.spice.write.flat`."""
+"""Transients, against matrix exponentials, closed forms, conservation of energy and ngspice.
+
+Tests internals: `resgrid.circuit.stepping`, `resgrid.spice.write.flat`.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ METHODS = get_args(Method)
 
 
 def one_pole(**changes: object) -> rg.Netlist:
-    """1 V through 1 kohm into 1 nF: a time constant of 1 us."""
+    """Return 1 V through 1 kohm into 1 nF: a time constant of 1 us."""
     return rg.Netlist(
         3, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0], capacitor_nodes=[[2, 0]], capacitance=[1e-9]
     ).replace(**changes)
@@ -42,7 +45,7 @@ def test_random_circuits_follow_the_matrix_exponential(seed: int, method: str) -
 
 
 @pytest.mark.parametrize(("method", "order"), [("tr-bdf2", 2), ("trapezoidal", 2), ("backward_euler", 1)])
-def test_halving_the_step_gains_the_order_of_the_method(method: str, order: int) -> None:
+def test_the_error_falls_with_the_order_of_the_method(method: str, order: int) -> None:
     netlist = random_dynamics(3)
     exact = ExactMotion(netlist)
     times = np.array([exact.tau.max()])
@@ -56,7 +59,7 @@ def test_halving_the_step_gains_the_order_of_the_method(method: str, order: int)
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_it_ends_in_the_operating_point(method: str) -> None:
+def test_a_transient_ends_at_the_operating_point(method: str) -> None:
     netlist = small_scene()
     tolerance = 1e-3 if method == "backward_euler" else 1e-6
     found = rg.circuit.transient(netlist, [1e-3], method=method, tolerance=tolerance)
@@ -64,7 +67,7 @@ def test_it_ends_in_the_operating_point(method: str) -> None:
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_ngspice_follows_the_same_curve(boundary: str, tmp_path: Path) -> None:
+def test_transients_of_a_scene_agree_with_ngspice(boundary: str, tmp_path: Path) -> None:
     netlist = small_scene(boundary=boundary)
     slowest = ExactMotion(netlist).tau.max()
     times = slowest * np.linspace(0.3, 3.0, 10)
@@ -104,7 +107,7 @@ def test_a_stiff_circuit_takes_few_steps() -> None:
     assert found.factorisations < 40
 
 
-def test_a_single_pole_charges_and_pays_for_it() -> None:
+def test_a_single_pole_has_the_exact_voltages_and_energies() -> None:
     found = rg.circuit.transient(one_pole(), [0.0, 1e-6, 1e-4])
     assert found.voltage[:, 2] == pytest.approx([0, 1 - np.exp(-1), 1], abs=1e-6)
     assert found.stored[-1] == pytest.approx(0.5e-9, rel=1e-6)
@@ -112,7 +115,7 @@ def test_a_single_pole_charges_and_pays_for_it() -> None:
 
 
 @pytest.mark.parametrize("method", ["tr-bdf2", "trapezoidal"])
-def test_what_sources_deliver_is_dissipated_or_stored(method: str) -> None:
+def test_delivered_energy_is_dissipated_or_stored(method: str) -> None:
     netlist = random_dynamics(5)
     exact = ExactMotion(netlist)
     times = np.linspace(0, 3 * exact.tau.max(), 4001)
@@ -123,14 +126,14 @@ def test_what_sources_deliver_is_dissipated_or_stored(method: str) -> None:
     assert found.energy[-1] - (found.stored[-1] - found.stored[0]) == pytest.approx(dissipated, rel=1e-4)
 
 
-def test_capacitors_to_a_rail_divide_its_jump() -> None:
+def test_capacitors_to_a_rail_divide_its_voltage_step() -> None:
     pair = one_pole(capacitor_nodes=[[2, 0], [2, 1]], capacitance=[3e-9, 1e-9])
     assert rg.circuit.transient(pair, [0.0]).voltage[0, 2] == pytest.approx(0.25)
     kept = rg.circuit.transient(pair, [0.0], initial=[0.0, 1.0, 0.5])
     assert kept.voltage[0, 2] == pytest.approx(0.5)
 
 
-def test_a_node_held_by_capacitors_alone_floats_no_more() -> None:
+def test_a_node_tied_by_capacitors_only_has_a_voltage() -> None:
     netlist = rg.Netlist(
         4, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0],
         capacitor_nodes=[[2, 3], [3, 0]], capacitance=[1e-9, 1e-9],
@@ -138,14 +141,14 @@ def test_a_node_held_by_capacitors_alone_floats_no_more() -> None:
     assert rg.circuit.transient(netlist, [1e-4]).voltage[-1, 2:] == pytest.approx([1.0, 0.5], abs=1e-6)
 
 
-def test_what_nothing_ties_is_unknown() -> None:
+def test_floating_nodes_have_nan_voltages_in_a_transient() -> None:
     netlist = one_pole(node_count=5, capacitor_nodes=[[2, 0], [3, 4]], capacitance=[1e-9, 1e-9])
     found = rg.circuit.transient(netlist, [1e-6])
     assert np.isnan(found.voltage[-1, 3:]).all()
     assert np.isfinite(found.energy).all()
 
 
-def test_a_current_into_a_capacitor_ramps() -> None:
+def test_a_current_into_a_capacitor_raises_its_voltage_linearly() -> None:
     netlist = rg.Netlist(
         2, np.empty((0, 2), dtype=np.int64), [], current_nodes=[[0, 1]], current_amps=[1e-6],
         capacitor_nodes=[[1, 0]], capacitance=[1e-9],
@@ -162,7 +165,7 @@ def scene(x: int, rails: str) -> rg.Netlist:
 
 
 @pytest.mark.parametrize("rails", ["merged", "cells"])
-def test_the_old_scene_is_where_the_new_one_begins(rails: str) -> None:
+def test_a_transient_starts_from_the_voltages_of_the_previous_scene(rails: str) -> None:
     old, new = rg.solve(scene(2, rails)), scene(3, rails)
     found = rg.circuit.transient(new, [0.0, 1e-4], initial=old)
     cell_map, before = new.cells, old.netlist.cells
@@ -173,7 +176,7 @@ def test_the_old_scene_is_where_the_new_one_begins(rails: str) -> None:
     assert found.voltage[-1] == pytest.approx(rg.solve(new).voltage, abs=1e-9)
 
 
-def test_a_scene_that_does_not_change_stays() -> None:
+def test_a_transient_from_the_operating_point_is_constant() -> None:
     netlist = small_scene()
     op = rg.solve(netlist)
     found = rg.circuit.transient(netlist, [0.0, 1e-8, 1e-6], initial=op)
@@ -181,7 +184,7 @@ def test_a_scene_that_does_not_change_stays() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_stepper_takes_the_same_steps(method: str) -> None:
+def test_a_stepper_equals_a_transient_with_a_fixed_step(method: str) -> None:
     netlist = random_dynamics(7)
     h = ExactMotion(netlist).tau.max() / 50
     stepper = rg.circuit.transient_stepper(netlist, h, method=method)
@@ -193,7 +196,7 @@ def test_a_stepper_takes_the_same_steps(method: str) -> None:
     assert voltage == pytest.approx(whole, abs=1e-3 if damped else 1e-9)
 
 
-def test_multigrid_takes_the_same_steps() -> None:
+def test_transients_by_multigrid_and_direct_solver_agree() -> None:
     netlist = small_scene()
     direct, multigrid = (
         rg.circuit.transient(netlist, [3e-8], step=1e-8, solver=name) for name in ("direct", "multigrid")
@@ -233,7 +236,9 @@ def test_multigrid_takes_the_same_steps() -> None:
         ([1e-6], {"solver": "foo"}, "multigrid"),
     ],
 )
-def test_bad_arguments_are_named(times: list[float], options: dict[str, object], word: str) -> None:
+def test_invalid_transient_arguments_raise_input_error(
+    times: list[float], options: dict[str, object], word: str
+) -> None:
     with pytest.raises(rg.InputError, match=word):
         rg.circuit.transient(one_pole(), times, **options)
 
@@ -248,7 +253,7 @@ def test_bad_arguments_are_named(times: list[float], options: dict[str, object],
         (1e-6, {"method": "euler"}, "trapezoidal"),
     ],
 )
-def test_bad_arguments_of_a_stepper_are_named(step: float, options: dict[str, object], word: str) -> None:
+def test_invalid_stepper_arguments_raise_input_error(step: float, options: dict[str, object], word: str) -> None:
     with pytest.raises(rg.InputError, match=word):
         rg.circuit.transient_stepper(one_pole(), step, **options)
 
@@ -264,23 +269,23 @@ def test_bad_arguments_of_a_stepper_are_named(step: float, options: dict[str, ob
         ([0.0, 1.0, np.nan], "not finite"),
     ],
 )
-def test_bad_voltages_of_a_stepper_are_named(voltage: object, word: str) -> None:
+def test_invalid_voltages_of_a_stepper_raise_input_error(voltage: object, word: str) -> None:
     stepper = rg.circuit.transient_stepper(one_pole(), 1e-6)
     with pytest.raises(rg.InputError, match=word):
         stepper.advance(voltage)
 
 
-def test_a_stepper_takes_voltages_in_a_list() -> None:
+def test_a_stepper_accepts_a_list_of_voltages() -> None:
     stepper = rg.circuit.transient_stepper(one_pole(), 1e-6)
     assert stepper.advance([0.0, 1.0, 0.5]) == pytest.approx(stepper.advance(np.array([0.0, 1.0, 0.5])))
 
 
-def test_what_is_no_netlist_is_named() -> None:
+def test_transient_rejects_values_that_are_not_netlists() -> None:
     with pytest.raises(rg.InputError, match="Netlist"):
         rg.circuit.transient("netlist", [1e-6])
 
 
-def test_backward_euler_steps_keep_voltages_of_all_sizes() -> None:
+def test_backward_euler_voltages_are_exact_over_many_orders_of_magnitude() -> None:
     count = 20
     nodes = np.arange(1, count + 2)
     netlist = rg.Netlist(
@@ -294,18 +299,18 @@ def test_backward_euler_steps_keep_voltages_of_all_sizes() -> None:
     )
     stepper = rg.circuit.transient_stepper(netlist, 1e-6, method="backward_euler")
     voltage = stepper.advance(stepper.start())
-    # KCL at a node: (C / h + 2 G) V = G (V before + V behind), and what is behind is less by many decades.
+    # KCL at a node: (C / h + 2 G) V = G (V before + V behind), where V behind is smaller by orders of magnitude.
     share = 1e-12 * 1e-6 / 1e-9
     assert voltage[2 : count + 1] == pytest.approx((share / (1 + 2 * share)) ** np.arange(1, count), rel=1e-12, abs=0)
 
 
-def test_absurd_step_counts_are_refused() -> None:
+def test_too_many_steps_raise_budget_error() -> None:
     with pytest.raises(rg.BudgetError, match="steps"):
         rg.circuit.transient(one_pole(), [1.0], step=1e-12)
 
 
-def test_a_current_into_nothing_is_refused() -> None:
-    """An operating point and a transient refuse it by one rule, in the same words."""
+def test_a_current_into_a_floating_node_raises_the_error_of_solve() -> None:
+    """An operating point and a transient raise the same message."""
     netlist = one_pole(node_count=4, current_nodes=[[0, 3]], current_amps=[1.0])
     with pytest.raises(rg.CircuitError, match="no resistor or voltage source ties these to ground") as moving:
         rg.circuit.transient(netlist, [1e-6])
@@ -314,6 +319,6 @@ def test_a_current_into_nothing_is_refused() -> None:
     assert str(moving.value) == str(at_rest.value)
 
 
-def test_an_old_scene_of_another_grid_is_refused() -> None:
+def test_an_initial_scene_on_another_grid_raises_input_error() -> None:
     with pytest.raises(rg.InputError, match="another scene on the same grid"):
         rg.circuit.transient(scene(2, "merged"), [1e-6], initial=rg.solve(small_scene()))

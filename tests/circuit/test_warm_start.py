@@ -1,4 +1,4 @@
-"""Circuits of a space that changes have the voltages that fresh ones have.
+"""Warm starts after changes of a space, against solutions of the new space from scratch.
 
 Tests internals: `resgrid.circuit.equations`, `resgrid.circuit.warm_start`.
 """
@@ -19,8 +19,8 @@ WIRINGS = (
 )
 
 
-def plane(shape, seed, periodic=False):
-    """Random rectangles, the goal in the middle."""
+def random_plane(shape, seed, periodic=False):
+    """Return a space with random rectangles and a goal in the middle."""
     rng = np.random.default_rng(seed)
     cell = np.zeros(shape, dtype=np.uint8)
     for _ in range(int(0.02 * cell.size / 8)):
@@ -33,8 +33,8 @@ def plane(shape, seed, periodic=False):
     return rg.ConfigurationSpace(axes, cell, conductivity=rng.uniform(0.5, 2.0, shape))
 
 
-def assert_as_fresh(point, space, wiring):
-    """Voltages cell by cell are those of a fresh solution, and only cells that are solved for have one."""
+def assert_equals_fresh(point, space, wiring):
+    """Assert that voltages equal a fresh solution, and that only cells with an unknown have a voltage."""
     netlist = rg.compile_space(space, **wiring)
     system = assemble(netlist)
     node = netlist.cells.node
@@ -47,7 +47,7 @@ def assert_as_fresh(point, space, wiring):
 
 
 def changed(space, rng, kind):
-    """Some cells of other kinds near a random one, or other conductivities."""
+    """Return the space with other kinds or conductivities of some cells near a random one."""
     cell = space.cell.copy()
     at = np.array([rng.integers(n) for n in space.shape])
     near = np.clip(at + rng.integers(-5, 6, (10, space.ndim)), 0, np.array(space.shape) - 1)
@@ -72,35 +72,35 @@ def changed(space, rng, kind):
     seed=st.integers(0, 2**32 - 1),
     kinds=st.lists(st.sampled_from(["walls", "freed", "goals", "goal moved", "conductivity"]), min_size=1, max_size=4),
 )
-def test_random_changes_as_fresh(wiring, seed, kinds):
+def test_warm_starts_after_random_changes_equal_solutions_from_scratch(wiring, seed, kinds):
     rng = np.random.default_rng(seed)
-    space = plane((48, 61), seed % 7)
+    space = random_plane((48, 61), seed % 7)
     warm = rg.circuit.WarmStart(**wiring)
     warm.solve(space)
     for kind in kinds:
         space = changed(space, rng, kind)
         if space.goal_connected.any():
-            assert_as_fresh(warm.solve(space), space, wiring)
+            assert_equals_fresh(warm.solve(space), space, wiring)
             continue
         with pytest.raises(rg.CircuitError, match="nothing is driven") as fresh:
             rg.solve(rg.compile_space(space, **wiring))
-        with pytest.raises(rg.CircuitError) as refused:
+        with pytest.raises(rg.CircuitError) as raised:
             warm.solve(space)
-        assert str(refused.value) == str(fresh.value)
+        assert str(raised.value) == str(fresh.value)
 
 
 @pytest.fixture
 def windows_always(monkeypatch):
-    """Windows on grids of any size."""
+    """Use windows on grids of any size."""
     monkeypatch.setattr("resgrid.circuit.warm_start._SMALL", 0)
 
 
 @pytest.mark.usefixtures("windows_always")
 @pytest.mark.parametrize("wiring", WIRINGS, ids=lambda wiring: wiring["boundary"])
 @pytest.mark.parametrize("shape", [(90, 70), (15, 18, 14)], ids=str)
-def test_windows_as_fresh(wiring, shape):
+def test_solutions_in_windows_equal_solutions_from_scratch(wiring, shape):
     rng = np.random.default_rng(9)
-    space = plane(shape, 4)
+    space = random_plane(shape, 4)
     warm = rg.circuit.WarmStart(**wiring)
     warm.solve(space)
     kept = 0
@@ -108,43 +108,43 @@ def test_windows_as_fresh(wiring, shape):
         space = changed(space, rng, kind)
         point = warm.solve(space)
         kept += not point.fresh
-        assert_as_fresh(point, space, wiring)
+        assert_equals_fresh(point, space, wiring)
     assert kept
 
 
 @pytest.mark.usefixtures("windows_always")
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_rings_as_fresh(boundary):
+def test_warm_starts_on_periodic_spaces_equal_solutions_from_scratch(boundary):
     rng, wiring = np.random.default_rng(5), {"boundary": boundary}
-    space = plane((64, 48), 2, periodic=True)
+    space = random_plane((64, 48), 2, periodic=True)
     warm = rg.circuit.WarmStart(**wiring)
     warm.solve(space)
     for kind in ("walls", "freed", "walls", "goals"):
         space = changed(space, rng, kind)
-        assert_as_fresh(warm.solve(space), space, wiring)
+        assert_equals_fresh(warm.solve(space), space, wiring)
 
 
-def room(door, goal=(5, 5)):
-    """A plane of 40 x 40 with a wall across, open at some cells of it."""
+def divided_plane(gap, goal=(5, 5)):
+    """Return a plane of 40 x 40 cells with a wall across that has gaps at the given cells."""
     cell = np.zeros((40, 40), dtype=np.uint8)
     cell[20] = rg.Cell.OBSTACLE
-    cell[20, list(door)] = rg.Cell.FREE
+    cell[20, list(gap)] = rg.Cell.FREE
     cell[goal] = rg.Cell.GOAL
     return rg.ConfigurationSpace([rg.Axis("x", 0.0, 1.0, 40), rg.Axis("y", 0.0, 1.0, 40)], cell)
 
 
 @pytest.mark.usefixtures("windows_always")
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-@pytest.mark.parametrize("doors", [((3,), (3, 30), (30,)), ((9,), (), (30,)), ((), (12, 13), ())], ids=str)
-def test_doors_that_open_and_close(boundary, doors):
+@pytest.mark.parametrize("gaps", [((3,), (3, 30), (30,)), ((9,), (), (30,)), ((), (12, 13), ())], ids=str)
+def test_opening_and_closing_gaps_in_a_wall_gives_the_solution_from_scratch(boundary, gaps):
     warm = rg.circuit.WarmStart(boundary=boundary)
-    for door in doors:
-        space = room(door)
-        assert_as_fresh(warm.solve(space), space, {"boundary": boundary})
+    for gap in gaps:
+        space = divided_plane(gap)
+        assert_equals_fresh(warm.solve(space), space, {"boundary": boundary})
 
 
-def boxed_in(cell, low, high):
-    """Walls around a box of cells."""
+def enclose(cell, low, high):
+    """Put walls around a box of cells."""
     walls = np.zeros_like(cell, dtype=bool)
     walls[tuple(slice(a, b) for a, b in zip(low, high, strict=True))] = True
     walls[tuple(slice(a + 1, b - 1) for a, b in zip(low, high, strict=True))] = False
@@ -153,20 +153,20 @@ def boxed_in(cell, low, high):
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 @pytest.mark.parametrize("low, keeps", [((30, 30), True), ((3, 3), False)], ids=["a corner", "the goal"])
-def test_walls_that_cut_a_part_off(boundary, low, keeps):
-    before = room(range(40))
+def test_walls_that_isolate_a_part_give_the_solution_from_scratch(boundary, low, keeps):
+    before = divided_plane(range(40))
     warm = rg.circuit.WarmStart(boundary=boundary)
     warm.solve(before)
     cell = before.cell.copy()
-    boxed_in(cell, low, (low[0] + 5, low[1] + 5))
+    enclose(cell, low, (low[0] + 5, low[1] + 5))
     after = before.with_cells(cell)
     point = warm.solve(after)
-    assert_as_fresh(point, after, {"boundary": boundary})
+    assert_equals_fresh(point, after, {"boundary": boundary})
     assert point.fresh != keeps
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_cells_change_where_no_free_cell_has_a_free_neighbour(boundary):
+def test_changes_of_cells_without_free_neighbours_give_the_solution_from_scratch(boundary):
     cell = (np.indices((30, 30)).sum(axis=0) % 2).astype(np.uint8)
     cell[:8][cell[:8] == rg.Cell.OBSTACLE] = rg.Cell.GOAL
     cell[15:] = rg.Cell.FREE
@@ -177,27 +177,27 @@ def test_cells_change_where_no_free_cell_has_a_free_neighbour(boundary):
     for place, code in (((4, 4), 1), ((4, 4), 2), ((4, 4), 0), ((10, 10), 1), ((10, 10), 0)):
         cell[place] = code
         after = space.with_cells(cell)
-        assert_as_fresh(warm.solve(after), after, {"boundary": boundary})
+        assert_equals_fresh(warm.solve(after), after, {"boundary": boundary})
 
 
-def test_a_start_that_drives():
+def test_warm_starts_with_a_driven_start_cell_equal_solutions_from_scratch():
     wiring = {"boundary": "neumann", "drive": "start", "start": (35, 35)}
     warm = rg.circuit.WarmStart(**wiring)
-    for door in ((3,), (3, 20), (20,)):
-        assert_as_fresh(warm.solve(room(door)), room(door), wiring)
+    for gap in ((3,), (3, 20), (20,)):
+        assert_equals_fresh(warm.solve(divided_plane(gap)), divided_plane(gap), wiring)
 
 
-def test_other_sizes_and_grids_without_two_colours_start_afresh():
+def test_other_sizes_and_a_single_row_are_solved_from_scratch():
     warm = rg.circuit.WarmStart(boundary="neumann")
     line = rg.ConfigurationSpace([rg.Axis("x", 0.0, 1.0, 30)], [2, *[0] * 29])
-    for space in (room((3,)), plane((48, 61), 0), line, line):
+    for space in (divided_plane((3,)), random_plane((48, 61), 0), line, line):
         point = warm.solve(space)
         assert point.fresh
-        assert_as_fresh(point, space, {"boundary": "neumann"})
+        assert_equals_fresh(point, space, {"boundary": "neumann"})
 
 
-def test_few_iterations_and_the_same_circuit():
-    before = plane((340, 330), 1)
+def test_a_warm_start_needs_fewer_iterations_for_the_same_operating_point():
+    before = random_plane((340, 330), 1)
     warm = rg.circuit.WarmStart(boundary="neumann")
     first = warm.solve(before)
     cell = before.cell.copy()
@@ -214,8 +214,8 @@ def test_few_iterations_and_the_same_circuit():
 
 @pytest.mark.usefixtures("windows_always")
 @pytest.mark.parametrize("goal", [(96, 96), (96, 97), (96, 99)])
-def test_a_goal_at_the_rim_of_a_window(goal):
-    """The surroundings follow along a mode that knows of no goal among them."""
+def test_goals_near_the_border_of_a_window_give_the_solution_from_scratch(goal):
+    """The correction outside the window uses a mode that ignores goals there."""
     cell = np.zeros((256, 256), dtype=np.uint8)
     cell[100:110, 140:150] = rg.Cell.OBSTACLE
     cell[goal] = rg.Cell.GOAL
@@ -232,38 +232,38 @@ def test_a_goal_at_the_rim_of_a_window(goal):
     assert np.nanmax(np.abs(point.voltage - expected)) <= 1e-7 * np.nanmax(expected)
 
 
-def test_an_error_leaves_nothing_behind():
+def test_a_warm_start_solves_from_scratch_after_an_error():
     warm = rg.circuit.WarmStart()
-    warm.solve(room((3,)))
+    warm.solve(divided_plane((3,)))
     with pytest.raises(rg.InputError, match="no goal cell"):
-        warm.solve(room((3,)).with_cells(np.zeros((40, 40), dtype=np.uint8)))
-    point = warm.solve(room((4,)))
+        warm.solve(divided_plane((3,)).with_cells(np.zeros((40, 40), dtype=np.uint8)))
+    point = warm.solve(divided_plane((4,)))
     assert point.fresh
-    assert_as_fresh(point, room((4,)), {})
+    assert_equals_fresh(point, divided_plane((4,)), {})
 
 
-def test_rails_of_cells_are_refused():
+def test_warm_start_rejects_rails_cells():
     with pytest.raises(rg.InputError, match="merged"):
         rg.circuit.WarmStart(rails="cells")
 
 
-def test_what_is_no_space_is_refused():
+def test_warm_start_rejects_invalid_spaces_and_progress():
     with pytest.raises(rg.InputError, match="must be a ConfigurationSpace"):
         rg.circuit.WarmStart().solve("rooms.toml")
     with pytest.raises(rg.InputError, match="progress = 1 must be"):
-        rg.circuit.WarmStart().solve(room((3,)), progress=1)
+        rg.circuit.WarmStart().solve(divided_plane((3,)), progress=1)
 
 
-def test_changes_in_several_places_are_joined_where_their_windows_meet():
-    """Two places apart, and a third that meets the second one alone."""
+def test_windows_of_changes_are_merged_where_they_overlap():
+    """Three changes; only the windows of the last two overlap."""
     changed = np.zeros((400, 400), dtype=bool)
     changed[[8, 300, 330], [8, 300, 330]] = True
     boxes = _boxes_around(changed)
     assert boxes is not None and len(boxes) == 2
 
 
-def test_levels_that_do_not_serve_any_more_are_made_anew():
-    """Goals, walls and conductivities over many decades: old levels stagnated, and no answer came."""
+def test_the_multigrid_hierarchy_is_rebuilt_after_large_changes():
+    """Regression: after changes over many orders of magnitude the iteration with old levels stagnated."""
     rng = np.random.default_rng(19)
     shape, warm = (26, 65), rg.circuit.WarmStart(boundary="neumann", edge="open")
     axes = [rg.Axis("x", 0.0, 26.0, 26), rg.Axis("y", 0.0, 65.0, 65)]
@@ -278,8 +278,8 @@ def test_levels_that_do_not_serve_any_more_are_made_anew():
 
 
 @pytest.mark.parametrize("boundary, seed", [("neumann", 20), ("neumann", 22), ("dirichlet", 20)])
-def test_voltages_over_many_decades(boundary, seed):
-    """Guesses with small residuals and large errors were taken, and steps of strong conductances for the last ones."""
+def test_voltages_over_many_orders_of_magnitude_equal_a_direct_solution(boundary, seed):
+    """Regression: guesses with small residuals but large errors were accepted."""
     rng = np.random.default_rng(seed)
     shape, wiring = (26, 65), {"boundary": boundary, "edge": "open" if boundary == "neumann" else "obstacle"}
     axes = [rg.Axis("x", 0.0, 26.0, 26), rg.Axis("y", 0.0, 65.0, 65)]
@@ -300,12 +300,12 @@ def test_voltages_over_many_decades(boundary, seed):
 
 @pytest.mark.usefixtures("windows_always")
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_cells_freed_where_nothing_conducts(boundary):
-    before = room(range(40), goal=(35, 35))
+def test_cells_freed_inside_a_large_obstacle_give_the_solution_from_scratch(boundary):
+    before = divided_plane(range(40), goal=(35, 35))
     cell = np.pad(before.cell, ((0, 80), (0, 80)), constant_values=rg.Cell.FREE)
     axes = [rg.Axis(name, 0.0, 1.0, 120) for name in "xy"]
     warm = rg.circuit.WarmStart(boundary=boundary)
     for low, high, kind in ((0, 0, 0), (70, 120, rg.Cell.OBSTACLE), (118, 120, rg.Cell.FREE)):
         cell[low:high, low:high] = kind
         space = rg.ConfigurationSpace(axes, cell.copy())
-        assert_as_fresh(warm.solve(space), space, {"boundary": boundary})
+        assert_equals_fresh(warm.solve(space), space, {"boundary": boundary})

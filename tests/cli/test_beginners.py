@@ -1,4 +1,4 @@
-"""Mistakes of a first day: one message each, with a remedy that works in that situation, and no file.
+"""Common mistakes of beginners: one message each, with a remedy that works, and no written file.
 
 Tests internals: `resgrid._internal.validation`.
 """
@@ -16,8 +16,8 @@ HEAD = "image: map.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_
 
 
 @pytest.fixture
-def desk(tmp_path, monkeypatch, scenes):
-    """The working folder, with a scene, a ROS map of 3 m x 2 m and a benchmark map."""
+def working_folder(tmp_path, monkeypatch, scenes):
+    """Return the working folder, with a scene, a ROS map of 3 m x 2 m and a benchmark map."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "lesson.toml").write_text((scenes / "lesson.toml").read_text())
     cell = np.full((20, 30), 254, np.uint8)
@@ -55,53 +55,53 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("words", MISTAKES)
-def test_a_mistake_has_one_message(call, desk, words):
-    before = set(desk.iterdir())
+def test_a_common_mistake_has_one_message_and_exit_code_2(call, working_folder, words):
+    before = set(working_folder.iterdir())
     result = call(*words.split())
     assert result.exit_code == 2 and result.stdout == ""
     assert result.stderr.startswith("resgrid: error: ") and result.stderr.count("resgrid: error") == 1
     for word in MISTAKES[words]:
         assert word in result.stderr
-    assert set(desk.iterdir()) == before
+    assert set(working_folder.iterdir()) == before
 
 
-def test_a_smaller_robot_is_recommended_only_where_a_point_is_free(call, desk):
-    refused = call("path", "map.yaml", "--goal", "1,1.95", "--start", "1,1", "--robot-radius", "0.3")
-    assert refused.exit_code == 2 and "unknown space" in refused.stderr and "radius" not in refused.stderr
-    refused = call("path", "map.yaml", "--goal", "1.55,1", "--start", "1,1", "--robot-radius", "0.1")
-    assert refused.exit_code == 2 and "in an obstacle" in refused.stderr and "radius" not in refused.stderr
+def test_a_smaller_radius_is_proposed_only_if_a_point_robot_fits(call, working_folder):
+    rejected = call("path", "map.yaml", "--goal", "1,1.95", "--start", "1,1", "--robot-radius", "0.3")
+    assert rejected.exit_code == 2 and "unknown space" in rejected.stderr and "radius" not in rejected.stderr
+    rejected = call("path", "map.yaml", "--goal", "1.55,1", "--start", "1,1", "--robot-radius", "0.1")
+    assert rejected.exit_code == 2 and "in an obstacle" in rejected.stderr and "radius" not in rejected.stderr
     freed = call("path", "map.yaml", "--goal", "1.3,1", "--start", "1,1", "--robot-radius", "0.3")
     assert "radius smaller" in freed.stderr
     assert call("path", "map.yaml", "--goal", "1.3,1", "--start", "1,1").exit_code == 0
 
 
-def test_a_smaller_radius_is_offered_only_where_it_frees_the_goal(call, desk):
+def test_a_proposed_smaller_radius_frees_the_goal(call, working_folder):
     for goal, helps in (("1.55,1", False), ("1.3,1", True)):
         words = f"path map.yaml --goal {goal} --start 1,1 --robot-radius"
         assert ("radius smaller" in call(*words.split(), "0.3").stderr) is helps
         assert (call(*words.split(), "0.0001").exit_code == 0) is helps
 
 
-def test_a_map_that_does_not_fit_is_not_told_to_have_larger_cells(call, desk, monkeypatch):
+def test_a_map_larger_than_the_memory_gets_the_remedy_for_maps(call, working_folder, monkeypatch):
     monkeypatch.setattr("resgrid._internal.memory.available_memory", lambda: 4000)
-    refused = call("path", "map.yaml", "--goal", "0.5,0.5", "--start", "1,1")
-    assert refused.exit_code == 4
-    assert "crop the map" in refused.stderr and "resolution" in refused.stderr
-    assert "larger cells" not in refused.stderr
+    rejected = call("path", "map.yaml", "--goal", "0.5,0.5", "--start", "1,1")
+    assert rejected.exit_code == 4
+    assert "crop the map" in rejected.stderr and "resolution" in rejected.stderr
+    assert "larger cells" not in rejected.stderr
     scene = call("path", "lesson.toml")
     assert scene.exit_code == 4 and "take fewer, larger cells" in scene.stderr
 
 
-def test_keys_and_files_that_make_no_difference_are_reported(call, desk):
+def test_keys_and_files_without_effect_are_reported(call, working_folder):
     words = ("path", "map.yaml", "--goal", "0.5,0.5", "--start", "1,1", "--set", "map.headings=9")
     assert "ignored: map.headings: this robot does not turn" in call(*words).stderr
-    said = call("path", "map.pgm", "--goal", "5,5", "--start", "9,9").stderr
-    assert "map.yaml" in said
-    said = call("path", "arena.map", "--queries", "arena.scen").stderr
-    assert "these queries are for the map 'other.map', not for 'arena.map'" in said
+    message = call("path", "map.pgm", "--goal", "5,5", "--start", "9,9").stderr
+    assert "map.yaml" in message
+    message = call("path", "arena.map", "--queries", "arena.scen").stderr
+    assert "these queries are for the map 'other.map', not for 'arena.map'" in message
 
 
-def test_a_study_reports_options_under_its_own_names(scenes):
+def test_unknown_options_raise_type_error_with_the_closest_name(scenes):
     study = rg.study(rg.read_scene(scenes / "lesson.toml"))
     for ask, message in (
         (lambda: study.yields(trails=3), r"^yields\(\) has no option 'trails'; did you mean 'trials'\?$"),
@@ -121,7 +121,7 @@ def test_a_study_reports_options_under_its_own_names(scenes):
         rg.study(study.scene, boundery="x")
 
 
-def test_kinds_have_articles_and_all_their_names():
+def test_messages_use_the_correct_article_before_type_names():
     names = ("int", "ndarray", "Axis", "unit", "Field", "float", "ufunc", "Arm", "user", "list")
     assert [with_article(name).split()[0] for name in names] == ["an", "an", "an", "a", "a", "a", "a", "an", "a", "a"]
     with pytest.raises(rg.InputError, match=r"^an int has no picture"):
@@ -130,11 +130,11 @@ def test_kinds_have_articles_and_all_their_names():
         rg.Arm(3)
 
 
-def test_an_angle_in_degrees_is_reported(call, scenes):
+def test_an_angle_that_looks_like_degrees_is_reported(call, scenes):
     arm = scenes / "problem_two_goals.toml"
-    said = call("info", arm, "--start", "90,0").stderr
+    message = call("info", arm, "--start", "90,0").stderr
     assert (
-        said
+        message
         == "starts[0]: theta_1 = 90 is an angle of 14.3 turns; give angles in radians (90 degrees are 1.5708 rad)\n"
     )
     assert call("info", arm, "--start", "1.5708,0").stderr == ""

@@ -1,4 +1,4 @@
-"""Every key of [chip] is applied by every verb, rejected by name, or reported as ignored; the list is the schema's.
+"""Every key of [chip] in the schema is applied, rejected or reported as ignored by every subcommand.
 
 Tests internals: `resgrid.chip.build`, `resgrid.spice.dialects`.
 """
@@ -19,7 +19,7 @@ from resgrid.spice.dialects import DIALECTS
 SHEET = {"sheet_resistance": 250.0, "width": 1e-6}
 AREA = {"pelgrom": 4.0, "width": 1e-6, "length": 9e-6}
 
-# What a chip says beside the key so that this makes a difference, and a value of the key.
+# Other keys that the key needs to have an effect, and a value of the key.
 KEYS: dict[str, tuple[dict[str, Any], Any]] = {
     "resistance": ({}, 4.7e3),
     "supply": ({}, 3.3),
@@ -56,8 +56,8 @@ KEYS: dict[str, tuple[dict[str, Any], Any]] = {
     "defects.short_resistance": ({"defects.short_density": 0.1}, 10.0),
 }
 HARMLESS_TO_FIELDS = {
-    "resistance": "the potential is a share of the supply, currents are in units of supply / R",
-    "supply": "the same",
+    "resistance": "the potential is a fraction of the supply, currents are in units of supply / R",
+    "supply": "the potential is a fraction of the supply, currents are in units of supply / R",
     "wall_resistance": "it is applied",
     "capacitance": "no current flows through it once the grid has settled",
 }
@@ -74,8 +74,8 @@ TWO_CHIPS = [
 ]
 
 
-def written(folder: Path, chip: dict[str, Any], boundary: str, name: str = "scene.toml") -> Path:
-    """A scene of 6 x 5 cells with this chip."""
+def write_scene(folder: Path, chip: dict[str, Any], boundary: str, name: str = "scene.toml") -> Path:
+    """Write a scene of 6 x 5 cells with this chip."""
     rows = "".join(f"{key} = {json.dumps(value)}\n" for key, value in chip.items())
     text = f'schema = 1\nboundary = "{boundary}"\nstarts = [[0.5, 0.5]]\n[chip]\n{rows}[grid]\naxes = [\n'
     text += '{ name = "x", lower = 0, upper = 6, cells = 6 },\n{ name = "y", lower = 0, upper = 5, cells = 5 }\n]\n'
@@ -89,21 +89,21 @@ def boundary_of(key: str) -> str:
 
 
 @pytest.fixture
-def scenes_of(tmp_path: Path, request: pytest.FixtureRequest) -> tuple[str, Path, Path]:
-    """A key, a scene without it (or with its other value), and the same with it."""
+def key_scenes(tmp_path: Path, request: pytest.FixtureRequest) -> tuple[str, Path, Path]:
+    """Return a key, a scene without the key (or with another value), and a scene with the key."""
     key = request.param
-    beside, value = KEYS[key]
-    before = written(tmp_path, beside, boundary_of(key), "before.toml")
-    return key, before, written(tmp_path, {**beside, key: value}, boundary_of(key), "after.toml")
+    others, value = KEYS[key]
+    before = write_scene(tmp_path, others, boundary_of(key), "before.toml")
+    return key, before, write_scene(tmp_path, {**others, key: value}, boundary_of(key), "after.toml")
 
 
 DECKS: dict[tuple[str, str], str] = {}
 """Decks of scenes without a key, by scene and dialect."""
 
-each_key = pytest.mark.parametrize("scenes_of", KEYS, indirect=True)
+each_key = pytest.mark.parametrize("key_scenes", KEYS, indirect=True)
 
 
-def test_every_key_of_the_schema_is_decided() -> None:
+def test_every_key_of_the_schema_is_tested() -> None:
     tables = {name: rg.scene_schema()["$defs"][name]["properties"] for name in ("Chip", "Readout", "Defects")}
     keys = set(tables["Chip"]) - {"readout", "defects"}
     keys |= {f"{name.lower()}.{key}" for name in ("Readout", "Defects") for key in tables[name]}
@@ -111,8 +111,8 @@ def test_every_key_of_the_schema_is_decided() -> None:
 
 
 @each_key
-def test_a_flat_deck_of_every_dialect_holds_it_or_says_not(call, scenes_of) -> None:
-    key, before, after = scenes_of
+def test_flat_decks_of_every_dialect_contain_a_key_or_report_it(call, key_scenes) -> None:
+    key, before, after = key_scenes
     for dialect in DIALECTS:
         result, scene = call("compile", after, "--dialect", dialect), (before.read_text(), dialect)
         if scene not in DECKS:
@@ -121,8 +121,8 @@ def test_a_flat_deck_of_every_dialect_holds_it_or_says_not(call, scenes_of) -> N
 
 
 @each_key
-def test_tiles_hold_it_or_refuse_it(call, answer, tmp_path, scenes_of) -> None:
-    key, before, after = scenes_of
+def test_decks_of_cells_contain_a_key_report_it_or_reject_it(call, answer, tmp_path, key_scenes) -> None:
+    key, before, after = key_scenes
     result = call("compile", after, "--form", "cells", "-o", tmp_path / "after.cir")
     if result.exit_code:
         assert result.exit_code == 2
@@ -140,16 +140,16 @@ def test_tiles_hold_it_or_refuse_it(call, answer, tmp_path, scenes_of) -> None:
 
 
 @each_key
-@pytest.mark.parametrize("verb", ["path", "info"])
-def test_fields_and_paths_apply_it_or_report_it(answer, call, scenes_of, verb) -> None:
-    key, _, after = scenes_of
-    assert (f"chip.{key}" in answer(verb, after)["ignored"]) is (key not in HARMLESS_TO_FIELDS)
-    assert (f"chip.{key}" in call(verb, after).stderr) is (key not in HARMLESS_TO_FIELDS)
+@pytest.mark.parametrize("subcommand", ["path", "info"])
+def test_path_and_info_apply_a_key_or_report_it_as_ignored(answer, call, key_scenes, subcommand) -> None:
+    key, _, after = key_scenes
+    assert (f"chip.{key}" in answer(subcommand, after)["ignored"]) is (key not in HARMLESS_TO_FIELDS)
+    assert (f"chip.{key}" in call(subcommand, after).stderr) is (key not in HARMLESS_TO_FIELDS)
 
 
 @pytest.mark.parametrize(("chip", "boundary"), TWO_CHIPS)
-def test_every_verb_means_the_same_circuit(answer, call, tmp_path, chip, boundary) -> None:
-    scene, deck, out = written(tmp_path, chip, boundary), tmp_path / "a.cir", tmp_path / "out"
+def test_all_subcommands_use_the_same_circuit(answer, call, tmp_path, chip, boundary) -> None:
+    scene, deck, out = write_scene(tmp_path, chip, boundary), tmp_path / "a.cir", tmp_path / "out"
     call("compile", scene, "-o", deck)
     lines = deck.read_text().splitlines()[1:]
     assert call("convert", scene, "-o", "-").stdout.splitlines()[1:] == lines
@@ -166,16 +166,16 @@ def test_every_verb_means_the_same_circuit(answer, call, tmp_path, chip, boundar
     solved = answer("solve", scene, "-o", tmp_path / "a.npz")
     assert set(solved["ignored"]) == set(checked["ignored"]) == {f"chip.{key}" for key in READING} | unused
     assert checked["agrees"]
-    told = json.loads(deck.with_name("a.cir.json").read_text())["nodes"]
+    nodes = json.loads(deck.with_name("a.cir.json").read_text())["nodes"]
     potential = np.load(tmp_path / "a.npz")["potential"]
-    volts = [told[name]["voltage"] for name in ("n_0_0", "n_1_1", "n_5_4")]
+    volts = [nodes[name]["voltage"] for name in ("n_0_0", "n_1_1", "n_5_4")]
     share = [potential[cell] for cell in ((0, 0), (1, 1), (5, 4))]
     assert (share[1] - share[2]) / (share[0] - share[2]) == pytest.approx((volts[1] - volts[2]) / (volts[0] - volts[2]))
     assert set(answer("control", scene)["ignored"]) == ideal
     assert set(answer("plot", scene, "-o", tmp_path / "a.png", "--what", "space")["ignored"]) == ideal
 
 
-def test_an_ideal_chip_has_nothing_to_say(answer, call, lesson, tmp_path) -> None:
+def test_an_ideal_chip_has_no_ignored_keys(answer, call, lesson, tmp_path) -> None:
     for words in (("compile",), ("solve",), ("path",), ("info",), ("check", "--rules")):
         assert answer(words[0], lesson, *words[1:])["ignored"] == []
     assert call("solve", lesson).stderr == ""
@@ -187,21 +187,21 @@ def test_an_ideal_chip_has_nothing_to_say(answer, call, lesson, tmp_path) -> Non
     }
 
 
-@pytest.mark.parametrize("verb", ["compile", "solve", "check", "info", "plot", "control", "chip"])
-def test_blends_that_a_verb_leaves_out_are_named(call, room, tmp_path, verb) -> None:
+@pytest.mark.parametrize("subcommand", ["compile", "solve", "check", "info", "plot", "control", "chip"])
+def test_blends_that_a_subcommand_does_not_use_are_reported(call, room, tmp_path, subcommand) -> None:
     room.write_text(room.read_text().replace("starts", "k = [0.5, 1.0, 0.0]\nstarts").replace(", [5.5, 4.5]", ""))
     words = {
         "plot": ("-o", tmp_path / "a.png", "--what", "potential"),
         "chip": ("-o", tmp_path / "out", "--only", "power", "--no-check"),
         "check": ("--rules",),
     }
-    result = call(verb, room, *words.get(verb, ()), "--json")
+    result = call(subcommand, room, *words.get(subcommand, ()), "--json")
     assert "k" in json.loads(result.stdout)["ignored"]
     assert "k = " in result.stderr
 
 
-@pytest.mark.parametrize("verb", ["solve", "path", "info"])
-def test_a_drive_of_what_a_rail_drives_is_named(answer, room, verb) -> None:
-    words = (verb, room, "--start", "0.5,0.5", "--set", "boundary=neumann", "--set", "drive=uniform")
+@pytest.mark.parametrize("subcommand", ["solve", "path", "info"])
+def test_a_drive_without_effect_on_a_dirichlet_grid_is_reported(answer, room, subcommand) -> None:
+    words = (subcommand, room, "--start", "0.5,0.5", "--set", "boundary=neumann", "--set", "drive=uniform")
     assert answer(*words, "--k", 1)["ignored"] == ["drive"]
     assert answer(*words)["ignored"] == []

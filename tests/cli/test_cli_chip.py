@@ -1,4 +1,4 @@
-"""The chip's report: what it says, and its decks in ngspice as they were written."""
+"""The report of resgrid chip: figures and pages, and its decks run unchanged in ngspice."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ def simulated(folder: Path, name: str, tmp_path: Path) -> dict[str, np.ndarray]:
     return {key: np.array(values) for key, values in waves(tmp_path / "out.raw").items()}
 
 
-def test_the_operating_point_is_that_of_ngspice(folder: Path) -> None:
+def test_the_operating_point_agrees_with_ngspice(folder: Path) -> None:
     for name in ("op", "noise", "temperature"):
         assert verdict(folder / f"{name}.cir.verify") == (0, "PASS")  # 1e-9 of the supply
     assert re.search(r"ngspice \S+ agrees with op.cir", (folder / "report.md").read_text())
 
 
-def test_the_transient_is_that_of_ngspice(folder: Path, tmp_path: Path) -> None:
-    if folder.name == "saturating":  # as linear as the other, being its small-signal circuit
+def test_the_transient_agrees_with_ngspice(folder: Path, tmp_path: Path) -> None:
+    if folder.name == "saturating":  # its deck is the small-signal circuit, which is linear, too
         return
     wanted = expected(folder, "transient")
     found = simulated(folder, "transient", tmp_path)
@@ -62,7 +62,7 @@ def test_the_transient_is_that_of_ngspice(folder: Path, tmp_path: Path) -> None:
     assert len(wanted["voltage"]) == 256
     for name, volts in wanted["voltage"].items():
         assert np.abs(np.interp(wanted["times"], clock, found[name]) - volts).max() < 1e-3 * supply
-    # The weighted distance from the end is one exponential from the beginning on.
+    # The weighted distance from the final voltages is a single exponential at all times.
     distance = sum(weight * (found[name] - wanted["final"][name]) for name, weight in wanted["weight"].items())
     tau = wanted["slowest_time_constant"]
     part = (clock > 0.3 * tau) & (clock < 4.0 * tau)
@@ -70,7 +70,7 @@ def test_the_transient_is_that_of_ngspice(folder: Path, tmp_path: Path) -> None:
     assert -1.0 / slope == pytest.approx(tau, rel=1e-3)
 
 
-def test_the_noise_is_that_of_ngspice(folder: Path, tmp_path: Path) -> None:
+def test_the_noise_agrees_with_ngspice(folder: Path, tmp_path: Path) -> None:
     wanted = expected(folder, "noise")
     found = simulated(folder, "noise", tmp_path)
     frequency, density = found["frequency"], found["onoise_spectrum"]
@@ -84,7 +84,7 @@ def test_the_noise_is_that_of_ngspice(folder: Path, tmp_path: Path) -> None:
     assert wanted["limit"] == pytest.approx(np.sqrt(1.380649e-23 * 300.15 / 60e-15), rel=1e-9)
 
 
-def test_temperatures_are_those_of_ngspice(folder: Path, tmp_path: Path) -> None:
+def test_voltages_at_all_temperatures_agree_with_ngspice(folder: Path, tmp_path: Path) -> None:
     for file in folder.glob("temperature.cir*"):
         shutil.copy(file, tmp_path / file.name)
     run(tmp_path / "temperature.cir.ngspice")
@@ -98,7 +98,7 @@ def test_temperatures_are_those_of_ngspice(folder: Path, tmp_path: Path) -> None
         assert wanted["-40.0"] != wanted["125.0"]
 
 
-def test_the_report_tells_every_figure_with_unit_and_definition(folder: Path) -> None:
+def test_the_report_lists_every_figure_with_its_definition(folder: Path) -> None:
     text = (folder / "report.md").read_text()
     data = json.loads((folder / "summary.json").read_text(), parse_constant=pytest.fail)
     assert set(data["files"]) == {file.name for file in folder.iterdir()}
@@ -117,14 +117,14 @@ def test_the_report_tells_every_figure_with_unit_and_definition(folder: Path) ->
     assert "`resistance` | 100 kΩ" in text
 
 
-def test_the_page_fits_a_phone_and_the_dark(folder: Path) -> None:
+def test_the_page_supports_small_screens_and_dark_mode(folder: Path) -> None:
     page = (folder / "report.html").read_text()
     assert '<meta name="viewport" content="width=device-width' in page
     assert "@media (prefers-color-scheme: dark)" in page
     assert "max-width: 100%" in page
 
 
-def test_json_and_a_demand(answer, scenes: Path, tmp_path: Path) -> None:
+def test_at_least_sets_exit_code_1_below_the_demanded_yield(answer, scenes: Path, tmp_path: Path) -> None:
     words = ("chip", scenes / "chip.toml", "-o", tmp_path / "out", "--only", "yield", *QUICK)
     data = answer(*words, "--at-least", 0.5)
     assert list(data["analyses"]) == ["yield"]
@@ -132,7 +132,7 @@ def test_json_and_a_demand(answer, scenes: Path, tmp_path: Path) -> None:
     assert answer(*words, "--at-least", 0.999, code=1)["analyses"] == data["analyses"]
 
 
-def test_chips_without_capacitance_and_in_space(call, scenes: Path, tmp_path: Path) -> None:
+def test_reports_of_chips_without_capacitance_and_of_three_axes_are_written(call, scenes: Path, tmp_path: Path) -> None:
     words = ["--set", "grid.cells=6", "--only", "settling,yield,adc_resolution", *QUICK, "--no-check"]
     result = call("chip", scenes / "lesson.toml", "-o", tmp_path / "flat", "--only", "settling,noise", "--no-check")
     assert result.exit_code == 0, result.stderr
@@ -162,7 +162,9 @@ def test_chips_without_capacitance_and_in_space(call, scenes: Path, tmp_path: Pa
         (["-o", "-"], "name a folder"),
     ],
 )
-def test_wrong_usage_has_one_message(call, scenes: Path, tmp_path: Path, words: list[str], message: str) -> None:
+def test_invalid_chip_options_exit_with_2_and_a_message(
+    call, scenes: Path, tmp_path: Path, words: list[str], message: str
+) -> None:
     only = [] if "--only" in words or "--sweep" in words else ["--only", "power"]
     only = ["--only", "sweep"] if "--sweep" in words else only
     folder = [] if "-o" in words else ["-o", tmp_path / "out"]
@@ -172,7 +174,7 @@ def test_wrong_usage_has_one_message(call, scenes: Path, tmp_path: Path, words: 
     assert not (tmp_path / "out").exists()
 
 
-def test_a_report_that_is_killed_takes_its_counts_up_again(scenes: Path, tmp_path: Path) -> None:
+def test_a_killed_report_resumes_from_its_checkpoint(scenes: Path, tmp_path: Path) -> None:
     words = ["--only", "yield", "--half-width", "0.0005", "--most", "100000", "--no-check", "-q"]
     command = [*COMMAND, "chip", str(scenes / "chip.toml"), "-o", str(tmp_path / "out"), *words]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=dict(os.environ))

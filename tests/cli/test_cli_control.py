@@ -1,4 +1,4 @@
-"""The verb control: what it prints and writes, that a seed decides all, and what it refuses."""
+"""The subcommand control: output, logs, pictures, reproducibility and rejected input."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def hidden(tmp_path):
     return file
 
 
-def test_it_says_what_each_run_came_to(answer, call, hidden) -> None:
+def test_every_run_is_printed_with_its_outcome_and_figures(answer, call, hidden) -> None:
     (run,) = answer("control", hidden)["runs"]
     assert (run["outcome"], run["goal"], run["k"]) == ("arrived", 0, 0.98)
     assert run["start"] == [4.2, 7.2]
@@ -35,7 +35,7 @@ def test_it_says_what_each_run_came_to(answer, call, hidden) -> None:
 
 
 @pytest.mark.parametrize("name", ["t", "mode", "contact_x", "y_rate"])
-def test_an_axis_named_as_another_column_is_refused(call, hidden, tmp_path, name) -> None:
+def test_an_axis_named_as_another_column_exits_with_2(call, hidden, tmp_path, name) -> None:
     hidden.write_text(ROOM.replace('name = "x"', f'name = "{name}"'))
     result = call("control", hidden, "-o", tmp_path / "log.csv")
     assert result.exit_code == 2
@@ -43,7 +43,7 @@ def test_an_axis_named_as_another_column_is_refused(call, hidden, tmp_path, name
     assert not (tmp_path / "log.csv").exists()
 
 
-def test_what_does_not_arrive_exits_with_1(answer, call, hidden) -> None:
+def test_runs_that_do_not_arrive_exit_with_1(answer, call, hidden) -> None:
     (run,) = answer("control", hidden, "--steps", 5, code=1)["runs"]
     assert run["outcome"] == "out_of_steps"
     done = call("control", hidden, "--no-learn", "--friction", "1", "--response", "admittance", "--start", "3.2,7.2")
@@ -60,7 +60,7 @@ def test_what_does_not_arrive_exits_with_1(answer, call, hidden) -> None:
     assert "cover every goal" in call("control", covered, "--announce").stderr
 
 
-def test_the_log_has_every_step(call, answer, hidden, tmp_path) -> None:
+def test_csv_and_npz_logs_contain_every_step(call, answer, hidden, tmp_path) -> None:
     table = list(csv.DictReader(io.StringIO(call("control", hidden, "--pushes", 4, "-o", "-").stdout)))
     file = tmp_path / "log.npz"
     (run,) = answer("control", hidden, "--pushes", 4, "-o", file)["runs"]
@@ -99,20 +99,20 @@ def test_the_log_of_a_turned_map_is_in_world_coordinates(call, tmp_path) -> None
     np.testing.assert_allclose(np.diff(way, axis=0), rates[:-1] * np.diff(times)[:, None], atol=1e-9)
 
 
-def test_a_seed_decides_all(call, hidden, tmp_path) -> None:
+def test_runs_are_reproducible_by_their_seed(call, hidden, tmp_path) -> None:
     logs = [
         call("control", hidden, "--noise", "0.2", "--pushes", 3, "--seed", seed, "-o", "-").stdout for seed in (1, 1, 2)
     ]
     assert logs[0] == logs[1] != logs[2]
 
 
-def test_it_draws_a_picture(call, hidden, tmp_path) -> None:
+def test_picture_writes_a_png_file(call, hidden, tmp_path) -> None:
     assert call("control", hidden, "--picture", tmp_path / "run.png").exit_code == 0
     assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
     assert call("control", hidden, "--picture", tmp_path / "run.txt").exit_code == 2
 
 
-def test_it_draws_an_animation(call, hidden, tmp_path, monkeypatch) -> None:
+def test_animate_writes_a_gif_file(call, hidden, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("resgrid.cli.control.FRAMES", 3)
     file = tmp_path / "run.gif"
     done = call("control", hidden, "--animate", file)
@@ -122,7 +122,7 @@ def test_it_draws_an_animation(call, hidden, tmp_path, monkeypatch) -> None:
         assert picture.n_frames > 2
 
 
-def test_it_draws_the_wavefront_of_what_is_announced(call, hidden, tmp_path, monkeypatch) -> None:
+def test_wavefront_writes_a_gif_of_announced_obstacles(call, hidden, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("resgrid.cli.control.FRAMES", 3)
     file = tmp_path / "front.gif"
     assert call("control", hidden, "--announce", "--wavefront", file).exit_code == 0
@@ -130,7 +130,7 @@ def test_it_draws_the_wavefront_of_what_is_announced(call, hidden, tmp_path, mon
         assert picture.n_frames == 3
 
 
-def test_the_grid_may_settle_meanwhile(answer, hidden) -> None:
+def test_runs_with_settling_grids_arrive_or_stall_by_their_pace(answer, hidden) -> None:
     (run,) = answer("control", hidden, "--settle", "sor", "--pace", 30)["runs"]
     assert run["outcome"] == "arrived"
     (run,) = answer("control", hidden, "--announce", "--pace", 1e-4, code=1)["runs"]
@@ -167,7 +167,7 @@ def test_the_grid_may_settle_meanwhile(answer, hidden) -> None:
         (["--drive", "start", "--boundary", "neumann"], "uniform"),
     ],
 )
-def test_bad_input_is_one_clear_message(call, hidden, words, says) -> None:
+def test_invalid_control_options_exit_with_2_and_one_message(call, hidden, words, says) -> None:
     done = call("control", hidden, *words)
     assert done.exit_code == 2
     assert says in done.stderr
@@ -175,23 +175,23 @@ def test_bad_input_is_one_clear_message(call, hidden, words, says) -> None:
     assert done.stderr.count("error:") == 1
 
 
-def test_a_scene_without_a_start_or_beyond_the_plane_is_refused(call, hidden, scenes) -> None:
+def test_control_rejects_scenes_without_a_start_or_with_three_axes(call, hidden, scenes) -> None:
     hidden.write_text(ROOM.replace("starts = [[4.2, 7.2]]\n", ""))
     assert "there is no start" in call("control", hidden).stderr
     assert "a scene in the plane" in call("control", scenes / "voxels.toml").stderr
 
 
-def test_options_stand_in_for_keys_of_the_control_table(answer, hidden) -> None:
+def test_options_override_keys_of_the_control_table(answer, hidden) -> None:
     hidden.write_text(hidden.read_text() + "\n[control]\nspeed = 0.5\nk = 0.9\n")
-    told = answer("control", hidden)["runs"][0]
-    assert told["k"] == 0.9
+    default = answer("control", hidden)["runs"][0]
+    assert default["k"] == 0.9
     slower = answer("control", hidden, "--speed", 0.25)["runs"][0]
-    assert slower["time"] > 1.5 * told["time"]
+    assert slower["time"] > 1.5 * default["time"]
     assert answer("control", hidden, "--set", "control.k=0.8")["runs"][0]["k"] == 0.8
 
 
-def test_a_start_in_an_obstacle_of_the_map_is_an_outcome(answer, scenes) -> None:
-    """As for path: exit code 1, and the other starts have their runs."""
+def test_a_start_in_an_obstacle_is_an_outcome_and_other_starts_run(answer, scenes) -> None:
+    """The exit code is 1, as for the subcommand path."""
     starts = ("--start", "2.5,4.5", "--start", "7.5,0.5")
     runs = answer("control", scenes / "lesson.toml", *starts, "--k", 1, code=1)["runs"]
     assert [run["outcome"] for run in runs] == ["start_blocked", "arrived"]

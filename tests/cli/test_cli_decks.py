@@ -1,4 +1,4 @@
-"""Decks on the command line: solved, described, checked, converted, and refused in one message.
+"""Decks on the command line: solve, info, check and convert, against hand calculation and ngspice; rejected decks.
 
 Tests internals: `resgrid.spice.run.rawfile`.
 """
@@ -54,11 +54,11 @@ def island(tmp_path: Path) -> Path:
     return path
 
 
-def test_solve_reports_what_the_simulator_does_not_run_or_changes(tmp_path, call):
+def test_solve_reports_duplicate_names_and_control_commands(tmp_path, call):
     twice = tmp_path / "twice.cir"
     twice.write_text("* t\nV1 in 0 1\nR1 in a 1k\nr1 in a 1k\nR2 a 0 1k\n.op\n.end\n")
-    for verb in ("solve", "info"):
-        result = call(verb, twice)
+    for subcommand in ("solve", "info"):
+        result = call(subcommand, twice)
         assert result.exit_code == 0
         assert f"{twice}:4: 1 resistor names are given twice (r1); ngspice does not run such a deck" in result.stderr
     changed = tmp_path / "changed.cir"
@@ -121,7 +121,7 @@ def test_solutions_go_to_standard_output_as_csv(call, deck):
     )
 
 
-def test_nodes_that_float_have_no_voltage(answer, call, island, tmp_path):
+def test_floating_nodes_are_listed_without_a_voltage(answer, call, island, tmp_path):
     assert answer("solve", island)["floating_nodes"] == ["c", "d"]
     assert "floating            c, d" in call("solve", island).stdout
     call("solve", island, "-o", tmp_path / "x.csv")
@@ -136,7 +136,7 @@ def test_info_describes_a_deck(answer, call, deck):
     assert "3 of 500 to 1000 ohm" in call("info", deck).stdout
 
 
-def test_rules_end_with_one_where_there_are_errors(answer, call, deck, island, lesson):
+def test_check_rules_exits_with_1_for_errors(answer, call, deck, island, lesson):
     assert answer("check", "--rules", deck)["passes"]
     data = answer("check", "--rules", island, code=1)
     finding = data["findings"][0]
@@ -150,7 +150,7 @@ def test_rules_end_with_one_where_there_are_errors(answer, call, deck, island, l
     assert "1 error," in printed and "expected behaviour of simulators" in printed
 
 
-def test_check_holds_ngspice_against_our_solution(answer, call, deck, island, tmp_path):
+def test_check_compares_ngspice_with_the_solution(answer, call, deck, island, tmp_path):
     data = answer("check", deck)
     assert data["agrees"] and data["reference"] == "solve" and data["nodes"] == 5 and data["remark"] == ""
     data = answer("check", island, code=1)
@@ -158,7 +158,7 @@ def test_check_holds_ngspice_against_our_solution(answer, call, deck, island, tm
     assert "island.sp:3: node b" in text and "the portability check predicts this" in text
 
 
-def test_included_files_are_run_as_they_are(answer, deck, tmp_path):
+def test_included_files_are_simulated_unchanged(answer, deck, tmp_path):
     (tmp_path / "models").mkdir()
     (tmp_path / "models" / "part.inc").write_text("rp in p 1k\n.tran 1 2\n.include more.inc\n")
     (tmp_path / "models" / "more.inc").write_text("rq p 0 1k\r\n")
@@ -171,7 +171,7 @@ def test_included_files_are_run_as_they_are(answer, deck, tmp_path):
     assert answer("check", below / "d.sp", "--root", tmp_path)["agrees"]
 
 
-def test_an_include_that_the_simulator_reads_otherwise_is_no_agreement(answer, call, tmp_path):
+def test_an_include_that_ngspice_resolves_differently_is_a_disagreement(answer, call, tmp_path):
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub" / "part.inc").write_text("r2 b 0 1k\n.include two.inc\n")
     (tmp_path / "sub" / "two.inc").write_text("r3 b 0 1k\n")
@@ -194,7 +194,7 @@ def test_an_include_that_the_simulator_reads_otherwise_is_no_agreement(answer, c
         ((".tran", ".include nowhere/../good.inc\n.tran"), "is not a plain name"),
     ],
 )
-def test_what_the_simulator_did_not_run_itself_is_not_verified(answer, call, deck, tmp_path, change, why):
+def test_decks_that_are_unsafe_to_simulate_exit_with_5_and_run_no_commands(answer, call, deck, tmp_path, change, why):
     (tmp_path / "good.inc").write_text("rp in 0 1k\n")
     (tmp_path / "bad.inc").write_text("rp in 0 1k\n.control\nshell touch pwned\n.endc\n")
     (tmp_path / "linked.inc").symlink_to(tmp_path / "good.inc")
@@ -220,8 +220,8 @@ def test_what_the_simulator_did_not_run_itself_is_not_verified(answer, call, dec
     ],
 )
 @pytest.mark.parametrize("included", [True, False])
-def test_what_stands_behind_the_end_is_not_run_unseen(call, deck, tmp_path, last, included):
-    """ngspice reads on behind .end; whatever the reader makes of that, commands and files there are not run."""
+def test_commands_and_files_after_end_are_not_run(call, deck, tmp_path, last, included):
+    """ngspice continues to read after .end; commands and files there must not run."""
     (tmp_path / "good.inc").write_text("rp in 0 1k\n")
     (tmp_path.parent / "outside.inc").write_text("rp in 0 1\n")
     more = ".include good.inc\n" if included else ""
@@ -233,7 +233,7 @@ def test_what_stands_behind_the_end_is_not_run_unseen(call, deck, tmp_path, last
 
 
 @pytest.mark.parametrize("cards", ["v1 a 0 sin(0 1 1k)\nr1 a b 1k\nr2 b 0 1k", "v1 a 0 10\nr0 a b 1k\nr9 b z 1k"])
-def test_a_deck_in_which_nothing_flows_is_solved_and_checked(answer, call, tmp_path, cards):
+def test_decks_without_currents_are_solved_checked_and_converted(answer, call, tmp_path, cards):
     deck = tmp_path / "rest.sp"
     deck.write_text(f"t\n{cards}\n.end\n")
     data = answer("solve", deck)
@@ -244,7 +244,7 @@ def test_a_deck_in_which_nothing_flows_is_solved_and_checked(answer, call, tmp_p
     assert answer("check", tmp_path / "out.cir")["agrees"]
 
 
-def test_a_device_taken_for_the_title_is_missed(answer, tmp_path):
+def test_check_finds_a_device_on_the_title_line(answer, tmp_path):
     deck = tmp_path / "untitled.sp"
     deck.write_text("r1 a b 1k\nv1 a 0 1\nr2 b 0 1k\nr3 a b 3k\n.tran 1 2\n+ 0\n.end\n")
     assert answer("solve", deck)["resistors"] == 3
@@ -253,14 +253,14 @@ def test_a_device_taken_for_the_title_is_missed(answer, tmp_path):
     assert any("untitled.sp:1: node b" in finding for finding in data["findings"])
 
 
-def test_a_run_that_would_take_too_long_ends_with_four(call, deck):
+def test_a_simulation_over_the_timeout_exits_with_4(call, deck):
     result = call("check", deck, "--timeout", "0.001")
     assert result.exit_code == 4 and "s: allow more (--timeout" in result.stderr
     assert call("check", deck, "--timeout", "nan").exit_code == 2
     assert call("check", deck, "--engine", "spice3").exit_code == 2
 
 
-def test_an_absent_engine_ends_with_three(call, deck, monkeypatch, tmp_path):
+def test_a_missing_engine_exits_with_3(call, deck, monkeypatch, tmp_path):
     monkeypatch.setenv("RESGRID_EECIRCUIT", str(tmp_path))
     monkeypatch.setenv("RESGRID_NODE", os.sys.executable)
     result = call("check", deck, "--engine", "eecircuit")
@@ -268,7 +268,7 @@ def test_an_absent_engine_ends_with_three(call, deck, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("dialect", ["ngspice", "ltspice", "xyce", "hspice"])
-def test_converted_decks_hold_the_same_circuit(answer, call, deck, tmp_path, dialect):
+def test_converted_decks_contain_the_same_circuit(answer, call, deck, tmp_path, dialect):
     out = tmp_path / "other.cir"
     data = answer("convert", deck, "-o", out, "--dialect", dialect)
     assert data["dialect"] == dialect and data["resistors"] == 3 and Path(data["sidecar"]).exists()
@@ -284,7 +284,7 @@ def test_converted_decks_hold_the_same_circuit(answer, call, deck, tmp_path, dia
 
 
 @pytest.mark.filterwarnings("ignore:.*form loops")
-def test_what_a_deck_does_not_hold_is_counted_by_kind(answer, call, tmp_path):
+def test_elements_that_a_deck_cannot_represent_are_counted_by_kind(answer, call, tmp_path):
     """An island of two resistors and a capacitor, and a source that closes a loop."""
     graph = nx.MultiGraph()
     for first, second, kind, values in (
@@ -299,11 +299,11 @@ def test_what_a_deck_does_not_hold_is_counted_by_kind(answer, call, tmp_path):
         data = answer("convert", tmp_path / "island.json", "-o", tmp_path / "island.cir", *words)
         assert data["left_out"] == {"floating_nodes": 3, "voltage_sources": 1, "resistors": 2, "capacitors": 1}
         assert (data["resistors"], data["voltage_sources"], data["capacitors"]) == (4, 2, 1)
-    said = call("convert", tmp_path / "island.json", "-o", tmp_path / "island.cir").stderr
-    assert "floating nodes (3), voltage sources (1), resistors (2), capacitors (1)" in said
+    message = call("convert", tmp_path / "island.json", "-o", tmp_path / "island.cir").stderr
+    assert "floating nodes (3), voltage sources (1), resistors (2), capacitors (1)" in message
 
 
-def test_converted_graphs_hold_the_same_circuit(answer, call, deck, tmp_path):
+def test_converted_graphs_contain_the_same_circuit(answer, call, deck, tmp_path):
     edges = tmp_path / "edges.txt"
     words = "voltage sources (3), current sources (1), capacitors (1)"
     assert (
@@ -328,7 +328,7 @@ def test_converted_graphs_hold_the_same_circuit(answer, call, deck, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".graphml", ".json", ".npz", ".cir"])
-def test_what_convert_writes_is_read_by_every_verb(answer, call, deck, tmp_path, suffix):
+def test_converted_files_are_read_by_every_subcommand(answer, call, deck, tmp_path, suffix):
     file = tmp_path / f"other{suffix}"
     assert call("convert", deck, "-o", file).exit_code == 0
     data = answer("solve", file)
@@ -341,7 +341,7 @@ def test_what_convert_writes_is_read_by_every_verb(answer, call, deck, tmp_path,
     assert answer("check", back)["agrees"]
 
 
-def test_edge_lists_and_configurations_are_read(answer, call, deck, tmp_path):
+def test_edge_lists_and_circuitscape_configurations_are_read(answer, call, deck, tmp_path):
     edges = tmp_path / "edges.txt"
     call("convert", deck, "-o", edges)
     assert answer("info", edges)["resistors"] == answer("solve", edges)["resistors"] == 3
@@ -357,19 +357,19 @@ def test_edge_lists_and_configurations_are_read(answer, call, deck, tmp_path):
     assert answer("solve", tmp_path / "net.ini")["power"] == pytest.approx(10.0)
 
 
-def test_a_network_is_not_simulated(call, deck, tmp_path):
+def test_check_rejects_networks_without_a_deck(call, deck, tmp_path):
     assert call("convert", deck, "-o", tmp_path / "a.json").exit_code == 0
     result = call("check", tmp_path / "a.json")
     assert result.exit_code == 2 and "convert it to a deck" in result.stderr
 
 
-def test_a_deck_for_spectre_is_read_back(answer, call, deck, tmp_path):
+def test_a_spectre_deck_is_read_back(answer, call, deck, tmp_path):
     assert call("convert", deck, "-o", tmp_path / "a.scs").exit_code == 0
     assert call("convert", tmp_path / "a.scs", "-o", tmp_path / "b.cir").exit_code == 0
     assert answer("solve", tmp_path / "a.scs")["power"] == answer("solve", tmp_path / "b.cir")["power"]
 
 
-def test_scenes_are_converted_too(answer, call, lesson, tmp_path):
+def test_scenes_are_converted_to_decks(answer, call, lesson, tmp_path):
     out = tmp_path / "lesson.scs"
     assert answer("convert", lesson, "-o", out)["dialect"] == "spectre"
     assert "resistor" in out.read_text()
@@ -403,7 +403,7 @@ def test_scenes_are_converted_too(answer, call, lesson, tmp_path):
         (("convert", "absent.sp", "-o", "x.cir"), "absent.sp"),
     ],
 )
-def test_what_is_wrong_is_one_message(call, deck, tmp_path, monkeypatch, words, message):
+def test_invalid_deck_options_exit_with_2_and_one_message(call, deck, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "FOLDER.sp").mkdir()
     result = call(*[deck if word == "DECK" else word for word in words])
@@ -423,10 +423,10 @@ def test_what_is_wrong_is_one_message(call, deck, tmp_path, monkeypatch, words, 
         (b"* t\nv1 a 0 1\nr1 a 0 1e999\n.end\n", 2, ":3"),
     ],
 )
-def test_bad_decks_are_one_message(call, tmp_path, text, code, message):
+def test_invalid_decks_exit_with_2_and_one_message(call, tmp_path, text, code, message):
     deck = tmp_path / "bad.sp"
     deck.write_bytes(text)
-    for verb in ("solve", "check"):
-        result = call(verb, deck)
-        assert result.exit_code == code, (verb, result.output)
+    for subcommand in ("solve", "check"):
+        result = call(subcommand, deck)
+        assert result.exit_code == code, (subcommand, result.output)
         assert message in result.stderr

@@ -1,4 +1,4 @@
-"""Bad input gives one message with the right exit code, and nothing half-written."""
+"""Invalid input: one message, the documented exit code, and no incomplete files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-VERBS = {
+SUBCOMMANDS = {
     "run": ("-o", "out"),
     "compile": ("-o", "deck.cir"),
     "solve": ("-o", "field.npz"),
@@ -61,7 +61,7 @@ BAD_SCENES = {
 }
 
 
-def check_refusal(result, code, words):
+def assert_error(result, code, words):
     assert result.exit_code == code, (result.stdout, result.stderr)
     assert result.stdout == ""
     assert result.stderr.startswith("resgrid: error: ")
@@ -71,27 +71,27 @@ def check_refusal(result, code, words):
 
 
 INCOMPLETE = ("no_goal", "nothing_driven")
-"""Scenes that `info` describes nevertheless."""
+"""Scenes without a circuit, which `info` describes."""
 
-PLANS = ("run", "path", "plot")
-"""Verbs for which a circuit that nothing drives is an outcome (tests/planning/test_degenerate.py)."""
+PLANNING = ("run", "path", "plot")
+"""Subcommands for which an undriven circuit is an outcome (tests/planning/test_degenerate.py)."""
 
 
 @pytest.mark.parametrize(
-    ("verb", "name"),
+    ("subcommand", "name"),
     [
-        (verb, name)
-        for verb in VERBS
+        (subcommand, name)
+        for subcommand in SUBCOMMANDS
         for name in BAD_SCENES
-        if not ((verb == "info" and name in INCOMPLETE) or (verb in PLANS and name == "nothing_driven"))
+        if not ((subcommand == "info" and name in INCOMPLETE) or (subcommand in PLANNING and name == "nothing_driven"))
     ],
 )
-def test_bad_scenes_are_refused_by_every_verb(call, tmp_path, monkeypatch, verb, name):
+def test_invalid_scenes_are_rejected_by_every_subcommand(call, tmp_path, monkeypatch, subcommand, name):
     text, code, words = BAD_SCENES[name]
     monkeypatch.chdir(tmp_path)
     Path("scene.toml").write_text(text)
-    check_refusal(call(verb, "scene.toml", *VERBS[verb]), code, words)
-    assert [file.name for file in Path().iterdir()] == ["scene.toml"], "something half-written is left"
+    assert_error(call(subcommand, "scene.toml", *SUBCOMMANDS[subcommand]), code, words)
+    assert [file.name for file in Path().iterdir()] == ["scene.toml"], "an incomplete file remains"
 
 
 @pytest.mark.parametrize("name", INCOMPLETE)
@@ -127,43 +127,43 @@ FILES = {
 
 
 @pytest.mark.parametrize("name", FILES)
-@pytest.mark.parametrize("verb", ["run", "path"])
-def test_damaged_maps_are_refused(call, tmp_path, monkeypatch, verb, name):
+@pytest.mark.parametrize("subcommand", ["run", "path"])
+def test_damaged_maps_exit_with_2(call, tmp_path, monkeypatch, subcommand, name):
     monkeypatch.chdir(tmp_path)
     data, words = FILES[name]
     Path(name).write_bytes(data)
-    result = call(verb, name, "--goal", "1,1", "--start", "2,2", *VERBS[verb])
-    check_refusal(result, 2, words)
+    result = call(subcommand, name, "--goal", "1,1", "--start", "2,2", *SUBCOMMANDS[subcommand])
+    assert_error(result, 2, words)
     assert [file.name for file in Path().iterdir()] == [name]
 
 
-def test_no_words_at_all_get_the_help(call):
+def test_a_call_without_arguments_prints_the_help_and_exits_with_2(call):
     result = call()
     assert result.exit_code == 2 and result.stderr.startswith("Usage: resgrid") and result.stdout == ""
 
 
-def test_directories_and_absent_files_are_named(call, tmp_path):
-    for verb in ("path", "info", "compile"):
-        check_refusal(call(verb, tmp_path), 2, [str(tmp_path)])
-        check_refusal(call(verb, tmp_path / "no.toml"), 2, ["no.toml", "no such file"])
-    check_refusal(call("check", tmp_path / "no.cir"), 2, ["no.cir"])
+def test_directories_and_absent_files_exit_with_2(call, tmp_path):
+    for subcommand in ("path", "info", "compile"):
+        assert_error(call(subcommand, tmp_path), 2, [str(tmp_path)])
+        assert_error(call(subcommand, tmp_path / "no.toml"), 2, ["no.toml", "no such file"])
+    assert_error(call("check", tmp_path / "no.cir"), 2, ["no.cir"])
 
 
-@pytest.mark.skipif(not Path("/proc/self").exists(), reason="there is no folder that nobody may write to")
-@pytest.mark.parametrize(("verb", "target"), [("compile", "a.cir"), ("run", "out"), ("solve", "a.npz")])
-def test_folders_that_nobody_may_write_to_are_named(call, room, verb, target):
-    check_refusal(call(verb, room, "-o", f"/proc/{target}"), 2, ["cannot write", "/proc"])
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="there is no folder without write permission for all users")
+@pytest.mark.parametrize(("subcommand", "target"), [("compile", "a.cir"), ("run", "out"), ("solve", "a.npz")])
+def test_read_only_target_folders_exit_with_2(call, room, subcommand, target):
+    assert_error(call(subcommand, room, "-o", f"/proc/{target}"), 2, ["cannot write", "/proc"])
 
 
-def test_permissions_are_named(call, room, monkeypatch):
-    """Root may read everything, so the refusal is the system's own, raised in its place."""
+def test_denied_permission_exits_with_2(call, room, monkeypatch):
+    """The error is raised artificially, because permissions do not apply to root."""
 
-    def refuse(self: Path, *_: object, **__: object) -> bytes:
+    def deny(self: Path, *_: object, **__: object) -> bytes:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(self))
 
-    monkeypatch.setattr(Path, "read_bytes", refuse)
-    monkeypatch.setattr(Path, "open", refuse)
-    check_refusal(call("path", room), 2, ["permission denied"])
+    monkeypatch.setattr(Path, "read_bytes", deny)
+    monkeypatch.setattr(Path, "open", deny)
+    assert_error(call("path", room), 2, ["permission denied"])
 
 
 @pytest.mark.parametrize(
@@ -205,7 +205,7 @@ def test_permissions_are_named(call, room, monkeypatch):
         (["-o", "-", "--json"], ["--json"]),
     ],
 )
-def test_bad_options_are_refused(call, room, words, expected):
+def test_invalid_path_options_exit_with_2(call, room, words, expected):
     result = call("path", room, *words)
     assert result.exit_code == 2
     assert "Traceback" not in result.stderr and "internal error" not in result.stderr
@@ -213,25 +213,29 @@ def test_bad_options_are_refused(call, room, words, expected):
         assert word in result.stderr
 
 
-@pytest.mark.parametrize("verb", [verb for verb in VERBS if verb not in ("check", "info")])
-def test_targets_that_cannot_be_written(call, room, tmp_path, verb):
-    suffix = {"compile": ".cir", "convert": ".cir", "solve": ".npz", "path": ".csv", "plot": ".png", "run": ""}[verb]
+@pytest.mark.parametrize(
+    "subcommand", [subcommand for subcommand in SUBCOMMANDS if subcommand not in ("check", "info")]
+)
+def test_targets_that_cannot_be_written_exit_with_2(call, room, tmp_path, subcommand):
+    suffix = {"compile": ".cir", "convert": ".cir", "solve": ".npz", "path": ".csv", "plot": ".png", "run": ""}[
+        subcommand
+    ]
     folder = tmp_path / f"folder{suffix}"
-    if verb == "run":
+    if subcommand == "run":
         folder.write_text("a file")
     else:
         folder.mkdir()
     before = sorted(tmp_path.rglob("*"))
-    result = call(verb, room, "-o", folder)
+    result = call(subcommand, room, "-o", folder)
     assert result.exit_code == 2
     assert folder.name in result.stderr
     assert sorted(tmp_path.rglob("*")) == before
-    if verb != "run":
-        result = call(verb, room, "-o", tmp_path / "absent" / f"x{suffix}")
+    if subcommand != "run":
+        result = call(subcommand, room, "-o", tmp_path / "absent" / f"x{suffix}")
         assert result.exit_code == 2 and "absent" in result.stderr
 
 
-TARGETS = [(verb, *option) for verb, option in VERBS.items() if option and verb != "run"] + [
+TARGETS = [(subcommand, *option) for subcommand, option in SUBCOMMANDS.items() if option and subcommand != "run"] + [
     ("control", "-o", "log.csv"),
     ("control", "--picture", "run.png"),
     ("control", "--animate", "run.gif"),
@@ -239,29 +243,29 @@ TARGETS = [(verb, *option) for verb, option in VERBS.items() if option and verb 
 ]
 
 
-@pytest.mark.parametrize(("verb", "option", "name"), TARGETS)
-def test_a_file_that_cannot_be_written_is_refused_before_anything_is_read(call, tmp_path, verb, option, name):
-    check_refusal(call(verb, "no.toml", option, tmp_path / "absent" / name), 2, ["no folder", "absent"])
+@pytest.mark.parametrize(("subcommand", "option", "name"), TARGETS)
+def test_invalid_targets_are_rejected_before_the_input_is_read(call, tmp_path, subcommand, option, name):
+    assert_error(call(subcommand, "no.toml", option, tmp_path / "absent" / name), 2, ["no folder", "absent"])
     (tmp_path / name).mkdir()
-    check_refusal(call(verb, "no.toml", option, tmp_path / name), 2, ["directory"])
-    check_refusal(call(verb, "no.toml", option, " "), 2, [option, "empty"])
+    assert_error(call(subcommand, "no.toml", option, tmp_path / name), 2, ["directory"])
+    assert_error(call(subcommand, "no.toml", option, " "), 2, [option, "empty"])
 
 
-@pytest.mark.parametrize(("verb", "option", "name"), TARGETS)
-def test_what_is_read_is_not_written_over(call, tmp_path, verb, option, name):
-    """Under its own name, or that of a link."""
+@pytest.mark.parametrize(("subcommand", "option", "name"), TARGETS)
+def test_the_input_file_is_not_overwritten(call, tmp_path, subcommand, option, name):
+    """The target is the input itself or a link to it."""
     (tmp_path / name).write_text("the only copy")
     (tmp_path / f"link{Path(name).suffix}").symlink_to(tmp_path / name)
     for target in tmp_path.iterdir():
-        check_refusal(call(verb, tmp_path / name, option, target), 2, [option, "the input"])
+        assert_error(call(subcommand, tmp_path / name, option, target), 2, [option, "the input"])
     assert (tmp_path / name).read_text() == "the only copy"
 
 
 @pytest.mark.parametrize("options", [("--read-as", "xyce"), ("--root", ".")])
-@pytest.mark.parametrize("verb", ["solve", "check", "info", "convert"])
-def test_options_of_decks_are_refused_for_scenes(call, room, tmp_path, verb, options):
-    target = ("-o", tmp_path / VERBS[verb][1]) if VERBS[verb] else ()
-    check_refusal(call(verb, room, *options, *target), 2, ["not a deck", "--read-as"])
+@pytest.mark.parametrize("subcommand", ["solve", "check", "info", "convert"])
+def test_deck_options_are_rejected_for_scenes(call, room, tmp_path, subcommand, options):
+    target = ("-o", tmp_path / SUBCOMMANDS[subcommand][1]) if SUBCOMMANDS[subcommand] else ()
+    assert_error(call(subcommand, room, *options, *target), 2, ["not a deck", "--read-as"])
 
 
 @pytest.mark.parametrize(
@@ -274,26 +278,26 @@ def test_options_of_decks_are_refused_for_scenes(call, room, tmp_path, verb, opt
         (["chip", "--only", "power", "--sweep", "mismatch=0,1", "--sweep", "readout.bits=4,8"], ["sweep"]),
     ],
 )
-def test_options_that_would_do_nothing_are_refused(call, room, tmp_path, monkeypatch, words, expected):
+def test_options_without_effect_are_rejected(call, room, tmp_path, monkeypatch, words, expected):
     monkeypatch.chdir(tmp_path)
-    check_refusal(call(words[0], room, *words[1:]), 2, expected)
+    assert_error(call(words[0], room, *words[1:]), 2, expected)
     assert [file.name for file in tmp_path.iterdir()] == ["room.toml"]
 
 
-def test_options_of_maps_are_refused_where_there_is_no_map(call, room):
-    check_refusal(call("path", room, "--threshold", "4"), 2, ["no map", "threshold"])
+def test_map_options_are_rejected_for_scenes_without_a_map(call, room):
+    assert_error(call("path", room, "--threshold", "4"), 2, ["no map", "threshold"])
     result = call("path", "-", "--threshold", "4", piped=room.read_text())
-    check_refusal(result, 2, ["no map", "threshold"])
+    assert_error(result, 2, ["no map", "threshold"])
 
 
-def test_an_error_is_an_object_where_json_is_asked_for(call, tmp_path):
+def test_an_error_with_the_json_option_is_a_json_object(call, tmp_path):
     result = call("path", tmp_path / "no.toml", "--json")
     data = json.loads(result.stdout)
     assert result.exit_code == 2 == data["exit_code"]
     assert data["schema"] == 1 and "no.toml" in data["error"] and data["kind"] == "InputError"
 
 
-def test_a_fault_of_our_own_asks_for_a_report(call, room, monkeypatch):
+def test_an_internal_error_exits_with_70_and_debug_prints_the_traceback(call, room, monkeypatch):
     def broken(*_args, **_more):
         raise ZeroDivisionError("oops")
 
@@ -304,25 +308,25 @@ def test_a_fault_of_our_own_asks_for_a_report(call, room, monkeypatch):
     assert "Traceback" in debug.stderr
 
 
-def test_an_array_of_nan_is_refused(call, tmp_path):
+def test_a_map_array_of_nan_exits_with_2(call, tmp_path):
     np.save(tmp_path / "map.npy", np.full((3, 3), np.nan))
-    check_refusal(call("path", tmp_path / "map.npy", "--goal", "1,1", "--start", "2,2"), 2, ["map.npy"])
+    assert_error(call("path", tmp_path / "map.npy", "--goal", "1,1", "--start", "2,2"), 2, ["map.npy"])
 
 
-@pytest.mark.parametrize("verb", [verb for verb in VERBS if verb != "run"])
+@pytest.mark.parametrize("subcommand", [subcommand for subcommand in SUBCOMMANDS if subcommand != "run"])
 @pytest.mark.parametrize("source", [".", "/"])
-def test_a_folder_without_a_name_of_its_own_is_a_folder(call, verb, source, tmp_path):
-    options = (VERBS[verb][0], tmp_path / VERBS[verb][1]) if VERBS[verb] else ()
-    check_refusal(call(verb, source, *options), 2, ["directory"])
+def test_the_folders_dot_and_slash_are_rejected_as_input(call, subcommand, source, tmp_path):
+    options = (SUBCOMMANDS[subcommand][0], tmp_path / SUBCOMMANDS[subcommand][1]) if SUBCOMMANDS[subcommand] else ()
+    assert_error(call(subcommand, source, *options), 2, ["directory"])
     assert not list(tmp_path.iterdir())
 
 
-def test_a_deck_that_never_ends_is_refused_before_it_is_read(call, room):
-    check_refusal(call("check", room, "--deck", os.devnull), 2, ["device", "give a file"])
+def test_a_device_file_is_rejected_as_a_deck(call, room):
+    assert_error(call("check", room, "--deck", os.devnull), 2, ["device", "give a file"])
 
 
 @pytest.mark.parametrize("form", ["flat", "cells"])
-def test_a_deck_may_have_a_name_in_any_letters(call, room, tmp_path, form):
+def test_deck_names_may_contain_unicode_letters(call, room, tmp_path, form):
     deck = tmp_path / "grün ☃.cir"
     result = call("compile", room, "--form", form, "-o", deck)
     assert result.exit_code == 0, result.stderr

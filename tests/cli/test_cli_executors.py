@@ -1,4 +1,4 @@
-"""``resgrid chip --executor``: the same file from real engines, and after interrupts and deaths of all.
+"""``resgrid chip --executor``: identical files from every executor, also after interrupts and killed processes.
 
 Tests internals: `resgrid._internal.extras`.
 """
@@ -24,14 +24,14 @@ WORDS = ["--only", "yield", "--most", "200", "--half-width", "0.001", "--no-chec
 
 @pytest.fixture(scope="module")
 def alone(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """The file that one process writes."""
+    """Return the file that one process writes."""
     folder = tmp_path_factory.mktemp("alone") / "out"
     assert call("chip", scenes / "chip.toml", *WORDS, "-o", folder).exit_code == 0
     return (folder / "yield.jsonl").read_bytes()
 
 
-def test_mpi(scenes: Path, tmp_path: Path, alone: bytes) -> None:
-    """Under the wheel's own mpiexec and library, whatever else is installed."""
+def test_mpi_writes_the_file_of_one_process(scenes: Path, tmp_path: Path, alone: bytes) -> None:
+    """The test uses mpiexec and the library of the mpich wheel."""
     wheel = {file.name: str(file.locate()) for file in files("mpich") or []}
     mpi = [wheel["mpiexec"], "-n", "3", *COMMAND, "chip", scenes / "chip.toml", "--executor", "mpi"]
     subprocess.run(
@@ -43,7 +43,7 @@ def test_mpi(scenes: Path, tmp_path: Path, alone: bytes) -> None:
     assert (tmp_path / "out" / "yield.jsonl").read_bytes() == alone
 
 
-def test_dask(scenes: Path, tmp_path: Path, alone: bytes) -> None:
+def test_dask_writes_the_file_of_one_process(scenes: Path, tmp_path: Path, alone: bytes) -> None:
     with two_workers("dask", tmp_path) as executor:
         address = executor._client.scheduler.address.replace("tcp", "dask")  # type: ignore[attr-defined]
         result = call("chip", scenes / "chip.toml", *WORDS, "--executor", address, "-o", tmp_path / "out")
@@ -62,7 +62,7 @@ config = parsl.Config(
     ("kind", "sent", "code"),
     [("processes:2", signal.SIGINT, 130), ("processes:2", signal.SIGKILL, -9), ("parsl", signal.SIGINT, 130)],
 )
-def test_what_is_interrupted_or_killed_is_taken_up(
+def test_an_interrupted_or_killed_run_resumes_to_the_same_file(
     scenes: Path, tmp_path: Path, alone: bytes, kind: str, sent: signal.Signals, code: int
 ) -> None:
     if kind == "parsl":
@@ -70,7 +70,7 @@ def test_what_is_interrupted_or_killed_is_taken_up(
         (tmp_path / "config.py").write_text(PARSL.format(str(tmp_path / "parsl")))
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     words = ["chip", scenes / "chip.toml", *WORDS, "-o", tmp_path / "out"]
-    endless = ["--most", "100000", "--half-width", "0.0001"]  # so that it cannot end before it is interrupted
+    endless = ["--most", "100000", "--half-width", "0.0001"]  # the run must not end before the interrupt
     with subprocess.Popen(
         [*COMMAND, *words, *endless, "--executor", kind], stderr=subprocess.PIPE, text=True, start_new_session=True,
         env=environment,
@@ -79,15 +79,15 @@ def test_what_is_interrupted_or_killed_is_taken_up(
         while not any(file.stat().st_size > 1000 for file in tmp_path.glob(".out-*.yield.jsonl")):
             assert process.poll() is None and time.monotonic() < end
             time.sleep(0.01)
-        # An interrupt at the terminal goes to all processes; the worst death is the parent's alone.
+        # An interrupt at the terminal reaches all processes; SIGKILL is sent to the parent only.
         os.killpg(process.pid, sent) if sent == signal.SIGINT else process.send_signal(sent)
-        if sent == signal.SIGINT and kind == "processes:2":  # an impatient user's second one changes nothing
+        if sent == signal.SIGINT and kind == "processes:2":  # a second interrupt must have no effect
             time.sleep(0.1)
             os.killpg(process.pid, sent)
         assert process.wait(timeout=300) == code
         assert process.stderr is not None
-        said = process.stderr.read()  # ends when the last worker has gone
-    assert "Traceback" not in said
+        output = process.stderr.read()  # ends when the last worker has gone
+    assert "Traceback" not in output
     assert not (tmp_path / "out").exists()
     (kept,) = tmp_path.glob(".out-*.yield.jsonl")
     begun = kept.read_bytes()
@@ -108,7 +108,7 @@ def test_what_is_interrupted_or_killed_is_taken_up(
         ("parsl:three.py", "three.py: config is 3; it must be a parsl.Config", 2),
     ],
 )
-def test_wrong_names_have_one_message(
+def test_invalid_executors_exit_with_2_and_a_message(
     scenes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, message: str, code: int
 ) -> None:
     monkeypatch.setattr("resgrid._internal.executors.DASK_SECONDS", 0.5)
@@ -122,7 +122,7 @@ def test_wrong_names_have_one_message(
     ("name", "module", "extra"),
     [("mpi", "mpi4py", "mpi"), ("dask://localhost:1", "distributed", "dask"), ("parsl:none.py", "parsl", "parsl")],
 )
-def test_what_is_not_installed_is_named(name: str, module: str, extra: str) -> None:
+def test_missing_packages_exit_with_3_and_the_install_command(name: str, module: str, extra: str) -> None:
     script = (
         f"import sys; sys.modules[{module!r}] = None\n"
         f"from resgrid.cli import main; main(['chip', 'no.toml', '--executor', {name!r}])"

@@ -1,4 +1,4 @@
-"""Paths shortened, timed and written from the command line."""
+"""The subcommand path: shortened and timed paths in output and files, measured again with numpy and shapely."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def rows_of(text: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
 
 
-def test_the_figures_of_a_shortened_path_are_those_that_are_written(answer, call, scenes, tmp_path):
-    """Measured again from the points in the file; those of the streamline are named so."""
+def test_length_and_clearance_of_a_shortened_path_equal_those_of_its_points(answer, call, scenes, tmp_path):
+    """The lengths are computed from the written points; the figures of the streamline are listed separately."""
     plain = answer("path", scenes / "rooms.toml", "--k", "0,1")["paths"]
     space = rg.build_space(rg.read_scene(scenes / "rooms.toml"))
     for keep in ("0", None):
@@ -43,7 +43,7 @@ def test_the_figures_of_a_shortened_path_are_those_that_are_written(answer, call
 
 
 def clearance_from(points, space):
-    """Distance of a polyline from obstacle cells and the grid's border, by shapely."""
+    """Return the distance of a polyline from obstacle cells and the grid's border, by shapely."""
     line = shapely.LineString(points)
     boxes = [shapely.box(*(cell * space.spacing + space.lower), *((cell + 1) * space.spacing + space.lower))
              for cell in np.argwhere(space.cell == rg.Cell.OBSTACLE)]  # fmt: skip
@@ -51,8 +51,8 @@ def clearance_from(points, space):
     return min(line.distance(shapely.union_all(boxes)), line.distance(border))
 
 
-def test_the_figures_of_a_timed_path_are_those_of_its_points(answer, scenes, tmp_path):
-    """With few samples a second the straight lines between them cut corners, which the figures show."""
+def test_length_and_clearance_of_a_timed_path_equal_those_of_its_points(answer, scenes, tmp_path):
+    """At a low rate the straight lines between the samples cut corners; the figures must include this."""
     space = rg.build_space(rg.read_scene(scenes / "rooms.toml"))
     for more in ((), ("--rate", "50"), ("--rate", "0.7")):
         words = ("--k", "1", "--shorten", "--speed", "0.8", "--acceleration", "1.5", *more)
@@ -62,19 +62,19 @@ def test_the_figures_of_a_timed_path_are_those_of_its_points(answer, scenes, tmp
             assert path["clearance"] == pytest.approx(clearance_from(points, space), abs=1e-9)
 
 
-def test_samples_that_are_too_few_are_reported(call, scenes):
+def test_a_rate_too_low_to_avoid_obstacles_is_reported(call, scenes):
     words = ("path", scenes / "rooms.toml", "--k", "1", "--shorten", "--speed", "0.8")
     assert "lines between the samples at --rate 0.2 touch an obstacle" in call(*words, "--rate", "0.2").stderr
     assert call(*words, "--rate", "20").stderr == ""
 
 
-def test_a_clearance_of_ones_own_is_kept_or_the_streamlines(answer, lesson):
+def test_keep_clearance_keeps_the_clearance_or_the_streamline(answer, lesson):
     plain = answer("path", lesson)["paths"][0]
     kept = answer("path", lesson, "--shorten", "--keep-clearance", "0.3")["paths"][0]
     assert kept["clearance"] >= 0.3 - 1e-9 or kept["length"] == pytest.approx(plain["length"])
 
 
-def test_timed_paths_have_times_and_rates(call, answer, room):
+def test_timed_paths_have_columns_of_times_and_rates_within_the_limits(call, answer, room):
     table = call("path", room, "--speed", "0.5", "--acceleration", "1", "--rate", "20", "-o", "-")
     assert table.exit_code == 1  # the second start has no path
     rows = rows_of(table.stdout)
@@ -93,7 +93,7 @@ def test_timed_paths_have_times_and_rates(call, answer, room):
     ("name", "words"),
     [("outcome", ("-o", "-")), ("points", ("-o", "paths.npz")), ("t", ("-o", "paths.json", "--speed", "1"))],
 )
-def test_an_axis_named_as_another_column_is_refused(call, room, tmp_path, monkeypatch, name, words):
+def test_an_axis_named_as_another_column_exits_with_2(call, room, tmp_path, monkeypatch, name, words):
     monkeypatch.chdir(tmp_path)
     room.write_text(room.read_text().replace('name = "x"', f'name = "{name}"'))
     result = call("path", room, *words)
@@ -103,7 +103,7 @@ def test_an_axis_named_as_another_column_is_refused(call, room, tmp_path, monkey
     assert call("path", room).exit_code == 1  # the second start has no path
 
 
-def test_a_message_for_ros_is_written_for_starts_with_a_path(call, room, tmp_path):
+def test_ros_messages_are_written_for_starts_with_a_path(call, room, tmp_path):
     result = call("path", room, "-o", tmp_path / "plan.yaml", "--shorten")
     assert result.exit_code == 1
     assert "plan.yaml has no path from start (5.5, 4.5), k = 1" in result.stderr
@@ -116,7 +116,7 @@ def test_a_message_for_ros_is_written_for_starts_with_a_path(call, room, tmp_pat
 
 
 @pytest.mark.parametrize(("start", "outcome"), [("4.5,2.5", "start_blocked"), ("5.5,4.5", "no_path")])
-def test_no_message_for_ros_is_written_where_no_start_has_a_path(call, room, tmp_path, start, outcome):
+def test_no_ros_message_is_written_if_no_start_has_a_path(call, room, tmp_path, start, outcome):
     file = tmp_path / "plan.yaml"
     for old in (False, True):
         result = call("path", room, f"--start={start}", "-o", file)
@@ -130,7 +130,7 @@ def test_no_message_for_ros_is_written_where_no_start_has_a_path(call, room, tmp
 
 
 @pytest.mark.parametrize("suffix", [".json", ".npz"])
-def test_files_hold_the_timed_columns(call, room, tmp_path, suffix):
+def test_json_and_npz_files_contain_the_timed_columns(call, room, tmp_path, suffix):
     file = tmp_path / f"paths{suffix}"
     call("path", room, "--shorten", "--speed", "1", "-o", file)
     if suffix == ".json":
@@ -158,21 +158,21 @@ def test_files_hold_the_timed_columns(call, room, tmp_path, suffix):
         (("-o", "paths.txt"), ".csv, .json, .npz or .yaml"),
     ],
 )
-def test_bad_options_are_named(call, room, words, message):
+def test_invalid_path_options_exit_with_2_and_a_message(call, room, words, message):
     result = call("path", room, *words)
     assert result.exit_code == 2
     assert message in result.stderr
 
 
-def test_arms_and_turning_polygons_are_drawn_in_their_workspace(call, scenes, tmp_path, lesson):
+def test_plot_robot_draws_arms_and_polygons_and_rejects_points(call, scenes, tmp_path, lesson):
     for name in ("problem_two_goals", "turning"):
         assert call("plot", scenes / f"{name}.toml", "--what", "robot", "-o", tmp_path / f"{name}.png").exit_code == 0
         assert (tmp_path / f"{name}.png").stat().st_size > 20_000
-    refused = call("plot", lesson, "--what", "robot", "-o", tmp_path / "lesson.png")
-    assert (refused.exit_code, "point or a disc" in refused.stderr) == (2, True)
+    rejected = call("plot", lesson, "--what", "robot", "-o", tmp_path / "lesson.png")
+    assert (rejected.exit_code, "point or a disc" in rejected.stderr) == (2, True)
 
 
-def test_paths_of_arms_tell_where_the_tip_is(call, scenes):
+def test_paths_of_arms_have_tip_columns(call, scenes):
     rows = rows_of(call("path", scenes / "problem_two_goals.toml", "-o", "-", "--shorten").stdout)
     for row in (rows[0], rows[-1]):
         angles = float(row["theta_1"]), float(row["theta_2"])
@@ -181,7 +181,7 @@ def test_paths_of_arms_tell_where_the_tip_is(call, scenes):
 
 
 @pytest.mark.parametrize(
-    ("said", "missing"),
+    ("first_line", "missing"),
     [
         ('boundary = "wall"', ["--set", "chip.wall_resistance=1k"]),
         ('boundary = "wall"', ["--boundary", "dirichlet"]),
@@ -190,9 +190,9 @@ def test_paths_of_arms_tell_where_the_tip_is(call, scenes):
     ],
 )
 @pytest.mark.parametrize("is_piped", [True, False])
-def test_options_may_say_what_a_scene_lacks(said, missing, is_piped, call, room, tmp_path):
-    text = f"{said}\n{room.read_text()}"
-    if "drive" in said:
+def test_options_supply_keys_that_a_scene_lacks(first_line, missing, is_piped, call, room, tmp_path):
+    text = f"{first_line}\n{room.read_text()}"
+    if "drive" in first_line:
         text = text.replace("starts = [[0.5, 0.5], [5.5, 4.5]]\n", "")
     scene = tmp_path / "lacking.toml"
     scene.write_text(text)

@@ -1,4 +1,4 @@
-"""What only a real process shows: how fast it starts, how it ends, what it says to a terminal.
+"""Behaviour of real processes: imports, interrupts, closed and full outputs, and terminals.
 
 Tests internals: `resgrid.cli`.
 """
@@ -22,13 +22,13 @@ import resgrid
 from resgrid.cli import terminal
 
 PATIENCE = 300.0
-"""Seconds within which a process ends, also on a busy computer."""
+"""Time limit of a process on a busy computer, in seconds."""
 
 LIGHT = {"resgrid", "click", *sys.stdlib_module_names}
 
 
 def packages_after(code: str) -> set[str]:
-    """Top-level packages that `code` loads."""
+    """Return the top-level packages that `code` loads."""
     script = (
         f"import sys\nbefore = set(sys.modules)\ntry:\n    {code}\nexcept SystemExit:\n    pass\n"
         "print(*set(sys.modules) - before, file=sys.stderr)"
@@ -46,27 +46,27 @@ def packages_after(code: str) -> set[str]:
         "from resgrid.cli import main; main(['--version'])",
     ],
 )
-def test_nothing_heavy_is_loaded_before_there_is_work(code):
-    """What keeps the start quick; its time is measured by ``make bench SECTIONS=start``."""
+def test_import_and_help_load_only_the_standard_library_and_click(code):
+    """``make bench SECTIONS=start`` measures the time."""
     loaded = packages_after(code)
     assert "resgrid" in loaded
     assert loaded - LIGHT == set()
 
 
-def test_public_names_are_real_and_documented():
-    promised = Path(resgrid.__file__).with_suffix(".pyi").read_text()
+def test_public_names_exist_and_have_docstrings_and_stubs():
+    stub = Path(resgrid.__file__).with_suffix(".pyi").read_text()
     for name in resgrid.__all__:
         value = getattr(resgrid, name)
         if name != "__version__":
             assert value.__doc__, name
-            assert re.search(rf"\b{name}\b", promised), f"{name} is hidden from type checkers"
+            assert re.search(rf"\b{name}\b", stub), f"{name} is hidden from type checkers"
     assert dir(resgrid) == resgrid.__all__
     with pytest.raises(AttributeError, match="no attribute 'solv'"):
         _ = resgrid.solv
 
 
-def test_a_reader_that_leaves_is_no_error(scenes):
-    # Far more than a pipe holds, so that writing meets the closed end; unbuffered, Python would not notice.
+def test_a_closed_pipe_exits_with_141_without_a_message(scenes):
+    # The deck is larger than the buffer of a pipe, so that writing fails at the closed end; requires buffered output.
     words = [*COMMAND, "compile", str(scenes / "rooms.toml"), "--boundary", "dirichlet"]
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as process:
@@ -80,7 +80,7 @@ def test_a_reader_that_leaves_is_no_error(scenes):
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("options", [(), ("--json",)])
-def test_standard_output_that_is_full_is_one_error(scenes, options, unbuffered):
+def test_a_full_standard_output_exits_with_2_and_one_message(scenes, options, unbuffered):
     words = [*COMMAND, "path", str(scenes / "lesson.toml"), *options]
     env = os.environ | {"PYTHONUNBUFFERED": unbuffered}
     with Path("/dev/full").open("w") as full:
@@ -90,7 +90,7 @@ def test_standard_output_that_is_full_is_one_error(scenes, options, unbuffered):
 
 
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_interrupt_leaves_nothing_half_written(scenes, tmp_path, sent, code):
+def test_an_interrupt_leaves_no_incomplete_files(scenes, tmp_path, sent, code):
     words = [*COMMAND, "run", str(scenes / "rooms.toml"), "-o", str(tmp_path / "out"), "-v"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
@@ -103,8 +103,8 @@ def test_an_interrupt_leaves_nothing_half_written(scenes, tmp_path, sent, code):
 
 
 @pytest.mark.parametrize("left_behind", [True, False])
-def test_a_second_interrupt_does_not_cut_the_end_short(scenes, tmp_path, left_behind):
-    """What the first one makes end, ends: here what is registered for it takes its time."""
+def test_a_second_interrupt_does_not_stop_the_cleanup(scenes, tmp_path, left_behind):
+    """The finalizer that the first interrupt starts sends the second one and then needs 0.2 s."""
     program = f"""
 import os, signal, sys, time, weakref
 from resgrid import cli
@@ -139,7 +139,7 @@ cli.main(prog_name="resgrid")
     assert done.stderr == "resgrid: interrupted; incomplete files were removed\n"
 
 
-def test_json_in_a_real_process_is_alone_on_standard_output(scenes):
+def test_standard_output_contains_only_json_with_the_json_option(scenes):
     words = [*COMMAND, "path", str(scenes / "lesson.toml"), "--json", "-v"]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
     assert json.loads(done.stdout)["paths"][0]["outcome"] == "reached"
@@ -150,15 +150,15 @@ def test_json_in_a_real_process_is_alone_on_standard_output(scenes):
 def test_errors_are_coloured_on_a_terminal_only(tmp_path, colourless):
     environment = {key: value for key, value in os.environ.items() if key != "NO_COLOR"}
     environment |= {"NO_COLOR": "1"} if colourless else {}
-    said = on_terminal(["path", str(tmp_path / "no.toml")], environment)
-    assert "no such file" in said
-    assert ("\x1b[31mresgrid: error: \x1b[0m" in said) is not colourless
-    assert "resgrid: error: " in said
+    output = on_terminal(["path", str(tmp_path / "no.toml")], environment)
+    assert "no such file" in output
+    assert ("\x1b[31mresgrid: error: \x1b[0m" in output) is not colourless
+    assert "resgrid: error: " in output
     done = subprocess.run([*COMMAND, "path", "no.toml"], capture_output=True, text=True, check=False, env=environment)
     assert "\x1b[" not in done.stderr
 
 
-def test_what_an_earlier_run_had_counted_does_not_shorten_the_time_left(monkeypatch):
+def test_the_time_left_ignores_trials_of_an_earlier_run(monkeypatch):
     now = [0.0]
     monkeypatch.setattr(terminal, "time", SimpleNamespace(perf_counter=lambda: now[0]))
     stage = terminal.Stage()
@@ -169,7 +169,7 @@ def test_what_an_earlier_run_had_counted_does_not_shorten_the_time_left(monkeypa
 
 
 @pytest.mark.parametrize(("estimate", "expected"), [(0.01, "5 s so far"), (2.0, "5 s so far, longer than expected")])
-def test_a_short_stage_that_waits_for_kernels_is_not_called_late(monkeypatch, estimate, expected):
+def test_only_long_stages_are_reported_as_longer_than_expected(monkeypatch, estimate, expected):
     now = [0.0]
     monkeypatch.setattr(terminal, "time", SimpleNamespace(perf_counter=lambda: now[0]))
     stage = terminal.Stage(estimate)
@@ -177,7 +177,7 @@ def test_a_short_stage_that_waits_for_kernels_is_not_called_late(monkeypatch, es
     assert stage.status() == expected
 
 
-def test_a_bar_tells_the_time_left_on_a_terminal(tmp_path):
+def test_a_progress_bar_shows_the_time_left_on_a_terminal_only(tmp_path):
     script = """
 import sys, threading
 from resgrid.cli import terminal
@@ -200,13 +200,13 @@ with terminal.stage("solve the chip", seconds=1000.0):
     with subprocess.Popen(
         [sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.STDOUT
     ) as elsewhere:
-        said = on_terminal([], {**os.environ, "TERM": "xterm"}, [sys.executable, "-c", script])
+        output = on_terminal([], {**os.environ, "TERM": "xterm"}, [sys.executable, "-c", script])
         assert elsewhere.communicate() == (b"", None) and elsewhere.returncode == 0
-    assert "follow the current" in said and "solve the chip" in said
-    assert re.search(r"about \d+ s left", said)
+    assert "follow the current" in output and "solve the chip" in output
+    assert re.search(r"about \d+ s left", output)
 
 
-def test_a_cached_kernel_ends_the_first_run(tmp_path: Path) -> None:
+def test_is_first_run_is_false_with_a_cached_kernel(tmp_path: Path) -> None:
     script = (
         "from resgrid.cli.scenes import is_first_run\nfrom resgrid._internal.jit import cache_folder\n"
         "from resgrid.solvers.csr_kernels import conductances_by_row\nprint(is_first_run())\n"
@@ -218,7 +218,7 @@ def test_a_cached_kernel_ends_the_first_run(tmp_path: Path) -> None:
     assert done.stdout.split() == ["True", "False"]
 
 
-def test_a_small_path_waits_for_no_scipy(scenes: Path) -> None:
+def test_a_small_path_loads_neither_scipy_nor_matplotlib(scenes: Path) -> None:
     script = (
         "import gc, sys\nfrom resgrid.cli import main\nbefore = gc.get_threshold()\n"
         "try:\n    main(sys.argv[1:])\nexcept SystemExit as end:\n    assert not end.code\n"
@@ -231,13 +231,13 @@ def test_a_small_path_waits_for_no_scipy(scenes: Path) -> None:
 
 
 def on_terminal(words: list[str], environment: dict[str, str], command: list[str] | None = None) -> str:
-    """What a process says on standard error, where that is a terminal."""
+    """Return the standard error of a process whose standard error is a terminal."""
     leader, follower = pty.openpty()
     process = subprocess.Popen(
         [*(command or COMMAND), *words], stdout=subprocess.DEVNULL, stderr=follower, env=environment
     )
     os.close(follower)
-    said = b""
+    output = b""
     while True:
         try:
             part = os.read(leader, 4096)
@@ -245,7 +245,7 @@ def on_terminal(words: list[str], environment: dict[str, str], command: list[str
             break
         if not part:
             break
-        said += part
+        output += part
     process.wait(timeout=PATIENCE)
     os.close(leader)
-    return said.decode()
+    return output.decode()

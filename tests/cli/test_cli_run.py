@@ -1,4 +1,4 @@
-"""The main job: one folder with paths, pictures and checked decks, whole or not there.
+"""The subcommands run and plot: one complete folder with paths, pictures and checked decks; pictures of every kind.
 
 Tests internals: `resgrid._internal.files`.
 """
@@ -21,7 +21,7 @@ def names(folder: Path) -> set[str]:
     return {file.name for file in folder.iterdir()}
 
 
-def test_everything_is_in_one_folder(answer, lesson, tmp_path):
+def test_run_writes_all_results_into_one_folder(answer, lesson, tmp_path):
     folder = tmp_path / "deep" / "out"
     data = answer("run", lesson, "-o", folder)
     deck = {"dirichlet.cir", "dirichlet.cir.json", "dirichlet.cir.ngspice", "dirichlet.cir.verify", "dirichlet.npz"}
@@ -38,7 +38,7 @@ def test_everything_is_in_one_folder(answer, lesson, tmp_path):
     assert answer("check", folder / "dirichlet.cir")["agrees"]
 
 
-def test_blends_need_two_chips_and_a_page_each(call, lesson, tmp_path):
+def test_blends_have_two_decks_and_one_page_each(call, lesson, tmp_path):
     folder = tmp_path / "out"
     result = call("run", lesson, "--k", "0,0.5,1", "--no-check", "-o", folder)
     assert result.exit_code == 0, result.stderr
@@ -48,7 +48,7 @@ def test_blends_need_two_chips_and_a_page_each(call, lesson, tmp_path):
     assert result.stdout.count("reached goal 0") == 3
 
 
-def test_a_second_run_replaces_its_own_files_and_keeps_others(call, lesson, tmp_path):
+def test_a_second_run_replaces_its_files_and_keeps_other_files(call, lesson, tmp_path):
     folder = tmp_path / "out"
     assert call("run", lesson, "--k", "0,1", "--no-check", "-o", folder).exit_code == 0
     (folder / "notes.txt").write_text("mine")
@@ -58,7 +58,7 @@ def test_a_second_run_replaces_its_own_files_and_keeps_others(call, lesson, tmp_
     assert {"page.png", "dirichlet.cir"} <= names(folder)
 
 
-def test_a_summary_that_lies_removes_nothing_else(call, lesson, tmp_path):
+def test_a_manipulated_summary_does_not_remove_files_outside_the_folder(call, lesson, tmp_path):
     folder = tmp_path / "out"
     folder.mkdir()
     (tmp_path / "precious.txt").write_text("mine")
@@ -67,26 +67,26 @@ def test_a_summary_that_lies_removes_nothing_else(call, lesson, tmp_path):
     assert (tmp_path / "precious.txt").exists()
 
 
-def test_a_start_without_a_path_ends_with_one_and_still_writes(call, room, tmp_path, monkeypatch):
+def test_a_start_without_a_path_exits_with_1_and_writes_the_folder(call, room, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = call("run", room)
     assert result.exit_code == 1
     assert "no_path" in result.stdout and (tmp_path / "out" / "room" / "page.png").exists()
 
 
-def test_starts_that_cannot_drive_leave_a_map(call, room, tmp_path):
+def test_a_start_that_cannot_drive_writes_the_page_without_a_deck(call, room, tmp_path):
     words = ("--boundary", "neumann", "--drive", "start", "--start", "5.5,0.5", "-o", tmp_path / "out")
     assert call("run", room, *words).exit_code == 1
     assert names(tmp_path / "out") == {"page.png", "paths.csv", "paths.json", "summary.json"}
 
 
-def test_a_scene_without_starts_is_no_failure(call, lesson, tmp_path):
+def test_a_scene_without_starts_exits_with_0(call, lesson, tmp_path):
     result = call("run", lesson, "--set", "starts=[]", "--no-check", "-o", tmp_path / "out")
     assert result.exit_code == 0 and "--start X,Y" in result.stdout
     assert "paths.csv" not in names(tmp_path / "out")
 
 
-def test_a_ros_map_has_its_paths_as_messages_for_ros(answer, call, ros_map, tmp_path):
+def test_runs_on_ros_maps_write_ros_messages(answer, call, ros_map, tmp_path):
     folder = tmp_path / "out"
     words = ("run", ros_map, "--goal", "0.7,0.5", "--no-check", "-o", folder)
     data = answer(*words, "--start", "0.1,0.1", "--start", "0.45,0.1", code=1)
@@ -104,7 +104,7 @@ def test_a_ros_map_has_its_paths_as_messages_for_ros(answer, call, ros_map, tmp_
 
 @pytest.fixture
 def ros_map(tmp_path):
-    """A room of 0.8 m x 0.6 m with a wall that leaves a gap at the top, and an unknown corner."""
+    """Write a map of 0.8 m x 0.6 m with a wall that has a gap at the top, and an unknown corner."""
     cell = np.full((6, 8), 254, np.uint8)
     cell[1:, 4], cell[0, 0] = 0, 205
     Image.fromarray(cell).save(tmp_path / "map.pgm")
@@ -114,14 +114,14 @@ def ros_map(tmp_path):
 
 
 @pytest.mark.parametrize("scene", ["ring", "voxels"])
-def test_rings_and_rooms_in_space(call, scenes, tmp_path, scene):
+def test_periodic_and_voxel_scenes_run_and_agree_with_ngspice(call, scenes, tmp_path, scene):
     words = [f"--set=grid.axes.{axis}.cells=12" for axis in range(2 + (scene == "voxels"))]
     result = call("run", scenes / f"{scene}.toml", *words, "-o", tmp_path / "out")
     assert result.exit_code == 0, result.stdout + result.stderr
     assert "page.png" in names(tmp_path / "out") and "agrees" in result.stdout
 
 
-def test_one_and_four_axes_run(call, tmp_path):
+def test_maps_of_one_and_four_axes_run(call, tmp_path):
     for ndim in (1, 4):
         cell = np.zeros((4,) * ndim, dtype=np.uint8)
         np.save(tmp_path / "map.npy", cell)
@@ -132,7 +132,7 @@ def test_one_and_four_axes_run(call, tmp_path):
         assert ("page.png" in names(folder)) == (ndim == 1)
 
 
-def test_a_deck_that_takes_long_is_written_but_not_simulated_unless_asked_for(call, lesson, tmp_path, monkeypatch):
+def test_slow_decks_are_simulated_only_with_the_check_option(call, lesson, tmp_path, monkeypatch):
     monkeypatch.setattr("resgrid.cli.check.MAX_AUTOMATIC_SECONDS", 1e-9)
     deck = tmp_path / "out" / "dirichlet.cir"
     result = call("run", lesson, "-o", tmp_path / "out")
@@ -150,7 +150,7 @@ def test_decks_of_other_simulators_are_not_verified(answer, lesson, tmp_path):
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
-def test_a_folder_is_whole_or_not_there(tmp_path, error):
+def test_a_failure_leaves_no_incomplete_folder(tmp_path, error):
     def fill() -> None:
         with whole_folder(tmp_path / "a" / "b") as made:
             (made / "x").write_text("half")
@@ -161,34 +161,34 @@ def test_a_folder_is_whole_or_not_there(tmp_path, error):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_replaces_a_folder_of_that_name_never(tmp_path):
+def test_a_file_does_not_replace_a_folder_of_the_same_name(tmp_path):
     (tmp_path / "out" / "x").mkdir(parents=True)
     with pytest.raises(rg.InputError, match="out"), whole_folder(tmp_path / "out") as made:
         (made / "x").write_text("a file")
     assert (tmp_path / "out" / "x").is_dir() and names(tmp_path) == {"out"}
 
 
-@pytest.mark.parametrize("what", ["page", "space", "potential", "currents", "paths", "circuit"])
-def test_every_picture_is_drawn(call, lesson, tmp_path, what):
+@pytest.mark.parametrize("kind", ["page", "space", "potential", "currents", "paths", "circuit"])
+def test_every_picture_is_drawn(call, lesson, tmp_path, kind):
     file = tmp_path / "picture.png"
-    assert call("plot", lesson, "--what", what, "-o", file).exit_code == 0
+    assert call("plot", lesson, "--what", kind, "-o", file).exit_code == 0
     assert file.read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("what", ["page", "space", "potential", "currents", "paths"])
-def test_single_pictures_have_the_title_of_the_scene(call, lesson, tmp_path, what):
+@pytest.mark.parametrize("kind", ["page", "space", "potential", "currents", "paths"])
+def test_single_pictures_have_the_title_of_the_scene(call, lesson, tmp_path, kind):
     file = tmp_path / "picture.svg"
-    assert call("plot", lesson, "--what", what, "-o", file).exit_code == 0
+    assert call("plot", lesson, "--what", kind, "-o", file).exit_code == 0
     assert "<!-- Eight by eight -->" in file.read_text()
 
 
-def test_pictures_have_other_formats_and_refusals(call, answer, lesson, scenes, tmp_path):
+def test_pictures_are_written_in_several_formats_and_invalid_ones_rejected(call, answer, lesson, scenes, tmp_path):
     assert call("plot", lesson, "--what", "space", "-o", "-").stdout_bytes.startswith(b"\x89PNG")
     assert answer("plot", lesson, "-o", tmp_path / "a.svg")["what"] == "page"
     assert "<svg" in (tmp_path / "a.svg").read_text()
     words = [f"--set=grid.axes.{axis}.cells=6" for axis in range(3)]
-    for what in ("slices", "space", "paths"):
-        assert call("plot", scenes / "voxels.toml", *words, "--what", what, "-o", tmp_path / "s.pdf").exit_code == 0
+    for kind in ("slices", "space", "paths"):
+        assert call("plot", scenes / "voxels.toml", *words, "--what", kind, "-o", tmp_path / "s.pdf").exit_code == 0
     assert "axes" in call("plot", lesson, "--what", "slices", "-o", tmp_path / "x.png").stderr
     assert (
         "'page' shows up to 3"

@@ -1,4 +1,4 @@
-"""The designer's page keeps its word: its three commands agree, its Python runs."""
+"""The documentation page on decks: its commands run, and their results agree in ngspice."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PROJECT = Path(__file__).resolve().parents[2]
 PAGE = (PROJECT / "docs" / "reference" / "decks.md").read_text()
 
 
-def test_three_commands_from_a_scene_to_a_checked_deck(call, tmp_path, monkeypatch):
+def test_the_commands_of_the_page_write_a_deck_that_agrees_in_ngspice(call, tmp_path, monkeypatch):
     lines = re.findall(r"^(?:resgrid|ngspice) .*$", re.search(r"```\{code-cell\}.*?\n(.*?)```", PAGE, re.S)[1], re.M)
     commands = [shlex.split(re.split(r"\||2>&1", line)[0]) for line in lines]
     assert [words[0] for words in commands] == ["resgrid", "resgrid", "ngspice"]
@@ -26,13 +26,13 @@ def test_three_commands_from_a_scene_to_a_checked_deck(call, tmp_path, monkeypat
         assert (tmp_path / file).is_file()
 
 
-def test_tiles_are_not_printed(call):
+def test_compile_rejects_form_cells_on_standard_output(call):
     result = call("compile", PROJECT / "examples" / "scenes" / "lesson.toml", "--form", "cells")
     assert result.exit_code == 2
     assert "three files" in result.stderr
 
 
-def test_golden_companions_pass(tmp_path):
+def test_verification_decks_of_the_golden_decks_pass_in_ngspice(tmp_path):
     for companion in sorted((PROJECT / "netlists").glob("*.verify")):
         stem = companion.name.removesuffix(".verify")
         for file in companion.parent.glob(f"{stem}*"):

@@ -1,4 +1,4 @@
-"""The golden decks: the command line still writes them to the byte, and ngspice still agrees."""
+"""The golden decks: the command line writes identical bytes, and ngspice agrees with their sidecars."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DECKS = sorted(GOLDEN.glob("*.cir"))
 
 @pytest.fixture(scope="session")
 def recipes() -> list[list[str]]:
-    """The command lines of ``make golden``."""
+    """Return the command lines of ``make golden``."""
     if shutil.which("make") is None:
         pytest.skip("make is not installed")
     lines = subprocess.run(
@@ -26,13 +26,13 @@ def recipes() -> list[list[str]]:
     return [shlex.split(line)[1:] for line in lines if "resgrid compile " in line]
 
 
-def test_every_deck_has_a_recipe(recipes):
+def test_every_golden_deck_has_a_command_in_the_makefile(recipes):
     assert {Path(words[-1]).name for words in recipes} == {deck.name for deck in DECKS}
     assert len(DECKS) >= 5
 
 
 @pytest.mark.parametrize("deck", DECKS, ids=lambda deck: deck.stem)
-def test_the_command_line_still_writes_it(call, recipes, tmp_path, deck):
+def test_the_command_line_writes_the_golden_deck_unchanged(call, recipes, tmp_path, deck):
     recipe = next(words for words in recipes if Path(words[-1]).name == deck.name)
     made = tmp_path / deck.name
     scene = PROJECT / recipe[1]
@@ -50,7 +50,7 @@ def test_the_command_line_still_writes_it(call, recipes, tmp_path, deck):
 
 
 @pytest.mark.parametrize("deck", DECKS, ids=lambda deck: deck.stem)
-def test_ngspice_agrees(answer, deck):
+def test_ngspice_agrees_with_the_sidecar(answer, deck):
     if shutil.which("ngspice") is None:
         pytest.fail("ngspice is not installed: run scripts/install_ngspice.sh")
     data = answer("check", deck)

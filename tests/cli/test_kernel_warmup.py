@@ -1,4 +1,4 @@
-"""Warm-up: later processes load the cached kernels.
+"""``python -m resgrid.cli.warm``: kernels compiled in one process are loaded from the cache by later processes.
 
 Tests internals: `resgrid.cli`, `resgrid.cli.warm`.
 """
@@ -65,7 +65,7 @@ def compiled(folder: Path) -> int:
 
 
 @pytest.mark.parametrize("case", kernel_warmup.CASES)
-def test_every_case_runs(case):
+def test_every_warmup_case_runs(case):
     kernel_warmup.CASES[case]()
 
 
@@ -78,7 +78,7 @@ def _fail() -> None:
     raise ArithmeticError
 
 
-def test_the_command_ends_with_a_code_for_scripts(monkeypatch):
+def test_warmup_exits_with_0_and_with_another_code_after_a_failure(monkeypatch):
     monkeypatch.setattr(kernel_warmup, "compile_kernels", lambda _jobs: iter(kernel_warmup.CASES))
     assert CliRunner().invoke(command, ["--jobs", "2"]).exit_code == 0
 
@@ -90,6 +90,6 @@ def test_the_command_ends_with_a_code_for_scripts(monkeypatch):
     assert CliRunner().invoke(command, []).exit_code != 0
 
 
-def test_processes_share_the_cases(monkeypatch):
+def test_compile_kernels_yields_every_case_with_two_processes(monkeypatch):
     monkeypatch.setattr(kernel_warmup, "CASES", {"many": kernel_warmup.CASES["many"]})
     assert list(kernel_warmup.compile_kernels(2)) == ["many"]

@@ -1,4 +1,4 @@
-"""Contacts against shapely, finite differences, and the laws of friction.
+"""Contacts and contact forces, against shapely, finite differences, non-negative least squares and Coulomb's law.
 
 Tests internals: `resgrid.control.contact`, `resgrid.control.contact_forces`, `resgrid.control.plant`,
 `resgrid.robots`, `resgrid.robots.geometry`.
@@ -40,7 +40,7 @@ SOLIDS = [
 
 
 def jacobian(pose: Pose, point: np.ndarray, part: int) -> np.ndarray:
-    """Velocity of a point of a part for unit velocities of the axes, shape (2, ndim)."""
+    """Return the velocity of a point of a part for unit velocities of the axes, shape (2, ndim)."""
     spin, pivot = pose.spin[part], pose.pivot[part]
     return np.stack([-spin * (point[1] - pivot[:, 1]), spin * (point[0] - pivot[:, 0])]) + pose.shift[part].T
 
@@ -57,8 +57,8 @@ def configuration(robot: rg.Robot, rng: np.random.Generator) -> np.ndarray:
 
 
 @given(st.floats(-9e-10, 9e-10), st.floats(0, 2 * np.pi), st.sampled_from([0.0, 0.2]))
-def test_what_is_touched_but_for_rounding_is_near(height: float, angle: float, radius: float) -> None:
-    """Whatever shapely calls no collision, a contact can be felt at: nothing falls between the two."""
+def test_touching_bodies_have_a_contact_despite_rounding_error(height: float, angle: float, radius: float) -> None:
+    """A configuration without penetration, and with a gap within rounding error of zero, has a contact."""
     toward = np.array([np.cos(angle), np.sin(angle)])
     robot = rg.PointRobot(radius)
     for solid in (rg.Ball((0.3, 0.2), 0.8), rg.HalfSpace(tuple(toward), float(toward @ (0.3, 0.2)) + 0.8)):
@@ -73,7 +73,7 @@ def test_what_is_touched_but_for_rounding_is_near(height: float, angle: float, r
 
 @settings(max_examples=150)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
-def test_the_nearest_pair_is_as_near_as_shapely_says(robot: rg.Robot, seed: int) -> None:
+def test_the_smallest_gap_equals_the_distance_by_shapely(robot: rg.Robot, seed: int) -> None:
     plant = make_plant(robot, axes_of(robot), SOLIDS)
     q = configuration(robot, np.random.default_rng(seed))
     if plant.penetration(q)[0] > 0:
@@ -93,7 +93,7 @@ def test_the_nearest_pair_is_as_near_as_shapely_says(robot: rg.Robot, seed: int)
 
 @settings(max_examples=150)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
-def test_the_jacobian_is_the_derivative_of_where_a_point_goes(robot: rg.Robot, seed: int) -> None:
+def test_the_jacobian_equals_finite_differences_of_point_positions(robot: rg.Robot, seed: int) -> None:
     rng = np.random.default_rng(seed)
     plant = make_plant(robot, axes_of(robot), [])
     q = configuration(robot, rng)
@@ -109,8 +109,8 @@ def test_the_jacobian_is_the_derivative_of_where_a_point_goes(robot: rg.Robot, s
 
 @settings(max_examples=150)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1), st.floats(0, 1.5))
-def test_contact_forces_obey_coulomb_and_power_balances(robot: rg.Robot, seed: int, mu: float) -> None:
-    """Whatever touches: no gap closes, no force pulls, friction opposes slip, tau . qdot = f . xdot."""
+def test_contact_forces_obey_coulomb_friction_and_conserve_power(robot: rg.Robot, seed: int, mu: float) -> None:
+    """No gap closes, normal forces push, friction opposes slip, and tau . qdot = f . xdot."""
     rng = np.random.default_rng(seed)
     plant = make_plant(robot, axes_of(robot), SOLIDS)
     q = configuration(robot, rng)
@@ -120,9 +120,9 @@ def test_contact_forces_obey_coulomb_and_power_balances(robot: rg.Robot, seed: i
         return
     free = rng.normal(size=len(q))
     root = rng.normal(size=(len(q), len(q)))
-    give = root @ root.T + np.eye(len(q))
-    felt = solve_contacts(around, np.ones(len(around.gap), bool), free, give, mu, np.zeros(len(around.gap)))
-    np.testing.assert_allclose(felt.velocity, free + give @ felt.torque, atol=1e-9)
+    admittance = root @ root.T + np.eye(len(q))
+    felt = solve_contacts(around, np.ones(len(around.gap), bool), free, admittance, mu, np.zeros(len(around.gap)))
+    np.testing.assert_allclose(felt.velocity, free + admittance @ felt.torque, atol=1e-9)
     power = 0.0
     for k in range(len(felt.pairs)):
         speed = jacobian(pose, felt.pairs["on_robot"][k], int(felt.pairs["part"][k])) @ felt.velocity
@@ -142,7 +142,7 @@ def test_contact_forces_obey_coulomb_and_power_balances(robot: rg.Robot, seed: i
 
 
 def test_a_force_inside_the_friction_cone_sticks() -> None:
-    """A disc driven onto a floor at 45 degrees sticks just when mu exceeds 1."""
+    """A disc driven onto a floor at 45 degrees sticks if and only if mu exceeds 1."""
     plant = make_plant(rg.DiscRobot(0.5), PLANE, [rg.HalfSpace((0.0, 1.0), 0.0)])
     pose = plant.pose(np.array([0.0, 0.5005]))
     around = surroundings(pose, plant.near(pose, 0.01))
@@ -153,8 +153,8 @@ def test_a_force_inside_the_friction_cone_sticks() -> None:
         np.testing.assert_allclose(felt.force, [[-1.0 if sticks else -mu, 1.0]], atol=1e-12)
 
 
-def test_no_force_leaves_the_cone_of_friction() -> None:
-    """Rounding included: a contact without normal force rubs nothing, and is none that presses."""
+def test_contact_forces_stay_in_the_friction_cone() -> None:
+    """This includes rounding error: a contact without normal force has no friction force."""
     rng = np.random.default_rng(5)
     for _ in range(400):
         count, ndim = int(rng.integers(1, 7)), int(rng.integers(2, 4))
@@ -170,8 +170,10 @@ def test_no_force_leaves_the_cone_of_friction() -> None:
 
 @settings(max_examples=100)
 @given(st.integers(2, 3), st.integers(1, 8), st.floats(-3.0, 0.0), st.booleans(), st.integers(0, 2**32 - 1))
-def test_without_friction_the_velocity_is_projected_onto_what_gaps_allow(ndim, count, wedge, twice, seed) -> None:
-    """In the metric of the inverse admittance, by non-negative least squares; narrow wedges and contacts felt twice."""
+def test_velocity_without_friction_equals_a_non_negative_least_squares_projection(
+    ndim, count, wedge, twice, seed
+) -> None:
+    """The metric is the inverse admittance; the cases include narrow wedges and duplicated contacts."""
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(count, ndim))
     if count > 1:
@@ -179,18 +181,18 @@ def test_without_friction_the_velocity_is_projected_onto_what_gaps_allow(ndim, c
     if twice and count > 2:
         rows[2] = rows[0]
     root = rng.normal(size=(ndim, ndim))
-    give, free = root @ root.T + 0.1 * np.eye(ndim), rng.normal(size=ndim)
+    admittance, free = root @ root.T + 0.1 * np.eye(ndim), rng.normal(size=ndim)
     around = Surroundings(np.zeros(count, PAIR), rows, rng.normal(size=(count, ndim)))
-    felt = solve_contacts(around, np.ones(count, bool), free, give, 0.0, np.zeros(count))
-    factor = np.linalg.cholesky(give)
+    felt = solve_contacts(around, np.ones(count, bool), free, admittance, 0.0, np.zeros(count))
+    factor = np.linalg.cholesky(admittance)
     force, _ = nnls((rows @ factor).T, -np.linalg.solve(factor, free))
     assert felt.solved
-    np.testing.assert_allclose(felt.velocity, free + give @ rows.T @ force, atol=1e-6 * np.linalg.norm(free))
+    np.testing.assert_allclose(felt.velocity, free + admittance @ rows.T @ force, atol=1e-6 * np.linalg.norm(free))
 
 
 @pytest.mark.parametrize("degrees", [60.0, 10.0, 2.0, 0.1])
 @pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_a_point_driven_into_a_wedge_stands(degrees, friction) -> None:
+def test_a_point_driven_into_a_wedge_has_zero_velocity(degrees, friction) -> None:
     half = np.radians(degrees / 2)
     side = 2 * np.tan(half)
     walls = [rg.Polygon(((-2, side), (0, 0), (0, 2), (-2, 2))), rg.Polygon(((-2, -side), (-2, -2), (0, -2), (0, 0)))]
@@ -205,8 +207,8 @@ def test_a_point_driven_into_a_wedge_stands(degrees, friction) -> None:
         np.testing.assert_allclose(np.linalg.norm(felt.force, axis=1) * np.sin(half), 0.5, rtol=0.2)
 
 
-def test_a_stop_and_an_obstacle_are_contacts_of_one_problem() -> None:
-    """Pressed along a slanted wall into the end of an axis: neither is violated, and the stop carries what is left."""
+def test_axis_stops_and_obstacles_are_solved_as_one_contact_problem() -> None:
+    """A point is pressed along a slanted wall against the end of an axis; the stop carries the remaining force."""
     plant = make_plant(rg.PointRobot(), PLANE, [rg.HalfSpace((-1.0, 1.0), 0.0)])
     pose = plant.pose(np.array([2.999, 3.0]))
     around = surroundings(pose, plant.near(pose, 0.01))
@@ -218,7 +220,7 @@ def test_a_stop_and_an_obstacle_are_contacts_of_one_problem() -> None:
 
 
 @pytest.mark.parametrize("stiff", [1e-9, 1e-14])
-def test_a_stiff_axis_is_felt_as_well(stiff) -> None:
+def test_contacts_along_an_axis_with_small_admittance_are_solved(stiff) -> None:
     plant = make_plant(rg.PointRobot(), PLANE, [rg.HalfSpace((0.0, 1.0), 0.0)])
     pose = plant.pose(np.array([0.0, 0.001]))
     around = surroundings(pose, plant.near(pose, 0.01))
@@ -227,7 +229,7 @@ def test_a_stiff_axis_is_felt_as_well(stiff) -> None:
     assert felt.force[0, 1] == pytest.approx(1 / stiff)
 
 
-def test_a_bar_laid_flat_on_a_box_touches_with_both_ends() -> None:
+def test_a_bar_flat_on_a_box_has_contacts_at_both_ends() -> None:
     plant = make_plant(BAR, (*PLANE, BAR.turning_axis(8)), [rg.Box((-2.0, -1.0), (2.0, 0.0))])
     pose = plant.pose(np.array([0.3, 0.101, 0.0]))
     around = surroundings(pose, plant.near(pose, 0.01))
@@ -237,7 +239,7 @@ def test_a_bar_laid_flat_on_a_box_touches_with_both_ends() -> None:
     assert felt.force[:, 1].sum() == pytest.approx(1.0)
 
 
-def test_a_map_and_its_copies_across_the_seam_are_bodies() -> None:
+def test_map_obstacles_are_touched_across_the_seam_of_a_periodic_axis() -> None:
     axes = (rg.Axis("x", 0, 4, 4, periodic=True), rg.Axis("y", 0, 4, 4))
     mask = np.zeros((4, 4), bool)
     mask[0, 1:3] = True
@@ -247,7 +249,7 @@ def test_a_map_and_its_copies_across_the_seam_are_bodies() -> None:
     np.testing.assert_allclose(plant.near(plant.pose(np.array([7.9, 1.5])), 0.2)["gap"], near["gap"])
 
 
-def test_a_body_described_some_turns_away_is_touched_where_it_is() -> None:
+def test_obstacles_shifted_by_whole_periods_have_the_same_contacts() -> None:
     axes = (rg.Axis("x", 0, 4, 8, periodic=True), rg.Axis("y", 0, 4, 8, periodic=True))
     far = make_plant(
         rg.DiscRobot(0.3), axes, [rg.Ball((1.0 + 12.0, 1.0 - 20.0), 0.5), rg.Box((3.0 - 8.0, 2.0), (3.5 - 8.0, 3.0))]
@@ -262,7 +264,7 @@ def test_a_body_described_some_turns_away_is_touched_where_it_is() -> None:
 
 @settings(max_examples=100)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
-def test_no_point_moves_farther_in_a_cell_than_the_bound(robot: rg.Robot, seed: int) -> None:
+def test_no_point_of_a_robot_moves_farther_within_a_cell_than_cell_motion(robot: rg.Robot, seed: int) -> None:
     rng = np.random.default_rng(seed)
     axes = axes_of(robot)
     plant = make_plant(robot, axes, [])
@@ -273,13 +275,13 @@ def test_no_point_moves_farther_in_a_cell_than_the_bound(robot: rg.Robot, seed: 
     assert robot.travel(a[np.newaxis], b[np.newaxis])[0] <= plant.cell_motion + 1e-12
 
 
-def test_penetration_is_what_radii_overlap() -> None:
+def test_penetration_is_the_overlap_of_disc_and_obstacle() -> None:
     plant = make_plant(rg.DiscRobot(0.5), PLANE, [rg.Box((0.0, -3.0), (1.0, 3.0)), rg.Ball((-2.0, 0.0), 0.5)])
     depth = plant.penetration([(-0.5, 0.0), (-0.4, 0.0), (-1.2, 0.0), (0.5, 0.0)])
     np.testing.assert_allclose(depth, [0.0, 0.1, 0.2, 1.0], atol=1e-9)
 
 
-def test_scenes_that_cannot_be_touched_are_refused() -> None:
+def test_scenes_outside_the_plane_and_flat_obstacles_raise_input_error() -> None:
     cube = tuple(rg.Axis(name, 0, 4, 4) for name in "xyz")
     with pytest.raises(rg.InputError, match="a scene in the plane"):
         plant_of(rg.Scene(cube))

@@ -1,4 +1,4 @@
-"""The command: along the current, admittance, limits, and clear stops.
+"""Commands of the controller: directions, admittance, speed limits and invalid inputs, against Pollock's interpolation.
 
 Tests internals: `resgrid.planning.pipeline`.
 """
@@ -24,7 +24,7 @@ def controller_of(cell: np.ndarray, k: float = 0.98, **options: object) -> rg.co
 @settings(max_examples=40)
 @given(spaces(), st.integers(0, 2**32 - 1))
 def test_the_velocity_is_linear_between_the_face_currents(space, seed) -> None:
-    """Pollock's interpolation, written out anew from the field's own face currents."""
+    """The expected velocity is Pollock's interpolation of the face currents."""
     try:
         field = rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
     except rg.CircuitError:
@@ -48,26 +48,26 @@ def test_the_velocity_is_linear_between_the_face_currents(space, seed) -> None:
 
 
 @pytest.mark.parametrize("k", [0.0, 0.5, 0.98, 1.0])
-def test_chained_commands_visit_the_cells_of_the_streamline_and_arrive(k: float) -> None:
+def test_small_steps_visit_the_cells_of_the_streamline_and_reach_the_goal(k: float) -> None:
     """Short steps converge to Pollock's streamline."""
     controller = controller_of(WALL, k)
     for start in [(0.6, 0.7), (3.2, 5.1), (7.4, 9.3)]:
         path = rg.streamline(controller.field, start)
-        point, met = np.array(start), [tuple(path.cells[0])]
+        point, visited = np.array(start), [tuple(path.cells[0])]
         for _ in range(20_000):
             seen = controller.seen(point)
             if seen.place == "goal":
                 break
             point = point + seen.velocity * min(seen.longest, 0.01 / controller.speed)
             cell = tuple(controller.field.space.locate(point).tolist())
-            if cell != met[-1]:
-                met.append(cell)
+            if cell != visited[-1]:
+                visited.append(cell)
         assert path.outcome is rg.Outcome.REACHED
-        assert controller.field.space.cell[met[-1]] == rg.Cell.GOAL
-        assert [tuple(c) for c in path.cells.tolist()] == met
+        assert controller.field.space.cell[visited[-1]] == rg.Cell.GOAL
+        assert [tuple(c) for c in path.cells.tolist()] == visited
 
 
-def test_inside_a_cell_the_velocity_is_continuous() -> None:
+def test_the_velocity_is_continuous_inside_a_cell() -> None:
     controller = controller_of(WALL)
     rng = np.random.default_rng(0)
     for point in controller.field.space.centre(np.argwhere(controller.field.space.goal_connected))[::7]:
@@ -76,36 +76,36 @@ def test_inside_a_cell_the_velocity_is_continuous() -> None:
         assert np.abs(change).max() < 1e-4
 
 
-def test_a_stagnation_point_is_left_by_the_strongest_face() -> None:
-    """Exactly between two goals the currents cancel; the command is still at full speed."""
+def test_the_command_at_a_stagnation_point_has_full_speed() -> None:
+    """Exactly between two goals the currents cancel."""
     cell = np.zeros((9, 3), np.uint8)
     cell[[0, 8], 1] = rg.Cell.GOAL
     controller = controller_of(cell, 0.0, speed=1.0)
     assert np.linalg.norm(controller.command([4.5, 1.5])) == pytest.approx(1.0)
 
 
-def test_the_admittance_answers_forces_and_limits_keep_the_direction() -> None:
-    give = np.array([[2.0, 0.5], [0.5, 1.0]])
-    controller = controller_of(WALL, admittance=give, speed=1.0, speed_limits=[1e9, 1e9])
+def test_commands_add_admittance_times_force_and_limits_keep_the_direction() -> None:
+    admittance = np.array([[2.0, 0.5], [0.5, 1.0]])
+    controller = controller_of(WALL, admittance=admittance, speed=1.0, speed_limits=[1e9, 1e9])
     nominal = controller.command([1.2, 3.4])
     force = np.array([3.0, -4.0])
-    np.testing.assert_allclose(controller.command([1.2, 3.4], force), nominal + give @ force)
-    slow = controller_of(WALL, admittance=give, speed=1.0, speed_limits=[0.5, 2.0]).command([1.2, 3.4], force)
+    np.testing.assert_allclose(controller.command([1.2, 3.4], force), nominal + admittance @ force)
+    slow = controller_of(WALL, admittance=admittance, speed=1.0, speed_limits=[0.5, 2.0]).command([1.2, 3.4], force)
     assert np.max(np.abs(slow) / [0.5, 2.0]) == pytest.approx(1.0)
-    fast = nominal + give @ force
+    fast = nominal + admittance @ force
     np.testing.assert_allclose(slow / np.linalg.norm(slow), fast / np.linalg.norm(fast))
     turning = controller_of(WALL, speed=1.0, response="equipotential").command([1.2, 3.4], force)
     assert turning @ nominal == pytest.approx(0.0, abs=1e-12)
     assert turning @ force > 0
 
 
-def test_in_a_goal_it_gives_way_and_goes_nowhere() -> None:
+def test_the_command_in_a_goal_is_zero_plus_the_response_to_forces() -> None:
     controller = controller_of(WALL, admittance=3.0, speed=1.0)
     np.testing.assert_array_equal(controller.command([9.5, 5.5]), 0.0)
     np.testing.assert_array_equal(controller.command([9.5, 5.5], [0.1, 0.0]), [3.0 * 0.1, 0.0])
 
 
-def test_from_a_cell_without_a_path_it_leads_to_the_nearest_with_one() -> None:
+def test_obstacle_cells_lead_to_the_nearest_cell_with_a_path_or_raise_input_error() -> None:
     controller = controller_of(WALL, speed=1.0)
     assert controller.command([5.2, 4.5])[0] < -0.9
     assert controller.command([6.8, 4.5])[0] > 0.9
@@ -126,7 +126,7 @@ def test_from_a_cell_without_a_path_it_leads_to_the_nearest_with_one() -> None:
         ([1.0, 1.0], [0.0, 0.0, 0.0], "there are 2 axes"),
     ],
 )
-def test_what_cannot_be_commanded_is_said(point, force, says) -> None:
+def test_invalid_configurations_and_forces_raise_input_error(point, force, says) -> None:
     with pytest.raises(rg.InputError, match=says):
         controller_of(WALL).command(point, force)
 
@@ -146,7 +146,7 @@ def test_what_cannot_be_commanded_is_said(point, force, says) -> None:
         ({"response": "hope"}, "'admittance' or 'equipotential'"),
     ],
 )
-def test_impossible_controllers_are_refused(options, says) -> None:
+def test_invalid_controller_options_raise_input_error(options, says) -> None:
     with pytest.raises(rg.InputError, match=says):
         controller_of(WALL, **options)
 
@@ -157,26 +157,26 @@ def test_impossible_controllers_are_refused(options, says) -> None:
     st.sampled_from([1e-300, 1e-3, 1.0, 1e300, np.inf]),
     st.sampled_from(["admittance", "equipotential"]),
 )
-def test_finite_inputs_give_finite_commands_within_the_limits(give, force, limit, response) -> None:
-    controller = controller_of(WALL, admittance=give, speed_limits=limit, response=response)
+def test_finite_inputs_give_finite_commands_within_the_limits(admittance, force, limit, response) -> None:
+    controller = controller_of(WALL, admittance=admittance, speed_limits=limit, response=response)
     command = controller.command((0.6, 0.7), force)
     assert np.isfinite(command).all()
     assert np.all(np.abs(command) <= limit)
 
 
 @pytest.mark.parametrize("number", [np.float32(0.5), np.int64(1), 1e-300, 1e307])
-def test_any_real_number_is_a_speed(number) -> None:
+def test_real_numbers_of_every_type_are_accepted_as_speed(number) -> None:
     assert controller_of(WALL, speed=number).speed == float(number)
 
 
 @pytest.mark.parametrize("wrong", [True, "fast", 1 + 1j, np.nan])
-def test_other_things_are_no_speed(wrong) -> None:
+def test_speeds_that_are_not_real_numbers_raise_input_error(wrong) -> None:
     with pytest.raises(rg.InputError, match="speed"):
         controller_of(WALL, speed=wrong)
 
 
 @pytest.mark.parametrize("wrong", [["a", "b"], (1 + 1j, 2), None, ((1.0,), (1.0, 2.0))])
-def test_what_is_no_configuration_or_force_is_refused(wrong) -> None:
+def test_configurations_and_forces_of_wrong_type_raise_input_error(wrong) -> None:
     controller = controller_of(WALL)
     with pytest.raises(rg.InputError, match="configuration"):
         controller.command(wrong)
@@ -186,8 +186,8 @@ def test_what_is_no_configuration_or_force_is_refused(wrong) -> None:
 
 
 @pytest.mark.parametrize("seed", [15, 51, 69, 87, 89, 91, 93, 95])
-def test_from_the_corners_of_cells_a_few_steps_lead_to_the_goal(seed: int) -> None:
-    """Beside lines that lead to stagnation points, and on edges where two cells meet that no current joins."""
+def test_starts_on_cell_corners_reach_the_goal_in_few_steps(seed: int) -> None:
+    """The starts lie near lines to stagnation points, and on edges between cells without a common current."""
     rng = np.random.default_rng(seed)
     cell = (rng.random((6, 6, 6)) < 0.25).astype(np.uint8)
     cell[0, 0, 0] = rg.Cell.GOAL

@@ -1,4 +1,4 @@
-"""Equation (1) of Connolly & Grupen, against cross products and its own invariants.
+"""Equation (1) of Connolly & Grupen, against cross products and its invariants.
 
 Tests internals: `resgrid.control.controller`.
 """
@@ -17,7 +17,7 @@ pairs = st.integers(1, 4).flatmap(lambda n: st.tuples(*[st.lists(number, min_siz
 
 
 @given(pairs, st.floats(1e-3, 10) | st.just(0.0))
-def test_it_is_normal_to_the_streamline_and_gives_way_to_the_force(pair, c) -> None:
+def test_the_velocity_is_normal_to_the_streamline_and_does_positive_work(pair, c) -> None:
     v, f = pair
     phi = rg.control.equipotential_velocity(v, f, c=c)
     scale = c * np.linalg.norm(v) ** 2 * np.linalg.norm(f)
@@ -27,7 +27,7 @@ def test_it_is_normal_to_the_streamline_and_gives_way_to_the_force(pair, c) -> N
 
 
 @given(st.tuples(*[st.lists(number, min_size=3, max_size=3).map(np.array)] * 2), st.floats(1e-3, 10) | st.just(0.0))
-def test_in_space_it_is_the_double_cross_product(pair, c) -> None:
+def test_the_velocity_in_three_dimensions_is_a_double_cross_product(pair, c) -> None:
     v, f = pair
     expected = c * np.cross(v, np.cross(f, v))
     np.testing.assert_allclose(
@@ -36,14 +36,14 @@ def test_in_space_it_is_the_double_cross_product(pair, c) -> None:
 
 
 @given(pairs, st.floats(-5, 5))
-def test_a_force_along_the_streamline_gives_exactly_nothing(pair, share) -> None:
+def test_a_force_along_the_streamline_gives_exactly_zero_velocity(pair, share) -> None:
     v, _ = pair
     np.testing.assert_array_equal(following_velocity(v, share * v), 0.0)
     np.testing.assert_array_equal(rg.control.equipotential_velocity(v, 2.0 * v), 0.0)
 
 
 @given(pairs)
-def test_following_moves_at_the_speed_of_the_streamline_times_the_sine(pair) -> None:
+def test_following_velocity_is_the_nominal_speed_times_the_sine_of_the_angle(pair) -> None:
     v, f = pair
     if not (v.any() and f.any()):
         return
@@ -59,12 +59,12 @@ def test_following_moves_at_the_speed_of_the_streamline_times_the_sine(pair) -> 
     ("v", "f", "c", "says"),
     [([1, 0], [np.nan, 0], 1, "finite"), ([1, 0], [1], 1, "shapes"), ([1, 0], [0, 1], -1, "c = -1")],
 )
-def test_impossible_values_are_refused(v, f, c, says) -> None:
+def test_invalid_vectors_and_gains_raise_input_error(v, f, c, says) -> None:
     with pytest.raises(rg.InputError, match=says):
         rg.control.equipotential_velocity(v, f, c=c)
 
 
-def test_sizes_beyond_doubles_are_refused_or_of_no_account() -> None:
+def test_overflow_raises_input_error_and_following_velocity_ignores_the_force_size() -> None:
     with pytest.raises(rg.InputError, match="overflows"):
         rg.control.equipotential_velocity((1e200, 0.0), (1e200, 1.0))
     for size in (1e-300, 1.0, 1e200, 1.7e308):

@@ -1,4 +1,4 @@
-"""How far from the goal itself a run ends, against the geometry of each kind of goal.
+"""Distance from the end of a run to its goal, against the geometry of each kind of goal.
 
 Tests internals: `resgrid.control.goal_distance`.
 """
@@ -28,7 +28,9 @@ def scene_of(goal: object, frame: rg.Frame | None = None, **options: object) -> 
         (rg.Box((1.0, 1.0), (2.0, 3.0)), lambda p: np.hypot(max(1 - p[0], p[0] - 2, 0), max(1 - p[1], p[1] - 3, 0))),
     ],
 )
-def test_places_of_a_point_robot(frame: rg.Frame, goal: object, distance: object) -> None:
+def test_goal_distances_of_a_point_robot_equal_the_geometry_of_the_goal(
+    frame: rg.Frame, goal: object, distance: object
+) -> None:
     scene, rng = scene_of(goal, frame), np.random.default_rng(0)
     space = rg.ConfigurationSpace(PLANE, np.full((16, 16), 2), frame=frame)
     for place in rng.uniform(0.0, 4.0, (40, 2)):
@@ -36,8 +38,8 @@ def test_places_of_a_point_robot(frame: rg.Frame, goal: object, distance: object
         assert goal_distance(space, place, scene) == pytest.approx(expected, abs=1e-9)
 
 
-def test_cells_angles_and_poses() -> None:
-    """Distances in axis units, the shorter way around a periodic axis; a box of two axes of three counts as a place."""
+def test_goal_distances_of_arms_and_polygons_use_periodic_angles_and_places() -> None:
+    """Distances are in axis units, along the shorter direction of a periodic axis."""
     arm = rg.Arm((1.0, 0.8))
     axes = arm.axes(12)
     space = rg.ConfigurationSpace(axes, np.full((12, 12), 2))
@@ -61,7 +63,7 @@ def test_cells_angles_and_poses() -> None:
         assert goal_distance(poses, at, scene) == pytest.approx(expected)
 
 
-def test_without_a_scene_the_points_of_goal_cells_count() -> None:
+def test_goal_distance_without_a_scene_uses_the_goal_points_of_the_space() -> None:
     cell = np.zeros((4, 4), dtype=np.uint8)
     cell[3, 3] = rg.Cell.GOAL
     axes = (rg.Axis("x", 0.0, 4.0, 4), rg.Axis("y", 0.0, 4.0, 4))
@@ -70,7 +72,7 @@ def test_without_a_scene_the_points_of_goal_cells_count() -> None:
     assert np.isnan(goal_distance(space, np.array([1.0, 1.0]), None))
 
 
-def test_an_arm_that_arrives_by_belief_tells_how_far_its_tip_is_from_the_goal() -> None:
+def test_a_run_of_an_arm_reports_the_distance_of_its_tip_from_the_goal() -> None:
     arm, goal = rg.Arm((1.0, 0.8)), rg.Ball((0.6, 1.1), 0.02)
     scene = rg.Scene(arm.axes(24), robot=arm, goals=(goal,), control=rg.control.Control(k=0.9))
     world, outside = rg.simulation(scene), 0
@@ -80,7 +82,7 @@ def test_an_arm_that_arrives_by_belief_tells_how_far_its_tip_is_from_the_goal() 
             tip = np.linalg.norm(np.array(arm.tip(run.configuration[-1])) - goal.centre)
             assert run.goal_distance == pytest.approx(max(0.0, tip - goal.radius), abs=1e-8)
             assert run.ending is not rg.control.TerminationReason.ARRIVED or noise > 0 or run.goal_distance == 0.0
-            told = "outside the goal itself" in run.message
-            assert told == (run.ending is rg.control.TerminationReason.ARRIVED and run.goal_distance > 0)
-            outside += told
+            reported = "outside the goal itself" in run.message
+            assert reported == (run.ending is rg.control.TerminationReason.ARRIVED and run.goal_distance > 0)
+            outside += reported
     assert outside > 0

@@ -1,4 +1,4 @@
-"""Lessons: only true obstacle cells, and only what changed.
+"""Learning from contacts: proven cells against the true occupancy, and solving again with the learnt map.
 
 Tests internals: `resgrid.control.plant`, `resgrid.control.state_estimate`, `resgrid.planning.pipeline`.
 """
@@ -32,9 +32,9 @@ SOLIDS = [
 
 @settings(max_examples=60)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
-@example(ROBOTS[1], 5608)  # the bisection ends where the ball is entered by a rounding error
-def test_a_contact_proves_the_cell_it_is_made_in_and_no_free_cell(case, seed: int) -> None:
-    """Move a robot up to a solid by bisection; what the touched point proves, true occupancy has."""
+@example(ROBOTS[1], 5608)  # the bisection ends inside the ball by a rounding error
+def test_a_contact_proves_its_own_cell_and_no_free_cell(case, seed: int) -> None:
+    """The robot approaches a solid by bisection; the true occupancy contains every proven cell."""
     robot, axes = case
     rng = np.random.default_rng(seed)
     plant = make_plant(robot, axes, [], SOLIDS)
@@ -47,8 +47,8 @@ def test_a_contact_proves_the_cell_it_is_made_in_and_no_free_cell(case, seed: in
     low, high = way[first - 1], way[first]
     for _ in range(40):
         middle = (low + high) / 2
-        met = plant.penetration(middle)[0] > 0 or len(plant.near(plant.pose(middle), 1e-7))
-        low, high = (low, middle) if met else (middle, high)
+        touching = plant.penetration(middle)[0] > 0 or len(plant.near(plant.pose(middle), 1e-7))
+        low, high = (low, middle) if touching else (middle, high)
     pairs = plant.near(plant.pose(low), 1e-3)
     near = pairs[np.argmin(pairs["gap"])]
     proven = plant.proven_cells(near["point"] + INSIDE * plant.cell_motion * near["inward"])
@@ -61,7 +61,7 @@ def test_a_contact_proves_the_cell_it_is_made_in_and_no_free_cell(case, seed: in
     assert not np.any(proven & itself)
 
 
-def test_learning_takes_cells_out_and_leaves_the_rest() -> None:
+def test_marking_cells_adds_exactly_these_obstacles_to_the_map() -> None:
     space = square()
     cells = np.zeros(space.shape, bool)
     cells[3:5, 2], cells[8, 1] = True, True
@@ -72,7 +72,7 @@ def test_learning_takes_cells_out_and_leaves_the_rest() -> None:
     assert space.goal_count == 1
 
 
-def test_a_blend_without_any_obstacle_is_the_one_asked_for_and_follows_its_neumann_part() -> None:
+def test_a_blend_without_obstacles_has_the_direction_of_its_neumann_part() -> None:
     cell = np.zeros((6, 6), np.uint8)
     cell[2, 2] = rg.Cell.GOAL
     torus = rg.ConfigurationSpace([rg.Axis("a", 0, 1, 6, True), rg.Axis("b", 0, 1, 6, True)], cell)
@@ -85,7 +85,7 @@ def test_a_blend_without_any_obstacle_is_the_one_asked_for_and_follows_its_neuma
     assert not solve_field(torus, rg.Wiring()).is_flowing
 
 
-def test_a_scene_says_how_to_solve_again() -> None:
+def test_solve_again_uses_the_boundary_and_blend_of_the_scene() -> None:
     space = square()
     scene = rg.Scene(space.axes, k=(0.3, 0.9), goals=(rg.GoalCell((8, 1)),))
     for made, k, boundary in (

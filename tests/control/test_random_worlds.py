@@ -1,4 +1,6 @@
-"""What learning promises, on random worlds; RESGRID_WORLDS=200 asks for more of them.
+"""Endings of runs with learning in random worlds, against connectivity of the true map.
+
+``RESGRID_WORLDS`` sets the number of worlds.
 
 Tests internals: `resgrid.core.regions`, `resgrid.robots`.
 """
@@ -18,13 +20,13 @@ from resgrid.robots import Shape, to_shapely
 
 
 def with_path(blocked: np.ndarray, cell: np.ndarray) -> np.ndarray:
-    """Cells with a path to a goal cell that is not blocked."""
+    """Return the cells with a path to a goal cell that is not blocked."""
     region = label_regions(~blocked, np.zeros(cell.ndim, bool))
     return np.asarray((region > 0) & np.isin(region, region[(cell == rg.Cell.GOAL) & (region > 0)]))
 
 
 def shapes(rng: np.random.Generator) -> list[Shape]:
-    """One to five boxes and discs; some walls have their edges on borders between cells."""
+    """Return one to five boxes and discs; some boxes have their edges on cell borders."""
     found: list[Shape] = []
     for _ in range(rng.integers(1, 6)):
         x, y, w, h = *rng.uniform(0, 8, 2), *rng.uniform(0.1, 2.0, 2)
@@ -35,19 +37,19 @@ def shapes(rng: np.random.Generator) -> list[Shape]:
 
 
 @pytest.mark.parametrize("seed", range(int(os.environ.get("RESGRID_WORLDS", "16"))))
-def test_who_has_a_path_arrives_and_who_has_none_is_told(seed: int) -> None:
-    """Connected under the conservative truth: arrives.  Cut off even where a cell with any free point is free: told."""
+def test_starts_with_a_path_arrive_and_starts_without_one_end_with_no_path(seed: int) -> None:
+    """A path in the conservative map guarantees arrival; no path among partly free cells guarantees NO_PATH."""
     rng = np.random.default_rng(seed)
     hidden = shapes(rng)
     robot = rg.PointRobot() if seed % 2 else rg.DiscRobot(0.3)
     sim = hiding(hidden, robot=robot, k=float(rng.choice([0.1, 0.98, 1.0])), friction=float(rng.uniform(0, 0.6)))
     truth = sim.plant.true_space(sim.space)
-    sure = with_path(truth.cell == rg.Cell.OBSTACLE, sim.space.cell)
+    certain = with_path(truth.cell == rg.Cell.OBSTACLE, sim.space.cell)
     solid = shapely.union_all([to_shapely(shape).buffer(robot.radius, quad_segs=64) for shape in hidden])
     x, y = sim.space.axes
     i, j = np.indices(sim.space.shape)
     boxes = shapely.box(x.edges[i], y.edges[j], x.edges[i + 1], y.edges[j + 1])
-    maybe = with_path(shapely.area(shapely.difference(boxes, solid)) <= 1e-12, sim.space.cell)
+    possible = with_path(shapely.area(shapely.difference(boxes, solid)) <= 1e-12, sim.space.cell)
     cells = np.argwhere(sim.space.cell == rg.Cell.FREE)[rng.integers(0, 16) :: 23]
     cells = cells[sim.plant.penetration(sim.space.centre(cells)) == 0]
     for cell in cells:
@@ -56,9 +58,9 @@ def test_who_has_a_path_arrives_and_who_has_none_is_told(seed: int) -> None:
         assert not np.any(run.learnt & (truth.cell != rg.Cell.OBSTACLE))
         assert run.penetration == 0
         assert len(run.lessons) <= run.learnt.sum()
-        if sure[at]:
+        if certain[at]:
             assert run.ending is rg.control.TerminationReason.ARRIVED, (at, run.message)
-        elif not maybe[at]:
+        elif not possible[at]:
             assert run.ending in {rg.control.TerminationReason.NO_PATH, rg.control.TerminationReason.GOAL_BLOCKED}, (
                 at,
                 run.message,

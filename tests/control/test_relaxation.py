@@ -1,4 +1,4 @@
-"""Grids that settle while a robot follows them: both emulations against the operating point and the transient.
+"""Grids that settle while a robot moves: three emulations, against operating point, transient and eigenvectors.
 
 Tests internals: `resgrid.control.plant`, `resgrid.control.relaxation`, `resgrid.control.simulation`,
 `resgrid.core.netlist`.
@@ -23,7 +23,7 @@ from resgrid.core.netlist import GROUND
 BLOCK = rg.Box((2.0, 3.0), (6.5, 4.0))
 
 
-def announced(
+def announced_simulation(
     relaxation: Relaxation, before: rg.ConfigurationSpace, after: rg.ConfigurationSpace
 ) -> rg.control.Simulation:
     plant = make_plant(rg.PointRobot(), after.axes, [])
@@ -32,7 +32,7 @@ def announced(
     )
 
 
-def blocked(cells: int = 16) -> rg.ConfigurationSpace:
+def space_with_wall(cells: int = 16) -> rg.ConfigurationSpace:
     space = square(cells)
     cell = np.array(space.cell)
     cell[4 : cells - 3, cells // 2] = rg.Cell.OBSTACLE
@@ -41,8 +41,8 @@ def blocked(cells: int = 16) -> rg.ConfigurationSpace:
 
 @pytest.mark.parametrize(("method", "steps"), [("jacobi", 20_000), ("sor", 3000), ("chip", 60_000)])
 @pytest.mark.parametrize("k", [1.0, 0.98, 0.0])
-def test_both_emulations_end_at_the_operating_point(method: str, steps: int, k: float) -> None:
-    before, after = square(), blocked()
+def test_all_emulations_settle_at_the_operating_point(method: str, steps: int, k: float) -> None:
+    before, after = square(), space_with_wall()
     grid = RelaxingGrid(Relaxation(method, pace=steps / 10), controlled(before, k).field)
     assert grid.distance == 0.0
     grid.change(after)
@@ -54,9 +54,9 @@ def test_both_emulations_end_at_the_operating_point(method: str, steps: int, k: 
         np.testing.assert_allclose(shown.face_current(axis), true.face_current(axis), rtol=1e-4, atol=1e-8)
 
 
-def test_the_live_chip_is_the_transient_of_the_netlist() -> None:
-    """Voltages of another rail, resistance, capacitance and method: the same potentials."""
-    before, after = square(), blocked()
+def test_the_chip_emulation_equals_the_transient_of_the_netlist() -> None:
+    """The transient has other resistances, capacitances and methods; potentials must agree."""
+    before, after = square(), space_with_wall()
     resistance, capacitance = 10e3, 1e-13
     chips = []
     for space in (before, after):
@@ -76,8 +76,8 @@ def test_the_live_chip_is_the_transient_of_the_netlist() -> None:
         np.testing.assert_allclose(grid.field.potential, fine.voltage[row][node], atol=1e-3)
 
 
-def test_a_jacobi_sweep_is_the_mean_of_the_neighbours() -> None:
-    before, after = square(10), blocked(10)
+def test_a_jacobi_sweep_replaces_each_value_by_the_mean_of_its_neighbours() -> None:
+    before, after = square(10), space_with_wall(10)
     grid = RelaxingGrid(Relaxation("jacobi", pace=1.0), controlled(before, 1.0).field)
     phi = np.array(rg.field(rg.solve(rg.compile_space(before))).potential)
     grid.change(after)
@@ -92,14 +92,14 @@ def test_a_jacobi_sweep_is_the_mean_of_the_neighbours() -> None:
 
 @settings(max_examples=20)
 @given(st.integers(0, 10_000), st.sampled_from(["jacobi", "sor", "chip"]), st.floats(0.01, 50.0))
-def test_no_current_ever_runs_into_an_obstacle_and_no_voltage_beyond_its_rail(seed, method, pace) -> None:
+def test_settling_fields_have_no_current_into_obstacles_and_keep_the_rail_voltages(seed, method, pace) -> None:
     rng = np.random.default_rng(seed)
     cell = np.where(rng.random((9, 8)) < 0.2, rg.Cell.OBSTACLE, rg.Cell.FREE).astype(np.uint8)
     cell[4, 4] = rg.Cell.GOAL
     axes = [rg.Axis("x", 0, 9, 9, periodic=True), rg.Axis("y", 0, 8, 8)]
     before = rg.ConfigurationSpace(axes, cell)
     after = rg.ConfigurationSpace(axes, np.where((rng.random((9, 8)) < 0.2) & (cell == 0), np.uint8(1), cell))
-    assume(before.goal_connected.any())  # or nothing is driven
+    assume(before.goal_connected.any())  # otherwise no cell is driven
     grid = RelaxingGrid(Relaxation(method, pace=pace), controlled(before, 1.0).field)
     grid.change(after)
     for _ in range(4):
@@ -117,8 +117,8 @@ def test_no_current_ever_runs_into_an_obstacle_and_no_voltage_beyond_its_rail(se
             assert np.all(high[blocked_cells] >= 0)
 
 
-def test_a_settled_grid_is_the_field_of_its_operating_point() -> None:
-    netlist = rg.compile_space(blocked(), boundary="wall", wall_resistance=2e4)
+def test_field_now_of_an_operating_point_equals_its_field() -> None:
+    netlist = rg.compile_space(space_with_wall(), boundary="wall", wall_resistance=2e4)
     point = rg.solve(netlist)
     shown, true = field_now(netlist, point.voltage), rg.field(point)
     np.testing.assert_allclose(shown.potential, true.potential, rtol=1e-12, atol=1e-15)
@@ -128,8 +128,8 @@ def test_a_settled_grid_is_the_field_of_its_operating_point() -> None:
         field_now(netlist.replace(cell_map=None), point.voltage)
 
 
-def test_a_fast_robot_waits_and_a_faster_one_gives_up() -> None:
-    """Slow robots arrive as on a settled grid."""
+def test_a_slow_robot_never_waits_and_a_fast_one_stalls_after_its_patience() -> None:
+    """A slow robot takes the same time as on a settled grid."""
     sim = hiding([BLOCK], robot=rg.PointRobot(), learn=False)
     world = announce_hidden(sim, Relaxation("chip"))
     slow, usual, fast = (replace(world, relaxation=Relaxation("chip", pace=p)).run((4.1, 7.3)) for p in (500, 15, 5e-3))
@@ -142,7 +142,7 @@ def test_a_fast_robot_waits_and_a_faster_one_gives_up() -> None:
     assert waited * sim.controller.speed / sim.space.spacing.min() >= Relaxation().patience - 1.0
 
 
-def test_waiting_is_named_and_ends_when_the_grid_has_caught_up() -> None:
+def test_a_robot_waits_at_zero_velocity_until_the_grid_has_settled() -> None:
     sim = announce_hidden(hiding([BLOCK], robot=rg.PointRobot(), learn=False), Relaxation("jacobi", pace=1.5))
     run = replace(sim, relaxation=replace(sim.relaxation, patience=1e4)).run((4.1, 7.3))
     assert run.ending is rg.control.TerminationReason.ARRIVED
@@ -156,7 +156,7 @@ def test_waiting_is_named_and_ends_when_the_grid_has_caught_up() -> None:
     assert "waiting" in impatient.message
 
 
-def test_what_is_learnt_spreads_while_the_robot_moves_on() -> None:
+def test_learning_with_a_settling_grid_arrives_and_learns_only_true_obstacles() -> None:
     sim = replace(hiding([rg.Box((3.0, 3.0), (5.5, 4.0))]), relaxation=Relaxation("chip", pace=20.0))
     run = sim.run((4.1, 7.3))
     assert run.ending is rg.control.TerminationReason.ARRIVED
@@ -165,8 +165,10 @@ def test_what_is_learnt_spreads_while_the_robot_moves_on() -> None:
     assert not np.any(run.learnt & (sim.plant.true_space(sim.space).cell != rg.Cell.OBSTACLE))
 
 
-def test_the_wavefront_spreads_from_the_change_and_settles() -> None:
-    front = rg.control.wavefront(announced(Relaxation(pace=1.0), square(), blocked()), np.array([0.0, 0.2, 1.0, 500.0]))
+def test_the_wavefront_spreads_and_its_distance_decreases() -> None:
+    front = rg.control.wavefront(
+        announced_simulation(Relaxation(pace=1.0), square(), space_with_wall()), np.array([0.0, 0.2, 1.0, 500.0])
+    )
     assert front.potential.shape == (4, 16, 16)
     assert np.all(np.diff(front.distance) < 0)
     change = np.abs(front.potential - front.first)
@@ -175,30 +177,32 @@ def test_the_wavefront_spreads_from_the_change_and_settles() -> None:
     assert reached[0] < reached[-1]
     for times in ([1.0, 0.0], [np.nan], []):
         with pytest.raises(rg.InputError, match="ascending"):
-            rg.control.wavefront(announced(Relaxation(), square(), blocked()), np.array(times))
+            rg.control.wavefront(announced_simulation(Relaxation(), square(), space_with_wall()), np.array(times))
     with pytest.raises(rg.InputError, match="one grid"):
-        rg.control.wavefront(announced(Relaxation(), square(12), blocked(16)), np.array([1.0]))
+        rg.control.wavefront(announced_simulation(Relaxation(), square(12), space_with_wall(16)), np.array([1.0]))
     with pytest.raises(rg.InputError, match="no change was announced"):
         rg.control.wavefront(hiding([BLOCK]), np.array([1.0]))
 
 
 def settled_after(relaxation: Relaxation, before: rg.ConfigurationSpace, after: rg.ConfigurationSpace) -> float:
-    """Sweeps, or units ``R C``, after which every potential is within half a step of 10 bits of its end."""
-    front = rg.control.wavefront(announced(relaxation, before, after), TICK * np.arange(2000))
+    """Return the sweeps, or multiples of ``R C``, until all potentials are within half a 10-bit step of the end."""
+    front = rg.control.wavefront(announced_simulation(relaxation, before, after), TICK * np.arange(2000))
     outside = np.flatnonzero(front.distance > 0.5 / 2**10)
     assert outside[-1] < len(front.cells) - 1
     return float(front.cells[outside[-1] + 1] * relaxation.pace)
 
 
-def test_settle_times_of_both_emulations_agree() -> None:
-    """A Jacobi sweep of cells with four neighbours is an explicit step of a quarter of R C."""
+def test_settle_times_of_the_emulations_have_the_expected_ratios() -> None:
+    """A Jacobi sweep of cells with four neighbours is an explicit Euler step of R C / 4."""
     paces = {"jacobi": 5.0, "sor": 5.0, "chip": 1.0}
-    times = {method: settled_after(Relaxation(method, pace), square(), blocked()) for method, pace in paces.items()}
+    times = {
+        method: settled_after(Relaxation(method, pace), square(), space_with_wall()) for method, pace in paces.items()
+    }
     assert times["jacobi"] == pytest.approx(4 * times["chip"], rel=0.25)
     assert times["sor"] < 0.5 * times["jacobi"]
 
 
-def test_impossible_settings_are_refused(scenes: Path) -> None:
+def test_invalid_settle_options_and_covered_goals_raise_input_error(scenes: Path) -> None:
     scene = rg.read_scene(scenes / "lesson.toml")
     for options, says in (({"settle": "gauss"}, "settle"), ({"pace": 0.0}, "pace"), ({"pace": np.nan}, "pace")):
         with pytest.raises(rg.InputError, match=says):
@@ -211,7 +215,7 @@ def test_impossible_settings_are_refused(scenes: Path) -> None:
 @given(st.integers(0, 10_000), st.sampled_from(["jacobi", "sor", "chip"]), st.floats(0.3, 30.0))
 @example(193, "jacobi", 1.0)
 @example(1183, "sor", 1.0)
-def test_a_patient_robot_always_arrives_and_never_enters_what_is_on_the_map(seed, method, pace) -> None:
+def test_a_patient_robot_arrives_without_entering_obstacles(seed, method, pace) -> None:
     rng = np.random.default_rng(seed)
     corners = rng.uniform(0.5, 6.0, (3, 2))
     boxes = [rg.Box(tuple(low), tuple(low + rng.uniform(0.3, 1.7, 2))) for low in corners]
@@ -229,8 +233,8 @@ def test_a_patient_robot_always_arrives_and_never_enters_what_is_on_the_map(seed
 
 @settings(max_examples=8)
 @given(st.integers(0, 2**32 - 1))
-def test_a_settling_time_is_right_to_5_percent(seed) -> None:
-    """Against the eigenvectors of the grid of 1 ohm and 1 farad, written out anew."""
+def test_settle_time_is_within_5_percent_of_the_eigenvector_solution(seed) -> None:
+    """The reference uses the eigenvectors of a grid of 1 ohm and 1 farad that is assembled here."""
     rng = np.random.default_rng(seed)
     size = 10
     cell = np.zeros((size, size), np.uint8)

@@ -1,4 +1,4 @@
-"""Whole runs: arrival, contact, following, learning, retreat, pushes, wrong belief, and every way to end.
+"""Simulated runs: arrival, contacts, following, learning, pushes, errors of the estimated position, and all endings.
 
 Tests internals: `resgrid.control.relaxation`, `resgrid.core.regions`.
 """
@@ -21,13 +21,13 @@ U = [rg.Box((2.0, 2.5), (6.0, 3.0)), rg.Box((2.0, 2.5), (2.5, 5.5)), rg.Box((5.5
 
 
 def connected(space: rg.ConfigurationSpace) -> np.ndarray:
-    """Cells with a path to a goal, goals included."""
+    """Return the cells with a path to a goal, including goals."""
     region = label_regions(space.cell != rg.Cell.OBSTACLE, space.periodic)
     return np.asarray((region > 0) & np.isin(region, region[(space.cell == rg.Cell.GOAL) & (region > 0)]))
 
 
-def check(sim: rg.control.Simulation, run: rg.control.Run) -> None:
-    """What every run with exact belief keeps."""
+def assert_run_is_consistent(sim: rg.control.Simulation, run: rg.control.Run) -> None:
+    """Assert the properties of every run with an exact position estimate."""
     truth = sim.plant.true_space(sim.space)
     assert run.penetration == 0
     assert not np.any(run.learnt & (truth.cell != rg.Cell.OBSTACLE))
@@ -42,10 +42,10 @@ def check(sim: rg.control.Simulation, run: rg.control.Run) -> None:
         assert not connected(run.space)[tuple(run.space.locate(run.believed[0]))]
 
 
-def test_in_free_space_it_runs_along_the_streamline() -> None:
+def test_a_run_in_free_space_follows_the_streamline() -> None:
     sim = hiding([])
     run = sim.run((1.2, 7.1))
-    check(sim, run)
+    assert_run_is_consistent(sim, run)
     path = rg.streamline(sim.controller.field, (1.2, 7.1))
     assert (run.ending, run.goal) == (rg.control.TerminationReason.ARRIVED, path.goal)
     assert set(run.mode[:-1]) == {rg.control.ControlMode.STREAMLINE}
@@ -58,20 +58,20 @@ def test_in_free_space_it_runs_along_the_streamline() -> None:
 @pytest.mark.parametrize(
     "hidden", [[BOX], U, [rg.Ball((4.2, 3.4), 1.1)], [rg.Polygon(((3.0, 3.0), (6.0, 3.4), (4.0, 4.5)))]]
 )
-def test_with_learning_every_start_round_a_hidden_obstacle_arrives(hidden) -> None:
+def test_with_learning_every_connected_start_arrives_around_a_hidden_obstacle(hidden) -> None:
     sim = hiding(hidden)
     open_to = connected(sim.plant.true_space(sim.space)) & (sim.space.cell == rg.Cell.FREE)
     lessons = 0
     for cell in np.argwhere(open_to)[::17]:
         run = sim.run(sim.space.centre(cell))
-        check(sim, run)
+        assert_run_is_consistent(sim, run)
         assert run.ending is rg.control.TerminationReason.ARRIVED, (cell, run.message)
         lessons += len(run.lessons)
     assert lessons
 
 
-def test_following_alone_is_a_heuristic_that_learning_is_not() -> None:
-    """Behind a hidden U nothing arrives by following; with learning everything does."""
+def test_starts_inside_a_hidden_u_arrive_with_learning_and_not_by_following() -> None:
+    """The starts lie inside a hidden U-shaped obstacle."""
     starts = [(x, y) for x in (3.0, 3.7, 4.6, 5.1) for y in (3.9, 4.9)]
     alone = [hiding(U, learn=False).run(start, max_steps=2000) for start in starts]
     assert {run.ending for run in alone} <= {
@@ -83,17 +83,17 @@ def test_following_alone_is_a_heuristic_that_learning_is_not() -> None:
     assert {run.ending for run in (hiding(U).run(start) for start in starts)} == {rg.control.TerminationReason.ARRIVED}
 
 
-def test_following_gets_round_what_it_meets_off_centre_and_names_its_modes() -> None:
+def test_following_arrives_around_a_disc_that_is_hit_off_centre() -> None:
     sim = hiding([rg.Ball((3.7, 4.0), 0.5)], learn=False)
     run = sim.run((4.1, 7.5))
-    check(sim, run)
+    assert_run_is_consistent(sim, run)
     assert run.ending is rg.control.TerminationReason.ARRIVED
     assert {rg.control.ControlMode.FOLLOWING, rg.control.ControlMode.STREAMLINE} <= set(run.mode)
     assert np.all(run.contacts.body == 0)
 
 
-def test_a_force_along_the_streamline_is_a_jam() -> None:
-    """Square on to a wide wall, on the axis of symmetry."""
+def test_a_contact_force_along_the_streamline_ends_in_a_jam() -> None:
+    """The robot meets a wide wall perpendicularly on the axis of symmetry."""
     sim = hiding([rg.Box((1.0, 3.0), (7.5, 4.0))], learn=False, friction=0.0)
     run = sim.run((4.25, 6.0), max_steps=3000)
     assert run.ending is rg.control.TerminationReason.JAM
@@ -105,7 +105,7 @@ def test_a_force_along_the_streamline_is_a_jam() -> None:
 
 
 @pytest.mark.parametrize("limits", [None, 0.02, [0.1, 0.4], [0.5, 0.01]])
-def test_the_velocity_is_the_command_at_the_logged_forces(limits) -> None:
+def test_logged_velocities_equal_the_commands_for_the_logged_forces(limits) -> None:
     sim = hiding([rg.Box((1.0, 3.0), (7.5, 4.0))], learn=False, friction=0.0)
     controller = controlled(sim.space, speed=1.0, speed_limits=limits)
     run = replace(sim, controller=controller).run((3.5, 6.0))
@@ -116,7 +116,7 @@ def test_the_velocity_is_the_command_at_the_logged_forces(limits) -> None:
         np.testing.assert_allclose(run.velocity[row], command, atol=1e-7 * np.abs(command).max())
 
 
-def test_friction_that_holds_is_named() -> None:
+def test_sticking_friction_stalls_and_is_logged() -> None:
     sim = hiding([rg.Box((1.0, 3.0), (7.5, 4.0))], learn=False, friction=1.0, response="admittance")
     run = sim.run((3.5, 6.0))
     assert run.ending is rg.control.TerminationReason.STALLED
@@ -127,7 +127,7 @@ def test_friction_that_holds_is_named() -> None:
     assert not smooth.contacts.sticking.any()
 
 
-def test_a_robot_that_learns_its_own_cell_goes_back_the_way_it_came() -> None:
+def test_a_robot_that_learns_its_own_cell_retreats_along_its_path() -> None:
     sim = hiding(U)
     run = sim.run((4.1, 5.1))
     assert run.ending is rg.control.TerminationReason.ARRIVED
@@ -138,25 +138,25 @@ def test_a_robot_that_learns_its_own_cell_goes_back_the_way_it_came() -> None:
         assert apart.min() < 1e-6
 
 
-def test_no_path_is_proved_by_the_cells_learnt() -> None:
-    """A goal walled in by hidden boxes: told so, and the cells learnt do separate."""
+def test_an_enclosed_goal_ends_with_no_path_after_learning_separating_cells() -> None:
+    """Hidden boxes enclose the goal; the learnt cells separate it from the start."""
     walls = [rg.Box((3.0, 0.0), (3.4, 2.0)), rg.Box((5.2, 0.0), (5.6, 2.0)), rg.Box((3.0, 1.7), (5.6, 2.1))]
     sim = hiding(walls)
     run = sim.run((1.2, 6.5))
-    check(sim, run)
+    assert_run_is_consistent(sim, run)
     assert run.ending is rg.control.TerminationReason.NO_PATH
     assert "separate" in run.message
 
 
-def test_a_goal_inside_a_hidden_obstacle_is_told() -> None:
+def test_a_goal_inside_a_hidden_obstacle_ends_with_goal_blocked() -> None:
     sim = hiding([rg.Box((4.0, 0.5), (4.5, 1.0))], robot=rg.PointRobot())
     run = sim.run((1.2, 6.5))
     assert run.ending is rg.control.TerminationReason.GOAL_BLOCKED
     assert "every goal cell" in run.message
-    check(sim, run)
+    assert_run_is_consistent(sim, run)
 
 
-def test_a_scene_says_how_its_robot_is_controlled() -> None:
+def test_the_control_table_of_a_scene_sets_the_options_of_a_run() -> None:
     scene = rg.Scene(
         square().axes, goals=(rg.GoalCell((8, 1)),), starts=((4.1, 7.3),), k=(0.5,), hidden=(BOX,),
         control=rg.control.Control(
@@ -180,7 +180,7 @@ def test_a_scene_says_how_its_robot_is_controlled() -> None:
         rg.simulation(scene.replace(control=rg.control.Control(push=((0.0, 1.0, 1.0),)))).run()
 
 
-def test_a_start_within_an_obstacle_or_outside_is_refused_and_a_blocked_one_told() -> None:
+def test_invalid_starts_raise_input_error_and_blocked_starts_are_outcomes() -> None:
     sim = hiding([BOX])
     for start, says in (
         ((4.0, 3.5), r"inside hidden\[0\]"), ((4.0, 4.1), r"inside hidden\[0\]"), ((9.0, 1.0), "outside the grid"),
@@ -203,8 +203,8 @@ def test_a_start_within_an_obstacle_or_outside_is_refused_and_a_blocked_one_told
 
 @settings(max_examples=15)
 @given(st.integers(0, 10_000))
-def test_pushes_do_not_prevent_arrival(seed: int) -> None:
-    """Eight random pushes, three times as strong as the nominal velocity, beside a known wall."""
+def test_a_run_with_random_pushes_arrives_without_penetration(seed: int) -> None:
+    """Random pushes of about three times the nominal velocity act near a known wall."""
     cell = np.zeros((16, 16), np.uint8)
     cell[3:12, 6:8], cell[8, 1] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     sim = hiding([rg.Box((1.5, 3.0), (6.0, 4.0))], learn=False)
@@ -219,7 +219,7 @@ def test_pushes_do_not_prevent_arrival(seed: int) -> None:
     run = known.run(start, pushes=pushes)
     assert run.ending is rg.control.TerminationReason.ARRIVED, run.message
     assert run.penetration == 0
-    # A push is felt from the first step on that begins after it.
+    # A push acts from the first step that begins after its start.
     assert run.push.any() == np.any(run.time[:-1] >= min(push.start for push in pushes))
 
 
@@ -240,7 +240,7 @@ def test_a_push_moves_the_robot_to_another_streamline() -> None:
 
 
 @pytest.mark.parametrize("offset", [{"bias": (0.5, -0.5)}, {"bias": (-0.4, 0.3)}, {"noise": 0.5}])
-def test_it_ends_in_a_goal_by_belief_though_it_is_a_cell_off(offset) -> None:
+def test_a_run_with_position_error_ends_in_a_goal_cell_by_its_estimate(offset) -> None:
     sim = hiding([rg.Ball((3.7, 4.0), 0.5)])
     run = sim.run((4.1, 7.5), **offset)
     assert sim.space.cell[tuple(sim.space.locate(run.believed[-1]))] == rg.Cell.GOAL
@@ -249,7 +249,7 @@ def test_it_ends_in_a_goal_by_belief_though_it_is_a_cell_off(offset) -> None:
 
 
 @pytest.mark.parametrize("offset", [{"bias": (0.5, -0.5)}, {"bias": (-0.2, 0.1)}, {"noise": 0.1}, {"noise": 0.5}])
-def test_whether_it_arrived_is_decided_by_where_it_truly_is(offset) -> None:
+def test_the_ending_is_decided_by_the_true_position(offset) -> None:
     for seed in range(6):
         sim = hiding([rg.Ball((3.7, 4.0), 0.5)])
         run = sim.run((4.1, 7.5), **offset, seed=seed)
@@ -260,7 +260,7 @@ def test_whether_it_arrived_is_decided_by_where_it_truly_is(offset) -> None:
         assert truly or np.abs(list(offset.values())).max() >= 0.25
 
 
-def test_the_same_seed_gives_the_same_run() -> None:
+def test_runs_are_reproducible_by_their_seed() -> None:
     sim = hiding(U)
     first, second, other = (sim.run((4.0, 5.0), noise=0.3, seed=seed) for seed in (7, 7, 8))
     for name in ("time", "configuration", "believed", "velocity", "mode", "torque"):
@@ -276,12 +276,12 @@ def test_the_same_seed_gives_the_same_run() -> None:
         ({"bias": "left"}, "bias = 'left' must be"),
     ],
 )
-def test_impossible_beliefs_are_refused(options, says) -> None:
+def test_invalid_bias_and_noise_raise_input_error(options, says) -> None:
     with pytest.raises(rg.InputError, match=says):
         hiding([]).run((1.0, 1.0), **options)
 
 
-def test_impossible_simulations_are_refused(scenes) -> None:
+def test_invalid_simulation_options_raise_input_error(scenes) -> None:
     for options, says in (({"friction": -1.0}, "friction"), ({"step": 0.9}, "step = 0.9 .* at most 0.5")):
         with pytest.raises(rg.InputError, match=says):
             hiding([], **options)
@@ -290,8 +290,8 @@ def test_impossible_simulations_are_refused(scenes) -> None:
 
 
 @pytest.mark.parametrize("start", [(-1.5, -1.5), (-2.0, -2.0), (-1.0, -1.0)])
-def test_a_corner_that_the_cells_before_and_behind_lead_to_is_left_sideways(start) -> None:
-    """Once the disc ahead is learnt, the two free cells on the diagonal both flow to the corner between them."""
+def test_a_corner_between_cells_that_flow_to_each_other_is_left(start) -> None:
+    """After the disc is learnt, the two free cells on the diagonal both flow to the corner between them."""
     scene = rg.parse_scene(
         """schema = 1
         [grid]
@@ -314,8 +314,8 @@ def test_a_corner_that_the_cells_before_and_behind_lead_to_is_left_sideways(star
 
 
 @pytest.mark.parametrize("name", ["container", "chair"])
-def test_problems_1_and_2(scenes, name: str) -> None:
-    """From the start in the scene's file: free, hidden obstacle without and with learning; coarse grid."""
+def test_example_scenes_arrive_without_obstacle_by_following_and_by_learning(scenes, name: str) -> None:
+    """Runs from the start of the scene: without obstacle, by following only, and with learning."""
     scene = rg.read_scene(scenes / f"{name}.toml")
     sim = rg.simulation(scene)
     truth = sim.plant.true_space(sim.space)
@@ -330,8 +330,8 @@ def test_problems_1_and_2(scenes, name: str) -> None:
         rg.control.ControlMode.ARRIVED,
     }
     assert rg.control.ControlMode.FOLLOWING in following.mode
-    check(sim, learning)
-    check(sim, following)
+    assert_run_is_consistent(sim, learning)
+    assert_run_is_consistent(sim, following)
     assert len(learning.lessons) >= 1
     assert not np.any(learning.learnt & (truth.cell != rg.Cell.OBSTACLE))
     hidden = scene.hidden[0]
@@ -345,8 +345,8 @@ def test_problems_1_and_2(scenes, name: str) -> None:
 
 
 @pytest.mark.parametrize("off", [-1e-10, 0.0, 1e-10])
-def test_on_the_border_of_an_obstacle_cell_the_free_cell_beside_leads(off) -> None:
-    """Its wall carries no current, and rounding alone decides on which side of it a sliding robot is."""
+def test_the_command_on_the_border_of_an_obstacle_cell_is_that_of_the_free_cell(off) -> None:
+    """The border carries no current, and rounding error decides on which side a sliding robot is."""
     scene = rg.parse_scene(
         """schema = 1
         k = 0

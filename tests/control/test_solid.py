@@ -1,4 +1,4 @@
-"""A robot is solid: nothing is entered, at no moment, by no push; distances here are shapely's own.
+"""Robots never enter obstacles, at any step or push; distances are computed independently with shapely.
 
 Tests internals: `resgrid.control.contact`, `resgrid.control.plant`, `resgrid.control.run_log`, `resgrid.robots`.
 """
@@ -36,7 +36,7 @@ def axes_of(robot: rg.Robot, cells: int) -> tuple[rg.Axis, ...]:
 
 
 def shapes_of(rng: np.random.Generator, count: int) -> list[Shape]:
-    """Discs down to a tenth of a millimetre, boxes, and needles as thin."""
+    """Return discs, boxes and thin rectangles, with sizes from 0.1 mm."""
     found: list[Shape] = []
     while len(found) < count:
         x, y = rng.uniform(-1.8, 1.8, 2)
@@ -49,7 +49,7 @@ def shapes_of(rng: np.random.Generator, count: int) -> list[Shape]:
 
 
 def gaps(plant: Plant, points: np.ndarray) -> np.ndarray:
-    """Distance between robot and obstacles; of what is entered, minus something."""
+    """Return the distance between robot and obstacles; negative if an obstacle is entered."""
     robot, away = plant.robot, np.full(len(points), np.inf)
     if isinstance(robot, rg.Arm):
         joints = robot.joints(points)
@@ -72,7 +72,7 @@ def gaps(plant: Plant, points: np.ndarray) -> np.ndarray:
 
 
 def nearest_on_the_way(plant: Plant, way: np.ndarray) -> float:
-    """Smallest gap on straight lines, halved until no point can move as far as both ends are away."""
+    """Return the smallest gap on straight lines, bisected until no point can move farther than both end gaps."""
     low, begin, end = float(gaps(plant, way).min()), way[:-1], way[1:]
     for _ in range(14):
         travel = plant.robot.travel(begin, end)
@@ -91,7 +91,7 @@ def nearest_on_the_way(plant: Plant, way: np.ndarray) -> float:
     st.sampled_from(ROBOTS), st.sampled_from([16, 24, 40]), st.sampled_from([0.05, 0.2, 0.5]), st.booleans(),
     st.integers(0, 2**32 - 1),
 )  # fmt: skip
-def test_nothing_is_entered_whatever_the_push_the_step_the_width_and_the_cell(robot, cells, step, learn, seed) -> None:
+def test_no_obstacle_is_entered_for_random_pushes_steps_robots_and_grids(robot, cells, step, learn, seed) -> None:
     rng = np.random.default_rng(seed)
     axes = axes_of(robot, cells)
     cell = np.zeros(tuple(axis.cells for axis in axes), np.uint8)
@@ -113,7 +113,7 @@ def test_nothing_is_entered_whatever_the_push_the_step_the_width_and_the_cell(ro
 
 @settings(max_examples=200)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1), st.floats(0.01, 1.0))
-def test_what_a_sweep_calls_free_keeps_its_gap(robot, seed, keep) -> None:
+def test_the_free_fraction_of_a_motion_keeps_the_requested_gap(robot, seed, keep) -> None:
     rng = np.random.default_rng(seed)
     plant = make_plant(robot, axes_of(robot, 20), shapes_of(rng, 4))
     start = np.array([rng.uniform(axis.lower, axis.upper) for axis in plant.axes])
@@ -126,8 +126,8 @@ def test_what_a_sweep_calls_free_keeps_its_gap(robot, seed, keep) -> None:
     assert gaps(plant, on_the_way).min() >= keep * gap - 1e-12
 
 
-def test_a_push_through_a_disc_slides_along_it() -> None:
-    """An arm without width, one steady push, a disc of 20 cm, cells of 12 degrees."""
+def test_an_arm_pushed_against_a_disc_slides_along_it() -> None:
+    """An arm of zero width, a constant push, a disc of 20 cm and cells of 12 degrees."""
     arm = rg.Arm((1.0, 1.0), angles="absolute")
     cell = np.zeros((30, 30), np.uint8)
     cell[2, 2] = rg.Cell.GOAL
@@ -143,7 +143,7 @@ def test_a_push_through_a_disc_slides_along_it() -> None:
     "start", [(4.1, 4.0), (3.0, 4.0), (2.5, 3.5), (6.2, 3.25), (2.5, 4.0), (6.2, 4.0), (2.5, 3.0), (6.2, 3.0)]
 )
 @pytest.mark.parametrize("as_polygon", [False, True])
-def test_a_start_on_a_side_or_a_corner_touches_and_goes_round(start, as_polygon) -> None:
+def test_starts_on_sides_and_corners_of_an_obstacle_arrive(start, as_polygon) -> None:
     box: Shape = rg.Box((2.5, 3.0), (6.2, 4.0))
     if as_polygon:
         box = rg.Polygon(((2.5, 3.0), (6.2, 3.0), (6.2, 4.0), (2.5, 4.0)))
@@ -153,7 +153,7 @@ def test_a_start_on_a_side_or_a_corner_touches_and_goes_round(start, as_polygon)
     assert nearest_on_the_way(sim.plant, run.configuration) >= 0
 
 
-def test_a_start_deeper_than_rounding_is_inside() -> None:
+def test_a_start_inside_an_obstacle_beyond_rounding_error_raises_input_error() -> None:
     slanted = rg.Polygon(((1.0, 1.0), (7.0, 3.0), (6.0, 5.0)))
     sim = hiding([slanted], robot=rg.PointRobot())
     on = np.array([1.0, 1.0]) + 0.37 * np.array([6.0, 2.0])
@@ -165,7 +165,7 @@ def test_a_start_deeper_than_rounding_is_inside() -> None:
 
 
 @pytest.mark.parametrize("gap", [0.0, 1e-12])
-def test_an_arm_that_lies_along_a_side_lifts_off(gap) -> None:
+def test_an_arm_in_contact_along_a_side_arrives(gap) -> None:
     arm = rg.Arm((1.0, 1.0), angles="absolute")
     cell = np.zeros((48, 48), np.uint8)
     cell[20, 20] = rg.Cell.GOAL
@@ -178,7 +178,7 @@ def test_an_arm_that_lies_along_a_side_lifts_off(gap) -> None:
 
 @pytest.mark.parametrize("robot", [rg.PointRobot(), rg.DiscRobot(0.2)])
 @pytest.mark.parametrize("learn", [True, False])
-def test_in_the_wedge_between_an_obstacle_and_the_end_of_an_axis_time_goes_on(robot, learn) -> None:
+def test_time_advances_in_the_wedge_between_an_obstacle_and_the_end_of_an_axis(robot, learn) -> None:
     sim = hiding([rg.Ball((4.0, 7.6), 0.5)], robot=robot, learn=learn)
     run = sim.run(
         (2.5, 7.9 - robot.radius), pushes=[rg.control.ExternalForce(0.0, 3.0, np.array([9.0, 9.0]))], max_steps=2000
@@ -208,8 +208,8 @@ def test_steps_without_known_forces_are_counted() -> None:
     assert run.message == "stood; in 2 steps no contact forces were known, and the robot stood still"
 
 
-def test_depth_is_measured_between_rows_and_an_entry_is_no_arrival() -> None:
-    """Two rows on either side of a needle a tenth of a millimetre thick."""
+def test_penetration_between_rows_is_measured_and_ends_with_entered() -> None:
+    """Two consecutive rows lie on either side of an obstacle of 0.1 mm."""
     space = square()
     field = controlled(space).field
     for solid in (rg.Box((1.0, 3.0), (7.0, 3.0001)), rg.Ball((4.0, 3.0), 1e-4)):
@@ -227,7 +227,7 @@ def test_depth_is_measured_between_rows_and_an_entry_is_no_arrival() -> None:
         assert plant.penetration(run.configuration).max() == 0
 
 
-def test_depth_is_finite_where_cores_overlap() -> None:
+def test_penetration_of_overlapping_polygons_is_finite() -> None:
     axes = (rg.Axis("x", -3, 3, 12), rg.Axis("y", -3, 3, 12))
     solids = [rg.Box((0.0, -2.0), (1.0, 2.0)), rg.HalfSpace((0.0, -1.0), -2.5)]
     point = make_plant(rg.PointRobot(), axes, solids)
@@ -247,7 +247,7 @@ def wall_at(degrees: float) -> rg.Polygon:
 
 
 @pytest.mark.parametrize("limit", [0.5, 1.0, [0.7, 2.0]])
-def test_speed_limits_hold_after_contacts(limit) -> None:
+def test_speed_limits_hold_for_velocities_after_contacts(limit) -> None:
     sim = hiding([wall_at(-22.5)], learn=False, friction=0.0, response="admittance")
     sim = replace(sim, controller=rg.control.make_controller(sim.controller.field, speed=0.4, speed_limits=limit))
     run = sim.run((2.0, 6.5), pushes=[rg.control.ExternalForce(0.0, 6.0, np.array([30.0, -30.0]))], max_steps=500)
@@ -261,8 +261,8 @@ def free_run(sim: rg.control.Simulation, **options: object) -> rg.control.Run:
     return replace(sim, learn=False).run((1.2, 7.1), **options)  # type: ignore[arg-type]
 
 
-def test_who_moves_is_not_stalled() -> None:
-    """Slow limits, small steps, flat cells: judged by what could have been crossed."""
+def test_slow_robots_and_small_steps_are_not_reported_as_stalled() -> None:
+    """Cases: low speed limits, small steps, and cells that are much longer than wide."""
     sim = hiding([])
     field = sim.controller.field
     for limit in (0.1, 0.005, [0.4, 0.004]):
@@ -277,8 +277,8 @@ def test_who_moves_is_not_stalled() -> None:
 
 
 @pytest.mark.parametrize("cells", [16, 32])
-def test_who_starts_beside_an_obstacle_leaves_its_lost_cell(cells) -> None:
-    """The start's own cell turns out to be an obstacle cell, and the one beside it leads to the goal."""
+def test_a_start_whose_own_cell_is_learnt_as_an_obstacle_arrives(cells) -> None:
+    """The start's own cell is learnt as an obstacle; the neighbouring cell leads to the goal."""
     space = square(cells, goal=(cells // 2, cells // 16))
     plant = make_plant(rg.DiscRobot(0.2), space.axes, [], [rg.Box((2.5, 3.0), (6.2, 4.0))])
     sim = rg.control.Simulation(controlled(space), plant)
@@ -288,7 +288,7 @@ def test_who_starts_beside_an_obstacle_leaves_its_lost_cell(cells) -> None:
     assert sim.run((4.1, 4.201), noise=1e-12).ending is rg.control.TerminationReason.ARRIVED
 
 
-def test_no_path_says_why() -> None:
+def test_the_no_path_message_states_the_cause() -> None:
     closed = hiding([rg.Box((0.0, 3.0), (8.0, 4.0))])
     far, near = closed.run((4.1, 6.0)), closed.run((4.1, 4.201))
     assert far.ending is near.ending is rg.control.TerminationReason.NO_PATH
@@ -304,7 +304,7 @@ def with_goal_point(point: tuple[float, float], hidden: list[Shape], learn: bool
 
 
 @pytest.mark.parametrize("point", [(4.05, 0.52), (4.5, 1.0), (4.25, 0.75)])
-def test_arrived_is_at_the_configuration_that_solves_the_goal(point) -> None:
+def test_a_run_arrives_at_the_goal_point_of_its_cell(point) -> None:
     run = with_goal_point(point, []).run((1.2, 7.1))
     assert run.ending is rg.control.TerminationReason.ARRIVED
     np.testing.assert_allclose(run.configuration[-1], point, atol=1e-9)
@@ -320,8 +320,8 @@ def test_arrived_is_at_the_configuration_that_solves_the_goal(point) -> None:
     assert rg.control.ControlMode.HOMING not in whole.mode
 
 
-def test_a_goal_that_is_not_reached_within_its_cell_is_no_arrival() -> None:
-    """A hidden wall through the goal cell: learnt, the goal is gone; not learnt, its distance is told."""
+def test_a_goal_point_behind_a_wall_in_its_cell_is_not_an_arrival() -> None:
+    """A hidden wall crosses the goal cell; without learning the message states the remaining distance."""
     wall = rg.Box((3.0, 0.6), (5.5, 0.7))
     assert with_goal_point((4.25, 0.52), [wall]).run((4.25, 5.0)).ending is rg.control.TerminationReason.GOAL_BLOCKED
     run = with_goal_point((4.25, 0.52), [wall], learn=False).run((4.25, 5.0))
@@ -331,6 +331,6 @@ def test_a_goal_that_is_not_reached_within_its_cell_is_no_arrival() -> None:
 
 
 @pytest.mark.parametrize(("name", "value"), [("max_steps", -3), ("max_steps", 0), ("seed", -1), ("seed", 1.5)])
-def test_impossible_counts_are_refused(name, value) -> None:
+def test_invalid_max_steps_and_seeds_raise_input_error(name, value) -> None:
     with pytest.raises(rg.InputError, match=name):
         hiding([]).run((1.0, 1.0), **{name: value})

@@ -1,3 +1,5 @@
+"""The compiler from spaces to netlists, against conductances that are derived cell by cell."""
+
 import itertools
 
 import numpy as np
@@ -8,8 +10,10 @@ from support.spaces import space_of, spaces
 import resgrid as rg
 
 
-def joints(space: rg.ConfigurationSpace, boundary: str, edge: str, wall: float) -> dict[tuple[str, str], float]:
-    """The design's rules, cell by cell: total conductance between named nodes, at R = 1."""
+def expected_conductances(
+    space: rg.ConfigurationSpace, boundary: str, edge: str, wall: float
+) -> dict[tuple[str, str], float]:
+    """Return the total conductance between named nodes at R = 1, by the documented rules, cell by cell."""
     spacing = space.spacing
     c = np.ones(space.shape) if space.conductivity is None else space.conductivity
     total: dict[tuple[str, str], float] = {}
@@ -56,7 +60,7 @@ def joints(space: rg.ConfigurationSpace, boundary: str, edge: str, wall: float) 
     return total
 
 
-def measured(netlist: rg.Netlist) -> dict[tuple[str, str], float]:
+def compiled_conductances(netlist: rg.Netlist) -> dict[tuple[str, str], float]:
     names = netlist.names_of(np.arange(netlist.node_count))
     total: dict[tuple[str, str], float] = {}
     for (a, b), g in zip(netlist.resistor_nodes.tolist(), netlist.conductance.tolist(), strict=True):
@@ -67,7 +71,9 @@ def measured(netlist: rg.Netlist) -> dict[tuple[str, str], float]:
 
 @settings(max_examples=150)
 @given(spaces(), st.sampled_from(["dirichlet", "neumann", "wall"]), st.sampled_from(["obstacle", "open"]))
-def test_every_resistor_is_the_one_the_rules_say(space: rg.ConfigurationSpace, boundary: str, edge: str) -> None:
+def test_conductances_of_random_spaces_equal_the_documented_rules(
+    space: rg.ConfigurationSpace, boundary: str, edge: str
+) -> None:
     wall = 3.0 if boundary == "wall" else 0.0
     options = {"wall_resistance": wall} if boundary == "wall" else {}
     try:
@@ -75,13 +81,13 @@ def test_every_resistor_is_the_one_the_rules_say(space: rg.ConfigurationSpace, b
     except rg.CircuitError:
         assert boundary == "neumann" and not space.goal_connected.any()
         return
-    expected = joints(space, boundary, edge, wall)
-    found = measured(netlist)
+    expected = expected_conductances(space, boundary, edge, wall)
+    found = compiled_conductances(netlist)
     assert found.keys() == expected.keys()
     assert all(np.isclose(found[key], expected[key], rtol=1e-12) for key in expected)
 
 
-def test_uniform_drive_feeds_every_connected_node_alike() -> None:
+def test_uniform_drive_injects_equal_currents_into_all_connected_nodes() -> None:
     cell = np.zeros((4, 4))
     cell[0, 0] = 2
     cell[2, :] = 1
@@ -91,7 +97,7 @@ def test_uniform_drive_feeds_every_connected_node_alike() -> None:
     assert np.all(netlist.current_nodes[:, 0] == 0)
 
 
-def test_cells_rails_tie_every_rail_cell_by_its_own_source() -> None:
+def test_rails_cells_gives_every_rail_cell_its_own_source() -> None:
     cell = np.zeros((3, 3))
     cell[0, 0] = cell[0, 1] = 2
     cell[2, 2] = 1
@@ -121,7 +127,7 @@ def test_cells_rails_tie_every_rail_cell_by_its_own_source() -> None:
         ({"rails": "tiles"}, "rails"),
     ],
 )
-def test_options_that_do_not_fit_are_refused(options: dict[str, object], words: str) -> None:
+def test_invalid_compiler_options_raise_errors(options: dict[str, object], words: str) -> None:
     cell = np.zeros((4, 4))
     cell[0, 3] = 2
     cell[1, 1] = cell[3, 2] = cell[2, 3] = 1
@@ -129,12 +135,12 @@ def test_options_that_do_not_fit_are_refused(options: dict[str, object], words: 
         rg.compile_space(space_of(cell), **options)
 
 
-def test_a_space_without_a_goal_is_refused() -> None:
+def test_a_space_without_a_goal_raises_input_error() -> None:
     with pytest.raises(rg.InputError, match="no goal"):
         rg.compile_space(space_of(np.zeros((3, 3))))
 
 
-def test_more_cells_than_nodes_have_numbers_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_nodes_than_the_limit_raise_input_error(monkeypatch: pytest.MonkeyPatch) -> None:
     space = space_of(np.array([[0, 0, 1], [0, 0, 2]]))
     monkeypatch.setattr("resgrid.core.compiler.MOST_NODES", 7)
     rg.compile_space(space)

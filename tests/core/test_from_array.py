@@ -1,4 +1,4 @@
-"""`rg.ConfigurationSpace.from_array`: the same space as one made of axes."""
+"""`rg.ConfigurationSpace.from_array`, against spaces that are made of axes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def test_a_space_of_an_array_equals_one_made_of_axes() -> None:
     np.testing.assert_array_equal(space.cell, cell)
 
 
-def test_one_number_serves_all_axes_and_true_is_an_obstacle() -> None:
+def test_a_scalar_spacing_applies_to_all_axes_and_true_is_an_obstacle() -> None:
     image = np.array([[True, False], [False, False]])
     space = rg.ConfigurationSpace.from_array(image.T[:, ::-1], 0.1)
     np.testing.assert_allclose(space.upper, (0.2, 0.2))
@@ -24,7 +24,7 @@ def test_one_number_serves_all_axes_and_true_is_an_obstacle() -> None:
 
 
 @pytest.mark.parametrize("ndim", [1, 2, 3, 4])
-def test_every_dimension_has_a_named_axis(ndim: int) -> None:
+def test_axes_are_named_x_y_z_w(ndim: int) -> None:
     names = [axis.name for axis in rg.ConfigurationSpace.from_array(np.zeros((2,) * ndim)).axes]
     assert names == ["x", "y", "z", "w"][:ndim]
 
@@ -39,6 +39,6 @@ def test_every_dimension_has_a_named_axis(ndim: int) -> None:
         ((2, 2), {"periodic": (True,)}, "periodic has 1 entries"),
     ],
 )
-def test_values_that_do_not_fit_are_rejected(shape: tuple[int, ...], options: dict[str, object], message: str) -> None:
+def test_from_array_rejects_invalid_values(shape: tuple[int, ...], options: dict[str, object], message: str) -> None:
     with pytest.raises(rg.InputError, match=message):
         rg.ConfigurationSpace.from_array(np.zeros(shape), **options)  # type: ignore[arg-type]

@@ -1,3 +1,5 @@
+"""Netlists: conversion to and from networkx graphs, names, immutability and validation."""
+
 from collections.abc import Callable
 
 import networkx as nx
@@ -25,7 +27,7 @@ def ladder() -> rg.Netlist:
     )
 
 
-def test_a_graph_goes_there_and_back() -> None:
+def test_conversion_to_networkx_and_back_keeps_all_elements() -> None:
     netlist = ladder()
     back = rg.Netlist.from_networkx(netlist.to_networkx())
     for nodes, value in (
@@ -43,7 +45,7 @@ def test_a_graph_goes_there_and_back() -> None:
         assert sides[0] == sides[1], nodes
 
 
-def test_a_plain_graph_becomes_resistors() -> None:
+def test_a_networkx_graph_with_resistances_becomes_resistors() -> None:
     graph = nx.Graph()
     graph.add_edge("a", "b", resistance=2.0)
     graph.add_edge("b", "gnd", conductance=3.0)
@@ -76,12 +78,12 @@ def test_a_plain_graph_becomes_resistors() -> None:
         {"colour": 1},
     ],
 )
-def test_wrong_values_are_refused(changes: dict[str, object]) -> None:
+def test_invalid_arrays_raise_input_error(changes: dict[str, object]) -> None:
     with pytest.raises(rg.InputError):
         ladder().replace(**changes)
 
 
-def test_edges_without_a_value_or_of_no_known_kind_are_refused() -> None:
+def test_edges_without_a_value_or_of_unknown_kind_raise_input_error() -> None:
     graph = nx.Graph([(0, 1)])
     with pytest.raises(rg.InputError, match="conductance"):
         rg.Netlist.from_networkx(graph)
@@ -90,7 +92,7 @@ def test_edges_without_a_value_or_of_no_known_kind_are_refused() -> None:
         rg.Netlist.from_networkx(graph)
 
 
-def test_names_come_from_cells() -> None:
+def test_node_names_contain_the_cell_indices() -> None:
     cell = np.zeros((3, 2))
     cell[1, 1], cell[2, 0] = 2, 1
     netlist = rg.compile_space(space_of(cell))
@@ -100,33 +102,33 @@ def test_names_come_from_cells() -> None:
 
 
 @pytest.mark.parametrize("node", [-1, 3, 2**32 + 1, 2**63])
-def test_a_node_that_does_not_exist_is_refused_however_large(node: int) -> None:
+def test_node_numbers_out_of_range_raise_input_error(node: int) -> None:
     with pytest.raises(rg.InputError, match=r"resistor_nodes names a node outside 0 \.\.\. 2"):
         ladder().replace(resistor_nodes=np.array([[1, 2], [2, node]], dtype=np.uint64 if node > 3 else np.int64))
 
 
-def test_more_nodes_than_32_bits_number_are_refused() -> None:
+def test_node_counts_above_32_bits_raise_input_error() -> None:
     with pytest.raises(rg.InputError, match=r"node_count = 2147483648 must be a whole number from 1 to 2,147,483,647"):
         ladder().replace(node_count=2**31)
 
 
-def test_nodes_of_any_width_are_kept_in_32_bits() -> None:
+def test_node_arrays_are_converted_to_int32() -> None:
     netlist = ladder().replace(resistor_nodes=np.array([[1, 2], [2, 0]], dtype=np.uint8))
     assert netlist.resistor_nodes.dtype == netlist.source_nodes.dtype == np.int32
     assert netlist.resistor_nodes.tolist() == [[1, 2], [2, 0]]
 
 
-def test_a_netlist_is_not_changed_through_the_arrays_that_it_was_made_from() -> None:
+def test_a_netlist_does_not_change_with_its_input_arrays() -> None:
     pairs, conductance, volts = np.array([[1, 2], [2, 0]], dtype=np.int32), np.array([1.0, 2.0]), np.array([3.0])
     netlist = rg.Netlist(3, pairs, conductance, source_nodes=[[1, 0]], source_volts=volts)
     pairs[:], conductance[:], volts[:] = 0, -1.0, np.nan
     assert netlist.resistor_nodes.tolist() == [[1, 2], [2, 0]]
     assert netlist.conductance.tolist() == [1.0, 2.0] and netlist.source_volts.tolist() == [3.0]
     shared = netlist.replace(source_volts=[4.0])
-    assert np.shares_memory(shared.conductance, netlist.conductance)  # nobody can write there
+    assert np.shares_memory(shared.conductance, netlist.conductance)  # safe, because the arrays are read-only
 
 
-def test_masked_numbers_are_refused() -> None:
+def test_masked_arrays_raise_input_error() -> None:
     with pytest.raises(rg.InputError, match="none masked"):
         rg.Netlist(3, [[1, 2], [2, 0]], np.ma.masked_equal([1e-3, -1.0], -1.0))
 
@@ -150,6 +152,8 @@ def test_masked_numbers_are_refused() -> None:
         (lambda netlist: rg.solve(netlist).is_of(3), "netlist is of type int; give a Netlist"),
     ],
 )
-def test_questions_that_make_no_sense_are_refused(ask: Callable[[rg.Netlist], object], message: str) -> None:
+def test_invalid_arguments_of_netlist_methods_raise_input_error(
+    ask: Callable[[rg.Netlist], object], message: str
+) -> None:
     with pytest.raises(rg.InputError, match=message):
         ask(rg.Netlist(3, [[1, 2], [2, 0]], [1.0, 1.0], source_nodes=[[1, 0]], source_volts=[1.0]))

@@ -1,4 +1,4 @@
-"""Faces against indices counted one by one; regions found in two ways.
+"""Numbers of faces against counted indices; connected regions found by two methods.
 
 Tests internals: `resgrid.core`, `resgrid.core.regions`.
 """
@@ -28,7 +28,7 @@ def test_faces_are_numbered_axis_by_axis(shape: tuple[int, ...]) -> None:
 
 
 @given(SHAPES, st.data(), st.booleans())
-def test_regions_are_the_same_however_they_are_found(
+def test_small_and_large_grid_methods_find_the_same_regions(
     shape: tuple[int, ...], data: st.DataObject, corners: bool
 ) -> None:
     mask = np.random.default_rng(data.draw(st.integers(0, 2**31))).random(shape) < 0.6

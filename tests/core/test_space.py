@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.core.regions`."""
+"""Configuration spaces: location of points, goal regions, goal points and validation; regions against scipy.ndimage.
+
+Tests internals: `resgrid.core.regions`.
+"""
 
 import numpy as np
 import pytest
@@ -9,7 +12,7 @@ import resgrid as rg
 from resgrid.core.regions import label_regions
 
 
-def test_a_point_is_located_and_split() -> None:
+def test_split_returns_the_cell_and_the_local_coordinates_of_a_point() -> None:
     space = rg.ConfigurationSpace([rg.Axis("x", -1, 3, 8), rg.Axis("t", 0, 6, 3, periodic=True)], np.zeros((8, 3)))
     cells, local = space.split([[-1, 0], [3, 7], [0.1, -0.5]])
     assert cells.tolist() == [[0, 0], [7, 0], [2, 2]]
@@ -18,7 +21,7 @@ def test_a_point_is_located_and_split() -> None:
 
 
 @pytest.mark.parametrize("point", [[4.0, 0.0], [np.nan, 0.0], [-np.inf, 1.0], [0.0]])
-def test_a_point_outside_is_refused(point: list[float]) -> None:
+def test_locating_a_point_outside_the_grid_raises_input_error(point: list[float]) -> None:
     space = rg.ConfigurationSpace([rg.Axis("x", 0, 3, 3), rg.Axis("y", 0, 3, 3)], np.zeros((3, 3)))
     with pytest.raises(rg.InputError):
         space.locate(point)
@@ -33,24 +36,26 @@ def test_a_point_outside_is_refused(point: list[float]) -> None:
         (np.zeros((3, 3)), np.ones(3), "shape"),
     ],
 )
-def test_wrong_arrays_are_refused(cell: np.ndarray, conductivity: np.ndarray | None, words: str) -> None:
+def test_invalid_cell_and_conductivity_arrays_raise_input_error(
+    cell: np.ndarray, conductivity: np.ndarray | None, words: str
+) -> None:
     with pytest.raises(rg.InputError, match=words):
         rg.ConfigurationSpace([rg.Axis("x", 0, 3, 3), rg.Axis("y", 0, 3, 3)], cell, conductivity)
 
 
 @pytest.mark.parametrize(("lower", "upper", "cells"), [(1, 1, 2), (0, np.inf, 2), (0, 1, 0), (np.nan, 1, 1)])
-def test_wrong_axes_are_refused(lower: float, upper: float, cells: int) -> None:
+def test_invalid_axes_raise_input_error(lower: float, upper: float, cells: int) -> None:
     with pytest.raises(rg.InputError, match=r"lower = |upper = inf|cells = 0"):
         rg.Axis("x", lower, upper, cells)
 
 
-def test_cells_that_rounding_cannot_tell_apart_are_refused() -> None:
+def test_cells_narrower_than_rounding_error_raise_input_error() -> None:
     assert rg.Axis("x", 1e15, 1e15 + 400, 4).cells == 4
     with pytest.raises(rg.InputError, match="too narrow"):
         rg.Axis("x", 1e15, 1e15 + 4, 4)
 
 
-def test_goal_regions_are_numbered_in_order_of_their_first_cell_across_seams() -> None:
+def test_goal_regions_are_numbered_by_their_first_cell_and_joined_across_seams() -> None:
     cell = np.zeros((5, 6))
     cell[0, 5] = cell[0, 0] = cell[2, 2] = cell[2, 3] = cell[4, 4] = 2
     assert space_of(cell).goal_count == 4
@@ -61,7 +66,7 @@ def test_goal_regions_are_numbered_in_order_of_their_first_cell_across_seams() -
     assert ring.goal_region[4, 4] == 2
 
 
-def test_labels_agree_with_tiling_the_ring() -> None:
+def test_labels_on_a_periodic_grid_agree_with_a_tiled_grid() -> None:
     rng = np.random.default_rng(3)
     for _ in range(50):
         mask = rng.random((7, 6)) < 0.5
@@ -74,13 +79,13 @@ def test_labels_agree_with_tiling_the_ring() -> None:
         assert firsts == sorted(firsts)
 
 
-def test_values_are_read_only() -> None:
+def test_arrays_of_a_space_are_read_only() -> None:
     space = space_of(np.zeros((2, 2)))
     with pytest.raises(ValueError, match="read-only"):
         space.cell[0, 0] = 1
 
 
-def test_goal_regions_are_those_of_the_whole_grid_wherever_the_goals_lie() -> None:
+def test_goal_regions_equal_labels_of_the_whole_grid() -> None:
     rng = np.random.default_rng(5)
     for share in (0.0, 0.01, 0.05, 0.4):
         for ring in ([False, False], [True, False], [True, True]):
@@ -96,7 +101,7 @@ def _two_goals(**options):
     )
 
 
-def test_a_space_with_other_cells_keeps_its_place_and_the_points_of_goals_that_stay():
+def test_with_cells_keeps_the_frame_and_the_points_of_remaining_goals():
     frame = rg.Frame(3.0, 4.0, 0.5)
     space = _two_goals(frame=frame, goal_points=[[1.25, 0.5], [2.5, 1.75]])
     changed = space.with_cells([[0, 0], [1, 2], [0, 2], [1, 0]])
@@ -114,25 +119,25 @@ def test_a_space_with_other_cells_keeps_its_place_and_the_points_of_goals_that_s
         ([[1.5, 0.5], [3.5, 1.5]], r"\[3.5, 1.5\] does not lie in its cell \(2, 1\)"),
     ],
 )
-def test_goal_points_lie_in_their_cells(points, message):
+def test_goal_points_outside_their_cells_raise_input_error(points, message):
     with pytest.raises(rg.InputError, match=message):
         _two_goals(goal_points=points)
 
 
 @pytest.mark.parametrize(("lower", "upper"), [(0.0, 1.0), (0.0, 10.0), (-0.7, 0.1), (1e6, 1e6 + 0.3)])
-def test_both_ends_of_an_axis_lie_on_it_whatever_the_number_of_cells(lower, upper):
+def test_both_ends_of_an_axis_are_located_for_every_number_of_cells(lower, upper):
     for cells in range(1, 400):
         space = rg.ConfigurationSpace((rg.Axis("x", lower, upper, cells),), np.zeros(cells, dtype=np.uint8))
         numbers, local = space.split([[lower], [upper]])
         assert numbers.tolist() == [[0], [cells - 1]]
         assert np.allclose(local, [[0.0], [1.0]])
-    beside = (upper - lower) * 1e-6
-    for point in (lower - beside, upper + beside, np.nan, np.inf):
+    beyond = (upper - lower) * 1e-6
+    for point in (lower - beyond, upper + beyond, np.nan, np.inf):
         with pytest.raises(rg.InputError, match="outside the grid"):
             space.locate([point])
 
 
-def test_a_goal_cell_names_its_point() -> None:
+def test_goal_point_returns_the_point_of_a_goal_cell() -> None:
     cell = np.zeros((3, 2))
     cell[0, 1], cell[2, 0] = rg.Cell.GOAL, rg.Cell.GOAL
     axes = [rg.Axis("x", 0, 3, 3), rg.Axis("y", 0, 2, 2)]

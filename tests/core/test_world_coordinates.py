@@ -1,4 +1,4 @@
-"""What a person gives or gets lies in the world: a map that is turned gives the same motion, turned with it."""
+"""World coordinates: all inputs and outputs of a turned and moved map, against those of the same map unturned."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ START, GOAL, ENCLOSED = (0.7, 4.1), (6.8, 0.2), (5.8, 0.7)
 
 @dataclass(frozen=True)
 class World:
-    """A map file, and where its axes lie."""
+    """A map file with the origin and yaw of its axes."""
 
     file: Path
     x: float
@@ -42,32 +42,32 @@ class World:
     yaw: float
 
     def place(self, points: ArrayLike) -> NDArray[np.float64]:
-        """World coordinates of points along the map's axes, shape (..., 2)."""
+        """Return world coordinates of points along the map's axes, shape (..., 2)."""
         return np.asarray(self.turn(points) + np.array([self.x, self.y]))
 
     def turn(self, vectors: ArrayLike) -> NDArray[np.float64]:
-        """World components of vectors along the map's axes."""
+        """Return world components of vectors along the map's axes."""
         x, y = np.moveaxis(np.asarray(vectors, dtype=float), -1, 0)
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         return np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
     def scene(self, **changes: object) -> rg.Scene:
-        """The map with a start and a goal of the world."""
+        """Return the scene of the map with a start and a goal in world coordinates."""
         changes = {"goals": (rg.GoalPoint(self.at(GOAL)),), "starts": (self.at(START),)} | changes
         return rg.read_scene(self.file).replace(**changes)
 
     def at(self, point: ArrayLike) -> tuple[float, ...]:
-        """One point of the map in the world."""
+        """Return world coordinates of one point of the map."""
         return tuple(self.place(point).tolist())
 
-    def say(self, point: ArrayLike) -> str:
-        """The same for the command line."""
+    def as_option(self, point: ArrayLike) -> str:
+        """Return world coordinates of one point as text for the command line."""
         return ",".join(map(repr, self.at(point)))
 
 
 @pytest.fixture(scope="module")
 def worlds(tmp_path_factory: pytest.TempPathFactory) -> tuple[World, World]:
-    """One map as it is, and turned by 0.7 rad and moved."""
+    """Return one map unchanged, and turned by 0.7 rad and moved."""
     folder = tmp_path_factory.mktemp("maps")
     rows = ROOM.split()
     pixels = "\n".join(" ".join("0" if mark == "#" else "254" for mark in row) for row in rows)
@@ -82,11 +82,11 @@ def worlds(tmp_path_factory: pytest.TempPathFactory) -> tuple[World, World]:
     return made[0], made[1]
 
 
-def same(turned: ArrayLike, expected: ArrayLike, within: float = 1e-9) -> None:
+def assert_close(turned: ArrayLike, expected: ArrayLike, within: float = 1e-9) -> None:
     np.testing.assert_allclose(turned, expected, rtol=0, atol=within)
 
 
-def test_the_ten_lines_follow_the_map(worlds: tuple[World, World]) -> None:
+def test_the_readme_pipeline_gives_the_turned_path_on_a_turned_map(worlds: tuple[World, World]) -> None:
     def ten_lines(world: World) -> rg.Streamline:
         space = rg.build_space(world.scene())
         netlist = rg.compile_space(space, boundary="dirichlet", resistance=10e3)
@@ -94,19 +94,19 @@ def test_the_ten_lines_follow_the_map(worlds: tuple[World, World]) -> None:
         path = rg.streamline(field, start=world.at(START))
         rg.certify(path)
         assert tuple(space.locate(path.points[0])) == tuple(path.cells[0])
-        same(path.points[0], world.at(START))
-        same(rg.streamlines(field, [world.at(START)]).length, [path.length])
+        assert_close(path.points[0], world.at(START))
+        assert_close(rg.streamlines(field, [world.at(START)]).length, [path.length])
         return path
 
     plain, turned = map(ten_lines, worlds)
     assert plain.outcome == turned.outcome == "reached"
     np.testing.assert_array_equal(turned.cells, plain.cells)
-    same(turned.points, worlds[1].place(plain.points))
+    assert_close(turned.points, worlds[1].place(plain.points))
     np.testing.assert_array_equal(plain.points, plain.axis_points)
 
 
-def test_the_readme_the_planner_and_the_command_line_give_one_path(worlds: tuple[World, World]) -> None:
-    """The README's ten lines on a map, turned or not, with nothing changed but the file, the goal and the start."""
+def test_readme_code_planner_and_command_line_give_the_same_path(worlds: tuple[World, World]) -> None:
+    """The README code runs on both maps; only the file, the goal and the start are replaced."""
     readme = (Path(__file__).parents[2] / "README.md").read_text()
     code = readme[readme.index("import resgrid as rg") :].partition("```")[0]
     for world in worlds:
@@ -115,32 +115,34 @@ def test_the_readme_the_planner_and_the_command_line_give_one_path(worlds: tuple
         exec(lines.replace("(0.5, 6.5)", repr(world.at(START))), names)
         own = names["path"]
         assert isinstance(own, rg.Streamline)
-        answer = call("path", world.file, "--goal", world.say(GOAL), f"--start={world.say(START)}", "--json")
-        (told,) = json.loads(answer.stdout)["paths"]
+        answer = call(
+            "path", world.file, "--goal", world.as_option(GOAL), f"--start={world.as_option(START)}", "--json"
+        )
+        (printed,) = json.loads(answer.stdout)["paths"]
         planned = rg.plan(rg.read_scene(world.file, goal=world.at(GOAL))).path(world.at(START))
-        assert own.outcome == told["outcome"] == planned.outcome == "reached"
-        same(told["points"], own.points)
-        same(planned.points, own.points)
+        assert own.outcome == printed["outcome"] == planned.outcome == "reached"
+        assert_close(printed["points"], own.points)
+        assert_close(planned.points, own.points)
 
 
-def test_a_planner_answers_in_the_world(worlds: tuple[World, World]) -> None:
+def test_a_planner_accepts_and_returns_world_coordinates(worlds: tuple[World, World]) -> None:
     plain, turned = (rg.plan(world.scene(), k=0.9) for world in worlds)
-    same(turned.scene_starts, worlds[1].place(plain.scene_starts))
+    assert_close(turned.scene_starts, worlds[1].place(plain.scene_starts))
     starts = np.array([(0.2, 0.3), (3.3, 4.9), (2.6, 2.6)])
     for found, expected in zip(turned.paths(worlds[1].place(starts)), plain.paths(starts), strict=True):
-        same(found.points, worlds[1].place(expected.points))
-    same(turned.paths()[0].points, worlds[1].place(plain.paths()[0].points))
-    same(turned.ends(worlds[1].place(starts)).length, plain.ends(starts).length)
+        assert_close(found.points, worlds[1].place(expected.points))
+    assert_close(turned.paths()[0].points, worlds[1].place(plain.paths()[0].points))
+    assert_close(turned.ends(worlds[1].place(starts)).length, plain.ends(starts).length)
     for planner, world in ((plain, worlds[0]), (turned, worlds[1])):
         verdict = rg.find_blocking_obstacles(planner.space, world.at(ENCLOSED))
         assert planner.path(world.at(ENCLOSED)).outcome == verdict.outcome == "no_path"
-        same(planner.path(cell=(1, 8)).points[0], world.at((0.75, 4.25)))
+        assert_close(planner.path(cell=(1, 8)).points[0], world.at((0.75, 4.25)))
     curves = [rg.planning.clearance_curve(planner, (0.0, 1.0)) for planner in (plain, turned)]
-    same(curves[1].starts, worlds[1].place(curves[0].starts))
-    same(curves[1].clearance, curves[0].clearance)
+    assert_close(curves[1].starts, worlds[1].place(curves[0].starts))
+    assert_close(curves[1].clearance, curves[0].clearance)
 
 
-def test_obstacles_that_block_are_found_from_the_same_place(worlds: tuple[World, World]) -> None:
+def test_find_blocking_obstacles_accepts_world_coordinates(worlds: tuple[World, World]) -> None:
     for world in worlds:
         bar = [rg.Ball(world.at((5.75, 1.75)), 0.3), rg.Ball(world.at((0.2, 0.2)), 0.1)]
         verdict = rg.find_blocking_obstacles(world.scene(obstacles=bar), world.at(ENCLOSED))
@@ -148,7 +150,7 @@ def test_obstacles_that_block_are_found_from_the_same_place(worlds: tuple[World,
         assert rg.find_blocking_obstacles(world.scene(obstacles=bar), world.at(START)).outcome == "reached"
 
 
-def test_what_is_made_of_a_path_stays_in_the_world(worlds: tuple[World, World]) -> None:
+def test_functions_of_a_path_return_world_coordinates(worlds: tuple[World, World]) -> None:
     made = []
     for world in worlds:
         planner = rg.plan(world.scene())
@@ -156,7 +158,7 @@ def test_what_is_made_of_a_path_stays_in_the_world(worlds: tuple[World, World]) 
         short = rg.shortcut(path, clearance=0.05)
         for way in (path, short, rg.Polyline(path.points, path.space), rg.Polyline(short.points, path.space)):
             rg.certify_collision_free(way)
-            same(rg.planning.unwrap(way)[-1], path.points[-1])
+            assert_close(rg.planning.unwrap(way)[-1], path.points[-1])
         grid = path.space
         wide = rg.ConfigurationSpace(grid.axes, grid.cell, frame=grid.frame, robot=rg.PointRobot(0.05))
         far, near = rg.Ball(world.at((0.6, 0.7)), 0.3), rg.Ball(tuple(short.points[1].tolist()), 0.2)
@@ -165,17 +167,17 @@ def test_what_is_made_of_a_path_stays_in_the_world(worlds: tuple[World, World]) 
             hit = rg.check_collisions(way, [far, near], step=1e-3)
             assert hit is not None
             assert hit.obstacle == 1
-            same(np.linalg.norm(hit.configuration - near.centre), apart, 2e-3)
+            assert_close(np.linalg.norm(hit.configuration - near.centre), apart, 2e-3)
         motion = rg.time_parameterize(short, velocity_limits=0.5, acceleration_limits=0.25)
         made.append((short.points, motion.positions, motion.duration, rg.planning.workspace_path(short)))
         made[-1] += (rg.planning.workspace_clearance(short, [far]),)
     (points, positions, duration, way, clear), (t_points, t_positions, t_duration, t_way, t_clear) = made
     for turned, plain in ((t_points, points), (t_positions, positions), (t_way, way)):
-        same(turned, worlds[1].place(plain))
-    same((t_duration, t_clear), (duration, clear))
+        assert_close(turned, worlds[1].place(plain))
+    assert_close((t_duration, t_clear), (duration, clear))
 
 
-def test_written_rates_keep_the_limits_in_the_world(worlds: tuple[World, World]) -> None:
+def test_timed_paths_keep_velocity_limits_in_world_coordinates(worlds: tuple[World, World]) -> None:
     for world in worlds:
         planner = rg.plan(world.scene())
         path = planner.path(world.at(START))
@@ -185,7 +187,7 @@ def test_written_rates_keep_the_limits_in_the_world(worlds: tuple[World, World])
         assert np.abs(velocities).max(axis=0) == pytest.approx((0.5, 0.25), rel=0.2)
 
 
-def test_files_hold_the_world(worlds: tuple[World, World], tmp_path: Path) -> None:
+def test_files_contain_world_coordinates(worlds: tuple[World, World], tmp_path: Path) -> None:
     read = []
     for number, world in enumerate(worlds):
         planner = rg.plan(world.scene())
@@ -196,20 +198,20 @@ def test_files_hold_the_world(worlds: tuple[World, World], tmp_path: Path) -> No
         table = {name: np.array([float(row[name]) for row in rows]) for name in names}
         with np.load(files[2]) as arrays:
             for name, column in table.items():
-                same(arrays[name], column)
-                same(json.loads(files[1].read_text())[name], column)
+                assert_close(arrays[name], column)
+                assert_close(json.loads(files[1].read_text())[name], column)
         plan = yaml.safe_load(rg.save(motion, tmp_path / "plan.yaml").read_text())
         places = [(p["pose"]["position"]["x"], p["pose"]["position"]["y"]) for p in plan["poses"]]
-        same(places, np.stack([table["x"], table["y"]], axis=1))
+        assert_close(places, np.stack([table["x"], table["y"]], axis=1))
         read.append(table)
     plain, turned = read
-    same(np.stack([turned["x"], turned["y"]], -1), worlds[1].place(np.stack([plain["x"], plain["y"]], -1)))
+    assert_close(np.stack([turned["x"], turned["y"]], -1), worlds[1].place(np.stack([plain["x"], plain["y"]], -1)))
     rates = np.stack([plain["x_rate"], plain["y_rate"]], -1)
-    same(np.stack([turned["x_rate"], turned["y_rate"]], -1), worlds[1].turn(rates))
-    same(turned["t"], plain["t"])
+    assert_close(np.stack([turned["x_rate"], turned["y_rate"]], -1), worlds[1].turn(rates))
+    assert_close(turned["t"], plain["t"])
 
 
-def test_a_controller_is_asked_and_answers_in_the_world(worlds: tuple[World, World]) -> None:
+def test_a_controller_accepts_and_returns_world_coordinates(worlds: tuple[World, World]) -> None:
     stiff = np.array([[0.8, 0.1], [0.1, 0.3]])
     for response in ("admittance", "equipotential"):
         answers = []
@@ -222,26 +224,26 @@ def test_a_controller_is_asked_and_answers_in_the_world(worlds: tuple[World, Wor
             free = [controller.command(world.at(point)) for point in ((0.7, 4.1), (2.9, 0.4))]
             pushed = controller.command(world.at(START), world.turn((0.3, -0.2)))
             led_back = controller.command(world.at((1.05, 1.1)))
-            same(controller.nominal(world.at(START)).velocity, free[0])
+            assert_close(controller.nominal(world.at(START)).velocity, free[0])
             answers.append([*free, pushed, led_back])
-        same(answers[1], worlds[1].turn(answers[0]))
+        assert_close(answers[1], worlds[1].turn(answers[0]))
 
 
-def test_speed_limits_of_a_controller_are_those_of_the_world(worlds: tuple[World, World]) -> None:
+def test_speed_limits_of_a_controller_hold_in_world_coordinates(worlds: tuple[World, World]) -> None:
     for world in worlds:
         controller = rg.control.make_controller(rg.plan(world.scene()).field, speed=1.0, speed_limits=(0.3, 0.2))
-        asked = np.array([controller.command(world.at(point)) for point in ((0.7, 4.1), (2.9, 0.4), (6.7, 4.0))])
-        assert np.abs(asked / (0.3, 0.2)).max(axis=1) == pytest.approx([1, 1, 1])
+        commands = np.array([controller.command(world.at(point)) for point in ((0.7, 4.1), (2.9, 0.4), (6.7, 4.0))])
+        assert np.abs(commands / (0.3, 0.2)).max(axis=1) == pytest.approx([1, 1, 1])
 
 
-def test_a_run_is_told_in_the_world(worlds: tuple[World, World]) -> None:
+def test_a_run_contains_world_coordinates(worlds: tuple[World, World]) -> None:
     runs = []
     for world in worlds:
         scene = world.scene(hidden=(rg.Ball(world.at((5.2, 2.3)), 0.3),))
         sim = rg.simulation(scene, speed=0.4)
         pushes = [rg.control.ExternalForce(1.0, 0.5, world.turn((0.3, -0.3)))]
         run = sim.run(world.at(START), pushes=pushes, bias=world.turn((0.02, 0.01)))
-        same(run.configuration[0], world.at(START))
+        assert_close(run.configuration[0], world.at(START))
         assert np.all(sim.plant.penetration(run.configuration) == 0)
         felt: list[NDArray[np.float64]] = []
 
@@ -250,41 +252,41 @@ def test_a_run_is_told_in_the_world(worlds: tuple[World, World]) -> None:
             return (0.0, 0.0) if time else (0.1, 0.0)
 
         pushed = sim.run(world.at(START), pushes=push, max_steps=2)
-        same(felt[0], world.at(START))
-        same(pushed.push[0], (0.1, 0.0))
+        assert_close(felt[0], world.at(START))
+        assert_close(pushed.push[0], (0.1, 0.0))
         runs.append(run)
     plain, turned = runs
     assert plain.ending == turned.ending == "arrived"
     assert len(plain.contacts.step)
     assert len(plain.lessons)
     place, turn = worlds[1].place, worlds[1].turn
-    same(turned.time, plain.time, 1e-6)
+    assert_close(turned.time, plain.time, 1e-6)
     for name in ("configuration", "believed"):
-        same(getattr(turned, name), place(getattr(plain, name)), 1e-6)
+        assert_close(getattr(turned, name), place(getattr(plain, name)), 1e-6)
     for name in ("velocity", "torque", "push"):
-        same(getattr(turned, name), turn(getattr(plain, name)), 1e-5)
-    same(turned.contacts.point, place(plain.contacts.point), 1e-6)
-    same(turned.contacts.normal, turn(plain.contacts.normal), 1e-5)
+        assert_close(getattr(turned, name), turn(getattr(plain, name)), 1e-5)
+    assert_close(turned.contacts.point, place(plain.contacts.point), 1e-6)
+    assert_close(turned.contacts.normal, turn(plain.contacts.normal), 1e-5)
     for lesson, other in zip(turned.lessons, plain.lessons, strict=True):
-        same(lesson.points, place(other.points), 1e-6)
+        assert_close(lesson.points, place(other.points), 1e-6)
 
 
-def test_normals_are_those_of_the_world(worlds: tuple[World, World]) -> None:
+def test_surface_normals_are_in_world_coordinates(worlds: tuple[World, World]) -> None:
     points = np.array([(1.6, 0.3), (3.9, 3.2)])
     plain, turned = (
         rg.planning.surface_normals(rg.build_space(world.scene()), world.place(points)) for world in worlds
     )  # fmt: skip
-    same(turned, worlds[1].turn(plain))
+    assert_close(turned, worlds[1].turn(plain))
 
 
-def test_the_command_line_agrees_with_python(worlds: tuple[World, World], tmp_path: Path) -> None:
-    told = []
+def test_command_line_results_are_in_world_coordinates(worlds: tuple[World, World], tmp_path: Path) -> None:
+    results = []
     for world in worlds:
-        words = [str(world.file), f"--goal={world.say(GOAL)}", f"--start={world.say(START)}"]
+        words = [str(world.file), f"--goal={world.as_option(GOAL)}", f"--start={world.as_option(START)}"]
         result = call("path", *words, "--json")
         assert result.exit_code == 0, result.output
         (path,) = json.loads(result.stdout)["paths"]
-        same(path["points"], rg.plan(world.scene()).path(world.at(START)).points)
+        assert_close(path["points"], rg.plan(world.scene()).path(world.at(START)).points)
         log = tmp_path / "log.csv"
         words += ["--speed", "0.4", f"--push=1,0.5,{','.join(map(repr, world.turn((0.3, -0.3)).tolist()))}"]
         result = call("control", *words, "-o", log, "--json")
@@ -293,13 +295,13 @@ def test_the_command_line_agrees_with_python(worlds: tuple[World, World], tmp_pa
         rows = list(csv.DictReader(log.read_text().splitlines()))
         way = np.array([(float(row["x"]), float(row["y"])) for row in rows])
         pushes = np.array([(float(row["x_push"]), float(row["y_push"])) for row in rows])
-        same(pushes[np.any(pushes != 0, axis=1)][0], world.turn((0.3, -0.3)))
-        told.append((path["points"], way, run["end"]))
-    for plain, turned in zip(*told, strict=True):
-        same(turned, worlds[1].place(plain), 1e-6)
+        assert_close(pushes[np.any(pushes != 0, axis=1)][0], world.turn((0.3, -0.3)))
+        results.append((path["points"], way, run["end"]))
+    for plain, turned in zip(*results, strict=True):
+        assert_close(turned, worlds[1].place(plain), 1e-6)
 
 
-def test_a_goal_given_by_its_bounds_lies_in_the_world(worlds: tuple[World, World]) -> None:
+def test_goal_bounds_are_in_world_coordinates(worlds: tuple[World, World]) -> None:
     for world in worlds:
         lower = np.array(world.at((6.0, 3.5))) - 0.6
         upper = lower + 1.2
@@ -309,36 +311,36 @@ def test_a_goal_given_by_its_bounds_lies_in_the_world(worlds: tuple[World, World
         assert np.all((goals >= lower - 1e-9) & (goals <= upper + 1e-9))
 
 
-def test_pictures_are_drawn_in_the_world(worlds: tuple[World, World]) -> None:
+def test_pictures_are_drawn_in_world_coordinates(worlds: tuple[World, World]) -> None:
     for world in worlds:
         planner = rg.plan(world.scene())
         path = planner.path(world.at(START))
         axes = rg.draw(path)
         drawn = np.concatenate([line.vertices for line in axes.collections[0].get_paths()])
-        same(drawn, path.points)
+        assert_close(drawn, path.points)
         corners = world.place([(0, 0), (7, 0), (7, 5), (0, 5)])
-        same((axes.get_xlim(), axes.get_ylim()), np.stack([corners.min(axis=0), corners.max(axis=0)], axis=1))
+        assert_close((axes.get_xlim(), axes.get_ylim()), np.stack([corners.min(axis=0), corners.max(axis=0)], axis=1))
 
 
-def test_a_field_of_another_frame_is_refused(worlds: tuple[World, World]) -> None:
+def test_blending_fields_of_different_frames_raises_input_error(worlds: tuple[World, World]) -> None:
     plain = rg.plan(worlds[0].scene())
     with pytest.raises(rg.InputError, match="different spaces"):
         rg.blend(plain.field, rg.plan(worlds[1].scene(), boundary="neumann").field, 0.5)
 
 
-def test_a_start_outside_a_turned_map_is_named_as_it_was_given(worlds: tuple[World, World]) -> None:
+def test_a_start_outside_a_turned_map_is_reported_in_world_coordinates(worlds: tuple[World, World]) -> None:
     with pytest.raises(rg.InputError, match=r"start \(1.0, 1.0\) lies outside the map; in the map's own axes"):
         rg.plan(worlds[1].scene()).paths([worlds[1].at(START), (1.0, 1.0)])
 
 
-def test_only_a_plane_is_turned() -> None:
+def test_a_frame_on_three_axes_raises_input_error() -> None:
     axes = [rg.Axis(name, 0.0, 2.0, 2) for name in "xyz"]
     with pytest.raises(rg.InputError, match="only a plane"):
         rg.ConfigurationSpace(axes, np.zeros((2, 2, 2)), frame=rg.Frame(1.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("starts", [np.zeros((4, 3)), np.zeros(6), np.zeros((1, 1, 2)), 5.0, "here"])
-def test_many_starts_are_rows_and_nothing_else(worlds: tuple[World, World], starts: object) -> None:
+def test_starts_that_are_not_an_array_of_rows_raise_input_error(worlds: tuple[World, World], starts: object) -> None:
     planner = rg.plan(worlds[0].scene(), k=0.5)
     for ask in (
         lambda: rg.streamlines(planner.field, starts),

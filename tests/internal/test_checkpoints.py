@@ -1,4 +1,4 @@
-"""Files that grow line by line, cut off anywhere.
+"""Checkpoint files that grow line by line: truncation at any byte, foreign files, and write errors.
 
 Tests internals: `resgrid._internal.checkpoints`.
 """
@@ -20,37 +20,37 @@ HEAD = {"resgrid": "test", "fingerprint": "abc"}
 RECORDS = st.lists(st.dictionaries(st.text(max_size=5), st.integers() | st.text(max_size=9), max_size=3), max_size=6)
 
 
-def write(path: Path, records: list[dict[str, object]]) -> None:
+def write_journal(path: Path, records: list[dict[str, object]]) -> None:
     journal = Journal(path, HEAD)
     for record in records[len(list(journal)) :]:
         journal.append(record)
 
 
 @given(RECORDS, st.data())
-def test_a_file_cut_off_anywhere_is_taken_up_to_the_same_bytes(
+def test_a_file_truncated_at_any_byte_is_completed_to_the_same_bytes(
     records: list[dict[str, object]], data: st.DataObject
 ) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "file.jsonl"
-        write(path, records)
+        write_journal(path, records)
         whole = path.read_bytes()
         path.write_bytes(whole[: data.draw(st.integers(0, len(whole)))])
         found = list(Journal(path, HEAD))
         assert found == records[: len(found)]
-        write(path, records)
+        write_journal(path, records)
         assert path.read_bytes() == whole
         assert list(Journal(path, HEAD)) == records
 
 
-def test_a_long_line_that_was_cut_off_is_dropped(tmp_path: Path) -> None:
-    write(tmp_path / "file", [{"a": 1}, {"b": "x" * 200_000}])
+def test_an_incomplete_long_line_is_removed(tmp_path: Path) -> None:
+    write_journal(tmp_path / "file", [{"a": 1}, {"b": "x" * 200_000}])
     data = (tmp_path / "file").read_bytes()
     (tmp_path / "file").write_bytes(data[:-5])
     assert list(Journal(tmp_path / "file", HEAD)) == [{"a": 1}]
     assert (tmp_path / "file").read_bytes() == data[: data.rindex(b'{"b"')]
 
 
-def test_files_of_others_are_left_alone(tmp_path: Path) -> None:
+def test_files_of_other_runs_raise_input_error_and_stay_unchanged(tmp_path: Path) -> None:
     file = tmp_path / "file"
     for data, message in (
         (b'{"resgrid":"test","fingerprint":"xyz"}\n{}\ntorn', "belongs to another run"),
@@ -66,7 +66,7 @@ def test_files_of_others_are_left_alone(tmp_path: Path) -> None:
         assert file.read_bytes() == data
 
 
-def test_a_file_that_cannot_be_written_is_named_and_taken_up_later(tmp_path: Path) -> None:
+def test_a_write_error_raises_input_error_and_the_file_is_completed_later(tmp_path: Path) -> None:
     file, limits = tmp_path / "file", resource.getrlimit(resource.RLIMIT_FSIZE)
     journal = Journal(file, HEAD)
     resource.setrlimit(resource.RLIMIT_FSIZE, (file.stat().st_size + 3, limits[1]))  # the disk is full
@@ -75,12 +75,12 @@ def test_a_file_that_cannot_be_written_is_named_and_taken_up_later(tmp_path: Pat
             journal.append({"a": 1})
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    write(file, [{"a": 1}])
+    write_journal(file, [{"a": 1}])
     assert list(Journal(file, HEAD)) == [{"a": 1}]
 
 
-def test_a_file_without_permission_is_named() -> None:
-    """As a user who is not root, whom no permission stops."""
+def test_a_file_without_write_permission_raises_input_error() -> None:
+    """The test switches to another user, because permissions do not apply to root."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "chips.jsonl"
         file.touch(0o444)

@@ -59,6 +59,6 @@ def test_public_functions_raise_the_built_in_exceptions() -> None:
         rg.build_space(rg.Scene(axes, goals=(rg.GoalCell((0, 0, 0)),)))
 
 
-def test_a_missing_tool_has_no_system_error_number() -> None:
+def test_tool_missing_error_has_no_errno_and_filename() -> None:
     error = rg.ToolMissingError("ngspice is missing")
     assert (error.errno, error.strerror, error.filename) == (None, None, None)

@@ -1,4 +1,4 @@
-"""A missing extra is named with the command that installs its packages.
+"""The command that installs the packages of an extra, against pyproject.toml.
 
 Tests internals: `resgrid._internal.extras`.
 """
@@ -20,13 +20,13 @@ EXTRAS = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]["opt
 
 
 @pytest.mark.parametrize("extra", ["dask", "live", "mpi", "notebook", "parsl"])
-def test_the_command_names_the_packages_for_this_python(extra: str) -> None:
+def test_the_install_command_lists_the_packages_of_the_extra(extra: str) -> None:
     words = shlex.split(install_command(extra))
     assert words[:4] == [sys.executable, "-m", "pip", "install"]
     assert sorted(words[4:]) == sorted(EXTRAS[extra])
 
 
-def test_a_checkout_that_is_not_installed_names_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_install_command_of_an_uninstalled_checkout_contains_its_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     def absent(name: str) -> list[str]:
         raise metadata.PackageNotFoundError(name)
 

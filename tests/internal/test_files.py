@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid._internal.files`."""
+"""Atomic files and folders: bytes, permissions, failures, killed processes and concurrent runs.
+
+Tests internals: `resgrid._internal.files`.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,9 @@ def test_permissions_follow_the_umask(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("failure", [ValueError, KeyboardInterrupt])
-def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path, failure: type[BaseException]) -> None:
+def test_a_failure_keeps_the_old_file_and_removes_the_temporary_one(
+    tmp_path: Path, failure: type[BaseException]
+) -> None:
     path = write_text(tmp_path / "deck.cir", "old")
     with pytest.raises(failure), atomic_path(path) as temporary:
         assert temporary.suffix == ".cir"
@@ -43,7 +48,7 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path, failure:
     assert names(tmp_path) == ["deck.cir"]
 
 
-def test_what_a_killed_process_left_is_removed_by_the_next_one(tmp_path: Path) -> None:
+def test_temporary_files_of_a_killed_process_are_removed_by_the_next_run(tmp_path: Path) -> None:
     left = [tmp_path / name for name in (".deck-0123456789ab.cir", ".deck-0123456789ac.cir", ".deck-of-mine.cir")]
     for file in left:
         file.touch()
@@ -58,10 +63,10 @@ def test_what_a_killed_process_left_is_removed_by_the_next_one(tmp_path: Path) -
     assert names(tmp_path) == [".deck-0123456789ac.cir", ".deck-of-mine.cir", "deck.cir", "out"]
 
 
-def test_a_folder_that_another_run_is_making_is_refused(tmp_path: Path) -> None:
+def test_a_folder_that_another_run_is_writing_raises_input_error(tmp_path: Path) -> None:
     with whole_folder(tmp_path / "out") as first:
         (first / "a").touch()
-        os.utime(first, (0, 0))  # however long it takes
+        os.utime(first, (0, 0))  # the age of the folder does not matter
         with pytest.raises(rg.InputError, match="another run is writing this folder"), whole_folder(tmp_path / "out"):
             pass
         with whole_folder(tmp_path / "other"):
@@ -71,7 +76,7 @@ def test_a_folder_that_another_run_is_making_is_refused(tmp_path: Path) -> None:
         pass
 
 
-def test_a_folder_that_a_killed_run_was_making_is_made_by_the_next_one(tmp_path: Path) -> None:
+def test_a_folder_of_a_killed_run_is_written_by_the_next_run(tmp_path: Path) -> None:
     program = "import os\nfrom resgrid._internal.files import whole_folder\nwith whole_folder('out'):\n    os._exit(9)"
     assert subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=False).returncode == 9
     assert len(names(tmp_path)) == 1
@@ -80,7 +85,7 @@ def test_a_folder_that_a_killed_run_was_making_is_made_by_the_next_one(tmp_path:
     assert "out" in names(tmp_path)
 
 
-def test_a_link_is_followed_and_a_device_is_written_to(tmp_path: Path) -> None:
+def test_links_are_followed_and_devices_and_pipes_are_written(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path / "real")
     write_text(tmp_path / "link", "x")
     assert (tmp_path / "link").is_symlink()
@@ -95,14 +100,14 @@ def test_a_link_is_followed_and_a_device_is_written_to(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["", "missing/a.txt", "a\0b", "x" * 300, "file/a.txt"])
-def test_a_wrong_place_is_one_clear_message(tmp_path: Path, name: str) -> None:
+def test_invalid_file_names_raise_input_error(tmp_path: Path, name: str) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(rg.InputError, match="cannot write"):
         write_text(f"{tmp_path}/{name}", "x")
     assert names(tmp_path) == ["file"]
 
 
-def test_a_folder_that_a_thread_is_removing_is_gone_at_the_end_of_the_process(tmp_path: Path) -> None:
+def test_a_temporary_folder_is_removed_at_process_exit_during_its_removal(tmp_path: Path) -> None:
     program = """
 import os, shutil, threading, time, weakref
 from resgrid._internal.files import temporary_folder

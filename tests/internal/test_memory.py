@@ -1,4 +1,4 @@
-"""What is left of the memory, of the machine and of a container.
+"""Free memory of the machine and of a container, and the estimates that are compared with it.
 
 Tests internals: `resgrid._internal`.
 """
@@ -19,7 +19,7 @@ def container(folder: Path, limit: str, current: int, inactive: int) -> None:
     (folder / "memory.stat").write_text(f"anon {current - inactive}\ninactive_file {inactive}\n")
 
 
-def test_a_container_leaves_its_limit_less_what_is_taken_and_not_given_up(
+def test_free_memory_of_a_container_is_its_limit_minus_active_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(memory, "_GROUP", tmp_path)
@@ -30,12 +30,12 @@ def test_a_container_leaves_its_limit_less_what_is_taken_and_not_given_up(
     container(tmp_path, "4000", 4500, 100)
     assert memory.available_memory() == 0
     container(tmp_path, "400000", 3000, 0)
-    assert memory.available_memory() == 10_000  # of the machine
+    assert memory.available_memory() == 10_000  # the machine has less than the container
     container(tmp_path, "max", 3000, 0)
     assert memory.available_memory() == 10_000
 
 
-def test_a_space_that_will_not_fit_is_refused_with_the_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_space_larger_than_the_memory_raises_budget_error_with_the_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "available_memory", lambda: 2**30)
     cells = np.broadcast_to(np.uint8(0), (400, 400, 400))
     space = rg.ConfigurationSpace([rg.Axis(name, 0, 400, 400) for name in "zyx"], cells)
@@ -43,14 +43,14 @@ def test_a_space_that_will_not_fit_is_refused_with_the_estimate(monkeypatch: pyt
         rg.compile_space(space)
 
 
-@pytest.mark.parametrize("verb", ["solve", "path"])
-def test_a_grid_is_refused_before_it_is_cut_into_cells(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verb: str
+@pytest.mark.parametrize("subcommand", ["solve", "path"])
+def test_a_grid_that_is_too_large_exits_with_4_before_it_is_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, subcommand: str
 ) -> None:
     scene = tmp_path / "room.toml"
     scene.write_text(ROOM)
     monkeypatch.setattr(memory, "available_memory", lambda: 4000)  # enough for 30 cells, but not for their netlist
-    monkeypatch.setattr("resgrid.build_space", lambda *_, **__: pytest.fail("it was cut into cells"))
-    result = call(verb, scene)
+    monkeypatch.setattr("resgrid.build_space", lambda *_, **__: pytest.fail("the space was built"))
+    result = call(subcommand, scene)
     assert result.exit_code == 4
     assert "compiling the grid: 6 x 5 = 30 cells needs about" in result.stderr

@@ -1,4 +1,4 @@
-"""Work over executors: the same results whoever does what, in which order, and whoever dies.
+"""Work on executors: the same results in order for every executor, order of completion and death of workers.
 
 Tests internals: `resgrid._internal.parallel`.
 """
@@ -30,7 +30,7 @@ REAL = ["processes", "forkserver", "loky", "dask"]
 @given(
     st.lists(st.integers(0, 10), max_size=4), st.integers(0, 2**32), st.booleans(), st.sampled_from([sums, slow_sums])
 )
-def test_results_come_in_order_whatever_the_order_of_completion(
+def test_results_are_in_order_for_every_order_of_completion(
     lengths: list[int], seed: int, remote: bool, function: Any
 ) -> None:
     shared = [{"offset": 100 * k, "ballast": bytes(200_000)} for k in range(len(lengths))]
@@ -39,16 +39,14 @@ def test_results_come_in_order_whatever_the_order_of_completion(
     ]
     expected = list(in_order(parts))
     with Shuffled(seed, remote=remote) as executor, pytest.MonkeyPatch.context() as patch:
-        if (
-            remote
-        ):  # a clock that stands keeps the window as it begins, and what is sent does not depend on the computer
+        if remote:  # a constant clock keeps the number of submitted tasks independent of the machine
             patch.setattr("resgrid._internal.parallel.time", SimpleNamespace(perf_counter=lambda: 0.0))
         assert list(in_order(iter(parts), executor)) == expected
     heavy = sum(size > 200_000 for size in executor.sizes)
     assert heavy <= 4 * len(lengths) if remote else heavy == 0
 
 
-def test_what_items_share_goes_to_a_worker_without_its_file_about_once() -> None:
+def test_shared_data_is_sent_only_a_few_times_to_workers_without_the_file() -> None:
     shared = {"offset": 1, "ballast": np.random.default_rng(0).bytes(100_000)}
     with Shuffled(0, remote=True) as executor:
         assert list(in_order([JobPart(slow_sums, shared, range(400))], executor)) == list(range(1, 401))
@@ -57,7 +55,7 @@ def test_what_items_share_goes_to_a_worker_without_its_file_about_once() -> None
 
 
 @pytest.mark.parametrize("kind", REAL)
-def test_a_worker_that_dies_costs_its_tasks_only(kind: str, tmp_path: Path) -> None:
+def test_tasks_of_a_killed_worker_are_repeated(kind: str, tmp_path: Path) -> None:
     shared = {"offset": 5, "mark": str(tmp_path / "died")}
     with two_workers(kind, tmp_path) as executor:
         assert list(in_order([JobPart(dying_sums, shared, range(60))], executor)) == list(range(5, 65))
@@ -65,7 +63,7 @@ def test_a_worker_that_dies_costs_its_tasks_only(kind: str, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("kind", REAL)
-def test_items_that_kill_every_worker_are_named(kind: str, tmp_path: Path) -> None:
+def test_items_that_kill_every_worker_raise_worker_error_with_their_range(kind: str, tmp_path: Path) -> None:
     with (
         two_workers(kind, tmp_path) as executor,
         pytest.raises(rg.WorkerError, match=r"computing chips (\d) to (\d+) .*memory") as caught,
@@ -76,8 +74,8 @@ def test_items_that_kill_every_worker_are_named(kind: str, tmp_path: Path) -> No
     assert first <= 7 <= last
 
 
-def test_a_task_that_dask_forgets_is_sent_again() -> None:
-    """While dask cancels tasks of a dead worker, it may unpack an answer that is none; the task's own errors count."""
+def test_a_task_that_fails_inside_dask_is_sent_again() -> None:
+    """Dask may raise ValueError on an invalid result while it cancels tasks; ValueError of the task is still raised."""
     cascade: dict[str, object] = {"__name__": "distributed.cfexecutor"}
     exec("def fetch(result):\n    typ, exc, tb = result", cascade)
 
@@ -99,7 +97,7 @@ def test_a_task_that_dask_forgets_is_sent_again() -> None:
             list(in_order([JobPart(unpacked, {"offset": 1}, range(3))], executor))
 
 
-def test_an_executor_that_cannot_be_made_anew_says_so() -> None:
+def test_a_broken_executor_that_cannot_be_restarted_raises_worker_error() -> None:
     def broken() -> None:
         raise RuntimeError("no thread starts")
 
@@ -110,7 +108,7 @@ def test_an_executor_that_cannot_be_made_anew_says_so() -> None:
         list(in_order([JobPart(sums, {"offset": 0}, range(3))], executor))
 
 
-def test_an_executor_that_loses_its_scheduler_says_so() -> None:
+def test_an_executor_that_cancels_all_tasks_raises_worker_error() -> None:
     class Closing(ThreadPoolExecutor):
         def submit(self, *_work: Any) -> Future[Any]:
             future: Future[Any] = Future()
@@ -123,7 +121,7 @@ def test_an_executor_that_loses_its_scheduler_says_so() -> None:
 
 
 @pytest.mark.parametrize("threads", [True, False])
-def test_an_item_that_fails_fails_in_its_turn(threads: bool) -> None:
+def test_the_exception_of_an_item_is_raised_at_its_position(threads: bool) -> None:
     with ThreadPoolExecutor(2) if threads else Shuffled(0) as executor:
         results = in_order([JobPart(failing_sums, {"offset": 0}, range(20))], executor)
         seen = []
@@ -133,7 +131,7 @@ def test_an_item_that_fails_fails_in_its_turn(threads: bool) -> None:
     assert seen == list(range(len(seen))) and len(seen) <= 7
 
 
-def test_what_has_not_begun_is_cancelled() -> None:
+def test_closing_the_results_cancels_tasks_that_have_not_begun() -> None:
     began = []
 
     def work(_shared: None, items: Any) -> list[int]:
@@ -149,8 +147,8 @@ def test_what_has_not_begun_is_cancelled() -> None:
 
 
 @pytest.mark.parametrize("dying", [0, 1])
-def test_a_pool_ends_though_a_worker_dies_meanwhile(dying: int) -> None:
-    """One of two idle workers holds the lock of their queue, and the pool no longer looks who lives."""
+def test_a_pool_shuts_down_when_a_worker_is_killed_meanwhile(dying: int) -> None:
+    """One of two idle workers holds the lock of their queue while the pool shuts down."""
     opened = rg.open_executor("processes:2")
     executor: Any = opened.__enter__()
     assert list(executor.map(slow_sums, [{"offset": 0}] * 4, [[k] for k in range(4)])) == [[0], [1], [2], [3]]
@@ -167,7 +165,7 @@ def test_a_pool_ends_though_a_worker_dies_meanwhile(dying: int) -> None:
     assert not ending.is_alive()
 
 
-def test_an_executor_that_cannot_cancel_can_be_left_early() -> None:
+def test_results_of_an_executor_without_cancel_can_be_closed_early() -> None:
     class Uncancelled(Future[Any]):  # as those of parsl
         def cancel(self) -> bool:
             raise NotImplementedError("Cancel not implemented")
@@ -184,8 +182,8 @@ def test_an_executor_that_cannot_cancel_can_be_left_early() -> None:
         results.close()
 
 
-def test_the_window_grows_until_all_workers_have_something_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A task that took about as long as its worker computed did not wait, so more may be sent."""
+def test_the_number_of_submitted_tasks_grows_until_all_workers_are_busy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A task whose elapsed time is about its computing time did not wait, so that more tasks may be submitted."""
     most = 0
 
     class Instant(Executor):
@@ -204,7 +202,7 @@ def test_the_window_grows_until_all_workers_have_something_to_do(monkeypatch: py
     assert most >= 20
 
 
-def test_many_scenes_and_many_starts(scenes: Path) -> None:
+def test_spread_gives_the_same_plans_and_paths_in_worker_processes(scenes: Path) -> None:
     maps = [rg.read_scene(scenes / name) for name in ("lesson.toml", "rooms.toml")]
     planners = list(rg.spread(rg.plan, maps))
     starts = planners[1].space.centre(np.argwhere(planners[1].space.goal_connected)[::500])

@@ -1,4 +1,4 @@
-"""The types of the package as a program outside of it sees them: ``py.typed`` and the stub ``__init__.pyi``."""
+"""Types of the package as another program sees them (``py.typed`` and ``__init__.pyi``), checked by mypy."""
 
 from __future__ import annotations
 
@@ -46,19 +46,19 @@ rg.streamlin
 """
 
 
-def check(folder: Path, program: str) -> subprocess.CompletedProcess[str]:
+def run_mypy(folder: Path, program: str) -> subprocess.CompletedProcess[str]:
     (folder / "program.py").write_text(program)
     command = [sys.executable, "-m", "mypy", "--strict", "--config-file", "", "--cache-dir", "../mypy", "program.py"]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=500, check=False)
 
 
 def test_a_program_with_annotations_passes_mypy_in_strict_mode(tmp_path: Path) -> None:
-    done = check(tmp_path, RIGHT)
+    done = run_mypy(tmp_path, RIGHT)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_mypy_reports_wrong_calls_of_a_program(tmp_path: Path) -> None:
-    done = check(tmp_path, WRONG)
+    done = run_mypy(tmp_path, WRONG)
     found = [line for line in done.stdout.splitlines() if line.startswith("program.py:")]
     assert {int(line.split(":")[1]) for line in found if "error:" in line} == {4, 5, 6, 7}, done.stdout + done.stderr
 

@@ -1,4 +1,4 @@
-"""Public functions and classes check their arguments, with messages that name the argument.
+"""Validation of the arguments of all public functions and classes; messages contain the argument's name.
 
 Tests internals: `resgrid._internal.validation`.
 """
@@ -43,15 +43,15 @@ CLASSES = [
 PLAIN = (1.0, 1, "auto", None, (1.0, 1.0), [], {}, print, [1], [("a", [])], ("a", []), True)
 
 
-def fitting(kind: TypeCheck) -> Any:
-    """Something of a kind; an empty shell where it is a class."""
+def accepted_value(kind: TypeCheck) -> Any:
+    """Return a value that the type check accepts; an uninitialized instance for a class."""
     shells = (object.__new__(one) for one in CLASSES if not issubclass(one, BaseException | str | int))
     return next(value for value in (*PLAIN, rg.PointRobot(), rg.Frame(), Figure(), *shells) if kind.accepts(value))
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_an_argument_of_the_wrong_type_is_refused_by_name(name: str) -> None:
-    """Made from all public names, so that a new function is covered; nothing is computed, for types come first."""
+def test_arguments_of_wrong_type_raise_input_error_with_their_name(name: str) -> None:
+    """All public functions are covered, including new ones; types are checked before any computation."""
     function = PUBLIC[name]
     kinds = type_checks_of(function.__wrapped__)
     given: dict[str, Any] = {}
@@ -68,10 +68,10 @@ def test_an_argument_of_the_wrong_type_is_refused_by_name(name: str) -> None:
             assert str(caught.value).startswith((f"{parameter.name} = ", f"{parameter.name}[0] = ")), label
             assert " must be " in str(caught.value), label
         if parameter.default is Parameter.empty:
-            given[parameter.name] = fitting(kind)
+            given[parameter.name] = accepted_value(kind)
 
 
-def test_the_obvious_mistakes_say_what_to_pass() -> None:
+def test_messages_for_common_mistakes_contain_the_correct_call() -> None:
     scene = object.__new__(rg.Scene)
     planner = object.__new__(rg.planning.Planner)
     for call, words in (
@@ -85,7 +85,7 @@ def test_the_obvious_mistakes_say_what_to_pass() -> None:
         assert all(word in str(caught.value) for word in words), caught.value
 
 
-def test_numbers_of_every_kind_are_numbers() -> None:
+def test_type_checks_accept_numpy_numbers_and_reject_other_types() -> None:
     for hint, right, wrong in (
         (float, (0.4, 1, np.float32(0.4), np.int64(1), np.inf), (True, np.nan, "1", 1j, [1.0], None)),
         (int, (1, np.int8(1)), (True, 1.0, "1", np.float64(1), None)),
@@ -95,7 +95,7 @@ def test_numbers_of_every_kind_are_numbers() -> None:
         assert not any(map(type_check_of(hint).accepts, wrong)), hint
 
 
-def test_a_public_function_keeps_its_name_its_signature_and_its_pickle() -> None:
+def test_public_functions_keep_name_docstring_and_pickling() -> None:
     for name in FUNCTIONS:
         function = PUBLIC[name]
         assert pickle.loads(pickle.dumps(function)) is function
@@ -104,12 +104,12 @@ def test_a_public_function_keeps_its_name_its_signature_and_its_pickle() -> None
         assert function.__doc__ == function.__wrapped__.__doc__
 
 
-def test_a_name_that_is_not_there_is_told_its_neighbour() -> None:
+def test_an_unknown_attribute_raises_attribute_error_with_the_closest_name() -> None:
     with pytest.raises(AttributeError, match="did you mean 'streamline'"):
         rg.streamlin  # noqa: B018
 
 
-def test_values_that_no_array_holds_and_names_that_name_nothing_are_refused(tmp_path: Path) -> None:
+def test_numbers_beyond_doubles_and_other_invalid_values_raise_input_error(tmp_path: Path) -> None:
     space = rg.build_space(rg.read_scene(Path(__file__).parents[2] / "examples/scenes/lesson.toml"))
     netlist = rg.compile_space(space)
     for call in (
@@ -161,21 +161,21 @@ RECORDS: dict[Any, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.__name__)
-def test_a_value_is_not_made_of_the_wrong_types(record: Any) -> None:
-    right = RECORDS[record]
-    record(**right)
-    for name in signature(record).parameters:
-        accepts = type_checks_of(unwrap(record.__init__))[name].accepts
+@pytest.mark.parametrize("value_class", RECORDS, ids=lambda value_class: value_class.__name__)
+def test_value_classes_reject_arguments_of_wrong_type(value_class: Any) -> None:
+    right = RECORDS[value_class]
+    value_class(**right)
+    for name in signature(value_class).parameters:
+        accepts = type_checks_of(unwrap(value_class.__init__))[name].accepts
         for wrong in (*WRONG.values(), 10**400, ["a", 1], []):
             if not accepts(wrong):
                 with pytest.raises(rg.InputError, match=name):
-                    record(**{**right, name: wrong})
+                    value_class(**{**right, name: wrong})
             elif wrong is not None:
-                with suppress(rg.InputError):  # of the right type, and perhaps not of the right value
-                    record(**{**right, name: wrong})
+                with suppress(rg.InputError):  # the type is valid, the value may be invalid
+                    value_class(**{**right, name: wrong})
     single = {key: np.float32(value) if isinstance(value, float) else value for key, value in right.items()}
-    record(**single)
+    value_class(**single)
 
 
 @pytest.mark.parametrize(
@@ -196,7 +196,7 @@ def test_a_value_is_not_made_of_the_wrong_types(record: Any) -> None:
         (lambda: rg.GoalCell((10**5000,)), r"cell\[0\] = a number with too many digits"),
     ],
 )
-def test_limits_stand_in_annotations_and_are_kept(make: Any, words: str) -> None:
+def test_limits_in_annotations_are_enforced(make: Any, words: str) -> None:
     with pytest.raises(rg.InputError, match=words):
         make()
     assert type_check_of(Annotated[float, Gt(0)]).accepts(np.float32(1.0))

@@ -1,4 +1,4 @@
-"""One small job per part of the library that depends on compiled or fast-moving packages."""
+"""One quick job for each part of the library that depends on compiled or frequently changing packages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import resgrid as rg
 SCENE = Path(__file__).parents[2] / "examples" / "scenes" / "lesson.toml"
 
 
-def test_a_path_of_a_scene_is_certified() -> None:
+def test_a_planned_path_is_certified_and_reaches_the_goal() -> None:
     path = rg.plan(rg.read_scene(SCENE)).path((0.5, 6.5))
     rg.certify(path)
     assert path.outcome is rg.Outcome.REACHED

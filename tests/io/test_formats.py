@@ -1,4 +1,4 @@
-"""What files hold, and that a format is one encoder and one line.
+"""File formats: CSV, JSON and NPZ contents, and registration of a new format.
 
 Tests internals: `resgrid.io.tables`.
 """
@@ -21,7 +21,7 @@ def tsv_bytes(table) -> bytes:
     return "\n".join("\t".join(map(str, row)) for row in [tuple(table), *rows]).encode()
 
 
-def test_a_new_format_is_one_line_and_every_writer_takes_it(monkeypatch, tmp_path):
+def test_a_registered_format_is_available_in_every_writer(monkeypatch, tmp_path):
     (tmp_path / "room.toml").write_text(ROOM)
     assert call("path", tmp_path / "room.toml", "-o", tmp_path / "paths.tsv").exit_code == 2
     monkeypatch.setitem(FORMATS, ".tsv", Format("table", tsv_bytes))
@@ -36,7 +36,7 @@ def test_a_new_format_is_one_line_and_every_writer_takes_it(monkeypatch, tmp_pat
     assert record["columns"]["time"] == run.time.tolist() and record["outcome"] == run.ending
 
 
-def test_numbers_are_read_back_as_they_were_and_holes_are_empty():
+def test_numbers_keep_all_digits_and_missing_values_are_empty():
     table = {"name": ['a,"b"', "c"], "value": np.array([0.1 + 0.2, np.nan]), "flag": [True, None]}
     assert csv_bytes(table) == b'name,value,flag\n"a,""b""",0.30000000000000004,True\nc,,\n'
     record = {"a": np.float64(np.inf), "b": [np.nan, 1], "c": (np.arange(2), None), 3: {"d": np.bool_(True)}}
@@ -45,7 +45,7 @@ def test_numbers_are_read_back_as_they_were_and_holes_are_empty():
     }  # fmt: skip
 
 
-def test_the_same_arrays_are_the_same_bytes(tmp_path):
+def test_npz_bytes_are_reproducible_and_read_back_unchanged(tmp_path):
     arrays = {"file": np.arange(3), "allow_pickle": np.eye(2), "names": np.array(["a", "bc"])}
     assert npz_bytes(arrays) == npz_bytes(arrays)
     (tmp_path / "a.npz").write_bytes(npz_bytes(arrays))
@@ -55,14 +55,14 @@ def test_the_same_arrays_are_the_same_bytes(tmp_path):
             np.testing.assert_array_equal(read[name], array)
 
 
-def test_two_columns_of_one_name_are_refused():
+def test_axes_named_as_another_column_raise_input_error():
     axes = [rg.Axis("t", 0, 1, 2), rg.Axis("x", 0, 1, 2)]
     require_names(axes, ["x", "t", "k", "k"])
     with pytest.raises(rg.InputError, match="axis 't' has the name of another column"):
         require_names(axes, ["t", "t", "x"])
 
 
-def test_solutions_are_written_by_the_library_too(tmp_path):
+def test_save_writes_an_operating_point_as_npz_only(tmp_path):
     space = rg.ConfigurationSpace([rg.Axis("x", 0, 3, 3), rg.Axis("y", 0, 2, 2)], [[0, 0], [0, 2], [1, 0]])
     op = rg.solve(rg.compile_space(space))
     with np.load(rg.save(op, tmp_path / "field.npz")) as arrays:
@@ -73,7 +73,7 @@ def test_solutions_are_written_by_the_library_too(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["field.npz"]
 
 
-def test_standard_output_that_takes_no_bytes_is_refused(monkeypatch):
+def test_a_text_only_standard_output_raises_input_error(monkeypatch):
     monkeypatch.setattr("sys.stdout", io.StringIO())
     with pytest.raises(rg.InputError, match="accepts no bytes"):
         emit("-", b"")

@@ -1,4 +1,4 @@
-"""Netlists in files that are no decks: what is written is read as it was.
+"""Netlists in GraphML, JSON, NPZ and edge lists: written files are read back unchanged, also as networkx graphs.
 
 Tests internals: `resgrid.io.networks`.
 """
@@ -21,8 +21,8 @@ ARRAYS = ("resistor_nodes", "conductance", "tc1", "tc2", "source_nodes", "source
           "nonlinear_voltage")  # fmt: skip
 
 
-def everything(seed: int) -> rg.Netlist:
-    """Every kind of element, in an order of its own, with names and odd numbers."""
+def netlist_of_all_elements(seed: int) -> rg.Netlist:
+    """Return a random netlist with every kind of element; odd seeds have node and element names."""
     rng = np.random.default_rng(seed)
 
     def pairs(count: int) -> np.ndarray:
@@ -44,8 +44,8 @@ def everything(seed: int) -> rg.Netlist:
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("suffix", [".graphml", ".json", ".npz"])
-def test_a_netlist_is_read_as_it_was_written(tmp_path: Path, suffix: str, seed: int) -> None:
-    netlist = everything(seed)
+def test_a_netlist_is_read_back_unchanged(tmp_path: Path, suffix: str, seed: int) -> None:
+    netlist = netlist_of_all_elements(seed)
     rg.save(netlist, tmp_path / f"a{suffix}")
     back = rg.read_spice(tmp_path / f"a{suffix}").netlist()
     for name in ARRAYS:
@@ -71,14 +71,14 @@ def test_an_edge_list_keeps_resistors_and_ground(tmp_path: Path, seed: int) -> N
 
 
 @pytest.mark.parametrize("name", ["ground", "a b", "a,b", "#1", "1.0", ""])
-def test_names_that_an_edge_list_cannot_hold_are_refused(tmp_path: Path, name: str) -> None:
+def test_names_that_an_edge_list_cannot_represent_raise_input_error(tmp_path: Path, name: str) -> None:
     netlist = rg.Netlist(3, [[1, 2], [2, 0]], [1.0, 1.0], node_names=("0", name, "b"))
     with pytest.raises(rg.InputError, match="edge list cannot hold"):
         rg.save(netlist, tmp_path / "a.txt")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_graphs_of_others_are_read(tmp_path: Path) -> None:
+def test_graphml_written_by_networkx_is_read(tmp_path: Path) -> None:
     graph = nx.Graph()
     graph.add_edge("in", "out", resistance=2.0)
     graph.add_edge("out", "0", conductance=0.25)
@@ -91,7 +91,9 @@ def test_graphs_of_others_are_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", [*NETWORK_SUFFIXES, ".ini"])
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b"\x00\xff", b"<graphml/>", b'{"nodes": [], "edges": 3}', b"PK"])
-def test_a_damaged_file_is_one_message(tmp_path: Path, suffix: str, content: bytes) -> None:
+def test_damaged_and_absent_files_raise_input_error_with_the_file_name(
+    tmp_path: Path, suffix: str, content: bytes
+) -> None:
     file = tmp_path / f"a{suffix}"
     file.write_bytes(content)
     try:
@@ -102,9 +104,9 @@ def test_a_damaged_file_is_one_message(tmp_path: Path, suffix: str, content: byt
         rg.read_spice(tmp_path / f"absent{suffix}").netlist()
 
 
-def test_unknown_ends_are_refused(tmp_path: Path) -> None:
+def test_unknown_suffixes_raise_input_error(tmp_path: Path) -> None:
     with pytest.raises(rg.InputError, match="its name must end in"):
-        rg.save(everything(0), tmp_path / "a.xyz")
+        rg.save(netlist_of_all_elements(0), tmp_path / "a.xyz")
 
 
 def ring_with_ground_1() -> nx.MultiGraph:
@@ -115,7 +117,7 @@ def ring_with_ground_1() -> nx.MultiGraph:
 
 
 @pytest.mark.parametrize("suffix", [".graphml", ".json", ".npz", ".txt"])
-def test_every_node_of_a_graph_has_a_name_of_its_own(tmp_path: Path, suffix: str) -> None:
+def test_node_names_of_a_graph_are_unique_and_survive_every_format(tmp_path: Path, suffix: str) -> None:
     netlist = rg.Netlist.from_networkx(ring_with_ground_1(), ground=1)
     assert netlist.node_names == ("ground", "0", "2")
     op = rg.solve(netlist)
@@ -127,7 +129,7 @@ def test_every_node_of_a_graph_has_a_name_of_its_own(tmp_path: Path, suffix: str
     assert rg.read_spice(tmp_path / f"a{suffix}").node_names == netlist.node_names
 
 
-def test_names_that_are_taken_get_a_suffix() -> None:
+def test_duplicate_node_names_get_a_suffix_or_raise_input_error() -> None:
     graph = nx.Graph([(1, "1"), ("1", 0), (1, "1_2")])
     nx.set_edge_attributes(graph, 2.0, "resistance")
     assert rg.Netlist.from_networkx(graph).node_names == ("0", "1", "1_3", "1_2")
@@ -153,14 +155,14 @@ def test_names_that_are_taken_get_a_suffix() -> None:
         ({"resistance": 1.0, "number": "first"}, "number = 'first'"),
     ],
 )
-def test_edges_that_are_refused_are_named(attributes: dict[str, object], message: str) -> None:
+def test_invalid_edges_raise_input_error_with_their_nodes(attributes: dict[str, object], message: str) -> None:
     graph = nx.Graph()
     graph.add_edge("in", "out", **attributes)
     with pytest.raises(rg.InputError, match="edge 'in' - 'out' .*" + message):
         rg.Netlist.from_networkx(graph, "out")
 
 
-def test_directed_graphs() -> None:
+def test_directed_graphs_need_one_edge_per_resistor() -> None:
     graph = nx.DiGraph()
     graph.add_edge("a", 0, resistance="2.0")
     assert rg.Netlist.from_networkx(graph).conductance.tolist() == [0.5]
@@ -172,6 +174,6 @@ def test_directed_graphs() -> None:
         rg.Netlist.from_networkx([("a", "b")])  # type: ignore[arg-type]
 
 
-def test_names_are_looked_up_by_any_sequence_of_numbers() -> None:
+def test_names_of_accepts_any_sequence_of_node_numbers() -> None:
     deck = rg.read_spice(StringIO("title\nR1 a b 1\nR2 b 0 1\n"))
     assert deck.names_of(range(3)) == deck.names_of([0, 1, 2]) == ["0", "a", "b"]

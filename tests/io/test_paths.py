@@ -1,4 +1,4 @@
-"""Files are read back by somebody else: csv, json, NumPy, PyYAML.
+"""Files of paths and motions, read back by csv, json, NumPy and PyYAML.
 
 Tests internals: `resgrid.io.paths`, `resgrid.io.ros_paths`.
 """
@@ -25,7 +25,7 @@ TORUS = rg.ConfigurationSpace(ARM.axes(8), np.zeros((8, 8)), robot=ARM)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".json", ".npz"])
-def test_a_timed_path_of_an_arm_is_read_back_as_it_was(tmp_path, suffix) -> None:
+def test_a_timed_path_of_an_arm_is_read_back_unchanged(tmp_path, suffix) -> None:
     motion = rg.time_parameterize(
         rg.Polyline([(3.0, 0.0), (3.5, 1.0), (4.0, 1.0)], TORUS), velocity_limits=1.0, acceleration_limits=2.0
     )
@@ -51,7 +51,7 @@ def test_a_timed_path_of_an_arm_is_read_back_as_it_was(tmp_path, suffix) -> None
     assert [entry.name for entry in tmp_path.iterdir()] == [file.name]
 
 
-def test_a_plan_for_ros_has_poses_in_the_world_that_look_ahead() -> None:
+def test_a_ros_path_has_world_poses_with_headings_along_the_path() -> None:
     space = rg.ConfigurationSpace(PLANE.axes, PLANE.cell, frame=rg.Frame(x=10.0, y=-2.0, yaw=pi / 2))
     motion = rg.time_parameterize(rg.Polyline(space.to_world(WAY), space), velocity_limits=(1.0, 1.0))
     plan = yaml.safe_load(rg.maps.to_ros_path(motion))
@@ -68,7 +68,7 @@ def test_a_plan_for_ros_has_poses_in_the_world_that_look_ahead() -> None:
     assert all(type(value) is float for p in plan["poses"] for value in p["pose"]["position"].values())
 
 
-def test_a_turning_polygon_keeps_its_own_heading() -> None:
+def test_a_ros_path_of_a_polygon_robot_has_its_orientation() -> None:
     bar = rg.PolygonRobot(((0, 0), (1, 0), (0, 1)), turning_length=2.0)
     poses = rg.ConfigurationSpace(
         [rg.Axis("x", 0, 4, 4), rg.Axis("y", 0, 4, 4), bar.turning_axis(4)], np.zeros((4, 4, 4)), robot=bar
@@ -78,13 +78,13 @@ def test_a_turning_polygon_keeps_its_own_heading() -> None:
     assert (quaternion["z"], quaternion["w"]) == (pytest.approx(sqrt(0.5)), pytest.approx(sqrt(0.5)))
 
 
-def test_headings_outlast_repeated_points() -> None:
+def test_headings_at_repeated_points_are_those_of_the_next_motion() -> None:
     places = np.array([(0, 0), (0, 0), (0, 1), (0, 1), (1, 1), (1, 1)], dtype=float)
     np.testing.assert_allclose(headings(places), [pi / 2, pi / 2, 0, 0, 0, 0])
     np.testing.assert_array_equal(headings(np.ones((2, 2))), [0, 0])
 
 
-def test_velocities_turn_with_the_frame() -> None:
+def test_velocities_are_in_world_coordinates() -> None:
     space = rg.ConfigurationSpace(PLANE.axes, PLANE.cell, frame=rg.Frame(5.0, 5.0, pi / 2))
     columns = path_columns(
         rg.time_parameterize(rg.Polyline(space.to_world([(0, 0), (2, 0)]), space), velocity_limits=1.0)
@@ -102,7 +102,7 @@ def test_velocities_turn_with_the_frame() -> None:
         (("tip_x", "x"), ".csv", ARM, False),
     ],
 )
-def test_no_column_is_lost_to_an_axis_of_its_name(tmp_path, names, suffix, robot, timed) -> None:
+def test_an_axis_named_as_a_written_column_raises_input_error(tmp_path, names, suffix, robot, timed) -> None:
     space = rg.ConfigurationSpace([rg.Axis(name, 0.0, 4.0, 4) for name in names], np.zeros((4, 4)), robot=robot)
     own = rg.Polyline([(1, 1), (2, 2)], space)
     way = rg.time_parameterize(own, velocity_limits=1.0) if timed else own
@@ -116,14 +116,14 @@ def test_no_column_is_lost_to_an_axis_of_its_name(tmp_path, names, suffix, robot
 
 
 @pytest.mark.parametrize("name", ["k", "outcome"])
-def test_no_axis_has_the_name_of_a_figure(tmp_path, name) -> None:
+def test_an_axis_named_k_or_outcome_raises_input_error(tmp_path, name) -> None:
     space = rg.ConfigurationSpace([rg.Axis(name, 0.0, 4.0, 4), rg.Axis("x", 0.0, 4.0, 4)], np.zeros((4, 4)))
     for suffix in (".csv", ".json", ".npz"):
         with pytest.raises(rg.InputError, match=f"axis '{name}' has the name"):
             write_path(rg.Polyline([(1, 1), (2, 2)], space), tmp_path / f"path{suffix}")
 
 
-def test_what_cannot_be_written_is_refused(tmp_path) -> None:
+def test_invalid_paths_and_file_names_raise_input_error(tmp_path) -> None:
     with pytest.raises(rg.InputError, match=r"must end in \.csv, \.json, \.npz or \.yaml"):
         write_path(rg.Polyline(WAY, PLANE), tmp_path / "path.txt")
     with pytest.raises(rg.InputError, match="Arm with axes theta_1, theta_2"):
@@ -153,14 +153,14 @@ joints = [-3.0, 0.3]
 
 @pytest.fixture(scope="module")
 def ring_path() -> rg.Streamline:
-    """A streamline of an arm that crosses the seam of its first joint."""
+    """Return a streamline of an arm that crosses the seam of its first joint."""
     scene = rg.parse_scene(RING)
     return rg.plan(scene).path(scene.starts[0])
 
 
 @pytest.mark.parametrize("kind", ["streamline", "short", "timed"])
-def test_files_of_one_format_hold_the_same_whatever_writes_them(ring_path, tmp_path, kind) -> None:
-    """Coordinates go on across a seam; the start lies in the range of the axis."""
+def test_write_path_and_write_routes_write_the_same_values(ring_path, tmp_path, kind) -> None:
+    """Coordinates are continuous across a seam; the start lies in the range of the axis."""
     path = ring_path if kind == "streamline" else rg.shortcut(ring_path)
     path = rg.time_parameterize(path, velocity_limits=1.0) if kind == "timed" else path
     routes = [Route(path, tuple(ring_path.points[0].tolist()))]
@@ -190,7 +190,7 @@ def test_files_of_one_format_hold_the_same_whatever_writes_them(ring_path, tmp_p
     assert ("streamline" in record) == (kind != "streamline")
 
 
-def test_a_path_without_a_goal_says_so_in_every_file(tmp_path) -> None:
+def test_files_of_paths_that_reach_no_goal_contain_the_outcome(tmp_path) -> None:
     cell = np.zeros((6, 3))
     cell[2, :], cell[5, 1] = 1, 2
     planner = rg.plan(space_of(cell))
@@ -202,15 +202,15 @@ def test_a_path_without_a_goal_says_so_in_every_file(tmp_path) -> None:
         assert json.loads(write_path(path, tmp_path / "path.json").read_text())["outcome"] == outcome
         with np.load(write_path(path, tmp_path / "path.npz")) as arrays:
             assert arrays["outcome"] == outcome
-        for refused in (path, rg.time_parameterize(path, velocity_limits=1.0)):
+        for invalid in (path, rg.time_parameterize(path, velocity_limits=1.0)):
             with pytest.raises(rg.InputError, match=f"ended with '{outcome}'.*cannot hold an outcome"):
-                write_path(refused, tmp_path / "path.yaml")
+                write_path(invalid, tmp_path / "path.yaml")
             with pytest.raises(rg.InputError, match="cannot hold an outcome"):
-                rg.maps.to_ros_path(refused)
+                rg.maps.to_ros_path(invalid)
     assert not (tmp_path / "path.yaml").exists()
 
 
-def test_messages_of_several_routes_name_their_starts_and_outcomes(tmp_path) -> None:
+def test_ros_messages_of_several_routes_have_comments_with_start_and_outcome(tmp_path) -> None:
     cell = np.zeros((6, 3))
     cell[2, :], cell[5, 1] = 1, 2
     planner = rg.plan(space_of(cell))

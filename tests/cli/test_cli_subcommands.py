@@ -1,4 +1,4 @@
-"""What each verb answers, against numbers from the library and by hand."""
+"""Answers of each subcommand, against the library and numbers by hand."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def read(file: Path) -> dict[str, np.ndarray]:
         return dict(arrays)
 
 
-def test_solve_tells_what_its_meters_read(answer, room, tmp_path):
+def test_solve_prints_and_writes_the_solution_of_the_library(answer, room, tmp_path):
     data = answer("solve", room, "-o", tmp_path / "field.npz")
-    # 6 x 5 cells, less a column of five obstacles and one goal; five more lie behind the wall.
+    # 6 x 5 cells minus five obstacles and one goal; five free cells are enclosed by the wall.
     assert data["free_cells"] == 24
     assert data["unreachable_cells"] == 5
     assert data["nodes"] == 24 + 3  # ground and both rails
@@ -38,7 +38,7 @@ def test_solve_tells_what_its_meters_read(answer, room, tmp_path):
     assert np.all(arrays["log_drop"][5] == -np.inf)
 
 
-def test_path_names_every_outcome_and_what_to_do(answer, call, room):
+def test_path_prints_every_outcome_with_a_message(answer, call, room):
     data = answer("path", room, code=1)
     reached, lost = data["paths"]
     assert reached["outcome"] == "reached" and reached["goal"] == 0 and reached["k"] == 1
@@ -55,7 +55,7 @@ def test_path_names_every_outcome_and_what_to_do(answer, call, room):
     assert walled["outcome"] == "no_path"
 
 
-def test_dead_ends_are_served_by_either_drive(answer, tmp_path):
+def test_starts_in_dead_ends_reach_the_goal_with_both_drives(answer, tmp_path):
     cell = np.zeros((3, 40), dtype=np.uint8)
     cell[0, 1:] = 1  # an L: the goal in one corner, the long dead end behind the other
     cell[1, 3:] = 1
@@ -67,7 +67,7 @@ def test_dead_ends_are_served_by_either_drive(answer, tmp_path):
         assert outcomes == ["reached", "reached"]
 
 
-def test_starts_drive_one_chip_each(answer, room):
+def test_every_start_with_drive_start_has_its_own_circuit(answer, room):
     words = ("path", room, "--boundary", "neumann", "--drive", "start")
     data = answer(*words, "--start", "0.5,0.5", "--start", "2.5,4.5", "--start", "3.5,3.5")
     assert [path["outcome"] for path in data["paths"]] == ["reached"] * 3
@@ -77,7 +77,7 @@ def test_starts_drive_one_chip_each(answer, room):
     assert [path["outcome"] for path in data["paths"]] == ["no_path", "start_blocked"]
 
 
-def test_blends_share_a_start(answer, lesson):
+def test_paths_of_blends_equal_those_of_the_library(answer, lesson):
     paths = answer("path", lesson, "--k", "0,0.5", "--k", "1")["paths"]
     assert [path["k"] for path in paths] == [0, 0.5, 1]
     scene = rg.read_scene(lesson)
@@ -89,13 +89,13 @@ def test_blends_share_a_start(answer, lesson):
 
 
 @pytest.mark.parametrize(("place", "cells"), [("2.5,3.5", False), ("2,3", True)])
-def test_places_are_points_or_cells(answer, room, place, cells):
+def test_starts_are_coordinates_or_cells(answer, room, place, cells):
     words = ("path", room, "--start", place, *(["--cells"] if cells else []))
     path = answer(*words)["paths"][0]
     assert path["start"] == [2.5, 3.5] and path["cells"][0] == [2, 3]
 
 
-def test_world_coordinates_hold_on_a_turned_map(answer, tmp_path):
+def test_paths_on_a_turned_map_are_in_world_coordinates(answer, tmp_path):
     pixels = np.full((4, 6), 254, dtype=np.uint8)
     (tmp_path / "map.pgm").write_bytes(b"P5\n6 4\n255\n" + pixels.tobytes())
     (tmp_path / "map.yaml").write_text(
@@ -112,7 +112,7 @@ def test_world_coordinates_hold_on_a_turned_map(answer, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".json", ".npz"])
-def test_paths_are_written_as_the_suffix_says(call, room, tmp_path, suffix):
+def test_paths_are_written_in_the_format_of_the_suffix(call, room, tmp_path, suffix):
     file = tmp_path / f"paths{suffix}"
     assert call("path", room, "-o", file).exit_code == 1  # the second start has no path
     if suffix == ".csv":
@@ -129,7 +129,7 @@ def test_paths_are_written_as_the_suffix_says(call, room, tmp_path, suffix):
     assert call("path", room, "-o", "-").stdout.startswith("path,k,outcome,x,y\n0,1.0,reached,0.5,0.5\n")
 
 
-def test_scenes_and_maps_come_through_a_pipe(answer, room, tmp_path):
+def test_scenes_and_maps_are_read_from_standard_input(answer, room, tmp_path):
     expected = answer("path", room, code=1)["paths"]
     assert answer("path", "-", code=1, piped=room.read_text())["paths"] == expected
     np.save(tmp_path / "map.npy", np.zeros((3, 3), dtype=np.uint8))
@@ -137,7 +137,7 @@ def test_scenes_and_maps_come_through_a_pipe(answer, room, tmp_path):
     assert answer(*words, piped=(tmp_path / "map.npy").read_bytes())["paths"][0]["outcome"] == "reached"
 
 
-def test_map_options_reach_the_reader(answer, tmp_path):
+def test_map_options_change_how_a_map_is_read(answer, tmp_path):
     (tmp_path / "swamp.map").write_text("type octile\nheight 1\nwidth 3\nmap\n.S.\n")
     words = ("info", tmp_path / "swamp.map")
     assert answer(*words)["obstacle_cells"] == 0
@@ -155,7 +155,7 @@ def test_map_options_reach_the_reader(answer, tmp_path):
     assert answer("info", tmp_path / "map.yaml", "--map-dialect", "ros1", "--lethal", "90")["free_cells"] == 1
 
 
-def test_options_stand_in_for_keys(answer, call, lesson):
+def test_options_override_keys_of_the_scene(answer, call, lesson):
     assert answer("solve", lesson, "--boundary", "neumann")["chip"] == "neumann"
     assert answer("solve", lesson, "--k", "0")["chip"] == "neumann"
     walls = answer("solve", lesson, "--boundary", "wall", "--set", "chip.wall_resistance=33k")
@@ -169,7 +169,7 @@ def test_options_stand_in_for_keys(answer, call, lesson):
     assert "two circuits" in call("solve", lesson, "--k", "0.5").stderr
 
 
-def test_a_boundary_asked_for_overrides_blends_and_drives_of_the_scene(answer, scenes, tmp_path):
+def test_the_boundary_option_overrides_blends_and_drives_of_the_scene(answer, scenes, tmp_path):
     file = tmp_path / "driven.toml"
     text = (scenes / "lesson.toml").read_text()
     file.write_text(text.replace('boundary = "dirichlet"', 'boundary = "neumann"\ndrive = "uniform"\nk = [0, 1]'))
@@ -211,7 +211,7 @@ def test_check_compares_deck_scene_and_simulator(answer, call, lesson, tmp_path)
     assert answer("check", deck)["reference"] == "solve"
 
 
-def test_a_missing_simulator_ends_with_three(call, lesson, monkeypatch, tmp_path):
+def test_a_missing_simulator_exits_with_3(call, lesson, monkeypatch, tmp_path):
     monkeypatch.setenv("RESGRID_NGSPICE", "no-such-ngspice")
     result = call("check", lesson)
     assert result.exit_code == 3 and "apt-get install ngspice" in result.stderr
@@ -233,7 +233,7 @@ def test_info_describes_scene_schema_and_versions(answer, call, room):
     assert call("info").exit_code == 2 and call("info", room, "--schema").exit_code == 2
 
 
-def test_queries_of_a_benchmark_are_answered(answer, call, tmp_path):
+def test_queries_of_a_benchmark_file_have_one_path_each(answer, call, tmp_path):
     (tmp_path / "a.map").write_text("type octile\nheight 2\nwidth 4\nmap\n..@.\n..@.\n")
     rows = ["0\ta.map\t4\t2\t0\t0\t1\t1\t1.4", "0\ta.map\t4\t2\t0\t0\t3\t0\t9", "0\ta.map\t4\t2\t0\t0\t2\t0\t9"]
     (tmp_path / "a.scen").write_text("version 1\n" + "\n".join(rows) + "\n")
@@ -246,7 +246,7 @@ def test_queries_of_a_benchmark_are_answered(answer, call, tmp_path):
     assert call("path", tmp_path / "b.map", "--queries", tmp_path / "a.scen").exit_code == 2
 
 
-def test_messages_keep_off_standard_output(call, room, tmp_path):
+def test_messages_are_written_to_standard_error(call, room, tmp_path):
     loud = call("solve", room, "-v", "-o", tmp_path / "a.npz")
     quiet = call("solve", room, "-q", "-o", tmp_path / "b.npz")
     assert loud.stdout == quiet.stdout != ""
@@ -256,7 +256,7 @@ def test_messages_keep_off_standard_output(call, room, tmp_path):
 
 @pytest.fixture
 def picture(tmp_path: Path) -> Path:
-    """A grey map of 12 x 8 cells: a white hall, a black wall that leaves a gap at the bottom, a grey dot."""
+    """Write a grey image of 12 x 8 cells: white, with a black wall that has a gap at the bottom, and a grey dot."""
     from PIL import Image
 
     rows = np.full((8, 12), 255, dtype=np.uint8)
@@ -267,7 +267,7 @@ def picture(tmp_path: Path) -> Path:
     return file
 
 
-def test_a_map_is_described_and_drawn_before_it_has_a_goal(answer, call, picture, tmp_path):
+def test_info_and_plot_accept_a_map_without_a_goal(answer, call, picture, tmp_path):
     data = answer("info", picture)
     assert data["map"]["greys"] == [[0, 127, "obstacle"], [128, 255, "free"]]
     assert data["goals"] == 0 and "--goal" in data["no_circuit"]
@@ -284,37 +284,37 @@ def test_a_map_is_described_and_drawn_before_it_has_a_goal(answer, call, picture
     assert call("plot", picture, "-o", tmp_path / "page.png").exit_code == 2  # a potential needs one
 
 
-def test_a_ros_map_tells_its_thresholds_and_its_unknown_cells(answer, picture):
+def test_info_lists_thresholds_and_unknown_cells_of_a_ros_map(answer, picture):
     text = "image: hall.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
     file = picture.with_name("hall.yaml")
     file.write_text(text)
-    told = answer("info", file)["map"]
+    described = answer("info", file)["map"]
     # By the definition of the format, the darkness (255 - grey) / 255 against both thresholds, strictly.
     darkness = (255 - np.arange(256)) / 255
-    for low, high, kind in told["greys"]:
+    for low, high, kind in described["greys"]:
         for grey in range(low, high + 1):
             expected = "obstacle" if darkness[grey] > 0.65 else "free" if darkness[grey] < 0.25 else "unknown"
             assert kind == expected, grey
-    assert told["unknown_cells"] == 1 and told["unknown_as"] == "obstacle"  # the dot of grey 90
+    assert described["unknown_cells"] == 1 and described["unknown_as"] == "obstacle"  # the dot of grey 90
     assert answer("info", file, "--unknown", "free")["map"]["unknown_as"] == "free"
 
 
-def test_a_goal_on_a_coloured_dot_is_told_its_grey_and_the_nearest_free_place(call, picture):
-    said = call("info", picture, "--goal", "2.5,1.5").stderr
-    assert "grey value is 90" in said and "from 128" in said and "nearest is (" in said
-    x, y = map(float, said.partition("nearest is (")[2].partition(")")[0].split(","))
+def test_a_goal_in_a_grey_obstacle_reports_its_value_and_the_nearest_free_place(call, picture):
+    message = call("info", picture, "--goal", "2.5,1.5").stderr
+    assert "grey value is 90" in message and "from 128" in message and "nearest is (" in message
+    x, y = map(float, message.partition("nearest is (")[2].partition(")")[0].split(","))
     assert call("info", picture, "--goal", f"{x},{y}").exit_code == 0
     assert call("info", picture, "--goal", "2.5,1.5", "--threshold", "90").exit_code == 0
 
 
-def test_obstacles_grow_by_the_robot_s_radius(answer, call, picture):
+def test_robot_radius_enlarges_obstacles(answer, call, picture):
     assert (
         answer("info", picture, "--robot-radius", "1.2")["obstacle_cells"] > answer("info", picture)["obstacle_cells"]
     )
     assert "robot.radius" in call("info", picture, "--robot-radius", "-1").stderr
 
 
-def test_a_quiet_verb_that_writes_a_file_prints_nothing(call, room, tmp_path):
+def test_quiet_with_an_output_file_prints_no_text(call, room, tmp_path):
     file = tmp_path / "path.csv"
     assert call("path", room, "--start", "0.5,0.5", "-q", "-o", file).output == ""
     assert file.exists()
@@ -322,7 +322,7 @@ def test_a_quiet_verb_that_writes_a_file_prints_nothing(call, room, tmp_path):
     assert call("control", room, "--start", "0.5,0.5", "-q", "-o", tmp_path / "log.csv").output == ""
 
 
-def test_a_verb_and_a_value_that_do_not_exist_are_told_what_does(call, room, tmp_path):
+def test_unknown_subcommands_and_values_are_answered_with_valid_ones(call, room, tmp_path):
     assert "Did you mean 'control'?" in call("contrl", room).stderr
     assert call("contrl", room).exit_code == 2
     for words, choices in (
@@ -334,7 +334,7 @@ def test_a_verb_and_a_value_that_do_not_exist_are_told_what_does(call, room, tmp
         assert result.exit_code == 2 and choices in result.stderr
 
 
-def test_of_several_starts_the_first_is_animated(call, room, tmp_path):
+def test_animate_draws_only_the_first_of_several_runs(call, room, tmp_path):
     from PIL import Image
 
     small = room.with_name("small.toml")
@@ -345,12 +345,12 @@ def test_of_several_starts_the_first_is_animated(call, room, tmp_path):
         assert picture.n_frames > 2
 
 
-def test_a_deck_comes_through_a_pipe_if_its_dialect_is_told(call, answer, room) -> None:
+def test_decks_are_read_from_standard_input_with_read_as(call, answer, room) -> None:
     deck = call("compile", room, "-o", "-").stdout
     assert answer("solve", "-", "--read-as", "ngspice", piped=deck)["nodes"] == answer("solve", room)["nodes"]
     assert call("convert", "-", "--read-as", "ngspice", "-o", "-", piped=deck).stdout.startswith("*")
     assert call("check", "-", "--read-as", "ngspice", "--rules", piped=deck).exit_code == 0
-    refused = call("check", "-", "--read-as", "ngspice", piped=deck)
-    assert refused.exit_code == 2 and "a deck from standard input" in refused.stderr
+    rejected = call("check", "-", "--read-as", "ngspice", piped=deck)
+    assert rejected.exit_code == 2 and "a deck from standard input" in rejected.stderr
     wrong = call("solve", "-", "--read-as", "ngspice", piped="* title\nr1 a 0 what\n.end\n")
     assert wrong.exit_code == 2 and ":2:" in wrong.stderr and "tmp" not in wrong.stderr
