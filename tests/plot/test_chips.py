@@ -121,7 +121,7 @@ def test_starts_that_no_bits_serve_are_named() -> None:
     cell[3:5, 1:] = 1
     netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(3, 0))
     axes = rg.draw(rg.study(rg.solve(netlist)).adc_resolution())
-    assert "no number of bits will do" in [text.get_text() for text in axes.get_legend().get_texts()]
+    assert "no resolution suffices" in [text.get_text() for text in axes.get_legend().get_texts()]
 
 
 def test_the_share_served_rises_to_one(bits: dict[str, rg.chip.ADCResolution]) -> None:
