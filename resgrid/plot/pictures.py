@@ -151,14 +151,14 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     settling            settling time of each cell                   ``quantity`` ("map", "curve")
     noise               rms noise, resistance to the rails           ``quantity`` ("total", "limit", "resistance")
     power               heat, droop of the rails                     ``quantity`` ("heat", "droop")
-    precision           converter bits required by starts            ``starts``, ``most``
-    {name: precision}   maps, histogram, fraction served             ``quantity`` ("page", "served", "histogram"),
+    adc resolution      converter bits required by starts            ``starts``, ``most``
+    {name: resolution}  maps, histogram, fraction served             ``quantity`` ("page", "served", "histogram"),
                                                                      ``bits``, ``title``
     sensitivity         resistors that change a step                 ``drift``
-    criticality         resistors that cost starts                   ``fault`` ("open", "short")
+    fault analysis      resistors that cost starts                   ``fault`` ("open", "short")
     yield               fraction of chips that serve each start
     yield loss          change of the yield without each effect
-    exploration         yield over two values                        ``share``
+    sweep               yield over two values                        ``share``
     wavefront           change of the potential over time            ``shown`` (indices of its times)
     ==================  ===========================================  =================================================
 
