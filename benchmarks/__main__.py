@@ -1,7 +1,7 @@
-"""``python -m benchmarks [SECTION ...]``: run sections, print one table, keep the figures and draw them.
+"""``python -m benchmarks [SECTION ...]``: run benchmark sections, print one table, save and plot the results.
 
-``make bench`` installs the peers beforehand; without them the table says who is missing.  Sections: see `SECTIONS`;
-``--scale full`` adds the large sizes, ``--seed`` moves to problems that nobody tuned for.
+``make bench`` installs the peers beforehand; the table lists missing peers.  `SECTIONS` lists the sections.
+``--scale full`` adds large sizes, and ``--seed`` selects random problems that were not used for tuning.
 """
 
 from __future__ import annotations
@@ -56,13 +56,13 @@ SECTIONS: tuple[tuple[str, Callable[[Scale], list[Row]]], ...] = (
     ("decks", decks.decks),
     ("planners", planners.planners),
 )
-"""Every section: its name and the function that measures it."""
+"""Sections by name: the functions that measure them."""
 
 SCALES = {"tiny": Scale("tiny", 2, 20.0), "quick": Scale("quick", 5, 60.0), "full": Scale("full", 7, 300.0)}
 
 
 def arguments(words: list[str]) -> argparse.Namespace:
-    """What the command line asks for."""
+    """Return the parsed command line."""
     names = [name for name, _ in SECTIONS]
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("sections", nargs="*", metavar="SECTION", help=f"which to run (all): {', '.join(names)}")
@@ -80,7 +80,7 @@ def arguments(words: list[str]) -> argparse.Namespace:
 
 
 def main(words: list[str] | None = None) -> None:
-    """Run sections one by one; each is printed and kept as soon as it is done."""
+    """Run sections one by one; print and save each section when it is complete."""
     chosen = arguments(sys.argv[1:] if words is None else words)
     plain = SCALES[chosen.scale]
     scale = replace(plain, seed=chosen.seed, rounds=chosen.rounds or plain.rounds)
@@ -103,7 +103,7 @@ def main(words: list[str] | None = None) -> None:
 
 
 def measured(name: str, measure: Callable[[Scale], list[Row]], scale: Scale) -> list[Row]:
-    """Rows of a section; one that fails says so in the table and leaves the others alone."""
+    """Return the rows of a section; if the section fails, return one row with the error."""
     try:
         return measure(scale)
     except Exception as error:
@@ -111,7 +111,7 @@ def measured(name: str, measure: Callable[[Scale], list[Row]], scale: Scale) -> 
 
 
 def one_thread() -> AbstractContextManager[object]:
-    """Keep the libraries of this process to one thread, as those of the contenders are."""
+    """Limit the libraries of this process to one thread, like those of the contenders."""
     try:
         from threadpoolctl import threadpool_limits
     except ImportError:
@@ -121,6 +121,6 @@ def one_thread() -> AbstractContextManager[object]:
 
 
 if __name__ == "__main__":
-    # Ended from outside, it still ends the contenders' processes on its way out.
+    # On SIGTERM, still end the processes of the contenders.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     main()

@@ -1,4 +1,4 @@
-"""Section: what a direction-safe field costs above the normwise answer, in alternating runs."""
+"""Section: time of a direction-safe solution relative to a normwise solution, in alternating runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from benchmarks.timing import spread
 
 
 def direction(scale: Scale) -> list[Row]:
-    """Direct-safe against normwise, in the plane, in a volume and in mazes."""
+    """Compare direction-safe and normwise solutions in the plane, in a volume and in mazes."""
     flat, deep = {"tiny": (32, 8), "quick": (512, 64), "full": (1024, 128)}[scale.name]
     problems = [
         problem

@@ -1,7 +1,7 @@
-"""Measure many chips of one grid beside a loop of SuperLU.  ``python -m benchmarks.chips [chips [side]]``.
+"""Compare many chips of one grid with a loop of SuperLU.  ``python -m benchmarks.chips [chips [side]]``.
 
-Both solve the same matrices on one thread, block by block in turn; all cores are reported apart.  SuperLU gets its
-matrices ready made; resgrid's time counts from the conductances, and once more from the seeds.
+Both solve the same matrices on one thread, alternating by block; results for all cores are reported separately.
+SuperLU receives assembled matrices; resgrid is timed from the conductances, and also from the seeds.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _RTOL = 1e-10
 
 
 def grid(side: int) -> ConfigurationSpace:
-    """A square with a few walls and a goal."""
+    """Return a square with a few walls and a goal."""
     cell = np.zeros((side, side), dtype=np.uint8)
     cell[side // 6 : side // 2, side // 3] = cell[2 * side // 3, side // 4 : 3 * side // 4] = 1
     cell[side // 12, 6 * side // 7] = 2
@@ -42,14 +42,14 @@ def grid(side: int) -> ConfigurationSpace:
 
 
 def timed(function: Callable[[], Any]) -> tuple[Any, float, float]:
-    """What a function returns, and its seconds on the clock and on the processor."""
+    """Return the result of a function, its wall-clock time and its processor time in seconds."""
     wall, busy = time.perf_counter(), time.process_time()
     value = function()
     return value, time.perf_counter() - wall, time.process_time() - busy
 
 
 def matrices(netlist: Netlist, conductance: np.ndarray) -> list[tuple[Any, np.ndarray, np.ndarray]]:
-    """Nodal matrices, right-hand sides and the nodes that they solve for."""
+    """Return nodal matrices, right-hand sides and the unknown nodes."""
     ready = []
     for chip in conductance:
         system = assemble(netlist.replace(conductance=chip))
@@ -60,7 +60,7 @@ def matrices(netlist: Netlist, conductance: np.ndarray) -> list[tuple[Any, np.nd
 
 @dataclass(frozen=True)
 class Throughput:
-    """Milliseconds a chip, on the clock and on the processor, and the largest difference from spsolve in volts."""
+    """Milliseconds per chip (wall clock and processor), and the largest difference from spsolve in volts."""
 
     drawn: tuple[float, float]
     ours: tuple[float, float]
@@ -71,12 +71,12 @@ class Throughput:
 
     @property
     def ratio(self) -> float:
-        """Times the throughput of a loop of spsolve, one thread."""
+        """Throughput relative to a loop of spsolve on one thread."""
         return self.theirs[1] / self.ours[1]
 
 
 def measure(count: int, side: int) -> Throughput:
-    """Solve mismatched chips, and the same matrices by spsolve, block by block in turn."""
+    """Solve mismatched chips, and the same matrices by spsolve, alternating by block."""
     kind = Chip(mismatch=0.02)
     ideal = study(grid(side), kind).ideal
     solve_many(ideal, np.tile(ideal.conductance, (2, 1)))  # compiled
@@ -99,7 +99,7 @@ def measure(count: int, side: int) -> Throughput:
 
 
 def chips(scale: Scale) -> list[Row]:
-    """Mismatched chips of one circuit, against a loop of spsolve over the same matrices, by processor time."""
+    """Section: mismatched chips of one circuit relative to a loop of spsolve on the same matrices, processor time."""
     count, side = {"tiny": (4, 16), "quick": (200, 128), "full": (1000, 128)}[scale.name]
     found = measure(count, side)
     name, unit = f"{count:,} chips of {side}^2", "x spsolve's throughput"

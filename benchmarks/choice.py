@@ -1,4 +1,4 @@
-"""What ``method="auto"`` loses against the best method: resgrid's own methods on circuits of every kind, in turn.
+"""Time of ``method="auto"`` relative to the best method, for circuits of many kinds.
 
 The constants in `resgrid.solvers.method_choice` were fitted to these runs.
 """
@@ -24,7 +24,7 @@ METHODS = ("auto", "direct", "multigrid")
 
 
 def choice(scale: Scale) -> list[Row]:
-    """Processor time of ``auto`` over that of the better method; 1 where it chose right."""
+    """Section: processor time of ``auto`` divided by that of the better method; 1 if the choice is right."""
     rows = []
     for name, make in _circuits(scale).items():
         netlist, seconds = make(), {method: [] for method in METHODS}
@@ -42,7 +42,7 @@ def choice(scale: Scale) -> list[Row]:
 
 
 def _run(netlist: Netlist, method: str, seconds: list[float], limit: float) -> bool:
-    """Time one solution; whether it came, and within the limit."""
+    """Time one solution, and check that it succeeds within the limit."""
     begin = process_time()
     try:
         solve(netlist, method=method)
@@ -53,7 +53,7 @@ def _run(netlist: Netlist, method: str, seconds: list[float], limit: float) -> b
 
 
 def _circuits(scale: Scale) -> dict[str, Callable[[], Netlist]]:
-    """What is solved, by name."""
+    """Return the circuits by name."""
     seed = scale.seed + 7001
     planes, volumes, widths, nodes = {
         "tiny": ((40,), (8,), (1,), (300,)),
@@ -78,7 +78,7 @@ def _circuits(scale: Scale) -> dict[str, Callable[[], Netlist]]:
 
 
 def _strewn(size: int, seed: int) -> ConfigurationSpace:
-    """Single obstacles on three cells of ten, the goal in the middle."""
+    """Return a space with obstacles in three cells of ten, and the goal in the middle."""
     cell = (np.random.default_rng(seed).random((size, size)) < 0.3).astype(np.uint8)
     cell[size // 2, size // 2] = Cell.GOAL
     return as_space(cell)

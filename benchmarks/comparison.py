@@ -1,4 +1,4 @@
-"""Solve one problem by everyone in turn, and make rows of it."""
+"""Solve one problem by all contenders in turn, and return rows."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from benchmarks.timing import repeated, spread, timed
 
 RTOL = 1e-8
 SLOW = 4.0
-"""A peer that takes this many times as long as the fastest runs once only."""
+"""A peer whose time exceeds the fastest time by this factor runs only once."""
 PREPARATION = 300.0
 LARGEST_FILL = {2: 5_000_000, 3: 400_000}
-"""Unknowns beyond which direct peers are left out, by dimension: their factors would not fit in memory."""
+"""Number of unknowns, by dimension, above which direct peers are omitted: their factors would not fit in memory."""
 
 
 def compare(problem: Problem, scale: Scale, peers: Sequence[str] = tuple(PEERS)) -> list[Row]:
-    """Rows of one problem: every contender's time and ratio, and resgrid's work, iterations and stages."""
+    """Return the rows of a problem: times and ratios of all contenders; work, iterations and stages of resgrid."""
     with arena(problem, ["resgrid", *_allowed(problem, peers)]) as ring:
         runs = alternate(ring, scale)
         products = product_seconds(ring.system, scale.rounds)
@@ -37,7 +37,7 @@ def _allowed(problem: Problem, peers: Sequence[str]) -> list[str]:
 
 
 def alternate(ring: Arena, scale: Scale) -> dict[str, list[Run]]:
-    """Rounds in which every contender solves once; resgrid has one run before, so that its kernels are compiled."""
+    """Run rounds in which every contender solves once; a first run of resgrid compiles its kernels."""
     runs: dict[str, list[Run]] = {}
     for name in ring.contenders:
         failure = prepare(ring, name, PREPARATION)
@@ -55,7 +55,7 @@ def alternate(ring: Arena, scale: Scale) -> dict[str, list[Run]]:
 
 
 def ratio_rows(problem: str, runs: Mapping[str, list[Run]]) -> list[Row]:
-    """Everyone's time as a multiple of resgrid's in the same round."""
+    """Return the times of all contenders divided by the time of resgrid in the same round."""
     own = runs["resgrid"]
     rows = [_contender_row(problem, name, past, own) for name, past in runs.items()]
     return sorted(rows, key=lambda row: np.inf if row.value is None else row.value.median)
@@ -81,14 +81,14 @@ def _remarks(past: list[Run]) -> str:
 
 
 def best_peer(rows: Sequence[Row]) -> Row | None:
-    """The fastest peer that reached the residual."""
+    """Return the fastest peer that reached the residual."""
     able = [row for row in rows if row.unit == RATIO and row.contender != "resgrid" and row.value]
     able = [row for row in able if "residual" not in row.note]
     return min(able, key=lambda row: row.value.median if row.value else np.inf, default=None)
 
 
 def product_seconds(system: Equations, rounds: int) -> float:
-    """Median seconds of one matrix-vector product in double precision, one thread."""
+    """Return the median time of one matrix-vector product in double precision on one thread, in seconds."""
     x = np.random.default_rng(0).random(len(system.rhs))
     ten = repeated(lambda: system.matrix @ x)
     ten()
@@ -96,7 +96,7 @@ def product_seconds(system: Equations, rounds: int) -> float:
 
 
 def work_rows(problem: str, own: list[Run], product: float) -> list[Row]:
-    """Resgrid's solve phase in products, its iterations, and its setup in units of its solve phase."""
+    """Return resgrid's solve phase in products, its iterations, and its setup time divided by its solve time."""
     if not own or own[-1].failure:
         return []
     solve = spread([run.work for run in own])

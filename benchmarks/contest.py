@@ -1,4 +1,4 @@
-"""Contenders that solve the same problems in turn, each in a process of its own, one thread each."""
+"""Contenders that solve the same problems in turn, each in a separate process with one thread."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "APXCHOL_NUM_THREADS"), "1"
 )
 MET = 1.5
-"""A residual up to this many times what was asked for counts as reached."""
+"""A residual up to this factor times the tolerance counts as reached."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One run of one contender: seconds of every stage, or why there is no answer."""
+    """One run of one contender: seconds of every stage, or the reason for a failure."""
 
     seconds: Mapping[str, float] = field(default_factory=dict)
     iterations: int | None = None
@@ -42,12 +42,12 @@ class Run:
 
     @property
     def total(self) -> float:
-        """Seconds of all stages."""
+        """Return the seconds of all stages."""
         return sum(self.seconds.values())
 
     @property
     def work(self) -> float:
-        """Seconds of the solve phase."""
+        """Return the seconds of the solve phase."""
         return self.seconds.get("solve", self.seconds.get("substitute", np.nan))
 
 
@@ -68,7 +68,7 @@ class Contender:
         )
 
     def ask(self, order: Mapping[str, Any], limit: float) -> dict[str, Any]:
-        """Send an order and wait for the reply; a process that takes longer than ``limit`` seconds is ended."""
+        """Send an order and return the reply; end the process after ``limit`` seconds."""
         if self.process.poll() is not None:
             return {"failure": "its process had ended"}
         assert self.process.stdin is not None
@@ -92,7 +92,7 @@ class Contender:
 
 @cache
 def interpreter(name: str) -> tuple[str, dict[str, str]]:
-    """The Python that has a contender's library, and what its environment needs."""
+    """Return the Python that has a contender's library, and its environment variables."""
     if name in PEERS and PEERS[name].package == "petsc4py":
         with suppress(ToolMissingError):
             found = find_petsc()
@@ -102,7 +102,7 @@ def interpreter(name: str) -> tuple[str, dict[str, str]]:
 
 @dataclass(frozen=True, eq=False)
 class Arena:
-    """A problem laid out in a folder for all contenders, and the contenders still in the game."""
+    """The folder with the files of a problem, and the active contenders."""
 
     problem: Problem
     system: Equations
@@ -112,7 +112,7 @@ class Arena:
 
 @contextmanager
 def arena(problem: Problem, names: Sequence[str]) -> Iterator[Arena]:
-    """Lay out a problem and start the contenders."""
+    """Write the files of a problem, and start the contenders."""
     system = equations(problem.netlist())
     contenders = {name: Contender(name) for name in names}
     with tempfile.TemporaryDirectory(prefix="resgrid-bench-") as name:
@@ -129,7 +129,7 @@ def arena(problem: Problem, names: Sequence[str]) -> Iterator[Arena]:
 
 
 def run_once(ring: Arena, name: str, *, rtol: float, limit: float, accuracy: str = "normwise") -> Run:
-    """Let one contender solve the problem once, and measure its residual here."""
+    """Run one contender once, and compute the residual of its solution in this process."""
     order = {"folder": str(ring.folder), "rtol": rtol, "accuracy": accuracy}
     reply = ring.contenders[name].ask(order, limit)
     if "failure" in reply:
@@ -139,6 +139,6 @@ def run_once(ring: Arena, name: str, *, rtol: float, limit: float, accuracy: str
 
 
 def prepare(ring: Arena, name: str, limit: float) -> str:
-    """Have a contender bring the problem into its format, untimed; returns what went wrong."""
+    """Have a contender convert the problem to its format, untimed; return an error message or None."""
     order = {"folder": str(ring.folder), "prepare": True}
     return str(ring.contenders[name].ask(order, limit).get("failure", ""))

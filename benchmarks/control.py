@@ -1,4 +1,4 @@
-"""Measure harmonic control: arrivals, lessons, penetration, rate.  ``python -m benchmarks.control [part ...]``."""
+"""Measure harmonic control: arrivals, map updates, penetration, rate.  ``python -m benchmarks.control [part ...]``."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ SCENES = Path(__file__).parents[1] / "examples" / "scenes"
 
 
 def spread(mask: np.ndarray, count: int) -> np.ndarray:
-    """Cells spread evenly over all that are marked."""
+    """Return cells spread evenly over the marked cells."""
     cells = np.argwhere(mask)
     return cells[np.unique(np.linspace(0, len(cells) - 1, count).round().astype(int))]
 
 
 def said(name: str, runs: list[Run], bound: float, false: int = 0) -> None:
-    """One line about many runs."""
+    """Return one line that summarizes many runs."""
     endings = ", ".join(f"{count} {ending}" for ending, count in Counter(str(run.ending) for run in runs).most_common())
     lessons = [len(run.lessons) for run in runs]
     sys.stdout.write(
@@ -52,12 +52,12 @@ def said(name: str, runs: list[Run], bound: float, false: int = 0) -> None:
 
 
 def false_cells(run: Run, truth: ConfigurationSpace) -> int:
-    """Cells learnt that are not obstacle cells of the true world."""
+    """Return the number of learnt cells that are not obstacles in the true world."""
     return int((run.learnt & (truth.cell != Cell.OBSTACLE)).sum())
 
 
 def problems() -> None:
-    """Problems 1 and 2, from 100 spread starts, with and without learning, at three blends."""
+    """Run problems 1 and 2 from 100 spread starts, with and without learning, at three blends."""
     for name in ("container", "chair"):
         scene = read_scene(SCENES / f"{name}.toml")
         for k in (0.98, 0.5, 1.0):
@@ -71,7 +71,7 @@ def problems() -> None:
 
 
 def pushes() -> None:
-    """Eight random pushes in each of 100 runs, among known obstacles."""
+    """Apply eight random pushes in each of 100 runs among known obstacles."""
     for name in ("container", "chair"):
         sim = simulation(read_scene(SCENES / f"{name}.toml").replace(hidden=()))
         starts = sim.space.centre(spread(sim.space.goal_connected, 100))
@@ -85,7 +85,7 @@ def pushes() -> None:
 
 
 def belief() -> None:
-    """A bias or noise of up to one cell, among known obstacles, without and with learning."""
+    """Add a position bias or noise of up to one cell, among known obstacles, without and with learning."""
     for name in ("container", "chair"):
         sim = simulation(read_scene(SCENES / f"{name}.toml").replace(hidden=()))
         rng = np.random.default_rng(5)
@@ -100,7 +100,7 @@ def belief() -> None:
 
 
 def box_and_u() -> None:
-    """25 starts above a hidden box, and 25 inside a hidden U, the goal below: following alone, and with learning."""
+    """Run 25 starts above a hidden box and 25 inside a hidden U, with the goal below, without and with learning."""
     axes = [Axis("x", 0, 10, 40), Axis("y", 0, 10, 40)]
     cell = np.zeros((40, 40), np.uint8)
     cell[18:22, 2:4] = Cell.GOAL
@@ -127,7 +127,7 @@ def box_and_u() -> None:
 
 
 def random_shape(rng: np.random.Generator, size: float, near: tuple[float, float], away: float) -> Shape:
-    """A box, disc or triangle somewhere."""
+    """Return a box, disc or triangle at a random position."""
     x, y = near[0] + rng.uniform(-away, away), near[1] + rng.uniform(-away, away)
     w, h = size * rng.uniform(0.3, 1.5, 2)
     kind = rng.integers(3)
@@ -140,7 +140,7 @@ def random_shape(rng: np.random.Generator, size: float, near: tuple[float, float
 
 
 def world(seed: int) -> Simulation | None:
-    """A random world: a robot, known and hidden obstacles, a goal."""
+    """Return a random world: a robot, known and hidden obstacles, a goal."""
     rng = np.random.default_rng(seed)
     kind = ["point", "disc", "point", "disc", "arm", "polygon"][seed % 6]
     robot: Robot
@@ -173,13 +173,13 @@ def world(seed: int) -> Simulation | None:
 
 
 def connected(cell: np.ndarray, periodic: np.ndarray) -> np.ndarray:
-    """Cells with a path to a goal cell."""
+    """Return the cells with a path to a goal cell."""
     region = label_regions(cell != Cell.OBSTACLE, periodic)
     return (region > 0) & np.isin(region, np.unique(region[(cell == Cell.GOAL) & (region > 0)]))
 
 
 def optimistic(sim: Simulation) -> np.ndarray | None:
-    """Cells with a path where every cell counts as free that holds a free configuration; known for points and discs."""
+    """Return the cells with a path if every cell with a free configuration counts as free; for points and discs."""
     if not isinstance(sim.plant.robot, PointRobot | DiscRobot):
         return None
     x, y = sim.space.axes
@@ -196,7 +196,7 @@ def optimistic(sim: Simulation) -> np.ndarray | None:
 
 
 def world_runs(sim: Simulation, most: int | None) -> Iterator[tuple[tuple[int, ...], Run]]:
-    """Runs from the centres of free cells, where the robot fits at all."""
+    """Run from the centres of free cells at which the robot is not in collision."""
     cells = np.argwhere(sim.space.cell == Cell.FREE)
     if most is not None and len(cells) > most:
         cells = cells[np.unique(np.linspace(0, len(cells) - 1, most).round().astype(int))]
@@ -206,7 +206,7 @@ def world_runs(sim: Simulation, most: int | None) -> Iterator[tuple[tuple[int, .
 
 
 def worlds(last: int = 200, most: int | None = 40) -> None:
-    """Random worlds with hidden obstacles: what a start is promised, and what it gets."""
+    """Compare expected and actual outcomes in random worlds with hidden obstacles."""
     count, deepest, wrong, resolves, learnt = 0, 0.0, 0, 0, 0
     tally: Counter[str] = Counter()
     seed = 0
@@ -242,7 +242,7 @@ def worlds(last: int = 200, most: int | None = 40) -> None:
 
 
 def rate() -> None:
-    """Commands per second on a configuration space of 256 x 256 cells."""
+    """Measure commands per second on a configuration space of 256 x 256 cells."""
     rng = np.random.default_rng(3)
     cell = np.zeros((256, 256), np.uint8)
     for _ in range(30):
@@ -263,7 +263,7 @@ def rate() -> None:
 
 
 def every_start() -> None:
-    """The same from every free cell: an hour."""
+    """Run problems 1 and 2 from every free cell; this takes an hour."""
     worlds(most=None)
 
 
@@ -274,7 +274,7 @@ PARTS: dict[str, Callable[[], None]] = {
 
 
 def main() -> None:
-    """Run the parts named on the command line, or all."""
+    """Run the parts named on the command line, or all parts."""
     for name in sys.argv[1:] or [part for part in PARTS if part != "every_start"]:
         begun = time.perf_counter()
         PARTS[name]()

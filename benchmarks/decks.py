@@ -1,6 +1,6 @@
-"""Section: decks read, read and solved, and written, against Python's SPICE parsers, ngspice and bare text.
+"""Section: time to read, solve and write decks, relative to Python's SPICE parsers, ngspice and plain text output.
 
-All on one deck of a power grid in which every resistance is different.  Every ratio is taken within a round.
+The deck is a power grid in which every resistance is different.  Every ratio is taken within a round.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from resgrid.spice.read.deck import read_spice
 from resgrid.spice.write.flat import flatten, resistances
 
 SIDES = {"tiny": (16, 16), "quick": (256, 128), "full": (256, 256)}
-"""Nodes a side of the deck that is read and written, and of the one that ngspice solves."""
+"""Nodes per side of the deck for reading and writing, and of the deck for ngspice."""
 
 PAD, LOADED = 32, 0.1
-"""Cells between two pads, and the share of nodes that draw a current."""
+"""Cells between two pads, and fraction of nodes with a load current."""
 
 
 def decks(scale: Scale) -> list[Row]:
-    """Reading against spicelib, InSpice and PySpice; reading and solving against ngspice; writing against repr."""
+    """Compare reading with spicelib, InSpice and PySpice, reading and solving with ngspice, and writing with repr."""
     side, simulated = SIDES[scale.name]
     netlist = power_grid(side, scale.seed)
     what = f"{side}^2 deck, {len(netlist.conductance):,} resistors"
@@ -44,7 +44,7 @@ def decks(scale: Scale) -> list[Row]:
 
 
 def power_grid(side: int, seed: int) -> Netlist:
-    """A square of resistors, all different, pads of 1.8 V behind 10 milliohm, loads at a tenth of its nodes."""
+    """Return a square of different resistors, pads of 1.8 V behind 10 milliohm, and loads at a tenth of the nodes."""
     rng = np.random.default_rng(seed)
     node = 1 + np.arange(side * side).reshape(side, side)
     pads = node[PAD // 4 :: PAD, PAD // 4 :: PAD].ravel()
@@ -84,7 +84,7 @@ def _pyspice() -> Callable[[Path], object]:
 
 
 PARSERS = {"spicelib": _spicelib, "InSpice": _inspice, "PySpice": _pyspice}
-"""How each of the others reads a file; those that are not installed are told of."""
+"""Return the reading functions of the other parsers; report missing ones."""
 
 
 def _reading(what: str, path: Path, parser: str, scale: Scale) -> Row:
@@ -129,7 +129,7 @@ def _solving(what: str, path: Path, scale: Scale) -> Row:
 
 
 def _writing(what: str, netlist: Netlist, path: Path, scale: Scale) -> Row:
-    """The whole deck against nothing but its resistances, printed by repr, joined and written once."""
+    """Compare writing the deck with writing only its resistances, formatted by repr, joined and written once."""
     values = resistances(netlist.conductance).tolist()
     target = path.with_name("written.cir")
 

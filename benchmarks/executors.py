@@ -1,6 +1,6 @@
-"""Share chips among the workers of every executor: how busy these are, and whether all write the same file.
+"""Distribute chips over the workers of every executor: utilization of workers, and equality of the results files.
 
-``python -m benchmarks.executors NAME WORKERS CHIPS SIDE FILE`` is one run, which prints one line of JSON.
+``python -m benchmarks.executors NAME WORKERS CHIPS SIDE FILE`` performs one run and prints one line of JSON.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ config = parsl.Config(
 
 @contextmanager
 def opened(name: str, workers: int, folder: Path) -> Iterator[Executor | None]:
-    """So many workers on this computer; None for this process alone."""
+    """Yield an executor with a number of workers on this computer; None for this process only."""
     if name == "alone":
         yield None
     elif name == "loky":
@@ -63,7 +63,7 @@ def opened(name: str, workers: int, folder: Path) -> Iterator[Executor | None]:
 
 
 def run(name: str, workers: int, count: int, side: int, file: Path) -> dict[str, float]:
-    """Try chips; seconds, and the share of the workers' time in tasks, from the first result on."""
+    """Simulate chips; return the seconds, and the fraction of the workers' time in tasks after the first result."""
     ended: list[tuple[float, float]] = []
 
     def note(future: Future[Any]) -> None:
@@ -88,13 +88,13 @@ def run(name: str, workers: int, count: int, side: int, file: Path) -> dict[str,
     ended.sort()
     if len(ended) <= 2 * workers:
         return {"seconds": seconds, "busy": 1.0}
-    first, last = ended[2 * workers - 1][0], ended[-1][0]  # what ended before may have waited for workers to begin
+    first, last = ended[2 * workers - 1][0], ended[-1][0]  # earlier tasks may include the start of workers
     busy = sum(end - max(first, end - spent) for end, spent in ended if end > first) / (workers * (last - first))
     return {"seconds": seconds, "busy": busy}
 
 
 def started(name: str, workers: int, count: int, side: int, file: Path) -> subprocess.Popen[str]:
-    """A run in a process of its own, under mpiexec where it is one of MPI."""
+    """Start a run in a separate process, under mpiexec for MPI."""
     words = [sys.executable, "-m", "benchmarks.executors", name, str(workers), str(count), str(side), str(file)]
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
@@ -107,7 +107,7 @@ def started(name: str, workers: int, count: int, side: int, file: Path) -> subpr
 
 
 def executors(scale: Scale) -> list[Row]:
-    """Chips over 1, 2 and 4 workers of every executor, then processes that are killed."""
+    """Section: chips on 1, 2 and 4 workers of every executor, then runs with killed processes."""
     count, side = {"tiny": (64, 12), "quick": (2000, 64), "full": (10_000, 64)}[scale.name]
     with tempfile.TemporaryDirectory() as folder:
         alone = Path(folder) / "alone"
@@ -135,7 +135,7 @@ def _row(name: str, workers: int, count: int, side: int, file: Path, alone: Path
 
 
 def _killed(who: str, count: int, side: int, file: Path, alone: Path) -> Row:
-    """Kill in the middle: a worker, which the run must survive, or all, after which it is started again."""
+    """Kill a worker during a run, which must complete, or kill all processes and start the run again."""
     process = started("processes", 2, count, side, file)
     size = alone.stat().st_size
     while process.poll() is None and (not file.exists() or file.stat().st_size < size // 2):

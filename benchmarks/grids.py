@@ -1,4 +1,4 @@
-"""Sections on grids of cells: resgrid against its peers, and resgrid's work where it is hard."""
+"""Sections for grids of cells: comparison with peers, and resgrid's work on difficult problems."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ BOUNDARIES = ("dirichlet", "neumann")
 
 
 def plane(scale: Scale) -> list[Row]:
-    """Squares of 1024^2 and 2048^2 cells, a fifth of them obstacles, by everyone."""
+    """Section: squares of 1024^2 and 2048^2 cells, a fifth of them obstacles, all contenders."""
     sizes = {"tiny": (32,), "quick": (1024,), "full": (1024, 2048)}[scale.name]
     return _compared([Problem("rectangles", n, b, scale.seed + n) for n in sizes for b in BOUNDARIES], scale)
 
 
 def volume(scale: Scale) -> list[Row]:
-    """Cubes of 64^3 and 128^3 cells, by everyone."""
+    """Section: cubes of 64^3 and 128^3 cells, all contenders."""
     sizes = {"tiny": (8,), "quick": (64,), "full": (64, 128)}[scale.name]
     return _compared([Problem("boxes", n, b, scale.seed + n) for n in sizes for b in BOUNDARIES], scale)
 
 
 def irregular(scale: Scale) -> list[Row]:
-    """Netlists that come from no grid of cells, by everyone."""
+    """Section: netlists without a grid of cells, all contenders."""
     sizes = {"tiny": (1000,), "quick": (100_000,), "full": (100_000, 1_000_000)}[scale.name]
     kinds = ("power grid", "geometric graph", "thinned grid")
     return _compared([Problem(kind, n, seed=scale.seed + n) for n in sizes for kind in kinds], scale)
 
 
 def mazes(scale: Scale) -> list[Row]:
-    """Resgrid's work on Neumann mazes of several corridor widths."""
+    """Section: resgrid's work on Neumann mazes of several corridor widths."""
     sizes = {"tiny": (33,), "quick": (512,), "full": (512, 1024)}[scale.name]
     widths = (1, 3) if scale.name == "tiny" else (1, 2, 3, 8, 32)
     problems = [Problem("maze", n, "neumann", scale.seed + n + w, w) for n in sizes for w in widths]
@@ -39,7 +39,7 @@ def mazes(scale: Scale) -> list[Row]:
 
 
 def growth(scale: Scale) -> list[Row]:
-    """Time per unknown from 256^2 cells on, as a multiple of that of the smallest."""
+    """Section: time per unknown from 256^2 cells on, relative to the smallest grid."""
     last = {"tiny": 6, "quick": 10, "full": 12}[scale.name]
     rows, least = [], 0.0
     for power in range(min(8, last - 1), last + 1):
@@ -58,7 +58,7 @@ def growth(scale: Scale) -> list[Row]:
 
 
 def alone(problem: Problem, scale: Scale) -> list[Row]:
-    """Resgrid's time and work on a problem."""
+    """Return resgrid's time and work on a problem."""
     own, _, product = _runs(problem, scale)
     failure = next((run.failure for run in own if run.failure), "")
     if failure:
@@ -67,7 +67,7 @@ def alone(problem: Problem, scale: Scale) -> list[Row]:
 
 
 def _runs(problem: Problem, scale: Scale) -> tuple[list[Run], int, float]:
-    """Resgrid's runs on a problem, its unknowns, and the seconds of a product."""
+    """Return resgrid's runs on a problem, its number of unknowns, and the seconds of a product."""
     with arena(problem, ["resgrid"]) as ring:
         first = run_once(ring, "resgrid", rtol=RTOL, limit=PREPARATION)
         if first.failure:

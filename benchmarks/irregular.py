@@ -1,4 +1,4 @@
-"""Netlists that come from no grid of cells: power grids, random geometric graphs, grids with resistors missing."""
+"""Netlists without a grid of cells: power grids, random geometric graphs, grids with missing resistors."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from resgrid.core.netlist import GROUND, Netlist
 
 
 def power_grid(nodes: int, seed: int, layers: int = 4) -> Netlist:
-    """A supply net on a chip: meshes ever coarser and stouter, joined by vias, loads below, pads above.
+    """Return the supply network of a chip: stacked meshes joined by vias, loads at the bottom, pads at the top.
 
-    Layer ``k`` has half the nodes a side of the layer below and four times its conductance; a via of 2 S joins each of
-    its nodes to the one underneath; every tenth node of the lowest layer draws a current, a hundredth of those of the
-    topmost are pads at 1 V.
+    Layer ``k`` has half the nodes per side of the layer below and four times its conductance; a via of 2 S joins each
+    of its nodes to the one underneath; every tenth node of the lowest layer draws a current, a hundredth of those of
+    the topmost are pads at 1 V.
     """
     rng = np.random.default_rng(seed)
     side = int(np.sqrt(nodes / sum(0.25**k for k in range(layers)))) >> (layers - 1) << (layers - 1)
@@ -42,7 +42,7 @@ def power_grid(nodes: int, seed: int, layers: int = 4) -> Netlist:
 
 
 def geometric(nodes: int, seed: int) -> Netlist:
-    """Points strewn over a square, joined within a radius (about eight neighbours); conductance 1 / distance."""
+    """Return random points in a square, joined within a radius (about eight neighbours); conductance 1 / distance."""
     from scipy.spatial import cKDTree
 
     rng = np.random.default_rng(seed)
@@ -53,7 +53,7 @@ def geometric(nodes: int, seed: int) -> Netlist:
 
 
 def thinned(nodes: int, seed: int) -> Netlist:
-    """A square mesh without a tenth of its resistors."""
+    """Return a square mesh without a tenth of its resistors."""
     rng = np.random.default_rng(seed)
     side = round(np.sqrt(nodes))
     mesh = 1 + np.arange(side * side).reshape(side, side)
@@ -65,7 +65,7 @@ def thinned(nodes: int, seed: int) -> Netlist:
 def between_edges(
     nodes: int, pairs: NDArray[np.int64], conductance: NDArray[np.float64], place: NDArray[np.float64]
 ) -> Netlist:
-    """A sheet of nodes 1 ... n: those at the left edge (the first hundredth) at 1 V, those at the right one at 0 V."""
+    """Return a sheet of nodes 1 ... n with the left edge (the first hundredth) at 1 V and the right edge at 0 V."""
     left, right = 1 + np.flatnonzero(place < 0.01), 1 + np.flatnonzero(place >= 0.99)
     return Netlist(
         node_count=nodes + 1,
@@ -77,12 +77,12 @@ def between_edges(
 
 
 def mesh_pairs(mesh: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Neighbours in a mesh of numbered nodes."""
+    """Return pairs of neighbours in a mesh of numbered nodes."""
     across = np.stack([mesh[:-1].ravel(), mesh[1:].ravel()], axis=1)
     along = np.stack([mesh[:, :-1].ravel(), mesh[:, 1:].ravel()], axis=1)
     return np.concatenate([across, along])
 
 
 def to_ground(nodes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Pairs of each node with ground."""
+    """Return pairs of each node with ground."""
     return np.stack([nodes, np.full(len(nodes), GROUND)], axis=1)

@@ -1,6 +1,6 @@
-"""Section: grids that nearly do not fit, by the engine and by PETSc, each in a process of its own.
+"""Section: grids that almost fill the memory, by the engine and by PETSc, each in a separate process.
 
-A row's value is the peak memory of all processes in bytes a cell: netlist, solution, field and certified path.
+The value of a row is the peak memory of all processes in bytes per cell: netlist, solution, field and certified path.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ENGINE, PETSC = "resgrid", f"PETSc, {RANKS} ranks"
 
 
 def large(scale: Scale) -> list[Row]:
-    """Time, memory and a path on planes of up to 8192^2 cells and a volume, direction-safe."""
+    """Section: time and memory of direction-safe fields and a path on planes of up to 8192^2 cells and a volume."""
     cases = {
         "tiny": [(64, 2, ENGINE)],
         "quick": [(2048, 2, ENGINE), (128, 3, ENGINE), (2048, 2, PETSC)],
@@ -47,7 +47,7 @@ def _measured(size: int, dimensions: int, who: str, scale: Scale) -> Row:
 
 
 def _space(size: int, dimensions: int) -> rg.ConfigurationSpace:
-    """Sixty boxes, and a goal of four cells a side in the middle."""
+    """Return a space with sixty boxes, and a goal of four cells per side in the middle."""
     from benchmarks.layouts import as_space
 
     rng, cell = np.random.default_rng(0), np.zeros((size,) * dimensions, dtype=np.uint8)
@@ -62,7 +62,7 @@ def _space(size: int, dimensions: int) -> rg.ConfigurationSpace:
 
 
 def _solved(space: rg.ConfigurationSpace, who: str) -> tuple[rg.Field, int, str]:
-    """A field, the peak memory of other processes in bytes, and how it was solved."""
+    """Return a field, the peak memory of other processes in bytes, and the method."""
     if who == ENGINE:
         op = rg.solve(rg.compile_space(space, boundary="neumann"))
         return rg.field(op), 0, f"{op.method}, {op.iterations} iterations"
@@ -75,9 +75,9 @@ def _solved(space: rg.ConfigurationSpace, who: str) -> tuple[rg.Field, int, str]
 
 
 def _alone(size: int, dimensions: int, who: str) -> None:
-    """Compile, solve, read the field, follow a path and certify it; prints what it took."""
+    """Compile, solve, compute the field, trace and certify a path; print time and memory."""
     if who == ENGINE:
-        _solved(_space(64 if dimensions == 2 else 16, dimensions), who)  # reads the compiled loops
+        _solved(_space(64 if dimensions == 2 else 16, dimensions), who)  # loads the compiled kernels
     space = _space(size, dimensions)
     begin = perf_counter()
     field, others, note = _solved(space, who)

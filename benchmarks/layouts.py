@@ -1,4 +1,4 @@
-"""Where the obstacles of the benchmark grids lie: random rectangles or boxes, and mazes."""
+"""Obstacles of the benchmark grids: random rectangles or boxes, and mazes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from resgrid.core.space import Cell, ConfigurationSpace
 
 
 def boxes(size: int, dimensions: int, seed: int, share: float = 0.2) -> ConfigurationSpace:
-    """A square or cube, a share of its cells under random boxes, the goal in a corner."""
+    """Return a square or cube with a fraction of its cells covered by random boxes, and the goal in a corner."""
     rng = np.random.default_rng(seed)
     cell = np.zeros((size,) * dimensions, dtype=np.uint8)
     smallest, largest = (size // 64 + 1, size // 12 + 2) if dimensions == 2 else (max(size // 32, 1), size // 8 + 1)
@@ -24,7 +24,7 @@ def boxes(size: int, dimensions: int, seed: int, share: float = 0.2) -> Configur
 
 
 def maze(size: int, width: int, seed: int) -> ConfigurationSpace:
-    """A perfect maze with corridors ``width`` cells wide and walls one cell thick, the goal in a corner."""
+    """Return a perfect maze with corridors ``width`` cells wide and walls one cell thick, the goal in a corner."""
     pitch = width + 1
     count = (size - 1) // pitch
     cell = np.full((size, size), Cell.OBSTACLE, dtype=np.uint8)
@@ -36,7 +36,7 @@ def maze(size: int, width: int, seed: int) -> ConfigurationSpace:
 
 
 def passages(count: int, seed: int) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """The open doors of a maze of ``count`` by ``count`` rooms: a depth-first spanning tree, so corridors are long."""
+    """Return the open doors of a maze of ``count`` by ``count`` rooms: a depth-first tree, with long corridors."""
     rng = np.random.default_rng(seed)
     dice = iter(rng.permuted(np.tile(np.arange(4), (2 * count * count, 1)), axis=1).tolist())
     steps = ((1, 0), (-1, 0), (0, 1), (0, -1))
@@ -59,6 +59,6 @@ def passages(count: int, seed: int) -> list[tuple[tuple[int, int], tuple[int, in
 
 
 def as_space(cell: NDArray[np.uint8]) -> ConfigurationSpace:
-    """A grid of unit cells."""
+    """Return a space with unit cells."""
     names = "xyzw"
     return ConfigurationSpace([Axis(names[a], 0, n, n) for a, n in enumerate(cell.shape)], cell)

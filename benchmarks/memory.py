@@ -1,8 +1,8 @@
-"""Section: memory that a solution takes above its netlist, measured in a child process.
+"""Section: memory of a solution in addition to its netlist, measured in a child process.
 
-The child makes the netlist, lets the allocator give back what it holds, resets the kernel's record of the peak
-(``/proc/self/clear_refs``), solves, and reads the peak resident set: that counts compiled code's arrays too.  A second
-child repeats it under `tracemalloc`, which counts numpy's arrays only but each of them.
+The child builds the netlist, trims the heap, resets the kernel's peak record (``/proc/self/clear_refs``), solves, and
+reads the peak resident set, which includes arrays of compiled code.  A second child repeats the solution under
+`tracemalloc`, which counts all numpy arrays, but only these.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ TRIALS = 3
 
 
 def memory(scale: Scale) -> list[Row]:
-    """Peak memory of a normwise solution above the netlist, in bytes per unknown."""
+    """Section: peak memory of a normwise solution in addition to the netlist, in bytes per unknown."""
     if not Path("/proc/self/clear_refs").exists():
         return [Row("memory above the netlist", None, None, "bytes/unknown", note="needs Linux's /proc")]
     flat, deep = {"tiny": (32, 8), "quick": (1024, 64), "full": (2048, 128)}[scale.name]
@@ -64,7 +64,7 @@ def _row(problem: Problem, scale: Scale, how: str) -> Row:
 
 
 def measure(how: str, problem: Problem) -> dict[str, object]:
-    """Solve once, in this process; bytes at the peak above those before."""
+    """Solve once in this process; return the increase of memory at the peak in bytes."""
     from resgrid.circuit.solve import solve
 
     small = Problem(problem.kind, 40 if problem.kind == "rectangles" else 12, problem.boundary)
@@ -84,7 +84,7 @@ def measure(how: str, problem: Problem) -> dict[str, object]:
 
 
 def _method(problem: Problem) -> str:
-    """The method that a problem of this size gets: its kernels are to be compiled before anything is counted."""
+    """Return the method chosen for a problem of this size; its kernels must be compiled before the measurement."""
     from resgrid.circuit.equations import assemble
     from resgrid.solvers.method_choice import choose_method
 

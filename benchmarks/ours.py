@@ -1,4 +1,4 @@
-"""resgrid as a contender: timed from the space (compile, assemble, set up, solve, read off)."""
+"""resgrid as a contender, timed from the space: compile, assemble, set up, solve, compute currents."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from resgrid.core.space import ConfigurationSpace
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Voltages of all nodes, and where the time went."""
+    """Voltages of all nodes, and the seconds of every stage."""
 
     voltage: NDArray[np.float64]
     seconds: Mapping[str, float]
@@ -28,7 +28,7 @@ class Answer:
 
 
 class Resgrid:
-    """A problem made ready; each `run` starts from the space again (from the netlist, where there is no space)."""
+    """A prepared problem; each `run` starts from the space, or from the netlist if there is no space."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -45,7 +45,7 @@ class Resgrid:
         return Answer(point.voltage, seconds, point.method, iterations_of(point))
 
     def _compiled(self) -> Netlist:
-        """The circuit, from a space that remembers nothing of itself."""
+        """Return the circuit, compiled from a space without cached values."""
         if self.space is None:
             return self.given
         fresh = ConfigurationSpace(self.space.axes, self.space.cell)
@@ -54,6 +54,6 @@ class Resgrid:
 
 
 def iterations_of(point: OperatingPoint) -> int | None:
-    """Iterations of an iterative method, where the operating point tells."""
+    """Return the number of iterations, if the operating point contains it."""
     count = getattr(point, "iterations", None)
     return None if count is None else int(count)

@@ -1,8 +1,8 @@
-"""Other people's solvers, each behind the same three steps.
+"""External solvers with a common interface of three steps.
 
 A peer is a function ``prepare(matrix) -> setup``; ``setup() -> solve``; ``solve(rhs, rtol) -> (x, iterations)``.
-Preparing (bringing the matrix into the library's format) is not timed, setting up and solving are.  The file needs
-numpy alone, so that a peer may live in another Python (PETSc of Debian); a peer whose library is missing raises
+Preparation (conversion of the matrix to the library's format) is not timed; setup and solution are.  This module
+imports only numpy, so that a peer can run in another Python (PETSc of Debian).  A peer whose library is missing raises
 `ImportError` in ``prepare``.
 """
 
@@ -31,11 +31,11 @@ class Matrix:
 
     @property
     def size(self) -> int:
-        """Number of rows."""
+        """Return the number of rows."""
         return len(self.indptr) - 1
 
     def scipy(self, form: str = "csr") -> Any:
-        """The same as a scipy matrix; being symmetric, its rows are its columns."""
+        """Return a scipy matrix in compressed columns; by symmetry the compressed rows are the columns."""
         from scipy import sparse
 
         made = sparse.csr_matrix if form == "csr" else sparse.csc_matrix
@@ -44,18 +44,18 @@ class Matrix:
 
 @dataclass(frozen=True)
 class Peer:
-    """A contender from outside.
+    """An external contender.
 
     Attributes
     ----------
     title : str
-        What the table calls it.
+        Name in the table.
     prepare : callable
-        See the module.
+        See the module docstring.
     direct : bool
-        Whether it factors the whole matrix (left out where the factors would not fit in memory).
+        Whether it factors the whole matrix (omitted if the factors would not fit in memory).
     package : str
-        Where its version is kept.
+        Package whose version is reported.
     """
 
     title: str

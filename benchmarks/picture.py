@@ -1,4 +1,4 @@
-"""The picture of a run: everyone's time as a multiple of resgrid's, one panel a problem."""
+"""Picture of a run: times of all contenders relative to resgrid, one panel per problem."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ OURS, THEIRS, SHORT = "#0b5394", "#444444", "#c0504d"
 
 
 def panels(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """The rows that compare contenders, by problem."""
+    """Return the rows that compare contenders, by problem."""
     grouped: dict[str, list[Row]] = {}
     for row in rows:
         if row.unit == RATIO and ": " not in row.name:
@@ -26,10 +26,10 @@ def panels(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def draw(rows: Sequence[Row]) -> Figure | None:
-    """Draw all panels; None where there is nothing to compare.
+    """Draw all panels; return None if there is nothing to compare.
 
-    Medians as dots, the range from the fastest to the slowest round as a bar, on a logarithmic axis that all panels
-    share; contenders in the order of their times.
+    Dots are medians, and bars are ranges from the fastest to the slowest round.  All panels share a logarithmic axis.
+    Contenders are in the order of their times.
     """
     from matplotlib.figure import Figure
 
@@ -52,7 +52,7 @@ def draw(rows: Sequence[Row]) -> Figure | None:
 
 
 def panel(ax: Axes, name: str, group: Sequence[Row]) -> Axes:
-    """One problem: a line for every contender."""
+    """Draw one problem with a line for every contender."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     for place, row in enumerate(group):
@@ -97,7 +97,7 @@ def _line(ax: Axes, place: int, row: Row) -> None:
 
 
 def write_picture(path: Path, sections: Mapping[str, Sequence[Row]]) -> bool:
-    """Write the picture of several sections; returns whether there was anything to draw."""
+    """Write the picture of several sections; return whether there was anything to draw."""
     figure = draw([row for rows in sections.values() for row in rows])
     if figure is not None:
         figure.savefig(path, dpi=110)

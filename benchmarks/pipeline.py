@@ -20,11 +20,11 @@ from resgrid.planning.trace import streamlines
 PRODUCTS = "products"
 BOUNDARIES = ("dirichlet", "neumann")
 EVERY = 16
-"""Streamlines start from one goal-connected cell in so many."""
+"""Stride over goal-connected cells: streamlines start from every n-th cell."""
 
 
 def pipeline(scale: Scale) -> list[Row]:
-    """Compile, solve, trace."""
+    """Section: compile, solve, trace."""
     large, small, deep = {"tiny": (32, 24, 8), "quick": (2048, 512, 64), "full": (2048, 512, 64)}[scale.name]
     rows = [_compile_row(boxes(large, 2, large + scale.seed), b, scale) for b in BOUNDARIES]
     space = boxes(small, 2, small + scale.seed)
@@ -35,7 +35,7 @@ def pipeline(scale: Scale) -> list[Row]:
 
 
 def compile_afresh(space: ConfigurationSpace, boundary: str) -> Netlist:
-    """Compile without what a space remembers of itself."""
+    """Compile a space without its cached values."""
     return compile_space(ConfigurationSpace(space.axes, space.cell), boundary=boundary)
 
 

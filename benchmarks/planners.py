@@ -1,8 +1,8 @@
-"""Section: resgrid beside other planners, on scenes with narrow passages and on MovingAI maps, if a folder holds them.
+"""Section: comparison of planners on scenes with narrow passages, and on MovingAI maps if available.
 
-Of every query: is there a path that meets free cells only, how long is it beside the shortest path over eight
-neighbours, how far from obstacles does it keep, how likely is a collision if the whole path is displaced at random, and
-what do the first query and a thousand more to the same goal take.  The environment's MOVINGAI names the folder.
+Figures of every query: success (a path through free cells only), length relative to the shortest path over eight
+neighbours, clearance, probability of collision if the whole path is displaced at random, and the time of the first
+query and of a thousand further queries to the same goal.  The environment variable MOVINGAI names the folder of maps.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Task:
-    """A map, true where it is free, a start and a goal."""
+    """A map (true in free cells), a start and a goal."""
 
     free: NDArray[np.bool_]
     start: tuple[int, int]
@@ -45,7 +45,7 @@ class Task:
 
 
 def planners(scale: Scale) -> list[Row]:
-    """Every contender on every group of tasks; one that is not installed is left out by name."""
+    """Section: every contender on every group of tasks; contenders that are not installed are omitted and listed."""
     size, most = {"tiny": (24, 1), "full": (160, 6)}.get(scale.name, (80, 3))
     groups = {"narrow passages": list(narrow(size, scale.seed))}
     if CASES.is_dir() and scale.name != "tiny":
@@ -56,7 +56,7 @@ def planners(scale: Scale) -> list[Row]:
 def _group(group: str, tasks: list[Task]) -> Iterator[Row]:
     for contender, (prepare, count) in CONTENDERS.items():
         try:
-            prepare(np.ones((5, 5), bool), (4, 4))((0, 0))  # compiles and imports what it needs
+            prepare(np.ones((5, 5), bool), (4, 4))((0, 0))  # compiles kernels and imports libraries
             found = [measure(task, prepare, count) for task in tasks]
         except ImportError as missing:
             yield Row(f"{group}: success", None, None, "share", contender, f"not installed: {missing.name}")
@@ -69,7 +69,7 @@ def _group(group: str, tasks: list[Task]) -> Iterator[Row]:
 
 
 def measure(task: Task, prepare: Contender, count: int) -> dict[str, float]:
-    """The figures of a contender on one task; those of a path are absent where there is none."""
+    """Return the figures of a contender on one task; figures of the path are absent if there is no path."""
     begin = time.process_time()
     query = prepare(task.free, task.goal)
     points = query(task.start)
@@ -98,7 +98,7 @@ def measure(task: Task, prepare: Contender, count: int) -> dict[str, float]:
 
 
 def narrow(size: int, seed: int) -> Iterator[Task]:
-    """Three scenes with narrow passages: a door, a bent corridor, a field of pillars."""
+    """Return three tasks with narrow passages: a door, a bent corridor, a field of pillars."""
     n = size
     door = np.ones((n, n), bool)
     door[n // 2 - 1 : n // 2 + 1] = False
@@ -117,7 +117,7 @@ def narrow(size: int, seed: int) -> Iterator[Task]:
 
 
 def movingai(most: int) -> Iterator[Task]:
-    """The longest queries of the scenario files that lie beside the maps."""
+    """Return the longest queries of the scenario files in the folder of the maps."""
     import resgrid as rg
 
     for name in MAPS:
@@ -138,7 +138,7 @@ def _length(points: NDArray[np.float64]) -> float:
 
 
 def _places(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points along a polyline, at most `STEP` apart."""
+    """Return points along a polyline, at most `STEP` apart."""
     pieces = [
         a + np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(b - a) / STEP))[:, np.newaxis] * (b - a)
         for a, b in pairwise(points)
@@ -147,7 +147,7 @@ def _places(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _is_free(places: NDArray[np.float64], free: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Whether places lie in free cells; on the border of a cell either cell will do."""
+    """Return whether points lie in free cells; on a border one free cell is sufficient."""
     allowed = np.zeros(len(places), bool)
     for nudge in (-1e-9, 1e-9):
         cell = np.floor(places + nudge).astype(int)
@@ -157,7 +157,7 @@ def _is_free(places: NDArray[np.float64], free: NDArray[np.bool_]) -> NDArray[np
 
 
 def _clearance(places: NDArray[np.float64], free: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Distances to the nearest obstacle square, or the edge."""
+    """Return the distances to the nearest obstacle square or the edge."""
     solid = np.pad(~free, 1, constant_values=True)
     border = solid & ndimage.binary_dilation(~solid, np.ones((3, 3)))
     corner = np.argwhere(border) - 1.0
@@ -165,6 +165,6 @@ def _clearance(places: NDArray[np.float64], free: NDArray[np.bool_]) -> NDArray[
 
 
 def _nearest(place: NDArray[np.float64], corner: NDArray[np.float64]) -> float:
-    """Distance of a point to the nearest unit square, given by lower corners."""
+    """Return the distance of a point to the nearest unit square, given by lower corners."""
     outside = np.maximum(np.maximum(corner - place, place - corner - 1.0), 0.0)
     return float(np.linalg.norm(outside, axis=1).min())

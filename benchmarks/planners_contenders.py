@@ -1,6 +1,6 @@
-"""Planners of a point robot among cells: each prepares a map and a goal, then answers starts with polylines.
+"""Planners for a point robot on a grid: each one prepares a map and a goal, and returns a polyline for each start.
 
-Points are in cells: cell (i, j) is the square from (i, j) to (i + 1, j + 1).  Nobody is given more than the map.
+Points are in cells: cell (i, j) is the square from (i, j) to (i + 1, j + 1).  All planners receive only the map.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ Contender = Callable[[NDArray[np.bool_], tuple[int, int]], Query]
 STRAIGHT = ((1, 0), (-1, 0), (0, 1), (0, -1))
 DIAGONAL = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 SECONDS, CHECKED = 1.0, 0.02
-"""What a sampling planner may take for a query, and how densely it looks at edges, in cells."""
+"""Seconds per query of a sampling planner, and its resolution of edge checks in cells."""
 
 
 def resgrid(k: float) -> Contender:
-    """One field for the goal, a streamline for each start."""
+    """Compute one field for the goal, and a streamline for each start."""
     import resgrid as rg
 
     def prepare(free: NDArray[np.bool_], goal: tuple[int, int]) -> Query:
@@ -40,7 +40,7 @@ def resgrid(k: float) -> Contender:
 
 
 def networkx_astar(free: NDArray[np.bool_], goal: tuple[int, int]) -> Query:
-    """A* of networkx on the graph of free cells and their eight neighbours."""
+    """Run A* of networkx on the graph of free cells and their eight neighbours."""
     import networkx
 
     graph = networkx.Graph()
@@ -59,7 +59,7 @@ def networkx_astar(free: NDArray[np.bool_], goal: tuple[int, int]) -> Query:
 
 
 def pathfinding_astar(free: NDArray[np.bool_], goal: tuple[int, int]) -> Query:
-    """A* of the package `pathfinding`, diagonals only past free cells."""
+    """Run A* of the package `pathfinding`, with diagonals only next to free cells."""
     from pathfinding.core.diagonal_movement import DiagonalMovement
     from pathfinding.core.grid import Grid
     from pathfinding.finder.a_star import AStarFinder
@@ -76,7 +76,7 @@ def pathfinding_astar(free: NDArray[np.bool_], goal: tuple[int, int]) -> Query:
 
 
 def fast_marching(free: NDArray[np.bool_], goal: tuple[int, int]) -> Query:
-    """Distances from the goal by scikit-fmm, followed downwards over eight neighbours."""
+    """Compute distances from the goal by scikit-fmm, and descend over eight neighbours."""
     import skfmm
 
     phi = np.ones(free.shape)
@@ -97,13 +97,13 @@ def fast_marching(free: NDArray[np.bool_], goal: tuple[int, int]) -> Query:
 
 
 def ompl(planner: str, *, simplify: bool) -> Contender:
-    """A planner of OMPL, its validity a look into the map, from Python."""
+    """Run a planner of OMPL with a validity check in Python."""
 
     def prepare(free: NDArray[np.bool_], goal: tuple[int, int]) -> Query:
         from ompl import base, geometric, util
 
         util.setLogLevel(util.LOG_NONE)
-        util.RNG.setSeed(1)  # counts before the first random number alone
+        util.RNG.setSeed(1)  # has an effect only before the first random number
         space = base.RealVectorStateSpace(2)
         bounds = base.RealVectorBounds(2)
         for axis, n in enumerate(free.shape):
@@ -142,11 +142,11 @@ CONTENDERS: dict[str, tuple[Contender, int]] = {
     "OMPL RRTConnect": (ompl("RRTConnect", simplify=True), 3),
     "OMPL BIT*": (ompl("BITstar", simplify=False), 1),
 }
-"""Who competes, and from how many further starts the time of a thousand is taken."""
+"""Contenders, and the number of further starts from which the time of a thousand is extrapolated."""
 
 
 def neighbours(free: NDArray[np.bool_], i: int, j: int) -> list[tuple[float, tuple[int, int]]]:
-    """Lengths and cells of the free neighbours of a cell, diagonals only where no corner is cut."""
+    """Return lengths and cells of the free neighbours of a cell; diagonals must not cut a corner."""
 
     def open_at(a: int, b: int) -> bool:
         return 0 <= a < free.shape[0] and 0 <= b < free.shape[1] and bool(free[a, b])

@@ -1,4 +1,4 @@
-"""What is solved: a problem is a few plain values, from which every process makes the same circuit."""
+"""Benchmark problems: a few plain values from which every process builds the same circuit."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ NETLISTS: dict[str, Callable[[int, int], Netlist]] = {
 
 @dataclass(frozen=True)
 class Problem:
-    """A circuit in a few plain values.
+    """A circuit described by a few plain values.
 
     Attributes
     ----------
     kind : str
         A key of `SPACES` or `NETLISTS`.
     size : int
-        Cells a side of a space; nodes of a netlist.
+        Cells per side of a space; nodes of a netlist.
     boundary : {"dirichlet", "neumann"}
-        Of a space; Neumann is driven uniformly.
+        Boundary of a space; Neumann has the uniform drive.
     seed : int
     width : int
-        Of a maze's corridors.
+        Width of a maze's corridors.
     mismatch : float
         Relative spread of the resistances of a space: uniform in ``1 +- mismatch``.
     """
@@ -55,7 +55,7 @@ class Problem:
 
     @property
     def name(self) -> str:
-        """What the table calls it."""
+        """Return the name in the table."""
         if self.kind in NETLISTS:
             return f"{self.kind}, {self.size:,} nodes"
         shape = f"{self.size}^{3 if self.kind == 'boxes' else 2}"
@@ -63,27 +63,27 @@ class Problem:
         return f"{kind} {self.boundary}"
 
     def space(self) -> ConfigurationSpace:
-        """The space of a grid problem."""
+        """Return the space of a grid problem."""
         return SPACES[self.kind](self.size, self.width, self.seed)
 
     def netlist(self) -> Netlist:
-        """The circuit."""
+        """Return the circuit."""
         if self.kind in NETLISTS:
             return NETLISTS[self.kind](self.size, self.seed)
         return mismatched(compile_space(self.space(), boundary=self.boundary), self.mismatch, self.seed)
 
 
 def mismatched(netlist: Netlist, mismatch: float, seed: int) -> Netlist:
-    """The same circuit with resistances off by up to ``mismatch`` of their value."""
+    """Return the circuit with resistances that deviate by up to the fraction ``mismatch``."""
     error = np.random.default_rng(seed + 1).uniform(-mismatch, mismatch, len(netlist.conductance))
     return netlist.replace(conductance=netlist.conductance / (1.0 + error))
 
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """The nodal equations as other libraries want them: ``matrix @ voltage[nodes] = rhs``.
+    """The nodal equations in the form of other libraries: ``matrix @ voltage[nodes] = rhs``.
 
-    They are set up here, from the netlist alone, so that they check resgrid's own assembly too.
+    They are assembled from the netlist in this module, so that they also check resgrid's own assembly.
     """
 
     matrix: sparse.csr_array
@@ -91,14 +91,14 @@ class Equations:
     nodes: NDArray[np.int64]
 
     def residual(self, x: NDArray[np.float64]) -> float:
-        """``|b - A x| / |b|`` in the 2-norm."""
+        """Return ``|b - A x| / |b|`` in the 2-norm."""
         return float(np.linalg.norm(self.rhs - self.matrix @ x) / np.linalg.norm(self.rhs))
 
 
 def equations(netlist: Netlist) -> Equations:
-    """Set up the equations of a circuit whose voltage sources are all tied to ground.
+    """Assemble the equations of a circuit whose voltage sources all have one end at ground.
 
-    Parts that no current flows in (held by a single rail, or by none, and not fed) are left out.
+    Components without current (at most one rail and no injected current) are omitted.
     """
     known = np.full(netlist.node_count, np.nan)
     known[GROUND] = 0.0
@@ -131,7 +131,7 @@ def _summed(row: NDArray[np.int64], amount: NDArray[np.float64], size: int) -> N
 
 
 def _carrying(netlist: Netlist, known: NDArray[np.float64], fed: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Nodes of unknown voltage in parts that two rails or a rail and a current drive."""
+    """Return the unknown nodes in components with two rails, or with a rail and an injected current."""
     ends, unknown = netlist.resistor_nodes, np.isnan(known)
     inner = unknown[ends].all(axis=1)
     shape = (netlist.node_count,) * 2

@@ -1,4 +1,4 @@
-"""What a section returns, and how large its problems may be."""
+"""Rows of a section, and the scale of its problems."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ RATIO = "x resgrid"
 
 @dataclass(frozen=True)
 class Scale:
-    """How large a run is.
+    """Scale of a run.
 
     Attributes
     ----------
     name : {"tiny", "quick", "full"}
         ``"tiny"`` is for tests.
     rounds : int
-        Most alternating runs of one comparison.
+        Maximum number of alternating runs of one comparison.
     limit : float
-        Seconds that one run of one contender may take.
+        Time limit of one run of one contender, in seconds.
     seed : int
-        Added to the seed of every problem, so that figures can be taken on problems that nobody tuned for.
+        Added to the seed of every problem, to measure problems that were not used for tuning.
     """
 
     name: str = "quick"
@@ -31,13 +31,13 @@ class Scale:
 
     @property
     def full(self) -> bool:
-        """Whether the large sizes are wanted."""
+        """Return whether large sizes are included."""
         return self.name == "full"
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Median, smallest and largest of some measurements."""
+    """Median, smallest and largest value of measurements."""
 
     median: float
     low: float
@@ -53,15 +53,15 @@ class Row:
     name : str
         The problem or the job.
     seconds : float or None
-        Median wall-clock time; None where it did not finish or is no time.
+        Median wall-clock time; None if the run did not finish or the row is not a time.
     value : Spread or None
-        What the row is about, in `unit`; None where there is none, and then `note` says why.
+        Value in `unit`; None if there is no value, with the reason in `note`.
     unit : str
         ``RATIO``, ``"products"``, ``"bytes/unknown"``, ...
     contender : str
-        Whose figure it is.
+        The contender that was measured.
     note : str
-        What else matters: the method chosen, the number of runs, why it failed.
+        Further information: chosen method, number of runs, reason for a failure.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Section: ngspice's whole run on a deck against resgrid's on the same circuit."""
+"""Section: complete run of ngspice on a deck relative to resgrid on the same circuit."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from resgrid.circuit.solve import solve
 from resgrid.spice.write.flat import flatten
 
 LARGE = 200
-"""Cells a side from which ngspice runs once only."""
+"""Cells per side from which ngspice runs only once."""
 
 
 def simulator(scale: Scale) -> list[Row]:
-    """Read, factor, solve and write by ngspice in batch mode; read a netlist and solve it, normwise, by resgrid."""
+    """Section: read, factor, solve and write by ngspice in batch mode; read and solve (normwise) by resgrid."""
     sizes = {"tiny": (12,), "quick": (128,), "full": (128, 256)}[scale.name]
     found = simulators()
     if not found:
@@ -46,7 +46,7 @@ def _row(problem: Problem, simulator: Simulator, scale: Scale) -> Row:
 
 
 def _run(program: str, folder: Path, limit: float) -> None:
-    """One batch run, its operating point in a raw file."""
+    """Run ngspice once in batch mode, with the operating point in a raw file."""
     command = [program, "-n", "-b", "-r", "point.raw", "deck.cir"]
     subprocess.run(command, cwd=folder, capture_output=True, timeout=limit, check=False)
     if not (folder / "point.raw").exists():

@@ -1,4 +1,4 @@
-"""The simulators that can be had here, each with its fastest linear solver."""
+"""Available simulators, each with its fastest linear solver."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 UNPACKED = Path(__file__).resolve().parents[1] / ".venv-bench" / "ngspice" / "usr" / "bin" / "ngspice"
-"""Where ``make bench`` unpacks the newest one that the system's backports hold."""
+"""Folder in which ``make bench`` unpacks the newest version of the system's backports."""
 
 
 class Simulator(NamedTuple):
@@ -21,12 +21,12 @@ class Simulator(NamedTuple):
     cards: str
 
     def with_cards(self, deck: str) -> str:
-        """A deck with the cards before its end."""
+        """Return the deck with the cards inserted before its end."""
         return deck.replace("\n.end", f"\n{self.cards}.end")
 
 
 def simulators() -> list[Simulator]:
-    """What is on PATH (or `RESGRID_NGSPICE` names), and what is unpacked; the best one last."""
+    """Return the simulator on PATH (or of `RESGRID_NGSPICE`) and the unpacked one; the best one is last."""
     there = [shutil.which(os.environ.get("RESGRID_NGSPICE", "ngspice")), UNPACKED if UNPACKED.exists() else None]
     found = {entry.name: entry for entry in map(_simulator, (str(program) for program in there if program))}
     return sorted(found.values(), key=lambda entry: ("KLU" in entry.name, entry.name))

@@ -1,4 +1,4 @@
-"""Section: what the first command and the first solution cost, each in a process of its own."""
+"""Section: time of the first command and of the first solution, each in a separate process."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ print(time.perf_counter() - start, answer.method)
 
 
 def start(scale: Scale) -> list[Row]:
-    """Start the command line; compile all that the first solutions need into an empty cache."""
+    """Section: start the command line; compile the kernels of the first solutions into an empty cache."""
     rows = [_light_row(name, code, scale) for name, code in LIGHT.items()]
     plane, maze = {"tiny": (40, 24)}.get(scale.name, (512, 256))
     first = (("rectangles", plane, "normwise"), ("rectangles", plane, "direction"), ("maze", maze, "direction"))
@@ -42,7 +42,7 @@ def _light_row(name: str, code: str, scale: Scale) -> Row:
 
 
 def _first_row(kind: str, size: int, accuracy: str, scale: Scale) -> Row:
-    """Solve once with a cache of kernels that is empty."""
+    """Solve once with an empty kernel cache."""
     with tempfile.TemporaryDirectory(prefix="resgrid-bench-") as cache:
         code = FIRST.format(kind=kind, size=size, seed=scale.seed + size, accuracy=accuracy)
         seconds, method = _python(code, NUMBA_CACHE_DIR=cache).split()
@@ -51,7 +51,7 @@ def _first_row(kind: str, size: int, accuracy: str, scale: Scale) -> Row:
 
 
 def _python(code: str, **environment: str) -> str:
-    """What a new Python prints."""
+    """Return the output of a new Python process."""
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={**os.environ, **environment}
     )

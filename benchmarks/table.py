@@ -1,4 +1,4 @@
-"""The table on the screen, and the figures that are kept."""
+"""Printed tables and saved results."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DIGITS = 4
 
 
 def format_rows(rows: Iterable[Row], last: Mapping[tuple[str, str], float]) -> str:
-    """Lines of a table: name, contender, seconds, value with its range, unit, the value kept before, remarks."""
+    """Return the lines of a table: name, contender, seconds, value with its range, unit, previous value, remarks."""
     cells = [_cells(row, last.get((row.name, row.contender))) for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)] if cells else []
     right = (False, False, True, True, True, False, True, False)
@@ -47,7 +47,7 @@ def _number(value: float) -> str:
 
 
 def read_results(path: Path) -> dict[str, Any]:
-    """The sections kept in a file; none if there is no such file or it is of another schema."""
+    """Return the sections saved in a file; empty if the file does not exist or has another schema."""
     if not path.exists():
         return {}
     kept = json.loads(path.read_text(encoding="utf-8"))
@@ -55,30 +55,30 @@ def read_results(path: Path) -> dict[str, Any]:
 
 
 def last_values(sections: Mapping[str, Any]) -> dict[tuple[str, str], float]:
-    """Median of every row that was kept, by name and contender."""
+    """Return the median of every saved row by name and contender."""
     rows = [row for section in sections.values() for row in section["rows"] if row["value"] is not None]
     return {(row["name"], row["contender"]): row["value"]["median"] for row in rows}
 
 
 def section_record(rows: Iterable[Row], scale: Scale) -> dict[str, Any]:
-    """What is kept of a section: its rows, and where and with what they were measured."""
+    """Return the record of a section: its rows, the machine and the versions."""
     return {"scale": scale.name, "seed": scale.seed, "machine": machine(), "rows": [_record(row) for row in rows]}
 
 
 def write_results(path: Path, sections: Mapping[str, Any]) -> None:
-    """Keep the sections in a file."""
+    """Save the sections in a file."""
     path.write_text(json.dumps({"schema": SCHEMA, "sections": sections}, indent=1) + "\n", encoding="utf-8")
 
 
 def rows_of(section: Mapping[str, Any]) -> list[Row]:
-    """Rows from a section that was kept."""
+    """Return the rows of a saved section."""
     return [
         Row(**{**row, "value": None if row["value"] is None else Spread(**row["value"])}) for row in section["rows"]
     ]
 
 
 def machine() -> dict[str, object]:
-    """Processor, interpreter and the versions of whoever competes."""
+    """Return the processor, the interpreter, and the versions of the contenders."""
     packages = ("resgrid", "numba", "numpy", *sorted({peer.package for peer in PEERS.values()}), *PLANNERS)
     versions = {name: found for name in packages if (found := _version(name))}
     return {"cpu": _cpu(), "cores": os.cpu_count(), "python": platform.python_version(), "versions": versions}

@@ -1,4 +1,4 @@
-"""Time jobs in turn, so that whatever else the machine does falls on all of them alike."""
+"""Time jobs in turn, so that other load on the machine affects all jobs."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ Job = Callable[[], object]
 
 
 def spread(values: Sequence[float]) -> Spread:
-    """Median and range."""
+    """Return median and range."""
     return Spread(statistics.median(values), min(values), max(values))
 
 
 def timed(job: Job) -> float:
-    """Seconds that a job takes."""
+    """Return the wall-clock seconds of a job."""
     start = time.perf_counter()
     job()
     return time.perf_counter() - start
 
 
 def busy(job: Job) -> float:
-    """Seconds of processor time that a job takes, with the processes that it has waited for."""
+    """Return the processor seconds of a job, including its finished child processes."""
     start = _processor_time()
     job()
     return _processor_time() - start
@@ -37,7 +37,7 @@ def _processor_time() -> float:
 
 
 def alternating(first: Job, second: Job, rounds: int) -> tuple[Spread, Spread, Spread]:
-    """Times of both jobs, and of the first divided by the second, round by round."""
+    """Return the times of both jobs, and their ratio in every round."""
     pairs = [(timed(first), timed(second)) for _ in range(rounds)]
     return (
         spread([pair[0] for pair in pairs]),
@@ -47,7 +47,7 @@ def alternating(first: Job, second: Job, rounds: int) -> tuple[Spread, Spread, S
 
 
 def repeated(job: Job, times: int = 10) -> Job:
-    """A job done several times over."""
+    """Return a job that is repeated several times."""
 
     def run() -> None:
         for _ in range(times):
@@ -57,5 +57,5 @@ def repeated(job: Job, times: int = 10) -> Job:
 
 
 def scaled(value: Spread, factor: float) -> Spread:
-    """A spread in other units."""
+    """Return a spread in other units."""
     return Spread(value.median * factor, value.low * factor, value.high * factor)

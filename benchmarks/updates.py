@@ -1,4 +1,4 @@
-"""Sections: cells that change after a solve, and threads that share one."""
+"""Sections: warm starts after changed cells, and solutions on several threads."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _WHO = ("one thread", "two threads")
 
 
 def update(scale: Scale) -> list[Row]:
-    """Ten cells near the goal that become obstacles, or are freed: a warm start, against starting from the space."""
+    """Section: ten cells near the goal become obstacles or free; warm start relative to a solution from the space."""
     sizes = {"tiny": (48,), "quick": (256, 1024), "full": (256, 1024, 2048)}[scale.name]
     return [
         _update_row(place, size, boundary, scale, to=to)
@@ -36,7 +36,7 @@ def update(scale: Scale) -> list[Row]:
 
 
 def threads(scale: Scale) -> list[Row]:
-    """Fields on one thread and on two: behind stiff walls, where drop and height are both needed, and in the open."""
+    """Section: fields on one thread and on two, with stiff walls (which need drop and height) and without."""
     size = {"tiny": 32, "quick": 512, "full": 1024}[scale.name]
     netlist = compile_space(boxes(size, 2, scale.seed + size), boundary="wall", wall_resistance=1e15)
     rows = []
@@ -54,7 +54,7 @@ def threads(scale: Scale) -> list[Row]:
 
 
 def _threads_rows(problem: Problem, accuracy: str, scale: Scale) -> list[Row]:
-    """One solve on one thread and on two, with the seconds of its stages on either, and the time of its steps."""
+    """Return rows of one solve on one thread and on two: seconds of stages, and time per iteration."""
     netlist = problem.netlist()
     jobs = [partial(solve, netlist, accuracy=accuracy, method="multigrid", rtol=RTOL, threads=n) for n in (1, 2)]
     points = [job() for job in jobs]
@@ -75,7 +75,7 @@ def _threads_rows(problem: Problem, accuracy: str, scale: Scale) -> list[Row]:
 
 
 def _stream_rows(scale: Scale) -> list[Row]:
-    """What the memory gives, as McCalpin's STREAM (1995) counts it: two arrays read and one written, piece by piece."""
+    """Measure the memory bandwidth as McCalpin's STREAM (1995): two arrays read and one written, in chunks."""
     size = {"tiny": 2**12, "quick": 2**23, "full": 2**25}[scale.name]
     a, b, c = np.ones((3, size))
     rows = []
@@ -88,7 +88,7 @@ def _stream_rows(scale: Scale) -> list[Row]:
 
 
 def goal_in(place: str, size: int, seed: int) -> ConfigurationSpace:
-    """Random rectangles with the goal in a corner, or alone in a free middle; others where it is walled in."""
+    """Return random rectangles with the goal in a corner or in a free centre; draw again if the goal is enclosed."""
     space = boxes(size, 2, seed)
     if place == "corner":
         return space
@@ -103,7 +103,7 @@ def goal_in(place: str, size: int, seed: int) -> ConfigurationSpace:
 
 
 def near_goal(space: ConfigurationSpace, seed: int, to: Cell) -> NDArray[np.int64]:
-    """Ten free cells, or obstacle cells, near the goal.  Returns (10, ndim)."""
+    """Return ten free or obstacle cells near the goal, shape (10, ndim)."""
     some = np.argwhere(space.goal_connected if to == Cell.OBSTACLE else space.cell == Cell.OBSTACLE)
     away = np.abs(some - np.argwhere(space.cell == Cell.GOAL)[0]).max(axis=1)
     near = some[away <= max(_REACH, np.sort(away)[3 * _CELLS])]
@@ -111,7 +111,7 @@ def near_goal(space: ConfigurationSpace, seed: int, to: Cell) -> NDArray[np.int6
 
 
 def _fresh(space: ConfigurationSpace, boundary: str) -> NDArray[np.float64]:
-    """Voltages of all cells, NaN where there are none."""
+    """Return the voltages of all cells, NaN in cells without a node."""
     factors = factorize(compile_space(space, boundary=boundary), method="multigrid")
     x = factors.solve(factors.system.drive, rtol=RTOL)
     node = factors.system.netlist.cells.node

@@ -1,8 +1,8 @@
-"""A contender's own process: ``python -m benchmarks.worker NAME``.
+"""Process of a contender: ``python -m benchmarks.worker NAME``.
 
-It reads one order a line from standard input (a JSON object: the folder of the problem, the accuracy) and answers with
-one line: the seconds of setup and solve, the iterations, or what went wrong.  The answer ``x`` is left in the folder.
-Being a process it can be ended when it takes too long, and can be of another Python.
+The process reads one order per line from standard input (a JSON object with the folder of the problem and the
+accuracy).  It answers with one line: seconds of setup and solve and the iterations, or an error.  It writes the
+solution ``x`` into the folder.  A separate process can be ended after a time limit, and can use another Python.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ Reply = dict[str, Any]
 
 
 def read_matrix(folder: Path) -> Matrix:
-    """The matrix that `benchmarks.contest` left in a folder."""
+    """Return the matrix that `benchmarks.contest` wrote into a folder."""
     return Matrix(*(np.load(folder / f"{part}.npy") for part in ("indptr", "indices", "data")))
 
 
 def peer_job(name: str, folder: Path) -> Callable[[Order], Reply]:
-    """A peer with a problem prepared."""
+    """Return a peer with a prepared problem."""
     setup, rhs = PEERS[name].prepare(read_matrix(folder)), np.load(folder / "rhs.npy")
 
     def run(order: Order) -> Reply:
@@ -46,7 +46,7 @@ def peer_job(name: str, folder: Path) -> Callable[[Order], Reply]:
 
 
 def own_job(folder: Path) -> Callable[[Order], Reply]:
-    """Resgrid with a problem made."""
+    """Return resgrid with a prepared problem."""
     from benchmarks.ours import Resgrid
     from benchmarks.problems import Problem
 
@@ -62,7 +62,7 @@ def own_job(folder: Path) -> Callable[[Order], Reply]:
 
 
 def serve(name: str, orders: Any, replies: Any) -> None:
-    """Answer orders until there are no more."""
+    """Answer orders until the end of the input."""
     folder, job = None, None
     for line in orders:
         order = json.loads(line)
@@ -73,7 +73,7 @@ def serve(name: str, orders: Any, replies: Any) -> None:
                 folder = order["folder"]
                 job = own_job(Path(folder)) if name == "resgrid" else peer_job(name, Path(folder))
             reply = {} if order.get("prepare") or job is None else job(order)
-        except Exception as error:  # whatever a peer raises is its result
+        except Exception as error:  # every exception of a peer is its result
             folder, reply = None, {"failure": f"{type(error).__name__}: {error}"}
         gc.collect()
         replies.write(json.dumps(reply) + "\n")
@@ -81,7 +81,7 @@ def serve(name: str, orders: Any, replies: Any) -> None:
 
 
 def main() -> None:
-    """Serve on standard input and output; what libraries print there goes to standard error."""
+    """Serve on standard input and output; redirect the output of libraries to standard error."""
     replies = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     serve(sys.argv[1], sys.stdin, replies)

@@ -1,4 +1,4 @@
-"""How the site is built: `make docs`.  Offline, and any warning is an error."""
+"""Configuration of the site: `make docs`.  The build works offline, and every warning is an error."""
 
 import os
 import sys
@@ -11,7 +11,7 @@ from figures import SECTIONS  # noqa: E402
 
 import resgrid  # noqa: E402
 
-# Pages call `resgrid` as a user does.
+# Pages run the command `resgrid` of this environment.
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
 os.environ["PROJECT"] = str(DOCS.parent)
 os.environ["SCENES"] = str(DOCS.parent / "examples" / "scenes")
@@ -32,7 +32,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.doctest",
-    "verbs",
+    "subcommands",
     "sphinx_copybutton",
     "sphinx_design",
     "sphinx_gallery.gen_gallery",

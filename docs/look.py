@@ -1,7 +1,8 @@
-"""Opens every page of the built site in Chromium, narrow and wide: `make look`.
+"""Open every page of the built site in Chromium, with a narrow and a wide window: `make look`.
 
-Told are pages wider than the window, messages on the console, pictures that do not load or have no name, and whatever
-would be fetched from elsewhere.  `python docs/look.py FOLDER` keeps a picture of every page there, light and dark.
+The script reports pages wider than the window, messages on the console, pictures that do not load or have no
+alternative text, and requests to other sites.  `python docs/look.py FOLDER` saves a screenshot of every page, light and
+dark.
 """
 
 import sys
@@ -25,7 +26,7 @@ FAULTS = """() => {
 
 
 def look(browser, width, scheme, folder):
-    """Open all pages; count the faults, and print them."""
+    """Open all pages, print their faults, and return the number of faults."""
     page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
     said, count = [], 0
     page.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
@@ -47,7 +48,7 @@ def look(browser, width, scheme, folder):
 
 
 def main():
-    """Look at the site, and exit with 1 if a page has faults."""
+    """Check the site, and exit with 1 if a page has faults."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else None
     with sync_playwright() as playwright:
         options = {"executable_path": "/usr/bin/chromium"} if Path("/usr/bin/chromium").exists() else {}

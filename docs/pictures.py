@@ -1,6 +1,6 @@
-"""Draws the pictures of the README and of the guide: ``python docs/pictures.py [NAME ...]``, all of them by default.
+"""Draw the pictures of the README and of the guide: ``python docs/pictures.py [NAME ...]``, all by default.
 
-They are kept in the repository, because a reader of the README has not built anything yet.
+The pictures are part of the repository, because the README is read before anything is built.
 """
 
 # ruff: noqa: TID251
@@ -28,7 +28,7 @@ DOCS = Path(__file__).resolve().parent
 SCENES = DOCS.parent / "examples" / "scenes"
 BLENDS = (0.0, 0.99, 1.0)
 MOTION, HELD = 54, 16
-"""Frames in which the robots move, and for which the last one is shown."""
+"""Number of frames with moving robots, and number of frames that repeat the last one."""
 
 
 def draw_rooms():
@@ -117,7 +117,7 @@ def draw_motion():
 
 
 def moments_of(scene, limits):
-    """Yield seconds and decades of the drop in every cell while a scene's chip settles."""
+    """Yield times in seconds, and the decimal logarithm of the drop in every cell, while a scene's chip settles."""
     pages, (pictures, _) = settle(drawing_of(scene), None)
     drawing = drawing_of(scene)
     scale, _ = picture_of(solve_drawing(drawing, exact=True))
@@ -132,11 +132,11 @@ PAGES = {
     "arm": ("chair", None, ""),
     "settling": ("rooms", (50.5, 60.5), "16"),
 }
-"""Pictures of the live page: the scene, the cells' point that the pointer is on, and a moment of the film."""
+"""Pictures of the live page: the scene, the pointer position in cells, and a moment of the film."""
 
 
 def draw_pages():
-    """Photograph the live page; this needs playwright and Chromium."""
+    """Save screenshots of the live page; this needs playwright and Chromium."""
     from playwright.sync_api import sync_playwright
 
     options = {"executable_path": "/usr/bin/chromium"} if Path("/usr/bin/chromium").exists() else {}
@@ -153,7 +153,7 @@ def draw_pages():
                     page.locator("#show-ends").check()
                     wait_for(page, f"{solved} && live.view.others.length === 2")
                 if moment:
-                    page.get_by_role("button", name="Let it settle").click()
+                    page.get_by_role("button", name="Show transient").click()
                     wait_for(page, "document.getElementById('time').textContent.endsWith('settled')")
                     page.locator("#moment").fill(moment)
                     page.wait_for_timeout(300)
@@ -178,7 +178,7 @@ def wait_for(page, condition, seconds=60.0):
 
 
 def main():
-    """Draw the pictures that are named, or all."""
+    """Draw the named pictures, or all."""
     drawings = {"rooms": draw_rooms, "blend": draw_blend, "motion": draw_motion, "pages": draw_pages}
     for name in sys.argv[1:] or drawings:
         drawings[name]()

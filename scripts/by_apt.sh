@@ -1,6 +1,6 @@
-# Read by the other scripts: installing Debian's packages as whoever runs this may.  The script defines stop().
+# Sourced by the other scripts: install Debian packages.  The calling script defines stop().
 
-# by_apt PACKAGE...: as root, or with a sudo that asks for no password; otherwise stops with the command to type.
+# by_apt PACKAGE...: run as root, or with sudo without a password; otherwise stop with the command to run.
 by_apt() {
     by_hand="Type: sudo apt-get update && sudo apt-get install -y $*"
     if [ "$(id -u)" = 0 ]; then
@@ -10,7 +10,7 @@ by_apt() {
     else
         stop "$by_hand"
     fi
-    # Old package lists may do, so a failed update is no reason to stop.
+    # Old package lists can be sufficient, so a failed update is not an error.
     $as_root apt-get update -qq || true
     $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" || stop "$by_hand"
 }

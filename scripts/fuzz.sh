@@ -1,5 +1,5 @@
 #!/bin/sh
-# Repeat every hypothesis test with random seeds, then read mutated decks, act at random on the live page,
+# Repeat every hypothesis test with random seeds, then read mutated decks, perform random actions on the live page,
 # and solve circuits whose values cancel.  Usage: scripts/fuzz.sh PYTHON, with SEED (default: random), ROUNDS of the
 # tests, COUNT of decks, ACTIONS on the page, and CIRCUITS.
 set -eu

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Installs Chromium, in which the tests draw on the live page, unless a browser is there; otherwise stops with the command
-# to type.  RESGRID_CHROMIUM names another.
+# Install Chromium for the tests of the live page, unless a browser is installed.  If the installation is not possible,
+# stop with the command to run.  RESGRID_CHROMIUM selects another binary.
 set -eu
 . "${0%/*}/by_apt.sh"
 
@@ -11,7 +11,7 @@ stop() {
 
 if [ -n "${RESGRID_CHROMIUM:-}" ]; then
     command -v "$RESGRID_CHROMIUM" >/dev/null 2>&1 && exit 0
-    stop "RESGRID_CHROMIUM names $RESGRID_CHROMIUM, which is no program: correct or unset it."
+    stop "RESGRID_CHROMIUM names $RESGRID_CHROMIUM, which is not a program: correct or unset it."
 fi
 for browser in chromium chromium-browser google-chrome google-chrome-stable; do
     command -v "$browser" >/dev/null 2>&1 && exit 0

@@ -1,7 +1,7 @@
 #!/bin/sh
-# Installs ngspice, which checks the decks, unless it is there; otherwise stops with the command to type.
-# NGSPICE_VERSION=46 asks for a version: on Debian that of the backports, from a list of sources of its own, so that the
-# system's stay as they are.  resgrid is tried with 39 (Debian 12) and 46 (its backports).
+# Install ngspice, which checks decks, unless it is installed.  If the installation is not possible, stop with the command
+# to run.  NGSPICE_VERSION=46 requests a version: on Debian the version of the backports, from a separate list of sources,
+# so that the system's lists are unchanged.  resgrid is tested with 39 (Debian 12) and 46 (its backports).
 set -eu
 . "${0%/*}/by_apt.sh"
 
@@ -21,7 +21,7 @@ is_there() {
 
 is_there && exit 0
 if [ -n "${RESGRID_NGSPICE:-}" ]; then
-    stop "RESGRID_NGSPICE names $program, which is no program${version:+ of version $version}: correct or unset it."
+    stop "RESGRID_NGSPICE names $program, which is not a program${version:+ of version $version}: correct or unset it."
 fi
 
 if command -v apt-get >/dev/null 2>&1; then
@@ -47,5 +47,5 @@ else
     stop "Install it with your system's packages, e.g. type: sudo dnf install ngspice (Fedora), sudo pacman -S ngspice (Arch)"
 fi
 
-command -v "$program" >/dev/null 2>&1 || stop "It was installed, but is not on PATH; add its folder to PATH."
-is_there || stop "What was installed is not version $version: install that by hand, and name it in RESGRID_NGSPICE."
+command -v "$program" >/dev/null 2>&1 || stop "ngspice is installed, but not on PATH; add its folder to PATH."
+is_there || stop "The installed ngspice is not version $version: install that version by hand, and name it in RESGRID_NGSPICE."

@@ -1,6 +1,7 @@
 #!/bin/sh
-# Installs PETSc for Debian's own Python, which solves grids that do not fit otherwise (--method petsc), unless it is
-# there; otherwise stops with the command to type.  RESGRID_PETSC_PYTHON names another Python that has petsc4py.
+# Install PETSc for Debian's own Python, which solves grids that do not fit in memory (--method petsc), unless it is
+# installed.  If the installation is not possible, stop with the command to run.  RESGRID_PETSC_PYTHON selects another
+# Python with petsc4py.
 set -eu
 . "${0%/*}/by_apt.sh"
 

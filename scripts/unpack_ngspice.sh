@@ -1,13 +1,13 @@
 #!/bin/sh
-# Unpacks the ngspice of Debian's backports into a folder, for comparisons; the system stays as it is.
-# unpack_ngspice.sh FOLDER leaves FOLDER/usr/bin/ngspice, or says why it cannot.
+# Unpack the ngspice of Debian's backports into a folder, for comparisons, without changes to the system.
+# unpack_ngspice.sh FOLDER creates FOLDER/usr/bin/ngspice, or prints the reason why it cannot.
 set -eu
 
 folder=$1
 [ -x "$folder/usr/bin/ngspice" ] && exit 0
 release=$(. "${OS_RELEASE:-/etc/os-release}" && printf '%s' "${VERSION_CODENAME:-}")
 if ! command -v apt-get >/dev/null 2>&1 || [ -z "$release" ]; then
-    echo "no backports here: the benchmarks use the ngspice on PATH" >&2
+    echo "this system has no backports; the benchmarks use the ngspice on PATH" >&2
     exit 1
 fi
 own=$(mktemp -d)

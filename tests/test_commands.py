@@ -1,4 +1,7 @@
-"""Every command that pages, docstrings, help, scenes and the live page show runs, as it is shown, in this process."""
+"""Every command that pages, docstrings, help, scenes and the live page show runs, as it is shown, in this process.
+
+Tests internals: `resgrid.cli`, `resgrid.cli.entry`, `resgrid.live_page.launch`, `resgrid.scene.overrides`.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +22,11 @@ from PIL import Image
 from support.cli import call
 from support.shown import PROJECT, Piece, fragments, helps, pages, runs_resgrid, sources, words_of
 
+import resgrid as rg
 from resgrid.cli import main
-from resgrid.cli.entry import VERBS
+from resgrid.cli.entry import SUBCOMMANDS
 from resgrid.live_page.launch import LivePage
 from resgrid.scene.overrides import document_of
-from resgrid.scene.reading import read_scene
 
 ELSEWHERE = {
     "srun resgrid chip chip.toml --only yield --most 1000000 --executor mpi -o report": "needs Slurm",
@@ -59,7 +62,7 @@ SCEN = "version 1\n0\tarena.map\t8\t8\t0\t0\t7\t7\t9.9\n0\tarena.map\t8\t8\t0\t7
 
 def _link() -> str:
     """Return a link of the live page, in quotes."""
-    content = zlib.compress(json.dumps(document_of(read_scene("lesson"))).encode())
+    content = zlib.compress(json.dumps(document_of(rg.read_scene("lesson"))).encode())
     return f"'http://127.0.0.1:8017/#s={urlsafe_b64encode(content).decode().rstrip('=')}'"
 
 
@@ -168,7 +171,7 @@ def test_the_commands_of_docstrings_scenes_and_the_live_page_run(desk: Path) -> 
     _run_all(sources())
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", SUBCOMMANDS)
 def test_the_examples_of_help_run(verb: str, desk: Path) -> None:
     if verb == "check":  # decks that the examples of other commands write
         for name in ("rooms.cir", "ours.cir"):
@@ -178,14 +181,14 @@ def test_the_examples_of_help_run(verb: str, desk: Path) -> None:
 
 def test_no_exception_is_stale() -> None:
     shown = [piece for pieces in PAGES.values() for piece in pieces] + sources()
-    shown += [piece for verb in VERBS for piece in helps(verb)]
+    shown += [piece for verb in SUBCOMMANDS for piece in helps(verb)]
     lines = {line for piece in shown if piece.kind != "python" for line, _ in _lines(piece)}
     assert set(ELSEWHERE) | set(CODES) <= lines
 
 
 @pytest.mark.parametrize("place", sorted({place for place, _ in fragments()}))
 def test_options_in_running_text_exist(place: str) -> None:
-    commands = [main.get_command(click.Context(main), verb) for verb in VERBS]  # type: ignore[attr-defined]
+    commands = [main.get_command(click.Context(main), verb) for verb in SUBCOMMANDS]  # type: ignore[attr-defined]
     known = {
         name for command in commands for option in command.params for name in (*option.opts, *option.secondary_opts)
     }

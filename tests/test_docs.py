@@ -28,7 +28,7 @@ def public_names() -> set[str]:
 
 def listed(page: Path) -> list[str]:
     """Dotted names in the tables of a page."""
-    tables = page.read_text().split("\nAt work\n")[0]
+    tables = page.read_text().split("\nExamples\n")[0]
     return re.findall(r"^(?:   ~|\.\. py:data:: )resgrid\.([\w.]+)$", tables, re.MULTILINE)
 
 

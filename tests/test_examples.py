@@ -1,4 +1,4 @@
-"""Every example runs alone, keeps its assertions, warns of nothing, and ends in a picture; pages find each other."""
+"""Every example runs on its own without warnings, satisfies its assertions, and saves a picture."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def test_the_lesson_counts_right(
     assert known["above_goal"] == pytest.approx(0.573718, abs=1e-6)
 
 
-def test_the_lessons_drunkard_reaches_the_goal_as_often_as_promised() -> None:
-    """Tarassenko & Blake's grid read as a random walk: solved here by brute force, without a circuit."""
+def test_the_random_walk_of_the_lesson_reaches_the_goal_with_probability_1_minus_v() -> None:
+    """Solve for the hitting probability of the random walk by fixed-point iteration, without a circuit."""
     import numpy as np
 
     space = rg.build_space(rg.read_scene(PROJECT / "examples" / "scenes" / "lesson.toml"))

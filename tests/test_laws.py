@@ -7,20 +7,14 @@ from hypothesis import assume, given, settings, strategies as st
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.solve import factorize, solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
-from resgrid.core.space import ConfigurationSpace
-from resgrid.errors import CircuitError
 
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
 
 
-def solved(space: ConfigurationSpace, **options: object) -> OperatingPoint:
+def solved(space: rg.ConfigurationSpace, **options: object) -> rg.OperatingPoint:
     try:
-        return solve(compile_space(space, resistance=1.0, **options))
-    except CircuitError:
+        return rg.solve(rg.compile_space(space, resistance=1.0, **options))
+    except rg.CircuitError:
         assume(False)
         raise
 
@@ -40,20 +34,20 @@ def test_a_harmonic_polynomial_is_reproduced(shape: tuple[int, ...]) -> None:
              for a, n in enumerate(shape)]  # fmt: skip
     pairs = np.concatenate(pairs)
     pinned = node[border]
-    netlist = Netlist(
+    netlist = rg.Netlist(
         value.size + 1,
         pairs,
         np.full(len(pairs), 1e-4),
         np.stack([pinned, np.zeros_like(pinned)], 1),
         value[border],
     )
-    point = solve(netlist)
+    point = rg.solve(netlist)
     assert np.abs(point.voltage[1:] - value.ravel()).max() < 1e-11
 
 
 @settings(max_examples=60)
 @given(spaces(), st.sampled_from(BOUNDARIES))
-def test_maximum_principle_and_no_local_minimum(space: ConfigurationSpace, options: dict[str, object]) -> None:
+def test_maximum_principle_and_no_local_minimum(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
     point = solved(space, **options)
     volts = point.voltage
     assert np.nanmin(volts) >= 0.0
@@ -73,23 +67,23 @@ def test_maximum_principle_and_no_local_minimum(space: ConfigurationSpace, optio
 @settings(max_examples=40)
 @given(spaces(), st.sampled_from(BOUNDARIES), st.floats(1e-3, 1e6))
 def test_scaling_every_resistance_leaves_voltages_alone(
-    space: ConfigurationSpace, options: dict[str, object], factor_: float
+    space: rg.ConfigurationSpace, options: dict[str, object], factor_: float
 ) -> None:
     one = solved(space, **options)
     scaled = dict(options)
     if "wall_resistance" in scaled:
         scaled["wall_resistance"] = float(scaled["wall_resistance"]) * factor_
-    other = solve(compile_space(space, resistance=factor_, **scaled))
+    other = rg.solve(rg.compile_space(space, resistance=factor_, **scaled))
     assert np.allclose(one.voltage, other.voltage, rtol=1e-9, atol=0.0, equal_nan=True)
     assert one.power == pytest.approx(other.power * factor_, rel=1e-9)
 
 
 @settings(max_examples=40)
 @given(spaces(), st.integers(0, 2**32 - 1))
-def test_superposition(space: ConfigurationSpace, seed: int) -> None:
-    netlist = compile_space(space, resistance=1.0)
+def test_superposition(space: rg.ConfigurationSpace, seed: int) -> None:
+    netlist = rg.compile_space(space, resistance=1.0)
     try:
-        factors = factorize(netlist)
+        factors = rg.factorize(netlist)
     except Exception:
         assume(False)
     rng = np.random.default_rng(seed)
@@ -102,7 +96,7 @@ def test_superposition(space: ConfigurationSpace, seed: int) -> None:
 @settings(max_examples=40)
 @given(spaces(), st.sampled_from(BOUNDARIES))
 def test_currents_into_all_rails_sum_to_the_drive_and_power_balances(
-    space: ConfigurationSpace, options: dict[str, object]
+    space: rg.ConfigurationSpace, options: dict[str, object]
 ) -> None:
     point = solved(space, **options)
     netlist = point.netlist
@@ -122,14 +116,14 @@ def test_networkx_resistance_distance_agrees(count: int, seed: int) -> None:
     for a, b in graph.edges:
         graph.edges[a, b]["resistance"] = float(10 ** rng.uniform(-2, 2))
     expected = nx.resistance_distance(graph, 0, count - 1, weight="resistance")
-    netlist = Netlist.from_networkx(graph)
-    point = solve(netlist.replace(current_nodes=np.array([[0, count - 1]]), current_amps=np.ones(1)))
+    netlist = rg.Netlist.from_networkx(graph)
+    point = rg.solve(netlist.replace(current_nodes=np.array([[0, count - 1]]), current_amps=np.ones(1)))
     assert point.voltage[count - 1] == pytest.approx(expected, rel=1e-9)
 
 
 @settings(max_examples=30)
 @given(spaces(), st.sampled_from(BOUNDARIES))
-def test_merged_and_single_rails_are_the_same_circuit(space: ConfigurationSpace, options: dict[str, object]) -> None:
+def test_merged_and_single_rails_are_the_same_circuit(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
     merged = solved(space, **options)
     single = solved(space, rails="cells", **options)
     first, second = merged.netlist.cells.node, single.netlist.cells.node
@@ -139,14 +133,14 @@ def test_merged_and_single_rails_are_the_same_circuit(space: ConfigurationSpace,
 
 @settings(max_examples=30)
 @given(spaces(), st.sampled_from(BOUNDARIES))
-def test_both_accuracies_agree_with_a_dense_solution(space: ConfigurationSpace, options: dict[str, object]) -> None:
+def test_both_accuracies_agree_with_a_dense_solution(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
     point = solved(space, **options)
-    normwise = solve(point.netlist, accuracy="normwise")
+    normwise = rg.solve(point.netlist, accuracy="normwise")
     assert np.allclose(point.voltage, normwise.voltage, atol=1e-8, equal_nan=True)
     assert np.allclose(point.voltage, dense(point.netlist, point.voltage), atol=1e-9, equal_nan=True)
 
 
-def dense(netlist: Netlist, voltage: np.ndarray) -> np.ndarray:
+def dense(netlist: rg.Netlist, voltage: np.ndarray) -> np.ndarray:
     """Modified nodal analysis with a dense matrix, floating nodes left out."""
     keep = np.flatnonzero(~np.isnan(voltage) & (np.arange(len(voltage)) > 0))
     place = np.full(len(voltage), -1)
@@ -182,8 +176,8 @@ def test_the_drive_scales_to_the_supply() -> None:
 
     cell = np.zeros((9, 5))
     cell[0, 0] = 2
-    netlist = compile_space(space_of(cell), boundary="neumann", supply=3.0, goal_voltage=1.0)
-    scaled = solve(normalize_drive(netlist, solve(netlist)))
+    netlist = rg.compile_space(space_of(cell), boundary="neumann", supply=3.0, goal_voltage=1.0)
+    scaled = rg.solve(normalize_drive(netlist, rg.solve(netlist)))
     assert np.nanmax(scaled.voltage) == pytest.approx(4.0)
 
 
@@ -192,8 +186,8 @@ def test_a_normwise_answer_has_a_field_too(supply: float) -> None:
 
     cell = np.zeros((7, 6))
     cell[1, 1], cell[4, 2:5] = 2, 1
-    netlist = compile_space(space_of(cell), supply=supply, goal_voltage=0.5)
-    exact, rough = rg.field(solve(netlist)), rg.field(solve(netlist, accuracy="normwise"))
+    netlist = rg.compile_space(space_of(cell), supply=supply, goal_voltage=0.5)
+    exact, rough = rg.field(rg.solve(netlist)), rg.field(rg.solve(netlist, accuracy="normwise"))
     assert rough.log_drop is None
     assert np.allclose(exact.potential, rough.potential, atol=1e-9)
     for axis in range(2):

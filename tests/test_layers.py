@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 import tomllib
@@ -29,3 +30,12 @@ def test_every_module_has_its_layer() -> None:
         if (path.suffix == ".py" and path.stem != "__init__") or (path / "__init__.py").exists()
     }
     assert modules <= listed
+
+
+def test_tests_that_import_internals_say_so() -> None:
+    for file in sorted((PROJECT / "tests").rglob("test_*.py")):
+        tree = ast.parse(file.read_text())
+        imports = [node for node in tree.body if isinstance(node, ast.ImportFrom) and node.module]
+        modules = {node.module for node in imports if node.module and node.module.startswith("resgrid.")}
+        said = ast.get_docstring(tree) or ""
+        assert not modules or "Tests internals: " in said, f"{file.name}: list {', '.join(sorted(modules))}"

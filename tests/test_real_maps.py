@@ -8,13 +8,6 @@ import pytest
 from scipy import ndimage
 
 import resgrid as rg
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.space import Cell, ConfigurationSpace
-from resgrid.planning.certify import certify
-from resgrid.planning.fields import Field
-from resgrid.planning.trace import streamline, streamlines
-from resgrid.scene import GoalCell, build_space, read_movingai_scenarios, read_scene
 
 MAPS = {
     "nav2/turtlebot3/map.yaml": {},
@@ -34,23 +27,23 @@ SCENARIOS = ["arena.map", "den312d.map", "lak303d.map", "Boston_0_256.map"]
 SCENARIOS_EVEN = ["maze-32-32-2", "random-32-32-20", "room-32-32-4"]
 
 
-def with_goal(path: Path, **options: str) -> ConfigurationSpace:
+def with_goal(path: Path, **options: str) -> rg.ConfigurationSpace:
     """The map's own goals, or a goal in the far corner of its largest free part."""
-    scene = read_scene(path, **options)
-    space = build_space(scene, require_goal=False)
+    scene = rg.read_scene(path, **options)
+    space = rg.build_space(scene, require_goal=False)
     if space.goal_count:
         return space
-    labels, _ = ndimage.label(space.cell == Cell.FREE)
+    labels, _ = ndimage.label(space.cell == rg.Cell.FREE)
     largest = np.argwhere(labels == np.argmax(np.bincount(labels[labels > 0])))
     cell = space.cell.copy()
-    cell[tuple(largest[np.argmin(largest.sum(axis=1))])] = Cell.GOAL
-    return ConfigurationSpace(space.axes, cell)
+    cell[tuple(largest[np.argmin(largest.sum(axis=1))])] = rg.Cell.GOAL
+    return rg.ConfigurationSpace(space.axes, cell)
 
 
-def connected(space: ConfigurationSpace) -> np.ndarray:
+def connected(space: rg.ConfigurationSpace) -> np.ndarray:
     """Free cells joined to a goal, by flooding from the goals."""
-    free = space.cell != Cell.OBSTACLE
-    return ndimage.binary_propagation(space.cell == Cell.GOAL, mask=free) & (space.cell == Cell.FREE)
+    free = space.cell != rg.Cell.OBSTACLE
+    return ndimage.binary_propagation(space.cell == rg.Cell.GOAL, mask=free) & (space.cell == rg.Cell.FREE)
 
 
 def lowest_neighbour(height: np.ndarray) -> np.ndarray:
@@ -59,7 +52,7 @@ def lowest_neighbour(height: np.ndarray) -> np.ndarray:
     return np.min(sides, axis=0)
 
 
-def kcl_violation(field: Field, cells: np.ndarray) -> np.ndarray:
+def kcl_violation(field: rg.Field, cells: np.ndarray) -> np.ndarray:
     """Net current of every cell over its through-current, from the face currents in log form."""
     logs, signs = [], []
     for axis in range(2):
@@ -82,7 +75,7 @@ def kcl_violation(field: Field, cells: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", MAPS)
 def test_every_cell_leads_to_a_goal(cases: Path, name: str, boundary: str) -> None:
     space = with_goal(cases / name, **MAPS[name])
-    field = rg.field(solve(compile_space(space, boundary=boundary)))
+    field = rg.field(rg.solve(rg.compile_space(space, boundary=boundary)))
     served = connected(space)
     assert np.array_equal(served, space.goal_connected)
     height = -field.log_drop if field.log_drop is not None else field.potential
@@ -95,11 +88,11 @@ def test_every_cell_leads_to_a_goal(cases: Path, name: str, boundary: str) -> No
         starts = space.lower + (cells + rng.random(cells.shape)) * space.spacing
     else:
         starts = space.centre(cells)
-    traces = streamlines(field, starts)
+    traces = rg.streamlines(field, starts)
     assert np.all(traces.outcome == "reached")
     for start in starts[rng.choice(len(starts), 40)]:
-        path = streamline(field, start)
-        certify(path)
+        path = rg.streamline(field, start)
+        rg.certify(path)
         assert np.all(np.diff(height[tuple(path.cells.T)]) < 0)
 
 
@@ -114,20 +107,20 @@ def _scenario(folder: Path, name: str) -> tuple[Path, Path]:
 @pytest.mark.parametrize("name", SCENARIOS + SCENARIOS_EVEN)
 def test_scenario_ends_are_reachable_and_no_path_is_too_short(cases: Path, name: str) -> None:
     map_file, scenario = _scenario(cases / "movingai", name)
-    queries = read_movingai_scenarios(scenario)
-    scene = read_scene(map_file)
-    space_at: Callable[[tuple[int, ...]], ConfigurationSpace] = lambda cell: build_space(  # noqa: E731
-        scene.replace(goal=GoalCell(cell))
+    queries = rg.maps.read_movingai_scenarios(scenario)
+    scene = rg.read_scene(map_file)
+    space_at: Callable[[tuple[int, ...]], rg.ConfigurationSpace] = lambda cell: rg.build_space(  # noqa: E731
+        scene.replace(goal=rg.GoalCell(cell))
     )
     first = space_at(queries[0].goal)
-    parts, _ = ndimage.label(first.cell != Cell.OBSTACLE)
+    parts, _ = ndimage.label(first.cell != rg.Cell.OBSTACLE)
     for query in queries:
         assert parts[query.start] == parts[query.goal] != 0
     for query in queries[:: max(1, len(queries) // 8)]:
         space = space_at(query.goal)
         if query.start == query.goal:
             continue
-        field = rg.field(solve(compile_space(space)))
-        path = streamline(field, cell=query.start)
-        certify(path)
+        field = rg.field(rg.solve(rg.compile_space(space)))
+        path = rg.streamline(field, cell=query.start)
+        rg.certify(path)
         assert path.length >= query.optimal_length / 1.0824 - 2.0

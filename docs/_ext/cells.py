@@ -1,4 +1,4 @@
-"""What the cells of a page look like: where they run, how their output is joined, and what a picture is called."""
+"""Execution of code cells: working folder, merged output, and alternative texts of pictures."""
 
 import os
 import tempfile
@@ -16,8 +16,8 @@ c.InteractiveShellApp.exec_lines = [
 """
 
 
-def run_beside_the_examples():
-    """Let kernels begin with pictures shown, and with `examples/` in their folder, as in a clone of the project."""
+def configure_kernels():
+    """Start kernels with inline pictures, in a folder with a link to `examples/`, as in a clone of the project."""
     folder = Path(tempfile.mkdtemp(prefix="resgrid-docs-"))
     profile = folder / "profile_default"
     profile.mkdir()
@@ -26,7 +26,7 @@ def run_beside_the_examples():
 
 
 def joined(outputs):
-    """Merge the pieces of each stream as they came; myst-nb would end a line after every hundred characters."""
+    """Return the outputs with the text of each stream merged; myst-nb breaks lines after a hundred characters."""
     merged, streams = [], {}
     for output in outputs:
         name = output.get("name") if output["output_type"] == "stream" else None
@@ -40,7 +40,7 @@ def joined(outputs):
 
 
 def name_pictures(_app, doctree):
-    """Commands are shown as one types them, and a picture is called by the sentence before it."""
+    """Remove the cell magic from shown commands, and use the sentence before a picture as its alternative text."""
     for block in doctree.findall(nodes.literal_block):
         if block.astext().startswith(MAGIC):
             text = block.astext().removeprefix(MAGIC)
@@ -56,8 +56,8 @@ def name_pictures(_app, doctree):
 
 
 def setup(app):
-    """Take the place of myst-nb's own joining, and look at every page that was read."""
-    run_beside_the_examples()
+    """Replace the merging of streams in myst-nb, and process every page after reading."""
+    configure_kernels()
     render.coalesce_streams = joined
     app.connect("doctree-read", name_pictures)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

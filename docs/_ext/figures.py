@@ -1,4 +1,4 @@
-"""What the gallery shows of an example: the pictures that it saves in `out`, moved to where the page looks for them."""
+"""Pictures of gallery pages: the files that an example saves in `out`, moved into the folder of the page."""
 
 import builtins
 import shutil
@@ -8,23 +8,23 @@ from sphinx_gallery.scrapers import figure_rst
 
 SECTIONS = ("first", "figures_1992", "space", "chip", "control")
 FIRST = ("lesson.py", "report.py", "voxels.py")
-"""What a section begins with; the rest follows by name."""
+"""Examples at the start of their section; the others follow by name."""
 SUFFIXES = (".png", ".gif")
 
 
 class ReadingOrder:
-    """The order of the examples of a section."""
+    """Sort key for the examples of a section."""
 
     def __init__(self, _folder):
         pass
 
     def __call__(self, name):
-        """Sort by this."""
+        """Return the sort key of a file name."""
         return (name not in FIRST, name)
 
 
 def saved_pictures(_block, block_vars, gallery_conf):
-    """Move the pictures saved by a block of an example, oldest first, and write the markup that shows them."""
+    """Move the pictures saved by a block of an example, oldest first, and return the markup that shows them."""
     folder = Path(block_vars["src_file"]).parent / "out"
     saved = sorted((file for file in folder.rglob("*") if file.suffix in SUFFIXES), key=_age)
     shown = []
@@ -35,7 +35,7 @@ def saved_pictures(_block, block_vars, gallery_conf):
 
 
 def forget_output(gallery_conf, fname, when):
-    """Remove what the example before wrote, and tell the next where it lies, as Python itself does."""
+    """Remove the output of the previous example, and set `__file__` for the next example, as Python does."""
     for section in SECTIONS:
         examples = Path(gallery_conf["src_dir"], gallery_conf["examples_dirs"][0])
         shutil.rmtree(examples / section / "out", ignore_errors=True)

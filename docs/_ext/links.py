@@ -1,4 +1,4 @@
-"""No link within the site leads nowhere: asked of every page when it has been written."""
+"""Check the internal links of every page after the build."""
 
 import re
 from html.parser import HTMLParser
@@ -12,7 +12,7 @@ log = logging.getLogger(__name__)
 
 
 class Page(HTMLParser):
-    """What a page links to, and what in it can be linked to."""
+    """Links of a page, and its anchors."""
 
     def __init__(self, file):
         super().__init__()
@@ -20,7 +20,7 @@ class Page(HTMLParser):
         self.feed(file.read_text(encoding="utf-8"))
 
     def handle_starttag(self, tag, attrs):
-        """Keep names and links of a tag; a page that loads anything from another site is told as well."""
+        """Store anchors and links of a tag."""
         for key, value in attrs:
             if key in {"id", "name"}:
                 self.names.add(value)
@@ -29,7 +29,7 @@ class Page(HTMLParser):
 
 
 def check_links(app, exception):
-    """Warn of links to files or places that are not there, and of what would be fetched from elsewhere."""
+    """Warn of links to missing files or anchors, and of resources that are loaded from another site."""
     if exception or app.builder.name != "html":
         return
     files = (file.resolve() for file in Path(app.outdir).rglob("*.html") if "_static" not in file.parts)
@@ -43,10 +43,10 @@ def check_links(app, exception):
             path, _, name = link.partition("#")
             target = (file.parent / path.split("?")[0]).resolve() if path else file
             if not target.exists() or (name and target in pages and name not in pages[target].names):
-                log.warning("%s: the link %s leads nowhere", file, link)
+                log.warning("%s: the target of the link %s does not exist", file, link)
 
 
 def setup(app):
-    """Have every page checked in the end."""
-    app.connect("build-finished", check_links, priority=900)  # after those who still write files
+    """Check all pages at the end of the build."""
+    app.connect("build-finished", check_links, priority=900)  # after handlers that still write files
     return {"parallel_read_safe": True, "parallel_write_safe": True}

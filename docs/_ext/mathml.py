@@ -1,11 +1,11 @@
-"""Formulas as MathML, which browsers typeset themselves: no script, no font, no other site."""
+"""Render formulas as MathML, which browsers display without scripts, fonts or other sites."""
 
 from docutils import nodes
 from latex2mathml.converter import convert
 
 
 def inline(translator, node):
-    """Write a formula within a line."""
+    """Write an inline formula."""
     translator.body.append(convert(node.astext(), display="inline"))
     raise nodes.SkipNode
 

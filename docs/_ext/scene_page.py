@@ -1,4 +1,4 @@
-"""The reference page of scene files, made from their schema."""
+"""The reference page of scene files, generated from their schema."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from resgrid.scene.table_models import TableModel
 
 _HEAD = """# Scene files
 
-A scene is a TOML file; `resgrid info --schema` prints the same as JSON Schema. Lengths are in the unit of the axes,
-angles in radians; where a unit is given, a number may also be written as an engineering value such as `"4k7"`,
-`"2.2meg"` or `"100n"`. Every key has a default but those marked *needed*. `--set key.path=value` on the command line
-changes any of them. This page is made from the schema: `make reference`.
+A scene is a TOML file; `resgrid info --schema` prints its JSON Schema. Lengths are in the unit of the axes, angles in
+radians. A number with a unit may also be written as an engineering value such as `"4k7"`, `"2.2meg"` or `"100n"`. All
+keys have a default except those marked *required*. On the command line, `--set key.path=value` changes any key. This
+page is generated from the schema by `make reference`.
 """
 _SECTIONS = {
     "grid": "## `[grid]`",
@@ -32,14 +32,14 @@ _RANGES = {
 }
 
 _FAR = 1e9
-"""A limit from here on keeps numbers from overflowing, and is not told."""
+"""Limits from here on only prevent overflow, and are not listed."""
 
-_SHAPES = "Of `[[obstacle]]`, `[[hidden]]` and `[[goal]]`, and of `[[area]]`, which also says its `conductivity`."
-_PLACES = "Of `[[goal]]`; `[[start]]` takes a `point` or a `cell`."
+_SHAPES = "Tables of `[[obstacle]]`, `[[hidden]]`, `[[goal]]` and `[[area]]`, which has the further key `conductivity`."
+_PLACES = "Further tables of `[[goal]]`; `[[start]]` takes a `point` or a `cell`."
 
 
 def scene_reference() -> str:
-    """The page ``docs/reference/scene.md``."""
+    """Return the text of the page ``docs/reference/scene.md``."""
     parts = [_HEAD, *_table("## The scene", SceneFile)]
     for name, kind in KINDS["robot"].items():
         parts += _table(f"## `[robot]` of type `{name}`", kind.__origin__)
@@ -62,12 +62,12 @@ def _table(heading: str, table: type[TableModel]) -> list[str]:
         for key, described in schema["properties"].items()
     ]
     sentence = schema.get("description", "").replace("``", "`")
-    return [f"\n{heading}\n", f"{sentence}\n", "| key | what | default | meaning |", "|---|---|---|---|", *rows]
+    return [f"\n{heading}\n", f"{sentence}\n", "| key | type | default | meaning |", "|---|---|---|---|", *rows]
 
 
 def _default(key: str, described: Mapping[str, Any], needed: Any) -> str:
     if key in needed:
-        return "*needed*"
+        return "*required*"
     default = described.get("default")
     return "" if default in (None, [], "") or isinstance(default, dict) else f"`{default}`".replace("'", '"')
 
@@ -77,7 +77,7 @@ def _meaning(described: Mapping[str, Any]) -> str:
 
 
 def _kind(described: Mapping[str, Any]) -> str:
-    """What a key holds, in words."""
+    """Return words for the type and range of a key."""
     if "anyOf" in described:
         kinds = [_kind(part) for part in described["anyOf"] if part.get("type") != "null" and "pattern" not in part]
         unit = f", {described['unit']}" if "unit" in described else ""

@@ -1,8 +1,8 @@
 """
-The cheapest converter
-======================
+Resolution of the converter
+===========================
 
-How many bits must the read-out have, so that the robot finds its way from everywhere?
+Compute the number of read-out bits with which the robot reaches a goal from every start.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# For every start: the bits with which all steps of its path are decided.
+# `precision` returns, for every start, the number of bits that decides all steps of its path.
 
 scene = rg.read_scene(SCENES / "chip.toml")
 boundaries = ("dirichlet", "neumann")

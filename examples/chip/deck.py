@@ -1,8 +1,8 @@
 """
-A deck that a simulator confirms
-================================
+Write and check a SPICE deck
+============================
 
-The lesson's chip as a portable deck, and its electrical rules.
+Write the chip of the lesson as a portable deck, and check its electrical rules.
 """
 
 from pathlib import Path
@@ -13,14 +13,14 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# The same scene gives the same bytes; beside the deck lies a sidecar with the expected voltages.
+# The same scene gives the same bytes. The sidecar of the deck contains the expected voltages.
 
 op = rg.solve(rg.compile_space(rg.build_space(rg.read_scene(SCENES / "lesson.toml"))))
 rg.write_spice(op, "out/lesson.cir")
 print("\n".join(Path("out/lesson.cir").read_text().splitlines()[:9]))
 
 # %%
-# Read back, it is the same circuit; no rule is broken, and the balance of power closes.
+# Read back, the deck is the same circuit: it has no rule violations and the same power.
 
 deck = rg.read_spice("out/lesson.cir")
 again = rg.solve(deck)

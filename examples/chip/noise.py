@@ -2,7 +2,7 @@
 Thermal noise
 =============
 
-What the resistors themselves add to every node's voltage.
+Compute the thermal noise of the resistors at every node.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# On a capacitor the noise of any network of resistors is :math:`\sqrt{kT/C}`, whatever their values.
+# The noise voltage of a resistor network on a capacitor is at most :math:`\sqrt{kT/C}`, for any resistances.
 
 study = rg.study(rg.read_scene(SCENES / "chip.toml"))
 noise = study.noise()

@@ -1,8 +1,8 @@
 """
-Is this chip good enough?
-=========================
+Yield of a chip
+===============
 
-A planning chip of 16 x 16 cells with real resistors, switches, rails and a converter of 12 bits.
+Analyse a planning chip of 16 x 16 cells with real resistors, switches, rails and a converter of 12 bits.
 """
 
 from pathlib import Path
@@ -13,8 +13,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# A study is one chip, and every question that can be asked about it. What comes back knows its figures, units and
-# definitions.
+# A study holds one chip, and its methods are the analyses. Results contain figures with units and definitions.
 
 study = rg.study(rg.read_scene(SCENES / "chip.toml"))
 settling, noise, power = study.settling(), study.noise(), study.power()
@@ -25,7 +24,7 @@ for result in (settling, noise, power):
 rg.plot.save_figure(rg.draw(settling), "out/settling.png")
 
 # %%
-# The yield: the share of chips on which a start has a path, over chips drawn at random.
+# The yield is the fraction of starts that have a path to a goal, over randomly drawn chips.
 
 yields = study.yields(trials=128)
 print(f"{yields.overall.value:.1%} of starts are served ({yields.overall.low:.1%} to {yields.overall.high:.1%})")
@@ -33,8 +32,8 @@ assert yields.overall.low <= yields.overall.value <= yields.overall.high
 rg.plot.save_figure(rg.draw(yields), "out/yield.png")
 
 # %%
-# What costs yield? Each effect is switched off in turn, on the same dies; then mismatch, offset and bits are changed
-# until fewer than 99 % of the starts are served.
+# Causes of yield loss: each effect is switched off in turn, on the same dies. Then mismatch, offset and bits are
+# changed until fewer than 99 % of the starts are served.
 
 loss = study.yield_loss(trials=64)
 for cause in loss.causes[:3]:

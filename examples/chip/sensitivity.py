@@ -1,8 +1,8 @@
 """
-Which resistors decide
-======================
+Sensitivity to resistors
+========================
 
-Drifts that would turn a robot's step to another neighbour.
+Find the resistors whose drift would change a step of the robot.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# Every step goes to the neighbour of lowest potential; the runner-up is some margin away.
+# Every step leads to the neighbour of lowest potential. The margin is the voltage difference to the second lowest one.
 
 study = rg.study(rg.read_scene(SCENES / "chip.toml"))
 sensitivity = study.sensitivity()

@@ -2,7 +2,7 @@
 Learning by touch
 =================
 
-A hidden obstacle is felt, marked, and planned around.
+Detect a hidden obstacle by contact, add it to the map, and plan around it.
 """
 
 from pathlib import Path
@@ -13,7 +13,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# The obstacle is in no map. Each contact proves cells to be obstacle, and the field is solved again.
+# The obstacle is not on the map. Each contact proves that cells are obstacles, and the field is solved again.
 
 scene = rg.read_scene(SCENES / "chair.toml")
 run = rg.simulation(scene, k=0.98).run()

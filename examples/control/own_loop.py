@@ -1,9 +1,9 @@
 """
-A control loop of one's own
-===========================
+Use the controller in your own loop
+===================================
 
-A robot reads encoders and torque sensors, asks for a velocity, and commands it. All that resgrid does in the loop is
-``controller.command(q, tau)``. The robot here is a toy, a disc that somebody pushes: put your own driver in its place.
+The loop reads encoders and torque sensors, computes a velocity by ``controller.command(q, tau)``, and commands this
+velocity. The robot in this example is a simulated disc that is pushed; replace the class by the driver of your robot.
 """
 
 from pathlib import Path
@@ -18,32 +18,32 @@ PERIOD = 0.05  # seconds: 20 Hz
 
 
 class ToyRobot:
-    """Stands for a driver: it moves as it is told, and feels a push to the right from 12 s to 14 s."""
+    """A simulated driver: it executes velocities exactly, and is pushed to the right from 12 s to 14 s."""
 
     def __init__(self, q):
         self.q, self.time = np.array(q, dtype=float), 0.0
 
     def read(self):
-        """Configuration, and generalised force (without that of the robot's own weight)."""
+        """Return the configuration and the generalised external force (without gravity)."""
         pushed = 12.0 <= self.time < 14.0
         return self.q.copy(), np.array([0.8 if pushed else 0.0, 0.0])
 
     def move(self, qdot):
-        """Let one control period pass at this velocity."""
+        """Move with this velocity for one control period."""
         self.q += PERIOD * qdot
         self.time += PERIOD
 
 
 # %%
-# Once, before the robot moves: a map, its field, and a controller that follows the field's current.
+# Before the robot moves, compute the field of the map, and a controller that follows its current.
 
 scene = rg.read_scene(SCENES / "rooms.toml")
 field = rg.plan(scene, k=0.9).field
 controller = rg.control.make_controller(field, speed=0.4, admittance=0.5, speed_limits=1.0)
 
 # %%
-# The loop, all of it in world coordinates. :math:`V = V_0 + A F`: pushed off its streamline the robot gives way, and
-# then simply follows the next one.
+# The control loop uses world coordinates. The command is :math:`V = V_0 + A F`: an external force moves the robot off
+# its streamline, and afterwards the robot follows the streamline through its new position.
 
 robot = ToyRobot(scene.starts[0])
 way = [robot.q.copy()]
@@ -60,6 +60,6 @@ assert off > 0.3 and robot.time < 25
 
 axes = rg.draw(field)
 rg.draw(planned, axes)
-axes.plot(*np.array(way).T, color="black", label="way of the robot, pushed from 12 s to 14 s", zorder=5)
+axes.plot(*np.array(way).T, color="black", label="trajectory of the robot, pushed from 12 s to 14 s", zorder=5)
 axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), fontsize=7, frameon=False, ncols=2)
 rg.plot.save_figure(axes, "out/own_loop.png")

@@ -1,8 +1,8 @@
 """
-A new obstacle spreads
-======================
+Propagation of a new obstacle
+=============================
 
-The change of the potential runs through the grid as a wave of diffusion.
+The change of the potential spreads through the grid by diffusion.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# The chair's hidden obstacle is announced at time 0.
+# The hidden obstacle of the chair scene is added to the map at time 0.
 
 scene = rg.read_scene(SCENES / "chair.toml")
 world = rg.simulation(scene, k=0.98, announce=True, pace=4.0)

@@ -1,8 +1,8 @@
 """
-Figure 1: a torus in two bands
-==============================
+Figure 1: a torus divided into two bands
+========================================
 
-Problem A: a small goal just above an obstacle, and an arm with two links.
+Problem A: an arm with two links, and a small goal just above an obstacle.
 """
 
 from dataclasses import replace
@@ -16,9 +16,10 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# The arm's configurations form a torus: both angles turn all the way round. Where the arm is stretched or folded the
-# Jacobian is singular; a strip of virtual obstacle there cuts the torus into two bands. In one the arm turns left at
-# its elbow, in the other right. The goal has an inverse solution in each, so no start is without one.
+# The configuration space of the arm is a torus: both angles are periodic. The Jacobian is singular where the arm is
+# stretched or folded. A strip of virtual obstacles there divides the torus into two bands: the arm turns left at its
+# elbow in one band, and right in the other. The goal has an inverse solution in each band, so a goal exists for every
+# start.
 
 scene = rg.read_scene(SCENES / "problem_a.toml")
 space = rg.build_space(scene)
@@ -30,7 +31,7 @@ for band in bands.values():
 assert space.goal_count == 2
 
 # %%
-# Cells that are obstacles for the singularity's sake alone are drawn paler: no link touches anything there.
+# Cells that are obstacles only because of the singularity have a lighter colour: no link is in collision there.
 
 bare = scene.replace(robot=replace(scene.robot, singularity_cells=None))
 virtual = (space.cell == rg.Cell.OBSTACLE) & (rg.build_space(bare).cell != rg.Cell.OBSTACLE)

@@ -1,8 +1,8 @@
 """
-Figures 2 to 4: streamlines from everywhere
-===========================================
+Figures 2 to 4: streamlines from many starts
+============================================
 
-Problem A with obstacles that repel (Dirichlet), that merely bound (Neumann, driven uniformly), and half of each.
+Problem A with Dirichlet obstacles, with Neumann obstacles (uniform drive), and with the blend k = 0.5.
 """
 
 from pathlib import Path
@@ -16,8 +16,8 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# Two solves, one with obstacles on the rail and one with open obstacles; every blend k is made of them. Every connected
-# start reaches a goal, whatever k: neither half has a local minimum, and so no blend has.
+# Two solves are sufficient for all blends: one with obstacles on the rail, and one with open obstacles. Every connected
+# start reaches a goal for every k, because blends of these fields have no local minima.
 
 scene = rg.read_scene(SCENES / "problem_a.toml")
 planner = rg.plan(scene, k=1.0)
@@ -26,7 +26,7 @@ cells = np.argwhere(space.goal_connected)
 starts = space.centre(cells[np.all(cells % 10 == 5, axis=1)])
 assert len(starts) > 100
 
-for number, k, kind in ((2, 1.0, "Dirichlet"), (3, 0.0, "Neumann, driven uniformly"), (4, 0.5, "k = 0.5")):
+for number, k, kind in ((2, 1.0, "Dirichlet"), (3, 0.0, "Neumann, uniform drive"), (4, 0.5, "k = 0.5")):
     paths = planner.at(k).paths(starts)
     for path in paths:
         rg.certify(path)

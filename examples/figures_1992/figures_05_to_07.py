@@ -1,6 +1,6 @@
 """
-Figures 5 to 7: how close the links come
-========================================
+Figures 5 to 7: clearance of the links
+======================================
 
 Problem A from one start, with k = 0.99, 0.5 and 0.01.
 """
@@ -14,8 +14,8 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# The links themselves must stay clear of the obstacle as well. `check_collisions` drives the
-# arm along the path with exact geometry; `workspace_clearance` is the smallest distance of any link from the obstacle.
+# The links must also be clear of the obstacle. `check_collisions` moves the arm along the path with exact geometry.
+# `workspace_clearance` is the smallest distance of any link from the obstacle.
 
 scene = rg.read_scene(SCENES / "problem_a.toml")
 planner = rg.plan(scene, k=1.0)

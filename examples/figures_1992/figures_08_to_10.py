@@ -2,7 +2,7 @@
 Figures 8 to 10: two goals
 ==========================
 
-Three starts; each goes to the goal whose basin it lies in.
+Three starts, each with a path to the goal whose basin contains the start.
 """
 
 from dataclasses import replace
@@ -14,7 +14,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# Two neighbours that part, and a start in the other band.
+# The first two starts are neighbours with different goals. The third start lies in the other band.
 
 scene = rg.read_scene(SCENES / "problem_two_goals.toml")
 planner = rg.plan(scene, boundary="dirichlet")
@@ -26,7 +26,7 @@ for number, path in enumerate(planner.paths(), 8):
     rg.certify(path)
     assert rg.check_collisions(path, scene.obstacles, step=1e-3) is None
     upper.append(bool(rg.planning.workspace_path(path)[-1][1] > 0))
-    caption = f"Two goals: this start takes the {'upper' if upper[-1] else 'lower'} one."
+    caption = f"Two goals: this start reaches the {'upper' if upper[-1] else 'lower'} goal."
     figure = rg.plot.draw_workspace_and_space(path, scene, virtual=virtual, title=f"Figure {number}", caption=caption)
     rg.plot.save_figure(figure, f"out/figure_{number:02}.png")
 

@@ -1,8 +1,8 @@
 """
-Figures 11 to 13: no path, and why
-==================================
+Figures 11 to 13: starts without a path
+=======================================
 
-Problem B: two goals, two obstacles; one start has a path, two have none.
+Problem B: two goals and two obstacles. One start has a path, and two starts have no path.
 """
 
 from dataclasses import replace
@@ -16,8 +16,9 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# No path is decided by connectivity, and the field agrees. Of configuration space we see which cells must go, and of
-# the workspace which obstacle: without it there would be a way.
+# Connectivity decides whether a path exists, and the field agrees. For a start without a path, the figure shows the
+# blocking cells in the configuration space, and the blocking obstacle in the workspace: without this obstacle a path
+# would exist.
 
 scene = rg.read_scene(SCENES / "problem_b.toml")
 planner = rg.plan(scene, boundary="dirichlet")
@@ -44,10 +45,10 @@ for number, start in enumerate(scene.starts, 11):
     rg.plot.save_figure(figure, f"out/figure_{number:02}.png")
 
 # %%
-# A sixth of the free configurations is cut off from both goals.
+# A sixth of the free configurations is separated from both goals.
 
 free = space.cell == rg.Cell.FREE
 cut_off = np.mean(~space.goal_connected[free])
-print(f"{cut_off:.1%} of the free cells are cut off")
+print(f"{cut_off:.1%} of the free cells are separated from both goals")
 assert outcomes.count("reached") == 1
 assert abs(cut_off - 1 / 6) < 0.02

@@ -2,7 +2,7 @@
 Figure 14: velocities at a contact
 ==================================
 
-A contact force F turns the velocity :math:`V_0` by :math:`A F`, or onto the equipotential.
+A contact force F changes the velocity :math:`V_0` by :math:`A F`, or projects it onto the equipotential.
 """
 
 from pathlib import Path
@@ -14,7 +14,7 @@ import resgrid as rg
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# An empty room with a goal; the obstacle is not on the map.
+# The map is an empty room with a goal; it does not contain the obstacle.
 
 cell = np.zeros((40, 32), dtype=np.uint8)
 cell[34, 4:6] = rg.Cell.GOAL
@@ -22,7 +22,7 @@ space = rg.ConfigurationSpace([rg.Axis("x", 0, 4, 40), rg.Axis("y", 0, 3.2, 32)]
 field = rg.plan(space, k=0.2).field
 
 # %%
-# Along the equipotential the robot neither climbs nor descends, at the speed it had.
+# Along the equipotential the potential is constant, and the speed is unchanged.
 
 velocity = rg.control.make_controller(field, speed=1.0).command((1.65, 1.84), (0.0, 0.0))
 along = rg.control.equipotential_velocity(velocity, (0.15, 1.0))

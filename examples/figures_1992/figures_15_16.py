@@ -2,7 +2,7 @@
 Figures 15 and 16: reach into a container
 =========================================
 
-A free run, and the same with an obstacle that nobody knows of; then both at other k.
+A run without and with an obstacle that is not on the map, at several k.
 """
 
 from dataclasses import replace
@@ -16,7 +16,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# The map's field alone: no contact, all the way on a streamline.
+# Without the hidden obstacle there is no contact, and the robot follows a streamline to the goal.
 
 scene = rg.read_scene(SCENES / "container.toml")
 bare = scene.replace(hidden=())
@@ -27,8 +27,8 @@ caption = f"{scene.title}, k = 0.98: the free run."
 rg.plot.save_figure(rg.draw(free, title="Figure 15", caption=caption), "out/1_figure_15.png")
 
 # %%
-# The hidden obstacle is felt, and by a link rather than by the tip; while it is, the robot follows the equipotential.
-# Nothing is computed again.
+# A link, not the tip, touches the hidden obstacle. During contact the robot follows the equipotential. The field is not
+# solved again.
 
 simulation = rg.simulation(scene, k=0.98, field=planner.field, learn=False)
 blind = simulation.run()
@@ -40,7 +40,7 @@ caption = f"{scene.title}, k = 0.98. A hidden obstacle deflects a link (force in
 rg.plot.save_figure(rg.draw(blind, title="Figure 16", caption=caption), "out/2_figure_16.png")
 
 # %%
-# A robot that learns marks what it has touched, and never a cell that is free.
+# With learning, the robot adds touched cells to its map. It never marks a cell that is free.
 
 taught = replace(simulation, learn=True).run()
 truth = simulation.plant.true_space(simulation.space).cell == rg.Cell.OBSTACLE
@@ -48,7 +48,7 @@ print(f"{int(taught.learnt.sum())} cells learnt")
 assert taught.learnt.any() and not (taught.learnt & ~truth).any()
 
 # %%
-# Both runs at four blends.
+# Repeat both runs at four blends.
 
 blends = (0.98, 0.0, 0.5, 1.0)
 fields = [planner.at(k).field for k in blends]
@@ -61,10 +61,11 @@ for world, number, kind in ((bare, 15, "the free run"), (scene, 16, "with the hi
     )
 
 # %%
-# Dirichlet currents decay exponentially away from the goal, Neumann currents do not: the map shows which decides.
+# Dirichlet currents decay exponentially away from the goal, and Neumann currents do not. The map shows the Dirichlet
+# fraction of the current.
 
 share = planner.dirichlet_share()[planner.space.goal_connected]
-print(f"Neumann decides in {np.mean(share < 0.5):.0%} of the cells, though k = 0.98")
+print(f"Neumann dominates in {np.mean(share < 0.5):.0%} of the cells, although k = 0.98")
 assert np.mean(share < 0.5) > 0.4
 axes = rg.plot.draw_dirichlet_fraction(planner.obstacle_field, planner.open_field, 0.98)
 rg.plot.save_figure(axes, "out/4_share.png")

@@ -2,7 +2,7 @@
 Figures 17 to 19: reach over a chair
 ====================================
 
-A free run, one that meets a hidden obstacle with its link, and one that learns.
+A run without obstacle, a run in which a link touches a hidden obstacle, and a run with learning.
 """
 
 from dataclasses import replace
@@ -16,7 +16,8 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# The free run, and the hidden obstacle felt but not learnt. It is the link that touches, not the tip.
+# The first run has no hidden obstacle. In the second run a link, not the tip, touches the obstacle, and the map is not
+# changed.
 
 scene = rg.read_scene(SCENES / "chair.toml")
 field = rg.plan(scene, k=0.98).field
@@ -29,7 +30,7 @@ print(f"the contact is {from_tip:.2f} m from the tip")
 assert from_tip > 0.2
 
 # %%
-# With learning, each contact proves cells to be obstacle, and the field is solved again. No free cell is learnt.
+# With learning, each contact proves that cells are obstacles, and the field is solved again. No free cell is marked.
 
 taught = replace(simulation, learn=True).run()
 truth = simulation.plant.true_space(simulation.space).cell == rg.Cell.OBSTACLE

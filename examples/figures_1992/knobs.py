@@ -1,9 +1,9 @@
 """
-Clearance against the knob
-==========================
+Clearance against k
+===================
 
-How far paths keep away on average: the blend of two chips, beside the one-chip version of the same knob, a resistor in
-series with every obstacle contact.
+Compare the mean clearance of two parameters: the blend k of two chips, and the wall resistance of a single chip, a
+resistor in series with every obstacle contact.
 """
 
 from pathlib import Path
@@ -17,7 +17,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# On a coarser grid than the figures', so that it takes seconds.
+# The grid is coarser than in the figures, to reduce the run time to seconds.
 
 scene = rg.read_scene(SCENES / "problem_a.toml")
 scene = scene.replace(axes=tuple(rg.Axis(a.name, a.lower, a.upper, 60, a.periodic, a.unit) for a in scene.axes))
@@ -27,7 +27,7 @@ curve = rg.planning.clearance_curve(planner, (0.0, 0.1, 0.5, 0.9, 1.0))
 walls = rg.planning.clearance_curve(planner, wall_resistances=(0.0, 1e4, 1e5, 1e6, 1e8))
 
 # %%
-# Mean clearance does not fall as k grows (by more than a fraction of a cell), and a wall of 0 ohm is Dirichlet.
+# Mean clearance does not decrease with k (by more than a fraction of a cell), and a wall of 0 ohm equals Dirichlet.
 
 assert np.max(curve.mean[:-1] - curve.mean[1:]) < 0.5 * cell
 assert abs(walls.mean[0] - curve.mean[-1]) < 1e-9

@@ -2,7 +2,7 @@
 Figures 17 and 18: several k
 ============================
 
-The reach over a chair, free and with the hidden obstacle; and why k = 0.98 acts almost as Neumann far from the goal.
+Reach over a chair, without and with the hidden obstacle. Far from the goal, k = 0.98 acts almost like Neumann.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ Path("out").mkdir(exist_ok=True)
 # sphinx_gallery_thumbnail_number = 3
 
 # %%
-# The same motions at four blends.
+# Repeat both runs at four blends.
 
 scene = rg.read_scene(SCENES / "chair.toml")
 planner = rg.plan(scene, k=0.98)
@@ -31,10 +31,11 @@ for world, number, kind in ((scene.replace(hidden=()), 17, "the free run"), (sce
     )
 
 # %%
-# Dirichlet currents decay exponentially away from the goal, Neumann currents do not: the map shows where which decides.
+# Dirichlet currents decay exponentially away from the goal, and Neumann currents do not. The map shows the Dirichlet
+# fraction of the current.
 
 share = planner.dirichlet_share()[planner.space.goal_connected]
-print(f"Neumann decides in {np.mean(share < 0.5):.0%} of the cells, though k = 0.98")
+print(f"Neumann dominates in {np.mean(share < 0.5):.0%} of the cells, although k = 0.98")
 assert np.mean(share < 0.5) > 0.4
 axes = rg.plot.draw_dirichlet_fraction(planner.obstacle_field, planner.open_field, 0.98)
 rg.plot.save_figure(axes, "out/2_share.png")

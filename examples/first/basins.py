@@ -1,8 +1,8 @@
 """
-Which goal for which start
-==========================
+Basins of two goals
+===================
 
-Two charging stations share a flat: the current decides which one a start is served by.
+A flat has two charging stations. The current from a start determines the station that it reaches.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# One solve answers every start: `basins` follows the current from the centre of every cell at once.
+# One solve is sufficient for all starts: `basins` follows the current from the centre of every cell.
 
 scene = rg.read_scene(SCENES / "rooms.toml")
 planner = rg.plan(scene)
@@ -27,7 +27,8 @@ print(", ".join(f"goal {goal} serves {part:.0%}" for goal, part in enumerate(sha
 assert abs(sum(share) - 1.0) < 1e-12
 
 # %%
-# The same by random walks: the probability of meeting goal 0 before goal 1, if obstacles merely turn a walk back.
+# `hitting_probability` is the corresponding figure for a random walk with reflecting obstacles: the probability of
+# reaching goal 0 before goal 1.
 
 chance = rg.planning.hitting_probability(rg.compile_space(space, boundary="neumann")).probability[0]
 assert 0.0 <= np.nanmin(chance[free]) <= np.nanmax(chance[free]) <= 1.0

@@ -1,8 +1,8 @@
 """
-Bold or careful
-===============
+Blends of Dirichlet and Neumann
+===============================
 
-One knob between obstacles that repel and obstacles that merely bound.
+The parameter k blends a field that keeps away from obstacles with a field that slides along them.
 """
 
 from pathlib import Path
@@ -13,8 +13,8 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# Two circuits of one flat. Dirichlet: obstacles are held at 1 V, the current leaves them at right angles, and the robot
-# keeps away. Neumann: obstacles are open, the current slides along them, and the robot comes close to them.
+# A flat gives two circuits. Dirichlet: obstacles are at 1 V, the current leaves them at right angles, and the robot
+# keeps away from them. Neumann: obstacles are open, the current flows along them, and the robot can come close to them.
 
 scene = rg.read_scene(SCENES / "rooms.toml")
 space = rg.build_space(scene)
@@ -22,8 +22,8 @@ dirichlet = rg.field(rg.solve(rg.compile_space(space, boundary="dirichlet")))
 neumann = rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
 
 # %%
-# k mixes them (Connolly & Grupen 1992). Neither half has a local minimum, nor has a sum of
-# superharmonic functions: every blend keeps the promises.
+# The blend is k times Dirichlet plus 1 - k times Neumann (Connolly & Grupen 1992). Both potentials are superharmonic,
+# and so is their sum. No blend has a local minimum, and its streamlines can be certified.
 
 blends = (0.0, 0.5, 1.0)
 paths = [rg.streamline(rg.blend(dirichlet, neumann, k), scene.starts[0]) for k in blends]
@@ -35,7 +35,7 @@ clearance = [path.clearance for path in paths]
 assert clearance == sorted(clearance)
 
 # %%
-# The three paths, over the potential of k = 0.
+# The figure shows the three paths over the potential of k = 0.
 
 axes = rg.draw(neumann)
 rg.draw(paths, axes, k=blends)

@@ -2,7 +2,7 @@
 A picture as a map
 ==================
 
-Any picture whose dark pixels are obstacles is a map; any array is a configuration space.
+A picture with dark obstacles is a map, and an array of cells is a configuration space.
 """
 
 from pathlib import Path
@@ -14,7 +14,7 @@ import resgrid as rg
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# A cave of 90 x 60 cells of 0.1 m, made of noise that was smoothed.
+# Generate a cave of 90 x 60 cells of 0.1 m from smoothed noise.
 
 rng = np.random.default_rng(4)
 rock = rng.random((90, 60))
@@ -27,7 +27,7 @@ space = rg.ConfigurationSpace([rg.Axis("x", 0, 9, 90), rg.Axis("y", 0, 6, 60)], 
 print(space)
 
 # %%
-# Every free cell that is connected to the goal has a path; here are forty of them, each certified.
+# Every free cell that is connected to the goal has a path. Compute and certify forty of these paths.
 
 planner = rg.plan(space)
 connected = np.argwhere(space.goal_connected & (cell == rg.Cell.FREE))

@@ -2,7 +2,7 @@
 A path for a controller
 =======================
 
-Shortened, timed under limits of speed and acceleration, and checked again.
+Shorten a path, time it under limits of speed and acceleration, and check the result.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# Straight lines replace bends wherever all the cells that they touch are free.
+# `shortcut` replaces bends by straight segments that cross free cells only.
 
 scene = rg.read_scene(SCENES / "rooms.toml")
 path = rg.plan(scene).path(scene.starts[0])
@@ -25,7 +25,7 @@ print(f"{path.length:.2f} m along the current, {short.length:.2f} m shortened")
 assert short.length < path.length
 
 # %%
-# As fast as 1 m/s and 2 m/s^2 allow.
+# `time_parameterize` computes a fast motion with at most 1 m/s and 2 m/s^2.
 
 motion = rg.time_parameterize(short, velocity_limits=1.0, acceleration_limits=2.0)
 times, positions, velocities = motion.sample(50)[:3]
@@ -38,5 +38,5 @@ axes = rg.draw(rg.build_space(scene))
 rg.draw(path, axes)
 points = axes.scatter(*positions.T, c=speed, s=4, cmap="BuPu", zorder=6)
 axes.figure.colorbar(points, ax=axes, label="speed [m/s]")
-axes.set_title("The streamline, and the timed path", fontsize=9)
+axes.set_title("The streamline and the timed path", fontsize=9)
 rg.plot.save_figure(axes, "out/timed.png")

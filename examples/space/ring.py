@@ -1,8 +1,8 @@
 """
-The short way round
-===================
+A periodic axis
+===============
 
-A periodic axis has no border: the way through the seam is a way like any other.
+A periodic axis has no border, so paths can cross its seam.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# The path leaves the picture on one side and comes in on the other.
+# The path leaves the picture on one side and enters it on the other side.
 
 scene = rg.read_scene(SCENES / "ring.toml")
 planner = rg.plan(scene)
@@ -25,7 +25,7 @@ for path in paths:
 assert all(path.outcome == "reached" for path in paths)
 
 # %%
-# Unwrapped, its angle leaves the range of 0 to 2 pi.
+# `unwrap` returns continuous coordinates: the angle leaves the range of 0 to 2 pi.
 
 angles = [rg.planning.unwrap(path)[:, 0] for path in paths]
 assert any(angle.min() < 0 or angle.max() > 2 * np.pi for angle in angles)

@@ -1,8 +1,8 @@
 """
-An arm of three links
-=====================
+An arm with three links
+=======================
 
-Its configuration space is a cube of joint angles; links may not touch each other either.
+Plan a path in the three-dimensional space of joint angles, with self-collision.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# Any bend that brings the tip into the disc is a solution.
+# The goal is a disc for the tip; every configuration with the tip in the disc is a solution.
 
 scene = rg.read_scene(SCENES / "three_link.toml")
 planner = rg.plan(scene)
@@ -25,7 +25,7 @@ assert path.outcome == "reached"
 assert rg.check_collisions(path, scene.obstacles) is None
 
 # %%
-# The tip ends in the goal: 0.2 m around (-1, -0.6), up to the width of a cell.
+# The tip ends in the goal, a disc of radius 0.2 m around (-1, -0.6), up to the width of a cell.
 
 tip = rg.planning.workspace_path(path)[-1]
 print(f"the tip ends {np.hypot(tip[0] + 1.0, tip[1] + 0.6):.3f} m from the centre of the goal")

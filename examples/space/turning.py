@@ -1,8 +1,8 @@
 """
-A robot that turns
-==================
+A robot that rotates
+====================
 
-An L-shaped robot, longer than the gap is wide, which its configuration space of three axes leads through.
+An L-shaped robot passes a gap that is narrower than the robot is long. Its configuration space has three axes.
 """
 
 from pathlib import Path
@@ -13,7 +13,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# The third coordinate is the angle times a length, so that turning has a cost, too.
+# The third coordinate is the angle times a length, so rotation contributes to the length of a path.
 
 scene = rg.read_scene(SCENES / "turning.toml")
 planner = rg.plan(scene)
@@ -22,7 +22,7 @@ rg.certify(path)
 assert path.outcome == "reached"
 
 # %%
-# Geometry, not cells, has the last word: the polygon itself is driven along the path.
+# `check_collisions` moves the polygon along the path, and checks it against the exact geometry of the obstacles.
 
 assert rg.check_collisions(path, scene.obstacles) is None
 clearance = rg.planning.workspace_clearance(path, scene.obstacles)

@@ -1,8 +1,8 @@
 """
-A hall in three dimensions
-==========================
+A drone in three dimensions
+===========================
 
-A drone between two walls, over the first and under the second.
+Plan paths for a drone over one wall and under another.
 """
 
 from pathlib import Path
@@ -13,7 +13,7 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# The same four calls in three dimensions: 24 x 24 x 24 cells.
+# Three dimensions use the same functions. The grid has 24 x 24 x 24 cells.
 
 scene = rg.read_scene(SCENES / "voxels.toml")
 planner = rg.plan(scene)
@@ -24,6 +24,6 @@ for path in paths:
 assert all(path.outcome == "reached" for path in paths)
 
 # %%
-# Slices through the hall, one for every few heights.
+# The figure shows slices through the hall at several heights.
 
 rg.plot.save_figure(rg.plot.draw_summary(planner.field, paths, title=scene.title), "out/voxels.png")

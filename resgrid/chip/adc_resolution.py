@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.validation import Positive, check_share
+from resgrid._internal.numbers import Positive, check_share
 from resgrid.chip.figures_of_merit import Figure, Result, defined
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.core.netlist import CellMap

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import check_whole
+from resgrid._internal.numbers import check_whole
 from resgrid.chip.effects.base import cells_with_nodes, without_stranded_currents
 from resgrid.chip.figures_of_merit import Figure, Result
 from resgrid.chip.walk import converter_of, neighbours_of, reaches_goal

@@ -46,8 +46,8 @@ _BLOCK = 16
 """Number of chips that are drawn and solved together; limits the memory of a worker."""
 
 
-class Solution(NamedTuple):
-    """Solution of one chip, as far as its read-outs need it.
+class ChipSolution(NamedTuple):
+    """ChipSolution of one chip, as far as its read-outs need it.
 
     `voltage` (nodes,): in volts, NaN without an operating point; None where every read-out is ideal; `lowest` (cells,):
     neighbour with the lowest potential according to the face currents, -1 for none; None where no read-out is ideal.
@@ -87,7 +87,7 @@ class Experiment:
     converters: tuple[Converter | None, ...]
     model: ConductanceModel | None
     batch: Batch | None
-    fixed: Solution | None
+    fixed: ChipSolution | None
 
     @property
     def random(self) -> bool:
@@ -147,7 +147,7 @@ def prepare_experiment(
     has_ideal, has_real = None in converters, any(converter is not None for converter in converters)
     model = batch = fixed = None
     if not differs(chip):
-        fixed = Solution(op.voltage if has_real else None, _lowest(op) if has_ideal else None)
+        fixed = ChipSolution(op.voltage if has_real else None, _lowest(op) if has_ideal else None)
     elif has_real and chip.saturation_voltage is None and not Faults.of(chip, 0):
         model = ConductanceModel.of(netlist, chip)
         batch = prepare_batch(model.netlist)
@@ -225,7 +225,7 @@ def draw_chips(experiment: Experiment, seeds: Sequence[Seed]) -> DrawnChips:
     return DrawnChips(seeds, conductance, (build_chip(experiment.netlist, experiment.chip, seed) for seed in seeds))
 
 
-def solve_chips(experiment: Experiment, chips: DrawnChips) -> Iterator[Solution]:
+def solve_chips(experiment: Experiment, chips: DrawnChips) -> Iterator[ChipSolution]:
     """Solve chips, and yield their solutions one by one."""
     converters, batch = experiment.converters, experiment.batch
     if experiment.fixed is not None:
@@ -233,10 +233,10 @@ def solve_chips(experiment: Experiment, chips: DrawnChips) -> Iterator[Solution]
     elif batch is None or chips.conductance is None:
         for netlist in chips.netlists:
             voltage = _voltage(netlist) if any(item is not None for item in converters) else None
-            yield Solution(voltage, _lowest_of(netlist) if None in converters else None)
+            yield ChipSolution(voltage, _lowest_of(netlist) if None in converters else None)
     else:
         for voltage in solve_batch(batch, chips.conductance):
-            yield Solution(voltage, _lowest_of(next(chips.netlists)) if None in converters else None)
+            yield ChipSolution(voltage, _lowest_of(next(chips.netlists)) if None in converters else None)
 
 
 def _voltage(netlist: Netlist) -> NDArray[np.float64]:
@@ -260,7 +260,7 @@ def _lowest(op: OperatingPoint) -> NDArray[np.int64]:
     return steps_of(op).lowest()[0]
 
 
-def _steps(experiment: Experiment, solution: Solution, seed: Seed) -> Iterator[NDArray[np.int64]]:
+def _steps(experiment: Experiment, solution: ChipSolution, seed: Seed) -> Iterator[NDArray[np.int64]]:
     """Yield the next cell of every cell, -1 for none, shape (cells,), for each read-out."""
     for converter in experiment.converters:
         following = solution.lowest

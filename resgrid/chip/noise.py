@@ -17,7 +17,7 @@ import numpy as np
 from annotated_types import Ge
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import Natural, Positive
+from resgrid._internal.numbers import Natural, Positive
 from resgrid.chip.figures_of_merit import Figure, Result, defined
 from resgrid.chip.impedance import estimated_integrals, exact_integrals, inverse_columns, resistive_parts
 from resgrid.circuit.dynamics import Dynamics, dynamics_of, require_grounded

@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import Count, Positive
+from resgrid._internal.numbers import Count, Positive
 from resgrid.chip.figures_of_merit import Figure, Result
 from resgrid.chip.modal_response import SPAN, Motion, motions
 from resgrid.chip.time_constants import (

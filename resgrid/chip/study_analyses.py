@@ -14,7 +14,7 @@ import numpy as np
 from annotated_types import Gt, Lt
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import Between, Count, Positive
+from resgrid._internal.numbers import Between, Count, Positive
 from resgrid.chip.build import conductance_samples, ideal_netlist
 from resgrid.chip.decks import write_decks
 from resgrid.chip.fault_analysis import FaultAnalysis, analyse_faults

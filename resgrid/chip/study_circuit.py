@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import Count, Natural, Positive
+from resgrid._internal.numbers import Count, Natural, Positive
 from resgrid.chip import noise as thermal
 from resgrid.chip.adc_resolution import ADCResolution, analyse_adc_resolution
 from resgrid.chip.decks import noise_band

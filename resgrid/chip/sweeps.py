@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid._internal.checkpoints import Journal
-from resgrid._internal.validation import check_share
+from resgrid._internal.numbers import check_share
 from resgrid.chip.build import chip_with
 from resgrid.chip.figures_of_merit import Figure, Result
 from resgrid.chip.paired_trials import groups_of, run_groups

@@ -6,7 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from resgrid._internal.validation import check_whole, with_article
+from resgrid._internal.numbers import check_whole
+from resgrid._internal.validation import with_article
 from resgrid.circuit.equations import assemble
 from resgrid.circuit.linear import CircuitFactor, factor_circuit, solve_linear
 from resgrid.circuit.operating_point import OperatingPoint

@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Ge, Lt
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import Positive, real_numbers
+from resgrid._internal.numbers import Positive, real_numbers
 from resgrid._internal.values import frozen
 from resgrid.circuit.dynamics import Dynamics, dynamics_of, energy_delivered, factor_resolvent, initial_state
 from resgrid.circuit.equations import across

@@ -1,7 +1,7 @@
-"""The command line: parse, call the library, write, choose the exit code.
+"""The command line: parses arguments, calls the library, prints results and chooses the exit code.
 
-`entry` holds the group of verbs, each a module of its own, and turns errors into exit codes; `options`, `terminal`,
-`scenes`, `decks` and `paths` are shared by verbs.
+Each subcommand is a module of its own.  `entry` has the group of subcommands and maps errors to exit codes; `options`,
+`terminal`, `scenes`, `decks` and `paths` contain the code that subcommands have in common.
 """
 
 from resgrid.cli.entry import main

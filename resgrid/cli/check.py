@@ -1,4 +1,4 @@
-"""``resgrid check``: ask an outside simulator whether it agrees."""
+"""``resgrid check``: compare a solution with an external circuit simulator, and check electrical rules."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import click
 
 import resgrid as rg
 from resgrid.cli.decks import is_deck, open_deck, refuse_scene_options, solve_deck
-from resgrid.cli.options import POSITIVE, CommandInput, Suggested, share, verb, with_source
+from resgrid.cli.options import POSITIVE, CommandInput, Suggested, fraction_below, subcommand, with_source
 from resgrid.cli.scenes import open_job, report_ignored
 from resgrid.cli.terminal import NEGATIVE, NOT_VERIFIED, counted, detail, finish, say, stage
 from resgrid.errors import InputError, ResgridError, ToolMissingError
@@ -22,44 +22,49 @@ if TYPE_CHECKING:
     from resgrid.spice.check.portability import Prediction
     from resgrid.spice.circuit import Circuit, Violation
 
-_WORDS = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "our solution"}
-_LONG = 10.0
+_REFERENCES = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "resgrid's solution"}
+_LONG_SIMULATION = 10.0
+"""Estimated time of a simulation from which the estimate is always printed, in seconds."""
+
 TIMEOUT = 600.0
-PATIENCE = 30.0
-"""How long the simulation of a deck that was just written may take unasked, in seconds."""
+"""Default time limit of a simulation, in seconds."""
+
+MAX_AUTOMATIC_SECONDS = 30.0
+"""Longest estimated time of a simulation that runs without ``--check``, in seconds."""
 
 
-@verb(
+@subcommand(
     "check",
     examples=("resgrid check rooms.cir", "resgrid check rooms.toml --deck ours.cir", "resgrid check --rules theirs.sp"),
 )
 @with_source("SCENE|DECK")
-@click.option("--rules", is_flag=True, help="Check the electrical rules only; errors exit with 1.")
-@click.option("--deck", metavar="FILE", type=click.Path(), help="Simulate this deck, and compare it with SCENE.")
+@click.option("--rules", is_flag=True, help="Only check the electrical rules; exit with 1 on errors.")
+@click.option("--deck", metavar="FILE", type=click.Path(), help="Simulate this deck and compare it with SCENE.")
 @click.option(
     "--tolerance",
     metavar="T",
-    type=share(1),
+    type=fraction_below(1),
     default=1e-9,
-    help="Largest error, over the supply.",
+    help="Largest voltage error, as a fraction of the supply.",
 )
-@click.option("--timeout", metavar="S", type=POSITIVE, default=TIMEOUT, help="Time for the simulator, in seconds.")
+@click.option("--timeout", metavar="S", type=POSITIVE, default=TIMEOUT, help="Time limit of the simulator, in seconds.")
 @click.option(
     "--engine", type=Suggested("name", "ngspice", "eecircuit"), default="ngspice",
-    help="ngspice, or eecircuit (for large decks).",
+    help="Simulator: ngspice, or eecircuit (for large decks).",
 )  # fmt: skip
 def command(source: CommandInput, rules: bool, deck: str | None, tolerance: float, timeout: float, engine: str) -> int:
-    """Simulate a deck and compare every node.
+    """Simulate a deck and compare the voltages of all nodes.
 
-    A DECK is compared with its sidecar DECK.json: first its hash, then the voltages; without one it is read and
-    solved, and the simulator is held against that. A SCENE is solved, and compared with the simulator's answer to its
-    own deck, or to the one given by --deck. Before the simulator starts, its time and memory are estimated, and it is
-    not started where it would not end in time (exit code 4). Exits with 1 where they disagree, and with 5 where the
-    simulator could not be given the deck itself: of another dialect, with a control block, with files from elsewhere.
-    Then what was read is simulated, and that is no agreement.
+    For a DECK with a sidecar DECK.json, the reference is the sidecar: its hash of the deck, then its voltages. For
+    other decks, the reference is resgrid's solution. A SCENE is solved and compared with the simulation of its own
+    deck, or of the deck given by --deck. The time and memory of the simulation are estimated first; exits with 4 if it
+    would not end within the time limit. Exits with 1 on disagreement. Exits with 5 if the simulator cannot run the deck
+    itself (another dialect, a control block, files from other folders); the circuit as read by resgrid is simulated
+    instead, which does not verify the deck.
 
-    --rules checks the electrical rules instead, and says for each simulator whether it would get the answer right: the
-    file of a DECK is read by the rules of every simulator, and text that stops one is reported.
+    --rules checks the electrical rules instead, and predicts for each simulator whether it would solve the circuit
+    correctly. The file of a DECK is read by the rules of every simulator, and text that a simulator rejects is
+    reported.
     """
     from resgrid.spice.run import engine_named
 
@@ -67,11 +72,11 @@ def command(source: CommandInput, rules: bool, deck: str | None, tolerance: floa
     limits = {"engine": engine, "tolerance": tolerance, "timeout": timeout}
     given = is_deck(source)
     if given and source.file == "-" and not rules:
-        raise InputError("a simulator runs a deck that is a file: write it to one, or ask for --rules alone")
+        raise InputError("a simulator cannot run a deck from standard input: write it to a file, or use --rules")
     if given and deck is not None:
-        raise InputError(f"{source.file} is a deck already; --deck goes with a scene")
+        raise InputError(f"{source.file} is a deck, and --deck needs a scene to compare with; leave --deck out")
     if rules and deck is not None:
-        raise InputError("--rules checks SCENE or DECK itself; leave --deck out")
+        raise InputError("--rules checks SCENE or DECK, not the deck of --deck; leave --deck out")
     if rules:
         return _check_rules(source, given)
     if given:
@@ -92,9 +97,9 @@ def _check_rules(source: CommandInput, given: bool) -> int:
         job = open_job(source)
         ignored = report_ignored(job, "circuit")
         circuit = job.compile(job.problem.only_wiring()[1], scaled=False)
-    with stage("check the rules"):
+    with stage("check the electrical rules"):
         violations = rg.check_erc(circuit)
-    with stage("ask what simulators would make of it"):
+    with stage("predict the answers of simulators"):
         predictions = rg.spice.check_portability(circuit, violations)
     passes = not any(violation.severity == "error" for violation in violations)
     data = {
@@ -109,17 +114,17 @@ def _check_rules(source: CommandInput, given: bool) -> int:
 def _check_scene(
     source: CommandInput, deck: str | None, limits: dict[str, Any]
 ) -> tuple[Agreement, dict[str, list[str]]]:
-    """A scene is held against its own deck, or against one that is given."""
+    """Compare a scene's solution with the simulation of its own deck, or of a given deck; return ignored keys, too."""
     job = open_job(source)
     ignored = report_ignored(job, "circuit")
     op = job.solve(job.problem.only_wiring()[1])
-    _forecast(op.netlist, limits)
+    _report_cost(op.netlist, limits)
     with stage("simulate"):
         return rg.check_deck(deck or op, reference=op if deck else None, **limits), ignored
 
 
 def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
-    """A deck with a sidecar is held against that, any other against its own solution."""
+    """Compare the simulation of a deck with its sidecar, or, without a sidecar, with resgrid's solution."""
     from resgrid.spice.read.deck import is_network
     from resgrid.spice.write.sidecar import sidecar_path
 
@@ -127,15 +132,16 @@ def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
     path = Path(source.file)
     if is_network(source.file):
         raise InputError(
-            f"{path}: no simulator reads this; make a deck of it (resgrid convert {path} -o FILE.cir) and check that"
+            f"{path}: simulators cannot read this format; convert it to a deck (resgrid convert {path} -o FILE.cir) "
+            "and check the deck"
         )
     if sidecar_path(path).exists():
         try:
             written = open_deck(source)
-        except ResgridError:  # it was changed: the comparison says where
+        except ResgridError:  # the deck was changed; the comparison reports where
             written = None
         if written is not None:
-            _forecast(written, limits)
+            _report_cost(written, limits)
         with stage("simulate"):
             return rg.check_deck(path, **limits)
     deck = open_deck(source, names=False)
@@ -144,24 +150,27 @@ def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
         if violation.severity != "info":
             say(f"  {violation}")
     op = solve_deck(deck)
-    _forecast(deck, limits)
+    _report_cost(deck, limits)
     with stage("simulate"):
         return rg.check_deck(deck, reference=op, root=source.root, **limits)
 
 
-def _forecast(circuit: rg.Netlist | Circuit, limits: dict[str, Any]) -> None:
-    """Say what the simulator will take, and refuse what will not end in time."""
+def _report_cost(circuit: rg.Netlist | Circuit, limits: dict[str, Any]) -> None:
+    """Print the estimated time and memory of a simulation; raise BudgetError if it exceeds the time limit."""
     from resgrid.spice.run.cost_estimate import forecast, require_time
     from resgrid.spice.run.ngspice import ngspice_version
 
     version = ngspice_version() if limits["engine"] == "ngspice" else ""
     expected = forecast(circuit, limits["engine"], version)
     require_time(expected, limits["timeout"])
-    (say if expected.seconds > _LONG else detail)(str(expected))
+    (say if expected.seconds > _LONG_SIMULATION else detail)(str(expected))
 
 
 def check_written(deck: Path, netlist: rg.Netlist, asked: bool | None, folder: Path) -> Agreement | str:
-    """The simulator's verdict on a deck that was just written, or why there is none."""
+    """Return the comparison of a new deck with its simulation, or the reason why it was not simulated.
+
+    `asked`: option ``--check`` or ``--no-check``, None for neither; `folder`: final folder of the deck, for messages.
+    """
     from resgrid.spice.run.cost_estimate import forecast
     from resgrid.spice.run.ngspice import ngspice_version
 
@@ -169,9 +178,9 @@ def check_written(deck: Path, netlist: rg.Netlist, asked: bool | None, folder: P
         return "not simulated: --no-check"
     try:
         expected = forecast(netlist, version=ngspice_version())
-        if asked is None and expected.seconds > PATIENCE:
+        if asked is None and expected.seconds > MAX_AUTOMATIC_SECONDS:
             timeout = f" --timeout {3 * expected.seconds:.0f}" if 3 * expected.seconds > TIMEOUT else ""
-            return f"not simulated, for {expected}; 'resgrid check {folder / deck.name}{timeout}' does it"
+            return f"not simulated, because {expected}; run 'resgrid check {folder / deck.name}{timeout}'"
         with stage(f"simulate {deck.name}", seconds=expected.seconds):
             return rg.check_deck(deck, timeout=max(TIMEOUT, 10 * expected.seconds))
     except ToolMissingError as error:
@@ -181,7 +190,7 @@ def check_written(deck: Path, netlist: rg.Netlist, asked: bool | None, folder: P
 
 
 def agreement_data(agreement: Agreement) -> dict[str, Any]:
-    """An agreement as ``--json`` gives it."""
+    """Return an agreement as JSON data."""
     data = dataclasses.asdict(agreement)
     data["worst"] = [{"node": node, "expected": expected, "got": got} for node, expected, got in agreement.worst]
     data["as_read"] = None if agreement.as_read is None else agreement_data(agreement.as_read)
@@ -189,16 +198,16 @@ def agreement_data(agreement: Agreement) -> dict[str, Any]:
 
 
 def agreement_lines(agreement: Agreement) -> Iterable[str]:
-    """An agreement for people: the verdict, then what was found and where."""
+    """Yield the lines of text for an agreement: the verdict, then findings and remarks."""
     read = agreement.as_read or agreement
-    verdict = _comparison(read, _WORDS[agreement.reference])
+    verdict = _comparison(read, _REFERENCES[agreement.reference])
     if agreement.verified:
         yield verdict
     elif agreement.as_read is None:
         yield f"not verified: {agreement.remark}"
     else:
-        yield f"not verified: {agreement.simulator} did not run the deck itself, for {agreement.remark}"
-        yield f"  of what was read of it: {verdict}" + ("; a wrong reading would not show" if read.agrees else "")
+        yield f"not verified: {agreement.simulator} did not run the deck itself: {agreement.remark}"
+        yield f"  the circuit as read: {verdict}" + ("; errors of reading would not show" if read.agrees else "")
     yield from (f"  {finding}" for finding in agreement.findings)
     yield from (f"  {remark}" for remark in (read.remark,) if remark and read.verified)
 
@@ -217,5 +226,5 @@ def _rules_lines(violations: Sequence[Violation], predictions: Sequence[Predicti
     counts = (counted(sum(v.severity == severity for v in violations), noun) for severity, noun in nouns.items())
     yield f"electrical rules: {', '.join(counts)}"
     yield from (f"  {violation}" for violation in violations)
-    yield "will your simulator get it right?"
+    yield "expected behaviour of simulators"
     yield from (f"  {prediction}" for prediction in predictions)

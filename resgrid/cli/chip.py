@@ -1,4 +1,4 @@
-"""``resgrid chip``: is this chip good enough to drive a robot?  A folder with the answer."""
+"""``resgrid chip``: a report on the effect of a chip's imperfections on a robot, in one folder."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from resgrid.cli.options import (
     Suggested,
     dialect_option,
     folder_of,
+    fraction_below,
     output_option,
-    share,
-    verb,
+    subcommand,
     with_source,
 )
 from resgrid.cli.scenes import Job, open_job, report_ignored
@@ -35,20 +35,20 @@ if TYPE_CHECKING:
 
 
 class Names(Suggested):
-    """Names of analyses with commas, in the order of the report."""
+    """Type of an option: names of analyses, separated by commas."""
 
     def __init__(self) -> None:
         super().__init__("names", *ANALYSES)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
-        """The analyses that a text names."""
+        """Return the named analyses in the order of the report; fail for unknown names."""
         names = {word.strip() for word in value.split(",") if word.strip()}
         if not names or names - set(ANALYSES):
-            self.fail(f"{value!r}: choose some of {', '.join(ANALYSES)}", param, ctx)
+            self.fail(f"{value!r}: give names out of {', '.join(ANALYSES)}, separated by commas", param, ctx)
         return tuple(name for name in ANALYSES if name in names)
 
 
-@verb(
+@subcommand(
     "chip",
     examples=(
         "resgrid chip chip.toml -o report",
@@ -57,35 +57,44 @@ class Names(Suggested):
 )
 @with_source()
 @output_option("Folder for the report.  [default: out/SCENE_chip]", of_folder=True)
-@click.option("--only", metavar="NAMES", type=Names(), default=",".join(ANALYSES), help="Some analyses, with commas.")
-@click.option("--half-width", metavar="W", type=share(0.5), default=0.01, help="Stop when the yield is known so well.")
-@click.option("--most", metavar="N", type=click.IntRange(1), default=2000, help="Chips after which trials stop.")
+@click.option(
+    "--only", metavar="NAMES", type=Names(), default=",".join(ANALYSES), help="Analyses to run, separated by commas."
+)
+@click.option(
+    "--half-width", metavar="W", type=fraction_below(0.5), default=0.01,
+    help="Half width of the yield's confidence interval at which trials stop.",
+)  # fmt: skip
+@click.option("--most", metavar="N", type=click.IntRange(1), default=2000, help="Largest number of simulated chips.")
 @click.option(
     "--executor", metavar="NAME", type=Suggested("name", "processes", "dask://", "mpi", "parsl:"),
-    help="Who tries chips: processes[:N], dask://HOST:PORT, mpi or parsl:FILE.",
+    help="Workers for the trials: processes[:N], dask://HOST:PORT, mpi or parsl:FILE.",
 )  # fmt: skip
 @click.option(
     "--sweep", metavar="KEY=V,V,...", multiple=True,
-    help="Value of the chip to explore, twice: the second is what is paid for.  [default: the offset or mismatch, "
-    "and readout.bits]",
+    help="Key of the chip and values to sweep; give it twice, the second for the costly parameter.  [default: the "
+    "offset or mismatch, and readout.bits]",
 )  # fmt: skip
-@click.option("--seconds", metavar="S", type=POSITIVE, default=60.0, help="Time for making elements faulty.")
+@click.option("--seconds", metavar="S", type=POSITIVE, default=60.0, help="Time for fault simulation, in seconds.")
 @click.option(
-    "--at-least", metavar="SHARE", type=click.FloatRange(0, 1), help="Exit with 1 if the yield is surely less."
-)
-@click.option("--check/--no-check", "asked", default=None, help="Simulate op.cir, however long it takes; or do not.")
+    "--at-least", metavar="FRACTION", type=click.FloatRange(0, 1),
+    help="Exit with 1 if the yield's confidence interval lies below this fraction.",
+)  # fmt: skip
+@click.option(
+    "--check/--no-check", "asked", default=None,
+    help="Simulate op.cir in SPICE, or not.  [default: only if it takes less than half a minute]",
+)  # fmt: skip
 @dialect_option()
 def command(
     source: CommandInput, output: str | None, only: tuple[str, ...], half_width: float, most: int,
     executor: str | None, sweep: tuple[str, ...], seconds: float, at_least: float | None,
     asked: bool | None, dialect: str,
 ) -> int:  # fmt: skip
-    """Find out what the chip of SCENE, as its [chip] table describes it, does to a robot.
+    """Analyse the effect of the imperfections in the [chip] table of SCENE on a robot's paths.
 
-    The folder holds report.md and report.html, one page with every figure, its unit and its definition; pictures;
-    summary.json; decks for the operating point, a transient, noise and temperatures, each with the answer to be
-    expected in its sidecar; and yield.jsonl and sweep.jsonl, a line for every chip that was tried.  These grow
-    beside the folder until it is whole, and a run that was interrupted takes them up where it stopped.
+    The folder contains a report with all figures of merit, their units and definitions (report.md, report.html);
+    pictures; summary.json; decks for the operating point, a transient, noise and temperatures, with expected results in
+    their sidecars; and one line per simulated chip (yield.jsonl, sweep.jsonl). An interrupted run continues from
+    the lines that it has written next to the folder.
     """
     from resgrid.chip.decks import described_files
     from resgrid.chip.report import Effort, checkpoints_beside, report_markdown
@@ -93,10 +102,10 @@ def command(
 
     folder = folder_of(output, source, "_chip")
     if len(sweep) not in (0, 2):
-        raise InputError("--sweep explores two values: give it twice, or not at all")
+        raise InputError(f"--sweep is given {len(sweep)} times, but a sweep has two keys: give it twice, or not at all")
     for option, given, name in (("--sweep", sweep, "sweep"), ("--at-least", at_least is not None, "yield")):
         if given and name not in only:
-            raise InputError(f"{option} belongs to the {name}: name {name} in --only, too, or leave {option} out")
+            raise InputError(f"{option} needs the analysis {name}: add {name} to --only, or leave {option} out")
     effort = Effort(half_width, most, seconds, tuple(_sweep(text) for text in sweep))
     with rg.open_executor(executor) if executor else nullcontext() as workers, whole_folder(folder) as work:
         job = open_job(source)
@@ -109,7 +118,7 @@ def command(
         agreement = check_written(work / "op.cir", study.netlist, asked, folder)
         verdict = _verdict("op.cir", agreement)
         lines = {f"{name}.jsonl": path for name, path in effort.checkpoints.items() if name in only and path.exists()}
-        files = dict.fromkeys(lines, "a line for every chip that was tried") | decks
+        files = dict.fromkeys(lines, "one line for every simulated chip") | decks
         data = _summary(study, job, sections, files, verdict) | ignored
         text = report_markdown(study, sections, decks, verdict)
         (work / "report.md").write_text(text, encoding="utf-8")
@@ -127,13 +136,13 @@ def command(
 
 
 def _sweep(text: str) -> tuple[str, tuple[float | int, ...]]:
-    from resgrid.scene.quantities import parse_share
+    from resgrid.scene.quantities import parse_fraction
 
     key, equals, words = text.partition("=")
     if not equals or not words.strip():
         raise InputError(f"--sweep {text}: expected KEY=VALUE,VALUE,..., such as readout.bits=8,10,12")
     try:
-        values = [parse_share(word.strip()) for word in words.split(",")]
+        values = [parse_fraction(word.strip()) for word in words.split(",")]
     except InputError as error:
         raise InputError(f"--sweep {text}: {error}") from None
     return key.strip(), tuple(int(value) if key.strip().endswith(("bits", "seed")) else value for value in values)
@@ -148,7 +157,7 @@ def _open(job: Job) -> Study:
 
 
 def _analyse(name: str, study: Study, effort: Effort, work: Path) -> Section:
-    """Do one of the analyses, and draw its pictures into a folder."""
+    """Return the report section of an analysis, and draw its pictures into a folder."""
     from resgrid.chip.report import report_section, seconds_needed
     from resgrid.plot.figures import save_figure
     from resgrid.plot.pictures import draw
@@ -161,13 +170,13 @@ def _analyse(name: str, study: Study, effort: Effort, work: Path) -> Section:
 
 
 def _verdict(name: str, agreement: Agreement | str) -> str:
-    """What the simulator said of a deck, or why it was not asked."""
+    """Return a sentence on the simulation of a deck: its result, or the reason why it was not simulated."""
     from resgrid.chip.figures_of_merit import formatted
 
     if isinstance(agreement, str):
         return f"{name} was {agreement}."
     if agreement.agrees is None:
-        return f"{name} is not verified, for {agreement.remark}."
+        return f"{name} is not verified: {agreement.remark}."
     words = "agrees" if agreement.agrees else "DISAGREES"
     return (
         f"{agreement.simulator} {agreement.version} {words} with {name}'s expected voltages: the largest difference is "

@@ -1,4 +1,4 @@
-"""``resgrid compile``: the deck of a scene's chip."""
+"""``resgrid compile``: write the SPICE deck of a scene's chip."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import resgrid as rg
-from resgrid.cli.options import CommandInput, dialect_option, output_option, verb, with_source
+from resgrid.cli.options import CommandInput, dialect_option, output_option, subcommand, with_source
 from resgrid.cli.scenes import Job, element_counts, open_job, report_ignored
 from resgrid.cli.terminal import finish, say, stage, verbosity
 from resgrid.errors import InputError
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from resgrid.spice.write.files import Form, WrittenDeck
 
 
-@verb(
+@subcommand(
     "compile",
     examples=(
         "resgrid compile rooms.toml -o rooms.cir",
@@ -30,27 +30,27 @@ if TYPE_CHECKING:
 )
 @with_source()
 @output_option(
-    "The deck; beside it FILE.json (expected voltages), FILE.DIALECT (commands), for ngspice FILE.verify (prints PASS "
-    "or FAIL), and with --form cells FILE.chip and FILE.pattern."
+    "Deck file; also writes FILE.json (expected voltages), FILE.DIALECT (simulator commands), for ngspice FILE.verify "
+    "(prints PASS or FAIL), and with --form cells FILE.chip and FILE.pattern."
 )
 @dialect_option()
 @click.option(
     "--form", type=click.Choice(("flat", "cells")), default="flat",
-    help="One line per element, or an array of tiles with the scene as a pattern of switches.",
+    help="One line per element (flat), or an array of tiles with the scene as a pattern of switches (cells).",
 )  # fmt: skip
 def command(source: CommandInput, output: str | None, dialect: str, form: Form) -> int:
     """Compile SCENE into a resistor netlist and write it as a SPICE deck.
 
-    The deck is that of the chip as its [chip] table describes it, in tiles as in the flat form; what tiles have no
-    place for is refused.
+    The deck describes the chip of the [chip] table in both forms. Keys that an array of tiles cannot represent are
+    errors.
 
-    Without -o, or with -o -, the flat deck alone is printed.
+    Without -o, or with -o -, only the flat deck is printed.
     """
     from resgrid.spice.write.flat import flatten
 
     printed = output in (None, "-")
     if printed and form == "cells":
-        raise InputError("--form cells makes three files (deck, chip and pattern); name the deck with -o FILE")
+        raise InputError("--form cells writes three files (deck, chip and pattern); name the deck with -o FILE.cir")
     if not printed and Path(str(output)).suffix.lower() not in DECK_SUFFIXES:
         raise InputError(f"-o {output}: the name of a deck must end in {', '.join(DECK_SUFFIXES)}")
     job = open_job(source)
@@ -82,32 +82,32 @@ def command(source: CommandInput, output: str | None, dialect: str, form: Form) 
 
 
 def _require_tiles(chip: rg.Chip) -> None:
-    """Refuse a chip that an array of tiles cannot be."""
+    """Raise InputError for a chip with keys that an array of tiles cannot represent."""
     from resgrid.chip.build import READING, keys_not_held
 
     keys = [f"chip.{key}" for key in keys_not_held(chip, "tiles") if key not in READING]
     if keys:
         raise InputError(
-            f"tiles cannot hold {', '.join(keys)}: write the flat form, which does, or remove them from [chip]"
+            f"an array of tiles cannot represent {', '.join(keys)}: use --form flat, or remove them from [chip]"
         )
 
 
 def _assume_switches(job: Job, boundary: str) -> tuple[Job, dict[str, float]]:
-    """A scene whose chip has all the switches of its tiles; those that it does not describe are named, in ohms."""
+    """Return a job whose chip has all switches of its tiles, and the assumed resistances by key, in ohms."""
     from resgrid.spice.write.tiles import with_tile_switches
 
     chip = with_tile_switches(job.scene.chip, boundary)
     assumed = {f"chip.{key}": ohms for key, ohms in vars(chip).items() if ohms != getattr(job.scene.chip, key)}
     if assumed:
         values = ", ".join(f"{key} = {ohms:g}" for key, ohms in assumed.items())
-        say(f"tiles have switches, and [chip] does not describe all; assumed, in ohms: {values}")
+        say(f"[chip] does not describe all switches of the tiles; assumed, in ohms: {values}")
     return Job(replace(job.scene, chip=chip), job.space, job.threads), assumed
 
 
 def write_deck(
     target: str | Path, job: Job, name: str, op: rg.OperatingPoint, dialect: str, form: Form = "flat"
 ) -> WrittenDeck:
-    """Write a chip's deck with its sidecar, commands and companion."""
+    """Write a chip's deck with its sidecar, simulator commands and self-check deck."""
     source = Path(job.scene.source or "-")
     with stage("write the deck", seconds=5e-6 * len(op.netlist.conductance)):
         return rg.write_spice(

@@ -1,4 +1,4 @@
-"""``resgrid control``: move a robot by its field through a world that the map does not quite show."""
+"""``resgrid control``: simulate a robot that follows its field, with obstacles that its map does not contain."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin, get_type_h
 import click
 
 import resgrid as rg
-from resgrid.cli.options import NUMBERS, WRITTEN, CommandInput, output_option, verb, with_source
+from resgrid.cli.options import NUMBERS, OUTPUT_FILE, CommandInput, Number, output_option, subcommand, with_source
 from resgrid.cli.scenes import open_job, place_of, report_ignored, require_starts
 from resgrid.cli.terminal import NEGATIVE, counted, finish, say, stage
 from resgrid.errors import InputError
@@ -21,18 +21,20 @@ if TYPE_CHECKING:
     from resgrid.control.simulation import Simulation, Wavefront
 
 FRAMES = 120
+"""Number of frames of an animation."""
 
 
 def _control_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """An option for every key of a scene's ``[control]`` table but k, which all verbs have."""
+    """Add an option for every key of the ``[control]`` table, except ``k``, which all subcommands have."""
     hints = get_type_hints(Control)
     for key, (_, meaning) in reversed(described_keys(Control).items()):
         if key != "k":
-            function = _option(key, hints[key], getattr(Control, key), meaning)(function)
+            function = _option(key, hints[key], getattr(Control, key), meaning.replace("``", ""))(function)
     return function
 
 
 def _option(key: str, hint: Any, default: Any, meaning: str) -> Callable[..., Any]:
+    """Return the option of a key, from its type, default and description."""
     if type(None) in get_args(hint):
         hint = next(part for part in get_args(hint) if part is not type(None))
     name = f"--{key.replace('_', '-')}"
@@ -45,12 +47,12 @@ def _option(key: str, hint: Any, default: Any, meaning: str) -> Callable[..., An
     if get_origin(hint) is Literal:
         return click.option(name, type=click.Choice(get_args(hint)), help=text)
     if hint in (int, float):
-        return click.option(name, metavar="N" if hint is int else "X", type=hint, help=text)
+        return click.option(name, metavar="N" if hint is int else "X", type=int if hint is int else Number(), help=text)
     many = get_origin(get_args(hint)[0]) is tuple
     return click.option(name, metavar="X,...", type=NUMBERS, multiple=many, help=f"{text}{'  Repeatable.' * many}")
 
 
-@verb(
+@subcommand(
     "control",
     examples=(
         "resgrid control chair.toml --animate chair.gif -o log.csv",
@@ -59,10 +61,12 @@ def _option(key: str, hint: Any, default: Any, meaning: str) -> Callable[..., An
     ),
 )
 @with_source()
-@output_option("Write a log of every step to FILE.csv, .json or .npz; - prints CSV.")
-@click.option("--picture", metavar="FILE", type=WRITTEN, help="Draw the first run: .png, .pdf or .svg.")
-@click.option("--animate", metavar="FILE", type=WRITTEN, help="Write an animation: .gif, or .mp4 with ffmpeg.")
-@click.option("--wavefront", metavar="FILE", type=WRITTEN, help="With --announce: animate the potential's change.")
+@output_option("Log of all time steps: FILE.csv, .json or .npz; - prints CSV.")
+@click.option("--picture", metavar="FILE", type=OUTPUT_FILE, help="Picture of the first run: .png, .pdf or .svg.")
+@click.option("--animate", metavar="FILE", type=OUTPUT_FILE, help="Animation of the first run: .gif, or .mp4 (ffmpeg).")
+@click.option(
+    "--wavefront", metavar="FILE", type=OUTPUT_FILE, help="Animation of the change of potential; needs --announce."
+)
 @_control_options
 def command(
     source: CommandInput,
@@ -72,11 +76,12 @@ def command(
     wavefront: str | None,
     **keys: Any,
 ) -> int:
-    """Move the robot of SCENE from each start by V = V0 + A F, with the scene's hidden obstacles in its way.
+    """Simulate the robot of SCENE from each start with the velocity V = V0 + A F, including hidden obstacles.
 
-    Contacts are felt by the whole robot; with --learn they are marked in the map, and the field is solved again. The
-    same seed gives the same run. Options stand in for keys of the scene's [control] table. Of a scene that asks for
-    several blends, the first is used; choose others with --k. Exits with 1 if some run does not arrive.
+    V0 is the velocity along the field, A the admittance and F the contact force on the whole robot. With --learn,
+    touched obstacles enter the map, and the field is solved again. Runs with the same seed are identical. Options
+    replace keys of the scene's [control] table. Of several blends in the scene, the first one is used; choose others
+    with --k. Exits with 1 if a run does not arrive.
     """
     from resgrid.io.runs import check_run_file, run_record
 
@@ -87,18 +92,18 @@ def command(
     job = open_job(replace(source, changes={**source.changes, **changes}))
     scene = job.scene
     if wavefront is not None and not scene.control.announce:
-        raise InputError("--wavefront shows how an obstacle spreads that is put on the map: give --announce too")
+        raise InputError("--wavefront shows the effect of announced obstacles: add --announce, or leave it out")
     if output is not None:
         check_run_file(output, job.space.axes)
     require_starts(scene)
     own = scene.k[:1] if scene.control.k is None else (scene.control.k,)
-    shares: tuple[float | None, ...] = (scene.k if "k" in source.changes else own) or (None,)
-    ignored = report_ignored(job, "grid", k=tuple(k for k in scene.k if k not in shares))
-    if (picture or animate or wavefront) and len(shares) * len(scene.starts) > 1:
-        say("of several runs, the first is drawn; choose one with --start X,Y and --k K")
+    blends: tuple[float | None, ...] = (scene.k if "k" in source.changes else own) or (None,)
+    ignored = report_ignored(job, "grid", k=tuple(k for k in scene.k if k not in blends))
+    if (picture or animate or wavefront) and len(blends) * len(scene.starts) > 1:
+        say("only the first of several runs is drawn; choose a run with --start X,Y and --k K")
     runs: list[tuple[Simulation, rg.control.Run]] = []
-    starts = [start for _ in shares for start in scene.starts]
-    for k in shares:
+    starts = [start for _ in blends for start in scene.starts]
+    for k in blends:
         with stage("solve the field", seconds=1.0):
             sim = rg.simulation(scene, k=k)
         with stage("move the robot", steps=len(scene.starts)) as progress:
@@ -123,7 +128,7 @@ def command(
 
 
 def _check_pictures(picture: str | None, *films: str | None) -> None:
-    """Refuse what cannot be drawn, before anything is computed."""
+    """Raise InputError for files whose format cannot be drawn."""
     from resgrid.plot.animations import check_animation
     from resgrid.plot.figures import picture_format
 
@@ -135,7 +140,7 @@ def _check_pictures(picture: str | None, *films: str | None) -> None:
 
 
 def _front(sim: Simulation, run: rg.control.Run) -> Wavefront:
-    """The change of the potential for as long as the robot was on its way."""
+    """Return the change of the potential over the duration of a run."""
     import numpy as np
 
     crossed = float(run.time[-1]) * sim.controller.speed / float(sim.space.spacing.min())
@@ -151,7 +156,7 @@ def _draw(file: str, value: rg.control.Run | Wavefront, **options: Any) -> None:
 
 
 def _line(start: Sequence[float], run: rg.control.Run) -> str:
-    """A run in one line, for people."""
+    """Return the line of text for a run."""
     head = f"start {place_of(start)}, k = {run.field.k:g}: {run.ending} after {run.time[-1]:.4g} s"
     solves = counted(len(run.lessons), "re-solve")
     learnt = f", {counted(int(run.learnt.sum()), 'cell')} learnt in {solves}" if run.lessons else ""

@@ -1,4 +1,4 @@
-"""``resgrid convert``: a scene, a map or a deck into a deck of any dialect, an edge list or a graph."""
+"""``resgrid convert``: convert a scene, a map or a deck to a deck of any dialect, an edge list or a graph."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import click
 
 import resgrid as rg
 from resgrid.cli.decks import is_deck, open_deck, solve_deck
-from resgrid.cli.options import CommandInput, dialect_option, output_option, verb, with_source
+from resgrid.cli.options import CommandInput, dialect_option, output_option, subcommand, with_source
 from resgrid.cli.scenes import element_counts, open_job, report_ignored
 from resgrid.cli.terminal import finish, say, stage
 from resgrid.errors import InputError
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
-@verb(
+@subcommand(
     "convert",
     examples=(
         "resgrid convert theirs.sp -o ours.cir --dialect xyce",
@@ -27,44 +27,46 @@ if TYPE_CHECKING:
     ),
 )
 @with_source("SCENE|DECK")
-@output_option("What to write; the end of its name says which.", required=True)
+@output_option("Output file; its suffix decides the format.", required=True)
 @dialect_option(None)
-@click.option("--bare", is_flag=True, help="Write the deck alone, unsolved, without sidecar and companions.")
+@click.option("--bare", is_flag=True, help="Write only the deck, unsolved, without sidecar and simulator commands.")
 def command(source: CommandInput, output: str, dialect: str | None, bare: bool) -> int:
-    """Turn SCENE, or a DECK or a network in any of these forms, into FILE.
+    """Convert a SCENE, a DECK or a network to FILE.
 
-    FILE.cir (.sp, .spice, .ckt, .net, .cdl; .scs for Spectre) is a flat deck, beside it the sidecar with the expected
-    voltages; FILE.txt an edge list (two nodes and a resistance a line); FILE.graphml and FILE.json (node-link) are
-    graphs for networkx and others; FILE.npz holds the netlist's arrays. -o - prints the deck alone. All of these are
-    read, too, and so are Circuitscape configurations (.ini). In JSON, "nodes" and kinds of elements count what was
-    read, and "left_out" how many of each kind FILE does not hold.
+    FILE.cir (.sp, .spice, .ckt, .net, .cdl; .scs for Spectre) is a flat deck with a sidecar of expected voltages;
+    FILE.txt an edge list (two nodes and a resistance per line); FILE.graphml and FILE.json (node-link) are graphs for
+    networkx and other programs; FILE.npz has the netlist's arrays. -o - prints only the deck. All of these formats, and
+    Circuitscape configurations (.ini), are also inputs. In JSON output, "nodes" and the kinds of elements
+    count the input, and "left_out" counts the elements of each kind that FILE cannot represent.
     """
     from resgrid.io.networks import NETWORK_SUFFIXES, left_out
 
     suffix = Path(output).suffix.lower()
     known = (*DECK_SUFFIXES, *NETWORK_SUFFIXES)
     if output != "-" and suffix not in known:
-        raise InputError(f"-o {output}: it must end in {', '.join(known)}")
+        raise InputError(f"-o {output}: the name must end in {', '.join(known)}")
     is_network = output != "-" and suffix in NETWORK_SUFFIXES
     if is_network and (dialect is not None or bare):
-        raise InputError(f"-o {output}: this is no deck, so it has no dialect and no sidecar; leave the option out")
-    alone = bare or output == "-"
-    netlist, title, op, ignored = _circuit(source, solve=not (alone or is_network))
+        raise InputError(
+            f"-o {output}: a network has no dialect and no sidecar; leave --dialect and --bare out, or write a deck"
+        )
+    deck_only = bare or output == "-"
+    netlist, title, op, ignored = _circuit(source, solve=not (deck_only or is_network))
     data: dict[str, Any] = {"file": output, **element_counts(netlist)}
     missing: Mapping[str, int] = {}
     if is_network:
         missing = left_out(netlist, output)
-        with stage("write it", seconds=5e-6 * data["resistors"]):
+        with stage("write the network", seconds=5e-6 * data["resistors"]):
             rg.save(netlist, output)
     else:
         data["dialect"] = dialect or OWN_SUFFIXES.get(suffix, "ngspice")
-        with stage("write it", seconds=5e-6 * data["resistors"]):
-            written, missing = _write_deck(netlist, title, None if alone else op, output, data["dialect"])
+        with stage("write the deck", seconds=5e-6 * data["resistors"]):
+            written, missing = _write_deck(netlist, title, None if deck_only else op, output, data["dialect"])
             data |= written
     if missing:
         kinds = ", ".join(f"{kind}s ({count:,})" for kind, count in missing.items())
-        why = f"{output} has no place for them" if is_network else "a simulator would fail on them"
-        say(f"left out, for {why}: {kinds}")
+        why = f"the format of {output} cannot represent them" if is_network else "a simulator would fail on them"
+        say(f"left out, because {why}: {kinds}")
     data["left_out"] = {f"{kind.replace(' ', '_')}s": count for kind, count in missing.items()}
     finish(data | ignored, written=output)
     return 0
@@ -73,7 +75,7 @@ def command(source: CommandInput, output: str, dialect: str | None, bare: bool) 
 def _circuit(
     source: CommandInput, *, solve: bool
 ) -> tuple[rg.Netlist, str | None, rg.OperatingPoint | None, dict[str, list[str]]]:
-    """Return the netlist, its title, its solution if asked for, and the ignored keys of a scene."""
+    """Return the netlist, its title, its solution (None for a deck without `solve`), and the scene's ignored keys."""
     if not is_deck(source):
         job = open_job(source)
         ignored = report_ignored(job, "circuit")
@@ -89,7 +91,7 @@ def _circuit(
 def _write_deck(
     netlist: rg.Netlist, title: str | None, op: rg.OperatingPoint | None, output: str, dialect: str
 ) -> tuple[dict[str, Any], Mapping[str, int]]:
-    """Write a deck with its sidecar, or without a solution the deck alone; what it does not hold of the circuit."""
+    """Write a deck, with a sidecar if there is a solution; return JSON data, and counts of elements left out."""
     if op is None:
         from resgrid._internal.files import write_text
         from resgrid.spice.write.flat import flatten
@@ -99,5 +101,5 @@ def _write_deck(
         return {}, deck.missing
 
     written = rg.write_spice(op, output, dialect, title=title)
-    beside = {"sidecar": written.sidecar, "commands": written.commands, "sha256": written.sha256}
-    return beside, written.left_out
+    files = {"sidecar": written.sidecar, "commands": written.commands, "sha256": written.sha256}
+    return files, written.left_out

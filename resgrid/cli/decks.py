@@ -1,4 +1,4 @@
-"""Decks on the command line: recognised, read, solved, described."""
+"""Decks on the command line: recognition, reading, solution and description."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ if TYPE_CHECKING:
     from resgrid.spice.circuit import Circuit
 
 _READ_SECONDS, _SOLVE_SECONDS = 3e-8, 6e-6
-"""Rough time a byte of a deck and a resistor take, in seconds, for the bar."""
+"""Approximate time for reading a byte of a deck and for solving per resistor, in seconds, for the progress bar."""
 
-_NOTES = 20
+_MAX_NOTES = 20
+"""Largest number of notes that are printed."""
 
 
 def is_deck(source: CommandInput) -> bool:
-    """Whether a file is a circuit and no scene: by the end of its name, or by the sidecar beside it.
+    """Return whether an input is a circuit instead of a scene, by its suffix or by the existence of a sidecar.
 
-    What is piped in is one if its dialect is told.
+    Standard input is a circuit if the option ``--read-as`` is given.
     """
     from resgrid.spice.read.deck import is_network
 
@@ -39,13 +40,13 @@ def is_deck(source: CommandInput) -> bool:
 
 
 def refuse_scene_options(source: CommandInput) -> None:
-    """Decks have no goals, boundaries and maps."""
+    """Raise InputError if options of scenes or maps are given for a deck."""
     if source.changes or source.map_options:
-        raise InputError(f"{source.file} is a deck: options that change a scene do nothing to it; remove them")
+        raise InputError(f"{source.file} is a deck: options for keys of scenes and maps have no effect; remove them")
 
 
 def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
-    """Read a deck, or a network as if it were one; with ``names``, names that are given twice are noted."""
+    """Return the circuit of a deck or a network; `names`: repeated names are added to its notes."""
     refuse_scene_options(source)
     path = Path(source.file)
     size = path.stat().st_size if path.is_file() else 0
@@ -61,33 +62,33 @@ def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
 
 
 def _say_notes(deck: Circuit) -> None:
-    """What the reader noted: warnings always, the rest on request."""
+    """Print the notes of the reader: warnings always, other notes if the command is verbose."""
     warnings = [note for note in deck.notes if note.severity != "info"]
-    for note in warnings[:_NOTES]:
+    for note in warnings[:_MAX_NOTES]:
         say(f"{note.severity}: {note}")
-    if len(warnings) > _NOTES:
-        say(f"and {len(warnings) - _NOTES:,} more; --json lists them all")
+    if len(warnings) > _MAX_NOTES:
+        say(f"and {len(warnings) - _MAX_NOTES:,} more; --json lists all notes")
     for note in deck.notes:
         if note.severity == "info":
             detail(str(note))
 
 
 def solve_deck(deck: Circuit, method: str = "auto") -> rg.OperatingPoint:
-    """Solve a deck; as `resgrid.solve`, but where there is no answer the message names the lines at fault."""
+    """Return the operating point of a deck; the message of a CircuitError lists the lines of electrical errors."""
     try:
-        with stage("assemble it"):
+        with stage("assemble the equations"):
             netlist = deck.netlist()
         seconds = 0.5 + _SOLVE_SECONDS * len(netlist.conductance)
         op: rg.OperatingPoint = compute("solve the deck", partial(rg.solve, method=method), netlist, seconds=seconds)
         return op
     except CircuitError as error:
         errors = [finding for finding in rg.check_erc(deck) if finding.severity == "error"]
-        lines = (f"{finding.place}: {finding.message}; {finding.remedy}" for finding in errors[:_NOTES])
+        lines = (f"{finding.place}: {finding.message}; {finding.remedy}" for finding in errors[:_MAX_NOTES])
         raise CircuitError("\n".join(lines) or str(error)) from error
 
 
 def deck_data(deck: Circuit) -> dict[str, Any]:
-    """What a deck holds, as ``--json`` gives it."""
+    """Return the description of a deck as JSON data."""
     return {
         "source": deck.path,
         "title": deck.title,

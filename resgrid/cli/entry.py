@@ -1,4 +1,4 @@
-"""The group of verbs, loaded when they are called, and the one place that turns errors into exit codes."""
+"""The group of subcommands, which are imported when called, and the mapping of all errors to exit codes."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from click.shell_completion import CompletionItem
 
 from resgrid.cli.options import is_source
 from resgrid.cli.terminal import (
+    BROKEN_PIPE,
     INTERRUPTED,
-    LEFT,
     TERMINATED,
     UNEXPECTED,
     Failure,
@@ -32,57 +32,60 @@ from resgrid.cli.terminal import (
     is_computing,
 )
 
-VERBS = {
-    "run": "Do it all: paths, pictures, and decks checked in SPICE.",
+SUBCOMMANDS = {
+    "run": "Write paths, pictures and SPICE-checked decks to a folder.",
     "compile": "Write a scene's chip as a SPICE deck.",
-    "solve": "Solve a scene's resistor grid, or any resistive deck.",
-    "path": "Follow the current from starts to a goal.",
+    "solve": "Solve a scene's resistor grid, or a resistive deck.",
+    "path": "Compute paths along the current from starts to a goal.",
     "plot": "Draw a scene, its potential, currents, paths or circuit.",
-    "check": "Check rules, and ask the circuit simulator whether it agrees.",
-    "chip": "Ask whether a real chip is good enough; a report with decks.",
-    "control": "Move the robot by its field, feel obstacles, learn them.",
-    "live": "Draw in the browser while the grid is solved.",
-    "convert": "Turn a scene, map or deck into a deck, an edge list or a graph.",
-    "info": "Describe a scene, the scene format, or the installation.",
-    "completion": "Print the script that lets a shell complete.",
+    "check": "Check electrical rules, and compare with a circuit simulator.",
+    "chip": "Analyse a chip with its imperfections; write a report and decks.",
+    "control": "Simulate the robot in its field, with contacts and map updates.",
+    "live": "Edit a scene in the browser while its grid is solved.",
+    "convert": "Convert a scene, map or deck to a deck, an edge list or a graph.",
+    "info": "Describe a scene, a deck, the scene format or the installation.",
+    "completion": "Print the script for completion in a shell.",
 }
-"""Every verb, in the order of the work, and what it is for; it is the ``command`` of the module of its name."""
+"""All subcommands with their short help, in the usual order of work.
+
+The subcommand is the object ``command`` of the module of its name.
+"""
 
 
-_SELDOM = 50_000
-"""New objects after which garbage is looked for; Python's own number is 700."""
+_GC_THRESHOLD = 50_000
+"""Number of new objects before a garbage collection; Python's default is 700."""
 
 
-class Verbs(click.Group):
-    """The verbs, each imported only when it is asked for."""
+class SubcommandGroup(click.Group):
+    """The group of subcommands, whose modules are imported on demand."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        """Names of the verbs."""
-        return list(VERBS)
+        """Return the names of the subcommands."""
+        return list(SUBCOMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """The command behind a name."""
-        if cmd_name not in VERBS:
+        """Return the subcommand of a name; None for unknown names."""
+        if cmd_name not in SUBCOMMANDS:
             return None
         command: click.Command = importlib.import_module(f"resgrid.cli.{cmd_name}").command
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """Write what the verbs are for."""
+        """Write the short help of all subcommands."""
         with formatter.section("Commands"):
-            formatter.write_dl(list(VERBS.items()))
+            formatter.write_dl(list(SUBCOMMANDS.items()))
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Verbs and options that begin so."""
-        verbs = [CompletionItem(name, help=about) for name, about in VERBS.items() if name.startswith(incomplete)]
-        return verbs + click.Command.shell_complete(self, ctx, incomplete)
+        """Return the subcommands and options that begin with the incomplete word."""
+        names = [CompletionItem(name, help=about) for name, about in SUBCOMMANDS.items() if name.startswith(incomplete)]
+        return names + click.Command.shell_complete(self, ctx, incomplete)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command that the first word names; else raise an error that names the probable command."""
-        if args[0] not in VERBS:
-            near = get_close_matches(args[0], VERBS, 1)
+        """Return the subcommand of the first word; raise UsageError with a suggestion for an unknown word."""
+        if args[0] not in SUBCOMMANDS:
+            near = get_close_matches(args[0], SUBCOMMANDS, 1)
             if is_source(args[0]):
                 words = f"a command is missing before {args[0]!r}; type: {ctx.command_path} run {shlex.join(args)}"
                 raise click.UsageError(words, ctx)
@@ -91,18 +94,18 @@ class Verbs(click.Group):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Call the verb; click would end a broken pipe and an interrupt with codes of its own."""
+        """Call the subcommand and return its exit code; click has other exit codes for broken pipes and interrupts."""
         try:
-            with warnings.catch_warnings(), _patient_collector():
+            with warnings.catch_warnings(), _rare_garbage_collection():
                 warnings.showwarning = _show_warning
                 result = super().invoke(ctx)
-            if sys.stdout is not None:  # closed from the beginning
+            if sys.stdout is not None:  # None if the process was started without standard output
                 sys.stdout.flush()
         except BrokenPipeError:
             _drop_stdout()
-            ctx.exit(LEFT)
+            ctx.exit(BROKEN_PIPE)
         except KeyboardInterrupt as interrupt:
-            click.echo("resgrid: interrupted; nothing half-written is left", err=True)
+            click.echo("resgrid: interrupted; incomplete files were removed", err=True)
             code = TERMINATED if interrupt.args == (signal.SIGTERM,) else INTERRUPTED
             if is_computing():
                 end_at_once(code)
@@ -110,26 +113,26 @@ class Verbs(click.Group):
         return result
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> Any:
-        """Run a command line and exit, with one message where something is wrong."""
+        """Run a command line and exit the process; an error becomes one message and an exit code."""
         words = list(sys.argv[1:] if args is None else args)
         extra["standalone_mode"] = False
         try:
-            with _terminable(is_process=args is None):
+            with _interrupt_on_signals(is_process=args is None):
                 code = super().main(words, *rest, **extra)
-        except Exception as error:  # the one place where every error ends
+        except Exception as error:  # all errors of the command line end here
             failure = failure_of(error)
             if failure.code == UNEXPECTED and "--debug" in words:
                 click.echo(traceback.format_exc(), err=True, nl=False)
-            _complain(failure, as_json="--json" in words)
+            _print_failure(failure, as_json="--json" in words)
             sys.exit(failure.code)
         sys.exit(code if isinstance(code, int) else 0)
 
 
 @contextlib.contextmanager
-def _terminable(*, is_process: bool) -> Iterator[None]:
-    """Let a request to terminate clean up as an interrupt does; what comes while one cleans up is not heard.
+def _interrupt_on_signals(*, is_process: bool) -> Iterator[None]:
+    """Handle SIGTERM like Ctrl-C, and ignore further signals during the cleanup.
 
-    In a process of our own nothing is heard from then on, for its end cleans up, too.
+    `is_process`: the process ends after the command, so signals stay ignored until its end.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -140,10 +143,10 @@ def _terminable(*, is_process: bool) -> Iterator[None]:
             signal.signal(each, signal.SIG_IGN)
         raise KeyboardInterrupt(signal.Signals(number))
 
-    heard = [signal.SIGTERM]
+    handled = [signal.SIGTERM]
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        heard.append(signal.SIGINT)
-    before = {each: signal.signal(each, interrupt) for each in heard}
+        handled.append(signal.SIGINT)
+    before = {each: signal.signal(each, interrupt) for each in handled}
     try:
         yield
     finally:
@@ -153,23 +156,25 @@ def _terminable(*, is_process: bool) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _patient_collector() -> Iterator[None]:
-    """Look for garbage seldom: imports and loops leave none, and looking takes a tenth of a short verb's time.
+def _rare_garbage_collection() -> Iterator[None]:
+    """Collect garbage less often, which otherwise takes a tenth of the time of a short command.
 
-    At the end of the process not at all: among all that was imported it takes a quarter of that time.
+    Imports and kernels produce little garbage.  At the end of the process there is no collection at all, because a
+    collection over all imported modules would take a quarter of the time of the shutdown.
     """
     atexit.unregister(gc.freeze)
     atexit.register(gc.freeze)
     before = gc.get_threshold()
-    gc.set_threshold(_SELDOM)
+    gc.set_threshold(_GC_THRESHOLD)
     try:
         yield
     finally:
         gc.set_threshold(*before)
 
 
-def _complain(failure: Failure, *, as_json: bool) -> None:
-    if failure.kind == "NoArgsIsHelpError":  # click's way to answer a bare 'resgrid' with its help
+def _print_failure(failure: Failure, *, as_json: bool) -> None:
+    """Print the message of a failure on standard error, and with `as_json` an object on standard output."""
+    if failure.kind == "NoArgsIsHelpError":  # for a bare 'resgrid', click raises this error with the help as message
         click.echo(failure.message, err=True)
         return
     colour = False if os.environ.get("NO_COLOR") else None
@@ -182,7 +187,7 @@ def _complain(failure: Failure, *, as_json: bool) -> None:
             click.echo(json_text({"error": failure.message, "kind": failure.kind, "exit_code": failure.code}))
         elif sys.stdout is not None:
             sys.stdout.flush()
-    except OSError:  # standard output may be what fails; what is left in it would fail once more at the end
+    except OSError:  # standard output is broken; its buffer would fail again at the end of the process
         _drop_stdout()
 
 
@@ -191,22 +196,22 @@ def _show_warning(message: Warning | str, *_where: object, **_more: object) -> N
 
 
 def _drop_stdout() -> None:
-    """Nobody reads any more: keep the interpreter from complaining when it flushes at its end."""
-    with contextlib.suppress(OSError, ValueError):  # where no real file is behind it
+    """Redirect a broken standard output to the null device, so that flushing it at exit raises no error."""
+    with contextlib.suppress(OSError, ValueError):  # standard output may be an object without file descriptor
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @click.command(
-    cls=Verbs,
+    cls=SubcommandGroup,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
-    epilog="Exit codes: 0 done; 1 ran, but the answer is negative (no path, decks disagree); 2 bad usage or input; "
-    "3 an outside tool is missing; 4 out of budget; 5 not verified (no simulator ran the deck itself); "
-    "70 a fault of resgrid itself; 130 interrupted.",
+    epilog="Exit codes: 0 done; 1 negative answer (no path, disagreement with the simulator); 2 invalid usage or "
+    "input; 3 an external tool is missing; 4 not enough memory or time; 5 not verified (the simulator did not run the "
+    "deck itself); 70 internal error of resgrid; 130 interrupted.",
 )
 @click.version_option(package_name="resgrid", message="%(prog)s %(version)s")
 def main() -> None:
-    """Compile robot maps into resistor grids, solve them, follow the current, and check it all in SPICE.
+    """Plan robot paths with resistor grids: compile maps to circuits, solve them, follow the current, check in SPICE.
 
-    A SCENE is a TOML scene, a ROS map.yaml, a MovingAI .map, a picture, an array or a link from the live page; '-' is
-    standard input.
+    A SCENE is a TOML scene, a ROS map.yaml, a MovingAI .map, a picture, a NumPy array, a link of the live page, or the
+    name of a shipped scene; '-' is standard input.
     """

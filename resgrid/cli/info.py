@@ -1,4 +1,4 @@
-"""``resgrid info``: what a scene holds, what a scene file may hold, and what is installed."""
+"""``resgrid info``: describe a scene or a deck, the scene format, shipped scenes, and installed versions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import click
 
 import resgrid as rg
 from resgrid.cli.decks import deck_data, is_deck, open_deck
-from resgrid.cli.options import CommandInput, verb, with_source
+from resgrid.cli.options import CommandInput, subcommand, with_source
 from resgrid.cli.scenes import Job, free_counts, open_job, report_ignored, several_k, size_of
 from resgrid.cli.terminal import counted, finish
 from resgrid.errors import CircuitError, InputError, ToolMissingError
@@ -20,26 +20,26 @@ if TYPE_CHECKING:
 
     from resgrid.spice.circuit import Circuit
 
-PACKAGES = ("numpy", "scipy", "numba", "networkx", "shapely", "matplotlib", "pydantic", "click", "rich")
+DEPENDENCIES = ("numpy", "scipy", "numba", "networkx", "shapely", "matplotlib", "pydantic", "click", "rich")
 
 
-@verb(
+@subcommand(
     "info",
     examples=("resgrid info map.yaml", "resgrid info theirs.sp --json", "resgrid info --examples"),
 )
 @with_source("[SCENE|DECK]", required=False)
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of scene files.")
-@click.option("--examples", "shipped", is_flag=True, help="List the shipped scenes, which every verb finds by name.")
-@click.option("--versions", is_flag=True, help="Print the versions of resgrid and what it uses.")
+@click.option("--examples", "shipped", is_flag=True, help="List the shipped scenes, which can be given by name.")
+@click.option("--versions", is_flag=True, help="Print the versions of resgrid and its dependencies.")
 def command(source: CommandInput | None, schema: bool, shipped: bool, versions: bool) -> int:
-    """Describe SCENE: a sketch, its cells, goals and starts, what cannot be reached, the memory a solution takes.
+    """Describe SCENE: a sketch, its cells, goals and starts, unreachable cells, and the memory of a solution.
 
-    Of a map: how it was read, such as which grey values are free; it needs no goal yet.
+    For a map, also how it was read, such as the grey values of free cells; a goal is not necessary.
 
-    Of a DECK: its elements, values and supplies, what its reader noted, and the time that ngspice would take.
+    For a DECK: its elements, values and supplies, notes of its reader, and the estimated time of ngspice.
     """
     if (source is not None) + schema + shipped + versions != 1:
-        raise InputError("give a SCENE, or --schema, or --examples, or --versions (one of them)")
+        raise InputError("give exactly one of: a SCENE or DECK, --schema, --examples, --versions")
     if schema:
         click.echo(json.dumps(rg.scene_schema(), indent=2))
     elif shipped:
@@ -59,7 +59,7 @@ def command(source: CommandInput | None, schema: bool, shipped: bool, versions: 
 
 
 def describe(job: Job) -> dict[str, Any]:
-    """What there is in a scene, as ``--json`` gives it."""
+    """Return the description of a scene as JSON data."""
     from resgrid.cli.sketch import sketch
     from resgrid.scene.maps.formats import describe_map
     from resgrid.scene.world_coordinates import unknown_cells
@@ -96,12 +96,12 @@ def describe(job: Job) -> dict[str, Any]:
 
 
 def _cost(job: Job) -> dict[str, Any]:
-    """Size of the circuit and memory of its solution; nothing where the scene has no circuit yet."""
+    """Return the size of the circuit and the memory of its solution, or the reason why there is no circuit."""
     from resgrid.circuit.equations import assemble
     from resgrid.solvers.method_choice import choose_method
 
     if not job.space.goal_count:
-        return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": "no goal yet: say --goal X,Y"}
+        return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": "no goal; give --goal X,Y"}
     try:
         netlist = job.compile(job.problem.only_wiring()[1], ideal=True, scaled=False)
         system = assemble(netlist)
@@ -112,7 +112,7 @@ def _cost(job: Job) -> dict[str, Any]:
 
 
 def describe_deck(deck: Circuit) -> dict[str, Any]:
-    """What there is in a deck, as ``--json`` gives it."""
+    """Return the description of a deck as JSON data."""
     import numpy as np
 
     from resgrid.spice.run.cost_estimate import forecast
@@ -152,7 +152,7 @@ def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
 
 
 def shipped_data() -> list[dict[str, Any]]:
-    """Return name, title and file of every shipped scene, as ``--json`` gives them."""
+    """Return name, title and file of every shipped scene as JSON data."""
     import tomllib
 
     from resgrid.scene.shipped import shipped_scenes
@@ -168,16 +168,16 @@ def _shipped_lines(data: Sequence[dict[str, Any]]) -> Iterable[str]:
     yield from (f"{row['name']:{width}}  {row['title']}" for row in data)
     if data:
         folder = Path(data[0]["file"]).parent
-        yield f"take one by its name, such as 'resgrid run {data[0]['name']}'; the files are in {folder}"
+        yield f"use a scene by its name, such as 'resgrid run {data[0]['name']}'; the files are in {folder}"
 
 
 def installed_versions() -> dict[str, str | None]:
-    """Versions of this package, Python, the packages it needs and the simulator; None for what is absent."""
+    """Return the versions of resgrid, Python, its dependencies and the simulator; None for a missing simulator."""
     import platform
     from importlib import metadata
 
     versions: dict[str, str | None] = {"resgrid": metadata.version("resgrid"), "python": platform.python_version()}
-    versions |= {name: metadata.version(name) for name in PACKAGES}
+    versions |= {name: metadata.version(name) for name in DEPENDENCIES}
     try:
         from resgrid.spice.run.ngspice import ngspice_version
 
@@ -188,7 +188,7 @@ def installed_versions() -> dict[str, str | None]:
 
 
 def _map_lines(data: dict[str, Any]) -> Iterable[str]:
-    """How a map was read."""
+    """Yield the lines of text on how a map was read."""
     words = data["map"] or {}
     if words:
         rows = ", its first index along x" if words["format"] in ("npy", "voxels") else ", its top row at the largest y"
@@ -198,23 +198,23 @@ def _map_lines(data: dict[str, Any]) -> Iterable[str]:
         option = " (--threshold)" if words["format"] == "image" else ""
         yield "  grey          " + ", ".join(f"{low} to {high} {kind}" for low, high, kind in words["greys"]) + option
     if "unknown_cells" in words:
-        yield f"  unknown       {words['unknown_cells']:,} cells, taken as {words['unknown_as']} (--unknown)"
+        yield f"  unknown       {words['unknown_cells']:,} cells, read as {words['unknown_as']} (--unknown)"
     if "passable" in words:
         yield f"  passable      {words['passable']} (--passable)"
     frame = data["frame"]
     if any(frame.values()):
-        yield f"  frame         origin at ({frame['x']:g}, {frame['y']:g}), turned by {frame['yaw']:g} rad"
+        yield f"  frame         origin at ({frame['x']:g}, {frame['y']:g}), rotated by {frame['yaw']:g} rad"
 
 
 def _sketch_lines(data: dict[str, Any]) -> Iterable[str]:
-    """The sketch of a space, and the part of it that is shown."""
+    """Yield the lines of the sketch of a space, after its key and its range."""
     across, up = data["axes"]
     whose = " in the map's own frame" if data["frame"]["yaw"] else ""
     yield f"  sketch        {across['name']} to the right, {up['name']} upwards{whose}: {data['sketch_key']}"
     shown = list(zip(data["axes"], data["sketch_lower"], data["sketch_upper"], strict=True))
     if any((axis["lower"], axis["upper"]) != (low, high) for axis, low, high in shown):
         part = ", ".join(f"{axis['name']} {low:g} to {high:g} {axis['unit']}" for axis, low, high in shown)
-        yield f"                the known part alone: {part}; all cells around it are unknown"
+        yield f"                only the known part: {part}; all other cells are unknown"
     yield from (f"    {row}" for row in data["sketch"])
 
 
@@ -229,7 +229,7 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
     yield from _map_lines(data)
     if data["sketch"] is not None:
         yield from _sketch_lines(data)
-    lost = f", of which {data['unreachable_cells']:,} have no way to a goal" if data["goals"] else ""
+    lost = f", of which {data['unreachable_cells']:,} are not connected with a goal" if data["goals"] else ""
     yield f"  free          {data['free_cells']:,}{lost}"
     yield f"  obstacle      {data['obstacle_cells']:,}"
     regions = f" in {counted(data['goals'], 'region')}" if data["goals"] else ""

@@ -1,4 +1,4 @@
-"""``resgrid live``: the page in which one draws while the grid is solved."""
+"""``resgrid live``: serve the live page, a browser editor of scenes with a continuously solved grid."""
 
 from __future__ import annotations
 
@@ -7,27 +7,29 @@ from contextlib import suppress
 
 import click
 
-from resgrid.cli.options import CommandInput, verb, with_source
+from resgrid.cli.options import CommandInput, subcommand, with_source
 from resgrid.cli.scenes import open_job
 from resgrid.cli.terminal import end_at_once, finish, is_computing
 
 _ARENA_MAX = -8
-"""What glibc's mallopt calls the number of heaps (M_ARENA_MAX)."""
+"""Parameter M_ARENA_MAX of glibc's mallopt: the largest number of heaps."""
 
-_PATIENCE = 0.5
-"""Seconds within which threads that have nothing to do end."""
+_SHUTDOWN_SECONDS = 0.5
+"""Time in which idle threads end, in seconds."""
 
 
-@verb("live", examples=("resgrid live", "resgrid live rooms.toml", "resgrid live map.yaml --goal 5,0 --port 8080"))
+@subcommand(
+    "live", examples=("resgrid live", "resgrid live rooms.toml", "resgrid live map.yaml --goal 5,0 --port 8080")
+)
 @with_source(required=False)
-@click.option("--host", default="127.0.0.1", help="Address to listen at; others than this computer see the page then.")
-@click.option("--port", metavar="N", type=click.IntRange(0, 65535), default=8017, help="Port; 0 takes a free one.")
-@click.option("--read-only", is_flag=True, help="Visitors may change k and starts only.")
-@click.option("--browser/--no-browser", default=True, help="Open the page in the browser, or only say where it is.")
+@click.option("--host", default="127.0.0.1", help="Address of the server; with 0.0.0.0 other computers have access.")
+@click.option("--port", metavar="N", type=click.IntRange(0, 65535), default=8017, help="Port; 0 for any free port.")
+@click.option("--read-only", is_flag=True, help="Visitors can only change k and starts.")
+@click.option("--browser/--no-browser", default=True, help="Open the page in the browser, or only print its address.")
 def command(source: CommandInput | None, host: str, port: int, read_only: bool, browser: bool) -> int:
-    """Open a page in the browser: paint walls, drag goals, and watch the current find the way; Ctrl-C ends it.
+    """Open a page in the browser to draw walls and move goals while field and paths are computed; Ctrl-C ends it.
 
-    SCENE has two axes; without one the page begins with an empty square. Needs the extra 'live', which 'make demo'
+    SCENE must have two axes; without SCENE, the page shows an empty square. Needs the extra 'live', which 'make demo'
     installs.
     """
     from resgrid.live_page.launch import serve
@@ -38,12 +40,12 @@ def command(source: CommandInput | None, host: str, port: int, read_only: bool, 
     with page, suppress(KeyboardInterrupt):
         finish({"url": page.url}, [f"the page is at {page.url}; Ctrl-C ends it"])
         page.wait()
-    if is_computing(patience=_PATIENCE):  # what nobody waits for any more
+    if is_computing(patience=_SHUTDOWN_SECONDS):  # a solution that is no longer needed
         end_at_once(0)
     return 0
 
 
 def _share_one_heap() -> None:
-    """Let all threads take memory from one heap: of one each, every one grows to what its largest request took."""
-    with suppress(AttributeError, TypeError):  # another C library than glibc, or Windows
+    """Let all threads allocate from one heap, because one heap per thread keeps the peak memory of every thread."""
+    with suppress(AttributeError, TypeError):  # the C library is not glibc, or the system is Windows
         ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)

@@ -1,4 +1,4 @@
-"""Options that verbs share: what stands in for a scene's keys, how maps are read, where results go; help in groups."""
+"""Options that subcommands have in common (scene keys, maps, decks, output), their types, and grouped help."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 def _example(param: click.Parameter | None) -> str:
-    """Return the expected form of an option's numbers, by its metavar: X,Y for places, K for blends."""
+    """Return words and an example for the form of an option's numbers, from its metavar (X,Y: a place, K: blends)."""
     metavar = (param.metavar if isinstance(param, click.Option) else None) or ""
     if metavar == "K":
         return "a number from 0 to 1, such as 0.9, or several separated by commas"
@@ -38,12 +38,12 @@ def _example(param: click.Parameter | None) -> str:
 
 
 class Numbers(_Type):
-    """Finite numbers with commas; one number is a list of one."""
+    """Type of an option: finite numbers, separated by commas."""
 
     name = "numbers"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:  # noqa: ARG002
-        """The numbers of a text."""
+        """Return the numbers of a text; raise InputError for other texts."""
         if isinstance(value, tuple):
             return value
         option = param.opts[0] if param else "numbers"
@@ -56,40 +56,56 @@ class Numbers(_Type):
         return numbers
 
 
-class Amount(click.FloatRange):
-    """A finite number within limits."""
+class Number(_Type):
+    """Type of an option: a finite number; `remedy` completes the message for other texts."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The number of a text."""
-        number = super().convert(value, param, ctx)
+    name = "number"
+
+    def __init__(self, remedy: str = "give a number without unit, such as 0.2") -> None:
+        self.remedy = remedy
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number of a text; fail for other texts, infinity and NaN."""
+        try:
+            number = float(value)
+        except ValueError:
+            self.fail(f"{value!r} is not a number; {self.remedy}", param, ctx)
         if not abs(number) < float("inf"):
-            self.fail(f"{value} is not finite", param, ctx)
+            self.fail(f"{value!r} is not finite; {self.remedy}", param, ctx)
         return number
 
 
-def share(below: float) -> Amount:
-    """A number between 0 and a limit, neither of them included."""
-    return Amount(0, below, min_open=True, max_open=True)
+class NumberRange(click.FloatRange):
+    """Type of an option: a finite number within limits."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number of a text; fail for other texts and for numbers outside the limits."""
+        return super().convert(Number().convert(value, param, ctx), param, ctx)
+
+
+def fraction_below(limit: float) -> NumberRange:
+    """Return the type of an option that is a number between 0 and a limit, both excluded."""
+    return NumberRange(0, limit, min_open=True, max_open=True)
 
 
 class Suggested(_Type):
-    """A word that the scene's schema knows better than the command line; usual ones are completed."""
+    """Type of an option: a word that the library validates; the common words are completed."""
 
     def __init__(self, name: str, *words: str) -> None:
         self.name, self.words = name, words
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002
-        """Usual words that begin so."""
+        """Return the common words that begin with the incomplete word."""
         return [CompletionItem(word) for word in self.words if word.startswith(incomplete)]
 
 
 class SceneKey(_Type):
-    """A key of a scene and its value, as ``--set`` takes them; keys are completed, table by table."""
+    """Type of the option ``--set``: ``KEY=VALUE`` with a key path of a scene, which is completed table by table."""
 
     name = "text"
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002
-        """Keys that begin so: of tables with a point behind them, of values with an equals sign."""
+        """Return the key paths that begin with the incomplete word, followed by a point (table) or an equals sign."""
         from resgrid.scene.schema import keys_of
 
         *tables, begin = incomplete.split(".")
@@ -97,23 +113,23 @@ class SceneKey(_Type):
         return [CompletionItem(".".join(path) + ("." if keys_of(path, None) else "=")) for path in paths]
 
 
-class Shared(click.Option):
-    """An option that many verbs have; help shows it in a group."""
+class SharedOption(click.Option):
+    """An option of many subcommands, which help lists in a group."""
 
     def __init__(self, *names: Any, group: str, **options: Any) -> None:
         super().__init__(*names, **options)
         self.group = group
 
 
-class Verb(click.Command):
-    """A command whose help shows its own options first, the shared ones in groups, and examples."""
+class Subcommand(click.Command):
+    """A subcommand whose help lists its own options first, then groups of shared options, then examples."""
 
     def __init__(self, *arguments: Any, examples: Sequence[str] = (), **options: Any) -> None:
         super().__init__(*arguments, **options)
         self.examples = examples
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write options group by group."""
+        """Write the options by groups."""
         groups: dict[str, list[tuple[str, str]]] = {title: [] for title in ("Options", OUTPUT, KEYS, MAP, DECK)}
         for parameter in sorted(self.get_params(ctx), key=lambda parameter: parameter.name != "output"):
             record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
@@ -133,24 +149,24 @@ class Verb(click.Command):
                 formatter.write(f"  {example}\n")
 
 
-class Written(click.Path):
-    """What results go to; a file that cannot be written is refused before anything is computed."""
+class OutputPath(click.Path):
+    """Type of an option: an output file or folder; a file that cannot be written is rejected before the computation."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ARG002
-        """The name as it stands."""
+        """Return the name; raise InputError if it is empty or cannot be written."""
         if not value.strip():
             option = param.opts[0] if param else "the output"
-            raise InputError(f"{option}: the name is empty; name a file, or - for standard output")
+            raise InputError(f"{option}: the name is empty; give a file name, or - for standard output")
         if value != "-" and not self.dir_okay:
             target_of(Path(value))
         return str(value)
 
 
 class SourceName(click.Path):
-    """The name of a scene, a map or a deck; files and shipped scenes are completed."""
+    """Type of an argument: the name of a scene, a map or a deck; files and shipped scenes are completed."""
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Return shipped scenes and local files that begin so, or leave files to the shell."""
+        """Return matching files and shipped scenes; if no scene matches, the shell completes the files."""
         from resgrid.scene.shipped import shipped_scenes
 
         shipped = [name for name in shipped_scenes() if name.startswith(incomplete)]
@@ -162,7 +178,7 @@ class SourceName(click.Path):
 
 
 def is_source(word: str) -> bool:
-    """Return whether a word names a scene, a map or a deck: a file, a link of the live page, or a shipped scene."""
+    """Return whether a word has the form of an input: a file, a link of the live page, or a shipped scene."""
     from resgrid.scene.shipped import shipped_scene
 
     path = Path(word)
@@ -170,61 +186,68 @@ def is_source(word: str) -> bool:
 
 
 SOURCE = SourceName(path_type=str, allow_dash=True)
-WRITTEN, FOLDER = Written(dir_okay=False), Written()
+OUTPUT_FILE, OUTPUT_FOLDER = OutputPath(dir_okay=False), OutputPath()
 NUMBERS = Numbers()
-POSITIVE = Amount(0, min_open=True)
-OUTPUT, KEYS, MAP, DECK = "Output", "In place of the scene's keys", "Of a map", "Of a deck"
+POSITIVE = NumberRange(0, min_open=True)
+OUTPUT, KEYS, MAP, DECK = "Output", "Scene keys", "Map options", "Deck options"
+"""Titles of the groups of shared options."""
 
-_output, _key, _map, _deck = (partial(click.option, cls=Shared, group=group) for group in (OUTPUT, KEYS, MAP, DECK))
+_output, _key, _map, _deck = (
+    partial(click.option, cls=SharedOption, group=group) for group in (OUTPUT, KEYS, MAP, DECK)
+)
 _REPORT_OPTIONS: tuple[Decorator, ...] = (
     _output("--json", "as_json", is_flag=True, help="Print one JSON object on standard output."),
-    _output("-q", "--quiet", is_flag=True, help="Print no messages but errors."),
-    _output("-v", "--verbose", is_flag=True, help="Print each stage and how long it took."),
-    _output("--debug", is_flag=True, help="Show the traceback of a fault of resgrid itself."),
+    _output("-q", "--quiet", is_flag=True, help="Print no messages except errors."),
+    _output("-v", "--verbose", is_flag=True, help="Print the time of every stage."),
+    _output("--debug", is_flag=True, help="Print the traceback of an internal error."),
 )
 _SCENE_OPTIONS: tuple[Decorator, ...] = (
     _key("--boundary", type=Suggested("rule", "dirichlet", "neumann", "wall"),
-         help="What obstacles are: dirichlet (a rail), neumann (open) or wall (a rail behind a resistance)."),
+         help="Boundary condition at obstacles: dirichlet (rail), neumann (open) or wall (rail through a resistance)."),
     _key("--drive", type=Suggested("drive", "uniform", "start"),
-         help="What drives open obstacles: uniform (a current into every free cell) or start (the start on a rail)."),
+         help="Drive with open obstacles: uniform (a current into every free cell) or start (start on the high rail)."),
     _key("--edge", type=Suggested("rule", "obstacle", "open"),
-         help="The grid's border: obstacle or open; one per axis with commas."),
+         help="Border of the grid: obstacle or open; separated by commas for one per axis."),
     _key("--resistance", metavar="OHMS", help="Resistance between neighbours, such as 10k."),
-    _key("--goal", metavar="X,Y", type=NUMBERS, multiple=True, help="Goal, in world coordinates; repeatable."),
-    _key("--start", metavar="X,Y", type=NUMBERS, multiple=True, help="Start, likewise; repeatable."),
-    _key("--cells", is_flag=True, help="Goals and starts are cell indices, not world coordinates."),
-    _key("--robot-radius", metavar="R", type=float, help="Radius of the robot, a disc."),
+    _key("--goal", metavar="X,Y", type=NUMBERS, multiple=True, help="Goal in world coordinates; repeatable."),
+    _key("--start", metavar="X,Y", type=NUMBERS, multiple=True, help="Start in world coordinates; repeatable."),
+    _key("--cells", is_flag=True, help="Goals and starts are cell indices instead of world coordinates."),
+    _key("--robot-radius", metavar="R",
+         type=Number("give a number in the unit of the axes, such as 0.2 for 20 cm on axes in metres"),
+         help="Radius of a disc-shaped robot, in the unit of the axes."),
     _key("--k", metavar="K", type=NUMBERS, multiple=True,
-         help="Share of the Dirichlet field, 1: away from obstacles, 0: past them (Neumann); repeatable."),
+         help="Weight of the Dirichlet field: 1 leads away from obstacles, 0 (Neumann) along them; repeatable."),
     _key("--set", "settings", metavar="KEY=VALUE", type=SceneKey(), multiple=True,
-         help="Any other key, such as chip.supply=3."),
-    _key("--threads", metavar="N", type=click.IntRange(1), default=1, help="Most threads; small circuits use one."),
+         help="Value of any other key, such as chip.supply=3."),
+    _key("--threads", metavar="N", type=click.IntRange(1), default=1,
+         help="Largest number of threads; small circuits use one."),
     _map("--format", type=Suggested("name", "ros", "movingai", "voxels", "image", "epic", "npy"),
-         help="ros, movingai, voxels, image, epic or npy, where the name hides it."),
+         help="Format, if the file name does not show it: ros, movingai, voxels, image, epic or npy."),
     _map("--map-dialect", "dialect_", type=Suggested("name", "nav2", "nav2-jazzy", "ros1"),
-         help="Read a ROS map as nav2 (since 2025), nav2-jazzy (before) or ros1.  [default: nav2]"),
-    _map("--unknown", type=Suggested("policy", "obstacle", "free"), help="Unseen ROS cells: obstacle or free."),
-    _map("--lethal", metavar="N", type=int, help="ROS occupancy (1 to 100) from which a cell is an obstacle."),
-    _map("--passable", metavar="LETTERS", help="MovingAI terrain that is free, such as '.GS'."),
-    _map("--threshold", metavar="N", type=int, help="Grey values of a picture from here on are free."),
-    _map("--spacing", metavar="H", type=float, help="Width of a cell, where the map does not say."),
-    _map("--origin", metavar="X,Y", type=NUMBERS, help="Lower corner, where the map does not say."),
-    _map("--unit", metavar="NAME", help="Unit of lengths, where the map does not say."),
+         help="Reader of ROS maps: nav2 (since 2025), nav2-jazzy (before) or ros1.  [default: nav2]"),
+    _map("--unknown", type=Suggested("policy", "obstacle", "free"), help="Unknown ROS cells: obstacle or free."),
+    _map("--lethal", metavar="N", type=int, help="Smallest ROS occupancy (1 to 100) of an obstacle."),
+    _map("--passable", metavar="LETTERS", help="Letters of free MovingAI terrain, such as '.GS'."),
+    _map("--threshold", metavar="N", type=int, help="Smallest grey value of a free pixel of a picture."),
+    _map("--spacing", metavar="H", type=Number("give a number in the unit of lengths, such as 0.05"),
+         help="Width of a cell of a map without a resolution."),
+    _map("--origin", metavar="X,Y", type=NUMBERS, help="Lower corner of a map without a position."),
+    _map("--unit", metavar="NAME", help="Unit of lengths of a map without a unit."),
 )  # fmt: skip
 _DECK_OPTIONS: tuple[Decorator, ...] = (
     _deck("--read-as", type=Suggested("dialect", "auto", *DIALECTS), default="auto",
-          help="The deck's dialect, where it does not show it; of a deck that is piped in (-), always."),
+          help="Dialect of the deck, if its text does not show it; required for a deck from standard input (-)."),
     _deck("--root", metavar="FOLDER", type=click.Path(),
-          help="Where its includes may lie.  [default: the deck's folder]"),
+          help="Folder that may contain included files.  [default: the deck's folder]"),
 )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class CommandInput:
-    """What a verb works on, and how it is read.
+    """The input of a subcommand, with the shared options.
 
-    `file`: name, or ``-``; `map_options`: for `read_scene`; `changes`: of the scene's keys, for `apply_overrides`;
-    `threads`: for `solve`; `dialect, root`: for `read_spice`.
+    `file`: name, or ``-`` for standard input; `map_options`: options of `read_scene`; `changes`: values by key path,
+    for `apply_overrides`; `threads`: number of threads of the solver; `dialect, root`: options of `read_spice`.
     """
 
     file: str
@@ -235,8 +258,8 @@ class CommandInput:
     root: str | None = None
 
 
-def verb(name: str, *, examples: Sequence[str]) -> Decorator:
-    """Make a command of a function, with the options that say how results are reported."""
+def subcommand(name: str, *, examples: Sequence[str]) -> Decorator:
+    """Return a decorator that makes a function a subcommand with the options of output (``--json``, ``-q``, ...)."""
 
     def decorate(function: Callable[..., Any]) -> click.Command:
         @functools.wraps(function)
@@ -244,19 +267,19 @@ def verb(name: str, *, examples: Sequence[str]) -> Decorator:
         def reporting(
             ctx: click.Context, /, as_json: bool, quiet: bool, verbose: bool, debug: bool, **values: Any
         ) -> Any:
-            del debug  # read by the group, where errors end
+            del debug  # used by the group, which prints errors
             ctx.obj = Verbosity(json=as_json, quiet=quiet, verbose=verbose)
             require_one_output(values.get("output"))
             return function(**values)
 
-        command = click.command(name, cls=Verb, examples=examples, context_settings={"show_default": True})
+        command = click.command(name, cls=Subcommand, examples=examples, context_settings={"show_default": True})
         return command(_decorated(reporting, _REPORT_OPTIONS))
 
     return decorate
 
 
 def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
-    """Give a verb what it works on and the shared options, bundled as ``source`` (None where it is left out)."""
+    """Return a decorator that passes the input and its options to a subcommand as ``source``; None without an input."""
     options = (*_SCENE_OPTIONS, *(_DECK_OPTIONS if "DECK" in metavar else ()))
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -265,10 +288,10 @@ def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
             given: dict[str, dict[str, Any]] = {KEYS: {}, MAP: {}, DECK: {}}
             for option in click.get_current_context().command.params:
                 name = option.name or ""
-                if isinstance(option, Shared) and option.group in given:
+                if isinstance(option, SharedOption) and option.group in given:
                     given[option.group][name] = values.pop(name)
-                elif isinstance(option.type, Written) and file is not None:
-                    _require_another(option.opts[0], values[name], file)
+                elif isinstance(option.type, OutputPath) and file is not None:
+                    _require_different_file(option.opts[0], values[name], file)
             return function(source=None if file is None else _source(file, *given.values()), **values)
 
         return click.argument("file", metavar=metavar, type=SOURCE, required=required)(_decorated(bundled, options))
@@ -276,42 +299,43 @@ def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
     return decorate
 
 
-def _require_another(option: str, output: str | None, file: str) -> None:
-    """Refuse to write over what is read."""
+def _require_different_file(option: str, output: str | None, file: str) -> None:
+    """Raise InputError if the output file is the input file."""
     if output is not None and Path(output).exists() and Path(file).exists() and Path(output).samefile(file):
         raise InputError(f"{option} {output}: this is the input; name another file")
 
 
 def output_option(help_text: str, *, required: bool = False, of_folder: bool = False) -> Decorator:
-    """The option ``-o``."""
-    metavar, kind = ("DIR", FOLDER) if of_folder else ("FILE", WRITTEN)
+    """Return the decorator for the option ``-o``."""
+    metavar, kind = ("DIR", OUTPUT_FOLDER) if of_folder else ("FILE", OUTPUT_FILE)
     return _output("-o", "--output", metavar=metavar, type=kind, required=required, help=help_text)
 
 
 def with_method(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The options ``--method``, ``--ranks`` and ``--launcher``, of subcommands that solve one circuit."""
+    """Add the options ``--method``, ``--ranks`` and ``--launcher`` to a subcommand."""
     options = (
         click.option("--method", type=click.Choice(["auto", "direct", "multigrid", "petsc"]), default="auto",
-                     help="How to solve; petsc is for grids that do not fit otherwise."),
-        click.option("--ranks", metavar="N", type=click.IntRange(1), help="Processes of --method petsc.  [default: 2]"),
+                     help="Solution method; petsc is for grids that do not fit in memory otherwise."),
+        click.option("--ranks", metavar="N", type=click.IntRange(1),
+                     help="Number of processes of --method petsc.  [default: 2]"),
         click.option("--launcher", metavar="COMMAND",
-                     help="Command that starts the processes of --method petsc in place of mpiexec and --ranks, their "
-                     "number included: 'srun -n 64'. All computers must share the folder for files (TMPDIR)."),
+                     help="Command that starts the processes of --method petsc and sets their number, in place of "
+                     "mpiexec and --ranks: 'srun -n 64'. All computers must share the temporary folder (TMPDIR)."),
     )  # fmt: skip
     return _decorated(function, options)
 
 
 def folder_of(output: str | None, source: CommandInput, end: str = "") -> Path:
-    """The folder that many results go to: the one that is named, or one after the source."""
+    """Return the output folder: the given one, or a folder in ``out`` with the name of the input."""
     if output == "-":
-        raise InputError("-o -: the results are many files; name a folder")
+        raise InputError("-o -: the results are several files; name a folder")
     stem = "scene" if source.file == "-" or "://" in source.file else Path(source.file).stem
     name = re.sub(r"[^\w.-]+", "_", stem).strip(".") or "scene"
     return Path(output) if output else Path("out") / f"{name}{end}"
 
 
 def dialect_option(default: str | None = "ngspice") -> Decorator:
-    """The option ``--dialect``, of decks that are written."""
+    """Return the decorator for the option ``--dialect``, the dialect of the output deck."""
     return click.option(
         "--dialect", type=Suggested("dialect", *DIALECTS), default=default,
         help=f"SPICE dialect of the deck: {', '.join(DIALECTS)}.",
@@ -319,13 +343,13 @@ def dialect_option(default: str | None = "ngspice") -> Decorator:
 
 
 def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck: Mapping[str, Any]) -> CommandInput:
-    """Sort the values of the shared options into map options and changes of the scene."""
+    """Return the input of a subcommand from the values of the shared options."""
     changes = {key: keys[key] for key in ("boundary", "drive", "edge", "resistance") if keys[key] is not None}
     for key in ("goal", "start"):
         if keys[key]:
             changes |= _cells(key, keys[key]) if keys["cells"] else {key: list(keys[key])}
     if keys["k"]:
-        changes["k"] = [share for shares in keys["k"] for share in shares]
+        changes["k"] = [k for several in keys["k"] for k in several]
     if keys["robot_radius"] is not None:
         changes["robot.radius"] = keys["robot_radius"]
     for setting in keys["settings"]:
@@ -334,7 +358,7 @@ def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck:
             raise InputError(f"--set {setting!r}: expected KEY=VALUE, such as chip.supply=3.3")
         if changes.setdefault(key, value) != value:
             raise InputError(f"--set {setting}: {key} is also given as {_shown(changes[key])}; leave one of them out")
-    if "boundary" in changes:  # the scene's blends and drive belong to its own boundary
+    if "boundary" in changes:  # blends and drive in the file belong to the boundary condition in the file
         changes.setdefault("k", [])
         if changes["boundary"] != "neumann":
             changes.setdefault("drive", None)
@@ -344,16 +368,16 @@ def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck:
 
 
 def _shown(value: Any) -> str:
-    """Return a changed value as one types it."""
+    """Return a changed value in the form of the command line."""
     return ",".join(map(_shown, value)) if isinstance(value, list | tuple) else f"{value}"
 
 
 def _cells(key: str, places: Sequence[tuple[float, ...]]) -> dict[str, list[tuple[int, ...]]]:
-    """Cell indices in place of world coordinates."""
+    """Return the change of a scene for goals or starts that are cell indices; raise InputError for fractions."""
     for place in places:
         if not all(number.is_integer() for number in place):
             text = ",".join(f"{number:g}" for number in place)
-            raise InputError(f"--{key} {text}: with --cells expected whole numbers (cell indices), such as 3,4")
+            raise InputError(f"--{key} {text}: with --cells, give whole numbers (cell indices), such as 3,4")
     return {f"{key}_cell": [tuple(int(number) for number in place) for place in places]}
 
 

@@ -1,4 +1,4 @@
-"""``resgrid path``: the way from every start to a goal."""
+"""``resgrid path``: compute the path from every start to a goal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, cast
 import click
 
 import resgrid as rg
-from resgrid.cli.options import NUMBERS, POSITIVE, Amount, CommandInput, output_option, verb, with_method, with_source
+from resgrid.cli.options import (
+    NUMBERS,
+    POSITIVE,
+    CommandInput,
+    NumberRange,
+    output_option,
+    subcommand,
+    with_method,
+    with_source,
+)
 from resgrid.cli.paths import answer_queries, plan_routes, route_lines
 from resgrid.cli.scenes import open_job, place_of, report_ignored, require_starts
 from resgrid.cli.terminal import NEGATIVE, finish, say
@@ -22,7 +31,7 @@ if TYPE_CHECKING:
     from resgrid.planning.streamline import AnyPath
 
 
-@verb(
+@subcommand(
     "path",
     examples=(
         "resgrid path map.yaml --goal 5,0 --start=-5,-4 -o path.yaml",
@@ -31,54 +40,56 @@ if TYPE_CHECKING:
     ),
 )
 @with_source()
-@output_option("Write the paths to FILE.csv, .json, .npz, or .yaml (for ROS); - prints CSV.")
+@output_option("Paths: FILE.csv, .json, .npz, or .yaml (for ROS); - prints CSV.")
 @click.option("--queries", metavar="FILE", type=click.Path(), help="Starts and goals from a MovingAI .scen file.")
-@click.option("--limit", metavar="N", type=click.IntRange(min=1), help="Only the first N queries.")
-@click.option("--shorten", is_flag=True, help="Straighten paths by lines that meet free cells only.")
+@click.option("--limit", metavar="N", type=click.IntRange(min=1), help="Use only the first N queries.")
+@click.option("--shorten", is_flag=True, help="Shorten paths by straight lines through free cells.")
 @click.option(
     "--keep-clearance",
     metavar="C",
-    type=Amount(0),
-    help="Distance that these lines keep.  [default: half of the path's, at least a quarter of a cell]",
+    type=NumberRange(0),
+    help="Clearance of these lines.  [default: half of the path's clearance, at least a quarter of a cell]",
 )
 @click.option(
     "--speed",
     metavar="V,...",
     type=NUMBERS,
     default=(),
-    help="Time the paths: greatest speed (of an arm, of every joint), or one number for each coordinate.",
+    help="Add times to paths: largest speed (for an arm, of every joint), or one number per coordinate.",
 )
-@click.option("--acceleration", metavar="A,...", type=NUMBERS, default=(), help="Greatest acceleration, likewise.")
+@click.option(
+    "--acceleration", metavar="A,...", type=NUMBERS, default=(), help="Largest acceleration, in the form of --speed."
+)
 @with_method
-@click.option("--rate", metavar="HZ", type=POSITIVE, help="Write a timed path so often a second.")
+@click.option("--rate", metavar="HZ", type=POSITIVE, help="Sampling rate of timed paths, in hertz.")
 def command(
     source: CommandInput, output: str | None, queries: str | None, limit: int | None, shorten: bool,
     keep_clearance: float | None, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None,
     method: str, ranks: int | None, launcher: str | None,
 ) -> int:  # fmt: skip
-    """Follow the current from every start of SCENE to a goal, for every k; every path is certified.
+    """Compute the path along the current from every start of SCENE to a goal, for every k, with a certificate.
 
-    Paths are written in coordinates that are continuous across periodic seams; timed ones have columns for times and
-    rates. The figures are those of the path that is written. A start without a path has its outcome in the file, and no
-    message for ROS. Exits with 1 if some start has no path.
+    Coordinates are continuous across the seams of periodic axes; timed paths have columns for time and velocity.
+    Length and clearance refer to the path in the file. For a start without a path, files contain its outcome; files for
+    ROS omit it. Exits with 1 if a start has no path.
     """
     from resgrid.io.paths import check_routes_file, route_record
 
     if acceleration and not speed:
-        raise InputError("--acceleration times a path only together with --speed")
+        raise InputError("--acceleration needs a timed path: add --speed, or leave it out")
     if rate is not None and not speed:
-        raise InputError("--rate samples a timed path: give --speed too")
+        raise InputError("--rate needs a timed path: add --speed, or leave it out")
     if keep_clearance is not None and not shorten:
-        raise InputError("--keep-clearance is for shortcuts: give --shorten too")
+        raise InputError("--keep-clearance needs a shortened path: add --shorten, or leave it out")
     if limit is not None and queries is None:
-        raise InputError("--limit counts queries: give --queries too")
+        raise InputError("--limit needs queries: add --queries, or leave it out")
     if output is not None and queries is None:
         check_routes_file(output)
     job = open_job(source, require_goal=queries is None, method=method, ranks=ranks, launcher=launcher)
     ignored = report_ignored(job, "grid")
     if queries is not None:
         if shorten or speed:
-            raise InputError("--queries answers with lengths alone: leave out --shorten and --speed")
+            raise InputError("--queries only gives lengths of streamlines: leave out --shorten and --speed")
         return answer_queries(job, queries, limit, output, ignored)
     require_starts(job.scene)
     _check_limits("--speed", speed, job.space)
@@ -98,14 +109,14 @@ def command(
 
 
 def _write(routes: Sequence[Route], output: str) -> bool:
-    """Write routes; for ROS only those that reach a goal, and no file where none does."""
+    """Write routes to a file and return True; for ROS only routes that reach a goal, False without such routes."""
     from resgrid.io.paths import write_routes
 
     if Path(output).suffix.lower() == ".yaml":
         missing = [f"{place_of(route.start)}, k = {route.k:g}" for route in routes if not route.reached]
         if len(missing) == len(routes):
             old = "; the file of this name is an older one" if Path(output).exists() else ""
-            say(f"{output} is not written, for no path reaches a goal{old}")
+            say(f"{output} is not written, because no path reaches a goal{old}")
             return False
         if missing:
             say(f"{output} has no path from start {', start '.join(missing)}")
@@ -114,13 +125,15 @@ def _write(routes: Sequence[Route], output: str) -> bool:
 
 
 def _check_limits(option: str, limits: tuple[float, ...], space: rg.ConfigurationSpace) -> None:
-    """Refuse limits that are not one for the robot, or one for each coordinate."""
+    """Raise InputError unless there is one positive limit, or one for each coordinate."""
     if len(limits) not in (0, 1, space.ndim):
         names = ", ".join(axis.name for axis in space.axes)
-        raise InputError(f"{option}: {len(limits)} numbers for {names}; give one, or one for each with commas")
+        raise InputError(
+            f"{option}: got {len(limits)} numbers for {names}; give one number, or one per coordinate, with commas"
+        )
     if not all(limit > 0 for limit in limits):
         text = ",".join(f"{limit:g}" for limit in limits)
-        raise InputError(f"{option} {text}: a limit is positive and finite")
+        raise InputError(f"{option} {text}: a limit must be positive and finite")
 
 
 def _shortened(route: Route, clearance: float | None) -> Route:
@@ -129,7 +142,7 @@ def _shortened(route: Route, clearance: float | None) -> Route:
 
 
 def _timed(route: Route, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None) -> Route:
-    """A route with its times, at `rate` samples a second if that is given."""
+    """Return a route with a timed path, sampled at `rate` (in hertz) if given."""
     velocity, change = (limits[0] if len(limits) == 1 else limits for limits in (speed, acceleration))
     motion = rg.time_parameterize(
         cast("AnyPath", route.path), velocity_limits=velocity, acceleration_limits=change or None
@@ -140,5 +153,5 @@ def _timed(route: Route, speed: tuple[float, ...], acceleration: tuple[float, ..
     sampled = replace(route, path=motion.resampled(rate))
     if sampled.clearance == 0.0 != whole.clearance and route.reached:
         place = f"start {place_of(route.start)}, k = {route.k:g}"
-        say(f"{place}: straight lines between samples at --rate {rate:g} meet an obstacle; give a higher rate")
+        say(f"{place}: lines between the samples at --rate {rate:g} touch an obstacle; give a higher rate")
     return sampled

@@ -1,4 +1,4 @@
-"""Paths for every start and every blend of a scene, or for benchmark queries, and how they are reported."""
+"""Paths for all starts and blends of a scene, or for benchmark queries, and their reports."""
 
 from __future__ import annotations
 
@@ -21,7 +21,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The solved circuits of a scene by name, the fields that flow (one that does not if none does), the routes."""
+    """The results of planning a scene.
+
+    `operating_points`: solved circuits by name; `fields`: fields with current, or one field without if no field has
+    current; `routes`: paths of all starts and blends.
+    """
 
     operating_points: Mapping[str, rg.OperatingPoint]
     fields: list[rg.Field]
@@ -29,23 +33,26 @@ class Plan:
 
     @property
     def streamlines(self) -> list[rg.Streamline]:
-        """The streamline of every route."""
+        """Streamlines of all routes that have one."""
         return [route.streamline for route in self.routes if route.streamline is not None]
 
     @property
     def complete(self) -> bool:
-        """Whether every route ends in a goal."""
+        """Whether all routes end in a goal."""
         return all(route.reached for route in self.routes)
 
 
 def plan_routes(job: Job) -> Plan:
-    """Follow the current from every start, in every field that the scene asks for; each route is certified."""
+    """Return circuits, fields and certified routes for all starts and blends of a scene."""
     from resgrid.io.paths import Route
     from resgrid.planning.advice import Advisor
 
     solution, advisor = job.solution(), Advisor(job.scene)
     for name in solution.flat:
-        say(f"the {name} half of the blend is flat: no obstacle, or edge that counts as one, drives it")
+        say(
+            f"the {name} field of the blend is zero, because there is no obstacle and no obstacle edge that drives it; "
+            "the blend consists of the other field"
+        )
     routes = []
     with stage("follow the current", steps=len(solution.tasks)) as progress:
         for field, number in solution.tasks:
@@ -59,7 +66,7 @@ def plan_routes(job: Job) -> Plan:
 
 
 def route_lines(routes: Sequence[Route]) -> Iterator[str]:
-    """Yield one line a route, for people; starts that fail alike for several k have one line."""
+    """Yield one line of text per route; equal failures of a start for several k have one common line."""
     failed: dict[tuple[object, ...], list[Route]] = {}
     for route in routes:
         if not route.reached:
@@ -77,7 +84,7 @@ def _failure(route: Route) -> tuple[object, ...]:
 
 
 def _reached_line(route: Route) -> str:
-    """The figures of the path that is followed; of a shortened or timed one, then those of its streamline."""
+    """Return the line of text for a route that reaches a goal, with length and clearance of path and streamline."""
     path = route.streamline
     assert path is not None and path.goal is not None
     regions = path.space.goal_count
@@ -100,7 +107,7 @@ def _figures(length: float, clearance: float | None, path: rg.Streamline) -> str
 
 
 def answer_queries(job: Job, file: str, limit: int | None, output: str | None, ignored: dict[str, list[str]]) -> int:
-    """Answer the queries of a MovingAI scenario file on one map."""
+    """Compute and report the paths for the queries of a MovingAI scenario file; return the exit code."""
     from resgrid.io.tables import suffix_of, write
 
     if output is not None:
@@ -122,7 +129,7 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, i
 
 
 def _require_own_map(job: Job, queries: Sequence[MovingAIScenario], file: str) -> None:
-    """Refuse queries of another map, which may have the same size; a map from a pipe has no name."""
+    """Raise InputError for queries of another map; maps from a pipe have no name and are not checked."""
     cells = job.scene.map
     own = None if cells is None else Path(cells.table["file"])
     if own is None or own.suffix.lower() != ".map":
@@ -131,16 +138,19 @@ def _require_own_map(job: Job, queries: Sequence[MovingAIScenario], file: str) -
         name = PurePosixPath(query.map.replace("\\", "/")).name
         if name != own.name:
             raise InputError(
-                f"{file}: these queries are for the map {name!r}, and this is {own.name!r}; give that map, "
-                "or rename this one if it is the same"
+                f"{file}: these queries are for the map {name!r}, not for {own.name!r}; give that map, or rename this "
+                "map if it is the same"
             )
 
 
 def _answers(job: Job, query: MovingAIScenario, file: str) -> list[dict[str, Any]]:
-    """What becomes of a query, for each k: its goal makes circuits of its own."""
+    """Return the JSON data of the paths for a query, one per k; the circuits are those of the query's goal."""
     if job.space.shape != (query.width, query.height):
         own = size_of(job.space.shape)
-        raise InputError(f"{file}: these queries are for a map of {query.width} x {query.height} cells, this has {own}")
+        raise InputError(
+            f"{file}: these queries are for a map of {query.width} x {query.height} cells, but the map has {own}; give "
+            "the map of the queries"
+        )
     common = {"start": query.start, "goal_cell": query.goal, "optimal_length": query.optimal_length}
     if job.space.cell[query.goal] == rg.Cell.OBSTACLE:
         return [{"outcome": "goal_blocked", "k": None, "length": None, **common}]

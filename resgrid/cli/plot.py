@@ -1,4 +1,4 @@
-"""``resgrid plot``: one picture of a scene; and all that it has, for ``resgrid run``."""
+"""``resgrid plot``: draw one picture of a scene, or, for ``resgrid run``, all pictures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 import resgrid as rg
-from resgrid.cli.options import CommandInput, output_option, verb, with_source
+from resgrid.cli.options import CommandInput, output_option, subcommand, with_source
 from resgrid.cli.paths import Plan, plan_routes
 from resgrid.cli.scenes import Job, open_job, report_ignored
 from resgrid.cli.terminal import finish, stage
@@ -17,13 +17,13 @@ from resgrid.errors import InputError
 
 PICTURES = ("page", "space", "potential", "currents", "paths", "circuit", "slices", "robot")
 PAGE_AXES = 3
-"""Most axes of a space that is drawn."""
+"""Largest number of axes of a space that a page shows."""
 
 CIRCUIT_CELLS = 8
-"""Longest side of a grid that is drawn as a circuit."""
+"""Largest number of cells along an axis for which ``resgrid run`` draws the circuit."""
 
 
-@verb(
+@subcommand(
     "plot",
     examples=("resgrid plot map.yaml --what space -o map.png", "resgrid plot rooms.toml --k 0 -o page.pdf"),
 )
@@ -33,9 +33,9 @@ CIRCUIT_CELLS = 8
 def command(source: CommandInput, output: str, what: str) -> int:
     """Draw one picture of SCENE.
 
-    A page shows potential, currents and paths together; a space of three axes is drawn in slices. Of a scene that asks
-    for several blends, the first is drawn; choose one with --k. '--what space' draws the cells alone: a map needs no
-    goal for that.
+    A page shows potential, currents and paths together; a space of three axes is drawn in slices. Of several blends in
+    the scene, the first one is drawn; choose a blend with --k. '--what space' draws only the cells, for which a map
+    needs no goal.
     """
     from resgrid.io.tables import emit
     from resgrid.plot.figures import picture_format, render_figure
@@ -58,7 +58,7 @@ def command(source: CommandInput, output: str, what: str) -> int:
 
 
 def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
-    """Draw every picture that a scene of this kind has; what each shows, by its file."""
+    """Draw all pictures that apply to a scene into a folder; return captions by file name."""
     files = {}
     for name, caption, what, field in _album(job, plan):
         rg.plot.save_figure(_draw(what, job, plan, field), folder / f"{name}.png")
@@ -67,7 +67,7 @@ def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
 
 
 def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | None]]:
-    """Pictures of a plan: file name, caption, which picture it is, and of which field."""
+    """Yield the pictures of a plan as file name, caption, name of the picture (of `PICTURES`), and field."""
     several = len(plan.fields) > 1
     for number, field in enumerate(plan.fields if job.space.ndim <= PAGE_AXES else ()):
         mark = f"chip_{number}" if job.scene.drive == "start" else f"k_{field.k:g}"
@@ -82,7 +82,7 @@ def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | Non
 
 
 def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
-    """One of `PICTURES`, as an ax or a figure."""
+    """Return one of `PICTURES` as axes or a figure, with unknown cells painted."""
     picture = _drawn(what, job, plan, field)
     if what in ("page", "potential", "currents", "paths"):
         from resgrid.plot.panels import paint_unknown
@@ -123,14 +123,14 @@ def _title(job: Job, plan: Plan, field: rg.Field) -> str:
 
 
 def _draw_robot(job: Job, plan: Plan) -> Any:
-    """The robot in its workspace along its first path, beside its configuration space where that is a plane."""
+    """Return the picture of the robot along its first path in its workspace, and in its space if this has two axes."""
     if job.scene.robot.moves_in_workspace:
         raise InputError(
             "--what robot: this robot is a point or a disc, whose picture is 'paths'; it draws arms and polygons"
         )
     path = next((path for path in plan.streamlines if path.outcome is rg.Outcome.REACHED), None)
     if path is None:
-        raise InputError("--what robot: no path reaches a goal, so there is nothing to drive along")
+        raise InputError("--what robot: no path reaches a goal, so the robot has no path; draw 'page' instead")
     if job.space.ndim == 2:
         return rg.plot.draw_workspace_and_space(path, job.scene, title=job.scene.title)
     return _titled(rg.plot.draw_robot(path, job.scene), job.scene.title)

@@ -1,4 +1,4 @@
-"""``resgrid run``: the main job, from a scene or a map to a folder of paths, pictures and checked decks."""
+"""``resgrid run``: write paths, pictures and checked decks of a scene or a map to a folder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import resgrid as rg
 from resgrid._internal.files import SUMMARY, whole_folder
 from resgrid.cli.check import agreement_data, agreement_lines, check_written
 from resgrid.cli.compile import write_deck
-from resgrid.cli.options import CommandInput, dialect_option, folder_of, output_option, verb, with_source
+from resgrid.cli.options import CommandInput, dialect_option, folder_of, output_option, subcommand, with_source
 from resgrid.cli.paths import Plan, plan_routes, route_lines
 from resgrid.cli.plot import draw_all
 from resgrid.cli.scenes import Job, is_first_run, open_job, report_ignored, size_of, solution_summary
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Checks = Mapping[str, Agreement | str]
 
 
-@verb(
+@subcommand(
     "run",
     examples=(
         "resgrid run rooms.toml",
@@ -38,19 +38,21 @@ if TYPE_CHECKING:
 )
 @with_source()
 @output_option("Folder for the results.  [default: out/SCENE]", of_folder=True)
-@click.option("--check/--no-check", "asked", default=None, help="Simulate the decks, however long it takes; or do not.")
+@click.option(
+    "--check/--no-check", "asked", default=None,
+    help="Simulate the decks in SPICE, or not.  [default: decks that take less than half a minute]",
+)  # fmt: skip
 @dialect_option()
 def command(source: CommandInput, output: str | None, asked: bool | None, dialect: str) -> int:
-    """Take SCENE the whole way: compile, solve, follow the current, draw, write decks and have them simulated.
+    """Compile and solve SCENE, compute its paths, draw pictures, write SPICE decks and simulate them.
 
-    Everything goes into one folder, which is there when the work is done and not before; a folder that exists keeps
-    its other files. Decks that ngspice would need more than half a minute for are simulated with --check only. Exits
-    with 1 if a start has no path or the simulator disagrees.
+    All results go to one folder, which is created after all results are complete; an existing folder keeps its other
+    files. Exits with 1 if a start has no path or the simulator disagrees.
     """
     from resgrid.io.tables import json_text
 
     folder = folder_of(output, source)
-    with whole_folder(folder) as work, _last_kernels():
+    with whole_folder(folder) as work, _compile_last_kernels():
         job = open_job(source)
         ignored = report_ignored(job, "grid")
         plan = plan_routes(job)
@@ -67,8 +69,8 @@ def command(source: CommandInput, output: str | None, asked: bool | None, dialec
 
 
 @contextmanager
-def _last_kernels() -> Iterator[None]:
-    """On a first run, let a second process compile the kernels of the last stages while this one compiles the first."""
+def _compile_last_kernels() -> Iterator[None]:
+    """On a first run, compile the kernels of the last stages in a second process, in parallel to the first stages."""
     if not is_first_run() or (os.cpu_count() or 1) < 2:
         yield
         return
@@ -78,18 +80,18 @@ def _last_kernels() -> Iterator[None]:
         try:
             yield
         finally:
-            process.kill()  # what it has not finished, this process has compiled itself
+            process.kill()  # this process has compiled all other kernels itself
 
 
 def _described(job: Job, op: rg.OperatingPoint) -> rg.OperatingPoint:
-    """The circuit that the scene describes, of which decks are written, in place of its ideal grid."""
+    """Return the operating point of the circuit that the decks describe: the chip's, or the ideal grid's."""
     return op if job.is_ideal else job.solve(op.netlist.cells.wiring)
 
 
 def _write_all(
     work: Path, job: Job, plan: Plan, circuits: Mapping[str, rg.OperatingPoint], dialect: str
 ) -> dict[str, str]:
-    """Write everything but the summary; what each file is, by its name."""
+    """Write all files except the summary; return descriptions by file name."""
     from resgrid.io.paths import write_routes
 
     files: dict[str, str] = {}
@@ -108,7 +110,7 @@ def _write_all(
         files[deck.sidecar.name] = "its nodes, cells and expected voltages"
         files[deck.commands.name] = "commands for the simulator"
         if deck.companion is not None:
-            files[deck.companion.name] = "makes ngspice print PASS or FAIL"
+            files[deck.companion.name] = "self-check deck: ngspice prints PASS or FAIL"
         rg.save(plan.operating_points[name], work / f"{name}.npz")
         whose = "its" if job.is_ideal else "its ideal grid's"
         files[f"{name}.npz"] = f"{whose} potential, log_drop and cells as arrays"
@@ -117,7 +119,7 @@ def _write_all(
 
 
 def _has_message(job: Job, plan: Plan) -> bool:
-    """Return whether there is a path on a ROS map that a ``nav_msgs/Path`` can hold."""
+    """Return whether a path on a ROS map reaches a goal and has the form of a ``nav_msgs/Path``."""
     from resgrid.io.ros_paths import has_poses
     from resgrid.scene.maps.formats import format_of
 
@@ -163,4 +165,4 @@ def _lines(job: Job, plan: Plan, folder: Path, files: Mapping[str, str], checks:
         yield from (f"  {name}.cir: {line}" if not line.startswith(" ") else f"  {line}" for line in lines)
     yield f"files in {folder}"
     width = max(map(len, files))
-    yield from (f"  {name:{width}}  {what}" for name, what in files.items())
+    yield from (f"  {name:{width}}  {description}" for name, description in files.items())

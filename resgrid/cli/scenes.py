@@ -1,4 +1,4 @@
-"""Scenes on the command line: read, changed as options say, cut into cells; keys that a verb ignores are reported."""
+"""Scenes on the command line: reading with changes by options, solving, and reports of ignored keys."""
 
 from __future__ import annotations
 
@@ -25,7 +25,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """A scene, its space, and the options of its solver: threads, method, ranks and their launcher."""
+    """A scene with its configuration space and the options of its solution.
+
+    `threads`: number of threads of the solver; `method`: solution method; `ranks`: number of processes of method petsc;
+    `launcher`: command that starts these processes.
+    """
 
     scene: rg.Scene
     space: rg.ConfigurationSpace
@@ -36,30 +40,30 @@ class Job:
 
     @cached_property
     def problem(self) -> Problem:
-        """What the scene asks for."""
+        """Circuits, blends and starts of the scene."""
         from resgrid.planning.pipeline import problem_of
 
         return problem_of(self.scene, space=self.space)
 
     @cached_property
     def is_ideal(self) -> bool:
-        """Whether the scene's chip is nothing but its resistors and ideal rails."""
+        """Whether the scene's chip consists of resistors and ideal rails only."""
         from resgrid.chip.effects import of_chip
 
         return not of_chip(self.scene.chip)
 
     def solution(self) -> Solution:
-        """The ideal circuits and fields that the scene asks for, with their drives scaled to the supply."""
+        """Return the ideal circuits and fields of the scene, with drives scaled to the supply."""
         from resgrid.planning.pipeline import solve_problem
 
         return solve_problem(self.problem, scaled=True, work=self._work)
 
     def solve(self, wiring: rg.Wiring, *, ideal: bool = False) -> rg.OperatingPoint:
-        """One circuit of the scene, as its chip is or as an ideal grid."""
+        """Return the operating point of one circuit of the scene, of its chip or of an ideal grid."""
         return self._work.solve(self.compile(wiring, ideal=ideal), f"solve the {wiring.boundary} chip")
 
     def compile(self, wiring: rg.Wiring, *, ideal: bool = False, scaled: bool = True) -> rg.Netlist:
-        """The same circuit unsolved; not scaled, the drive of an ideal one is left as it was compiled."""
+        """Return the netlist of one circuit of the scene; `scaled`: scale the drive of an ideal grid to the supply."""
         from resgrid.planning.pipeline import compile_circuit
 
         if ideal or self.is_ideal:
@@ -68,9 +72,11 @@ class Job:
         return compile_circuit(self.space, replace(wiring, rails="cells"), passes=passes, work=self._work)
 
     def solve_ranked(self, wiring: rg.Wiring) -> Ranked:
-        """One circuit of the scene by method "petsc"; its chip must be ideal."""
+        """Return the field of one circuit of the scene by method petsc; raise InputError unless the chip is ideal."""
         if not self.is_ideal:
-            raise InputError("method 'petsc' solves the ideal grid, and [chip] describes another: remove its keys")
+            raise InputError(
+                "--method petsc solves only the ideal grid: remove the keys of [chip], or choose another --method"
+            )
         return self._work.solve_ranked(self.space, wiring)
 
     @property
@@ -84,31 +90,32 @@ def open_job(
     source: CommandInput, *, require_goal: bool = True, method: str | None = None, ranks: int | None = None,
     launcher: str | None = None,
 ) -> Job:  # fmt: skip
-    """Read a scene with its changes, and cut it into cells, if what its method takes fits in memory."""
+    """Return the job of a scene: read it with its changes, check the memory of the method, and build the space."""
     with stage("read the scene"):
         scene = _load_scene(source)
-    _say_degrees(scene)
+    _report_large_angles(scene)
     if method not in (None, "petsc"):
         from resgrid.core.compiler import require_netlist_memory
         from resgrid.scene.sampling import remedy_of_size
 
         require_netlist_memory(tuple(axis.cells for axis in scene.axes), remedy_of_size(scene))
     cells = math.prod(axis.cells for axis in scene.axes)
-    with stage("cut it into cells", seconds=3e-7 * cells) as progress:
+    with stage("build the space", seconds=3e-7 * cells) as progress:
         space = rg.build_space(scene, require_goal=require_goal, progress=progress.count)
     return Job(scene, space, source.threads, method or "auto", ranks, launcher)
 
 
-def _say_degrees(scene: rg.Scene) -> None:
-    """Say so where a start has an angle of more than two turns, which is most often one in degrees."""
+def _report_large_angles(scene: rg.Scene) -> None:
+    """Print a message for angles of starts beyond two turns, which are probably in degrees."""
     turning = scene.robot.turning_length
     for number, start in enumerate(scene.starts):
         for axis, value in zip(scene.axes, start, strict=True):
             angle = value if axis.unit == "rad" else value / turning if turning and axis is scene.axes[-1] else 0.0
             if abs(angle) > 4 * math.pi:
-                turns, meant = f"{angle / math.tau:.3g} turns", f"{angle:g} degrees are {math.radians(angle):.6g} rad"
+                turns, degrees = f"{angle / math.tau:.3g} turns", f"{angle:g} degrees are {math.radians(angle):.6g} rad"
                 say(
-                    f"starts[{number}]: {axis.name} = {value:g} is an angle of {turns}: angles are in radians ({meant})"
+                    f"starts[{number}]: {axis.name} = {value:g} is an angle of {turns}; give angles in radians "
+                    f"({degrees})"
                 )
 
 
@@ -117,27 +124,27 @@ def _load_scene(source: CommandInput) -> rg.Scene:
     from resgrid.scene.reading import is_link, link_document, read_document
 
     if source.dialect != "auto" or source.root is not None:
-        raise InputError(f"{source.file} is no deck: --read-as and --root say how decks are read; remove them")
+        raise InputError(f"{source.file} is not a deck: --read-as and --root are for decks; remove them")
     if source.file == "-":
         return _piped_scene(source)
     if is_link(source.file):
         _refuse_map_options(source)
         document = link_document(source.file)
     elif Path(source.file).suffix.lower() in DECK_SUFFIXES:
-        raise InputError(f"{source.file}: this is a deck, and a scene or a map is needed; decks go to 'resgrid check'")
+        raise InputError(f"{source.file} is a deck, but a scene or a map is needed; use 'resgrid check' for decks")
     else:
         document = read_document(_named_file(source.file), source.map_options)
     return build_changed(document, source.changes)
 
 
 def _named_file(name: str) -> str | Path:
-    """Return the file of a shipped scene, and report its place, or else the name itself."""
+    """Return the name of an input, or the file of a shipped scene, which is reported."""
     from resgrid.scene.shipped import shipped_scene, shipped_scenes
 
     shipped = shipped_scene(name)
     if shipped is None and name == Path(name).name and not Path(name).exists():
         near = suggestion(name.removesuffix(".toml"), shipped_scenes())
-        raise InputError(f"{name}: there is no such file; {near or 'check the name and the folder'}")
+        raise InputError(f"{name}: no such file; {near or 'check the name and the folder'}")
     if shipped is not None:
         say(f"{name} is not a file in this folder; reading the shipped scene {shipped}")
     return shipped or name
@@ -146,11 +153,11 @@ def _named_file(name: str) -> str | Path:
 def _refuse_map_options(source: CommandInput) -> None:
     if source.map_options:
         options = ", ".join(source.map_options)
-        raise InputError(f"{source.file}: this scene reads no map, so {options} would do nothing; leave that out")
+        raise InputError(f"{source.file}: this scene has no map, so {options} has no effect; leave it out")
 
 
 def _piped_scene(source: CommandInput) -> rg.Scene:
-    """A scene from standard input: TOML, or a map known by its first bytes."""
+    """Return the scene from standard input: TOML, or a map, recognised by its first bytes."""
     import tempfile
 
     from resgrid._internal.files import decode
@@ -160,7 +167,7 @@ def _piped_scene(source: CommandInput) -> rg.Scene:
 
     data = sys.stdin.buffer.read()
     if not data.strip():
-        raise InputError("standard input: nothing was piped in; give a scene file, or pipe one")
+        raise InputError("standard input is empty; give a scene file, or pipe one")
     if (
         not data.startswith(tuple(begin for entry in FORMATS.values() for begin in entry.magic))
         and source.map_options.get("format") is None
@@ -174,8 +181,8 @@ def _piped_scene(source: CommandInput) -> rg.Scene:
 
 
 FIRST_RUN = (
-    "the first solution after an installation also compiles its kernels, once: 10 to 60 s, longer on a busy machine "
-    "('python -m resgrid.cli.warm' compiles all of them beforehand, on all cores)"
+    "the first solution after an installation compiles its kernels, which takes 10 to 60 s, longer on a busy machine "
+    "('python -m resgrid.cli.warm' compiles all kernels in advance, on all cores)"
 )
 _FIRST_KERNEL = "csr_kernels.conductances_by_row*.nbi"
 """Cache index of the first kernel that every solution compiles."""
@@ -191,9 +198,9 @@ def is_first_run() -> bool:
 
 
 def _load_numba() -> None:
-    """Load numba without scipy's linear algebra, which takes a fifth of a second, and which none of our loops calls.
+    """Import numba without scipy.linalg, whose import takes 0.2 s and which no kernel uses.
 
-    numba looks once whether it is there, for ``np.cov`` in loops.
+    At its import, numba checks once for scipy.linalg, which it needs for ``np.cov`` in kernels.
     """
     if "numba.np.arraymath" in sys.modules or "scipy.linalg" in sys.modules:
         return
@@ -205,7 +212,7 @@ def _load_numba() -> None:
 
 
 def _observe(name: str, function: Callable[..., Any], *arguments: Any, iterates: bool = False, **options: Any) -> Any:
-    """Report a stage of the library."""
+    """Call a function of the library as a reported stage, and return its value."""
     _load_numba()
     if iterates and is_first_run():
         say(FIRST_RUN)
@@ -213,7 +220,7 @@ def _observe(name: str, function: Callable[..., Any], *arguments: Any, iterates:
 
 
 def require_starts(scene: rg.Scene) -> None:
-    """Refuse a scene without a start."""
+    """Raise InputError for a scene without a start."""
     if not scene.starts:
         from resgrid.scene.sampling import adding
 
@@ -222,17 +229,19 @@ def require_starts(scene: rg.Scene) -> None:
 
 
 def size_of(shape: Sequence[int]) -> str:
-    """A grid's size, for people."""
+    """Return the size of a grid as text."""
     return " x ".join(str(size) for size in shape)
 
 
 def place_of(point: Sequence[float]) -> str:
-    """A point, for people."""
-    return "(" + ", ".join(f"{value:.6g}" for value in point) + ")"
+    """Return a point as text, to six digits."""
+    from resgrid.scene.nearest_place import place_text
+
+    return place_text(point)
 
 
 def element_counts(netlist: rg.Netlist) -> dict[str, int]:
-    """How many nodes and elements a circuit has, as ``--json`` gives it."""
+    """Return the numbers of nodes and elements of a circuit as JSON data."""
     return {
         "nodes": netlist.node_count,
         "resistors": len(netlist.conductance),
@@ -244,13 +253,13 @@ def element_counts(netlist: rg.Netlist) -> dict[str, int]:
 
 
 def free_counts(space: rg.ConfigurationSpace) -> dict[str, int]:
-    """How many cells are free, and how many of these lead to no goal, as ``--json`` gives it."""
+    """Return the numbers of free cells, and of free cells without a path to a goal, as JSON data."""
     free = space.cell == rg.Cell.FREE
     return {"free_cells": int(free.sum()), "unreachable_cells": int((free & ~space.goal_connected).sum())}
 
 
 def solution_summary(name: str, op: rg.OperatingPoint, space: rg.ConfigurationSpace) -> dict[str, Any]:
-    """The figures of a solved chip, as ``--json`` gives them."""
+    """Return the summary of an operating point as JSON data."""
     return {
         "chip": name,
         "nodes": op.netlist.node_count,
@@ -268,7 +277,7 @@ def solution_summary(name: str, op: rg.OperatingPoint, space: rg.ConfigurationSp
 
 
 def ranked_summary(name: str, ranked: Ranked) -> dict[str, Any]:
-    """The figures of a field that ranks solved, as ``--json`` gives them."""
+    """Return the summary of a solution by method petsc as JSON data."""
     field, report = ranked.field, ranked.report
     assert field.safe is not None
     return {
@@ -284,23 +293,27 @@ def ranked_summary(name: str, ranked: Ranked) -> dict[str, Any]:
     }
 
 
-_READ = "they say how voltages are read, and a circuit holds no meter; 'resgrid chip' applies them"
-_WHY = {
-    "circuit": _READ,
-    "tiles": _READ,
-    "grid": "fields and paths are those of the ideal grid (decks hold the chip); 'resgrid chip' asks what they do to a "
-    "robot",
+_READ_OUT = "they describe the measurement of voltages, which is not part of the circuit; 'resgrid chip' applies them"
+_REASONS = {
+    "circuit": _READ_OUT,
+    "tiles": _READ_OUT,
+    "grid": "fields and paths are those of the ideal grid (decks contain the chip); 'resgrid chip' computes their "
+    "effect on a robot",
 }
+"""Reasons for ignored keys, by form of the circuit."""
 
 
 def report_ignored(job: Job, form: Form | Literal["chip"], *, k: Sequence[float] = ()) -> dict[str, list[str]]:
-    """Report the keys of a scene that a verb ignores, with reasons, and return them for JSON."""
+    """Print the keys of a scene that a subcommand ignores, with reasons, and return them as JSON data.
+
+    `form`: form of the circuit, "chip" if no key of the chip is ignored; `k`: ignored blends.
+    """
     from resgrid.chip.build import keys_not_held
 
     scene, problem = job.scene, job.problem
     keys = [] if form == "chip" else [f"chip.{key}" for key in keys_not_held(scene.chip, form)]
     if keys:
-        say(f"ignored: {', '.join(keys)}: {_WHY[form]}")
+        say(f"ignored: {', '.join(keys)}: {_REASONS[form]}")
     if scene.map is not None and "headings" in scene.map.table and scene.robot.turning_length is None:
         keys.append("map.headings")
         say("ignored: map.headings: this robot does not turn")
@@ -308,20 +321,20 @@ def report_ignored(job: Job, form: Form | Literal["chip"], *, k: Sequence[float]
         k = several_k(scene)
     if k:
         say(
-            f"ignored: k = {', '.join(f'{share:g}' for share in k)}: this is one chip or one blend; choose it with "
-            "--boundary or --k ('resgrid run' makes them all)"
+            f"ignored: k = {', '.join(f'{weight:g}' for weight in k)}: this command uses one chip or one blend; choose "
+            "it with --boundary or --k ('resgrid run' uses all)"
         )
     wirings = problem.wirings.values() if form == "grid" else [problem.only_wiring()[1]]
     drive = scene.drive is not None and not any(wiring.is_driven for wiring in wirings)
     if drive:
-        say(f"ignored: drive = {scene.drive!r}: here obstacles are a rail, and that drives the grid")
+        say(f"ignored: drive = {scene.drive!r}: the obstacles are tied to a rail, which drives the grid")
     wall = form != "chip" and scene.chip.wall_resistance is not None
     if wall and not any(wiring.boundary == "wall" for wiring in wirings):
         keys.append("chip.wall_resistance")
-        say("ignored: chip.wall_resistance: obstacles have walls where boundary = 'wall'")
+        say("ignored: chip.wall_resistance: it only applies with boundary = 'wall'")
     return {"ignored": [*keys, *(["k"] if k else []), *(["drive"] if drive else [])]}
 
 
 def several_k(scene: rg.Scene) -> tuple[float, ...]:
-    """The blends of a scene that asks for several."""
+    """Return the blends of a scene with several blends; empty for a scene with one or none."""
     return scene.k if len(scene.k) > 1 else ()

@@ -1,4 +1,4 @@
-"""A sketch of a plane space in letters, for ``resgrid info``."""
+"""A text sketch of a space with two axes, for ``resgrid info``."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 WIDTH, HEIGHT = 64, 24
-"""Most letters across and up."""
+"""Largest number of letters per row, and of rows."""
 
-MOSTLY = 0.5
-"""Share of unknown cells above which a sketch shows the known part alone."""
+MAX_UNKNOWN_FRACTION = 0.5
+"""Fraction of unknown cells above which a sketch shows only the known part."""
 
 MARGIN = 2
-"""Unknown cells around the known part."""
+"""Number of unknown cells that a sketch shows around the known part."""
 
 
 @dataclass(frozen=True)
 class Sketch:
-    """Rows of letters, the top one first: the first axis to the right, the second one upwards.
+    """A sketch as rows of letters, top row first: the first axis to the right, the second axis upwards.
 
-    `lower, upper`: corners of the part that is shown, in the coordinates of the space; `cropped`: whether it is a part.
+    `lower, upper`: corners of the shown part, in the coordinates of the space; `cropped`: only a part is shown; `key`:
+    meaning of the letters.
     """
 
     rows: list[str]
@@ -40,7 +41,7 @@ class Sketch:
 def sketch(
     space: rg.ConfigurationSpace, starts: Sequence[Sequence[float]], unknown: NDArray[np.bool_] | None
 ) -> Sketch:
-    """Draw a space of two axes in letters; `unknown`: cells of unknown occupancy."""
+    """Return the sketch of a space with two axes; `unknown`: mask of cells of unknown occupancy, or None."""
     import numpy as np
 
     unseen = np.zeros(space.shape, dtype=np.bool_) if unknown is None else unknown & (space.cell == rg.Cell.OBSTACLE)
@@ -62,11 +63,11 @@ def sketch(
 
 
 def _window(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """The cells to show: all, or where most are unknown the box around the others."""
+    """Return the range of cells to show: all, or, if most cells are unknown, the bounding box of the known cells."""
     import numpy as np
 
     whole = slice(0, space.shape[0]), slice(0, space.shape[1])
-    if unseen.mean() <= MOSTLY or unseen.all():
+    if unseen.mean() <= MAX_UNKNOWN_FRACTION or unseen.all():
         return whole
     used = [np.flatnonzero((~unseen).any(axis=1 - axis)) for axis in (0, 1)]
     first, second = (
@@ -77,14 +78,14 @@ def _window(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_]) -> tuple[sl
 
 
 def _letters(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_], window: tuple[slice, slice]) -> NDArray[np.str_]:
-    """Letters (columns, rows from below) of the cells of a window, several cells to a letter or the reverse."""
+    """Return the letters (columns, rows from below) of the cells of a window, resampled to the size of the sketch."""
     import numpy as np
     from PIL import Image
 
     x, y = space.axes
     cells = space.cell[window]
     across, up = cells.shape
-    # A letter is twice as high as it is wide, and axes of unlike units share the space evenly.
+    # A letter is twice as high as it is wide; axes of different units get the same length.
     shape = up * y.spacing / (across * x.spacing) if x.unit == y.unit else 0.75
     columns = max(min(WIDTH, 2 * across, ceil(2 * HEIGHT / shape)), 1)
     rows = min(max(round(columns * shape / 2), 1), HEIGHT, up)

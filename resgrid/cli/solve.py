@@ -1,4 +1,4 @@
-"""``resgrid solve``: the operating point of a scene's chip, or of a deck."""
+"""``resgrid solve``: compute the operating point of a scene's chip, or of a deck."""
 
 from __future__ import annotations
 
@@ -10,36 +10,39 @@ import click
 
 import resgrid as rg
 from resgrid.cli.decks import deck_data, is_deck, open_deck, solve_deck
-from resgrid.cli.options import CommandInput, Suggested, output_option, verb, with_method, with_source
+from resgrid.cli.options import CommandInput, Suggested, output_option, subcommand, with_method, with_source
 from resgrid.cli.scenes import open_job, ranked_summary, report_ignored, size_of, solution_summary
 from resgrid.cli.terminal import finish, stage
 from resgrid.errors import InputError
 
 
-@verb(
+@subcommand(
     "solve",
     examples=("resgrid solve rooms.toml -o field.npz", "resgrid solve power_grid.sp --worst 20 -o voltages.csv"),
 )
 @with_source("SCENE|DECK")
-@output_option("Write the solution: a scene's to FILE.npz, a deck's to FILE.csv, .json, .npz or .raw.")
-@click.option("--worst", metavar="N", type=click.IntRange(0), help="Deck: worst drops to list.  [default: 10]")
+@output_option("Solution: FILE.npz for a scene; FILE.csv, .json, .npz or .raw for a deck.")
 @click.option(
-    "--raw", type=Suggested("form", "binary", "ascii"), help="Deck: a .raw file is binary or ascii.  [default: binary]",
+    "--worst", metavar="N", type=click.IntRange(0), help="Deck: number of largest drops to list.  [default: 10]"
+)
+@click.option(
+    "--raw", type=Suggested("form", "binary", "ascii"),
+    help="Deck: encoding of a .raw file, binary or ascii.  [default: binary]",
 )  # fmt: skip
 @with_method
 def command(
     source: CommandInput, output: str | None, worst: int | None, raw: str | None, method: str, ranks: int | None,
     launcher: str | None,
 ) -> int:  # fmt: skip
-    """Solve the resistor grid of SCENE, or a resistive DECK, and print what its meters read.
+    """Solve the resistor grid of SCENE, or a resistive DECK, and print residual, power and solver.
 
-    Of a SCENE, FILE.npz holds potential (1 on obstacles, 0 on goals; NaN where there is no node), log_drop (the
-    natural logarithm of 1 - potential, right where float64 rounds; -inf where nothing arrives) and cell (0 free,
-    1 obstacle, 2 goal), one dimension per axis; with --method petsc also safe: the cells in which KCL holds to 1e-6 of
-    their own current.
+    For a SCENE, FILE.npz has the arrays potential (1 on obstacles, 0 on goals; NaN for cells without a node), log_drop
+    (the natural logarithm of 1 - potential, exact even where potential rounds to 1; -inf for cells without a path to a
+    goal) and cell (0 free, 1 obstacle, 2 goal), one dimension per axis. With --method petsc it also has the array safe:
+    the cells in which KCL holds to 1e-6 of their own current.
 
-    Of a DECK, the worst drops from the supply are listed, and FILE holds the voltage of every node and the current and
-    power of every element, by their names; FILE.raw opens in a waveform viewer.
+    For a DECK, the largest drops from the supply are listed, and FILE has the voltage of every node and the current and
+    power of every element, by name; waveform viewers open FILE.raw.
     """
     from resgrid.io.solutions import check_solution_file, solution_record
 
@@ -47,7 +50,7 @@ def command(
     about: dict[str, Any]
     given = is_deck(source)
     if not given and (worst is not None or raw is not None):
-        raise InputError(f"{source.file} is no deck: --worst and --raw are for decks; leave them out")
+        raise InputError(f"{source.file} is not a deck: --worst and --raw are for decks; leave them out")
     if output is not None:
         check_solution_file(output, of_space=not given)
     if given:
@@ -84,7 +87,7 @@ def _scene_lines(data: dict[str, Any], shape: tuple[int, ...]) -> Iterable[str]:
     yield f"  unreachable cells   {data['unreachable_cells']:,}"
     yield f"  KCL residual        {data['kcl_residual']:.1e} of the current through the node"
     if data["entry_error"] is not None:
-        yield f"  every entry right   to {data['entry_error']:.1e} of itself, as KCL proves"
+        yield f"  relative error      at most {data['entry_error']:.1e} at every node, as bounded by KCL"
     yield f"  power               {data['power']:.6g} W"
     threads = f", {data['threads']} threads" if data["threads"] > 1 else ""
     yield f"  solver              {data['solver']}{threads}"
@@ -95,14 +98,14 @@ def _ranked_lines(data: dict[str, Any], shape: tuple[int, ...]) -> Iterable[str]
     peaks = ", ".join(f"{peak / 2**30:.3g}" for peak in data["peak_bytes"])
     yield f"{data['chip']} chip of {size_of(shape)} cells, {data['free_cells']:,} free"
     yield f"  unreachable cells   {data['unreachable_cells']:,}"
-    yield f"  direction-safe      {safe:,} of {free:,} cells with a way to a goal ({safe / max(free, 1):.2%})"
+    yield f"  direction-safe      {safe:,} of {free:,} cells connected with a goal ({safe / max(free, 1):.2%})"
     yield f"  solver              {data['solver']}, {data['ranks']} ranks, {data['iterations']} iterations"
     yield f"  residual            {data['residual']:.1e} of the right-hand side's norm"
-    yield f"  memory              {peaks} GiB at most, of every rank"
+    yield f"  memory              {peaks} GiB, peak of every rank"
 
 
 def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
-    """What a solved deck holds, and its worst drops."""
+    """Yield the lines of text for a solved deck: counts, residual, power and largest drops."""
     from resgrid.spice.circuit import some
 
     yield f"{data['title'] or data['source']} ({data['dialect']})"

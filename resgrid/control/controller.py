@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import NotNegative, Positive, checked, per_axis
+from resgrid._internal.numbers import NotNegative, Positive, per_axis
+from resgrid._internal.validation import checked
 from resgrid._internal.values import frozen
 from resgrid.control.escape import RECOVERY, exits
 from resgrid.control.external_forces import checked_force

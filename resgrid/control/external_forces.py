@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import Count, Natural, NotNegative, Positive, checked
+from resgrid._internal.numbers import Count, Natural, NotNegative, Positive
+from resgrid._internal.validation import checked
 from resgrid._internal.values import frozen
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError

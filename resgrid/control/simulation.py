@@ -10,7 +10,8 @@ import numpy as np
 from annotated_types import Gt, Le
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import NotNegative, check_whole, checked, per_axis
+from resgrid._internal.numbers import NotNegative, check_whole, per_axis
+from resgrid._internal.validation import checked
 from resgrid._internal.values import frozen, picture_html
 from resgrid.control.contact import Body
 from resgrid.control.controller import Controller, make_controller
@@ -292,9 +293,10 @@ def arrival(
 class Wavefront:
     """Propagation of a change of the map through the grid.
 
-    `before, after`: the maps before and after the change; `cells` (t,): times, in cells that the robot could have
-    crossed; `potential` (t, *shape of the space): at those times, NaN in cells without a node; `distance` (t,): largest
-    distance of a potential from its final value; `first`, shape of the space: potential before the change.
+    `before, after`: the map that the grid had settled to, and the one it is settling to; `cells` (t,): when: in cells
+    that the robot could have crossed; `potential` (t, shape of the space): at those times; NaN in cells without a
+    node; `distance` (t,): largest distance of a potential from its end; `first` as the space: potential before the
+    change.
     """
 
     before: ConfigurationSpace

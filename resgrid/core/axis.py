@@ -10,7 +10,8 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import checked, per_axis
+from resgrid._internal.numbers import per_axis
+from resgrid._internal.validation import checked
 from resgrid.errors import InputError
 
 LARGEST = 1e60

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import check_whole
+from resgrid._internal.numbers import check_whole
 from resgrid._internal.values import frozen
 from resgrid.core.networkx_graphs import (
     ARRAYS,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import real_numbers
+from resgrid._internal.numbers import real_numbers
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import checked, real_numbers
+from resgrid._internal.numbers import real_numbers
+from resgrid._internal.validation import checked
 from resgrid._internal.values import frozen, picture_html
 from resgrid.core.axis import Axis, grid_axes, rounding, rounding_errors, split_points
 from resgrid.core.frame import Frame, checked_frame

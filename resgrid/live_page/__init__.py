@@ -1,6 +1,6 @@
-"""The live page: walls are painted and goals dragged in a browser, and the grid is solved anew while one draws.
+"""The live page: a browser editor of obstacles, goals and starts, whose grid is solved after every change.
 
-Python is the only engine; the page holds what is drawn, and shows what it is sent.
+All computations run in Python.  The page stores the drawing and displays the results that the server sends.
 """
 
 from resgrid.live_page.launch import LivePage, live, serve

@@ -1,4 +1,4 @@
-"""Arms: their scene behind the cells of a drawing, and how they stand along paths."""
+"""Drawings of arms: cells from the arm's workspace, and poses along paths."""
 
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ from resgrid.live_page.solving import SolvedDrawing
 if TYPE_CHECKING:
     from resgrid.robots import Arm
 
-_POSES = 60
+_MAX_POSES = 60
+"""Largest number of poses along a path."""
 
 
 def resample(drawing: Drawing) -> Drawing:
-    """The drawing anew from its workspace, where something was moved; k, starts and wiring stay as they are."""
+    """Return a drawing with cells recomputed from its workspace; k, starts and wiring are unchanged."""
     from resgrid.scene.reading import build_scene
 
     if drawing.world is None:
-        raise InputError("this drawing has no workspace")
+        raise InputError("this drawing has no workspace; open the scene of an arm")
     if "map" in drawing.world:
-        raise InputError("a workspace on the page names no map file")
+        raise InputError("the workspace of an arm on the page cannot have a map file; use obstacles instead")
     fresh = drawing_of(build_scene(drawing.world, "the workspace", Path()))
     if fresh.axes != drawing.axes:
-        raise InputError("the workspace has other joints than the drawing")
+        raise InputError("the workspace and the drawing have different joints; reload the page")
     return replace(
         drawing, cell=fresh.cell, level=fresh.level, palette=fresh.palette, world=fresh.world,
         goal_points=fresh.goal_points,
@@ -38,15 +39,15 @@ def resample(drawing: Drawing) -> Drawing:
 
 
 def poses(frame: SolvedDrawing) -> list[list[Any]]:
-    """For each path the joints of the arm along it, lists of shape (poses, links + 1, 2); none without an arm."""
+    """Return the arm's joints along each path, as lists of shape (poses, links + 1, 2); empty without an arm."""
     if frame.drawing.world is None:
         return []
     arm = _arm(frame.drawing.world)
-    return [[] if path is None else arm.joints(_some(path.line)).tolist() for path in frame.paths]
+    return [[] if path is None else arm.joints(_thinned(path.line)).tolist() for path in frame.paths]
 
 
 def pose(frame: SolvedDrawing, configuration: list[float]) -> list[Any] | None:
-    """Joints of the arm in one configuration, (links + 1, 2); None without an arm."""
+    """Return the positions of the arm's joints in a configuration, a list (links + 1, 2); None without an arm."""
     if frame.drawing.world is None:
         return None
     joints: list[Any] = _arm(frame.drawing.world).joints(np.array(configuration)).tolist()
@@ -63,6 +64,6 @@ def _arm(world: Mapping[str, Any]) -> Arm:
     return arm
 
 
-def _some(line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Some points of a line, first and last among them."""
-    return line[np.unique(np.linspace(0, len(line) - 1, _POSES).round().astype(np.int64))]
+def _thinned(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return at most `_MAX_POSES` points of a line (points, 2), including the first and the last."""
+    return line[np.unique(np.linspace(0, len(line) - 1, _MAX_POSES).round().astype(np.int64))]

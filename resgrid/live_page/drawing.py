@@ -1,4 +1,4 @@
-"""A drawing: a plane cut into cells that were painted one by one, and the scene that says the same."""
+"""The `Drawing` class: the cells, starts and settings on the page, and its conversion from and to scenes."""
 
 from __future__ import annotations
 
@@ -21,28 +21,30 @@ if TYPE_CHECKING:
     from resgrid.robots import Robot
     from resgrid.scene import Scene
 
-MOST_CELLS = 1 << 20
-"""Cells of the largest grid that the page draws."""
+MAX_CELLS = 1 << 20
+"""Largest number of cells of a drawing."""
 
-_LEVELS = 64
-_MOST_GOAL_POINTS = 50_000
-"""Goal cells with a point of their own; with more, messages would grow too long, and cells are goals as a whole."""
+_MAX_LEVELS = 64
+"""Largest number of different conductivities of a drawing."""
+
+_MAX_GOAL_POINTS = 50_000
+"""Largest number of goal cells for which goal configurations are sent; above, the whole cells are goals."""
 
 _INSIDE = 1e-9
-"""Distance from the border of its cell, as a fraction of the cell's width, so that a point belongs to that cell."""
+"""Smallest distance of a goal point from the border of its cell, as a fraction of the cell's width."""
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """What the page holds: cells, starts and how obstacles behave.
+    """The state of the page: cells, starts and settings of the circuit.
 
-    `cell` (nx, ny): codes of `Cell`; `level` (nx, ny): number of each cell's conductivity in `palette`; `starts`
-    (n, 2): in axis units; `k`: share of the Dirichlet field; `wall`: ohms before the obstacle rail, 0 for none;
-    `driven`: whether the first start drives open obstacles in place of the uniform drive; `chip`: the scene's table;
-    `world`: of an arm the document of its scene, from whose workspace the cells were sampled; `broken`: resistors that
-    are open, as cells (i, j) and the axis across whose lower face they lie; `goal_points`: configurations that solve
-    the goal, where it is more than a cell: cell numbers in C order, and points in axis units.
+    `cell` (nx, ny): codes of `Cell`; `level` (nx, ny): index of each cell's conductivity in `palette`; `starts` (n, 2):
+    in axis units; `k`: weight of the Dirichlet field; `wall`: wall resistance in ohms, 0 for none; `driven`: the first
+    start drives open obstacles, instead of the uniform drive; `chip`: the ``[chip]`` table of the scene; `world`: for
+    an arm, the document of its scene with the workspace from which the cells are computed; `broken`: open resistors,
+    as cell (i, j) and axis, for the resistor at the cell's lower face; `goal_points`: configurations that solve the
+    goal, as cell numbers in C order and points in axis units.
     """
 
     title: str
@@ -62,7 +64,7 @@ class Drawing:
 
     @property
     def space(self) -> ConfigurationSpace:
-        """Return the cells as drawn; paths end where the scene's own do (`ConfigurationSpace.goal_points`)."""
+        """Configuration space with the drawn cells and the goal configurations."""
         costs = np.array(self.palette)[self.level] if self.level.any() or self.palette[0] != 1.0 else None
         points = np.full((*self.cell.shape, 2), np.nan)
         for number, *point in self.goal_points:
@@ -72,14 +74,14 @@ class Drawing:
 
     @cached_property
     def _robot(self) -> Robot | None:
-        """The arm of the drawing; None where cells are places."""
+        """The arm of the drawing; None if cells are places in the plane."""
         from resgrid.scene.schema import robot_of
 
         return None if self.world is None else robot_of(self.world.get("robot", {}))
 
     @property
     def problem(self) -> Problem:
-        """What is to be solved, as the scene of `document` asks for it."""
+        """Circuits, blends and starts to solve, equal to those of the scene of `document`."""
         from resgrid.planning.pipeline import Problem
 
         chip = dict(self.chip or {})
@@ -90,7 +92,7 @@ class Drawing:
         return Problem(self.space, wiring, () if self.driven else (self.k,), self.starts, self.driven)
 
     def document(self) -> dict[str, Any]:
-        """The scene that has exactly these cells, as the document of a file: of an arm if its workspace makes them."""
+        """Return the document of a scene with exactly these cells; of an arm's scene if its workspace gives them."""
         chip = dict(self.chip or {})
         if self.wall:
             chip["wall_resistance"] = self.wall
@@ -105,7 +107,7 @@ class Drawing:
         document["edge"] = list(self.edge if len(set(rules)) > 1 else rules[:1] or ("obstacle",))
         document["starts"] = self.starts.tolist()
         document["chip"] = chip
-        if self._is_of_its_world():
+        if self._has_cells_of_world():
             kept = {key: value for key, value in (self.world or {}).items() if key not in ("boundary", "drive", "k")}
             return {key: value for key, value in (kept | document).items() if value not in ([], {})}
         document["sampling"] = "centre"
@@ -123,8 +125,8 @@ class Drawing:
         ]
         return {key: value for key, value in document.items() if value not in ([], {})}
 
-    def _is_of_its_world(self) -> bool:
-        """Whether the cells are those of the arm's workspace, with nothing painted over them."""
+    def _has_cells_of_world(self) -> bool:
+        """Return whether the cells are those of the arm's workspace, without later changes."""
         from pathlib import Path
 
         from resgrid.scene.reading import build_scene
@@ -135,7 +137,7 @@ class Drawing:
         return own.axes == self.axes and np.array_equal(own.cell, self.cell) and np.array_equal(own.level, self.level)
 
     def scene(self) -> Scene:
-        """The scene of `document`, checked."""
+        """Return the validated scene of `document`."""
         from pathlib import Path
 
         from resgrid.scene.reading import build_scene
@@ -151,17 +153,17 @@ class Drawing:
 
 
 def drawing_of(scene: Scene) -> Drawing:
-    """The cells of a scene of two axes, as they were sampled."""
+    """Return the drawing of a scene with two axes."""
     from resgrid.scene import build_space
     from resgrid.scene.overrides import document_of
 
     if scene.ndim != 2:
-        raise InputError(f"the page draws planes, and this scene has {scene.ndim} axes; choose one of two axes")
+        raise InputError(f"this scene has {scene.ndim} axes, but the live page needs two; choose a scene of two axes")
     check_size([axis.cells for axis in scene.axes])
     space = build_space(scene, require_goal=False)
     palette, level = _palette(space)
     k = float(scene.boundary != "neumann")
-    if scene.k:  # obstacles on their rail, where the scene offers that: the page explains them so
+    if scene.k:  # the first nonzero k of the scene, because the page explains obstacles on a rail
         k = scene.k[0] or max(scene.k)
     document = document_of(scene)
     chip = dict(document["chip"])
@@ -187,7 +189,7 @@ def drawing_of(scene: Scene) -> Drawing:
 
 
 def is_same_circuit(one: Drawing, other: Drawing) -> bool:
-    """Return whether two drawings have the same circuit, whatever their titles and, unless one drives it, starts."""
+    """Return whether two drawings have the same circuit; titles, and starts that do not drive it, may differ."""
 
     def parts(drawing: Drawing) -> tuple[object, ...]:
         driver = tuple(drawing.starts[0]) if drawing.driven else None
@@ -201,9 +203,9 @@ def is_same_circuit(one: Drawing, other: Drawing) -> bool:
 
 
 def drawing_of_space(space: ConfigurationSpace) -> Drawing:
-    """The cells of a space of two axes."""
+    """Return the drawing of a space with two axes."""
     if space.ndim != 2:
-        raise InputError(f"the page draws planes, and this space has {space.ndim} axes")
+        raise InputError(f"this space has {space.ndim} axes, but the live page needs two; choose a space of two axes")
     check_size(list(space.shape))
     palette, level = _palette(space)
     edge: tuple[EdgeRule, ...] = tuple("periodic" if axis.periodic else "obstacle" for axis in space.axes)
@@ -212,10 +214,10 @@ def drawing_of_space(space: ConfigurationSpace) -> Drawing:
 
 
 def _goal_points(space: ConfigurationSpace) -> tuple[tuple[int, float, float], ...]:
-    """Goal cells with a configuration that solves the goal: their numbers, and points 1e-9 of a cell inside them."""
+    """Return the goal configurations of a space as cell numbers and points, at least 1e-9 of a cell from its border."""
     cells = np.argwhere(space.cell == Cell.GOAL)
     points = space.goal_point(cells)
-    known = ~np.isnan(points).any(axis=1) & (len(cells) <= _MOST_GOAL_POINTS)
+    known = ~np.isnan(points).any(axis=1) & (len(cells) <= _MAX_GOAL_POINTS)
     local = np.clip((points - space.lower) / space.spacing - cells, _INSIDE, 1.0 - _INSIDE)
     inside = space.lower + (cells + local) * space.spacing
     numbers = np.flatnonzero(space.cell == Cell.GOAL)
@@ -224,7 +226,7 @@ def _goal_points(space: ConfigurationSpace) -> tuple[tuple[int, float, float], .
 
 
 def blank(cells: int = 96) -> Drawing:
-    """An empty square with one goal and one start."""
+    """Return an empty square drawing with one goal and one start."""
     axes = tuple(Axis(name, 0.0, float(cells), cells, unit="cell") for name in "xy")
     cell = np.zeros((cells, cells), dtype=np.uint8)
     cell[cells * 3 // 4, cells * 3 // 4] = Cell.GOAL
@@ -233,15 +235,15 @@ def blank(cells: int = 96) -> Drawing:
 
 
 def check_size(cells: list[int]) -> None:
-    """Refuse a grid that is too large to be drawn."""
+    """Raise InputError for a grid that is too large to draw."""
     count = int(np.prod([float(number) for number in cells]))
-    if count > MOST_CELLS:
+    if count > MAX_CELLS:
         size = " x ".join(f"{number:,}" for number in cells)
-        raise InputError(f"{size} cells are too many to draw; the page takes up to {MOST_CELLS:,}")
+        raise InputError(f"{size} cells are too many to draw; the live page draws up to {MAX_CELLS:,}")
 
 
 def boxes(mask: NDArray[np.bool_]) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    """Disjoint boxes that cover the cells of a mask (nx, ny): lower corners, and upper ones beyond their last cells."""
+    """Yield lower corners (inclusive) and upper corners (exclusive) of disjoint boxes that cover a mask (nx, ny)."""
     edges = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     begun: dict[tuple[int, int], int] = {}
     for column in range(len(mask) + 1):
@@ -256,8 +258,8 @@ def _palette(space: ConfigurationSpace) -> tuple[tuple[float, ...], NDArray[np.u
     if space.conductivity is None:
         return (1.0,), np.zeros(space.shape, dtype=np.uint8)
     values, level = np.unique(space.conductivity, return_inverse=True)
-    if len(values) > _LEVELS:
-        raise InputError(f"this map has {len(values)} different costs; the page draws up to {_LEVELS}")
+    if len(values) > _MAX_LEVELS:
+        raise InputError(f"this map has {len(values)} different costs; the live page draws up to {_MAX_LEVELS}")
     order = np.argsort(values != 1.0, kind="stable")
     number = np.empty(len(values), dtype=np.uint8)
     number[order] = np.arange(len(values))
@@ -265,7 +267,7 @@ def _palette(space: ConfigurationSpace) -> tuple[tuple[float, ...], NDArray[np.u
 
 
 def _changed(chip: Mapping[str, Any]) -> dict[str, Any]:
-    """The entries of a ``[chip]`` table that differ from what it is without them."""
+    """Return the entries of a ``[chip]`` table that differ from the defaults."""
     from resgrid.scene import Chip
     from resgrid.scene.table_models import plain
 

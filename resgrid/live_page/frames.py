@@ -1,4 +1,4 @@
-"""What the page shows of a solved drawing: its field, its paths, its cells and, of a small grid, its circuit."""
+"""Results of a solved drawing for the page: field, paths, properties of cells and, for small grids, the circuit."""
 
 from __future__ import annotations
 
@@ -16,26 +16,29 @@ from resgrid.core.space import Cell
 from resgrid.errors import InputError
 from resgrid.live_page.drawing import Drawing
 from resgrid.live_page.messages import in_page_words
-from resgrid.live_page.solving import SolvedDrawing, solve_drawing, without_flaws
+from resgrid.live_page.solving import SolvedDrawing, solve_drawing, without_imperfections
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, Streamline
 
-MOST_CELLS_A_SIDE = 10
-"""As `rg.draw` draws circuits symbol by symbol."""
+MAX_CIRCUIT_SIDE = 10
+"""Largest number of cells per axis of a grid whose circuit is drawn."""
 
-NOTHING = 65535
-"""Value of a picture's cell where nothing is shown."""
+NO_VALUE = 65535
+"""Value in a picture of cells without a value."""
 
-_DECADES = 6.0
-_LEAST_DROP = 1e-7
+_SPEED_DECADES = 6.0
+"""Range of currents over which the speed of dots varies, in orders of magnitude."""
+
+_SMALLEST_DROP = 1e-7
+"""Smallest drop that a normwise solution resolves."""
 
 
 def describe(frame: SolvedDrawing) -> tuple[dict[str, Any], list[bytes]]:
-    """The head of a frame, and its body: lines of paths, picture, face currents and speeds.
+    """Return the head of a frame and its body: lines of paths, picture, face currents and speeds.
 
-    The lines are float32 (points, 2), in cells from the lower corner, continuous across seams; the picture is uint16
-    (nx, ny), `NOTHING` where nothing is shown; currents are int8 (nx, ny, 4) through the lower and the upper face
-    across each axis, as shares of the cell's largest; speeds are uint8 (nx, ny).
+    Lines: float32 (points, 2), in cells from the lower corner, continuous across seams.  Picture: uint16 (nx, ny),
+    `NO_VALUE` for cells without a value.  Currents: int8 (nx, ny, 4), through the lower and the upper face across each
+    axis, 127 for the largest current of the cell.  Speeds: uint8 (nx, ny).
     """
     field = frame.field
     lines = [_line(path) for path in frame.paths]
@@ -58,16 +61,17 @@ def describe(frame: SolvedDrawing) -> tuple[dict[str, Any], list[bytes]]:
 
 
 def describe_others(drawing: Drawing, names: Sequence[str]) -> tuple[dict[str, Any], list[bytes]]:
-    """Certified paths to compare with those of a drawing, as lines like those of `describe`.
+    """Return the head and the lines of certified paths for comparison with those of a drawing.
 
-    ``"ideal"``: of its chip without flaws; ``"k = 0"`` and ``"k = 1"``: of both ends of the blend.
+    `names`: ``"ideal"`` for the chip without imperfections, ``"k = 0"`` and ``"k = 1"`` for the fields of the blend.
+    Lines have the form of those of `describe`.
     """
-    others = {"ideal": without_flaws(drawing)}
+    others = {"ideal": without_imperfections(drawing)}
     if not drawing.driven:
         others |= {"k = 0": replace(drawing, k=0.0), "k = 1": replace(drawing, k=1.0)}
     missing = [name for name in names if name not in others]
     if missing:
-        raise InputError(f"a grid that the start drives has no {missing[0]}: choose the uniform drive")
+        raise InputError(f"a grid that is driven by the start has no {missing[0]}: choose the uniform drive")
     lines = [[_line(path) for path in solve_drawing(others[name], exact=True).paths] for name in names]
     body = [line.astype("<f4").tobytes() for other in lines for line in other]
     return {"points": [[len(line) for line in other] for other in lines]}, body
@@ -81,7 +85,11 @@ def _line(path: Streamline | None) -> NDArray[np.float64]:
 
 def _path_head(path: Streamline | None, points: int) -> dict[str, Any]:
     if path is None:
-        return {"outcome": None, "points": 0, "message": "too flat for a quick solve: the path comes when you let go"}
+        return {
+            "outcome": None,
+            "points": 0,
+            "message": "the preview is too inaccurate here: the path appears after release",
+        }
     head = {"outcome": str(path.outcome), "points": points, "goal": path.goal, "cells": len(path.cells)}
     if path.outcome is Outcome.REACHED:
         return head | {"length": path.length, "clearance": path.clearance}
@@ -89,7 +97,7 @@ def _path_head(path: Streamline | None, points: int) -> dict[str, Any]:
 
 
 def picture_of(frame: SolvedDrawing) -> tuple[dict[str, Any], NDArray[np.uint16]]:
-    """Decades of the drop from the obstacle rail where it has a logarithm, else the height above the goals."""
+    """Return scale and picture of a field: the logarithm of the drop if it is known, otherwise the potential."""
     field = frame.field
     goal, log_drop = field.space.cell == Cell.GOAL, _log_drop(frame)
     if log_drop is not None:
@@ -102,13 +110,13 @@ def picture_of(frame: SolvedDrawing) -> tuple[dict[str, Any], NDArray[np.uint16]
 
 
 def quantised(value: NDArray[np.float64], shown: NDArray[np.bool_], low: float, high: float) -> NDArray[np.uint16]:
-    """A picture of values between two ends, `NOTHING` where nothing is shown; same shape."""
-    share = np.where(shown, (value - low) / (high - low), 0.0) if high > low else np.zeros_like(value)
-    return np.where(shown, np.rint(share * (NOTHING - 1)), NOTHING).astype("<u2")
+    """Return values scaled from [low, high] to [0, 65534] as uint16, `NO_VALUE` for cells that are not shown."""
+    fraction = np.where(shown, (value - low) / (high - low), 0.0) if high > low else np.zeros_like(value)
+    return np.where(shown, np.rint(fraction * (NO_VALUE - 1)), NO_VALUE).astype("<u2")
 
 
 def _log_drop(frame: SolvedDrawing) -> NDArray[np.float64] | None:
-    """Natural logarithm of the drop: of a blend ``k u_D + (1 - k) (1 - phi_N)``, shape of the space."""
+    """Return the natural logarithm of the drop, ``k u_D + (1 - k) (1 - phi_N)`` for a blend, in the space's shape."""
     field = frame.field
     if not 0.0 < field.k < 1.0:
         return _log_drop_of(field)
@@ -116,20 +124,20 @@ def _log_drop(frame: SolvedDrawing) -> NDArray[np.float64] | None:
     log_drop = _log_drop_of(obstacle)
     if log_drop is None:
         return None
-    with np.errstate(divide="ignore", invalid="ignore"):  # of cells without a way to a goal
+    with np.errstate(divide="ignore", invalid="ignore"):  # cells without a path to a goal
         rest = np.log1p(-field.k) + np.log(np.maximum(1.0 - opened.potential, 0.0))
         return np.asarray(np.logaddexp(np.log(field.k) + log_drop, rest))
 
 
 def _log_drop_of(field: Field) -> NDArray[np.float64] | None:
-    """The same of one circuit; of a hasty one down to its error; None without an obstacle rail."""
+    """Return the natural logarithm of the drop of one circuit, for a preview down to its error; None without rail."""
     if field.log_drop is not None or field.wiring.is_driven:
         return field.log_drop
-    return np.asarray(np.log(np.maximum(1.0 - field.potential, _LEAST_DROP)))
+    return np.asarray(np.log(np.maximum(1.0 - field.potential, _SMALLEST_DROP)))
 
 
 def _currents(field: Field) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
-    """Face currents of every cell relative to its largest, and how fast the page moves dots there."""
+    """Return relative face currents int8 (nx, ny, 4) and the speed of dots uint8 (nx, ny), as in `describe`."""
     log_current, direction = (
         [part for axis in range(2) for part in sides_of_cells(values[axis], axis)]
         for values in (field.face_log_current, field.face_direction)
@@ -137,22 +145,22 @@ def _currents(field: Field) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
     largest = reduce(np.maximum, log_current)
     flowing = np.isfinite(largest) & (field.space.cell == Cell.FREE)
     base = np.where(flowing, largest, np.inf)
-    shares = np.empty((*largest.shape, 4), dtype=np.int8)
+    currents = np.empty((*largest.shape, 4), dtype=np.int8)
     for side in range(4):
-        share = np.exp((log_current[side] - base).astype(np.float32))
-        shares[..., side] = np.rint(np.float32(127.0) * direction[side] * share)
+        fraction = np.exp((log_current[side] - base).astype(np.float32))
+        currents[..., side] = np.rint(np.float32(127.0) * direction[side] * fraction)
     decades = largest / np.log(10.0)
     top = np.quantile(decades[flowing], 0.98) if flowing.any() else 0.0
-    speed = np.clip(1.0 + (np.where(flowing, decades, top) - top) / _DECADES, 0.2, 1.0)
-    return shares, np.where(flowing, np.rint(255.0 * speed), 0).astype(np.uint8)
+    speed = np.clip(1.0 + (np.where(flowing, decades, top) - top) / _SPEED_DECADES, 0.2, 1.0)
+    return currents, np.where(flowing, np.rint(255.0 * speed), 0).astype(np.uint8)
 
 
 def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
-    """What is known of a cell: volts, the current through each of its faces in amperes, and converter bits."""
+    """Return the properties of a cell: volts, current through each face in amperes, converter bits, certificate."""
     space, drawing = frame.field.space, frame.drawing
     index = (int(cell[0]), int(cell[1]))
     if not all(0 <= part < size for part, size in zip(index, space.shape, strict=True)):
-        raise InputError(f"there is no cell {list(index)}")
+        raise InputError(f"there is no cell {list(index)} in the grid of {' x '.join(map(str, space.shape))} cells")
     wiring = frame.field.wiring
     unit = abs(wiring.supply) / wiring.resistance
     direction, log_current = frame.field.faces_of(np.array([index]))
@@ -175,9 +183,9 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
 
 
 def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
-    """What the certificate says of a cell."""
+    """Return the statements of the certificates about a cell."""
     if not frame.exact:
-        return ["nothing yet: this is a preview"]
+        return ["preview: not certified"]
     if frame.drawing.cell[index] != Cell.FREE or not frame.field.space.goal_connected[index]:
         return []
     proved = ["current leaves to lower potential", "Kirchhoff's law holds to 1e-6"]
@@ -188,7 +196,7 @@ def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
 
 
 def _bits(frame: SolvedDrawing, index: tuple[int, ...]) -> float | None:
-    """Converter bits that tell a cell's lowest neighbour from itself; None for blends, which are no circuit."""
+    """Return the converter bits that resolve the drop to the cell's lowest neighbour; None for blends and drives."""
     from resgrid.chip.adc_resolution import analyse_adc_resolution
 
     points = frame.solution.operating_points
@@ -198,15 +206,15 @@ def _bits(frame: SolvedDrawing, index: tuple[int, ...]) -> float | None:
 
 
 def _circuit(op: OperatingPoint) -> dict[str, Any] | None:
-    """Resistors, supplies and currents fed; None of a grid that is too large for symbols.
+    """Return resistors, supplies and injected currents; None for a grid that is too large to draw its circuit.
 
-    `resistors`: lists of axis, i, j (across whose lower face of cell (i, j)), ohms, and volts and amperes from the
-    lower side to the upper one; `supplies`: every rail's name, volts and amperes that it gives; `fed`: amperes that
-    every driven node is fed.
+    `resistors`: lists of axis, i, j (the resistor at the lower face of cell (i, j)), ohms, and volts and amperes from
+    the lower to the upper side; `supplies`: name, volts and delivered amperes of every rail; `fed`: amperes that are
+    injected into every driven node.
     """
     netlist, cells = op.netlist, op.netlist.cells
     shape = cells.space.shape
-    if max(shape) > MOST_CELLS_A_SIDE:
+    if max(shape) > MAX_CIRCUIT_SIDE:
         return None
     ohms = 1.0 / netlist.conductance
     amperes = np.where(cells.resistor_upward, 1.0, -1.0) * op.resistor_current

@@ -1,4 +1,4 @@
-"""Starting and stopping the page."""
+"""Start and stop of the live page."""
 
 from __future__ import annotations
 
@@ -25,19 +25,25 @@ if TYPE_CHECKING:
 _MISSING = "the live page needs starlette, uvicorn and websockets; type: {command}"
 _NO_WIDGETS = "in a notebook the page is a widget, which needs anywidget; type: {command}, or pass widget=False"
 _START_SECONDS = 20.0
+"""Longest wait for the start of the server, in seconds."""
+
 _STOP_SECONDS = 30.0
+"""Longest wait for the end of the server, in seconds."""
+
 _WORKERS = 8
-"""Requests that are worked at at once: the system shares its cores among them, so that no browser waits for another."""
+"""Number of requests that are answered in parallel, so that browsers do not wait for each other."""
+
 _WARM_CELLS = 256
+"""Largest number of cells per axis of the drawing that is solved at the start to load the kernels."""
 
 
 class LivePage:
-    """A page that is being served, until it is closed.
+    """A live page and its server.
 
     Attributes
     ----------
     url : str
-        What to open in a browser.
+        Address of the page, to open in a browser.
     """
 
     def __init__(self, drawing: Drawing, host: str, port: int, read_only: bool) -> None:
@@ -60,7 +66,7 @@ class LivePage:
                 timeout_graceful_shutdown=1,
             )
         )  # fmt: skip
-        # An interrupted Thread.join takes a living thread for an ended one (CPython 3.11).
+        # Thread.join is not used: after an interrupt it reports a running thread as ended (CPython 3.11).
         self._ended = threading.Event()
         threading.Thread(target=self._serve, daemon=True).start()
         until = time.monotonic() + _START_SECONDS
@@ -84,13 +90,13 @@ class LivePage:
             self._ended.set()
 
     def wait(self) -> None:
-        """Serve until interrupted."""
+        """Wait until the server ends, or until an interrupt."""
         while not self._ended.wait(0.5):
             pass
 
     def close(self) -> None:
-        """Stop serving; requests that are being answered are dropped."""
-        logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # which would be told as faults
+        """Stop the server; unfinished requests are dropped."""
+        logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # dropped requests would be logged as errors
         self._server.should_exit = True
         self._ended.wait(_STOP_SECONDS)
         self._socket.close()
@@ -106,35 +112,35 @@ def live(
     browser: bool = True,
     widget: bool | None = None,
 ) -> LivePage | LiveWidget:
-    """Open a page in the browser in which walls are painted and goals dragged while the grid settles.
+    """Open the live page, a browser editor of obstacles, goals and starts whose grid is solved after every change.
 
-    The page is served from this process, by a thread of its own, and solved by this library alone.
+    A thread of this process serves the page and solves its grid.
 
     Parameters
     ----------
     where : Scene or ConfigurationSpace, optional
-        What to begin with, of two axes; an empty square unless it is given.
+        Initial drawing, with two axes; an empty square by default.
     host : str
-        Address to listen at: by default nobody but this computer can reach the page.
+        Address of the server; by default only this computer has access.
     port : int
-        Where to listen; 0 takes a free one.
+        Port of the server; 0 for any free port.
     read_only : bool
-        Whether visitors may change k and starts only.
+        Whether visitors can only change k and starts.
     browser : bool
         Whether to open the page in a browser.
     widget : bool, optional
-        Whether to return a widget for a notebook, which is solved in its kernel, without server and port; by default
-        in the kernel of a notebook.
+        Whether to return a notebook widget, which runs in the notebook's kernel without a server; by default true in
+        the kernel of a notebook.
 
     Returns
     -------
     LivePage or LiveWidget
-        With its ``url``, until ``close()`` stops it; or the widget, which shows itself.
+        The served page, with its ``url`` and ``close()``; or the widget.
 
     Raises
     ------
     InputError
-        If this has not two axes, is too large to draw, or the port is taken.
+        If `where` does not have two axes or is too large to draw, or if the port is in use.
     ToolMissingError
         If the extra ``resgrid[live]``, or in a notebook ``resgrid[notebook]``, is not installed.
 
@@ -158,7 +164,7 @@ def live(
 def serve(
     where: Scene | ConfigurationSpace | None, *, host: str, port: int, read_only: bool, browser: bool
 ) -> LivePage:
-    """Serve the page at an address."""
+    """Serve the live page at an address, and open it if `browser` is true; arguments as in `live`."""
     page = LivePage(_drawing(where), host, port, read_only)
     if browser:
         webbrowser.open(page.url)
@@ -172,13 +178,13 @@ def _drawing(where: Scene | ConfigurationSpace | None) -> Drawing:
 
 
 def _in_notebook() -> bool:
-    """Whether the kernel of a notebook runs this."""
+    """Return whether this process is the kernel of a notebook."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return hasattr(shell, "kernel")
 
 
 def _load_engine(first: Drawing) -> None:
-    """Load the engine and its loops while the browser is still opening: solve the first drawing, or a smaller one."""
+    """Import the solvers and load their kernels by solving the first drawing, or a smaller one, at the start."""
     from resgrid.live_page.solving import solve_drawing
 
     cells = max(first.cell.shape)
@@ -191,4 +197,6 @@ def _listen(host: str, port: int) -> socket.socket:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         return socket.create_server((host, port), family=family)
     except (OSError, OverflowError) as error:
-        raise InputError(f"cannot listen at {host}:{port} ({error}); choose another with --port") from None
+        raise InputError(
+            f"cannot listen at {host}:{port} ({error}); choose another port, or 0 for any free port (--port 0)"
+        ) from None

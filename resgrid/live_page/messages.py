@@ -1,7 +1,7 @@
-"""What travels between page and server: a JSON head and bytes, in one binary message each way.
+"""Messages between page and server: binary messages with a JSON head and a body of bytes.
 
-A message is ``uint32`` n (little endian), n bytes of JSON (padded with spaces to a multiple of 4), and a body.  The
-body of a drawing is one byte a cell in C order: its code + 4 x the number of its conductivity.
+A message consists of ``uint32`` n (little endian), n bytes of JSON (padded with spaces to a multiple of 4), and a body.
+The body of a drawing has one byte per cell in C order: its code + 4 x the index of its conductivity in the palette.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from resgrid.live_page.drawing import Drawing, check_size
 from resgrid.scene.table_models import TableModel
 
 LARGEST = 8 << 20
-"""Bytes of the longest message."""
+"""Size of the longest message, in bytes."""
 
-_WORDS = {
+_PAGE_WORDS = {
     "use --drive uniform": "choose the uniform drive",
     "--drive uniform": "the uniform drive",
     "boundary = 'neumann'": "k = 0",
 }
-"""What an option of the command line is called on the page."""
+"""Controls of the page, by the option of the command line that has the same effect."""
 
 _Point = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]
 
 
 class AxisHead(TableModel):
-    """One axis."""
+    """An axis of a drawing."""
 
     name: Annotated[str, Len(1, 40)]
     lower: float
@@ -45,7 +45,7 @@ class AxisHead(TableModel):
 
 
 class DrawingHead(TableModel):
-    """What a drawing says beside its cells."""
+    """The attributes of a drawing except its cells."""
 
     title: Annotated[str, Len(0, 200)] = ""
     axes: Annotated[list[AxisHead], Len(2, 2)]
@@ -62,14 +62,14 @@ class DrawingHead(TableModel):
 
 
 class File(TableModel):
-    """A file that was dropped on the page; `data`: its bytes in base64."""
+    """A file that the user opens on the page; `data`: its bytes in base64."""
 
     name: Annotated[str, Len(1, 200)]
     data: str
 
 
 class Request(TableModel):
-    """What the page asks for."""
+    """A request of the page."""
 
     type: Literal["solve", "paths", "save", "probe", "settle", "world", "example", "files", "link"]
     seq: Annotated[int, Ge(0)]
@@ -84,32 +84,32 @@ class Request(TableModel):
 
 
 def read_request(message: bytes) -> tuple[Request, bytes]:
-    """The request that a message holds, and its body."""
+    """Return the request and the body of a message; raise InputError if the message is invalid."""
     size = int.from_bytes(message[:4], "little")
     if len(message) < 4 or size > len(message) - 4:
-        raise InputError("this message is cut short: a length, a JSON head and a body are expected")
+        raise InputError("this message is cut short; it must have a length, a JSON head and a body: reload the page")
     try:
         request = Request.model_validate(json.loads(message[4 : 4 + size]))
     except ValidationError as error:
         first = error.errors()[0]
         raise InputError(f"{'.'.join(map(str, first['loc'])) or 'request'}: {first['msg']}") from None
     except (ValueError, RecursionError) as error:
-        raise InputError(f"the head of this message is no JSON: {error}") from None
+        raise InputError(f"the head of this message is not JSON ({error}); reload the page") from None
     return request, message[4 + size :]
 
 
 def read_drawing(head: DrawingHead | None, body: bytes) -> Drawing:
-    """The drawing that a request brings."""
+    """Return the drawing of a request; raise InputError if it is missing or inconsistent."""
     if head is None:
         raise InputError("this request needs a drawing")
     shape = [axis.cells for axis in head.axes]
     check_size(shape)
     if len(body) != shape[0] * shape[1]:
-        raise InputError(f"{shape[0]} x {shape[1]} cells need as many bytes, got {len(body)}")
+        raise InputError(f"{shape[0]} x {shape[1]} cells need {shape[0] * shape[1]} bytes, got {len(body)}")
     cells = np.frombuffer(body, dtype=np.uint8).reshape(shape)
     code, level = cells & np.uint8(3), cells >> np.uint8(2)
     if code.max() > max(Cell) or level.max() >= len(head.palette):
-        raise InputError("a cell is none of free, obstacle and goal, or has no such conductivity")
+        raise InputError("the code of a cell is not free, obstacle or goal, or its conductivity is not in the palette")
     for i, j, axis in head.broken:
         if axis not in (0, 1) or not (0 <= i < shape[0] + (axis == 0) and 0 <= j < shape[1] + (axis == 1)):
             raise InputError(f"there is no resistor at {[i, j]} across axis {axis}")
@@ -134,7 +134,7 @@ def read_drawing(head: DrawingHead | None, body: bytes) -> Drawing:
 
 
 def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
-    """The head and body of a drawing; with its goal regions as lists of cell numbers."""
+    """Return the head and body of a message with a drawing and its goal regions, as lists of cell numbers."""
     space = drawing.space
     region, goals = space.goal_region.ravel(), []
     for number in range(space.goal_count):
@@ -157,14 +157,14 @@ def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
 
 
 def in_page_words(text: str) -> str:
-    """A message of the library, with what there is on the page in place of options of the command line."""
-    for option, words in _WORDS.items():
+    """Return a message of the library with options of the command line replaced by controls of the page."""
+    for option, words in _PAGE_WORDS.items():
         text = text.replace(option, words)
     return text
 
 
 def pack(head: dict[str, Any], *body: bytes) -> bytes:
-    """One message."""
+    """Return a message with a head and a body, as bytes."""
     text = json_text(head).encode()
     text += b" " * (-len(text) % 4)
     return b"".join((len(text).to_bytes(4, "little"), text, *body))

@@ -1,4 +1,4 @@
-"""The page in a notebook: an anywidget whose session runs in the kernel; no server, no port."""
+"""The live page as a notebook widget (anywidget), whose session runs in the kernel without a server."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ function urlOf(name) {
 const { show } = await import(urlOf("widget.js"));
 export default { render: (context) => show(context, sources["page.css"]) };
 """
-"""A module that loads the others from itself: a widget has one module only, and no address to import from."""
+"""JavaScript module that contains all other modules: a widget has only one module and no address for imports."""
 
 
 @cache
@@ -33,9 +33,10 @@ def _module() -> str:
 
 
 class LiveWidget(anywidget.AnyWidget):
-    """The live page as a widget; every view of it has a session of its own.
+    """The live page as a notebook widget; every view has a session of its own.
 
-    A message of a view names it and brings a request, as over a WebSocket; without one the view was opened or closed.
+    Messages contain the name of the view and a request, as over a WebSocket; a message without a request reports that
+    the view was opened or closed.
     """
 
     def __init__(self, drawing: Drawing, *, read_only: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""Opening: shipped examples, files that were dropped on the page, and links."""
+"""Import of drawings: shipped scenes, files that the user opens on the page, and links."""
 
 from __future__ import annotations
 
@@ -25,47 +25,49 @@ _PLAIN = re.compile(r"[\w. +()-]+")
 
 @cache
 def examples() -> Mapping[str, Path]:
-    """The shipped scenes that have two axes, by name."""
+    """Return the files of the shipped scenes with two axes, by name."""
     return {name: file for name, file in shipped_scenes().items() if _is_plane(file)}
 
 
 @cache
 def example_titles() -> Mapping[str, str]:
-    """Titles of the shipped scenes that have two axes, by name."""
+    """Return the titles of the shipped scenes with two axes, by name."""
     tables = {name: tomllib.loads(file.read_text(encoding="utf-8")) for name, file in examples().items()}
     return {name: table.get("title", name) for name, table in tables.items()}
 
 
 def _is_plane(file: Path) -> bool:
-    """Whether a scene file has two axes."""
+    """Return whether a scene file has two axes."""
     table = tomllib.loads(file.read_text(encoding="utf-8"))
     links, grid = table.get("robot", {}).get("links"), table.get("grid", {})
     return len(links or grid.get("axes", [])) == 2
 
 
 def open_example(name: str | None) -> Scene:
-    """A shipped scene."""
+    """Return the shipped scene of a name."""
     if name is None or name not in examples():
-        raise InputError(f"there is no example {name!r}; there are {', '.join(examples())}")
+        raise InputError(f"there is no example {name!r}; the examples are {', '.join(examples())}")
     return read_scene(examples()[name])
 
 
 def open_document(document: Mapping[str, Any] | None) -> Drawing:
-    """The scene of a link."""
+    """Return the drawing of a link's document."""
     if document is None:
-        raise InputError("this link holds no scene")
+        raise InputError("this link contains no scene; copy the whole link again")
     _refuse_files(document)
     return drawing_of(build_scene(document, "the link", Path()))
 
 
 def open_files(files: Sequence[File] | None) -> Drawing:
-    """A scene, or a map with its picture; they see nothing but one another."""
+    """Return the drawing of a scene file, or of a map with its picture; other files are not accessible."""
     if not files:
-        raise InputError("there is no file to open")
+        raise InputError("there is no file to open; drop a scene or a map on the page")
     with tempfile.TemporaryDirectory() as folder:
         for file in files:
             if not _PLAIN.fullmatch(file.name) or Path(file.name).suffix.lower() not in _SUFFIXES:
-                raise InputError(f"{file.name}: the page opens {', '.join(_SUFFIXES)}")
+                raise InputError(
+                    f"{file.name}: the page opens only plain file names that end in {', '.join(_SUFFIXES)}; rename it"
+                )
             (Path(folder) / file.name).write_bytes(_bytes(file))
         first = min(files, key=lambda file: _SUFFIXES.index(Path(file.name).suffix.lower())).name
         try:
@@ -84,19 +86,19 @@ def _bytes(file: File) -> bytes:
     try:
         return base64.b64decode(file.data, validate=True)
     except binascii.Error as error:
-        raise InputError(f"{file.name} arrived damaged: {error}") from None
+        raise InputError(f"{file.name} was damaged in transfer ({error}); open it again") from None
 
 
 def _refuse_files(document: Mapping[str, Any]) -> None:
-    """The page reads none of the server's files."""
+    """Raise InputError for a scene with a map file, because the page must not read files of the server."""
     if "map" in document:
-        raise InputError("this scene names a map file, which the page cannot see; drop the map itself")
+        raise InputError("this scene needs a map file, to which the page has no access; drop the map itself")
 
 
 def _refuse_foreign_picture(map_file: Path, files: Sequence[File]) -> None:
-    """The picture of a ROS map is one of the files that came with it."""
+    """Raise InputError unless the picture of a ROS map is one of the opened files."""
     from resgrid.scene.maps.yaml_cpp import read_mapping
 
     picture = read_mapping(map_file, ("image",)).get("image")
     if picture not in [file.name for file in files]:
-        raise InputError(f"{map_file.name} shows {picture!r}: drop this picture together with it")
+        raise InputError(f"{map_file.name} needs the picture {picture!r}: drop both files together")

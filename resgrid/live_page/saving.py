@@ -1,4 +1,4 @@
-"""Saving: a drawing as a scene file, its paths as a table, its circuit as a deck."""
+"""Export of a drawing: as a scene file, a table of paths, a picture or SPICE decks."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from resgrid.chip.build import build_chip
 from resgrid.errors import InputError
 from resgrid.io.paths import Route, write_routes
 from resgrid.live_page.drawing import Drawing
-from resgrid.live_page.frames import MOST_CELLS_A_SIDE
-from resgrid.live_page.solving import flaws_of, solve_drawing
+from resgrid.live_page.frames import MAX_CIRCUIT_SIDE
+from resgrid.live_page.solving import imperfections_of, solve_drawing
 from resgrid.planning.pipeline import compile_circuit
 from resgrid.spice.write.files import write_spice
 
 
 def save(drawing: Drawing, kind: str | None) -> tuple[str, bytes]:
-    """Name and content of a file.
+    """Return name and content of an exported file.
 
-    ``toml`` or ``json`` (the scene), ``csv`` (paths), ``deck`` (a folder, zipped),
-    ``svg`` (field and paths as `rg.draw` draws them) or ``circuit`` (of a small grid, as SVG).
+    `kind`: ``toml`` or ``json`` (the scene), ``csv`` (paths), ``deck`` (decks with sidecars, zipped), ``svg`` (field
+    and paths, drawn by `rg.draw`) or ``circuit`` (the circuit of a small grid, as SVG).
     """
     match kind:
         case "toml":
@@ -41,11 +41,11 @@ def save(drawing: Drawing, kind: str | None) -> tuple[str, bytes]:
             return "resgrid.svg", _picture(drawing)
         case "circuit":
             return "circuit.svg", _circuit(drawing)
-    raise InputError(f"there is no format {kind!r}; there are toml, json, csv, deck, svg and circuit")
+    raise InputError(f"there is no format {kind!r}; the formats are toml, json, csv, deck, svg and circuit")
 
 
 def scene_toml(document: Mapping[str, Any]) -> str:
-    """A document as TOML: plain keys, then tables, then lists of tables.
+    """Return a document as TOML text: plain keys, then tables, then lists of tables.
 
     Examples
     --------
@@ -81,14 +81,14 @@ def _paths(drawing: Drawing) -> bytes:
     frame = solve_drawing(drawing, exact=True)
     routes = [Route(path, tuple(path.points[0].tolist())) for path in frame.paths if path is not None]
     if not routes:
-        raise InputError("there is no start, so that there is no path to save")
+        raise InputError("there is no start, and therefore no path to save: set a start with the start tool")
     with tempfile.TemporaryDirectory() as folder:
         write_routes(routes, Path(folder) / "paths.csv")
         return (Path(folder) / "paths.csv").read_bytes()
 
 
 def _picture(drawing: Drawing) -> bytes:
-    """Field and certified paths, SVG."""
+    """Return a picture of the field and the certified paths, as SVG."""
     from resgrid.plot.figures import render_figure
     from resgrid.plot.pictures import draw
 
@@ -99,25 +99,28 @@ def _picture(drawing: Drawing) -> bytes:
 
 
 def _circuit(drawing: Drawing) -> bytes:
-    """The circuit with its voltages, SVG."""
+    """Return a picture of the circuit with its voltages, as SVG."""
     from resgrid.plot.figures import render_figure
     from resgrid.plot.pictures import draw
 
     points = list(solve_drawing(drawing, exact=True).solution.operating_points.values())
     if len(points) != 1:
-        raise InputError("a blend is two chips: choose k = 0 or k = 1 to see the circuit of one")
-    if max(drawing.cell.shape) > MOST_CELLS_A_SIDE:
-        raise InputError(f"circuits are drawn of up to {MOST_CELLS_A_SIDE} cells a side")
+        raise InputError("a blend consists of two chips: choose k = 0 or k = 1 for the circuit of one chip")
+    if max(drawing.cell.shape) > MAX_CIRCUIT_SIDE:
+        raise InputError(
+            f"circuits are only drawn for up to {MAX_CIRCUIT_SIDE} cells per axis; this grid has "
+            f"{' x '.join(map(str, drawing.cell.shape))}"
+        )
     return render_figure(draw(points[0]), "svg")
 
 
 def _deck(drawing: Drawing) -> bytes:
-    """Decks of the circuits that the field is made of, flaws and all, with their sidecars."""
+    """Return a ZIP archive of the decks of the field's circuits, with imperfections, and their sidecars."""
     problem = drawing.problem
     content = io.BytesIO()
     with tempfile.TemporaryDirectory() as folder:
         for name, wiring in problem.wirings.items():
-            netlist = build_chip(compile_circuit(problem.space, wiring), flaws_of(drawing))
+            netlist = build_chip(compile_circuit(problem.space, wiring), imperfections_of(drawing))
             write_spice(netlist, Path(folder) / f"{name}.cir", title=drawing.title or name)
         with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
             for file in sorted(Path(folder).iterdir()):

@@ -1,6 +1,6 @@
-"""The server of the page: static files, and one WebSocket for each browser.
+"""The server of the page: static files, and one WebSocket per browser.
 
-It imports no engine: the page is served while that is still being loaded.
+This module does not import solvers, so that the page is served while their import is still running.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from resgrid.live_page.session import Session
 
 STATIC = Path(__file__).parent / "static"
-MOST_BROWSERS = 32
-"""Browsers that are served at once."""
+MAX_BROWSERS = 32
+"""Largest number of connected browsers."""
 
 _HEADERS = {
     "content-security-policy": "default-src 'self'; img-src 'self' blob: data:; style-src 'self'; object-src 'none'; "
@@ -42,14 +42,14 @@ _LOOPBACK = {"127.0.0.1", "localhost", "::1"}
 
 
 def make_app(first: Drawing, executor: Executor, *, host: str, read_only: bool = False) -> Starlette:
-    """The application that shows a drawing; `host`: where it listens; `executor`: where requests are answered."""
+    """Return the ASGI application for a drawing; `host`: address of the server; `executor`: answers requests."""
     served = set[WebSocket]()
 
     async def serve(socket: WebSocket) -> None:
         if not _is_own(socket):
-            await socket.close(code=1008, reason="this page may only be used from itself")
-        elif len(served) >= MOST_BROWSERS:
-            await socket.close(code=1013, reason=f"{MOST_BROWSERS} browsers are served at once, and no more")
+            await socket.close(code=1008, reason="connections from other sites are not allowed")
+        elif len(served) >= MAX_BROWSERS:
+            await socket.close(code=1013, reason=f"the limit of {MAX_BROWSERS} browsers is reached; close another one")
         else:
             served.add(socket)
             try:
@@ -68,9 +68,9 @@ def make_app(first: Drawing, executor: Executor, *, host: str, read_only: bool =
 
 
 class _Guard:
-    """Answers only who calls the server by its own name or address, and adds headers that keep the page to itself.
+    """Middleware that rejects requests with a foreign host name and adds security headers.
 
-    A foreign name that leads here is another page's, which would speak in the visitor's name (DNS rebinding).
+    A foreign name that resolves to this server belongs to an attack by another site (DNS rebinding).
     """
 
     def __init__(self, app: ASGIApp, names: Collection[str]) -> None:
@@ -85,13 +85,15 @@ class _Guard:
 
         address = (scope.get("server") or ("",))[0]
         if scope["type"] != "lifespan" and _name_in(Headers(scope=scope)) not in {*self.names, address}:
-            await PlainTextResponse("this is not my name", 400)(scope, receive, sending)
+            await PlainTextResponse("unknown host name: open the page by its printed address", 400)(
+                scope, receive, sending
+            )
         else:
             await self.app(scope, receive, sending)
 
 
 def _name_in(headers: Headers) -> str | None:
-    """The name by which the server is called, without its port; None where it is none."""
+    """Return the host name of a request, without its port; None if it is invalid."""
     try:
         return urlsplit(f"//{headers.get('host', '')}").hostname
     except ValueError:
@@ -99,18 +101,18 @@ def _name_in(headers: Headers) -> str | None:
 
 
 def _is_own(socket: WebSocket) -> bool:
-    """Whether a connection comes from the page itself, not from another that the browser visits."""
+    """Return whether a connection comes from the page itself instead of another site in the browser."""
     return urlsplit(socket.headers.get("origin", "")).netloc == socket.headers.get("host")
 
 
 async def _talk(socket: WebSocket, first: Drawing, read_only: bool, executor: Executor) -> None:
-    """Answer one browser's requests, one after the other: where many wait, every browser has its turn.
+    """Answer the requests of one browser in sequence, so that the browsers take turns.
 
-    A film is made meanwhile, one at a time, so that a change of the drawing does not wait for it.
+    Transients are computed in parallel, one at a time, so that changes of the drawing do not wait for them.
     """
     loop = asyncio.get_running_loop()
     sending = asyncio.Lock()
-    film: asyncio.Task[None] | None = None
+    transient: asyncio.Task[None] | None = None
     session: Session | None = None
 
     async def answer(talk: Session, message: bytes) -> None:
@@ -123,20 +125,20 @@ async def _talk(socket: WebSocket, first: Drawing, read_only: bool, executor: Ex
         await socket.send_bytes(await loop.run_in_executor(executor, session.hello))
         while True:
             message = await socket.receive_bytes()
-            if not session.is_film(message):
+            if not session.requests_transient(message):
                 await answer(session, message)
                 continue
-            if film is not None:
-                await film
-            session.begin_film()
-            film = asyncio.create_task(answer(session, message))
-    except (WebSocketDisconnect, KeyError):  # closed, or a text message, which no page sends
+            if transient is not None:
+                await transient
+            session.begin_transient()
+            transient = asyncio.create_task(answer(session, message))
+    except (WebSocketDisconnect, KeyError):  # connection closed, or a text message, which the page never sends
         return
     finally:
         if session is not None:
             session.leave()
-        if film is not None:
-            await asyncio.gather(film, return_exceptions=True)
+        if transient is not None:
+            await asyncio.gather(transient, return_exceptions=True)
 
 
 def _begin(first: Drawing, read_only: bool) -> Session:

@@ -1,6 +1,6 @@
-"""One browser's conversation: every request brings all that it is about, and gets an answer.
+"""The session of one browser: its requests and their replies.
 
-Only the last frames are kept, so that a page goes on from where it was when the server is back.
+Every request contains the whole drawing, so that a page can continue after a restart of the server.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from resgrid.live_page.messages import Request, in_page_words, pack, read_drawin
 from resgrid.live_page.opening import example_titles, open_document, open_example, open_files
 from resgrid.live_page.solving import SolvedDrawing, WarmFields, solve_drawing
 
-PATIENCE = 0.035
-"""Seconds that a direction-safe frame may take to be made while somebody draws."""
+MAX_EXACT_SECONDS = 0.035
+"""Longest computing time of a direction-safe frame that replaces previews during a gesture, in seconds."""
 
 _log = logging.getLogger(__name__)
 Reply = tuple[dict[str, Any], list[bytes]]
 
 
 class Session:
-    """One browser: answers requests, and keeps its last frame for questions about it."""
+    """Session of one browser, which answers requests and stores the last frames."""
 
     def __init__(self, first: Drawing, read_only: bool) -> None:
         self.first, self.read_only = first, read_only
@@ -36,19 +36,19 @@ class Session:
         self.settled: SolvedDrawing | None = None
         self.before: SolvedDrawing | None = None
         self.exact_seconds = float("inf")
-        self._has_left = self._is_filming = False
+        self._has_left = self._has_transient = False
         self._newer: Drawing | None = None
         self._warm = WarmFields()
 
     def hello(self) -> bytes:
-        """What a page is told first."""
+        """Return the first message to a page: examples, settings and the initial drawing."""
         head, body = write_drawing(self.first)
         colours = {"height": list(HEIGHT), "goal": GOAL}
         about = {"examples": example_titles(), "read_only": self.read_only, "colours": colours}
         return pack({"hello": about, **head}, body)
 
     def answer(self, message: bytes) -> bytes:
-        """The reply to a message, which says what was wrong with it if anything was."""
+        """Return the reply to a message, with an error message if the request failed."""
         seq: int | None = None
         try:
             request, body = read_request(message)
@@ -57,10 +57,10 @@ class Session:
         except ResgridError as error:
             head, parts = {"error": in_page_words(str(error)), "kind": type(error).__name__}, []
         except MemoryError:
-            head, parts = {"error": "this does not fit in memory; use a coarser grid", "kind": "MemoryError"}, []
-        except Exception as error:  # a fault of resgrid, which must not end the conversation
+            head, parts = {"error": "out of memory; use a coarser grid", "kind": "MemoryError"}, []
+        except Exception as error:  # an internal error must not end the session
             _log.exception("a request could not be answered")
-            head, parts = {"error": f"this is a fault of resgrid ({error!r}); please report it", "kind": "fault"}, []
+            head, parts = {"error": f"internal error of resgrid ({error!r}); please report it", "kind": "fault"}, []
         return pack({"seq": seq, **head}, *parts)
 
     def _reply(self, request: Request, body: bytes) -> Reply:
@@ -71,9 +71,9 @@ class Session:
                 if request.cell is None:
                     raise InputError("this request needs a cell")
                 if self.frame is None:
-                    raise InputError("nothing has been solved yet")
-                told = probe(self.frame, request.cell)
-                return {"probe": told | {"pose": pose(self.frame, told["centre"])}}, []
+                    raise InputError("no drawing has been solved yet; send a solve request first")
+                properties = probe(self.frame, request.cell)
+                return {"probe": properties | {"pose": pose(self.frame, properties["centre"])}}, []
             case "paths":
                 return describe_others(self._drawing(request, body), request.paths or ())
             case "settle":
@@ -83,14 +83,14 @@ class Session:
                 try:
                     return settle(drawing, self._origin(drawing), lambda: self._is_wanted(drawing))
                 finally:
-                    self._is_filming = False
+                    self._has_transient = False
             case "save":
                 from resgrid.live_page.saving import save
 
                 name, content = save(self._drawing(request, body), request.format)
                 return {"name": name}, [content]
         if self.read_only:
-            raise InputError("this page is for reading only")
+            raise InputError("this page is read-only: only k and starts can be changed")
         opened = {
             "world": lambda: resample(read_drawing(request.drawing, body)),
             "example": lambda: drawing_of(open_example(request.name)),
@@ -101,46 +101,46 @@ class Session:
         return head, [cells]
 
     def _drawing(self, request: Request, body: bytes) -> Drawing:
-        """What a request is about; for readers the drawing shown, with their own k and starts."""
+        """Return the drawing of a request; for a read-only page the initial drawing with the request's k and starts."""
         drawing = read_drawing(request.drawing, body)
         return replace(self.first, k=drawing.k, starts=drawing.starts) if self.read_only else drawing
 
     def _origin(self, drawing: Drawing) -> OperatingPoint | None:
-        """From where a drawing settles: the circuit before the last change, if it was one and of the same grid."""
+        """Return the circuit before the last change, from which a transient starts; None for a new grid or a blend."""
         if self.before is None or self.before.drawing.axes != drawing.axes:
             return None
         points = list(self.before.solution.operating_points.values())
         return points[0] if len(points) == 1 else None
 
-    def is_film(self, message: bytes) -> bool:
-        """Return whether a message asks for the film of settling, which may take many seconds."""
+    def requests_transient(self, message: bytes) -> bool:
+        """Return whether a message requests a transient, which may take many seconds."""
         head = message[4 : 4 + int.from_bytes(message[:4], "little")]
-        if b'"settle"' not in head:  # most messages; a head may hold whole files
+        if b'"settle"' not in head:  # avoids parsing heads that contain whole files
             return False
         with suppress(InputError):
             return read_request(message)[0].type == "settle"
         return False
 
-    def begin_film(self) -> None:
-        """Let drawings of another circuit that are solved from now on end the film that is asked for next."""
-        self._is_filming, self._newer = True, None
+    def begin_transient(self) -> None:
+        """Announce the computation of a transient, which ends when a drawing of another circuit is solved."""
+        self._has_transient, self._newer = True, None
 
     def leave(self) -> None:
-        """End a film under way, because nothing waits for it any more."""
+        """End the computation of a transient, because the browser has left."""
         self._has_left = True
 
     def _is_wanted(self, drawing: Drawing) -> bool:
-        """Return whether the film of a drawing is still of the circuit on the page."""
+        """Return whether a transient is still that of the circuit on the page."""
         return not self._has_left and (self._newer is None or is_same_circuit(self._newer, drawing))
 
     def _solve(self, drawing: Drawing, exact: bool) -> Reply:
-        """Solve as asked; in haste, direction-safe all the same where that was quick enough before."""
-        if self._is_filming:
+        """Return the frame of a drawing; previews are direction-safe, too, if the last such frame was fast."""
+        if self._has_transient:
             self._newer = drawing
-        self.frame = solve_drawing(drawing, exact=exact or self.exact_seconds < PATIENCE, warm=self._warm)
+        self.frame = solve_drawing(drawing, exact=exact or self.exact_seconds < MAX_EXACT_SECONDS, warm=self._warm)
         if self.frame.exact:
             self.exact_seconds = self.frame.seconds
-        if exact:  # frames of a gesture under way are no field to settle from
+        if exact:  # transients do not start from frames during a gesture
             if self.settled is not None and not is_same_circuit(self.settled.drawing, drawing):
                 self.before = self.settled
             self.settled = self.frame

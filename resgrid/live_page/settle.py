@@ -1,4 +1,4 @@
-"""Settling: the potential of a drawing's circuit over time, after its rails are switched on or its cells change."""
+"""Transients of a drawing's circuit after its rails are switched on, or after a change of its cells."""
 
 from __future__ import annotations
 
@@ -14,70 +14,81 @@ from resgrid.circuit.transients import initial_voltages, transient_stepper
 from resgrid.core.netlist import GROUND, Netlist
 from resgrid.errors import BudgetError, InputError
 from resgrid.live_page.drawing import Drawing
-from resgrid.live_page.frames import NOTHING, picture_of, quantised
+from resgrid.live_page.frames import NO_VALUE, picture_of, quantised
 from resgrid.live_page.solving import SolvedDrawing, solve_drawing
 
-MOST_CELLS = 1 << 15
+MAX_CELLS = 1 << 15
+"""Largest number of cells of a grid whose transient is computed."""
+
 _FARADS = 1e-12
+"""Default capacitance of a node, in farads."""
+
 _FIRST = 0.25
+"""First time, in units of R C, divided by `_RATIO`."""
+
 _RATIO = 1.4
 """Ratio of successive times."""
 
-_MOST_MOMENTS = 80
-_STEPS = ((0.3, 24), (0.1, 12), (0.02, 6), (0.0, 3))
-"""Coarse steps of backward Euler to the next moment, by the largest logarithm of fine over coarse levels so far.
+_MAX_TIMES = 80
+"""Largest number of times of a transient."""
 
-Fine steps are half as long.
+_STEPS = ((0.3, 24), (0.1, 12), (0.02, 6), (0.0, 3))
+"""Smallest logarithmic difference of fine and coarse levels at the last time, and number of coarse steps to the next.
+
+The steps are of backward Euler; fine steps are half as long as coarse steps.
 """
 
 _VISIBLE = 0.004
-"""Difference to the steady picture, as a fraction of its scale, below which the circuit rests."""
+"""Difference from the steady-state picture, as a fraction of its scale, below which the circuit counts as settled."""
 
 
 def settle(
     drawing: Drawing, before: OperatingPoint | None, is_wanted: Callable[[], bool] = lambda: True
 ) -> tuple[dict[str, Any], list[bytes]]:
-    """Return times in seconds, pictures uint16 (times, nx, ny) and volts float32 (times, nx, ny).
+    """Return a transient: times in seconds, pictures uint16 (times, nx, ny) and volts float32 (times, nx, ny).
 
-    The pictures have the scale of the steady field, and the last one is the steady field.  The circuit starts from the
-    operating point `before`, or from rest without one, or where the change since then cannot be seen.  `is_wanted` is
-    called before every moment; InputError if it returns False.
+    The pictures have the scale of the steady-state field, which is the last picture.  The initial state is the
+    operating point `before`, or zero voltage if there is no such point or if its picture equals the last one.  The
+    function `is_wanted` is called before every time step; InputError is raised if it returns False.
     """
     if not drawing.driven and 0.0 < drawing.k < 1.0:
-        raise InputError("a blend is two chips: choose k = 0 or k = 1 to see one settle")
-    if drawing.cell.size > MOST_CELLS:
-        raise BudgetError(f"settling is shown of up to {MOST_CELLS:,} cells; this drawing has {drawing.cell.size:,}")
+        raise InputError("a blend consists of two chips: choose k = 0 or k = 1 for the transient of one chip")
+    if drawing.cell.size > MAX_CELLS:
+        raise BudgetError(
+            f"transients are only computed for up to {MAX_CELLS:,} cells; this drawing has {drawing.cell.size:,}: "
+            "open a smaller grid"
+        )
     frame = solve_drawing(drawing, exact=True)
     op = next(iter(frame.solution.operating_points.values()), None)
     if op is None:
-        raise InputError("nothing settles here: nothing drives this grid")
+        raise InputError("this grid has no transient, because it is not driven: add an obstacle, or an obstacle border")
     farads = float((drawing.chip or {}).get("capacitance", _FARADS))
     if not 0.0 < farads < 1.0:
-        raise InputError("chip.capacitance: settling needs one, in farads")
+        raise InputError(f"chip.capacitance = {farads:g} must lie between 0 and 1 F, both excluded, for a transient")
     first = _RATIO * _FIRST * op.netlist.cells.wiring.resistance * farads
-    film = None if before is None else _film(frame, op, before, farads, is_wanted)
-    if film is None:
-        film = _film(frame, op, None, farads, is_wanted)
+    transient = None if before is None else _transient(frame, op, before, farads, is_wanted)
+    if transient is None:
+        transient = _transient(frame, op, None, farads, is_wanted)
         before = None
-    if film is None:
-        raise InputError("nothing settles here: no voltage changes")
-    pictures, volts = film
+    if transient is None:
+        raise InputError("this grid has no transient, because no voltage changes: add an obstacle or a free cell")
+    pictures, volts = transient
     times = first * _RATIO ** np.arange(len(pictures))
     head = {"times": times.tolist(), "from_rest": before is None}
     return head, [pictures.tobytes(), volts.astype("<f4").tobytes()]
 
 
-def _film(
+def _transient(
     frame: SolvedDrawing,
     op: OperatingPoint,
     before: OperatingPoint | None,
     farads: float,
     is_wanted: Callable[[], bool],
 ) -> tuple[NDArray[np.uint16], NDArray[np.float64]] | None:
-    """Return pictures and volts (times, nx, ny) until the circuit rests; None where it rests from the start."""
+    """Return pictures and volts (times, nx, ny) until the circuit is settled; None if it is settled initially."""
     cells, wiring = op.netlist.cells, frame.field.wiring
     scale, steady = picture_of(frame)
-    shown = frame.field.space.goal_connected & (cells.node >= 0) & (steady != NOTHING)
+    shown = frame.field.space.goal_connected & (cells.node >= 0) & (steady != NO_VALUE)
     is_drop = scale["kind"] == "decades"
     low, high = scale["low"], scale["high"]
     unit, goal = _unit(op, is_drop), wiring.goal_voltage
@@ -96,9 +107,9 @@ def _film(
     if not differs(picture(start[cells.node])):
         return None
     pictures, volts = [], []
-    for level in islice(_levels(netlist, start, wiring.resistance * farads), _MOST_MOMENTS):
+    for level in islice(_levels(netlist, start, wiring.resistance * farads), _MAX_TIMES):
         if not is_wanted():
-            raise InputError("the drawing has changed: this film is of the drawing before")
+            raise InputError("the drawing has changed during the computation of its transient")
         at_cells = level[cells.node]
         pictures.append(picture(at_cells))
         volts.append(goal + wiring.supply * (1.0 - at_cells if is_drop else at_cells))
@@ -110,7 +121,7 @@ def _film(
 
 
 def _unit(op: OperatingPoint, is_drop: bool) -> float:
-    """Volts of the circuit that the page shows as a potential of 1."""
+    """Return the voltage that the page shows as a potential of 1, in volts."""
     wiring, free = op.netlist.cells.wiring, op.netlist.cells.free_node
     if is_drop:
         return float(wiring.supply)
@@ -118,9 +129,10 @@ def _unit(op: OperatingPoint, is_drop: bool) -> float:
 
 
 def _in_levels(netlist: Netlist, unit: float, goal: float, farads: float, is_drop: bool) -> Netlist:
-    """Return the circuit in potentials, or in drops, with a capacitor at the node of every free cell.
+    """Return the circuit scaled to potentials, or to drops, with a capacitor at the node of every free cell.
 
-    Drops and potentials are at least 0, so that backward Euler keeps their relative accuracy over many decades.
+    Backward Euler keeps the relative accuracy of drops and potentials over many orders of magnitude, because they are
+    not negative.
     """
     nodes = netlist.cells.free_node
     pairs = np.stack([nodes, np.full_like(nodes, GROUND)], axis=1)
@@ -134,7 +146,7 @@ def _in_levels(netlist: Netlist, unit: float, goal: float, farads: float, is_dro
 
 
 def _first_levels(op: OperatingPoint, before: OperatingPoint | None, unit: float, is_drop: bool) -> NDArray[np.float64]:
-    """Return the potential, or the drop, of every node at time 0: at rest, or as the page showed `before`."""
+    """Return the potential, or the drop, of every node at time 0: zero voltage, or the operating point `before`."""
     goal = op.netlist.cells.wiring.goal_voltage
     if before is None:
         level = np.full(op.netlist.node_count, -goal / unit)
@@ -147,11 +159,11 @@ def _first_levels(op: OperatingPoint, before: OperatingPoint | None, unit: float
 
 
 def _levels(netlist: Netlist, start: NDArray[np.float64], unit: float) -> Iterator[NDArray[np.float64]]:
-    """Yield the levels of all nodes at geometric times, by two runs of backward Euler, extrapolated.
+    """Yield the levels of all nodes at geometric times, extrapolated from coarse and fine steps of backward Euler.
 
-    The geometric extrapolation ``fine**2 / coarse`` is of second order and keeps every level positive.
+    The geometric extrapolation ``fine**2 / coarse`` has second order and keeps all levels positive.
     """
-    times = unit * _FIRST * np.array([0.0, *_RATIO ** np.arange(1, _MOST_MOMENTS + 1)])
+    times = unit * _FIRST * np.array([0.0, *_RATIO ** np.arange(1, _MAX_TIMES + 1)])
     coarse = fine = start
     highest = np.inf if len(netlist.current_amps) else max(1.0, float(start.max()))  # the maximum principle
     error = np.inf
@@ -167,7 +179,7 @@ def _levels(netlist: Netlist, start: NDArray[np.float64], unit: float) -> Iterat
 
 
 def _advanced(netlist: Netlist, level: NDArray[np.float64], seconds: float, steps: int) -> NDArray[np.float64]:
-    """Return the levels after some steps of equal length."""
+    """Return the levels after a number of steps of equal length over a time in seconds."""
     stepper = transient_stepper(netlist, seconds / steps, method="backward_euler")
     level = stepper.start(level)
     for _ in range(steps):

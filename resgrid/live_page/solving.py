@@ -1,4 +1,4 @@
-"""Drawings solved: in haste while somebody draws, each field from the one before, or direction-safe and certified."""
+"""Solution of drawings: normwise previews during a gesture, or direction-safe fields with certified paths."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ if TYPE_CHECKING:
     from resgrid.chip.effects import Effect
 
 _TOLERANCE = 1e-6
-"""Normwise backward error of what is shown while somebody draws."""
+"""Normwise backward error of previews."""
 
 
 class WarmFields:
-    """Fields of ideal circuits, normwise, without their netlists."""
+    """Solver of previews of ideal circuits, which starts from the previous fields."""
 
     def __init__(self) -> None:
         self._starts: dict[str, WarmStart] = {}
 
     def solve(self, problem: Problem) -> Solution:
-        """The fields of a problem; errors as of `WarmStart.solve` and `read_cells`."""
+        """Return the normwise fields of a problem; raises the errors of `WarmStart.solve` and `read_cells`."""
         pure = dict[str, Field]()
         for name, wiring in problem.wirings.items():
-            start = self._starts.pop(name, None)  # one that fails is begun anew
+            start = self._starts.pop(name, None)  # after an error, the next call starts without previous fields
             if start is None or start.wiring != wiring:
                 start = WarmStart(wiring, rtol=_TOLERANCE)
             point = start.solve(problem.space)
@@ -52,9 +52,9 @@ class WarmFields:
 
 @dataclass(frozen=True, eq=False)
 class SolvedDrawing:
-    """A drawing that was solved: direction-safe with certified paths, or while somebody draws in haste.
+    """The solution of a drawing: direction-safe with certified paths (`exact`), or a preview.
 
-    `paths`: one for each start, None where a hasty field shows no way; `seconds`: that it took.
+    `paths`: one per start, None if the field of a preview is too inaccurate for a path; `seconds`: computing time.
     """
 
     drawing: Drawing
@@ -65,20 +65,21 @@ class SolvedDrawing:
 
     @property
     def field(self) -> Field:
-        """The field that is shown."""
+        """The displayed field."""
         return self.solution.fields[0]
 
 
 def solve_drawing(drawing: Drawing, *, exact: bool, warm: WarmFields | None = None) -> SolvedDrawing:
-    """Solve a drawing and follow the current from its starts; exact paths are certified.
+    """Return the solution of a drawing, with a path for every start.
 
-    `warm`: from where a chip without flaws is solved in haste.
+    `exact`: compute a direction-safe field and certified paths, otherwise a preview; `warm`: solver of previews for
+    chips without imperfections.
     """
     began = time.perf_counter()
     if not (drawing.cell == Cell.GOAL).any():
-        raise InputError("there is no goal: set one with the goal tool")
+        raise InputError("there is no goal: set a goal with the goal tool")
     if drawing.driven and not len(drawing.starts):
-        raise InputError("there is no start to drive the grid: set one, or choose the uniform drive")
+        raise InputError("there is no start to drive the grid: set a start, or choose the uniform drive")
     solution = _solved(drawing, exact, warm)
     points = start_points(drawing.space, drawing.starts) if len(drawing.starts) else ()
     paths = tuple(_path(field, points[number], exact) for field, number in solution.tasks)
@@ -86,12 +87,14 @@ def solve_drawing(drawing: Drawing, *, exact: bool, warm: WarmFields | None = No
 
 
 def _solved(drawing: Drawing, exact: bool, warm: WarmFields | None) -> Solution:
-    flaws = flaws_of(drawing)
-    if warm is not None and not exact and not drawing.driven and not flaws:
-        with suppress(CircuitError, AccuracyError):  # where a half is flat, or a circuit is too stiff to be hurried
+    imperfections = imperfections_of(drawing)
+    if warm is not None and not exact and not drawing.driven and not imperfections:
+        with suppress(CircuitError, AccuracyError):  # a field of the blend is zero, or the circuit is too stiff
             return warm.solve(drawing.problem)
     solver = solve if exact else partial(solve, accuracy="normwise", rtol=_TOLERANCE)
-    return solve_problem(drawing.problem, work=SolveOptions(_flawed(solver, flaws) if flaws else solver))
+    return solve_problem(
+        drawing.problem, work=SolveOptions(_with_imperfections(solver, imperfections) if imperfections else solver)
+    )
 
 
 def _path(field: Field, point: NDArray[np.float64], exact: bool) -> Streamline | None:
@@ -108,8 +111,8 @@ def _path(field: Field, point: NDArray[np.float64], exact: bool) -> Streamline |
     return path
 
 
-def flaws_of(drawing: Drawing) -> list[Effect]:
-    """Passes that make a drawing's chip of an ideal one; none where it has no flaws."""
+def imperfections_of(drawing: Drawing) -> list[Effect]:
+    """Return the imperfections of a drawing's chip, as functions from netlist to netlist; empty for an ideal chip."""
     chip = drawing.chip or {}
     sigma = chip.get("mismatch", 0.0)
     if not sigma and not drawing.broken:
@@ -120,17 +123,17 @@ def flaws_of(drawing: Drawing) -> list[Effect]:
     return [*mismatch, *([Faults(open_at=drawing.broken)] if drawing.broken else [])]
 
 
-def without_flaws(drawing: Drawing) -> Drawing:
-    """The drawing of the same chip as it was meant."""
+def without_imperfections(drawing: Drawing) -> Drawing:
+    """Return the drawing with an ideal chip."""
     chip = {key: value for key, value in (drawing.chip or {}).items() if key not in ("mismatch", "seed")}
     return replace(drawing, chip=chip, broken=())
 
 
-def _flawed(solver: Solver, flaws: list[Effect]) -> Solver:
-    """A solver of netlists that are given flaws first."""
+def _with_imperfections(solver: Solver, imperfections: list[Effect]) -> Solver:
+    """Return a solver that adds the imperfections to a netlist before solving it."""
     from resgrid.chip.build import build_chip
 
-    def solve_flawed(netlist: Netlist, **options: object) -> OperatingPoint:
-        return solver(build_chip(netlist, flaws), **options)
+    def solve_imperfect(netlist: Netlist, **options: object) -> OperatingPoint:
+        return solver(build_chip(netlist, imperfections), **options)
 
-    return solve_flawed
+    return solve_imperfect

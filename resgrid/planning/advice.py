@@ -16,7 +16,7 @@ from resgrid.scene import GoalCell, GoalJoints, Scene, build_space
 from resgrid.scene.goals import Goal
 from resgrid.scene.nearest_place import has_unknown, why_blocked
 from resgrid.scene.overrides import apply_overrides
-from resgrid.scene.world_coordinates import cell_centre, located
+from resgrid.scene.world_coordinates import cell_centre, locate_point
 
 _MOST_CELLS = 2**24
 """Largest number of cells for which a remedy is tried when the robot is a point or a disc."""
@@ -78,7 +78,7 @@ class Advisor:
         space = self._spaces[name]
         if space is None:
             return False
-        cell, _ = located(space.axes, space.frame, tuple(path.points[0].tolist()), "starts")
+        cell, _ = locate_point(space.axes, space.frame, tuple(path.points[0].tolist()), "starts")
         return bool(space.goal_connected[cell]) or space.cell[cell] == Cell.GOAL
 
 

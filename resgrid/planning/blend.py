@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.validation import is_number
+from resgrid._internal.numbers import is_number
 from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import Natural, per_axis
+from resgrid._internal.numbers import Natural, per_axis
 from resgrid.circuit.solve import solve
 from resgrid.core.axis import Axis
 from resgrid.core.compiler import compile_space

@@ -9,7 +9,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import Count
+from resgrid._internal.numbers import Count
 from resgrid._internal.values import frozen, picture_html
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring, WiringOptions

@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from resgrid._internal.validation import Natural, NotNegative
+from resgrid._internal.numbers import Natural, NotNegative
 from resgrid.core.space import Cell
 from resgrid.errors import InputError
 from resgrid.planning.certify import certify_collision_free

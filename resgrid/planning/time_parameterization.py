@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import NotNegative, check_number, per_axis
+from resgrid._internal.numbers import NotNegative, check_number, per_axis
 from resgrid._internal.values import frozen
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError

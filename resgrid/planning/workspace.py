@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.validation import Positive
+from resgrid._internal.numbers import Positive
 from resgrid._internal.values import frozen
 from resgrid.errors import InputError
 from resgrid.planning.streamline import AnyPath, robot_of, unwrap

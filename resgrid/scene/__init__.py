@@ -1,4 +1,4 @@
-"""Scenes: what a person writes, or a map says, about a robot, its surroundings and the chip."""
+"""Scenes: user input that describes a robot, its surroundings and the chip, from TOML files and maps."""
 
 from resgrid.scene.chip import Chip as Chip, Defects as Defects, Readout as Readout
 from resgrid.scene.control import Control as Control

@@ -1,4 +1,4 @@
-"""The chip: what its maker says about resistors, switches, rails, read-out and defects."""
+"""The ``[chip]`` table: component values, switches, rails, mismatch, read-out and defects of a chip."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from resgrid.scene.quantities import Listed, Quantity
 from resgrid.scene.table_models import check_fields
 
 ABSOLUTE_ZERO = -273.15
+"""Lowest temperature, in degrees Celsius."""
 
 Ohms = Annotated[float, Gt(0), Quantity("ohm")]
 OhmsOrZero = Annotated[float, Ge(0), Quantity("ohm")]
 Metres = Annotated[float, Gt(0), Quantity("m")]
 Volts = Annotated[float, Quantity("V")]
-Share = Annotated[float, Ge(0), Quantity("", share=True)]
-Density = Annotated[float, Ge(0), Le(1), Quantity("", share=True)]
+Fraction = Annotated[float, Ge(0), Quantity("", is_fraction=True)]
+Density = Annotated[float, Ge(0), Le(1), Quantity("", is_fraction=True)]
 
 Place = Annotated[tuple[Annotated[int, Ge(0)], ...], Len(2, 5)]
 
@@ -28,25 +29,25 @@ Place = Annotated[tuple[Annotated[int, Ge(0)], ...], Len(2, 5)]
 @brief
 @dataclass(frozen=True)
 class Readout:
-    """How node voltages are measured; ideal where it does not say.
+    """The circuit that measures node voltages; ideal by default.
 
     Attributes
     ----------
     input_resistance : float or None
-        From every cell's node to ground, by the read-out.
+        Resistance of the read-out from every cell's node to ground.
     offset : float or None
-        Standard deviation of a node's measurement, the same at every measurement of the node.
+        Standard deviation of the offset of a node's measurements, which is constant in time.
     noise_bandwidth : float or None
         Equivalent noise bandwidth of a measurement.
     bits : int or None
-        Of the converter, 1 to 32.
+        Resolution of the analog-to-digital converter, 1 to 32.
     range : tuple of float or None
-        Lowest and highest voltage that the converter tells; without it from rail to rail.
+        Lowest and highest input voltage of the converter; by default from rail to rail.
 
     Raises
     ------
     InputError
-        If such a read-out cannot be.
+        If a value is out of range.
 
     Examples
     --------
@@ -66,30 +67,30 @@ class Readout:
         if self.range is not None and not self.range[0] < self.range[1]:
             shown = list(self.range)
             raise InputError(
-                f"range = {shown} must be the lowest and the highest voltage of the converter, the lower first"
+                f"range = {shown} is empty; give the lowest and then the highest input voltage of the converter"
             )
 
 
 @brief
 @dataclass(frozen=True)
 class Defects:
-    """Faults of fabrication: shares of the grid's resistors.
+    """Fabrication faults: fractions of the grid's resistors that are open or shorted.
 
     Attributes
     ----------
     open_density : float
-        Share of the resistors that are open.
+        Fraction of the resistors that are open.
     short_density : float
-        Share of the resistors that are shorted; with the open ones at most all.
+        Fraction of the resistors that are shorted; together with ``open_density`` at most 1.
     short_resistance : float
-        Of a short.
+        Resistance of a shorted resistor.
     open_at : tuple of tuple of int
-        Resistors that are open besides: a cell, and the axis across whose lower face each lies.
+        Further open resistors, each as the indices of a cell and an axis: the resistor at the cell's lower face.
 
     Raises
     ------
     InputError
-        If such faults cannot be.
+        If a value is out of range.
 
     Examples
     --------
@@ -108,73 +109,75 @@ class Defects:
         check_fields(self)
         if (both := self.open_density + self.short_density) > 1:
             raise InputError(
-                f"open_density + short_density = {both:g}, but no more than all resistors (1 or 100 %) can be faulty"
+                f"open_density + short_density = {both:g} exceeds 1: more than all resistors would be faulty; lower one"
             )
 
 
 @brief
 @dataclass(frozen=True)
 class Chip:
-    """What a chip is made of, in SI units; ideal where it does not say.
+    """Component values and imperfections of a chip, in SI units; ideal by default.
 
-    Every value may also be given as an engineering value such as ``"4k7"``, shares as ``"10 %"``.
+    Every value may also be given as an engineering value such as ``"4k7"``, fractions as ``"10 %"``.
 
     Attributes
     ----------
     resistance : float
-        Between neighbours along the finest axis at conductivity 1.
+        Resistance between neighbours along the finest axis at conductivity 1.
     supply : float
-        Obstacle rail (or driven start) above the goal rail; not 0.
+        Voltage of the obstacle rail (or of a driven start) above the goal rail; not 0.
     wall_resistance : float or None
-        In series with every obstacle contact where ``boundary = "wall"``.
+        Resistance in series with every obstacle contact, for ``boundary = "wall"``.
     capacitance : float or None
-        From every cell's node to ground.
+        Capacitance from every cell's node to ground.
     goal_switch_on, obstacle_switch_on : float or None
-        Closed switch between a cell's node and this rail; a wire where nothing is said.
+        Resistance of the closed switch between a cell's node and this rail; a wire by default.
     goal_switch_off, obstacle_switch_off : float or None
-        The same switch, open; no connection where nothing is said.
+        Resistance of the open switch between a cell's node and this rail; no connection by default.
     internodal_switch_on : float or None
-        Closed switch in series with every resistor between cells.
+        Resistance of the closed switch in series with every resistor between cells; a wire by default.
     internodal_switch_off : float or None
-        The same switch, open.
+        Resistance of the open switch in series with every resistor between cells; no connection by default.
     mismatch : float or None
-        Standard deviation of a resistance, as a share of its mean, below 1.
+        Standard deviation of a resistance, as a fraction of its mean, below 1.
     pelgrom : float or None
-        Instead: ``A_R``, for a standard deviation ``A_R / sqrt(W L)`` (Pelgrom, Duinmaijer & Welbers 1989).
+        Pelgrom coefficient ``A_R``, instead of ``mismatch``: the standard deviation is ``A_R / sqrt(W L)`` (Pelgrom,
+        Duinmaijer & Welbers 1989).
     width : float or None
-        ``W`` of a resistor.
+        Width ``W`` of a resistor.
     length : float or None
-        ``L`` of a resistor.
+        Length ``L`` of a resistor.
     gradient : tuple of float or None
-        Growth of the resistance from one end of the die to the other along every axis (missing ones: 0), as a share of
-        its nominal value, which the middle of the die has.
+        Increase of the resistance from one edge of the die to the other along every axis (missing ones: 0), as a
+        fraction of the nominal value, which holds at the centre of the die.
     temperature : float or None
-        Of the die; nominal is 27.
+        Temperature of the die, in degrees Celsius; nominal is 27.
     tc1 : float or None
-        First temperature coefficient of the grid's resistors, from 27 degrees Celsius.
+        First temperature coefficient of the grid's resistors, relative to 27 degrees Celsius.
     tc2 : float or None
-        Second temperature coefficient of the grid's resistors.
+        Second temperature coefficient of the grid's resistors, relative to 27 degrees Celsius.
     preferred : str or None
-        Series of preferred values that resistances are taken from (IEC 60063).
+        Series of preferred values to which resistances are rounded (IEC 60063).
     sheet_resistance : float or None
-        Instead: per square of the polysilicon that resistors of the given width are drawn in.
+        Sheet resistance, per square, of the polysilicon in which resistors of ``width`` are drawn; instead of
+        ``preferred``.
     drawing_grid : float
-        Step of drawn lengths.
+        Grid to which drawn lengths are rounded.
     rail_resistance : float or None
-        Of a stretch of rail between neighbouring cells.
+        Resistance of the rail between neighbouring cells.
     saturation_voltage : float or None
-        ``V0`` of nonlinear resistors ``I0 tanh(dV / V0)`` in place of linear ones, with ``I0 = V0 / R``.
+        Voltage ``V0`` of nonlinear resistors ``I0 tanh(dV / V0)`` with ``I0 = V0 / R``, instead of linear ones.
     seed : int
-        Of everything random about the chip.
+        Seed of all random values of the chip.
     readout : Readout
-        How its nodes are measured.
+        Read-out circuit of the node voltages.
     defects : Defects
-        Its faults.
+        Fabrication faults.
 
     Raises
     ------
     InputError
-        If such a chip cannot be.
+        If values are out of range or inconsistent.
 
     Examples
     --------
@@ -195,11 +198,11 @@ class Chip:
     obstacle_switch_off: Ohms | None = None
     internodal_switch_on: Ohms | None = None
     internodal_switch_off: Ohms | None = None
-    mismatch: Share | None = None
+    mismatch: Fraction | None = None
     pelgrom: Annotated[float, Ge(0), Quantity("% µm")] | None = None
     width: Metres | None = None
     length: Metres | None = None
-    gradient: Annotated[tuple[Annotated[float, Quantity("", share=True)], ...], Len(1, 4), Listed()] | None = None
+    gradient: Annotated[tuple[Annotated[float, Quantity("", is_fraction=True)], ...], Len(1, 4), Listed()] | None = None
     temperature: Annotated[float, Quantity("°C")] | None = None
     tc1: Annotated[float, Quantity("1/K")] | None = None
     tc2: Annotated[float, Quantity("1/K^2")] | None = None
@@ -225,11 +228,11 @@ class Chip:
 
 def _supply_problems(chip: Chip) -> Iterator[str]:
     if chip.supply == 0:
-        yield "supply = 0 drives nothing; give the voltage between the rails"
+        yield "supply = 0 drives no current; give the voltage between the rails"
     if chip.defects.short_density > 0 and chip.defects.short_resistance >= chip.resistance:
         yield (
-            f"defects.short_resistance = {chip.defects.short_resistance:g} ohm is no short of a resistor of "
-            f"{chip.resistance:g} ohm; give a smaller one"
+            f"defects.short_resistance = {chip.defects.short_resistance:g} ohm is not below the resistance of "
+            f"{chip.resistance:g} ohm that it shorts; give a smaller one"
         )
 
 
@@ -247,17 +250,17 @@ def _spread_problems(chip: Chip) -> Iterator[str]:
     if chip.mismatch is not None and chip.mismatch >= 1:
         yield f"mismatch = {chip.mismatch:g} is {chip.mismatch:.0%} of a resistance; it must stay below 100 %"
     if chip.mismatch is not None and chip.pelgrom is not None:
-        yield "mismatch and pelgrom both say how resistors differ; remove one of them"
+        yield "mismatch and pelgrom both set the standard deviation of resistances; remove one of them"
     if chip.pelgrom is not None and (chip.width is None or (chip.length is None and chip.sheet_resistance is None)):
         yield (
             "pelgrom needs the area of a resistor: give width and length (or width and sheet_resistance, from which "
             "the length follows)"
         )
     gradient = chip.gradient or ()
-    if sum(abs(share) for share in gradient) >= 2:
+    if sum(map(abs, gradient)) >= 2:
         yield (
-            f"gradient = {list(gradient)} takes a resistance below 0 in a corner of the die; "
-            "its shares must add up to less than 2 (200 %)"
+            f"gradient = {list(gradient)} makes a resistance negative in a corner of the die; "
+            "the magnitudes of its entries must add up to less than 2 (200 %)"
         )
 
 
@@ -265,11 +268,11 @@ def _value_problems(chip: Chip) -> Iterator[str]:
     if chip.sheet_resistance is None:
         return
     if chip.preferred is not None:
-        yield "preferred and sheet_resistance both say which resistances there are; remove one of them"
+        yield "preferred and sheet_resistance both restrict the resistances; remove one of them"
     if chip.width is None:
         yield "sheet_resistance needs the width of a resistor, from which its length follows; give width"
     if chip.length is not None:
-        yield "sheet_resistance and width give every resistor its length; remove length"
+        yield "sheet_resistance and width determine the length of every resistor; remove length"
 
 
 def _heat_problems(chip: Chip) -> Iterator[str]:
@@ -282,6 +285,6 @@ def _heat_problems(chip: Chip) -> Iterator[str]:
     factor = 1 + (chip.tc1 or 0.0) * rise + (chip.tc2 or 0.0) * rise**2
     if factor <= 0:
         yield (
-            f"tc1 and tc2 turn resistances into {factor:g} of themselves at temperature = {chip.temperature:g}; "
-            "they hold for 1/K and 1/K^2 around 27 degrees Celsius"
+            f"tc1 and tc2 multiply resistances by {factor:g} at temperature = {chip.temperature:g}; "
+            "give coefficients in 1/K and 1/K^2, relative to 27 degrees Celsius, that keep resistances positive"
         )

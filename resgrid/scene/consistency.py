@@ -1,4 +1,4 @@
-"""What must hold between the parts of a scene."""
+"""Consistency checks between the parts of a scene."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from resgrid.scene.toml_lines import Path
 
 
 def inconsistencies(
-    said: Any,
+    settings: Any,
     robot: Robot | type[Robot] | None,
     axes: Sequence[Axis] | None,
     names: Sequence[str | None],
@@ -24,30 +24,31 @@ def inconsistencies(
     *,
     has_wall: bool,
 ) -> list[Problem]:
-    """Everything in a scene that does not fit together, by key path; of a file with errors, among what is right.
+    """Return all inconsistencies between parts of a scene, by key path.
 
-    `said`: a scene or the document of a file; `robot`: its class, if only that is known; `axes`: None if some are
-    wrong; `names`: of all axes, as far as they are known; `values`: shapes, goals, areas and starts, by their key path.
+    `settings`: the scene, or the typed document of its file; `robot`: the robot, or its class if other keys of its
+    table are invalid; `axes`: None if some axes are invalid; `names`: of all axes, None where unknown; `values`:
+    shapes, goals, areas and starts, by key path; `has_wall`: the chip has a wall resistance.
     """
     ndim = len(names)
     return [
-        *_names(names),
-        *_axes(robot, axes),
-        *_edges(said.edge, axes, ndim),
-        *_boundary(said, values, has_wall),
-        *_coordinates(robot, ndim, values),
-        *_leaning(robot, axes, values),
-        *((("control", *path), message) for path, message in (said.control.misfits(ndim) if ndim else ())),
+        *_duplicate_names(names),
+        *_axes_problems(robot, axes),
+        *_edge_problems(settings.edge, axes, ndim),
+        *_boundary_problems(settings, values, has_wall),
+        *_coordinate_problems(robot, ndim, values),
+        *_half_space_problems(robot, axes, values),
+        *((("control", *path), message) for path, message in (settings.control.problems(ndim) if ndim else ())),
     ]
 
 
-def _names(names: Sequence[str | None]) -> Iterator[Problem]:
+def _duplicate_names(names: Sequence[str | None]) -> Iterator[Problem]:
     for number, name in enumerate(names):
         if name is not None and name in names[:number]:
             yield ("grid", "axes", number, "name"), f"another axis is called {name!r} already; choose another name"
 
 
-def _axes(robot: Robot | type[Robot] | None, axes: Sequence[Axis] | None) -> Iterator[Problem]:
+def _axes_problems(robot: Robot | type[Robot] | None, axes: Sequence[Axis] | None) -> Iterator[Problem]:
     if axes is not None and not 1 <= len(axes) <= MAX_DIMENSIONS:
         yield ("grid", "axes"), f"a scene has 1 to {MAX_DIMENSIONS} axes, got {len(axes)}"
     elif isinstance(robot, Robot) and axes is not None:
@@ -57,7 +58,7 @@ def _axes(robot: Robot | type[Robot] | None, axes: Sequence[Axis] | None) -> Ite
             yield ("grid",), str(error)
 
 
-def _edges(edge: Sequence[str], axes: Sequence[Axis] | None, ndim: int) -> Iterator[Problem]:
+def _edge_problems(edge: Sequence[str], axes: Sequence[Axis] | None, ndim: int) -> Iterator[Problem]:
     if ndim and len(edge) not in (1, ndim):
         yield ("edge",), f"needs one entry for each of the {ndim} axes (or one text for all), got {len(edge)}"
         return
@@ -69,21 +70,21 @@ def _edges(edge: Sequence[str], axes: Sequence[Axis] | None, ndim: int) -> Itera
             return
 
 
-def _boundary(said: Any, values: Mapping[Path, Any], has_wall: bool) -> Iterator[Problem]:
-    boundary, drive = said.boundary, said.drive
+def _boundary_problems(settings: Any, values: Mapping[Path, Any], has_wall: bool) -> Iterator[Problem]:
+    boundary, drive = settings.boundary, settings.drive
     if boundary == "wall" and not has_wall:
         yield ("boundary",), 'boundary = "wall" needs wall_resistance in [chip], in ohms'
-    if drive is not None and boundary in ("dirichlet", "wall") and not any(share < 1 for share in said.k):
+    if drive is not None and boundary in ("dirichlet", "wall") and not any(k < 1 for k in settings.k):
         yield (
             ("drive",),
-            f"a drive belongs to open obstacles, and here boundary = {boundary!r} drives the grid; "
+            f"a drive needs open obstacles, but with boundary = {boundary!r} the obstacles drive the grid; "
             'remove drive, or choose boundary = "neumann"',
         )
     if drive == "start" and boundary == "neumann" and not any(path[0] in ("start", "starts") for path in values):
         yield ("drive",), 'drive = "start" needs a start; add starts = [[...]], or choose drive = "uniform"'
 
 
-def _coordinates(robot: Robot | type[Robot] | None, ndim: int, values: Mapping[Path, Any]) -> Iterator[Problem]:
+def _coordinate_problems(robot: Robot | type[Robot] | None, ndim: int, values: Mapping[Path, Any]) -> Iterator[Problem]:
     if robot is None or not ndim:
         return
     for path, value in values.items():
@@ -94,14 +95,17 @@ def _coordinates(robot: Robot | type[Robot] | None, ndim: int, values: Mapping[P
             continue
         if isinstance(shape, Box | Ball | Polygon) and count == 2:
             other = {Box: "box", Ball: "sphere"}.get(type(shape), "boxes")
-            yield path, f"a shape of the plane needs 2 axes, and there are {ndim}; use {other} instead"
+            yield path, f"a shape of the plane needs 2 axes, but the scene has {ndim}; use {other} instead"
         else:
             hint = "; decimals have a point: 0.5, not 0,5" if count == 2 * allowed[0] else ""
             yield (*path, *key), f"needs {allowed[0]} coordinates{meaning}, got {count}{hint}"
 
 
 def _allowed(robot: Robot | type[Robot], ndim: int, key: str, value: Any) -> tuple[tuple[int, ...], str]:
-    """How many coordinates a value may have, and what they mean: of the workspace, of configuration space, or both."""
+    """Return the allowed numbers of coordinates of a value, and words for their meaning.
+
+    The coordinates are those of the workspace, of configuration space, or of either.
+    """
     in_space = key in ("area", "start", "starts") or isinstance(value, GoalCell | GoalJoints)
     if robot.moves_in_workspace or in_space:
         return (ndim,), ", one for each axis"
@@ -111,7 +115,7 @@ def _allowed(robot: Robot | type[Robot], ndim: int, key: str, value: Any) -> tup
 
 
 def _count_of(value: Any) -> tuple[int, tuple[str, ...]]:
-    """How many coordinates a value has, and under which key of its table they are."""
+    """Return the number of coordinates of a value, and the key of its table that holds them."""
     if isinstance(value, tuple):
         return len(value), ()
     first = fields(value)[0].name
@@ -119,7 +123,7 @@ def _count_of(value: Any) -> tuple[int, tuple[str, ...]]:
     return count, ("joints" if isinstance(value, GoalJoints) else first,)
 
 
-def _leaning(
+def _half_space_problems(
     robot: Robot | type[Robot] | None, axes: Sequence[Axis] | None, values: Mapping[Path, Any]
 ) -> Iterator[Problem]:
     if robot is None or axes is None:
@@ -131,4 +135,4 @@ def _leaning(
         if not robot.moves_in_workspace and not isinstance(value, CostArea):
             continue
         if any(axis.periodic and part for axis, part in zip(axes, shape.normal, strict=True)):
-            yield (*path, "normal"), "a half-plane cannot lean along a periodic axis; use a box instead"
+            yield (*path, "normal"), "the normal of a half-plane must be 0 along a periodic axis; use a box instead"

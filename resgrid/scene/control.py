@@ -1,4 +1,4 @@
-"""The ``[control]`` table: how a robot is driven by its field, and what happens to it on the way."""
+"""The ``[control]`` table: parameters of robot control by a harmonic field, and of disturbances."""
 
 from __future__ import annotations
 
@@ -23,51 +23,54 @@ Speeds = Annotated[tuple[Annotated[float, Gt(0)], ...], Len(1), Listed()]
 @brief
 @dataclass(frozen=True)
 class Control:
-    """How a robot is moved by its field, through obstacles that the map shows and others; see `resgrid.simulation`.
+    """Parameters of robot control by a harmonic field, with known and hidden obstacles; see `resgrid.simulation`.
 
     Attributes
     ----------
     k : float or None
-        Share of the Dirichlet field that is followed; by default the first that the scene asks for.
+        Weight of the Dirichlet field in the blend that the robot follows; by default the first ``k`` of the scene.
     speed : float or None
-        Nominal speed, per second; by default a 20th of the longest axis.
+        Nominal speed, in axis units per second; by default a twentieth of the longest axis.
     speed_limits : tuple of float or None
-        Largest speed of each joint or coordinate of the world, per second: one for all, or one each.
+        Largest speed of each joint or world coordinate, per second: one for all, or one per axis.
     admittance : tuple of float or None
-        What a contact force does to the velocity: one number, a diagonal, or a matrix row by row; by default the speed.
+        Matrix that maps a contact force to a velocity: one number, a diagonal, or all entries row by row; by default
+        ``speed``.
     response : str
-        Whether a contact force turns the robot along the equipotential, or pushes it.
+        Response to a contact force: a turn along the equipotential, or a velocity by the admittance.
     friction : float
         Coefficient of Coulomb friction of all contacts, at most 1e6.
     learn : bool
-        Whether what is touched is marked in the map.
+        Whether touched obstacles are added to the map.
     step : float
-        Largest share of a cell that an axis moves by in a step.
+        Largest displacement along an axis in one time step, as a fraction of a cell.
     steps : int
-        After so many the run is given up.
+        Largest number of time steps of a run.
     bias : tuple of float
-        Offset of the believed configuration: one for all axes, or one each.
+        Constant error of the estimated configuration: one for all axes, or one per axis.
     noise : tuple of float
-        Largest random error of the believed configuration, anew in each step: one for all axes, or one each.
+        Largest random error of the estimated configuration, drawn in every time step: one for all axes, or one per
+        axis.
     seed : int
-        Of all randomness.
+        Seed of all random numbers.
     push : tuple of tuple of float
-        Pushes: the time they start at, how long they last, and the generalised force, one entry per axis.
+        External forces, each as start time and duration, in seconds, and the generalised force, one entry per axis.
     pushes : int
-        And so many at random.
+        Number of additional external forces at random times.
     push_size : float
-        Force of the random pushes.
+        Magnitude of the random external forces.
     settle : str or None
-        The grid settles while the robot moves: as a chip, or by sweeps; by default it has settled at once.
+        Model of a grid that settles while the robot moves: RC dynamics of a chip, or sweeps of a relaxation; by
+        default the grid is always settled.
     pace : float
-        Sweeps, or units RC of a chip, while the robot crosses a cell.
+        Number of sweeps, or of time constants RC of a chip, while the robot crosses a cell.
     announce : bool
-        Whether hidden obstacles are put on the map at time 0, and the grid settles.
+        Whether hidden obstacles enter the map at time 0, while the grid settles.
 
     Raises
     ------
     InputError
-        If a value is impossible.
+        If a value is out of range.
 
     Examples
     --------
@@ -99,12 +102,12 @@ class Control:
     def __post_init__(self) -> None:
         check_fields(self)
 
-    def misfits(self, ndim: int) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """What does not fit a space of so many axes, by key path."""
+    def problems(self, ndim: int) -> Iterator[tuple[tuple[str | int, ...], str]]:
+        """Yield key path and message of every value that is inconsistent with a space of `ndim` axes."""
         for key in ("speed_limits", "bias", "noise"):
             count = len(getattr(self, key) or (0.0,))
             if count not in (1, ndim):
-                yield (key,), f"needs 1 number for all, or one for each of the {ndim} axes, got {count}"
+                yield (key,), f"needs 1 number for all axes, or one for each of the {ndim} axes, got {count}"
         if self.admittance is not None:
             try:
                 admittance_matrix(self.admittance, ndim)
@@ -121,14 +124,14 @@ class Control:
 
 
 def admittance_matrix(admittance: ArrayLike, ndim: int) -> NDArray[np.float64]:
-    """The symmetric positive definite matrix that one number, a diagonal, or its entries row by row stand for.
+    """Return the symmetric positive definite admittance matrix (ndim, ndim), read-only.
 
-    Shapes: `admittance` (), (1,), (ndim,), (ndim**2,) or (ndim, ndim); returns (ndim, ndim), read-only.
+    `admittance`: one number (), (1,); the diagonal (ndim,); or all entries row by row (ndim**2,), (ndim, ndim).
     """
     try:
         matrix = np.array(admittance, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError("an admittance must be numbers") from None
+        raise InputError("the admittance must be a number or a list of numbers") from None
     if matrix.size == 1:
         matrix = matrix.item() * np.eye(ndim)
     elif matrix.shape == (ndim,):
@@ -137,19 +140,22 @@ def admittance_matrix(admittance: ArrayLike, ndim: int) -> NDArray[np.float64]:
         matrix = matrix.reshape(ndim, ndim)
     else:
         raise InputError(
-            f"an admittance of {' x '.join(map(str, matrix.shape))} numbers: give 1 number, {ndim}, or {ndim**2} for a "
-            f"matrix of {ndim} x {ndim} row by row"
+            f"the admittance has {' x '.join(map(str, matrix.shape))} numbers; give 1 number, {ndim} for a diagonal, "
+            f"or {ndim**2} for a matrix of {ndim} x {ndim} row by row"
         )
     if not np.isfinite(matrix).all():
         raise InputError("the admittance must be finite")
-    uneven = np.abs(matrix - matrix.T).max()
-    if uneven > 1e-12 * np.abs(matrix).max():
-        raise InputError(f"the admittance is not symmetric: entries across the diagonal differ by up to {uneven:g}")
-    least = float(np.linalg.eigvalsh(matrix)[0])
-    if not least > 0:
+    asymmetry = np.abs(matrix - matrix.T).max()
+    if asymmetry > 1e-12 * np.abs(matrix).max():
         raise InputError(
-            f"the admittance is not positive definite (smallest eigenvalue {least:g}): it would push back against "
-            "some forces, or not give way at all"
+            f"the admittance is not symmetric: entries differ from the transpose by up to {asymmetry:g}; make it "
+            "symmetric"
+        )
+    smallest = float(np.linalg.eigvalsh(matrix)[0])
+    if not smallest > 0:
+        raise InputError(
+            f"the admittance is not positive definite: its smallest eigenvalue is {smallest:g}; give a matrix with "
+            "positive eigenvalues"
         )
     matrix.flags.writeable = False
     return matrix

@@ -1,4 +1,4 @@
-"""What stands in a scene beside obstacles: goals, and areas of another conductivity."""
+"""Goals of a scene, and cost areas: regions with a conductivity other than 1."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Conductivity = Annotated[float, Gt(0), Le(LARGEST)]
 @checked
 @dataclass(frozen=True)
 class GoalPoint:
-    """A goal that is the cell around a point, in world coordinates; for an arm, the cells that bring its tip there.
+    """A goal that is the cell of a point in world coordinates; for an arm, all cells with its tip at this point.
 
     Attributes
     ----------
     point : tuple of float
-        World coordinates; of a turning robot a place in the plane, or one with a heading.
+        World coordinates; for a robot that turns, a place in the plane, with or without a heading.
 
     Raises
     ------
@@ -47,7 +47,7 @@ class GoalCell:
     Attributes
     ----------
     cell : tuple of int
-        Its index, counted from 0.
+        Index of the cell along every axis, from 0.
 
     Examples
     --------
@@ -67,7 +67,7 @@ class GoalJoints:
     Attributes
     ----------
     lower, upper : tuple of float
-        Corners, in world coordinates (of an arm its angles); equal for a single configuration.
+        Opposite corners, in world coordinates (of an arm its joint angles); equal for a single configuration.
 
     Raises
     ------
@@ -95,14 +95,14 @@ Goal = Shape | GoalPoint | GoalCell | GoalJoints
 @checked
 @dataclass(frozen=True)
 class CostArea:
-    """A region that conducts better (above 1) or worse (below 1): streamlines prefer what conducts.
+    """A region with a higher or lower conductivity than the rest of the grid, which streamlines prefer or avoid.
 
     Attributes
     ----------
     shape : Shape
-        Of configuration space (for points and discs that is the world).
+        Region of configuration space (for points and discs, of the world).
     conductivity : float
-        Of its cells, above 0.
+        Conductivity of its cells, above 0; other cells have 1.
 
     Raises
     ------

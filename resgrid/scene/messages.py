@@ -1,8 +1,8 @@
-"""What is wrong with a value, in this package's words instead of pydantic's."""
+"""Error messages for pydantic's validation errors: key path, line, problem and remedy."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from resgrid._internal.validation import short
@@ -10,22 +10,24 @@ from resgrid.errors import suggestion
 from resgrid.scene.toml_lines import Path, line_of
 
 if TYPE_CHECKING:
+    from pydantic import ValidationError
     from pydantic_core import ErrorDetails
 
 Problem = tuple[Path, str]
-"""Where something is wrong, and what."""
+"""Key path of a problem, and its message."""
 
 MAX_SHOWN = 40
+"""Largest number of problems that one message lists."""
 
 
 def key_path(path: Sequence[str | int]) -> str:
-    """A key path as people write it, such as ``obstacle[2].radius`` (elements from 0)."""
+    """Return a key path as text, such as ``obstacle[2].radius``, with indices from 0."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
     return text.removeprefix(".") or "the scene"
 
 
 def report(problems: Sequence[Problem], source: str, lines: Mapping[Path, int] | None = None) -> str:
-    """All problems of a document in one message, in the order of its lines."""
+    """Return one message with all problems of a document, sorted by line."""
     placed = [(line_of(lines or {}, path) or 0, key_path(path), message) for path, message in problems]
     placed.sort(key=lambda entry: entry[0])
     listed = [f"{f'line {line}: ' if line else ''}{key}: {message}" for line, key, message in placed[:MAX_SHOWN]]
@@ -36,51 +38,63 @@ def report(problems: Sequence[Problem], source: str, lines: Mapping[Path, int] |
     return f"{source}: {len(placed)} errors\n" + "\n".join(f"  {entry}" for entry in listed)
 
 
-def complaint(detail: ErrorDetails) -> str:
-    """What is wrong with a value, and what it may be."""
+def message_of(detail: ErrorDetails) -> str:
+    """Return the message for one of pydantic's errors: the invalid value, and the values that are allowed."""
     if detail["type"] == "literal_error":
-        return _choice(detail)
-    if _COMPLAINTS.get(detail["type"]) == _LIST and detail["loc"][0] == "starts" and len(detail["loc"]) == 2:
-        return f"must be a point, as in starts = [[1, 2]], got {shown(detail)}"
-    if _COMPLAINTS.get(detail["type"]) == _LIST and isinstance(detail["input"], Mapping):
+        return _choice_message(detail)
+    template, got = _TEMPLATES.get(detail["type"]), shown(detail["input"])
+    if template == _LIST and detail["loc"][0] == "starts" and len(detail["loc"]) == 2:
+        return f"must be a point, as in starts = [[1, 2]], got {got}"
+    if template == _LIST and isinstance(detail["input"], Mapping):
         return f"must be a list of tables: write [[{key_path(detail['loc'])}]], or put [ ] around the table"
-    if detail["type"] in _COMPLAINTS:
-        return _COMPLAINTS[detail["type"]].format(**detail.get("ctx", {}), shown=shown(detail))
+    if template is not None:
+        return template.format(**detail.get("ctx", {}), shown=got)
     message = detail["msg"].removeprefix("Value error, ")
-    return message if detail["type"] == "value_error" else f"{message[:1].lower()}{message[1:]}, got {shown(detail)}"
+    return message if detail["type"] == "value_error" else f"{message[:1].lower()}{message[1:]}, got {got}"
 
 
-def unknown(words: str, given: Any, choice: str, options: Sequence[str]) -> str:
-    """That something is none of its options, and which of them was probably meant."""
+def problems_of(error: ValidationError, message: Callable[[ErrorDetails], str] = message_of) -> list[Problem]:
+    """Return the problems of a validation; `message`: returns the message of one of pydantic's errors.
+
+    Errors of length are omitted for lists whose entries have errors.
+    """
+    details = error.errors(include_url=False)
+    inner = {each["loc"][:size] for each in details for size in range(len(each["loc"]))}
+    kept = (each for each in details if each["type"] != "too_short" or each["loc"] not in inner)
+    return [(each["loc"], message(each)) for each in kept]
+
+
+def unknown_option(words: str, given: Any, choice: str, options: Sequence[str]) -> str:
+    """Return the message for a value that is not among its options, with the option of the nearest spelling."""
     meant = _ALIASES.get(given.lower(), given) if isinstance(given, str) else ""
     near = suggestion(meant, options)
     return f"{words} is unknown: it may be {choice}{near and f'; {near}'}"
 
 
-def shown(detail: ErrorDetails) -> str:
-    """A wrong value, cut short."""
-    value = detail["input"]
+def shown(value: Any) -> str:
+    """Return an invalid value as short text."""
     if isinstance(value, Mapping):
         return "a table"
     return f"a list of {len(value)}" if isinstance(value, list) else short(value)
 
 
-def _choice(detail: ErrorDetails) -> str:
+def _choice_message(detail: ErrorDetails) -> str:
+    """Return the message for a value that is not among a key's options."""
     expected = str(detail.get("ctx", {}).get("expected", ""))
     options = [option.strip(" '") for option in expected.replace(" or ", ", ").split(",")]
-    if detail["input"] in options:  # of which it would be one, were it no text
-        return f"must be the number {detail['input']}, without quotes, got {shown(detail)}"
-    return unknown(shown(detail), detail["input"], " or ".join(options), options)
+    if detail["input"] in options:  # the option is a number, the input is text
+        return f"must be the number {detail['input']}, without quotes, got {shown(detail['input'])}"
+    return unknown_option(shown(detail["input"]), detail["input"], " or ".join(options), options)
 
 
 _ALIASES = {"ros2": "nav2", "ros": "nav2"}
-"""Names that people use for options of another name."""
+"""Common wrong names of options, mapped to the options."""
 
 _NUMBER = "must be a number, got {shown}"
 _WHOLE = "must be a whole number, got {shown}"
 _LIST = "must be a list, such as [1, 2], got {shown}"
 _TABLE = "must be a table of keys, got {shown}"
-_COMPLAINTS = {
+_TEMPLATES = {
     "missing": "this key is missing; add it",
     "float_type": _NUMBER,
     "float_parsing": _NUMBER,
@@ -103,4 +117,4 @@ _COMPLAINTS = {
     "too_short": "needs at least {min_length} entries, got {actual_length}",
     "too_long": "needs at most {max_length} entries, got {actual_length}",
 }
-"""What is wrong, by pydantic's kind of error, with the figures that come with it."""
+"""Message templates by pydantic's type of error; the placeholders are the error's context."""

@@ -1,4 +1,4 @@
-"""Places in messages: why a place is blocked, and the nearest place that is not."""
+"""Parts of messages about blocked places: the reason, and the nearest free place."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from resgrid.core.space import Cell
 from resgrid.errors import InputError
 from resgrid.robots import PointRobot
 from resgrid.scene.scene import Scene
-from resgrid.scene.world_coordinates import cell_centre, located, to_space, unknown_cells
+from resgrid.scene.world_coordinates import cell_centre, locate_point, to_space, unknown_cells
 
 
 def is_unknown(scene: Scene, cell: tuple[int, ...]) -> bool:
-    """Return whether a cell is blocked because the scene's map does not know it."""
+    """Return whether a cell is blocked because its occupancy is unknown in the scene's map."""
     unknown = unknown_cells(scene.map, scene.axes)
     return unknown is not None and bool(unknown[cell])
 
 
 def are_unknown(scene: Scene, cells: NDArray[np.bool_]) -> bool:
-    """Return whether all cells of a mask, in the shape of the space, are blocked because the map does not know them."""
+    """Return whether all cells of a mask (shape of the space) are blocked because their occupancy is unknown."""
     unknown = unknown_cells(scene.map, scene.axes)
     return unknown is not None and bool(unknown[cells].all())
 
 
 def has_unknown(scene: Scene) -> bool:
-    """Return whether the scene's map has unknown cells, which are therefore blocked."""
+    """Return whether the scene's map has cells that are blocked because their occupancy is unknown."""
     unknown = unknown_cells(scene.map, scene.axes)
     return unknown is not None and bool(unknown.any())
 
 
 def why_blocked(scene: Scene, cell: tuple[int, ...]) -> str:
-    """Return where a place in a blocked cell lies: in unknown space, in an obstacle, or too near to one."""
+    """Return the reason why a cell is blocked as text: unknown space, an obstacle, or too small a distance from one."""
     words = f"(cell {cell})"
     if is_unknown(scene, cell):
         return f"lies in unknown space {words}"
@@ -46,7 +46,7 @@ def why_blocked(scene: Scene, cell: tuple[int, ...]) -> str:
         return f"lies too near to an obstacle for the robot's radius of {robot.radius:g} {words}"
     if robot.moves_in_workspace or (robot.base is None and robot.turning_length is None):
         return f"lies in an obstacle {words}"
-    return f"lies in an obstacle of configuration space, for the robot would touch an obstacle there {words}"
+    return f"lies in an obstacle of configuration space: the robot would touch an obstacle there {words}"
 
 
 def _is_solid(scene: Scene, cell: tuple[int, ...]) -> bool:
@@ -78,7 +78,7 @@ def place_text(point: Sequence[float]) -> str:
 
 
 def nearest_cell(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequence[Axis]) -> tuple[int, ...] | None:
-    """Return the allowed cell whose centre is nearest to that of a cell, found in growing windows around it."""
+    """Return the allowed cell with the nearest centre, by a search in growing windows; None if no cell is allowed."""
     spacing = np.array([axis.spacing for axis in axes])
     for power in count(3, 2):
         ranges = [_window(index, 2**power, axis) for index, axis in zip(cell, axes, strict=True)]
@@ -97,7 +97,7 @@ def nearest_cell(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequen
 
 
 def _window(index: int, reach: int, axis: Axis) -> NDArray[np.int64]:
-    """Indices around one, in order; of a periodic axis each cell once, as near as it comes, beyond the seam too."""
+    """Return the indices within `reach` of an index, in order; across the seam of a periodic axis, each cell once."""
     if axis.periodic:
         before = min(reach, (axis.cells - 1) // 2)
         return np.arange(index - before, index + min(reach, axis.cells // 2) + 1)
@@ -105,7 +105,7 @@ def _window(index: int, reach: int, axis: Axis) -> NDArray[np.int64]:
 
 
 def usable(scene: Scene, blocked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the free cells that the scene's starts reach; without a free start the largest free region."""
+    """Return the mask of free cells connected with a start; without a free start, the largest free region."""
     region = label_regions(~blocked, [axis.periodic for axis in scene.axes])
     starts = [_cell_of(scene, start) for start in scene.starts]
     numbers = {int(region[cell]) for cell in starts if cell is not None} - {0}
@@ -115,8 +115,8 @@ def usable(scene: Scene, blocked: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _cell_of(scene: Scene, point: Point) -> tuple[int, ...] | None:
-    """Return the cell of a point of the world; None outside the grid."""
+    """Return the cell of a point in world coordinates; None outside the grid."""
     try:
-        return located(scene.axes, scene.frame, point, "")[0]
+        return locate_point(scene.axes, scene.frame, point, "")[0]
     except InputError:
         return None

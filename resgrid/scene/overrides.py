@@ -1,4 +1,4 @@
-"""Single keys of a scene changed from outside: what the command line's options do."""
+"""Changes of single keys of a scene, as by the options of the command line."""
 
 from __future__ import annotations
 
@@ -16,19 +16,22 @@ from resgrid.scene.scene import IN_FILES, LISTS, Scene
 from resgrid.scene.table_models import plain
 from resgrid.scene.toml_lines import Path as KeyPath
 
-SHORT = {"resistance": "chip.resistance", "supply": "chip.supply", "radius": "robot.radius"}
-PLACES = {"goal": "point", "goal_cell": "cell", "start": "point", "start_cell": "cell"}
+SHORT_KEYS = {"resistance": "chip.resistance", "supply": "chip.supply", "radius": "robot.radius"}
+"""Key paths of keys that may be given without their table."""
+
+PLACE_KEYS = {"goal": "point", "goal_cell": "cell", "start": "point", "start_cell": "cell"}
+"""Keys that replace all goals or starts, and the key of a place's table that holds their value."""
 
 
 def document_of(scene: Scene) -> dict[str, Any]:
-    """The document that describes a scene; the inverse of `build_scene`."""
+    """Return the document of a scene, the keys and tables of its file; inverse of `build_scene`."""
     document = {"schema": 1, "robot": _robot_table(scene.robot), "starts": plain(scene.starts)}
     for key in IN_FILES:
         value = getattr(scene, key)
         if value is not None:
             document[key] = plain(value)
     rules = [*dict.fromkeys(rule for rule in scene.edge if rule != "periodic")]
-    document["edge"] = rules if len(rules) == 1 else list(scene.edge)  # one for all axes, also those of another robot
+    document["edge"] = rules if len(rules) == 1 else list(scene.edge)  # one rule also fits another robot's axes
     if scene.map is not None:
         document["map"] = plain(scene.map.table)
     if scene.map is None or scene.axes[: len(scene.map.axes)] != scene.map.axes:
@@ -39,7 +42,7 @@ def document_of(scene: Scene) -> dict[str, Any]:
 
 
 def _table(value: Any) -> dict[str, Any]:
-    """The table of a shape, a goal or an area."""
+    """Return the table of a shape, a goal or an area."""
     from resgrid.scene.schema import SHAPES
 
     if isinstance(value, CostArea):
@@ -56,7 +59,7 @@ def _robot_table(robot: Robot) -> dict[str, Any]:
     if type(robot) not in kinds:
         raise InputError(f"a scene file cannot describe a {type(robot).__name__}; register it in resgrid.robots.ROBOTS")
     table = {"type": kinds[type(robot)], **plain(robot)}
-    if "lengths" in table:  # one list of links in place of three
+    if "lengths" in table:  # a file has one list of links
         columns = zip(table.pop("lengths"), table.pop("widths"), table.pop("limits"), strict=True)
         links = [{"length": length, "width": width, "limits": limits} for length, width, limits in columns]
         table["links"] = [{key: value for key, value in link.items() if value is not None} for link in links]
@@ -64,14 +67,14 @@ def _robot_table(robot: Robot) -> dict[str, Any]:
 
 
 def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
-    """Return the scene with some keys changed, checked like a scene file.
+    """Return a scene with some keys changed, validated like a scene file.
 
-    A key path is written as in error messages (``chip.resistance``, ``obstacle[2].radius``, or with dots:
-    ``obstacle.2.radius``); ``resistance``, ``supply`` and ``radius`` alone are enough.  ``goal``, ``goal_cell``,
-    ``start`` and ``start_cell`` take one place or a list of them and replace all goals or starts; world coordinates, or
-    cell indices counted from 0.  A text is read as TOML would read it (``"4.5"`` is a number, ``"[0, 1]"`` a list), as
-    numbers separated by commas, or else as itself.  Another ``robot.type`` or ``robot.footprint`` is another robot.
-    The order of the changes has no effect.
+    Key paths have the form of error messages (``chip.resistance``, ``obstacle[2].radius``) or use dots only
+    (``obstacle.2.radius``); ``resistance``, ``supply`` and ``radius`` need no table.  ``goal``, ``goal_cell``,
+    ``start`` and ``start_cell`` take one place or a list of places, in world coordinates or as cell indices from 0,
+    and replace all goals or starts.  A text is parsed as a TOML value (``"4.5"`` is a number, ``"[0, 1]"`` a list) or
+    as numbers separated by commas, and stays a text otherwise.  ``robot.type`` and ``robot.footprint`` replace the
+    whole robot.  The order of the changes has no effect.
     """
     document = _apply(document_of(scene), changes)
     is_same_map = scene.map is not None and document.get("map") == plain(scene.map.table)
@@ -81,14 +84,14 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
 def build_changed(document: Document, changes: Mapping[str, Any]) -> Scene:
     """Return the scene of a document with some keys changed, as by `apply_overrides`.
 
-    Only the changed document is checked, so its space, robot, places and wiring may come from both together.
+    Only the changed document is validated, so the document alone may be incomplete.
     """
     lines = _lines_of_file(document.lines, changes)
     return build_scene(_apply(document.raw, changes), document.source, document.folder, lines)
 
 
 def _lines_of_file(lines: Mapping[KeyPath, int], changes: Mapping[str, Any]) -> dict[KeyPath, int]:
-    """Lines of the keys that still come from the file; those of changed keys are 0."""
+    """Return the line of every key that still comes from the file; 0 for changed keys."""
     changed = {_parts(key) for key in _by_key(changes)}
     if ("start",) in changed:
         changed.add(("starts",))
@@ -97,20 +100,20 @@ def _lines_of_file(lines: Mapping[KeyPath, int], changes: Mapping[str, Any]) -> 
 
 
 def _parts(key: str) -> KeyPath:
-    """Return the steps of a key path: ``obstacle.2.radius`` is ``("obstacle", 2, "radius")``."""
+    """Return the parts of a key path: ``obstacle.2.radius`` is ``("obstacle", 2, "radius")``."""
     head, *rest = key.split(".")
-    head = head.removesuffix("_cell") if head in PLACES else head
+    head = head.removesuffix("_cell") if head in PLACE_KEYS else head
     return (head, *(int(part) if part.isascii() and part.isdigit() else part for part in rest))
 
 
 def _by_key(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the changes by whole keys, tables before their entries; rules of edges are a list."""
+    """Return the changes by full key path, tables before their entries; text of several edge rules as a list."""
     by_key: dict[str, Any] = {}
     for key, value in changes.items():
-        whole = SHORT.get(key, key).replace("[", ".").replace("]", "")
-        if whole in by_key and by_key[whole] != value:
-            raise InputError(f"{whole} is given twice, as {by_key[whole]!r} and as {value!r}; leave one of them out")
-        by_key[whole] = value
+        full = SHORT_KEYS.get(key, key).replace("[", ".").replace("]", "")
+        if full in by_key and by_key[full] != value:
+            raise InputError(f"{full} is given twice, as {by_key[full]!r} and as {value!r}; leave one of them out")
+        by_key[full] = value
     edge = by_key.get("edge")
     if isinstance(edge, str) and "," in edge and "[" not in edge:
         by_key["edge"] = [rule.strip() for rule in edge.split(",")]
@@ -118,9 +121,9 @@ def _by_key(changes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _apply(raw: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a document with keys changed; goals and starts replace all present ones.
+    """Return a document with some keys changed; goals and starts replace all goals or starts of the document.
 
-    The robot comes first, for it may imply axes, which the changes may name.
+    Keys of the robot are set first, because the robot may imply axes, whose keys the changes may contain.
     """
     document, by_key = copy.deepcopy(dict(raw)), _by_key(changes)
     if {"robot.type", "robot.footprint"} & by_key.keys():
@@ -131,7 +134,7 @@ def _apply(raw: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
     for key, value in by_key.items():
         if key.partition(".")[0] == "robot":
             _set(document, key, value)
-        elif key not in PLACES:
+        elif key not in PLACE_KEYS:
             rest[key] = value
     _drop_sizes(document, [key for key in rest if key.startswith("grid.")])
     for key, value in rest.items():
@@ -146,7 +149,7 @@ def _apply(raw: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
 
 
 def parse_value(text: str) -> Any:
-    """The value that a text from a command line stands for: ``0.5, 2`` a list, ``4k7`` text, ``false`` False."""
+    """Return the value of a text from the command line: ``0.5, 2`` is a list, ``4k7`` text, ``false`` False."""
     for attempt in (text, f"[{text}]") if "," in text else (text,):
         try:
             table = tomllib.loads(f"value = {attempt}")
@@ -167,7 +170,7 @@ def _places(key: str, changes: Mapping[str, Any]) -> list[dict[str, Any]] | None
         nested = isinstance(entries, list) and bool(entries) and isinstance(entries[0], list | dict | str)
         for entry in entries if nested else [entries]:
             parsed = plain(_parsed(entry))
-            places.append(parsed if isinstance(parsed, dict) else {PLACES[name]: parsed})
+            places.append(parsed if isinstance(parsed, dict) else {PLACE_KEYS[name]: parsed})
     return places
 
 
@@ -186,9 +189,9 @@ def _set(document: dict[str, Any], key: str, value: Any) -> None:
 
 
 def _drop_sizes(document: dict[str, Any], keys: Sequence[str]) -> None:
-    """Remove the numbers and widths of cells that changed keys of the grid replace; write out implied axes.
+    """Remove ``cells`` and ``spacing`` of the axes whose number of cells `keys` change; write out implied axes.
 
-    ``grid.cells`` holds for axes that do not have either.
+    ``grid.cells`` applies only to axes that have neither key.
     """
     from resgrid.scene.schema import robot_of
 
@@ -209,8 +212,8 @@ def _step(node: Any, part: str, key: str) -> Any:
     if isinstance(node, list) and part.isascii() and part.isdigit() and int(part) < len(node):
         return int(part)
     if isinstance(node, list):
-        raise InputError(f"{key}: there is no entry {part!r}; the list has {len(node)}, counted from 0")
-    raise InputError(f"{key}: there is no such key: what stands before {part!r} is a plain value")
+        raise InputError(f"{key}: there is no entry {part!r}; the list has {len(node)} entries, counted from 0")
+    raise InputError(f"{key}: there is no such key: the value before {part!r} is not a table or list; shorten the path")
 
 
 def _parsed(value: Any) -> Any:

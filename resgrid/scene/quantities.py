@@ -1,4 +1,4 @@
-"""Engineering values as people write them: ``10k``, ``4k7``, ``2.2meg``, ``100n``."""
+"""Parsing and formatting of engineering values such as ``10k``, ``4k7``, ``2.2meg``, ``100n``."""
 
 from __future__ import annotations
 
@@ -14,54 +14,57 @@ if TYPE_CHECKING:
     from pydantic_core import CoreSchema
 
 SMALLEST, LARGEST = 1e-30, 1e30
-"""Limits of all values in SI units, so that their products and squares are numbers, too."""
+"""Limits of the magnitude of all values in SI units, which keep products and squares in the range of doubles."""
 
 EXPONENTS = {"T": 12, "G": 9, "M": 6, "meg": 6, "k": 3, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12, "f": -15}
 PREFIXES = dict(zip(range(-24, 13, 3), ("y", "z", "a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"), strict=True))
 PATTERN = r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))([eE][+-]?\d+|meg|[TGMkmuµμnpf])?|([+-]?\d+)([TGMkmuµμnpf])(\d+)"
-"""A number, perhaps with an exponent or a suffix; or one with a suffix in place of its point."""
+"""Regular expression of a number with an optional exponent or suffix, or with a suffix in place of the point."""
 
 _VALUE = re.compile(PATTERN, re.ASCII)
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Annotation of a number that may be written as an engineering value, and a `share` as a percentage: its unit."""
+    """Annotation of a number with its SI unit, which may be written as an engineering value.
+
+    If `is_fraction` is true, the number may also be written as a percentage.
+    """
 
     unit: str
-    share: bool = False
+    is_fraction: bool = False
 
     def read(self, value: object) -> float:
-        """The number that was written; pydantic's kind of error where it is none."""
+        """Return the number of a written value; raise ValueError, as pydantic expects, if it is invalid."""
         try:
-            number = parse_share(value) if self.share else parse_quantity(value)
+            number = parse_fraction(value) if self.is_fraction else parse_quantity(value)
         except InputError as error:
             raise ValueError(str(error)) from None
         if abs(number) > LARGEST:
             raise ValueError(f"must not exceed {LARGEST:g}, got {number:g}")
         if 0 < abs(number) < SMALLEST:
-            raise ValueError(f"is too small: it must be {SMALLEST:g} or more, got {number:g}")
+            raise ValueError(f"must be 0 or have a magnitude of at least {SMALLEST:g}, got {number:g}")
         return number
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
-        """How pydantic reads it."""
+        """Return pydantic's validator of the number."""
         from pydantic_core import core_schema
 
         return core_schema.no_info_before_validator_function(self.read, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
-        """How a JSON Schema describes it."""
-        text = f"(({PATTERN}) *%|{PATTERN})" if self.share else f"({PATTERN})"
+        """Return the JSON Schema of the number: a number, or text that matches the pattern."""
+        text = f"(({PATTERN}) *%|{PATTERN})" if self.is_fraction else f"({PATTERN})"
         described = {"anyOf": [handler(schema), {"type": "string", "pattern": f"^{text}$"}]}
         return {**described, "unit": self.unit} if self.unit else described
 
 
 @dataclass(frozen=True)
 class Listed:
-    """Annotation of a list that may be written as its only entry."""
+    """Annotation of a list that may be written without brackets if it has one entry."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
-        """How pydantic reads it."""
+        """Return pydantic's validator of the list."""
         from pydantic_core import core_schema
 
         def listed(value: Any) -> Any:
@@ -70,45 +73,47 @@ class Listed:
         return core_schema.no_info_before_validator_function(listed, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
-        """How a JSON Schema describes it."""
+        """Return the JSON Schema of the list: an entry, or a list of entries."""
         several = handler(schema)
         return {"anyOf": [several["items"], several]}
 
 
 def parse_quantity(value: object) -> float:
-    """The nearest double to a number, or to one with an engineering suffix; InputError for anything else.
+    """Return the double nearest to a number or an engineering value; raise InputError if `value` is neither.
 
-    The suffix is case-sensitive: ``M`` and ``meg`` are mega, ``m`` is milli (in a SPICE deck ``M`` is milli, too).  It
-    may take the place of the decimal point, as in ``4k7`` (IEC 60062).
+    The suffix is case-sensitive: ``M`` and ``meg`` are mega, ``m`` is milli (in a SPICE deck ``M`` is milli, too).  The
+    suffix may replace the decimal point, as in ``4k7`` (IEC 60062).
     """
     number = _parsed(value)
     if number is None or not isfinite(number):
         raise InputError(
-            f"{short(value)} is not a value: write a finite number such as 3.3 or 1e4, or one with a suffix out of "
-            "T G M (or meg) k m u n p f, such as 10k, 4k7, 2.2meg or 100n"
+            f"{short(value)} is not a number; write a finite number such as 3.3 or 1e4, or a number with one of the "
+            "suffixes T G M (or meg) k m u n p f, such as 10k, 4k7, 2.2meg or 100n"
         )
     return number
 
 
-def parse_share(value: object) -> float:
-    """Read a share of a whole: a percentage such as ``"10 %"``, or a plain number or quantity such as 0.1."""
+def parse_fraction(value: object) -> float:
+    """Return a fraction that is given as a percentage such as ``"10 %"``, or as a number such as 0.1."""
     if isinstance(value, str) and value.endswith("%"):
         number = _parsed(value[:-1].rstrip(" "))
         if number is not None and isfinite(number):
             return float(f"{number!r}e-2") if "e" not in repr(number) else number / 100
-        raise InputError(f'{short(value)} is not a share: write a percentage such as "10 %", or a number such as 0.1')
+        raise InputError(
+            f'{short(value)} is not a fraction; write a percentage such as "10 %", or a number such as 0.1'
+        )
     return parse_quantity(value)
 
 
 def prefix_of(value: float) -> tuple[int, str]:
-    """The power of ten, a multiple of three, that leaves 1 to 1000 of a value, and the prefix for it."""
+    """Return the exponent, a multiple of three, that scales a value into 1 to 1000, and its SI prefix."""
     power = 3 * floor(log10(abs(value)) / 3) if value and isfinite(value) else 0
     power = min(max(power, min(PREFIXES)), max(PREFIXES))
     return power, PREFIXES[power]
 
 
 def format_quantity(value: float, unit: str = "", digits: int = 4) -> str:
-    """A value for people, to some digits, with a prefix: ``38.1 µA``, ``10 kΩ``."""
+    """Return a value as text, rounded to `digits` digits, with an SI prefix: ``38.1 µA``, ``10 kΩ``."""
     power, prefix = prefix_of(float(f"{value:.{digits}g}"))
     gap = " " if unit else ""
     return f"{value / 10.0**power:.{digits}g}{gap}{prefix}{unit}"

@@ -1,4 +1,4 @@
-"""Scenes read from files (TOML, and maps of every known format) and from links of the live page."""
+"""Readers of scenes: TOML files, maps of all formats, and links of the live page."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from resgrid.scene.shipped import shipped_scene
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
 
 _LINK = re.compile(r"https?://\S*#(?:\S*&)?s=(?P<code>[^&\s]+)")
-"""A link of the live page: a scene's document as zlib packs it, with a checksum, in base64url, in the fragment."""
+"""Link of the live page: its fragment holds a scene's document as JSON, compressed by zlib, in base64url."""
 
-_LONGEST = 1 << 26
-"""Bytes of the longest document that a link may hold."""
+_MAX_DOCUMENT_BYTES = 1 << 26
+"""Largest size of the document in a link, in bytes, after decompression."""
 
 
 class Document(NamedTuple):
-    """What describes a scene, before it is checked.
+    """The content of a scene file before validation.
 
-    `raw`: its keys and tables; `source`: its name, for messages; `folder`: where names of map files start; `lines`: of
-    its keys, as far as they are known.
+    `raw`: keys and tables; `source`: its name, for messages; `folder`: base of relative names of map files; `lines`:
+    line numbers of keys, by key path; empty for maps and links.
     """
 
     raw: dict[str, Any]
@@ -54,23 +54,24 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
     Parameters
     ----------
     file : path-like
-        ``.toml`` is a scene; ``.yaml`` a ROS map, ``.map`` a MovingAI map, ``.3dmap`` one of voxels, ``.npy`` an array,
-        pictures are plain maps; a warning says so where the header of a ROS map lies in the folder of a picture.
-        Anything else is recognised by its first bytes.  A name without a folder that is no file here means the shipped
-        scene of that name, such as ``rooms``.
+        A scene (``.toml``), a ROS map (``.yaml``), a MovingAI map (``.map``), a voxel map (``.3dmap``), a NumPy array
+        (``.npy``) or a picture; other suffixes are recognised by the first bytes of the file.  A warning is issued if
+        the picture belongs to a ROS map in the same folder.  A name without a folder that is not a file in the current
+        folder stands for the shipped scene of this name, such as ``rooms``.
     **options
-        For maps, how to read them: ``format``, ``dialect``, ``unknown``, ``lethal``, ``least_conductivity``,
+        Options of the map reader: ``format``, ``dialect``, ``unknown``, ``lethal``, ``least_conductivity``,
         ``passable``, ``threshold``, ``spacing``, ``origin``, ``unit``, ``periodic``, ``headings``.  For every scene,
-        what `Scene.replace` takes, such as ``goal=(3.5, 4.5)``, ``k=0.5`` or ``boundary="neumann"``.
+        the keywords of `Scene.replace`, such as ``goal=(3.5, 4.5)``, ``k=0.5`` or ``boundary="neumann"``.
 
     Returns
     -------
     Scene
+        The validated scene.
 
     Raises
     ------
     InputError
-        If anything is wrong; one message lists it all, with lines.
+        If the scene is invalid; one message lists all problems, with key paths and lines.
     BudgetError
         If a map would not fit in memory.
 
@@ -88,7 +89,7 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
 
 
 def read_document(file: str | os.PathLike[str], table: Mapping[str, Any]) -> Document:
-    """Return the document in a file or of a map; `table` holds the map options of `read_scene`."""
+    """Return the document of a scene file or map; `table`: map options, as in `read_scene`."""
     path = shipped_scene(file) or Path(file)
     if path.suffix.lower() != ".toml":
         map_table = {**table, "file": path.name, "format": format_of(path, table)}
@@ -97,7 +98,7 @@ def read_document(file: str | os.PathLike[str], table: Mapping[str, Any]) -> Doc
         return Document({"schema": 1, "title": path.stem, "map": map_table}, str(path), path.parent, {})
     raw, lines = _toml(decode(read_bytes(path), path), str(path))
     if table and "map" not in raw:
-        raise InputError(f"{path}: this scene has no map, so {', '.join(table)} would do nothing; leave that out")
+        raise InputError(f"{path}: this scene has no map, so {', '.join(table)} has no effect; leave it out")
     if table and isinstance(raw["map"], dict):
         raw["map"] |= table
     return Document(raw, str(path), path.parent, lines)
@@ -111,18 +112,19 @@ def parse_scene(text: str, source: str = "scene", folder: str | os.PathLike[str]
     text : str
         The content of a scene file.
     source : str
-        Its name, for messages.
+        Name of the text, for messages.
     folder : path-like
-        Where the names of map files start.
+        Folder to which names of map files are relative.
 
     Returns
     -------
     Scene
+        The validated scene.
 
     Raises
     ------
     InputError
-        If anything is wrong; one message lists it all, with lines.
+        If the scene is invalid; one message lists all problems, with key paths and lines.
     BudgetError
         If a map would not fit in memory.
 
@@ -146,35 +148,37 @@ def parse_scene(text: str, source: str = "scene", folder: str | os.PathLike[str]
 
 
 def parse_document(text: str, source: str, folder: Path = Path()) -> Document:
-    """The document that a TOML text holds."""
+    """Return the document of a TOML text."""
     raw, lines = _toml(text, source)
     return Document(raw, source, folder, lines)
 
 
 def is_link(text: str) -> bool:
-    """Whether a text is a link that holds a scene."""
+    """Return whether a text has the form of a link to a scene."""
     return _LINK.match(text) is not None
 
 
 def read_link(text: str) -> Scene:
-    """The scene that a link holds."""
+    """Return the scene in a link of the live page."""
     return build_scene(*link_document(text))
 
 
 def link_document(text: str) -> Document:
-    """The document that a link holds; nothing is fetched, and no map file is read."""
+    """Return the document in a link of the live page, without network access; raise InputError for map files."""
     match = _LINK.match(text)
     code = "" if match is None else match["code"]
     unpacking = zlib.decompressobj()
     try:
-        content = unpacking.decompress(base64.urlsafe_b64decode(code + "=" * (-len(code) % 4)), _LONGEST)
+        content = unpacking.decompress(base64.urlsafe_b64decode(code + "=" * (-len(code) % 4)), _MAX_DOCUMENT_BYTES)
         document = json.loads(content) if unpacking.eof else None
     except (zlib.error, binascii.Error, ValueError, RecursionError):
         document = None
     if not isinstance(document, dict):
-        raise InputError("this link holds no whole scene: part of it is missing or was changed; copy it again")
+        raise InputError("the scene in this link is incomplete or damaged; copy the whole link again")
     if "map" in document:
-        raise InputError("the scene of this link names a map file, which a link cannot bring along")
+        raise InputError(
+            "the scene in this link needs a map file, which a link cannot contain; ask for the scene file and its map"
+        )
     return Document(document, "the link", Path(), {})
 
 
@@ -187,7 +191,7 @@ def _toml(text: str, source: str) -> tuple[dict[str, Any], dict[KeyPath, int]]:
         end = f"at line {len(last)}, column {len(last[-1]) + 1}, the end of the document"
         raise InputError(f"{source}: this is not TOML: {str(error).replace('at end of document', end)}") from None
     except (RecursionError, ValueError) as error:
-        raise InputError(f"{source}: this is not TOML that can be read ({error})") from None
+        raise InputError(f"{source}: this TOML cannot be read ({error}); check its nesting and its numbers") from None
 
 
 def build_scene(
@@ -197,30 +201,34 @@ def build_scene(
     lines: dict[KeyPath, int] | None = None,
     known: MapCells | None = None,
 ) -> Scene:
-    """Check a document and make the scene it describes; `known`: its map, if it has been read already."""
+    """Return the validated scene of a document.
+
+    `folder`: base of relative names of map files; `lines`: line numbers by key path; `known`: the cells of its map, if
+    they have been read already.
+    """
     from resgrid.scene.schema import robot_of, validate
 
     raw = with_footprint(raw)
     robot = robot_of(raw.get("robot", {}))
     raw = with_axes(raw, robot)
     document, problems, values = validate(raw)
-    if robot is None:  # what its axes lack, it might have said
+    if robot is None:  # a valid robot might imply the missing keys of axes
         problems = [problem for problem in problems if problem[0][:1] != ("grid",) or "is missing" not in problem[1]]
-    problems += _one_ground(raw, robot)
-    axes, frame, cells = _ground(document, None if problems else robot, folder, known)
+    problems += _grid_or_map_problems(raw, robot)
+    axes, frame, cells = _axes_of(document, None if problems else robot, folder, known)
     names = _axis_names(raw) if axes is None else [axis.name for axis in axes]
     chip, table = raw.get("chip", {}), raw.get("robot")
     has_wall = not isinstance(chip, Mapping) or "wall_resistance" in chip
     kind = ROBOTS.get(str(table.get("type", "point"))) if isinstance(table, Mapping) else None
-    misfits = inconsistencies(document, robot or kind, axes, names, values, has_wall=has_wall)
-    problems += [problem for problem in misfits if problem[0] not in {path for path, _ in problems}]
+    inconsistent = inconsistencies(document, robot or kind, axes, names, values, has_wall=has_wall)
+    problems += [problem for problem in inconsistent if problem[0] not in {path for path, _ in problems}]
     if problems or robot is None or axes is None:
         raise InputError(report(problems, source, lines))
     starts = (
         start_point(start, axes, frame, f"{source}: start[{number}]") for number, start in enumerate(document.start)
     )
-    said: dict[str, Any] = {name: tuple(getattr(document, key)) for key, name in LISTS.items()}
-    said |= {key: getattr(document, key) for key in IN_FILES}
+    attributes: dict[str, Any] = {name: tuple(getattr(document, key)) for key, name in LISTS.items()}
+    attributes |= {key: getattr(document, key) for key in IN_FILES}
     return Scene(
         axes=axes,
         robot=robot,
@@ -229,14 +237,17 @@ def build_scene(
         frame=frame,
         edge=document.edge,
         source=source,
-        **said,
+        **attributes,
     )
 
 
-def _ground(
+def _axes_of(
     document: Any, robot: Robot | None, folder: Path, known: MapCells | None
 ) -> tuple[tuple[Axis, ...] | None, Frame, MapCells | None]:
-    """Axes and frame of the space of a robot, and the cells of the map; of a document with errors, axes at most."""
+    """Return axes and frame of the configuration space, and the cells of the map.
+
+    Without a robot (None, for a document with errors) the map is not read, and the axes are those of the grid, if any.
+    """
     grid = None if document.grid is None else tuple(document.grid.axes)
     if document.map is None or robot is None:
         return grid, Frame(), None
@@ -245,13 +256,16 @@ def _ground(
     if grid is None:
         return (*cells.space_of(robot), cells)
     if not cells.frame.is_world:
-        raise InputError(f"{table['file']}: a robot with a grid of its own needs a map that is not turned")
+        raise InputError(
+            f"{table['file']}: this map is rotated (yaw {cells.frame.yaw:g}), but a robot with a [grid] of its own "
+            "needs a map with yaw 0; set the third number of its origin to 0"
+        )
     return grid, Frame(), cells
 
 
-def _one_ground(raw: Mapping[str, Any], robot: Robot | None) -> list[Problem]:
+def _grid_or_map_problems(raw: Mapping[str, Any], robot: Robot | None) -> list[Problem]:
     if "grid" in raw and "map" in raw and (robot is None or robot.moves_in_workspace):
-        return [(("map",), "a map brings its own cells, so a scene has either a [grid] or a [map]; remove one of them")]
+        return [(("map",), "a map has cells of its own, so a scene has either a [grid] or a [map]; remove one of them")]
     if "map" in raw and "grid" not in raw and robot is not None:
         try:
             robot.axes_on_map((), 1)
@@ -263,7 +277,7 @@ def _one_ground(raw: Mapping[str, Any], robot: Robot | None) -> list[Problem]:
 
 
 def _axis_names(raw: Mapping[str, Any]) -> list[str | None]:
-    """Names of the axes of a document, as far as it says them."""
+    """Return the names of the axes of a document; None for axes without a valid name."""
     grid = raw.get("grid")
     tables = grid.get("axes") if isinstance(grid, Mapping) else None
     tables = tables if isinstance(tables, list) else []
@@ -272,7 +286,7 @@ def _axis_names(raw: Mapping[str, Any]) -> list[str | None]:
 
 
 def with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A document whose robot's ``footprint`` is the vertices of a polygon."""
+    """Return the document with a robot's ``footprint`` replaced by ``type`` and ``vertices`` of a polygon."""
     robot = raw.get("robot")
     if not isinstance(robot, Mapping) or "footprint" not in robot:
         return raw
@@ -281,7 +295,7 @@ def with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]:
-    """A document whose axes say everything that its robot, and ``grid.cells``, imply."""
+    """Return the document with missing keys of its axes filled in from the robot and from ``grid.cells``."""
     grid = raw.get("grid")
     if not isinstance(grid, Mapping):
         return raw

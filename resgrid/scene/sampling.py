@@ -1,4 +1,4 @@
-"""From a scene to its configuration space."""
+"""Discretisation of a scene: obstacles, goals and conductivities of the cells of its configuration space."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
 from resgrid.scene.nearest_place import are_unknown, is_unknown, nearest_place, usable, why_blocked
 from resgrid.scene.scene import Scene
-from resgrid.scene.world_coordinates import check_cell, extent_of, located, to_space
+from resgrid.scene.world_coordinates import check_cell, extent_of, locate_point, over_map, to_space
 
 
 def build_space(scene: Scene, *, require_goal: bool = True, progress: Progress | None = None) -> ConfigurationSpace:
-    """Cut a scene into cells.
+    """Return the configuration space of a scene.
 
-    A cell is an obstacle as the scene's ``sampling`` and its robot say (see `PointRobot.occupancy`, and the same of
-    the other robots); the border of the grid is none.  A free cell is a goal if it holds a configuration that brings
-    the robot's reference point (an arm's tip) into a goal of the scene: all inverse solutions of a place in the
-    workspace are goals, and the space says one of each cell.  A start in an obstacle is no error here: its path will
-    say so.
+    The robot and the scene's ``sampling`` decide which cells are obstacles (see `PointRobot.occupancy`, and the method
+    of this name of other robots); cells at the border of the grid are not obstacles for being there.  A free cell is a
+    goal if it contains a configuration with the robot's reference point (an arm's tip) in a goal of the scene.  All
+    inverse solutions of a place in the workspace are goals; the space stores one configuration per goal cell.  A start
+    in an obstacle is not an error here; its path has the outcome ``start_blocked``.
 
     Parameters
     ----------
@@ -38,17 +38,18 @@ def build_space(scene: Scene, *, require_goal: bool = True, progress: Progress |
     require_goal : bool
         Whether a scene without any goal is an error.
     progress : callable, optional
-        Called as ``progress(done, total)`` while obstacles are cut into cells.
+        Called as ``progress(done, total)`` during the computation of obstacle cells.
 
     Returns
     -------
     ConfigurationSpace
+        The space, with one code per cell.
 
     Raises
     ------
     InputError
-        If there is no goal, a goal lies outside the grid, out of reach or wholly in obstacles, or a start lies outside
-        the grid; the message names the key.
+        If there is no goal, if a goal lies outside the grid, is out of reach or consists of obstacle cells, or if a
+        start lies outside the grid; the message names the key.
     BudgetError
         If the grid would not fit in memory; raised before anything is allocated.
 
@@ -71,20 +72,20 @@ def build_space(scene: Scene, *, require_goal: bool = True, progress: Progress |
     if require_goal and not (cell == Cell.GOAL).any():
         raise InputError(f"{where}: there is no goal; {adding(scene, 'a [[goal]]', '--goal')}")
     for number, start in enumerate(scene.starts):
-        located(scene.axes, scene.frame, start, f"{where}: starts[{number}]")
+        locate_point(scene.axes, scene.frame, start, f"{where}: starts[{number}]")
     costs = _conductivity(scene)
     return ConfigurationSpace(scene.axes, cell, costs, frame=scene.frame, goal_points=every.points, robot=scene.robot)
 
 
 def adding(scene: Scene, key: str, option: str) -> str:
-    """How to add a key to a scene; to a map only by an option."""
-    said = f"say {option} X,Y"
+    """Return the remedy for a missing key: an option, or, for a scene file, the key or the option."""
+    by_option = f"give {option} X,Y"
     is_map = scene.map is not None and scene.source is not None and Path(scene.source).suffix.lower() != ".toml"
-    return said if is_map else f"add {key} to the scene, or {said}"
+    return by_option if is_map else f"add {key} to the scene, or {by_option}"
 
 
 def remedy_of_size(scene: Scene) -> str:
-    """What to do about a scene whose cells do not fit in memory."""
+    """Return the remedy for a scene whose cells do not fit in memory."""
     if scene.map is None or scene.axes[: len(scene.map.axes)] != scene.map.axes:
         return FEWER_CELLS
     return (FEWER_HEADINGS + ", or " if len(scene.axes) > len(scene.map.axes) else "") + SMALLER_MAP
@@ -116,14 +117,17 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
     if blocked[met].all():
         place = "in unknown space" if are_unknown(scene, met) else "inside an obstacle"
         raise InputError(
-            f"{key}: this goal lies {place} (all {int(met.sum())} cells of it); "
+            f"{key}: this goal lies {place} (all of its {int(met.sum())} cells); "
             f"{_remedies(scene, blocked, tuple(np.argwhere(met)[0].tolist()))}"
         )
     return GoalCells(met & ~blocked, points[~blocked[met]])
 
 
 def _single_cell(scene: Scene, goal: Goal, key: str) -> tuple[str, tuple[int, ...], Point] | None:
-    """A goal that is one cell: its name, the cell, and the point in it that is meant, NaN where that is all of it."""
+    """Return words, cell and point of a goal that is a single cell; None for other goals.
+
+    The point is NaN in every coordinate if the goal is the whole cell.
+    """
     match goal:
         case GoalCell(cell):
             check_cell(scene.axes, cell, key)
@@ -134,7 +138,7 @@ def _single_cell(scene: Scene, goal: Goal, key: str) -> tuple[str, tuple[int, ..
             kind = "point"
         case _:
             return None
-    return f"the {kind} {list(point)}", *located(scene.axes, scene.frame, point, key)
+    return f"the {kind} {list(point)}", *locate_point(scene.axes, scene.frame, point, key)
 
 
 def _region(scene: Scene, goal: Goal) -> GoalCells:
@@ -144,7 +148,7 @@ def _region(scene: Scene, goal: Goal) -> GoalCells:
         case GoalPoint(point):
             return scene.robot.goal_cells(scene.axes, tuple(scene.frame.from_world(point).tolist()))
         case GoalCell():
-            raise AssertionError("a cell is no region")
+            raise AssertionError("a GoalCell is handled by _single_cell")
     return scene.robot.goal_cells(scene.axes, to_space(goal, scene.frame))
 
 
@@ -171,30 +175,32 @@ def _conductivity(scene: Scene) -> NDArray[np.float64] | None:
     return conductivity
 
 
-def _over_map(scene: Scene, values: NDArray[Any], what: str) -> NDArray[Any]:
-    """Values of the cells of the map as those of the space, whatever the heading."""
+def _over_map(scene: Scene, values: NDArray[Any], subject: str) -> NDArray[Any]:
+    """Broadcast values of the map's cells to the shape of the space, constant along the heading.
+
+    `subject`: words for the values, for messages.
+    """
     assert scene.map is not None
     if scene.axes[: values.ndim] != scene.map.axes:
         raise InputError(
-            f"{what} mean nothing to a robot whose configurations are no places of the map; leave them out"
+            f"{subject} do not apply to a robot whose configurations are not places on the map; leave them out"
         )
-    shape = tuple(axis.cells for axis in scene.axes)
-    return np.broadcast_to(values.reshape(values.shape + (1,) * (scene.ndim - values.ndim)), shape)
+    return over_map(values, scene.axes)
 
 
 def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -> str:
-    """What to do about a goal in a blocked cell: the nearest free place that starts reach, and options that free it."""
+    """Return the remedies for a goal in a blocked cell: the nearest reachable free place, and options that free it."""
     allowed = usable(scene, blocked)
     place = nearest_place(allowed, cell, scene.axes, scene.frame)
     if place is None:
         parts = ["no cell is free"]
-    elif scene.robot.base is not None:  # whose goals are places of the tip
+    elif scene.robot.base is not None:  # the goal is a place of an arm's tip, not a cell
         parts = ["move or enlarge it"]
     else:
         whose = "that a start can reach" if scene.starts else "of the largest free region"
         parts = [f"move it to a free place {whose}, the nearest is {place}{_grey(scene, cell)}"]
     if is_unknown(scene, cell):
-        parts.append("--unknown free makes unknown cells free")
+        parts.append("--unknown free treats unknown cells as free")
     if isinstance(scene.robot, PointRobot) and scene.robot.radius:
         obstacles = _obstacles(scene)
         if not scene.robot.shrunk.occupancy(scene.axes, obstacles, scene.sampling)[cell]:
@@ -207,12 +213,12 @@ def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -
 
 
 def _grey(scene: Scene, cell: tuple[int, ...]) -> str:
-    """The grey value of a cell that a picture says is an obstacle, and the one from which cells are free."""
+    """Return words for the grey value of an obstacle cell of a picture, and the threshold of free cells."""
     if scene.map is None or format_of(Path(scene.map.table["file"]), scene.map.table) != "image":
         return ""
     threshold: int = scene.map.table.get("threshold", THRESHOLD)
     try:
         grey = int(read_raster(Path(scene.map.table["file"])).grey[::-1].T[cell[:2]])
-    except InputError:  # the picture came through a pipe, or is gone: there is less to tell
+    except InputError:  # the picture came from a pipe, or was removed
         return ""
     return f"; its grey value is {grey}, and cells are free from {threshold} on (--threshold)" * (grey < threshold)

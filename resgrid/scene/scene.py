@@ -1,4 +1,4 @@
-"""The scene: everything a person says about a robot, its surroundings and the chip, before it is cut into cells."""
+"""The `Scene` class: a robot, its surroundings and the chip, in world coordinates, before discretisation."""
 
 from __future__ import annotations
 
@@ -27,61 +27,63 @@ from resgrid.scene.toml_lines import Path
 from resgrid.scene.world_coordinates import cell_centre
 
 IN_FILES = ("title", "boundary", "drive", "sampling", "k", "chip", "control")
-"""Attributes of a scene that are keys of its file as they are."""
+"""Attributes of a scene that have the same name and form in its file."""
 
 LISTS = {"obstacle": "obstacles", "hidden": "hidden", "goal": "goals", "area": "areas"}
-"""Keys of its file that are lists of tables, and the attributes that hold what they describe."""
+"""Keys of a scene file that are lists of tables, mapped to the attributes that hold the values of these tables."""
 
 
 @checked
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A robot in its surroundings, and the chip that is to guide it.
+    """A robot, its surroundings, and the chip that computes its field.
 
     Attributes
     ----------
     axes : tuple of Axis
         The grid, one to four axes.
     title : str
-        For pictures and decks.
+        Title of pictures and decks.
     robot : Robot
-        Says which cells are free.
+        Robot, whose shape decides which cells are free.
     obstacles : tuple of Shape
-        In world coordinates.
+        Obstacles, in world coordinates.
     hidden : tuple of Shape
-        Obstacles that stand there but are missing from the map: sampling leaves them out, control meets them.
+        Real obstacles that are missing from the map: the configuration space ignores them, control collides with them.
     goals : tuple of Shape, GoalPoint, GoalCell or GoalJoints
-        Places for the robot's reference point (an arm's tip) in world coordinates; cells; or configurations.
+        Goals: places of the robot's reference point (an arm's tip) in world coordinates, cells, or configurations.
     starts : tuple of tuple of float
-        Start configurations, in world coordinates: for an arm its angles.
+        Start configurations, in world coordinates; of an arm its joint angles.
     areas : tuple of CostArea
-        Regions of configuration space with another conductivity (for points and discs that is the world); later ones
-        cover earlier ones.
+        Regions of configuration space with a conductivity other than 1 (for points and discs, regions of the world).
+        Where regions overlap, the last one applies.
     map : MapCells or None
         Cells read from a map file.
     frame : Frame
-        From space to world coordinates.
+        Transformation from the coordinates of the space to world coordinates.
     boundary : {"dirichlet", "neumann", "wall"}
-        What obstacles are.
+        Boundary condition at obstacles: tied to the obstacle rail, open, or in contact through a series resistance.
     drive : {"uniform", "start"} or None
-        What drives the grid where obstacles are open; by default uniform there, and nothing elsewhere.
+        Drive of a grid with open obstacles: a uniform current into all free cells, or a start cell tied to the high
+        rail.  Default: uniform with open obstacles, otherwise no drive.
     edge : tuple of {"obstacle", "open", "periodic"}
-        What the border of the grid is: one for all axes, or one each; periodic axes have none.
+        Boundary condition at the border of the grid: one for all axes, or one per axis.  Periodic axes have no border.
     k : tuple of float
-        Blends asked for, each in [0, 1]: the share of the Dirichlet field.  Empty: no blend, ``boundary`` decides.
+        Weights of the Dirichlet field in blends with the Neumann field, each in [0, 1].  Empty: no blend, the field of
+        ``boundary``.
     chip : Chip
-        Component values.
+        Component values and imperfections of the chip.
     control : Control
-        How the robot is moved.
+        Parameters of robot control.
     sampling : {"conservative", "centre"}
-        Whether a cell is free when all of it is, or when its centre is.
+        Criterion of a free cell: every configuration of the cell is free of collision, or its centre is.
     source : str or None
-        The file it came from.
+        Name of the scene file.
 
     Raises
     ------
     InputError
-        If values are out of range or do not fit each other; one message lists it all, by key path.
+        If values are out of range or inconsistent.  The message lists all problems by key path.
 
     Examples
     --------
@@ -125,7 +127,7 @@ class Scene:
             each = rules * len(self.axes) if len(rules) == 1 else rules
             edge = ("periodic" if axis.periodic else rule for axis, rule in zip(self.axes, each, strict=True))
             object.__setattr__(self, "edge", tuple(edge))
-        if self.map is not None:  # its cells lie where the space does
+        if self.map is not None:  # the map's cells have the frame of the space
             frame = dataclasses.replace(self.frame, turning_length=None)
             object.__setattr__(self, "map", dataclasses.replace(self.map, frame=frame))
         lists = LISTS | {"starts": "starts"}
@@ -153,22 +155,24 @@ class Scene:
         return len(self.axes)
 
     def replace(self, **changes: Any) -> Scene:
-        """The same scene with other values.
+        """Return a copy of the scene with some attributes replaced.
 
         Parameters
         ----------
         **changes
-            New values of the attributes.  Also ``goal`` and ``start``: one place or a list of them, each a point of the
-            world, a `GoalCell`, or, for goals, a `GoalJoints` or a shape; ``k`` and ``edge`` may be one value for all.
+            New values of the attributes.  ``goal`` and ``start`` replace all goals or starts by one place or a list of
+            places: a point in world coordinates, a `GoalCell`, or, for goals, a `GoalJoints` or a shape.  ``k`` and
+            ``edge`` may be single values.
 
         Returns
         -------
         Scene
+            The changed scene.
 
         Raises
         ------
         InputError
-            If there is no such attribute, or a value does not fit.
+            If an attribute is unknown, or a value is invalid.
 
         Examples
         --------
@@ -179,12 +183,14 @@ class Scene:
         check_attributes(changes)
         robot = changes.get("robot")
         if isinstance(robot, Robot) and self.map is not None and "axes" not in changes:
-            has_own = robot.base is not None and self.axes[: len(self.map.axes)] != self.map.axes  # an arm's
+            has_own = (
+                robot.base is not None and self.axes[: len(self.map.axes)] != self.map.axes
+            )  # joint axes of an arm
             if not has_own:
                 changes["axes"], changes["frame"] = self.map.space_of(robot)
         axes, frame = changes.get("axes", self.axes), changes.get("frame", self.frame)
         if not (isinstance(axes, list | tuple) and all(isinstance(axis, Axis) for axis in axes)):
-            return dataclasses.replace(self, axes=axes)  # which says what axes are
+            return dataclasses.replace(self, axes=axes)  # raises InputError
         if "goal" in changes:
             goals = _places("goal", changes.pop("goal"))
             changes["goals"] = tuple(GoalPoint(goal) if isinstance(goal, tuple) else goal for goal in goals)
@@ -202,23 +208,23 @@ class Scene:
 
 
 def check_attributes(names: Iterable[str], *also: str) -> None:
-    """Refuse what is no attribute of a scene, nor one of other names."""
+    """Raise InputError unless all `names` are attributes of a scene, ``goal``, ``start`` or names of `also`."""
     known = [*(attribute.name for attribute in dataclasses.fields(Scene)), "goal", "start", *also]
     for name in names:
         if name not in known:
-            hint = suggestion(name, known) or f"there are {', '.join(known)}"
-            raise InputError(f"a scene has no {name!r}; {hint}")
+            hint = suggestion(name, known) or f"its attributes are {', '.join(known)}"
+            raise InputError(f"a scene has no attribute {name!r}; {hint}")
 
 
 def start_point(start: GoalPoint | GoalCell | Point, axes: tuple[Axis, ...], frame: Frame, key: str = "start") -> Point:
-    """World coordinates of a start."""
+    """Return the world coordinates of a start; `key`: its key path, for messages."""
     if isinstance(start, GoalCell):
         return cell_centre(axes, frame, start.cell, key)
     return start.point if isinstance(start, GoalPoint) else start
 
 
 def _places(key: str, given: Any) -> list[Any]:
-    """One place or several, as a list of places: points as tuples, everything else as it is."""
+    """Return one place or a list of places as a list; points as tuples, other places unchanged."""
     if isinstance(given, Goal):
         return [given]
     entries = given.tolist() if hasattr(given, "tolist") else given

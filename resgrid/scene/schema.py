@@ -1,6 +1,6 @@
-"""The schema of scene files: their keys, what each may hold, and what is wrong with a document: all errors at once.
+"""The schema of scene files as pydantic models, and the validation of documents, which reports all errors at once.
 
-Imported only when a scene is read or described.
+Only functions import this module, because pydantic models take long to build.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from resgrid.scene.control import Control
 from resgrid.scene.goals import Conductivity, CostArea, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.arrays import HEADINGS
 from resgrid.scene.maps.formats import FORMATS, map_options
-from resgrid.scene.messages import Problem, complaint, unknown
+from resgrid.scene.messages import Problem, message_of, problems_of, unknown_option
 from resgrid.scene.quantities import Listed
 from resgrid.scene.scene import IN_FILES, LISTS, Scene
-from resgrid.scene.table_models import TableModel, fields_from, filled_as, meanings, problems_of, table_of, value_of
+from resgrid.scene.table_models import TableModel, fields_from, filled_as, meanings, table_of, value_of
 from resgrid.scene.toml_lines import Path
 
 if TYPE_CHECKING:
@@ -56,37 +56,37 @@ SHAPES: dict[str, tuple[type, bool]] = {
     "polygon": (Polygon, True),
     "half_plane": (HalfSpace, False),
 }
-"""Shapes by what a file calls them, and whether that name is for the plane alone."""
+"""Shape classes by their names in files, each with a flag: the name is restricted to two coordinates."""
 
 
 class Joints(TableModel):
-    """One configuration of the robot: the cell around it."""
+    """A goal that is the cell around one configuration of the robot."""
 
-    joints: Annotated[Coordinates, Field(description="Of an arm its angles.")]
+    joints: Annotated[Coordinates, Field(description="Configuration; of an arm its joint angles.")]
 
 
 class JointBox(TableModel):
-    """A box of configurations."""
+    """A goal that is a box of configurations."""
 
-    joints_lower: Annotated[Coordinates, Field(description="Its lower corner.")]
-    joints_upper: Annotated[Coordinates, Field(description="Its upper corner.")]
+    joints_lower: Annotated[Coordinates, Field(description="Lower corner of the box.")]
+    joints_upper: Annotated[Coordinates, Field(description="Upper corner of the box.")]
 
 
 class Link(TableModel):
     """A link of an arm."""
 
-    length: Annotated[Length, Field(description="From joint to joint.")]
-    width: Annotated[Width, Field(description="Of the capsule around it.")] = 0.0
+    length: Annotated[Length, Field(description="Distance between its two joints.")]
+    width: Annotated[Width, Field(description="Width of the capsule that the link occupies.")] = 0.0
     limits: Annotated[
-        Pair | None, Field(description="Range of its joint, in radians; without it the joint turns all the way round.")
+        Pair | None, Field(description="Range of its joint angle, in radians; without limits the joint is periodic.")
     ] = None
 
     @model_validator(mode="after")
     def _is_possible(self) -> Link:
         if self.limits is not None and not self.limits[0] < self.limits[1]:
             low, high = self.limits
-            fault = "are reversed: the lower limit comes first" if low > high else "leave the joint no room to turn"
-            raise ValueError(f"limits = {[low, high]} {fault}; without limits the joint turns all the way round")
+            fault = "are reversed: the lower limit comes first" if low > high else "are equal: the joint cannot turn"
+            raise ValueError(f"limits = {[low, high]} {fault}; leave limits out for a joint without stops")
         return self
 
 
@@ -96,17 +96,17 @@ def _arm(links: list[Link], **rest: Any) -> Arm:
 
 
 def _arm_table() -> Any:
-    """The table of an arm: that of its value, with one list of links in place of three."""
+    """Return the model of an arm's table: one list of links in place of the lists of lengths, widths and limits."""
     whole = table_of(Arm, ("type", "arm"))
     keys: dict[str, Any] = {name: (field.rebuild_annotation(), field) for name, field in whole.model_fields.items()}
     for name in ("lengths", "widths", "limits"):
         del keys[name]
-    keys["links"] = (Annotated[list[Link], Len(1, 4)], Field(description="From the base to the tip."))
+    keys["links"] = (Annotated[list[Link], Len(1, 4)], Field(description="Links, from the base to the tip."))
     return create_model("type_arm", __base__=TableModel, __doc__=whole.__doc__, **keys)
 
 
 def _area(shape: type, name: str, is_planar: bool) -> Any:
-    """A shape with a conductivity."""
+    """Return the annotation of a cost area: the table of a shape with a conductivity."""
     keys: dict[str, Any] = {"conductivity": (Conductivity, Field(description=meanings(CostArea)["conductivity"]))}
     table: Any = create_model(f"area_{name}", __base__=table_of(shape, ("shape", name), is_planar), **keys)
     return filled_as(table, lambda conductivity, **keys: CostArea(shape(**keys), conductivity), "shape")
@@ -127,14 +127,14 @@ KINDS: dict[str, dict[str, Any]] = {
     "robot": {name: value_of(robot, ("type", name)) for name, robot in ROBOTS.items()}
     | {"arm": filled_as(_arm_table(), _arm, "type")},
 }
-"""Tables that come in several kinds, by the kind."""
+"""Annotations of tables that have several kinds, by key and kind."""
 
 
-def _known(key: str, kind: str, kinds: Iterable[str]) -> str:
-    """A kind, if there is such a one."""
+def _checked_kind(key: str, kind: str, kinds: Iterable[str]) -> str:
+    """Return `kind`; raise ValueError unless it is one of `kinds`."""
     options = list(kinds)
     if kind not in options:
-        raise ValueError(unknown(f"{key} = {kind!r}", kind, f"one of {', '.join(options)}", options))
+        raise ValueError(unknown_option(f"{key} = {kind!r}", kind, f"one of {', '.join(options)}", options))
     return kind
 
 
@@ -143,11 +143,11 @@ def _robot_kind(table: Any) -> str:
     if not isinstance(kind, str):
         *kinds, last = (f'"{name}"' for name in ROBOTS)
         raise ValueError(f"the robot needs type = {', '.join(kinds)} or {last}")
-    return _known("type", kind, KINDS["robot"])
+    return _checked_kind("type", kind, KINDS["robot"])
 
 
 def _kind_of(name: str, given: Any) -> str:
-    """What kind of shape or place a table describes."""
+    """Return the kind of a table of shapes or places, such as ``circle`` or ``point``, from its keys."""
     places = [kind for kind in KINDS[name] if kind not in SHAPES]
     if not isinstance(given, Mapping) and places:
         raise ValueError(f"must be a table, such as {{ point = [...] }} or {{ cell = [...] }}, got {short(given)}")
@@ -155,9 +155,9 @@ def _kind_of(name: str, given: Any) -> str:
     shape = table.get("shape")
     if isinstance(shape, str) and shape in places:
         remedy = "remove this key" if shape in table else f"write {shape} = [...] instead"
-        raise ValueError(f"shape = {shape!r} is no shape, for a place needs none; {remedy}")
+        raise ValueError(f"shape = {shape!r} is not a shape but a key of a place; {remedy}")
     if isinstance(shape, str) and name != "start":
-        return _known("shape", shape, SHAPES)
+        return _checked_kind("shape", shape, SHAPES)
     place = next((key for key in places if key in table), None)
     if place is not None:
         return place
@@ -168,15 +168,15 @@ def _kind_of(name: str, given: Any) -> str:
     if name == "start":
         raise ValueError("a start needs point = [...] or cell = [...]")
     extra = ", or point = [...], or cell = [...], or joints = [...]" if places else ""
-    raise ValueError(f"this needs shape = one of rectangle, circle, polygon, box, sphere or half_plane{extra}")
+    raise ValueError(f"needs shape = one of rectangle, circle, polygon, box, sphere or half_plane{extra}")
 
 
 KIND_OF = {name: partial(_kind_of, name) for name in KINDS} | {"robot": _robot_kind}
-"""Which kind a table is of, by its keys; a `ValueError` says what it lacks."""
+"""Functions that return the kind of a table from its keys, and raise ValueError if a key is missing."""
 
 
 def _one_of(name: str) -> Any:
-    """The annotation of a table that comes in several kinds."""
+    """Return the annotation of a table that has several kinds."""
     kinds = {kind: TypeAdapter(table) for kind, table in KINDS[name].items()}
 
     def read(table: Any) -> Any:
@@ -185,19 +185,19 @@ def _one_of(name: str) -> Any:
     return Annotated[Any, PlainValidator(read, json_schema_input_type=Union[tuple(KINDS[name].values())])]  # noqa: UP007
 
 
-def _nothing_required(schema: dict[str, Any]) -> None:
-    """A robot may bring along what its axes leave out; only then may they."""
+def _without_required(schema: dict[str, Any]) -> None:
+    """Remove ``required`` from a JSON Schema: a robot may imply the missing keys."""
     schema.pop("required", None)
 
 
 class _Implied(TableModel):
-    """What a robot may fill."""
+    """Base of tables whose missing keys the robot may imply."""
 
-    model_config = ConfigDict(json_schema_extra=_nothing_required)
+    model_config = ConfigDict(json_schema_extra=_without_required)
 
 
 def _axis(cells: int | None, spacing: float | None, lower: float, upper: float, **keys: Any) -> Axis:
-    """The axis of a table, which says how many cells there are, or how wide they are."""
+    """Return the axis of a table that holds either the number of cells or their width."""
     if (cells is None) == (spacing is None):
         raise ValueError("give either cells or spacing, not " + ("both" if cells else "neither"))
     if spacing is not None and lower < upper:
@@ -214,26 +214,24 @@ def _axis(cells: int | None, spacing: float | None, lower: float, upper: float, 
 AxisTable: Any = create_model(
     "AxisTable",
     __base__=_Implied,
-    __doc__="One axis of the grid; what an arm's or a turning polygon's axes leave out, the robot decides.",
+    __doc__="One axis of the grid; an arm or a turning polygon supplies the keys that its axes leave out.",
     **fields_from(Axis)
     | {
-        "name": (Annotated[str, Len(1)], Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", description="Such as x.")),
-        "cells": (Count | None, Field(None, description="How many cells it has; this or spacing.")),
-        "spacing": (Annotated[float, Gt(0)] | None, Field(None, description="Width of its cells; this or cells.")),
+        "name": (Annotated[str, Len(1)], Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", description="Name, such as x.")),
+        "cells": (Count | None, Field(None, description="Number of cells; instead of `spacing`.")),
+        "spacing": (Annotated[float, Gt(0)] | None, Field(None, description="Width of a cell; instead of `cells`.")),
     },
 )
-
-
 _AXIS = filled_as(AxisTable, _axis)
 
 
 class GridTable(_Implied):
-    """The grid; an arm's axes need say nothing at all."""
+    """The grid; for an arm, ``cells`` is enough."""
 
-    axes: Annotated[list[_AXIS], Len(1, 4), Field(description="One to four.")]  # type: ignore[valid-type]
+    axes: Annotated[list[_AXIS], Len(1, 4), Field(description="The axes, one to four.")]  # type: ignore[valid-type]
     cells: Annotated[
         Annotated[tuple[Count, ...], Strict(False), Len(1, 4), Listed()] | None,
-        Field(description="Numbers of cells of axes that do not say: one for all, or one each."),
+        Field(description="Number of cells of axes without `cells` and `spacing`: one for all, or one per axis."),
     ] = None
 
     @field_validator("cells")
@@ -245,28 +243,28 @@ class GridTable(_Implied):
         return cells
 
 
-def _known_format(name: str) -> str:
+def _checked_format(name: str) -> str:
     names = ["auto", *FORMATS]
     if name not in names:
-        raise ValueError(unknown(repr(name), name, " or ".join(names), names))
+        raise ValueError(unknown_option(repr(name), name, " or ".join(names), names))
     return name
 
 
 _FORMAT = Annotated[
-    str, AfterValidator(_known_format), Field(json_schema_extra=lambda schema: schema.update(enum=["auto", *FORMATS]))
+    str, AfterValidator(_checked_format), Field(json_schema_extra=lambda schema: schema.update(enum=["auto", *FORMATS]))
 ]
 Map = create_model(
     "Map",
     __base__=TableModel,
-    __doc__="A map file instead of a grid, and how to read it; each format takes its own options.",
-    file=(Annotated[str, Len(1)], Field(description="Its name, seen from the scene's folder.")),
-    format=(_FORMAT, Field("auto", description="Otherwise by the end of its name, or its first bytes.")),
+    __doc__="A map file in place of a grid, and the options of its reader; each format has options of its own.",
+    file=(Annotated[str, Len(1)], Field(description="Name of the file, relative to the scene's folder.")),
+    format=(_FORMAT, Field("auto", description="Format of the file; `auto` decides by its suffix or first bytes.")),
     **map_options(),
     periodic=(
         Annotated[tuple[str, ...], Strict(False), Listed()] | None,
-        Field(None, description="Axes whose ends are joined, by name."),
+        Field(None, description="Names of the periodic axes."),
     ),
-    headings=(Count, Field(HEADINGS, description="Cells of the third axis, of a robot that turns.")),
+    headings=(Count, Field(HEADINGS, description="Number of cells of the heading axis of a robot that turns.")),
 )
 
 
@@ -280,8 +278,8 @@ def _key(name: str, kind: Any, default: Any, *marks: Any, about: str = "") -> tu
     return (hint, Field(default, description=text))
 
 
-def _list_of(name: str) -> tuple[Any, Any]:
-    return _key(name, list[_one_of(name)], [])  # type: ignore[misc]
+def _list_of(name: str, about: str = "") -> tuple[Any, Any]:
+    return _key(name, list[_one_of(name)], [], about=about)  # type: ignore[misc]
 
 
 _EDGES = Annotated[tuple[EdgeRule, ...], Strict(False), Listed()]
@@ -289,16 +287,16 @@ SceneFile: Any = create_model(
     "Scene",
     __base__=TableModel,
     __doc__="A resgrid scene.",
-    schema_=(Literal[1], Field(alias="schema", description="Version of this format.")),
+    schema_=(Literal[1], Field(alias="schema", description="Version of the file format.")),
     **fields_from(Scene, IN_FILES),
     edge=_key("edge", _EDGES, ("obstacle",)),
     robot=_key("robot", _one_of("robot"), PointRobot()),
-    grid=_key("grid", GridTable | None, None, about="The cells; this or a map."),
-    map=_key("map", Map | None, None),
+    grid=_key("grid", GridTable | None, None, about="The grid; instead of a map."),
+    map=_key("map", Map | None, None, about="A map file; instead of a grid."),
     obstacle=_list_of("obstacle"),
     hidden=_list_of("hidden"),
     goal=_list_of("goal"),
-    start=_list_of("start"),
+    start=_list_of("start", about="Starts as tables, each with a point in world coordinates or a cell."),
     starts=_key("starts", list[Coordinates], []),
     area=_list_of("area"),
 )
@@ -317,39 +315,40 @@ TABLES: dict[str, Any] = {
 
 
 def keys_of(path: tuple[str | int, ...], kind: str | None) -> list[str]:
-    """The keys that a table may hold, by its path and, if there are several, its kind."""
+    """Return the keys of the table at `path`; `kind`: its kind, if such tables have several."""
     name = next((part for part in reversed(path) if isinstance(part, str)), "")
     table: Any = TABLES.get(name) or (KINDS[name][kind].__origin__ if kind in KINDS.get(name, {}) else None)
     return [] if table is None else [field.alias or key for key, field in table.model_fields.items()]
 
 
 def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any]]:
-    """The typed document, what is wrong with it, and the entries of its lists by their key paths.
+    """Return the typed document, its problems, and the entries of its lists by key path.
 
-    What is wrong is left out of the document, so that what is right can still be checked for consistency.
+    The typed document omits invalid entries, so that the valid ones can still be checked for consistency.
     """
     numbers = {key: [*range(len(raw[key]))] for key in (*KINDS, "starts") if isinstance(raw.get(key), list)}
     problems: list[Problem] = []
     try:
         document = SceneFile.model_validate(dict(raw))
     except ValidationError as error:
-        problems = [_problem(detail, raw) for detail in problems_of(error)]
+        problems = [(_path_in(raw, where), text) for where, text in problems_of(error, partial(_message, raw=raw))]
         wrong = {path[: 2 if path[0] in numbers else 1] for path, _ in problems if path}
-        sound = {key: value for key, value in raw.items() if (key,) not in wrong} | {"schema": 1}
-        numbers = {key: [n for n in every if (key, n) not in wrong] for key, every in numbers.items() if key in sound}
-        sound |= {key: [raw[key][n] for n in some] for key, some in numbers.items()}
-        document = SceneFile.model_validate(sound)
+        valid = {key: value for key, value in raw.items() if (key,) not in wrong} | {"schema": 1}
+        numbers = {key: [n for n in every if (key, n) not in wrong] for key, every in numbers.items() if key in valid}
+        valid |= {key: [raw[key][n] for n in some] for key, some in numbers.items()}
+        document = SceneFile.model_validate(valid)
     entries = ((key, zip(some, getattr(document, key), strict=True)) for key, some in numbers.items())
     return document, problems, {(key, number): value for key, pairs in entries for number, value in pairs}
 
 
-def _problem(detail: ErrorDetails, raw: Mapping[str, Any]) -> Problem:
-    path = _path_in(raw, detail["loc"])
-    return path, _unknown_key(path, raw) if detail["type"] == "extra_forbidden" else complaint(detail)
+def _message(detail: ErrorDetails, raw: Mapping[str, Any]) -> str:
+    """Return the message for one of pydantic's errors; for unknown keys with the nearest key of the table."""
+    is_unknown = detail["type"] == "extra_forbidden"
+    return _unknown_key(_path_in(raw, detail["loc"]), raw) if is_unknown else message_of(detail)
 
 
 def _path_in(raw: Any, location: Path) -> Path:
-    """Pydantic's location as the document has it, where the only entry of a list may stand without one."""
+    """Return the part of pydantic's location that exists in the document, where a single value may stand for a list."""
     node = raw
     for depth, part in enumerate(location):
         if not isinstance(node, Mapping | list):
@@ -359,7 +358,8 @@ def _path_in(raw: Any, location: Path) -> Path:
 
 
 def _unknown_key(path: Path, raw: Any) -> str:
-    kind = None  # of a table that comes in several
+    """Return the message for an unknown key: the nearest key, its proper place, or all keys of the table."""
+    kind = None  # of a table that has several kinds
     if path[0] in KIND_OF and len(path) == (2 if path[0] == "robot" else 3):
         kind = KIND_OF[str(path[0])](raw["robot"] if path[0] == "robot" else raw[path[0]][path[1]])
     name, known = str(path[-1]), keys_of(path[:-1], kind)
@@ -369,13 +369,13 @@ def _unknown_key(path: Path, raw: Any) -> str:
     if len(path) > 1 and name in keys_of((), None):
         return f"this key belongs at the top level of the scene, above the first [table]; move {name!r} there"
     if kind is not None and len(known) == 1:  # a place
-        return f"nothing else goes with {known[0]} = [...]; remove {name!r}"
+        return f"no other key goes with {known[0]} = [...]; remove {name!r}"
     whose = "" if kind is None else f" of {'an' if kind[0] in 'aeiou' else 'a'} {kind.replace('_', '-')}"
-    return f"unknown key{whose}; there are {', '.join(known)}" if known else "unknown key; remove it"
+    return f"unknown key{whose}; the keys are {', '.join(known)}" if known else "unknown key; remove it"
 
 
 def robot_of(table: Any) -> Robot | None:
-    """The robot that a table describes; None if it describes none."""
+    """Return the robot of a ``[robot]`` table; None if the table is invalid."""
     try:
         return _ROBOT.validate_python(table)
     except ValueError:
@@ -383,7 +383,7 @@ def robot_of(table: Any) -> Robot | None:
 
 
 def scene_schema() -> dict[str, Any]:
-    """The JSON Schema of scene files.
+    """Return the JSON Schema of scene files.
 
     Returns
     -------

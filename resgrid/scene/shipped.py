@@ -1,4 +1,4 @@
-"""The scenes that come with resgrid, found by their names in every kind of installation."""
+"""Scenes that are part of the distribution, by name, for wheels and checkouts."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def shipped_scenes() -> Mapping[str, Path]:
 
 
 def shipped_scene(name: str | os.PathLike[str]) -> Path | None:
-    """Return the file of the shipped scene that a name without a folder means (``rooms`` or ``rooms.toml``).
+    """Return the file of the shipped scene with a name (``rooms`` or ``rooms.toml``).
 
-    None for other names, and where the current folder has a file of this name, which is meant then.
+    None for other names, for names with a folder, and if a file of this name exists.
     """
     given = Path(name)
     if str(name) != given.name or (given.exists() and not given.is_dir()):

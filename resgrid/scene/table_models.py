@@ -1,7 +1,7 @@
-"""Tables of a file, made from the dataclasses they describe: the same keys, ranges and meanings, the value's own laws.
+"""Pydantic models of the tables of a scene file, generated from dataclasses and functions.
 
-The annotations of a dataclass, or of the options of a function, say what they may be (`annotated_types` for ranges,
-`Quantity` for units), its docstring says what they mean; this is the only place where a schema is made of both.
+The annotations of a dataclass (or of a function's options) give types, ranges (`annotated_types`) and units
+(`Quantity`); its docstring gives the descriptions.  Validated tables are converted to values of the dataclass.
 """
 
 from __future__ import annotations
@@ -12,30 +12,27 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from inspect import cleandoc, signature
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Len
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError, create_model
 
 from resgrid.core.axis import Point
 from resgrid.errors import InputError
-from resgrid.scene.messages import complaint, key_path
+from resgrid.scene.messages import key_path, problems_of
 from resgrid.scene.quantities import Quantity
-
-if TYPE_CHECKING:
-    from pydantic_core import ErrorDetails
 
 _ENTRY = re.compile(r"^(\w[\w, ]*?)(?: : .*)?$")
 
 
 class TableModel(BaseModel):
-    """Base of every table: unknown keys are errors, and nothing is converted silently."""
+    """Base of all tables: unknown keys are errors, and values are not converted silently."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 def meanings(value: Callable[..., Any]) -> dict[str, str]:
-    """What the fields of a class, or the parameters of a function, mean, from the lists in its docstring."""
+    """Return the descriptions of a class's attributes or a function's parameters, from its docstring."""
     described: dict[str, str] = {}
     names: list[str] = []
     for line in cleandoc(value.__doc__ or "").split("\n"):
@@ -49,13 +46,13 @@ def meanings(value: Callable[..., Any]) -> dict[str, str]:
 
 
 def unit_of(hint: Any) -> str:
-    """The unit of a field, by its annotation."""
+    """Return the unit in a field's annotation; empty if it has no unit."""
     units = [mark.unit for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, Quantity)]
     return next(filter(None, [*units, *map(unit_of, get_args(hint))]), "")
 
 
 def described_keys(value: type) -> dict[str, tuple[str, str]]:
-    """Unit and meaning of every key of a value's table, those of tables in it included (``readout.bits``)."""
+    """Return unit and description of every key of a dataclass's table, including nested keys (``readout.bits``)."""
     hints, about = get_type_hints(value, include_extras=True), meanings(value)
     described: dict[str, tuple[str, str]] = {}
     for item in dataclasses.fields(value):
@@ -68,7 +65,10 @@ def described_keys(value: type) -> dict[str, tuple[str, str]]:
 
 
 def file_type(hint: Any, *, planar: bool = False) -> Any:
-    """What a file holds for a field: lists for tuples, tables for dataclasses, the rest as it is."""
+    """Return the type of a field in a file: lists for tuples, tables for dataclasses, other types unchanged.
+
+    `planar`: points have two coordinates.
+    """
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return Annotated[(file_type(parts[0], planar=planar), *parts[1:])]
@@ -83,13 +83,13 @@ def file_type(hint: Any, *, planar: bool = False) -> Any:
 
 @cache
 def table_of(value: type, kind: tuple[str, str] | None = None, planar: bool = False) -> type[TableModel]:
-    """The table that describes a value; `kind`: the key that says which of several it is, and what it says.
+    """Return the model of a dataclass's table.
 
-    In a `planar` one, points have two coordinates.
+    `kind`: key and value that distinguish this table from other kinds; `planar`: points have two coordinates.
     """
     keys = fields_from(value, planar=planar)
     if kind is not None:
-        keys = {kind[0]: (Literal[kind[1]], Field(kind[1], description="Its kind."))} | keys
+        keys = {kind[0]: (Literal[kind[1]], Field(kind[1], description=f"Selects this {kind[0]}."))} | keys
     sentence = cleandoc(value.__doc__ or "").split("\n")[0]
     return create_model(
         value.__name__ if kind is None else "_".join(kind), __base__=TableModel, __doc__=sentence, **keys
@@ -97,9 +97,9 @@ def table_of(value: type, kind: tuple[str, str] | None = None, planar: bool = Fa
 
 
 def fields_from(value: Callable[..., Any], names: Sequence[str] = (), *, planar: bool = False) -> dict[str, Any]:
-    """The keys of a table that describes a dataclass, or the options of a function: their types, defaults, meanings.
+    """Return the fields of a model for a dataclass or a function's options: types, defaults and descriptions.
 
-    `names`: the only fields that are keys.
+    `names`: fields to include; empty for all.
     """
     if isinstance(value, type):
         defaults = {item.name: _default(item) for item in dataclasses.fields(value)}
@@ -121,12 +121,15 @@ def _default(item: dataclasses.Field[Any]) -> dict[str, Any]:
 
 
 def value_of(value: type, kind: tuple[str, str] | None = None, planar: bool = False) -> Any:
-    """The annotation of a key that holds the table of a value."""
+    """Return the annotation of a key that holds the table of a dataclass."""
     return filled_as(table_of(value, kind, planar), value, *(kind or ())[:1])
 
 
 def filled_as(table: Any, build: Callable[..., Any], *left_out: str) -> Any:
-    """The annotation of a key whose table stands for what `build` makes of its keys, or refuses."""
+    """Return the annotation of a key whose table is validated and then replaced by ``build(**keys)``.
+
+    `left_out`: keys that `build` does not take.
+    """
 
     def fill(filled: TableModel) -> Any:
         try:
@@ -138,7 +141,7 @@ def filled_as(table: Any, build: Callable[..., Any], *left_out: str) -> Any:
 
 
 def check_fields(value: Any) -> None:
-    """Check the fields of a value made in Python as those of its table are, and keep them as these are read."""
+    """Validate the fields of a dataclass instance by its table's model, and store the converted values."""
     single = [item.name for item in dataclasses.fields(value) if item.default_factory is dataclasses.MISSING]
     given = {name: getattr(value, name) for name in single}
     filled = fields_of(type(value), given)
@@ -147,24 +150,16 @@ def check_fields(value: Any) -> None:
 
 
 def fields_of(kind: type, given: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a value, read as the keys of its table; every problem at once."""
+    """Return the fields of a dataclass, validated by its table's model; one InputError lists all problems."""
     try:
         table = table_of(kind).model_validate(given)
     except ValidationError as error:
-        details = problems_of(error)
-        raise InputError("; ".join(f"{key_path(each['loc'])}: {complaint(each)}" for each in details)) from None
+        raise InputError("; ".join(f"{key_path(path)}: {text}" for path, text in problems_of(error))) from None
     return {name: getattr(table, name) for name in table_of(kind).model_fields}
 
 
-def problems_of(error: ValidationError) -> list[ErrorDetails]:
-    """What is wrong, without the lengths of lists whose entries are wrong."""
-    details = error.errors(include_url=False)
-    inner = {each["loc"][:size] for each in details for size in range(len(each["loc"]))}
-    return [each for each in details if each["type"] != "too_short" or each["loc"] not in inner]
-
-
 def plain(value: Any) -> Any:
-    """A value as a file holds it: dataclasses as tables without the keys that say nothing, tuples as lists."""
+    """Return a value in the form of a file: dataclasses as tables without keys that are None, tuples as lists."""
     if dataclasses.is_dataclass(value):
         table = {item.name: getattr(value, item.name) for item in dataclasses.fields(value) if item.init}
         return {key: plain(entry) for key, entry in table.items() if entry is not None}

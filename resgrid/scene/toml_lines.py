@@ -1,4 +1,4 @@
-"""On which line of a TOML document each key stands; tomllib does not say."""
+"""Line numbers of the keys of a TOML document, which tomllib does not report."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TOKEN = re.compile(
 
 
 def key_lines(text: str) -> dict[Path, int]:
-    """Line of every table, key and array element of a TOML document that is known to be valid."""
+    """Return the line of every table, key and array element of a valid TOML document."""
     scanner = _Scanner(text)
     prefix: Path = ()
     while scanner.skip():
@@ -31,12 +31,12 @@ def key_lines(text: str) -> dict[Path, int]:
 
 
 def line_of(lines: Mapping[Path, int], path: Path) -> int | None:
-    """Line of a key path, or of the nearest thing around it."""
+    """Return the line of a key path, or of the innermost enclosing table or list; None if neither has a line."""
     return next((lines[path[:size]] for size in range(len(path), 0, -1) if path[:size] in lines), None)
 
 
 class _Scanner:
-    """Walks once through the tokens of a document."""
+    """Scanner that passes once over the tokens of a document and records the lines of keys."""
 
     def __init__(self, text: str) -> None:
         tokens, line = [], 1
@@ -44,7 +44,7 @@ class _Scanner:
             if match.lastgroup != "blank":
                 tokens.append((match[0], line))
             line += match[0].count("\n")
-        self.tokens = [("", 0), *reversed(tokens)]  # the next one last
+        self.tokens = [("", 0), *reversed(tokens)]  # the next token is the last entry
         self.lines: dict[Path, int] = {}
         self.tables: dict[Path, int] = {}
 
@@ -52,7 +52,7 @@ class _Scanner:
         return self.tokens[-1][0]
 
     def skip(self) -> str:
-        """The next token that is no end of a line, and no comma."""
+        """Drop ends of lines and commas, and return the next token."""
         while self.peek() in ("\n", ","):
             self.tokens.pop()
         return self.peek()
@@ -73,7 +73,7 @@ class _Scanner:
         return path
 
     def resolved(self, parts: list[str]) -> Path:
-        """A key path with the numbers of the last tables of arrays in it."""
+        """Return a key path with the index of the current table inserted after every array of tables."""
         path: Path = ()
         for part in parts:
             path = (*path, part)
@@ -108,6 +108,6 @@ class _Scanner:
                     self.value((*path, number))
                     number += 1
             self.tokens.pop()
-        else:  # a number with a point or a date with a blank is several
+        else:  # a number with a point or a date with a blank has several tokens
             while self.peek() not in (",", "]", "}", "\n", ""):
                 self.tokens.pop()

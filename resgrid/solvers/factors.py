@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from resgrid._internal.validation import check_number, real_numbers
+from resgrid._internal.numbers import check_number, real_numbers
 from resgrid.errors import AccuracyError, InputError
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.progress import ProgressMonitor

@@ -7,10 +7,9 @@ import pytest
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
+import resgrid as rg
 from benchmarks.layouts import boxes, maze, passages
 from benchmarks.problems import NETLISTS, Problem, equations
-from resgrid.circuit.solve import solve
-from resgrid.core.netlist import Netlist
 
 PROBLEMS = [
     *(Problem("rectangles", 24, boundary) for boundary in ("dirichlet", "neumann")),
@@ -24,14 +23,14 @@ PROBLEMS = [
 def test_equations_hold_for_the_operating_point(problem: Problem) -> None:
     netlist = problem.netlist()
     system = equations(netlist)
-    voltage = solve(netlist, accuracy="normwise", rtol=1e-12).voltage[system.nodes]
+    voltage = rg.solve(netlist, accuracy="normwise", rtol=1e-12).voltage[system.nodes]
     assert system.residual(voltage) < 1e-8
     np.testing.assert_allclose(voltage, spsolve(system.matrix, system.rhs), rtol=1e-7, atol=1e-12)
 
 
 def test_equations_leave_out_what_carries_nothing() -> None:
     """1 V - a - 0 V; b hangs on the 1 V rail alone, c on nothing, d on 0 V and a current source."""
-    netlist = Netlist(
+    netlist = rg.Netlist(
         node_count=6,
         resistor_nodes=[[1, 2], [2, 0], [1, 3], [5, 0]],
         conductance=[1.0, 3.0, 1.0, 2.0],

@@ -9,7 +9,6 @@ from support.dynamics import small_scene
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.core.space import Cell
 
 
 def corridor(width: int, length: int = 64) -> rg.Netlist:
@@ -58,7 +57,7 @@ def test_bits_follow_from_the_definition(options: dict[str, object]) -> None:
     cell_map = op.netlist.cells
     volts = np.where(cell_map.node >= 0, op.voltage[cell_map.node], np.nan)
     code = cell_map.space.cell
-    span = np.nanmax(volts[code == Cell.FREE]) if options.get("boundary") == "neumann" else 1.0
+    span = np.nanmax(volts[code == rg.Cell.FREE]) if options.get("boundary") == "neumann" else 1.0
     assert result.span == pytest.approx(span)
     for cell in map(tuple, np.argwhere(cell_map.space.goal_connected)):
         around = [(cell[0] + dx, cell[1] + dy) for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1))]
@@ -66,11 +65,11 @@ def test_bits_follow_from_the_definition(options: dict[str, object]) -> None:
         best = min(volts[p] for p in around)
         assert result.cell_bits[cell] == pytest.approx(np.log2(span / (volts[cell] - best)), abs=1e-6)
         need, here = -np.inf, int(np.ravel_multi_index(cell, code.shape))
-        while code.flat[here] == Cell.FREE:
+        while code.flat[here] == rg.Cell.FREE:
             need = max(need, result.cell_bits.flat[here])
             here = int(result.following.flat[here])
         assert result.start_bits[cell] == need
-    assert np.isnan(result.cell_bits[code != Cell.FREE]).all()
+    assert np.isnan(result.cell_bits[code != rg.Cell.FREE]).all()
 
 
 def test_a_read_out_of_enough_bits_leads_home() -> None:
@@ -200,14 +199,14 @@ def test_bad_ranges_are_named(span: object) -> None:
 def test_no_analysis_lets_a_robot_step_into_an_obstacle_that_droops_behind_its_switch(seed: int) -> None:
     rng = np.random.default_rng(seed)
     cell = (rng.random((7, 9)) < 0.15).astype(np.uint8)
-    cell[3, 4] = Cell.GOAL
+    cell[3, 4] = rg.Cell.GOAL
     chip = rg.Chip(obstacle_switch_on=1e6, mismatch=0.1, seed=seed)
     study = rg.study(space_of(cell), chip)
     code, volts = cell.ravel(), study.op.voltage[study.netlist.cells.node].ravel()
     result = study.adc_resolution()
     following = result.following.ravel()
     moving = np.flatnonzero(following >= 0)
-    assert (code[following[moving]] != Cell.OBSTACLE).all()
+    assert (code[following[moving]] != rg.Cell.OBSTACLE).all()
     assert (volts[following[moving]] < volts[moving]).all()
     cells = np.stack(np.unravel_index(moving, cell.shape), axis=1)
     assert (study.sensitivity(cells).best == following[moving]).all()

@@ -1,4 +1,8 @@
-"""Building chips, one by one and by the thousand, and what ngspice says of them."""
+"""Building chips, one by one and by the thousand, and what ngspice says of them.
+
+Tests internals: `resgrid.chip.effects.values`, `resgrid.core.random_sites`, `resgrid.spice.run.ngspice`,
+`resgrid.spice.write.flat`.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,6 @@ from support.spaces import space_of
 import resgrid as rg
 from resgrid.chip.effects.values import Temperature
 from resgrid.core.random_sites import generator, seed_of
-from resgrid.core.space import Cell
 from resgrid.spice.run.ngspice import simulate
 from resgrid.spice.write.flat import flatten
 
@@ -39,7 +42,7 @@ CHIPS = {
 
 def scene() -> rg.ConfigurationSpace:
     cell = np.zeros((16, 16), dtype=np.uint8)
-    cell[3:9, 7], cell[12, 3], cell[1, 14] = Cell.OBSTACLE, Cell.GOAL, Cell.GOAL
+    cell[3:9, 7], cell[12, 3], cell[1, 14] = rg.Cell.OBSTACLE, rg.Cell.GOAL, rg.Cell.GOAL
     return space_of(cell)
 
 

@@ -1,4 +1,7 @@
-"""Passes: each against what it says, by hand; and what holds for all of them."""
+"""Passes: each against what it says, by hand; and what holds for all of them.
+
+Tests internals: `resgrid.chip`, `resgrid.chip.effects.base`, `resgrid.chip.effects.values`, `resgrid.core.netlist`.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +20,11 @@ from resgrid.chip import effects
 from resgrid.chip.effects.base import to_node
 from resgrid.chip.effects.values import preferred_values
 from resgrid.core.netlist import add_elements
-from resgrid.core.space import Cell
 
 
 def room(boundary: str = "dirichlet", **options: object) -> rg.Netlist:
     cell = np.zeros((8, 10), dtype=np.uint8)
-    cell[2:5, 6], cell[6, 1], cell[0, 9] = Cell.OBSTACLE, Cell.GOAL, Cell.GOAL
+    cell[2:5, 6], cell[6, 1], cell[0, 9] = rg.Cell.OBSTACLE, rg.Cell.GOAL, rg.Cell.GOAL
     return rg.compile_space(space_of(cell), boundary=boundary, rails="cells", **options)
 
 
@@ -83,14 +85,14 @@ def test_a_list_of_passes_is_data() -> None:
         ({"sigma": 0.1}, "effect 0: None is unknown; there are"),
         ("mismatch", "effect 0 = 'mismatch' must be a table, such as"),
         ({"pass": "mismatch", "sigmaa": 0.1}, "'sigmaa' is unknown; did you mean 'sigma'"),
-        ({"pass": "mismatch", "sigma": "x"}, "sigma: 'x' is not a value"),
+        ({"pass": "mismatch", "sigma": "x"}, "sigma: 'x' is not a number"),
         ({"pass": "mismatch", "sigma": 3.0}, "sigma: must be below 1, got 3"),
         ({"pass": "mismatch", "sigma": 0.1, "pelgrom": 1.0}, "either sigma or pelgrom"),
         ({"pass": "mismatch", "pelgrom": 1.0}, "pelgrom needs width"),
         ({"pass": "mismatch", "sigma": 0.1, "seed": -3}, "seed = -3 must be a whole number"),
         ({"pass": "temperature"}, "celsius: this key is missing"),
-        ({"pass": "gradient", "shares": [0.1, float("nan")]}, r"shares\[1\]: nan is not a value"),
-        ({"pass": "faults", "open_density": 0.7, "short_density": 0.7}, "a sum of at most 1"),
+        ({"pass": "gradient", "shares": [0.1, float("nan")]}, r"shares\[1\]: nan is not a number"),
+        ({"pass": "faults", "open_density": 0.7, "short_density": 0.7}, "together at most 1"),
         ({"pass": "faults", "short_resistance": 0.0}, "short_resistance: must be greater than 0"),
     ],
 )
@@ -192,7 +194,7 @@ def test_a_seed_is_the_same_chip_whatever_else_is_done_and_whichever_scene_is_sh
     late = at_faces(rg.chip.build_chip(room(), [chain[2], chain[3], chain[0], chain[1]]))
     assert forward == late
     elsewhere = np.zeros((8, 10), dtype=np.uint8)
-    elsewhere[5, 5] = Cell.GOAL
+    elsewhere[5, 5] = rg.Cell.GOAL
     other = at_faces(rg.chip.build_chip(rg.compile_space(space_of(elsewhere), rails="cells"), chain))
     common = forward.keys() & other.keys()
     assert len(common) > 100
@@ -239,7 +241,7 @@ def test_open_internodal_switches_leak_into_obstacles() -> None:
 def test_switches_to_the_rails_are_where_the_cells_say() -> None:
     netlist = effects.RailSwitches(100.0, 1e9, 50.0, 1e8).apply(room())
     cell_map, extra = netlist.cell_map, netlist.cell_map.resistor_face < 0
-    pin = {cell_map.obstacle_node: (Cell.OBSTACLE, 100.0, 1e9), cell_map.goal_nodes[0]: (Cell.GOAL, 50.0, 1e8)}
+    pin = {cell_map.obstacle_node: (rg.Cell.OBSTACLE, 100.0, 1e9), cell_map.goal_nodes[0]: (rg.Cell.GOAL, 50.0, 1e8)}
     cell = netlist.cell_of_node()
     seen = set()
     for (a, b), g in zip(netlist.resistor_nodes[extra].tolist(), netlist.conductance[extra].tolist(), strict=True):
@@ -307,19 +309,19 @@ def test_vanishing_switches_and_rails_come_back_to_the_ideal_chip() -> None:
 
 def test_rails_droop_most_in_the_middle_of_the_die() -> None:
     cell = np.ones((9, 9), dtype=np.uint8)
-    cell[1:-1:2, :-1], cell[4, 4] = Cell.FREE, Cell.GOAL
+    cell[1:-1:2, :-1], cell[4, 4] = rg.Cell.FREE, rg.Cell.GOAL
     ideal = rg.compile_space(space_of(cell), rails="cells", resistance=100.0)
     netlist = effects.RailResistance(1.0).apply(ideal)
     volts = rg.solve(netlist).voltage[netlist.cells.node]
     assert volts[4, 2] < 0.999
-    assert volts[cell == Cell.OBSTACLE].max() < 1
+    assert volts[cell == rg.Cell.OBSTACLE].max() < 1
     assert volts[4, 4] > 0.01
     assert effects.RailResistance(0.0).apply(ideal) is ideal
 
 
 def test_rails_that_sag_into_the_obstacles_give_no_field_to_follow() -> None:
     cell = np.zeros((9, 9), dtype=np.uint8)
-    cell[4, :8], cell[3, 0] = Cell.OBSTACLE, Cell.GOAL
+    cell[4, :8], cell[3, 0] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     ideal = rg.compile_space(space_of(cell), rails="cells", edge="open")
     for axes in ((0, 1), (1, 0)):
         turned = rg.compile_space(space_of(cell.transpose(axes)), rails="cells", edge="open")

@@ -1,4 +1,8 @@
-"""Faults one by one, against chips rebuilt with the fault and solved from scratch."""
+"""Faults one by one, against chips rebuilt with the fault and solved from scratch.
+
+Tests internals: `resgrid.chip.effects.base`, `resgrid.chip.fault_analysis`, `resgrid.chip.walk`,
+`resgrid.core.netlist`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Shorts and opens: as dense as asked, and what is left of the chip."""
+"""Shorts and opens: as dense as asked, and what is left of the chip.
+
+Tests internals: `resgrid.chip.effects.spread`, `resgrid.chip.effects.values`.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,11 @@ from support.spaces import space_of
 import resgrid as rg
 from resgrid.chip.effects.spread import Faults
 from resgrid.chip.effects.values import Saturation
-from resgrid.core.space import Cell
 
 
 def room(boundary: str = "dirichlet") -> rg.Netlist:
     cell = np.zeros((8, 10), dtype=np.uint8)
-    cell[2:5, 6], cell[6, 1] = Cell.OBSTACLE, Cell.GOAL
+    cell[2:5, 6], cell[6, 1] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     return rg.compile_space(space_of(cell), boundary=boundary, rails="cells")
 
 

@@ -1,3 +1,6 @@
+"""Tests internals: `resgrid.chip.noise`, `resgrid.chip.time_constants`, `resgrid.circuit.dynamics`,
+`resgrid.spice.write.flat`."""
+
 from __future__ import annotations
 
 import re

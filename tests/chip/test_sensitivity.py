@@ -1,3 +1,5 @@
+"""Tests internals: `resgrid.chip.sensitivity`."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -10,7 +12,6 @@ from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.chip.sensitivity import adjoint_of
-from resgrid.core.space import Cell
 
 
 def differences(netlist: rg.Netlist, weights: np.ndarray, step: float = 1e-4) -> np.ndarray:
@@ -75,7 +76,7 @@ def next_step(op: rg.OperatingPoint, cell: tuple[int, int]) -> int:
         for side in (-1, 1):
             place = list(cell)
             place[axis] += side
-            if 0 <= place[axis] < code.shape[axis] and code[tuple(place)] != Cell.OBSTACLE:
+            if 0 <= place[axis] < code.shape[axis] and code[tuple(place)] != rg.Cell.OBSTACLE:
                 places.append(tuple(place))
     volts = [op.voltage[cell_map.node[place]] for place in places]
     return int(np.ravel_multi_index(places[int(np.argmin(volts))], code.shape))
@@ -138,7 +139,7 @@ def banded_corridor(netlist: rg.Netlist, width: int) -> tuple[np.ndarray, np.nda
     Cholesky factors of such a matrix hold no sum of mixed signs in their substitution: far entries keep their digits.
     """
     node = netlist.cells.node
-    free = node[netlist.cells.space.cell == Cell.FREE]
+    free = node[netlist.cells.space.cell == rg.Cell.FREE]
     row = np.full(netlist.node_count, -1)
     row[free] = np.arange(len(free))
     ends = row[netlist.resistor_nodes]

@@ -1,3 +1,5 @@
+"""Tests internals: `resgrid.chip.time_constants`, `resgrid.circuit.dynamics`, `resgrid.spice.write.flat`."""
+
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,4 +1,7 @@
-"""A study: made from whatever there is, each circuit once, every question a method; results show themselves."""
+"""A study: made from whatever there is, each circuit once, every question a method; results show themselves.
+
+Tests internals: `resgrid.chip`, `resgrid.chip.report`.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +14,7 @@ from support.dynamics import small_scene
 
 import resgrid as rg
 from resgrid.chip import ANALYSES
-from resgrid.chip.adc_resolution import ADCResolution
-from resgrid.chip.fault_analysis import FaultAnalysis
-from resgrid.chip.figures_of_merit import Figure, Proportion
-from resgrid.chip.noise import Noise
-from resgrid.chip.power import Power
 from resgrid.chip.report import SECTIONS, report_section
-from resgrid.chip.sensitivity import Sensitivity
-from resgrid.chip.settling import Settling
-from resgrid.chip.study_analyses import Study
-from resgrid.chip.sweeps import Sweep
-from resgrid.chip.yields import Yield
 
 QUESTIONS = ("settling", "noise", "power", "adc_resolution", "sensitivity", "yields", "faults", "sweep")
 QUICK = {"yields": {"trials": 8, "batch": 8}, "faults": {"seconds": 1e-9}, "sweep": {"trials": 2}}
@@ -33,11 +26,11 @@ def scene() -> rg.Scene:
 
 
 @pytest.fixture(scope="module")
-def made(scene: rg.Scene) -> Study:
+def made(scene: rg.Scene) -> rg.chip.Study:
     return rg.study(scene)
 
 
-def test_a_circuit_is_made_once(made: Study, scene: rg.Scene) -> None:
+def test_a_circuit_is_made_once(made: rg.chip.Study, scene: rg.Scene) -> None:
     assert made.netlist is made.netlist
     assert made.op is made.op
     assert made.op.netlist is made.netlist
@@ -48,13 +41,20 @@ def test_a_circuit_is_made_once(made: Study, scene: rg.Scene) -> None:
 
 
 @pytest.mark.parametrize("question", QUESTIONS)
-def test_every_question_has_figures_that_show_themselves(made: Study, question: str) -> None:
+def test_every_question_has_figures_that_show_themselves(made: rg.chip.Study, question: str) -> None:
     result = getattr(made, question)(**QUICK.get(question, {}))
     assert isinstance(
         result,
-        Settling | Noise | Power | ADCResolution | Sensitivity | Yield | FaultAnalysis | Sweep,
+        rg.chip.Settling
+        | rg.chip.Noise
+        | rg.chip.Power
+        | rg.chip.ADCResolution
+        | rg.chip.Sensitivity
+        | rg.chip.Yield
+        | rg.chip.FaultAnalysis
+        | rg.chip.Sweep,
     )
-    assert all(isinstance(figure, Figure) and len(figure.definition) > 20 for figure in result.figures.values())
+    assert all(isinstance(figure, rg.chip.Figure) and len(figure.definition) > 20 for figure in result.figures.values())
     assert "array" not in repr(result)
     assert len(repr(result)) < 1000
     for name, figure in result.figures.items():
@@ -64,14 +64,14 @@ def test_every_question_has_figures_that_show_themselves(made: Study, question: 
         next(value for value in vars(result).values() if isinstance(value, np.ndarray) and value.size)[...] = 0
 
 
-def test_defaults_are_what_the_chip_says(made: Study, scene: rg.Scene) -> None:
+def test_defaults_are_what_the_chip_says(made: rg.chip.Study, scene: rg.Scene) -> None:
     readout = scene.chip.readout
     assert made.settling().bits == made.bits == readout.bits
     assert made.adc_resolution().span == made.settling().span == made.span
     assert made.noise().band == (0.0, readout.noise_bandwidth)
     assert made.noise().temperature == pytest.approx(scene.chip.temperature + 273.15)
     assert made.noise(temperature=100.0, band=(1.0, 2.0)).temperature == 100.0
-    assert isinstance(made.yields(**QUICK["yields"]).overall, Proportion)
+    assert isinstance(made.yields(**QUICK["yields"]).overall, rg.chip.Proportion)
     assert "netlist" not in inspect.signature(made.settling).parameters
 
 
@@ -93,7 +93,7 @@ def test_a_boundary_may_be_another(scene: rg.Scene) -> None:
     assert "boundary" in walled._repr_html_()
 
 
-def test_the_report_has_a_section_for_every_question_of_the_verb(made: Study) -> None:
+def test_the_report_has_a_section_for_every_question_of_the_verb(made: rg.chip.Study) -> None:
     assert tuple(SECTIONS) == ANALYSES
     section = report_section("power", made)
     assert section.text[0].startswith("The chip takes ")

@@ -1,4 +1,7 @@
-"""Sweeps over two values, against yields computed point by point."""
+"""Sweeps over two values, against yields computed point by point.
+
+Tests internals: `resgrid.chip.build`.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,6 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.chip.build import chip_with
-from resgrid.chip.sweeps import Sweep
 
 
 def cells() -> rg.ConfigurationSpace:
@@ -64,7 +66,7 @@ def test_a_sweep_is_taken_up_where_it_was_killed(tmp_path: Path) -> None:
     axes = ("mismatch", [0.0, 0.1, 0.2]), ("readout.bits", [6, 10])
     kind = dataclasses.replace(CHIP, readout=rg.chip.Readout())
 
-    def explored(**options: Any) -> Sweep:
+    def explored(**options: Any) -> rg.chip.Sweep:
         return rg.study(cells(), kind).sweep(*axes, trials=12, **options)
 
     alone = explored(checkpoint=file)
@@ -90,7 +92,7 @@ def test_a_sweep_is_taken_up_where_it_was_killed(tmp_path: Path) -> None:
 
 def test_the_cheapest_value_is_the_first_from_which_the_yield_stays() -> None:
     share = np.array([[0.5, 0.995, 0.98, 0.99, 1.0], [0.1, 0.2, 0.3, 0.4, 0.5], [1.0, 1.0, 1.0, 1.0, 1.0]])
-    result = Sweep("a", "b", (1, 2, 3), (6, 8, 10, 12, 14), share, share, share, 10, 0.95)
+    result = rg.chip.Sweep("a", "b", (1, 2, 3), (6, 8, 10, 12, 14), share, share, share, 10, 0.95)
     assert result.cheapest(0.99) == [12, None, 6]
     assert result.cheapest(0.5) == [6, 14, 6]
     with pytest.raises(rg.InputError, match="share"):

@@ -1,4 +1,7 @@
-"""Time constants and settling where symmetry, weak ties and far-apart scales make them hard, against exact laws."""
+"""Time constants and settling where symmetry, weak ties and far-apart scales make them hard, against exact laws.
+
+Tests internals: `resgrid.chip.time_constants`, `resgrid.circuit.dynamics`.
+"""
 
 from __future__ import annotations
 

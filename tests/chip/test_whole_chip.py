@@ -1,4 +1,7 @@
-"""Every analysis on one chip with all its flaws, against ngspice and its own laws."""
+"""Every analysis on one chip with all its flaws, against ngspice and its own laws.
+
+Tests internals: `resgrid.spice.run.rawfile`, `resgrid.spice.write.flat`.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,10 @@ import pytest
 from support.dynamics import run_analysis, small_scene
 
 import resgrid as rg
-from resgrid.scene.chip import Chip
 from resgrid.spice.run.rawfile import read_rawfile
 from resgrid.spice.write.flat import flatten
 
-CHIP = Chip(
+CHIP = rg.Chip(
     capacitance=1e-12,
     mismatch=0.05,
     goal_switch_on=200.0,
@@ -102,7 +104,7 @@ def test_switches_count_among_the_resistors_that_decide(op: rg.OperatingPoint) -
 
 
 def test_saturating_resistors_are_judged_by_small_signals() -> None:
-    chip = Chip(capacitance=1e-12, saturation_voltage=0.3)
+    chip = rg.Chip(capacitance=1e-12, saturation_voltage=0.3)
     netlist = rg.study(small_scene().cells.space, chip).netlist
     op = rg.solve(netlist)
     assert np.isfinite(rg.study(op).adc_resolution().starts).all()

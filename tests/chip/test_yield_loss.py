@@ -1,4 +1,8 @@
-"""Causes of yield loss and limits of errors, against chips that are described without the effect."""
+"""Causes of yield loss and limits of errors, against chips that are described without the effect.
+
+Tests internals: `resgrid.chip.build`, `resgrid.chip.error_limits`, `resgrid.chip.report`, `resgrid.chip.yield_loss`,
+`resgrid.scene.table_models`.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,7 @@ import resgrid as rg
 from resgrid.chip.build import chip_with
 from resgrid.chip.error_limits import bits_ladder, mismatch_ladder, offset_ladder
 from resgrid.chip.report import Effort, report_markdown, report_section
-from resgrid.chip.yield_loss import EFFECTS, YieldLoss, paired_interval
+from resgrid.chip.yield_loss import EFFECTS, paired_interval
 from resgrid.scene.table_models import described_keys
 
 NOT_EFFECTS = {"resistance", "supply", "wall_resistance", "capacitance", "width", "length", "tc1", "tc2",
@@ -152,7 +156,7 @@ def test_the_numbers_are_those_of_the_seed() -> None:
     alone = study.yield_loss(trials=4, progress=lambda done, expected, _: told.append((done, expected)))
     with ThreadPoolExecutor(2) as threads:
         assert study.yield_loss(trials=4, executor=threads).to_json() == alone.to_json()
-    assert isinstance(alone, YieldLoss)
+    assert isinstance(alone, rg.chip.YieldLoss)
     assert all(done <= expected for done, expected in told)
     assert rg.study(cells(), dataclasses.replace(CHIP, seed=8)).yield_loss(trials=4).to_json() != alone.to_json()
 

@@ -1,4 +1,8 @@
-"""Robots that see the read-out only, against a robot walked by hand; runs that are killed, shared and resumed."""
+"""Robots that see the read-out only, against a robot walked by hand; runs that are killed, shared and resumed.
+
+Tests internals: `resgrid.chip.figures_of_merit`, `resgrid.chip.monte_carlo`, `resgrid.chip.report`,
+`resgrid.chip.walk`, `resgrid.core.random_sites`.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +25,6 @@ from resgrid.chip.figures_of_merit import effective_trials, wilson
 from resgrid.chip.monte_carlo import prepare_experiment, run_trials, unpacked
 from resgrid.chip.report import checkpoints_beside
 from resgrid.chip.walk import converter_of, neighbours_of, reaches_goal
-from resgrid.chip.yields import Yield
 from resgrid.core.random_sites import NOISE, OFFSET, generator
 
 
@@ -192,7 +195,7 @@ CHIP = rg.Chip(
 )
 
 
-def numbers(result: Yield) -> tuple[object, ...]:
+def numbers(result: rg.chip.Yield) -> tuple[object, ...]:
     return (result.trials, result.reached.tolist(), result.served.tolist())
 
 

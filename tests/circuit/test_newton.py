@@ -1,4 +1,7 @@
-"""Nonlinear resistors: Newton's method against scipy, exact answers, ngspice and the laws of monotone branches."""
+"""Nonlinear resistors: Newton's method against scipy, exact answers, ngspice and the laws of monotone branches.
+
+Tests internals: `resgrid.circuit.nonlinear`.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +17,7 @@ from support.circuits import random_grid
 from support.spaces import serpentine, space_of, spaces
 
 import resgrid as rg
-from resgrid.circuit.nonlinear import linearize, newton
-from resgrid.core.space import Cell
+from resgrid.circuit.nonlinear import newton
 
 
 def saturating(netlist: rg.Netlist, volts: float | np.ndarray) -> rg.Netlist:
@@ -51,7 +53,7 @@ def pair(amps: float = 0.5e-6) -> rg.Netlist:
 
 def wide_open() -> rg.ConfigurationSpace:
     cell = np.zeros((12, 12), dtype=np.uint8)
-    cell[3:9, 5], cell[9, 3] = Cell.OBSTACLE, Cell.GOAL
+    cell[3:9, 5], cell[9, 3] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     return space_of(cell)
 
 
@@ -151,7 +153,7 @@ def test_monotone_branches_leave_no_local_minimum(
 def test_the_bottom_of_a_long_corridor_is_still_told_apart() -> None:
     space = space_of(serpentine(8, 40, 2))
     field = rg.field(rg.solve(saturating(rg.compile_space(space), 0.05)))
-    assert np.nanmin(field.log_drop[space.cell == Cell.FREE]) < -200
+    assert np.nanmin(field.log_drop[space.cell == rg.Cell.FREE]) < -200
     outcomes = {rg.streamline(field, cell=cell).outcome for cell in np.argwhere(space.goal_connected)}
     assert outcomes == {"reached"}
 
@@ -213,7 +215,7 @@ def test_small_signals_see_the_slope() -> None:
         )).voltage  # fmt: skip
 
     seen = (fed(nudge) - fed(-nudge)) / (2 * nudge)
-    slope = rg.solve(linearize(point).replace(current_nodes=[[0, row]], current_amps=[1.0]))
+    slope = rg.solve(rg.circuit.linearize(point).replace(current_nodes=[[0, row]], current_amps=[1.0]))
     np.testing.assert_allclose(slope.voltage, seen, rtol=1e-6, atol=1e-6 * np.abs(seen).max())
 
 
@@ -227,7 +229,7 @@ def test_what_is_only_for_linear_circuits_says_so() -> None:
 
 def test_ngspice_finds_the_same_voltages(tmp_path: Path) -> None:
     cell = np.zeros((16, 16), dtype=np.uint8)
-    cell[4:9, 6], cell[12, 3] = Cell.OBSTACLE, Cell.GOAL
+    cell[4:9, 6], cell[12, 3] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     netlist = saturating(rg.compile_space(space_of(cell)), 0.2)
     lines = ["* tanh", *(f"v{k} {a} {b} {v!r}" for k, ((a, b), v) in enumerate(
         zip(netlist.source_nodes.tolist(), netlist.source_volts.tolist(), strict=True)))]  # fmt: skip
@@ -267,7 +269,7 @@ def test_slope_and_heat_are_those_of_the_drop_however_high_the_resistor_lies(sca
     point = rg.solve(netlist)
     drop = scale * np.arctanh(share)
     np.testing.assert_allclose(rg.study(point).power().nonlinear, [share * scale * drop], rtol=1e-9)
-    np.testing.assert_allclose(linearize(point).conductance[-1], (1 - share) * (1 + share), rtol=1e-9)
+    np.testing.assert_allclose(rg.circuit.linearize(point).conductance[-1], (1 - share) * (1 + share), rtol=1e-9)
 
 
 def test_a_resistor_nearly_saturated_may_have_no_operating_point() -> None:

@@ -10,11 +10,10 @@ import pytest
 from support.circuits import dense_solution, ladder, random_grid
 
 import resgrid as rg
-from resgrid.core.netlist import Netlist
 
 
 @pytest.mark.parametrize("netlist", [ladder(), random_grid(1), random_grid(2, drive=False)])
-def test_normwise_readings_are_those_of_a_dense_solution(netlist: Netlist) -> None:
+def test_normwise_readings_are_those_of_a_dense_solution(netlist: rg.Netlist) -> None:
     point, expected = rg.solve(netlist, accuracy="normwise"), dense_solution(netlist)
     for name in ("voltage", "resistor_current", "source_current"):
         np.testing.assert_allclose(getattr(point, name), getattr(expected, name), rtol=1e-9, atol=1e-15)
@@ -29,7 +28,7 @@ def test_normwise_rails_stand_at_the_voltages_they_were_given() -> None:
     volts = np.append(-np.pi, np.linspace(0.01, 0.1, 20))
     rails = np.arange(1, len(volts) + 1)
     to_one_row = np.stack([rails, np.full(len(rails), len(rails) + 1)], axis=1)
-    netlist = Netlist(
+    netlist = rg.Netlist(
         len(rails) + 2, to_one_row, np.ones(len(rails)),
         source_nodes=np.stack([rails, np.zeros_like(rails)], axis=1), source_volts=volts,
     )  # fmt: skip
@@ -58,7 +57,7 @@ def test_a_point_survives_pickling(asked: bool) -> None:
 
 
 def test_currents_of_a_loop_of_sources_warn_at_once() -> None:
-    netlist = Netlist(3, [[2, 0]], [1e-3], source_nodes=[[1, 0], [2, 1], [2, 0]], source_volts=[1.0, 1.0, 2.0])
+    netlist = rg.Netlist(3, [[2, 0]], [1e-3], source_nodes=[[1, 0], [2, 1], [2, 0]], source_volts=[1.0, 1.0, 2.0])
     with pytest.warns(UserWarning, match="form loops"):
         point = rg.solve(netlist.replace(resistor_nodes=[[2, 0]]), accuracy="normwise")
     assert np.all(np.isnan(point.source_current))
@@ -92,7 +91,7 @@ def test_voltages_beyond_the_range_of_doubles_are_refused(
 ) -> None:
     pairs = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [1, 3]])
     drive = np.array([[0, 1]]), np.array([amps])
-    netlist = Netlist(4, pairs, np.full(5, conductance), np.empty((0, 2), np.int32), np.empty(0), *drive)
+    netlist = rg.Netlist(4, pairs, np.full(5, conductance), np.empty((0, 2), np.int32), np.empty(0), *drive)
     with pytest.raises(rg.CircuitError, match=r"exceeds 1.8e308 V"):
         rg.solve(netlist, accuracy=accuracy, method=method)
 
@@ -126,7 +125,7 @@ def test_a_method_that_is_none_is_named_where_nothing_is_left_to_solve() -> None
 
 def test_small_currents_beside_large_ones_are_kept_beyond_the_rails() -> None:
     """Ground is no rail of node 3, which lies between 1 V and 2 V; two loads lead there from 1 V."""
-    netlist = Netlist(4, [[2, 3], [3, 1], [1, 0], [1, 0]], [1e-4, 1e-4, 1e3, 1e-5], [[1, 0], [2, 0]], [1.0, 2.0])
+    netlist = rg.Netlist(4, [[2, 3], [3, 1], [1, 0], [1, 0]], [1e-4, 1e-4, 1e3, 1e-5], [[1, 0], [2, 0]], [1.0, 2.0])
     point = rg.solve(netlist)
     np.testing.assert_allclose(point.resistor_current, [5e-5, 5e-5, 1e3, 1e-5], rtol=1e-14)
     assert point.resistor_direction.tolist() == [1, 1, 1, 1]
@@ -142,7 +141,9 @@ def test_a_grid_that_nothing_drives_is_told_by_the_key_that_would() -> None:
 
 def test_a_node_held_between_the_rails_has_no_drop_but_a_potential() -> None:
     """Its drop would be the difference of voltages that are rounded."""
-    held = rg.solve(Netlist(4, [[1, 3], [3, 0]], [1e-3] * 2, source_nodes=[[1, 0], [1, 2]], source_volts=[1.0, 1e-12]))
+    held = rg.solve(
+        rg.Netlist(4, [[1, 3], [3, 0]], [1e-3] * 2, source_nodes=[[1, 0], [1, 2]], source_volts=[1.0, 1e-12])
+    )
     assert held.log_drop is not None
     assert held.potential is not None
     np.testing.assert_allclose(held.log_drop, [0.0, -np.inf, np.nan, np.log(0.5)], rtol=1e-15)

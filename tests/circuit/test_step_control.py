@@ -1,4 +1,7 @@
-"""Steps that keep a tolerance: against closed forms of circuits whose scales lie far apart."""
+"""Steps that keep a tolerance: against closed forms of circuits whose scales lie far apart.
+
+Tests internals: `resgrid.circuit.dynamics`, `resgrid.circuit.stepping`.
+"""
 
 from __future__ import annotations
 

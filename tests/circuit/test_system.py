@@ -1,4 +1,7 @@
-"""Nodal systems: rows, ties and counts against dense sums, with compressed rows and without."""
+"""Nodal systems: rows, ties and counts against dense sums, with compressed rows and without.
+
+Tests internals: `resgrid.circuit.equations`, `resgrid.solvers.laplacian`, `resgrid.solvers.method_choice`.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +14,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.spaces import space_of, spaces
 
+import resgrid as rg
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
-from resgrid.core.space import ConfigurationSpace
-from resgrid.errors import CircuitError
 from resgrid.solvers.laplacian import WEAK, conductance_statistics
 from resgrid.solvers.method_choice import choose_method
-from resgrid.spice.read.deck import read_spice
 
 RULES: tuple[dict[str, Any], ...] = (
     {},
@@ -62,25 +60,25 @@ def check(system: Equations) -> None:
 
 @settings(max_examples=60)
 @given(space=spaces(), rules=st.sampled_from(RULES), seed=st.integers(0, 99))
-def test_rows_are_sums_over_resistors(space: ConfigurationSpace, rules: dict[str, Any], seed: int) -> None:
+def test_rows_are_sums_over_resistors(space: rg.ConfigurationSpace, rules: dict[str, Any], seed: int) -> None:
     try:
-        netlist = compile_space(space, **rules)
+        netlist = rg.compile_space(space, **rules)
         spread = np.random.default_rng(seed).uniform(0.5, 2.0, len(netlist.conductance))
         system = assemble(netlist.replace(conductance=netlist.conductance * spread))
-    except CircuitError as error:
+    except rg.CircuitError as error:
         assert "nothing is driven" in str(error)
         return
     check(system)
 
 
-def with_sources(seed: int) -> Netlist:
+def with_sources(seed: int) -> rg.Netlist:
     """A random graph with floating sources, 0 V ones among them, parts that float, and currents."""
     rng = np.random.default_rng(seed)
     count = 24
     pairs = rng.integers(0, count, (30, 2))
     sources = np.stack([np.zeros(2, np.int64), np.array([1, 2])], axis=1)
     floating = np.stack([rng.permutation(np.arange(3, 13)), rng.permutation(np.arange(13, 23))], axis=1)[:5]
-    return Netlist(
+    return rg.Netlist(
         count,
         pairs,
         10.0 ** rng.uniform(-1, 1, len(pairs)),
@@ -104,7 +102,7 @@ AT_REST = {
 @pytest.mark.parametrize("accuracy", ["direction", "normwise"])
 def test_a_circuit_in_which_nothing_flows_is_a_circuit(what: str, accuracy: str) -> None:
     text, volts = AT_REST[what]
-    point = solve(read_spice(io.StringIO(f"t\n{text}\n.end\n")).netlist(), accuracy=accuracy)
+    point = rg.solve(rg.read_spice(io.StringIO(f"t\n{text}\n.end\n")).netlist(), accuracy=accuracy)
     for name, expected in volts.items():
         node = point.netlist.node_names.index(name)
         assert np.isnan(point.voltage[node]) if expected is None else point.voltage[node] == expected
@@ -113,16 +111,16 @@ def test_a_circuit_in_which_nothing_flows_is_a_circuit(what: str, accuracy: str)
     assert len(point.floating) == list(volts.values()).count(None)
 
 
-@pytest.mark.parametrize("netlist", [Netlist(1, np.empty((0, 2), np.int32), []), Netlist(3, [[1, 2]], [1.0])])
-def test_a_circuit_that_does_not_touch_ground_is_none(netlist: Netlist) -> None:
-    with pytest.raises(CircuitError, match="touches ground"):
-        solve(netlist)
+@pytest.mark.parametrize("netlist", [rg.Netlist(1, np.empty((0, 2), np.int32), []), rg.Netlist(3, [[1, 2]], [1.0])])
+def test_a_circuit_that_does_not_touch_ground_is_none(netlist: rg.Netlist) -> None:
+    with pytest.raises(rg.CircuitError, match="touches ground"):
+        rg.solve(netlist)
 
 
 def test_what_hangs_on_a_rail_is_no_rail() -> None:
     """A resistor between two rails of 10 V and 5 V makes them the only two, whatever hangs on one of them."""
-    deck = read_spice(io.StringIO("t\nV1 a 0 10\nV2 b 0 5\nR1 a b 1\nR2 a c 1\n.end\n"))
-    point = solve(deck.netlist())
+    deck = rg.read_spice(io.StringIO("t\nV1 a 0 10\nV2 b 0 5\nR1 a b 1\nR2 a c 1\n.end\n"))
+    point = rg.solve(deck.netlist())
     assert point.log_drop is not None
     drop = dict(zip(deck.node_names, point.log_drop.tolist(), strict=True))
     assert drop["b"] == 0.0 and drop["a"] == drop["c"] == -np.inf
@@ -133,7 +131,7 @@ def test_what_hangs_on_a_rail_is_no_rail() -> None:
 def test_floating_sources_share_rows(seed: int) -> None:
     try:
         system = assemble(with_sources(seed))
-    except CircuitError as error:
+    except rg.CircuitError as error:
         assert "ground" in str(error)
         return
     check(system)
@@ -150,13 +148,13 @@ def test_floating_sources_share_rows(seed: int) -> None:
 @settings(max_examples=60)
 @given(space=spaces(), rules=st.sampled_from(RULES), decades=st.sampled_from([0.0, 3.0]), seed=st.integers(0, 99))
 def test_counts_are_those_of_the_compressed_rows(
-    space: ConfigurationSpace, rules: dict[str, Any], decades: float, seed: int
+    space: rg.ConfigurationSpace, rules: dict[str, Any], decades: float, seed: int
 ) -> None:
     try:
-        netlist = compile_space(space, **rules)
+        netlist = rg.compile_space(space, **rules)
         spread = 10.0 ** np.random.default_rng(seed).uniform(0, decades, len(netlist.conductance))
         system = assemble(netlist.replace(conductance=netlist.conductance * spread))
-    except CircuitError:
+    except rg.CircuitError:
         return
     found = conductance_statistics(system.laplacian)
     coupling = system.laplacian.edges.toarray()
@@ -177,6 +175,6 @@ def test_a_grid_is_judged_without_compressed_rows(boundary: str, monkeypatch: py
     monkeypatch.setattr("resgrid.solvers.laplacian._compress", lambda *_: pytest.fail("rows were compressed"))
     cell = (np.random.default_rng(3).random((120, 120)) < 0.1).astype(np.uint8)
     cell[30, 30] = 2
-    system = assemble(compile_space(space_of(cell), boundary=boundary))
+    system = assemble(rg.compile_space(space_of(cell), boundary=boundary))
     assert conductance_statistics(system.laplacian).entries > 0
     assert choose_method(system.laplacian, accuracy="normwise").method == "multigrid"

@@ -1,3 +1,5 @@
+"""Tests internals: `resgrid.circuit.stepping`, `resgrid.spice.write.flat`."""
+
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,4 +1,7 @@
-"""Circuits of a space that changes have the voltages that fresh ones have."""
+"""Circuits of a space that changes have the voltages that fresh ones have.
+
+Tests internals: `resgrid.circuit.equations`, `resgrid.circuit.warm_start`.
+"""
 
 import numpy as np
 import pytest

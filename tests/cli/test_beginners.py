@@ -1,4 +1,7 @@
-"""Mistakes of a first day: one message each, with a remedy that works in that situation, and no file."""
+"""Mistakes of a first day: one message each, with a remedy that works in that situation, and no file.
+
+Tests internals: `resgrid._internal.validation`.
+"""
 
 from __future__ import annotations
 
@@ -28,21 +31,25 @@ def desk(tmp_path, monkeypatch, scenes):
 
 MISTAKES = {
     "compile lesson.toml -o deck.png": ["-o deck.png: the name of a deck must end in .cir"],
-    "path map.yaml": ["map.yaml: there is no goal; say --goal X,Y"],
-    "path map.yaml --goal 0.5,0.5": ["map.yaml: there is no start; say --start X,Y"],
-    "path lesson.toml --set starts=[]": ["add starts = [[...]] to the scene, or say --start X,Y"],
+    "path map.yaml": ["map.yaml: there is no goal; give --goal X,Y"],
+    "path map.yaml --goal 0.5,0.5": ["map.yaml: there is no start; give --start X,Y"],
+    "path lesson.toml --set starts=[]": ["add starts = [[...]] to the scene, or give --start X,Y"],
     "path lesson.toml --set starts=[1,2]": ["must be a point, as in starts = [[1, 2]]"],
     "path map.yaml --goal 0.5,0.5 --start 0.5,2.9": ["outside the grid", "with x and y exchanged it lies inside"],
     "path map.yaml --goal 0.5,0.5 --start 0,5,2,9": ["needs 2 coordinates", "decimals have a point"],
-    "path map.yaml --goal 0.5 0.5 --start 1,1": ["joined by commas", "--help"],
+    "path map.yaml --goal 0.5 0.5 --start 1,1": ["by commas", "--help"],
     "path map.yaml --goal 0.5,0.5 --start 1,1 --map-dialect ros2": ["it may be nav2 or"],
-    "path map.yaml --goal 0.5,0.5 --start 1,1 --set grid.cells=9": ["a map brings its own cells"],
-    "path map.yaml --goal 0.5,0.5 --start -1.5 -0.5": ["No such option '-0'", "is written --start=-1.5,2"],
+    "path map.yaml --goal 0.5,0.5 --start 1,1 --set grid.cells=9": ["a map has cells of its own"],
+    "path map.yaml --goal 0.5,0.5 --start -1.5 -0.5": ["No such option '-0'", "as --start=-1.5,2"],
     "path map.yaml --goal 0.5,0.5 --start 1,1 --k 99%": ["expected a number from 0 to 1, such as 0.9"],
     "path map.yaml --goal 0.5,0.5 --start 1,1 --speed fast": ["expected one number, or numbers separated by commas"],
     "path map.yaml --goal 0.5,0.5 --start 1,1 -o path.txt": ["must end in .csv, .json, .npz or .yaml"],
     "path map.yaml --goal 1.55,1 --start 1,1": ["lies in an obstacle", "that a start can reach, the nearest is (1."],
     "path map.yaml --goal 1,1.95 --start 1,1": ["lies in unknown space", "--unknown free"],
+    "path map.yaml --goal 1.3,1 --start 1,1 --robot-radius 20cm": ["in the unit of the axes, such as 0.2 for 20 cm"],
+    "path map.yaml --goal 1.3,1 --start 1,1 --robot-radius inf": ["'inf' is not finite", "such as 0.2"],
+    "path map.yaml --goal 1.3,1 --start 1,1 --threads two": ["'two' is not a whole number; give digits only"],
+    "control map.yaml --goal 1.3,1 --start 1,1 --speed fast": ["'fast' is not a number", "without unit"],
     "path map.yaml --goal 1.3,1 --start 1,1 --robot-radius 0.3": ["too near to an obstacle", "radius smaller"],
 }
 
@@ -91,7 +98,7 @@ def test_keys_and_files_that_make_no_difference_are_reported(call, desk):
     said = call("path", "map.pgm", "--goal", "5,5", "--start", "9,9").stderr
     assert "map.yaml" in said
     said = call("path", "arena.map", "--queries", "arena.scen").stderr
-    assert "these queries are for the map 'other.map', and this is 'arena.map'" in said
+    assert "these queries are for the map 'other.map', not for 'arena.map'" in said
 
 
 def test_a_study_reports_options_under_its_own_names(scenes):
@@ -127,6 +134,7 @@ def test_an_angle_in_degrees_is_reported(call, scenes):
     arm = scenes / "problem_two_goals.toml"
     said = call("info", arm, "--start", "90,0").stderr
     assert (
-        said == "starts[0]: theta_1 = 90 is an angle of 14.3 turns: angles are in radians (90 degrees are 1.5708 rad)\n"
+        said
+        == "starts[0]: theta_1 = 90 is an angle of 14.3 turns; give angles in radians (90 degrees are 1.5708 rad)\n"
     )
     assert call("info", arm, "--start", "1.5708,0").stderr == ""

@@ -1,4 +1,7 @@
-"""Every key of [chip] is applied by every verb, rejected by name, or reported as ignored; the list is the schema's."""
+"""Every key of [chip] is applied by every verb, rejected by name, or reported as ignored; the list is the schema's.
+
+Tests internals: `resgrid.chip.build`, `resgrid.spice.dialects`.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,6 @@ import pytest
 
 import resgrid as rg
 from resgrid.chip.build import READING, chip_keys
-from resgrid.scene.schema import scene_schema
 from resgrid.spice.dialects import DIALECTS
 
 SHEET = {"sheet_resistance": 250.0, "width": 1e-6}
@@ -102,7 +104,7 @@ each_key = pytest.mark.parametrize("scenes_of", KEYS, indirect=True)
 
 
 def test_every_key_of_the_schema_is_decided() -> None:
-    tables = {name: scene_schema()["$defs"][name]["properties"] for name in ("Chip", "Readout", "Defects")}
+    tables = {name: rg.scene_schema()["$defs"][name]["properties"] for name in ("Chip", "Readout", "Defects")}
     keys = set(tables["Chip"]) - {"readout", "defects"}
     keys |= {f"{name.lower()}.{key}" for name in ("Readout", "Defects") for key in tables[name]}
     assert keys == set(KEYS) == set(chip_keys(rg.Chip()))

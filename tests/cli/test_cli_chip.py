@@ -149,7 +149,7 @@ def test_chips_without_capacitance_and_in_space(call, scenes: Path, tmp_path: Pa
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--only", "yields"], "choose some of yield, yield_loss, adc_resolution"),
+        (["--only", "yields"], "give names out of yield, yield_loss, precision"),
         (["--half-width", "0.7"], "0<x<0.5"),
         (["--most", "0"], "x>=1"),
         (["--sweep", "readout.bits=8,10"], "give it twice"),

@@ -1,4 +1,7 @@
-"""Decks on the command line: solved, described, checked, converted, and refused in one message."""
+"""Decks on the command line: solved, described, checked, converted, and refused in one message.
+
+Tests internals: `resgrid.spice.run.rawfile`.
+"""
 
 from __future__ import annotations
 
@@ -144,7 +147,7 @@ def test_rules_end_with_one_where_there_are_errors(answer, call, deck, island, l
     assert set(verdict) == {"ngspice", "ltspice", "xyce", "hspice", "spectre"}
     assert answer("check", "--rules", lesson)["passes"]
     printed = call("check", "--rules", island).stdout
-    assert "1 error," in printed and "will your simulator get it right?" in printed
+    assert "1 error," in printed and "expected behaviour of simulators" in printed
 
 
 def test_check_holds_ngspice_against_our_solution(answer, call, deck, island, tmp_path):
@@ -303,7 +306,10 @@ def test_what_a_deck_does_not_hold_is_counted_by_kind(answer, call, tmp_path):
 def test_converted_graphs_hold_the_same_circuit(answer, call, deck, tmp_path):
     edges = tmp_path / "edges.txt"
     words = "voltage sources (3), current sources (1), capacitors (1)"
-    assert f"left out, for {edges} has no place for them: {words}" in call("convert", deck, "-o", edges).stderr
+    assert (
+        f"left out, because the format of {edges} cannot represent them: {words}"
+        in call("convert", deck, "-o", edges).stderr
+    )
     data = answer("convert", deck, "-o", edges)
     kinds = ("voltage_sources", "current_sources", "capacitors")
     assert data["left_out"] == {kind: data[kind] for kind in kinds} == {kinds[0]: 3, kinds[1]: 1, kinds[2]: 1}
@@ -354,7 +360,7 @@ def test_edge_lists_and_configurations_are_read(answer, call, deck, tmp_path):
 def test_a_network_is_not_simulated(call, deck, tmp_path):
     assert call("convert", deck, "-o", tmp_path / "a.json").exit_code == 0
     result = call("check", tmp_path / "a.json")
-    assert result.exit_code == 2 and "make a deck of it" in result.stderr
+    assert result.exit_code == 2 and "convert it to a deck" in result.stderr
 
 
 def test_a_deck_for_spectre_is_read_back(answer, call, deck, tmp_path):
@@ -383,11 +389,11 @@ def test_scenes_are_converted_too(answer, call, lesson, tmp_path):
         (("solve", "DECK", "--read-as", "pspice"), "pspice"),
         (("solve", "DECK", "--root", "nowhere"), "nowhere"),
         (("info", "DECK", "--k", "1"), "is a deck"),
-        (("check", "DECK", "--rules", "--deck", "x"), "deck already"),
+        (("check", "DECK", "--rules", "--deck", "x"), "leave --deck out"),
         (("convert", "DECK"), "-o"),
         (("convert", "DECK", "-o", "x.xyz"), "must end in"),
         (("convert", "DECK", "-o", "DECK"), "this is the input"),
-        (("convert", "DECK", "-o", "x.txt", "--bare"), "no deck"),
+        (("convert", "DECK", "-o", "x.txt", "--bare"), "no dialect and no sidecar"),
         (("convert", "DECK", "-o", "-", "--json"), "standard output"),
         (("convert", "DECK", "-o", "x.cir", "--dialect", "spike"), "spike"),
         (("path", "DECK"), "deck"),

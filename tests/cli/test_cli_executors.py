@@ -1,4 +1,7 @@
-"""``resgrid chip --executor``: the same file from real engines, and after interrupts and deaths of all."""
+"""``resgrid chip --executor``: the same file from real engines, and after interrupts and deaths of all.
+
+Tests internals: `resgrid._internal.extras`.
+"""
 
 from __future__ import annotations
 

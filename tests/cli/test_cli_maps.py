@@ -42,7 +42,7 @@ def test_a_sketch_shows_the_known_part_of_a_map_that_is_mostly_unknown(answer, c
     middle, letters = rows[len(rows) // 2], set("".join(rows))
     assert letters == set("?#.S") and middle.strip("?").startswith("#") and middle.strip("?#").strip(".S") == ""
     text = call("info", seen).stdout
-    assert "the known part alone: x 10 to 17 m, y 12 to 18 m" in text and "138" not in text
+    assert "only the known part: x 10 to 17 m, y 12 to 18 m" in text and "138" not in text
     whole = answer("info", seen, "--unknown", "free")
     assert (whole["sketch_lower"], whole["sketch_upper"]) == ([-4.0, -3.0], [46.0, 27.0])
     assert "?" not in "".join(whole["sketch"]) + whole["sketch_key"]
@@ -77,7 +77,7 @@ def test_pictures_tell_unknown_cells_apart(call, seen, tmp_path, what):
 @pytest.mark.filterwarnings("always")
 def test_a_picture_beside_its_header_is_read_with_a_word(call, seen):
     said = call("info", seen.with_name("map.pgm"))
-    assert said.exit_code == 0 and "map.yaml holds its resolution" in said.stderr
+    assert said.exit_code == 0 and "map.yaml contains its resolution" in said.stderr
     assert "holds its resolution" not in call("info", seen.with_name("map.pgm"), "--format", "image").stderr
 
 
@@ -88,7 +88,7 @@ def test_queries_of_another_map_are_refused(call, tmp_path):
     scenario.write_text("0\tmaps/a.map\t4\t2\t0\t0\t1\t1\t1.4\n")
     assert call("path", tmp_path / "a.map", "--queries", scenario).exit_code == 0
     said = call("path", tmp_path / "b.map", "--queries", scenario)
-    assert said.exit_code == 2 and "these queries are for the map 'a.map', and this is 'b.map'" in said.stderr
+    assert said.exit_code == 2 and "these queries are for the map 'a.map', not for 'b.map'" in said.stderr
     scenario.write_text("0\ta.map\t0\t0\t1\t1\t1.4\n")
     assert call("path", tmp_path / "a.map", "--queries", scenario).exit_code == 0
 

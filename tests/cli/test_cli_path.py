@@ -64,7 +64,7 @@ def test_the_figures_of_a_timed_path_are_those_of_its_points(answer, scenes, tmp
 
 def test_samples_that_are_too_few_are_reported(call, scenes):
     words = ("path", scenes / "rooms.toml", "--k", "1", "--shorten", "--speed", "0.8")
-    assert "straight lines between samples at --rate 0.2 meet an obstacle" in call(*words, "--rate", "0.2").stderr
+    assert "lines between the samples at --rate 0.2 touch an obstacle" in call(*words, "--rate", "0.2").stderr
     assert call(*words, "--rate", "20").stderr == ""
 
 
@@ -121,7 +121,7 @@ def test_no_message_for_ros_is_written_where_no_start_has_a_path(call, room, tmp
     for old in (False, True):
         result = call("path", room, f"--start={start}", "-o", file)
         assert result.exit_code == 1 and outcome in result.stdout
-        assert f"{file} is not written, for no path reaches a goal" in result.stderr
+        assert f"{file} is not written, because no path reaches a goal" in result.stderr
         assert "wrote" not in result.stderr
         assert ("older" in result.stderr) == old == file.exists()
         file.write_text("old")
@@ -146,9 +146,9 @@ def test_files_hold_the_timed_columns(call, room, tmp_path, suffix):
     ("words", "message"),
     [
         (("--speed", "fast"), "--speed 'fast'"),
-        (("--speed", "0"), "--speed 0: a limit is positive"),
+        (("--speed", "0"), "--speed 0: a limit must be positive"),
         (("--speed", "nan"), "--speed 'nan'"),
-        (("--speed", "1,2,3"), "--speed: 3 numbers for x, y"),
+        (("--speed", "1,2,3"), "--speed: got 3 numbers for x, y"),
         (("--acceleration", "1"), "--acceleration"),
         (("--rate", "10"), "--rate"),
         (("--speed", "1", "--rate", "0"), "'--rate'"),

@@ -1,4 +1,7 @@
-"""What only a real process shows: how fast it starts, how it ends, what it says to a terminal."""
+"""What only a real process shows: how fast it starts, how it ends, what it says to a terminal.
+
+Tests internals: `resgrid.cli`.
+"""
 
 from __future__ import annotations
 
@@ -91,11 +94,11 @@ def test_an_interrupt_leaves_nothing_half_written(scenes, tmp_path, sent, code):
     words = [*COMMAND, "run", str(scenes / "rooms.toml"), "-o", str(tmp_path / "out"), "-v"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
-        while not process.stderr.readline().startswith("cut it into cells"):
+        while not process.stderr.readline().startswith("build the space"):
             assert process.poll() is None
         process.send_signal(sent)
         assert process.wait(timeout=PATIENCE) == code
-        assert process.stderr.read().splitlines()[-1] == "resgrid: interrupted; nothing half-written is left"
+        assert process.stderr.read().splitlines()[-1] == "resgrid: interrupted; incomplete files were removed"
     assert list(tmp_path.iterdir()) == []
 
 
@@ -133,7 +136,7 @@ cli.main(prog_name="resgrid")
         [sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=PATIENCE
     )
     assert (done.returncode, done.stdout) == (130, "ended\n"), done.stderr
-    assert done.stderr == "resgrid: interrupted; nothing half-written is left\n"
+    assert done.stderr == "resgrid: interrupted; incomplete files were removed\n"
 
 
 def test_json_in_a_real_process_is_alone_on_standard_output(scenes):
@@ -162,7 +165,7 @@ def test_what_an_earlier_run_had_counted_does_not_shorten_the_time_left(monkeypa
     for seconds, done in ((1.0, 900), (2.0, 910)):
         now[0] = seconds
         stage.count(done, 1000)
-    assert stage.outlook() == "about 9 s left"
+    assert stage.status() == "about 9 s left"
 
 
 @pytest.mark.parametrize(("estimate", "expected"), [(0.01, "5 s so far"), (2.0, "5 s so far, longer than expected")])
@@ -171,7 +174,7 @@ def test_a_short_stage_that_waits_for_kernels_is_not_called_late(monkeypatch, es
     monkeypatch.setattr(terminal, "time", SimpleNamespace(perf_counter=lambda: now[0]))
     stage = terminal.Stage(estimate)
     now[0] = 5.0
-    assert stage.outlook() == expected
+    assert stage.status() == expected
 
 
 def test_a_bar_tells_the_time_left_on_a_terminal(tmp_path):
@@ -186,7 +189,7 @@ def started(*words):
     shown.set()
     return bar
 
-terminal._started_bar, terminal.PATIENCE = started, 0.0
+terminal._started_bar, terminal.BAR_DELAY = started, 0.0
 with terminal.stage("follow the current", steps=4) as progress:
     progress.advance()
     assert shown.wait(300) if sys.stderr.isatty() else True

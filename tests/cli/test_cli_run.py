@@ -1,4 +1,7 @@
-"""The main job: one folder with paths, pictures and checked decks, whole or not there."""
+"""The main job: one folder with paths, pictures and checked decks, whole or not there.
+
+Tests internals: `resgrid._internal.files`.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,8 @@ import pytest
 import yaml
 from PIL import Image
 
+import resgrid as rg
 from resgrid._internal.files import whole_folder
-from resgrid.errors import InputError
 
 
 def names(folder: Path) -> set[str]:
@@ -130,7 +133,7 @@ def test_one_and_four_axes_run(call, tmp_path):
 
 
 def test_a_deck_that_takes_long_is_written_but_not_simulated_unless_asked_for(call, lesson, tmp_path, monkeypatch):
-    monkeypatch.setattr("resgrid.cli.check.PATIENCE", 1e-9)
+    monkeypatch.setattr("resgrid.cli.check.MAX_AUTOMATIC_SECONDS", 1e-9)
     deck = tmp_path / "out" / "dirichlet.cir"
     result = call("run", lesson, "-o", tmp_path / "out")
     assert result.exit_code == 0 and "ngspice will take about" in result.stdout.replace("-klu", "")
@@ -160,7 +163,7 @@ def test_a_folder_is_whole_or_not_there(tmp_path, error):
 
 def test_a_folder_replaces_a_folder_of_that_name_never(tmp_path):
     (tmp_path / "out" / "x").mkdir(parents=True)
-    with pytest.raises(InputError, match="out"), whole_folder(tmp_path / "out") as made:
+    with pytest.raises(rg.InputError, match="out"), whole_folder(tmp_path / "out") as made:
         (made / "x").write_text("a file")
     assert (tmp_path / "out" / "x").is_dir() and names(tmp_path) == {"out"}
 

@@ -340,7 +340,7 @@ def test_of_several_starts_the_first_is_animated(call, room, tmp_path):
     small = room.with_name("small.toml")
     small.write_text(room.read_text().replace("[5.5, 4.5]", "[1.5, 1.5]"))
     result = call("control", small, "--animate", tmp_path / "a.gif", "--speed", "3")
-    assert "the first is drawn" in result.stderr and result.exit_code == 0, result.stderr
+    assert "only the first of several runs is drawn" in result.stderr and result.exit_code == 0, result.stderr
     with Image.open(tmp_path / "a.gif") as picture:
         assert picture.n_frames > 2
 
@@ -351,6 +351,6 @@ def test_a_deck_comes_through_a_pipe_if_its_dialect_is_told(call, answer, room) 
     assert call("convert", "-", "--read-as", "ngspice", "-o", "-", piped=deck).stdout.startswith("*")
     assert call("check", "-", "--read-as", "ngspice", "--rules", piped=deck).exit_code == 0
     refused = call("check", "-", "--read-as", "ngspice", piped=deck)
-    assert refused.exit_code == 2 and "a deck that is a file" in refused.stderr
+    assert refused.exit_code == 2 and "a deck from standard input" in refused.stderr
     wrong = call("solve", "-", "--read-as", "ngspice", piped="* title\nr1 a 0 what\n.end\n")
     assert wrong.exit_code == 2 and ":2:" in wrong.stderr and "tmp" not in wrong.stderr

@@ -1,4 +1,7 @@
-"""Help and completion: a verb's own options first, examples that parse, values that a shell completes."""
+"""Help and completion: a verb's own options first, examples that parse, values that a shell completes.
+
+Tests internals: `resgrid.cli`, `resgrid.cli.entry`.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,10 @@ import pytest
 from click.shell_completion import ShellComplete
 
 from resgrid.cli import main
-from resgrid.cli.entry import VERBS
+from resgrid.cli.entry import SUBCOMMANDS
 
-COMMANDS = {verb: main.get_command(click.Context(main), verb) for verb in VERBS}
-SCENE_VERBS = [verb for verb in VERBS if verb != "completion"]
+COMMANDS = {verb: main.get_command(click.Context(main), verb) for verb in SUBCOMMANDS}
+SCENE_VERBS = [verb for verb in SUBCOMMANDS if verb != "completion"]
 SHARED = {
     "--boundary", "--drive", "--edge", "--resistance", "--goal", "--start", "--cells", "--robot-radius", "--k", "--set",
     "--threads", "--json", "--quiet", "--verbose",
@@ -27,19 +30,19 @@ def test_every_verb_that_takes_a_scene_has_the_same_options_for_its_keys(verb):
 @pytest.mark.parametrize("verb", SCENE_VERBS)
 def test_help_shows_a_verb_s_own_options_first_in_groups(call, verb):
     text = call(verb, "--help").stdout
-    titles = "Options:", "Output:", "In place of the scene's keys:", "Of a map:", "Of a deck:"
+    titles = "Options:", "Output:", "Scene keys:", "Map options:", "Deck options:"
     places = [text.index(f"\n{title}\n") for title in titles if f"\n{title}\n" in text]
     assert places == sorted(places) and len(places) >= 4
-    assert ("Of a deck:" in text) == ("DECK" in text.splitlines()[0])
+    assert ("Deck options:" in text) == ("DECK" in text.splitlines()[0])
     assert text.index("Output:") < text.index("--json") < text.index("--boundary") < text.index("--format")
     for parameter in COMMANDS[verb].params:
         assert not isinstance(parameter, click.Option) or parameter.opts[-1] in text
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", SUBCOMMANDS)
 def test_the_examples_of_help_are_command_lines(verb):
     command = COMMANDS[verb]
-    assert command.examples and VERBS[verb]
+    assert command.examples and SUBCOMMANDS[verb]
     for example in command.examples:
         words = shlex.split(example.replace('eval "$(', "").replace(')"', "").split(" | ")[0])
         assert words[:2] == ["resgrid", verb]

@@ -1,4 +1,7 @@
-"""Warm-up: later processes load the cached kernels."""
+"""Warm-up: later processes load the cached kernels.
+
+Tests internals: `resgrid.cli`, `resgrid.cli.warm`.
+"""
 
 import os
 import subprocess
@@ -11,7 +14,7 @@ from click.testing import CliRunner
 from resgrid.cli import kernel_warmup
 from resgrid.cli.warm import command
 
-SCENE = Path(__file__).resolve().parents[1] / "examples" / "scenes" / "rooms.toml"
+SCENE = Path(__file__).resolve().parents[2] / "examples" / "scenes" / "rooms.toml"
 
 COMPILED = """
 import sys

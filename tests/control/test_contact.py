@@ -1,4 +1,8 @@
-"""Contacts against shapely, finite differences, and the laws of friction."""
+"""Contacts against shapely, finite differences, and the laws of friction.
+
+Tests internals: `resgrid.control.contact`, `resgrid.control.contact_forces`, `resgrid.control.plant`,
+`resgrid.robots`, `resgrid.robots.geometry`.
+"""
 
 from __future__ import annotations
 
@@ -9,43 +13,29 @@ from hypothesis import given, settings, strategies as st
 from scipy.optimize import nnls
 from support.robots import BAR
 
+import resgrid as rg
 from resgrid.control.contact import Surroundings, solve_contacts, surroundings
 from resgrid.control.contact_forces import contact_forces
 from resgrid.control.plant import PAIR, make_plant, plant_of
-from resgrid.core.axis import Axis
-from resgrid.errors import InputError
-from resgrid.robots import (
-    Arm,
-    Ball,
-    Box,
-    CellSet,
-    DiscRobot,
-    HalfSpace,
-    PointRobot,
-    Polygon,
-    PolygonRobot,
-    Robot,
-    to_shapely,
-)
+from resgrid.robots import CellSet, to_shapely
 from resgrid.robots.geometry import Pose, obstacles_of
-from resgrid.scene import Scene
 
-PLANE = (Axis("x", -3, 3, 12), Axis("y", -3, 3, 12))
-WEDGE = PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.2, 0.3)), turning_length=0.5)
-ROBOTS: list[Robot] = [
-    PointRobot(),
-    PointRobot(0.1),
-    DiscRobot(0.3),
+PLANE = (rg.Axis("x", -3, 3, 12), rg.Axis("y", -3, 3, 12))
+WEDGE = rg.PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.2, 0.3)), turning_length=0.5)
+ROBOTS: list[rg.Robot] = [
+    rg.PointRobot(),
+    rg.PointRobot(0.1),
+    rg.DiscRobot(0.3),
     WEDGE,
-    Arm((1.0, 0.8), widths=(0.1, 0.0)),
-    Arm((0.9, 0.7, 0.5), widths=(0.0, 0.06, 0.1), angles="absolute", base=(0.2, -0.1), base_angle=0.3),
-    Arm((1.1, 0.9, 0.3)),
+    rg.Arm((1.0, 0.8), widths=(0.1, 0.0)),
+    rg.Arm((0.9, 0.7, 0.5), widths=(0.0, 0.06, 0.1), angles="absolute", base=(0.2, -0.1), base_angle=0.3),
+    rg.Arm((1.1, 0.9, 0.3)),
 ]
 SOLIDS = [
-    Box((0.8, 0.5), (1.4, 1.1)),
-    Ball((-1.2, 0.4), 0.35),
-    Polygon(((0.2, -1.5), (1.0, -1.2), (0.6, -0.7), (0.7, -1.1))),
-    HalfSpace((0.6, -0.8), -1.7),
+    rg.Box((0.8, 0.5), (1.4, 1.1)),
+    rg.Ball((-1.2, 0.4), 0.35),
+    rg.Polygon(((0.2, -1.5), (1.0, -1.2), (0.6, -0.7), (0.7, -1.1))),
+    rg.HalfSpace((0.6, -0.8), -1.7),
 ]
 
 
@@ -55,13 +45,13 @@ def jacobian(pose: Pose, point: np.ndarray, part: int) -> np.ndarray:
     return np.stack([-spin * (point[1] - pivot[:, 1]), spin * (point[0] - pivot[:, 0])]) + pose.shift[part].T
 
 
-def axes_of(robot: Robot) -> tuple[Axis, ...]:
-    if isinstance(robot, Arm):
+def axes_of(robot: rg.Robot) -> tuple[rg.Axis, ...]:
+    if isinstance(robot, rg.Arm):
         return robot.axes(24)
-    return (*PLANE, robot.turning_axis(12)) if isinstance(robot, PolygonRobot) else PLANE
+    return (*PLANE, robot.turning_axis(12)) if isinstance(robot, rg.PolygonRobot) else PLANE
 
 
-def configuration(robot: Robot, rng: np.random.Generator) -> np.ndarray:
+def configuration(robot: rg.Robot, rng: np.random.Generator) -> np.ndarray:
     axes = axes_of(robot)
     return np.array([rng.uniform(axis.lower, axis.upper) for axis in axes])
 
@@ -70,8 +60,8 @@ def configuration(robot: Robot, rng: np.random.Generator) -> np.ndarray:
 def test_what_is_touched_but_for_rounding_is_near(height: float, angle: float, radius: float) -> None:
     """Whatever shapely calls no collision, a contact can be felt at: nothing falls between the two."""
     toward = np.array([np.cos(angle), np.sin(angle)])
-    robot = PointRobot(radius)
-    for solid in (Ball((0.3, 0.2), 0.8), HalfSpace(tuple(toward), float(toward @ (0.3, 0.2)) + 0.8)):
+    robot = rg.PointRobot(radius)
+    for solid in (rg.Ball((0.3, 0.2), 0.8), rg.HalfSpace(tuple(toward), float(toward @ (0.3, 0.2)) + 0.8)):
         plant = make_plant(robot, PLANE, [], [solid])
         centre = np.array([0.3, 0.2]) + (0.8 + radius + height) * toward
         pairs = plant.near(plant.pose(centre), 1e-6)
@@ -83,7 +73,7 @@ def test_what_is_touched_but_for_rounding_is_near(height: float, angle: float, r
 
 @settings(max_examples=150)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
-def test_the_nearest_pair_is_as_near_as_shapely_says(robot: Robot, seed: int) -> None:
+def test_the_nearest_pair_is_as_near_as_shapely_says(robot: rg.Robot, seed: int) -> None:
     plant = make_plant(robot, axes_of(robot), SOLIDS)
     q = configuration(robot, np.random.default_rng(seed))
     if plant.penetration(q)[0] > 0:
@@ -103,7 +93,7 @@ def test_the_nearest_pair_is_as_near_as_shapely_says(robot: Robot, seed: int) ->
 
 @settings(max_examples=150)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
-def test_the_jacobian_is_the_derivative_of_where_a_point_goes(robot: Robot, seed: int) -> None:
+def test_the_jacobian_is_the_derivative_of_where_a_point_goes(robot: rg.Robot, seed: int) -> None:
     rng = np.random.default_rng(seed)
     plant = make_plant(robot, axes_of(robot), [])
     q = configuration(robot, rng)
@@ -119,7 +109,7 @@ def test_the_jacobian_is_the_derivative_of_where_a_point_goes(robot: Robot, seed
 
 @settings(max_examples=150)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1), st.floats(0, 1.5))
-def test_contact_forces_obey_coulomb_and_power_balances(robot: Robot, seed: int, mu: float) -> None:
+def test_contact_forces_obey_coulomb_and_power_balances(robot: rg.Robot, seed: int, mu: float) -> None:
     """Whatever touches: no gap closes, no force pulls, friction opposes slip, tau . qdot = f . xdot."""
     rng = np.random.default_rng(seed)
     plant = make_plant(robot, axes_of(robot), SOLIDS)
@@ -153,7 +143,7 @@ def test_contact_forces_obey_coulomb_and_power_balances(robot: Robot, seed: int,
 
 def test_a_force_inside_the_friction_cone_sticks() -> None:
     """A disc driven onto a floor at 45 degrees sticks just when mu exceeds 1."""
-    plant = make_plant(DiscRobot(0.5), PLANE, [HalfSpace((0.0, 1.0), 0.0)])
+    plant = make_plant(rg.DiscRobot(0.5), PLANE, [rg.HalfSpace((0.0, 1.0), 0.0)])
     pose = plant.pose(np.array([0.0, 0.5005]))
     around = surroundings(pose, plant.near(pose, 0.01))
     for mu, sticks in ((0.0, False), (0.9, False), (1.1, True)):
@@ -203,8 +193,8 @@ def test_without_friction_the_velocity_is_projected_onto_what_gaps_allow(ndim, c
 def test_a_point_driven_into_a_wedge_stands(degrees, friction) -> None:
     half = np.radians(degrees / 2)
     side = 2 * np.tan(half)
-    walls = [Polygon(((-2, side), (0, 0), (0, 2), (-2, 2))), Polygon(((-2, -side), (-2, -2), (0, -2), (0, 0)))]
-    plant = make_plant(PointRobot(), PLANE, [], walls)
+    walls = [rg.Polygon(((-2, side), (0, 0), (0, 2), (-2, 2))), rg.Polygon(((-2, -side), (-2, -2), (0, -2), (0, 0)))]
+    plant = make_plant(rg.PointRobot(), PLANE, [], walls)
     pose = plant.pose(np.array([-0.5, 0.0]))
     around = surroundings(pose, plant.near(pose, 0.501 * np.sin(half)))
     free = np.array([1.0, 0.3 * np.tan(half)])
@@ -217,7 +207,7 @@ def test_a_point_driven_into_a_wedge_stands(degrees, friction) -> None:
 
 def test_a_stop_and_an_obstacle_are_contacts_of_one_problem() -> None:
     """Pressed along a slanted wall into the end of an axis: neither is violated, and the stop carries what is left."""
-    plant = make_plant(PointRobot(), PLANE, [HalfSpace((-1.0, 1.0), 0.0)])
+    plant = make_plant(rg.PointRobot(), PLANE, [rg.HalfSpace((-1.0, 1.0), 0.0)])
     pose = plant.pose(np.array([2.999, 3.0]))
     around = surroundings(pose, plant.near(pose, 0.01))
     stop = np.array([[0.0, -1.0]])
@@ -229,7 +219,7 @@ def test_a_stop_and_an_obstacle_are_contacts_of_one_problem() -> None:
 
 @pytest.mark.parametrize("stiff", [1e-9, 1e-14])
 def test_a_stiff_axis_is_felt_as_well(stiff) -> None:
-    plant = make_plant(PointRobot(), PLANE, [HalfSpace((0.0, 1.0), 0.0)])
+    plant = make_plant(rg.PointRobot(), PLANE, [rg.HalfSpace((0.0, 1.0), 0.0)])
     pose = plant.pose(np.array([0.0, 0.001]))
     around = surroundings(pose, plant.near(pose, 0.01))
     felt = solve_contacts(around, np.array([True]), np.array([0.3, -1.0]), np.diag([1.0, stiff]), 0.0, np.zeros(1))
@@ -238,7 +228,7 @@ def test_a_stiff_axis_is_felt_as_well(stiff) -> None:
 
 
 def test_a_bar_laid_flat_on_a_box_touches_with_both_ends() -> None:
-    plant = make_plant(BAR, (*PLANE, BAR.turning_axis(8)), [Box((-2.0, -1.0), (2.0, 0.0))])
+    plant = make_plant(BAR, (*PLANE, BAR.turning_axis(8)), [rg.Box((-2.0, -1.0), (2.0, 0.0))])
     pose = plant.pose(np.array([0.3, 0.101, 0.0]))
     around = surroundings(pose, plant.near(pose, 0.01))
     assert sorted(around.pairs["on_robot"][:, 0].tolist()) == pytest.approx([-0.2, 0.8])
@@ -248,21 +238,21 @@ def test_a_bar_laid_flat_on_a_box_touches_with_both_ends() -> None:
 
 
 def test_a_map_and_its_copies_across_the_seam_are_bodies() -> None:
-    axes = (Axis("x", 0, 4, 4, periodic=True), Axis("y", 0, 4, 4))
+    axes = (rg.Axis("x", 0, 4, 4, periodic=True), rg.Axis("y", 0, 4, 4))
     mask = np.zeros((4, 4), bool)
     mask[0, 1:3] = True
-    plant = make_plant(PointRobot(), axes, [CellSet(axes, mask)])
+    plant = make_plant(rg.PointRobot(), axes, [CellSet(axes, mask)])
     near = plant.near(plant.pose(np.array([3.9, 1.5])), 0.2)
     assert near["gap"].min() == pytest.approx(0.1)
     np.testing.assert_allclose(plant.near(plant.pose(np.array([7.9, 1.5])), 0.2)["gap"], near["gap"])
 
 
 def test_a_body_described_some_turns_away_is_touched_where_it_is() -> None:
-    axes = (Axis("x", 0, 4, 8, periodic=True), Axis("y", 0, 4, 8, periodic=True))
+    axes = (rg.Axis("x", 0, 4, 8, periodic=True), rg.Axis("y", 0, 4, 8, periodic=True))
     far = make_plant(
-        DiscRobot(0.3), axes, [Ball((1.0 + 12.0, 1.0 - 20.0), 0.5), Box((3.0 - 8.0, 2.0), (3.5 - 8.0, 3.0))]
+        rg.DiscRobot(0.3), axes, [rg.Ball((1.0 + 12.0, 1.0 - 20.0), 0.5), rg.Box((3.0 - 8.0, 2.0), (3.5 - 8.0, 3.0))]
     )
-    near = make_plant(DiscRobot(0.3), axes, [Ball((1.0, 1.0), 0.5), Box((3.0, 2.0), (3.5, 3.0))])
+    near = make_plant(rg.DiscRobot(0.3), axes, [rg.Ball((1.0, 1.0), 0.5), rg.Box((3.0, 2.0), (3.5, 3.0))])
     rng = np.random.default_rng(0)
     for place in rng.uniform(-6, 10, (40, 2)):
         gaps = [np.sort(plant.near(plant.pose(place), 1.0)["gap"]) for plant in (far, near)]
@@ -272,7 +262,7 @@ def test_a_body_described_some_turns_away_is_touched_where_it_is() -> None:
 
 @settings(max_examples=100)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
-def test_no_point_moves_farther_in_a_cell_than_the_bound(robot: Robot, seed: int) -> None:
+def test_no_point_moves_farther_in_a_cell_than_the_bound(robot: rg.Robot, seed: int) -> None:
     rng = np.random.default_rng(seed)
     axes = axes_of(robot)
     plant = make_plant(robot, axes, [])
@@ -284,14 +274,14 @@ def test_no_point_moves_farther_in_a_cell_than_the_bound(robot: Robot, seed: int
 
 
 def test_penetration_is_what_radii_overlap() -> None:
-    plant = make_plant(DiscRobot(0.5), PLANE, [Box((0.0, -3.0), (1.0, 3.0)), Ball((-2.0, 0.0), 0.5)])
+    plant = make_plant(rg.DiscRobot(0.5), PLANE, [rg.Box((0.0, -3.0), (1.0, 3.0)), rg.Ball((-2.0, 0.0), 0.5)])
     depth = plant.penetration([(-0.5, 0.0), (-0.4, 0.0), (-1.2, 0.0), (0.5, 0.0)])
     np.testing.assert_allclose(depth, [0.0, 0.1, 0.2, 1.0], atol=1e-9)
 
 
 def test_scenes_that_cannot_be_touched_are_refused() -> None:
-    cube = tuple(Axis(name, 0, 4, 4) for name in "xyz")
-    with pytest.raises(InputError, match="a scene in the plane"):
-        plant_of(Scene(cube))
-    with pytest.raises(InputError, match=r"hidden\[1\].*thicker"):
-        plant_of(Scene(PLANE, hidden=(SOLIDS[0], Box((0.0, 0.0), (0.0, 1.0)))))
+    cube = tuple(rg.Axis(name, 0, 4, 4) for name in "xyz")
+    with pytest.raises(rg.InputError, match="a scene in the plane"):
+        plant_of(rg.Scene(cube))
+    with pytest.raises(rg.InputError, match=r"hidden\[1\].*thicker"):
+        plant_of(rg.Scene(PLANE, hidden=(SOLIDS[0], rg.Box((0.0, 0.0), (0.0, 1.0)))))

@@ -1,4 +1,7 @@
-"""The command: along the current, admittance, limits, and clear stops."""
+"""The command: along the current, admittance, limits, and clear stops.
+
+Tests internals: `resgrid.planning.pipeline`.
+"""
 
 from __future__ import annotations
 
@@ -8,23 +11,14 @@ from hypothesis import given, settings, strategies as st
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.circuit.solve import solve
-from resgrid.control.controller import Controller
-from resgrid.core.compiler import compile_space
-from resgrid.core.space import Cell
-from resgrid.core.wiring import Wiring
-from resgrid.errors import CircuitError, InputError
 from resgrid.planning.pipeline import solve_field
-from resgrid.planning.planner import plan
-from resgrid.planning.streamline import Outcome
-from resgrid.planning.trace import streamline
 
 WALL = np.zeros((12, 10), np.uint8)
-WALL[5:7, 2:8], WALL[9, 5] = Cell.OBSTACLE, Cell.GOAL
+WALL[5:7, 2:8], WALL[9, 5] = rg.Cell.OBSTACLE, rg.Cell.GOAL
 
 
-def controller_of(cell: np.ndarray, k: float = 0.98, **options: object) -> Controller:
-    return rg.control.make_controller(plan(space_of(cell), k=k).field, **options)  # type: ignore[arg-type]
+def controller_of(cell: np.ndarray, k: float = 0.98, **options: object) -> rg.control.Controller:
+    return rg.control.make_controller(rg.plan(space_of(cell), k=k).field, **options)  # type: ignore[arg-type]
 
 
 @settings(max_examples=40)
@@ -32,8 +26,8 @@ def controller_of(cell: np.ndarray, k: float = 0.98, **options: object) -> Contr
 def test_the_velocity_is_linear_between_the_face_currents(space, seed) -> None:
     """Pollock's interpolation, written out anew from the field's own face currents."""
     try:
-        field = rg.field(solve(compile_space(space, boundary="neumann")))
-    except CircuitError:
+        field = rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
+    except rg.CircuitError:
         return
     controller = rg.control.make_controller(field, speed=2.0)
     rng = np.random.default_rng(seed)
@@ -58,7 +52,7 @@ def test_chained_commands_visit_the_cells_of_the_streamline_and_arrive(k: float)
     """Short steps converge to Pollock's streamline."""
     controller = controller_of(WALL, k)
     for start in [(0.6, 0.7), (3.2, 5.1), (7.4, 9.3)]:
-        path = streamline(controller.field, start)
+        path = rg.streamline(controller.field, start)
         point, met = np.array(start), [tuple(path.cells[0])]
         for _ in range(20_000):
             seen = controller.seen(point)
@@ -68,8 +62,8 @@ def test_chained_commands_visit_the_cells_of_the_streamline_and_arrive(k: float)
             cell = tuple(controller.field.space.locate(point).tolist())
             if cell != met[-1]:
                 met.append(cell)
-        assert path.outcome is Outcome.REACHED
-        assert controller.field.space.cell[met[-1]] == Cell.GOAL
+        assert path.outcome is rg.Outcome.REACHED
+        assert controller.field.space.cell[met[-1]] == rg.Cell.GOAL
         assert [tuple(c) for c in path.cells.tolist()] == met
 
 
@@ -85,7 +79,7 @@ def test_inside_a_cell_the_velocity_is_continuous() -> None:
 def test_a_stagnation_point_is_left_by_the_strongest_face() -> None:
     """Exactly between two goals the currents cancel; the command is still at full speed."""
     cell = np.zeros((9, 3), np.uint8)
-    cell[[0, 8], 1] = Cell.GOAL
+    cell[[0, 8], 1] = rg.Cell.GOAL
     controller = controller_of(cell, 0.0, speed=1.0)
     assert np.linalg.norm(controller.command([4.5, 1.5])) == pytest.approx(1.0)
 
@@ -116,8 +110,8 @@ def test_from_a_cell_without_a_path_it_leads_to_the_nearest_with_one() -> None:
     assert controller.command([5.2, 4.5])[0] < -0.9
     assert controller.command([6.8, 4.5])[0] > 0.9
     ring = np.ones((20, 20), np.uint8)
-    ring[1, 1], ring[2, 1] = Cell.GOAL, Cell.FREE
-    with pytest.raises(InputError, match=r"obstacle cell, \(15, 15\).*stop the robot"):
+    ring[1, 1], ring[2, 1] = rg.Cell.GOAL, rg.Cell.FREE
+    with pytest.raises(rg.InputError, match=r"obstacle cell, \(15, 15\).*stop the robot"):
         controller_of(ring).command([15.5, 15.5])
 
 
@@ -133,7 +127,7 @@ def test_from_a_cell_without_a_path_it_leads_to_the_nearest_with_one() -> None:
     ],
 )
 def test_what_cannot_be_commanded_is_said(point, force, says) -> None:
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(rg.InputError, match=says):
         controller_of(WALL).command(point, force)
 
 
@@ -153,7 +147,7 @@ def test_what_cannot_be_commanded_is_said(point, force, says) -> None:
     ],
 )
 def test_impossible_controllers_are_refused(options, says) -> None:
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(rg.InputError, match=says):
         controller_of(WALL, **options)
 
 
@@ -177,17 +171,17 @@ def test_any_real_number_is_a_speed(number) -> None:
 
 @pytest.mark.parametrize("wrong", [True, "fast", 1 + 1j, np.nan])
 def test_other_things_are_no_speed(wrong) -> None:
-    with pytest.raises(InputError, match="speed"):
+    with pytest.raises(rg.InputError, match="speed"):
         controller_of(WALL, speed=wrong)
 
 
 @pytest.mark.parametrize("wrong", [["a", "b"], (1 + 1j, 2), None, ((1.0,), (1.0, 2.0))])
 def test_what_is_no_configuration_or_force_is_refused(wrong) -> None:
     controller = controller_of(WALL)
-    with pytest.raises(InputError, match="configuration"):
+    with pytest.raises(rg.InputError, match="configuration"):
         controller.command(wrong)
     if wrong is not None:
-        with pytest.raises(InputError, match="force"):
+        with pytest.raises(rg.InputError, match="force"):
             controller.command((0.6, 0.7), wrong)
 
 
@@ -196,9 +190,9 @@ def test_from_the_corners_of_cells_a_few_steps_lead_to_the_goal(seed: int) -> No
     """Beside lines that lead to stagnation points, and on edges where two cells meet that no current joins."""
     rng = np.random.default_rng(seed)
     cell = (rng.random((6, 6, 6)) < 0.25).astype(np.uint8)
-    cell[0, 0, 0] = Cell.GOAL
+    cell[0, 0, 0] = rg.Cell.GOAL
     space = space_of(cell)
-    controller = rg.control.make_controller(solve_field(space, Wiring(boundary="neumann", edge="open")))
+    controller = rg.control.make_controller(solve_field(space, rg.Wiring(boundary="neumann", edge="open")))
     for at in np.argwhere(space.goal_connected)[::7]:
         place = at + rng.integers(0, 2, 3) + rng.choice([0, 0, 1e-16, -1e-16, 1e-13, -1e-13, 1e-10], 3)
         place, steps = np.clip(place, space.lower, space.upper), 0

@@ -1,4 +1,7 @@
-"""Equation (1) of Connolly & Grupen, against cross products and its own invariants."""
+"""Equation (1) of Connolly & Grupen, against cross products and its own invariants.
+
+Tests internals: `resgrid.control.controller`.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,6 @@ from hypothesis import given, strategies as st
 
 import resgrid as rg
 from resgrid.control.controller import following_velocity
-from resgrid.errors import InputError
 
 number = st.floats(-1e3, 1e3, allow_subnormal=False).map(lambda x: x if abs(x) > 1e-6 else 0.0)
 pairs = st.integers(1, 4).flatmap(lambda n: st.tuples(*[st.lists(number, min_size=n, max_size=n).map(np.array)] * 2))
@@ -58,12 +60,12 @@ def test_following_moves_at_the_speed_of_the_streamline_times_the_sine(pair) -> 
     [([1, 0], [np.nan, 0], 1, "finite"), ([1, 0], [1], 1, "shapes"), ([1, 0], [0, 1], -1, "c = -1")],
 )
 def test_impossible_values_are_refused(v, f, c, says) -> None:
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(rg.InputError, match=says):
         rg.control.equipotential_velocity(v, f, c=c)
 
 
 def test_sizes_beyond_doubles_are_refused_or_of_no_account() -> None:
-    with pytest.raises(InputError, match="overflows"):
+    with pytest.raises(rg.InputError, match="overflows"):
         rg.control.equipotential_velocity((1e200, 0.0), (1e200, 1.0))
     for size in (1e-300, 1.0, 1e200, 1.7e308):
         velocity = following_velocity(np.array([2.0, 0.0]), np.array([size, size]))

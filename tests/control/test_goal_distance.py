@@ -1,4 +1,7 @@
-"""How far from the goal itself a run ends, against the geometry of each kind of goal."""
+"""How far from the goal itself a run ends, against the geometry of each kind of goal.
+
+Tests internals: `resgrid.control.goal_distance`.
+"""
 
 from __future__ import annotations
 

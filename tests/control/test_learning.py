@@ -1,4 +1,7 @@
-"""Lessons: only true obstacle cells, and only what changed."""
+"""Lessons: only true obstacle cells, and only what changed.
+
+Tests internals: `resgrid.control.plant`, `resgrid.control.state_estimate`, `resgrid.planning.pipeline`.
+"""
 
 from __future__ import annotations
 
@@ -8,25 +11,23 @@ from hypothesis import example, given, settings, strategies as st
 from support.hidden import controlled, square
 from support.robots import BAR
 
+import resgrid as rg
 from resgrid.control.plant import INSIDE, make_plant
-from resgrid.control.simulation import simulation
 from resgrid.control.state_estimate import LiveMap, solve_again
-from resgrid.core.axis import Axis
-from resgrid.core.space import Cell, ConfigurationSpace
-from resgrid.core.wiring import Wiring
-from resgrid.errors import InputError
 from resgrid.planning.pipeline import solve_field
-from resgrid.robots import Arm, Ball, Box, DiscRobot, Polygon, Robot
-from resgrid.scene import Scene
-from resgrid.scene.scene import GoalCell
 
-TURNING = (Axis("x", -2, 2, 12), Axis("y", -2, 2, 12), BAR.turning_axis(12))
-ARM = Arm((1.0, 0.8), widths=(0.06, 0.0), self_collision=True, singularity_cells=1)
-PLANE = (Axis("x", -2, 2, 17), Axis("y", -2, 2, 17))
-ROBOTS: list[tuple[Robot, tuple[Axis, ...]]] = [
-    (DiscRobot(0.2), PLANE), (BAR, TURNING), (ARM, ARM.axes(30)), (Arm((0.9, 0.9), angles="absolute"), ARM.axes(30)),
+TURNING = (rg.Axis("x", -2, 2, 12), rg.Axis("y", -2, 2, 12), BAR.turning_axis(12))
+ARM = rg.Arm((1.0, 0.8), widths=(0.06, 0.0), self_collision=True, singularity_cells=1)
+PLANE = (rg.Axis("x", -2, 2, 17), rg.Axis("y", -2, 2, 17))
+ROBOTS: list[tuple[rg.Robot, tuple[rg.Axis, ...]]] = [
+    (rg.DiscRobot(0.2), PLANE), (BAR, TURNING), (ARM, ARM.axes(30)),
+    (rg.Arm((0.9, 0.9), angles="absolute"), ARM.axes(30)),
 ]  # fmt: skip
-SOLIDS = [Box((0.3, 0.2), (0.9, 0.8)), Ball((-0.6, 0.5), 0.3), Polygon(((0.0, -0.4), (0.6, -0.9), (-0.4, -1.0)))]
+SOLIDS = [
+    rg.Box((0.3, 0.2), (0.9, 0.8)),
+    rg.Ball((-0.6, 0.5), 0.3),
+    rg.Polygon(((0.0, -0.4), (0.6, -0.9), (-0.4, -1.0))),
+]
 
 
 @settings(max_examples=60)
@@ -51,7 +52,7 @@ def test_a_contact_proves_the_cell_it_is_made_in_and_no_free_cell(case, seed: in
     pairs = plant.near(plant.pose(low), 1e-3)
     near = pairs[np.argmin(pairs["gap"])]
     proven = plant.proven_cells(near["point"] + INSIDE * plant.cell_motion * near["inward"])
-    space = ConfigurationSpace(axes, np.zeros(tuple(axis.cells for axis in axes), np.uint8))
+    space = rg.ConfigurationSpace(axes, np.zeros(tuple(axis.cells for axis in axes), np.uint8))
     itself = robot.occupancy(axes, [], "conservative")
     true = robot.occupancy(axes, SOLIDS, "conservative")
     assert not np.any(proven & ~true)
@@ -66,37 +67,37 @@ def test_learning_takes_cells_out_and_leaves_the_rest() -> None:
     cells[3:5, 2], cells[8, 1] = True, True
     live = LiveMap(controlled(space))
     live.mark(cells)
-    np.testing.assert_array_equal(live.space.cell == Cell.OBSTACLE, cells)
+    np.testing.assert_array_equal(live.space.cell == rg.Cell.OBSTACLE, cells)
     assert live.space.goal_count == 0
     assert space.goal_count == 1
 
 
 def test_a_blend_without_any_obstacle_is_the_one_asked_for_and_follows_its_neumann_part() -> None:
     cell = np.zeros((6, 6), np.uint8)
-    cell[2, 2] = Cell.GOAL
-    torus = ConfigurationSpace([Axis("a", 0, 1, 6, True), Axis("b", 0, 1, 6, True)], cell)
-    blend, neumann = solve_field(torus, Wiring(), 0.98), solve_field(torus, Wiring(), 0.0)
+    cell[2, 2] = rg.Cell.GOAL
+    torus = rg.ConfigurationSpace([rg.Axis("a", 0, 1, 6, True), rg.Axis("b", 0, 1, 6, True)], cell)
+    blend, neumann = solve_field(torus, rg.Wiring(), 0.98), solve_field(torus, rg.Wiring(), 0.0)
     assert (blend.k, neumann.k) == (0.98, 0.0)
     np.testing.assert_allclose(blend.potential, 0.02 * neumann.potential)
     for axis in range(2):
         np.testing.assert_allclose(blend.face_current(axis), 0.02 * neumann.face_current(axis), atol=1e-15)
-    assert not solve_field(torus, Wiring(), 1.0).is_flowing
-    assert not solve_field(torus, Wiring()).is_flowing
+    assert not solve_field(torus, rg.Wiring(), 1.0).is_flowing
+    assert not solve_field(torus, rg.Wiring()).is_flowing
 
 
 def test_a_scene_says_how_to_solve_again() -> None:
     space = square()
-    scene = Scene(space.axes, k=(0.3, 0.9), goals=(GoalCell((8, 1)),))
+    scene = rg.Scene(space.axes, k=(0.3, 0.9), goals=(rg.GoalCell((8, 1)),))
     for made, k, boundary in (
-        (simulation(scene), 0.3, "blend"),
-        (simulation(scene, k=0.5), 0.5, "blend"),
-        (simulation(scene, k=0.0), 0.0, "neumann"),
-        (simulation(scene.replace(k=())), 1.0, "dirichlet"),
+        (rg.simulation(scene), 0.3, "blend"),
+        (rg.simulation(scene, k=0.5), 0.5, "blend"),
+        (rg.simulation(scene, k=0.0), 0.0, "neumann"),
+        (rg.simulation(scene.replace(k=())), 1.0, "dirichlet"),
     ):
         field = made.controller.field
         assert (field.k, field.boundary) == (k, boundary)
         again = solve_again(field, field.space)
         assert (again.k, again.boundary) == (k, boundary)
         np.testing.assert_array_equal(again.potential, field.potential)
-    with pytest.raises(InputError, match="one start at a time"):
-        simulation(scene.replace(k=(), boundary="neumann", drive="start", starts=((1.0, 1.0),)))
+    with pytest.raises(rg.InputError, match="one start at a time"):
+        rg.simulation(scene.replace(k=(), boundary="neumann", drive="start", starts=((1.0, 1.0),)))

@@ -1,4 +1,7 @@
-"""What learning promises, on random worlds; RESGRID_WORLDS=200 asks for more of them."""
+"""What learning promises, on random worlds; RESGRID_WORLDS=200 asks for more of them.
+
+Tests internals: `resgrid.core.regions`, `resgrid.robots`.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +12,15 @@ import pytest
 import shapely
 from support.hidden import hiding
 
-from resgrid.control.run_log import TerminationReason
+import resgrid as rg
 from resgrid.core.regions import label_regions
-from resgrid.core.space import Cell
-from resgrid.robots import Ball, Box, DiscRobot, PointRobot, Shape, to_shapely
+from resgrid.robots import Shape, to_shapely
 
 
 def with_path(blocked: np.ndarray, cell: np.ndarray) -> np.ndarray:
     """Cells with a path to a goal cell that is not blocked."""
     region = label_regions(~blocked, np.zeros(cell.ndim, bool))
-    return np.asarray((region > 0) & np.isin(region, region[(cell == Cell.GOAL) & (region > 0)]))
+    return np.asarray((region > 0) & np.isin(region, region[(cell == rg.Cell.GOAL) & (region > 0)]))
 
 
 def shapes(rng: np.random.Generator) -> list[Shape]:
@@ -28,7 +30,7 @@ def shapes(rng: np.random.Generator) -> list[Shape]:
         x, y, w, h = *rng.uniform(0, 8, 2), *rng.uniform(0.1, 2.0, 2)
         if rng.random() < 0.3:
             x, y, w, h = (np.round(2 * value) / 2 for value in (x, y, w + 0.25, h + 0.25))
-        found.append(Ball((x, y), w) if rng.random() < 0.3 else Box((x, y), (x + w, y + 2 * h)))
+        found.append(rg.Ball((x, y), w) if rng.random() < 0.3 else rg.Box((x, y), (x + w, y + 2 * h)))
     return found
 
 
@@ -37,26 +39,29 @@ def test_who_has_a_path_arrives_and_who_has_none_is_told(seed: int) -> None:
     """Connected under the conservative truth: arrives.  Cut off even where a cell with any free point is free: told."""
     rng = np.random.default_rng(seed)
     hidden = shapes(rng)
-    robot = PointRobot() if seed % 2 else DiscRobot(0.3)
+    robot = rg.PointRobot() if seed % 2 else rg.DiscRobot(0.3)
     sim = hiding(hidden, robot=robot, k=float(rng.choice([0.1, 0.98, 1.0])), friction=float(rng.uniform(0, 0.6)))
     truth = sim.plant.true_space(sim.space)
-    sure = with_path(truth.cell == Cell.OBSTACLE, sim.space.cell)
+    sure = with_path(truth.cell == rg.Cell.OBSTACLE, sim.space.cell)
     solid = shapely.union_all([to_shapely(shape).buffer(robot.radius, quad_segs=64) for shape in hidden])
     x, y = sim.space.axes
     i, j = np.indices(sim.space.shape)
     boxes = shapely.box(x.edges[i], y.edges[j], x.edges[i + 1], y.edges[j + 1])
     maybe = with_path(shapely.area(shapely.difference(boxes, solid)) <= 1e-12, sim.space.cell)
-    cells = np.argwhere(sim.space.cell == Cell.FREE)[rng.integers(0, 16) :: 23]
+    cells = np.argwhere(sim.space.cell == rg.Cell.FREE)[rng.integers(0, 16) :: 23]
     cells = cells[sim.plant.penetration(sim.space.centre(cells)) == 0]
     for cell in cells:
         run = sim.run(sim.space.centre(cell))
         at = tuple(cell)
-        assert not np.any(run.learnt & (truth.cell != Cell.OBSTACLE))
+        assert not np.any(run.learnt & (truth.cell != rg.Cell.OBSTACLE))
         assert run.penetration == 0
         assert len(run.lessons) <= run.learnt.sum()
         if sure[at]:
-            assert run.ending is TerminationReason.ARRIVED, (at, run.message)
+            assert run.ending is rg.control.TerminationReason.ARRIVED, (at, run.message)
         elif not maybe[at]:
-            assert run.ending in {TerminationReason.NO_PATH, TerminationReason.GOAL_BLOCKED}, (at, run.message)
-        if run.ending in {TerminationReason.NO_PATH, TerminationReason.GOAL_BLOCKED}:
-            assert not with_path(run.space.cell == Cell.OBSTACLE, run.space.cell)[at]
+            assert run.ending in {rg.control.TerminationReason.NO_PATH, rg.control.TerminationReason.GOAL_BLOCKED}, (
+                at,
+                run.message,
+            )
+        if run.ending in {rg.control.TerminationReason.NO_PATH, rg.control.TerminationReason.GOAL_BLOCKED}:
+            assert not with_path(run.space.cell == rg.Cell.OBSTACLE, run.space.cell)[at]

@@ -1,4 +1,8 @@
-"""Grids that settle while a robot follows them: both emulations against the operating point and the transient."""
+"""Grids that settle while a robot follows them: both emulations against the operating point and the transient.
+
+Tests internals: `resgrid.control.plant`, `resgrid.control.relaxation`, `resgrid.control.simulation`,
+`resgrid.core.netlist`.
+"""
 
 from __future__ import annotations
 
@@ -11,32 +15,28 @@ from hypothesis import assume, example, given, settings, strategies as st
 from support.hidden import controlled, hiding, square
 
 import resgrid as rg
-from resgrid.circuit.solve import solve
-from resgrid.circuit.transients import transient
 from resgrid.control.plant import make_plant
 from resgrid.control.relaxation import TICK, Relaxation, RelaxingGrid, field_now
-from resgrid.control.run_log import ControlMode, TerminationReason
-from resgrid.control.simulation import Simulation, announce_hidden, wavefront
-from resgrid.core.axis import Axis
-from resgrid.core.compiler import compile_space
+from resgrid.control.simulation import announce_hidden
 from resgrid.core.netlist import GROUND
-from resgrid.core.space import Cell, ConfigurationSpace
-from resgrid.errors import InputError
-from resgrid.robots import Box, PointRobot
 
-BLOCK = Box((2.0, 3.0), (6.5, 4.0))
+BLOCK = rg.Box((2.0, 3.0), (6.5, 4.0))
 
 
-def announced(relaxation: Relaxation, before: ConfigurationSpace, after: ConfigurationSpace) -> Simulation:
-    plant = make_plant(PointRobot(), after.axes, [])
-    return Simulation(controlled(after, 1.0), plant, relaxation=relaxation, before=controlled(before, 1.0).field)
+def announced(
+    relaxation: Relaxation, before: rg.ConfigurationSpace, after: rg.ConfigurationSpace
+) -> rg.control.Simulation:
+    plant = make_plant(rg.PointRobot(), after.axes, [])
+    return rg.control.Simulation(
+        controlled(after, 1.0), plant, relaxation=relaxation, before=controlled(before, 1.0).field
+    )
 
 
-def blocked(cells: int = 16) -> ConfigurationSpace:
+def blocked(cells: int = 16) -> rg.ConfigurationSpace:
     space = square(cells)
     cell = np.array(space.cell)
-    cell[4 : cells - 3, cells // 2] = Cell.OBSTACLE
-    return ConfigurationSpace(space.axes, cell)
+    cell[4 : cells - 3, cells // 2] = rg.Cell.OBSTACLE
+    return rg.ConfigurationSpace(space.axes, cell)
 
 
 @pytest.mark.parametrize(("method", "steps"), [("jacobi", 20_000), ("sor", 3000), ("chip", 60_000)])
@@ -60,12 +60,12 @@ def test_the_live_chip_is_the_transient_of_the_netlist() -> None:
     resistance, capacitance = 10e3, 1e-13
     chips = []
     for space in (before, after):
-        netlist = compile_space(space, resistance=resistance)
+        netlist = rg.compile_space(space, resistance=resistance)
         free = netlist.cells.free_node
         pairs = np.stack([free, np.full_like(free, GROUND)], axis=1)
         chips.append(netlist.replace(capacitor_nodes=pairs, capacitance=np.full(len(free), capacitance)))
     times = np.array([1.0, 4.0, 16.0])
-    fine = transient(chips[1], times * resistance * capacitance, initial=solve(chips[0]), tolerance=1e-8)
+    fine = rg.circuit.transient(chips[1], times * resistance * capacitance, initial=rg.solve(chips[0]), tolerance=1e-8)
     grid = RelaxingGrid(Relaxation("chip", pace=0.05), controlled(before, 1.0).field)
     grid.change(after)
     now = 0.0
@@ -79,14 +79,14 @@ def test_the_live_chip_is_the_transient_of_the_netlist() -> None:
 def test_a_jacobi_sweep_is_the_mean_of_the_neighbours() -> None:
     before, after = square(10), blocked(10)
     grid = RelaxingGrid(Relaxation("jacobi", pace=1.0), controlled(before, 1.0).field)
-    phi = np.array(rg.field(solve(compile_space(before))).potential)
+    phi = np.array(rg.field(rg.solve(rg.compile_space(before))).potential)
     grid.change(after)
     for _ in range(3):
         grid.advance(1.0)
-        rails = np.where(after.cell == Cell.OBSTACLE, 1.0, np.where(after.cell == Cell.GOAL, 0.0, phi))
+        rails = np.where(after.cell == rg.Cell.OBSTACLE, 1.0, np.where(after.cell == rg.Cell.GOAL, 0.0, phi))
         wide = np.pad(rails, 1, constant_values=1.0)
         mean = (wide[2:, 1:-1] + wide[:-2, 1:-1] + wide[1:-1, 2:] + wide[1:-1, :-2]) / 4
-        phi = np.where(after.cell == Cell.FREE, mean, rails)
+        phi = np.where(after.cell == rg.Cell.FREE, mean, rails)
         np.testing.assert_allclose(grid.field.potential, phi, rtol=1e-12)
 
 
@@ -94,11 +94,11 @@ def test_a_jacobi_sweep_is_the_mean_of_the_neighbours() -> None:
 @given(st.integers(0, 10_000), st.sampled_from(["jacobi", "sor", "chip"]), st.floats(0.01, 50.0))
 def test_no_current_ever_runs_into_an_obstacle_and_no_voltage_beyond_its_rail(seed, method, pace) -> None:
     rng = np.random.default_rng(seed)
-    cell = np.where(rng.random((9, 8)) < 0.2, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
-    cell[4, 4] = Cell.GOAL
-    axes = [Axis("x", 0, 9, 9, periodic=True), Axis("y", 0, 8, 8)]
-    before = ConfigurationSpace(axes, cell)
-    after = ConfigurationSpace(axes, np.where((rng.random((9, 8)) < 0.2) & (cell == 0), np.uint8(1), cell))
+    cell = np.where(rng.random((9, 8)) < 0.2, rg.Cell.OBSTACLE, rg.Cell.FREE).astype(np.uint8)
+    cell[4, 4] = rg.Cell.GOAL
+    axes = [rg.Axis("x", 0, 9, 9, periodic=True), rg.Axis("y", 0, 8, 8)]
+    before = rg.ConfigurationSpace(axes, cell)
+    after = rg.ConfigurationSpace(axes, np.where((rng.random((9, 8)) < 0.2) & (cell == 0), np.uint8(1), cell))
     assume(before.goal_connected.any())  # or nothing is driven
     grid = RelaxingGrid(Relaxation(method, pace=pace), controlled(before, 1.0).field)
     grid.change(after)
@@ -108,7 +108,7 @@ def test_no_current_ever_runs_into_an_obstacle_and_no_voltage_beyond_its_rail(se
         inside = field.potential[np.isfinite(field.potential)]
         assert np.all(inside <= 1.0)
         assert method == "sor" or np.all(inside >= 0.0)
-        wall = after.cell == Cell.OBSTACLE
+        wall = after.cell == rg.Cell.OBSTACLE
         for axis in range(2):
             low = np.moveaxis(field.face_direction[axis], axis, 0)[:-1]
             high = np.moveaxis(field.face_direction[axis], axis, 0)[1:]
@@ -118,55 +118,55 @@ def test_no_current_ever_runs_into_an_obstacle_and_no_voltage_beyond_its_rail(se
 
 
 def test_a_settled_grid_is_the_field_of_its_operating_point() -> None:
-    netlist = compile_space(blocked(), boundary="wall", wall_resistance=2e4)
-    point = solve(netlist)
+    netlist = rg.compile_space(blocked(), boundary="wall", wall_resistance=2e4)
+    point = rg.solve(netlist)
     shown, true = field_now(netlist, point.voltage), rg.field(point)
     np.testing.assert_allclose(shown.potential, true.potential, rtol=1e-12, atol=1e-15)
     for axis in range(2):
         np.testing.assert_allclose(shown.face_current(axis), true.face_current(axis), rtol=1e-6, atol=1e-12)
-    with pytest.raises(InputError, match="not compiled from a space"):
+    with pytest.raises(rg.InputError, match="not compiled from a space"):
         field_now(netlist.replace(cell_map=None), point.voltage)
 
 
 def test_a_fast_robot_waits_and_a_faster_one_gives_up() -> None:
     """Slow robots arrive as on a settled grid."""
-    sim = hiding([BLOCK], robot=PointRobot(), learn=False)
+    sim = hiding([BLOCK], robot=rg.PointRobot(), learn=False)
     world = announce_hidden(sim, Relaxation("chip"))
     slow, usual, fast = (replace(world, relaxation=Relaxation("chip", pace=p)).run((4.1, 7.3)) for p in (500, 15, 5e-3))
     settled = replace(world, relaxation=None, before=None).run((4.1, 7.3))
-    assert slow.ending is usual.ending is settled.ending is TerminationReason.ARRIVED
+    assert slow.ending is usual.ending is settled.ending is rg.control.TerminationReason.ARRIVED
     assert slow.time[-1] == pytest.approx(settled.time[-1], rel=0.05)
-    assert ControlMode.WAITING not in slow.mode
-    assert fast.ending is TerminationReason.STALLED
-    waited = np.diff(fast.time)[fast.mode[:-1] == ControlMode.WAITING].sum()
+    assert rg.control.ControlMode.WAITING not in slow.mode
+    assert fast.ending is rg.control.TerminationReason.STALLED
+    waited = np.diff(fast.time)[fast.mode[:-1] == rg.control.ControlMode.WAITING].sum()
     assert waited * sim.controller.speed / sim.space.spacing.min() >= Relaxation().patience - 1.0
 
 
 def test_waiting_is_named_and_ends_when_the_grid_has_caught_up() -> None:
-    sim = announce_hidden(hiding([BLOCK], robot=PointRobot(), learn=False), Relaxation("jacobi", pace=1.5))
+    sim = announce_hidden(hiding([BLOCK], robot=rg.PointRobot(), learn=False), Relaxation("jacobi", pace=1.5))
     run = replace(sim, relaxation=replace(sim.relaxation, patience=1e4)).run((4.1, 7.3))
-    assert run.ending is TerminationReason.ARRIVED
+    assert run.ending is rg.control.TerminationReason.ARRIVED
     assert run.penetration == 0.0
-    assert np.all(sim.space.cell[tuple(sim.space.locate(run.configuration).T)] != Cell.OBSTACLE)
-    assert ControlMode.WAITING in run.mode
-    waits = run.mode == ControlMode.WAITING
+    assert np.all(sim.space.cell[tuple(sim.space.locate(run.configuration).T)] != rg.Cell.OBSTACLE)
+    assert rg.control.ControlMode.WAITING in run.mode
+    waits = run.mode == rg.control.ControlMode.WAITING
     assert np.all(run.velocity[waits] == 0.0)
     impatient = replace(sim, relaxation=replace(sim.relaxation, pace=1e-3, patience=2.0)).run((4.1, 7.3))
-    assert impatient.ending is TerminationReason.STALLED
+    assert impatient.ending is rg.control.TerminationReason.STALLED
     assert "waiting" in impatient.message
 
 
 def test_what_is_learnt_spreads_while_the_robot_moves_on() -> None:
-    sim = replace(hiding([Box((3.0, 3.0), (5.5, 4.0))]), relaxation=Relaxation("chip", pace=20.0))
+    sim = replace(hiding([rg.Box((3.0, 3.0), (5.5, 4.0))]), relaxation=Relaxation("chip", pace=20.0))
     run = sim.run((4.1, 7.3))
-    assert run.ending is TerminationReason.ARRIVED
+    assert run.ending is rg.control.TerminationReason.ARRIVED
     assert run.lessons
     assert run.penetration == 0
-    assert not np.any(run.learnt & (sim.plant.true_space(sim.space).cell != Cell.OBSTACLE))
+    assert not np.any(run.learnt & (sim.plant.true_space(sim.space).cell != rg.Cell.OBSTACLE))
 
 
 def test_the_wavefront_spreads_from_the_change_and_settles() -> None:
-    front = wavefront(announced(Relaxation(pace=1.0), square(), blocked()), np.array([0.0, 0.2, 1.0, 500.0]))
+    front = rg.control.wavefront(announced(Relaxation(pace=1.0), square(), blocked()), np.array([0.0, 0.2, 1.0, 500.0]))
     assert front.potential.shape == (4, 16, 16)
     assert np.all(np.diff(front.distance) < 0)
     change = np.abs(front.potential - front.first)
@@ -174,17 +174,17 @@ def test_the_wavefront_spreads_from_the_change_and_settles() -> None:
     assert reached == sorted(reached)
     assert reached[0] < reached[-1]
     for times in ([1.0, 0.0], [np.nan], []):
-        with pytest.raises(InputError, match="ascending"):
-            wavefront(announced(Relaxation(), square(), blocked()), np.array(times))
-    with pytest.raises(InputError, match="one grid"):
-        wavefront(announced(Relaxation(), square(12), blocked(16)), np.array([1.0]))
-    with pytest.raises(InputError, match="no change was announced"):
-        wavefront(hiding([BLOCK]), np.array([1.0]))
+        with pytest.raises(rg.InputError, match="ascending"):
+            rg.control.wavefront(announced(Relaxation(), square(), blocked()), np.array(times))
+    with pytest.raises(rg.InputError, match="one grid"):
+        rg.control.wavefront(announced(Relaxation(), square(12), blocked(16)), np.array([1.0]))
+    with pytest.raises(rg.InputError, match="no change was announced"):
+        rg.control.wavefront(hiding([BLOCK]), np.array([1.0]))
 
 
-def settled_after(relaxation: Relaxation, before: ConfigurationSpace, after: ConfigurationSpace) -> float:
+def settled_after(relaxation: Relaxation, before: rg.ConfigurationSpace, after: rg.ConfigurationSpace) -> float:
     """Sweeps, or units ``R C``, after which every potential is within half a step of 10 bits of its end."""
-    front = wavefront(announced(relaxation, before, after), TICK * np.arange(2000))
+    front = rg.control.wavefront(announced(relaxation, before, after), TICK * np.arange(2000))
     outside = np.flatnonzero(front.distance > 0.5 / 2**10)
     assert outside[-1] < len(front.cells) - 1
     return float(front.cells[outside[-1] + 1] * relaxation.pace)
@@ -201,10 +201,10 @@ def test_settle_times_of_both_emulations_agree() -> None:
 def test_impossible_settings_are_refused(scenes: Path) -> None:
     scene = rg.read_scene(scenes / "lesson.toml")
     for options, says in (({"settle": "gauss"}, "settle"), ({"pace": 0.0}, "pace"), ({"pace": np.nan}, "pace")):
-        with pytest.raises(InputError, match=says):
+        with pytest.raises(rg.InputError, match=says):
             rg.simulation(scene, **options)
-    with pytest.raises(InputError, match="cover every goal"):
-        announce_hidden(hiding([Box((4.0, 0.5), (4.5, 1.0))], robot=PointRobot()), Relaxation())
+    with pytest.raises(rg.InputError, match="cover every goal"):
+        announce_hidden(hiding([rg.Box((4.0, 0.5), (4.5, 1.0))], robot=rg.PointRobot()), Relaxation())
 
 
 @settings(max_examples=12)
@@ -214,17 +214,17 @@ def test_impossible_settings_are_refused(scenes: Path) -> None:
 def test_a_patient_robot_always_arrives_and_never_enters_what_is_on_the_map(seed, method, pace) -> None:
     rng = np.random.default_rng(seed)
     corners = rng.uniform(0.5, 6.0, (3, 2))
-    boxes = [Box(tuple(low), tuple(low + rng.uniform(0.3, 1.7, 2))) for low in corners]
-    sim = hiding(boxes, robot=PointRobot(), learn=False)
+    boxes = [rg.Box(tuple(low), tuple(low + rng.uniform(0.3, 1.7, 2))) for low in corners]
+    sim = hiding(boxes, robot=rg.PointRobot(), learn=False)
     truth = sim.plant.true_space(sim.space)
     starts = np.argwhere(truth.goal_connected)
     if not truth.goal_count or not len(starts):
         return
     world = announce_hidden(sim, Relaxation(method, pace=pace, patience=1e5))
     run = world.run(truth.centre(starts[rng.integers(len(starts))]))
-    assert run.ending is TerminationReason.ARRIVED, run.message
+    assert run.ending is rg.control.TerminationReason.ARRIVED, run.message
     assert run.penetration == 0.0
-    assert np.all(truth.cell[tuple(truth.locate(run.configuration).T)] != Cell.OBSTACLE)
+    assert np.all(truth.cell[tuple(truth.locate(run.configuration).T)] != rg.Cell.OBSTACLE)
 
 
 @settings(max_examples=8)
@@ -234,20 +234,20 @@ def test_a_settling_time_is_right_to_5_percent(seed) -> None:
     rng = np.random.default_rng(seed)
     size = 10
     cell = np.zeros((size, size), np.uint8)
-    cell[tuple(rng.integers(1, size - 1, 2))] = Cell.GOAL
+    cell[tuple(rng.integers(1, size - 1, 2))] = rg.Cell.GOAL
     changed = cell.copy()
     row, column = rng.integers(0, size - 4, 2)
     changed[row : row + 2, column : column + 4] |= np.uint8(cell[row : row + 2, column : column + 4] == 0)
 
     def grid(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        free = cells.ravel() == Cell.FREE
+        free = cells.ravel() == rg.Cell.FREE
         matrix, drive = 4.0 * np.eye(size**2), np.zeros(size**2)
         for at in range(size**2):
             for other, inside in ((at - size, at >= size), (at + size, at < size**2 - size), (at - 1, at % size),
                                   (at + 1, (at + 1) % size)):  # fmt: skip
                 if inside:
-                    matrix[at, other] -= cells.ravel()[other] == Cell.FREE
-                    drive[at] += cells.ravel()[other] == Cell.GOAL
+                    matrix[at, other] -= cells.ravel()[other] == rg.Cell.FREE
+                    drive[at] += cells.ravel()[other] == rg.Cell.GOAL
         return matrix[np.ix_(free, free)], drive[free]
 
     first, end = np.zeros(size**2), grid(changed)
@@ -258,6 +258,6 @@ def test_a_settling_time_is_right_to_5_percent(seed) -> None:
     distance = np.abs((np.exp(-np.outer(times, rates)) * (ways.T @ away)) @ ways.T).max(axis=1)
     assume(distance[0] > 0.01)
     settled = times[np.flatnonzero(distance > 0.5 / 2**10)[-1]]
-    axes = [Axis("x", 0, size, size), Axis("y", 0, size, size)]
-    spaces = ConfigurationSpace(axes, cell), ConfigurationSpace(axes, changed)
+    axes = [rg.Axis("x", 0, size, size), rg.Axis("y", 0, size, size)]
+    spaces = rg.ConfigurationSpace(axes, cell), rg.ConfigurationSpace(axes, changed)
     assert settled_after(Relaxation(pace=0.5), *spaces) == pytest.approx(settled, rel=0.05)

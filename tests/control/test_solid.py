@@ -1,4 +1,7 @@
-"""A robot is solid: nothing is entered, at no moment, by no push; distances here are shapely's own."""
+"""A robot is solid: nothing is entered, at no moment, by no push; distances here are shapely's own.
+
+Tests internals: `resgrid.control.contact`, `resgrid.control.plant`, `resgrid.control.run_log`, `resgrid.robots`.
+"""
 
 from __future__ import annotations
 
@@ -10,29 +13,26 @@ import shapely
 from hypothesis import assume, given, settings, strategies as st
 from support.hidden import controlled, hiding, square
 
+import resgrid as rg
 from resgrid.control.contact import solve_contacts, surroundings
-from resgrid.control.controller import make_controller
-from resgrid.control.external_forces import ExternalForce
 from resgrid.control.plant import Plant, make_plant
-from resgrid.control.run_log import ControlMode, End, Recorder, Run, TerminationReason
-from resgrid.control.simulation import Simulation
-from resgrid.core.axis import Axis
-from resgrid.core.space import Cell, ConfigurationSpace
-from resgrid.errors import InputError
-from resgrid.robots import Arm, Ball, Box, DiscRobot, HalfSpace, PointRobot, Polygon, PolygonRobot, Robot, Shape
+from resgrid.control.run_log import End, Recorder
+from resgrid.robots import Shape
 
-BAR = PolygonRobot(((-0.4, -0.1), (0.4, -0.1), (0.4, 0.1), (-0.4, 0.1)), turning_length=0.5)
-ROBOTS: list[Robot] = [
-    PointRobot(), DiscRobot(0.2), BAR, Arm((1.0, 0.8)), Arm((1.0, 1.0), angles="absolute"),
-    Arm((1.0, 0.8), widths=(0.06, 0.0), limits=((-2.5, 2.5), None)), Arm((0.8, 0.6, 0.5), angles="absolute"),
+BAR = rg.PolygonRobot(((-0.4, -0.1), (0.4, -0.1), (0.4, 0.1), (-0.4, 0.1)), turning_length=0.5)
+ROBOTS: list[rg.Robot] = [
+    rg.PointRobot(), rg.DiscRobot(0.2), BAR, rg.Arm((1.0, 0.8)), rg.Arm((1.0, 1.0), angles="absolute"),
+    rg.Arm((1.0, 0.8), widths=(0.06, 0.0), limits=((-2.5, 2.5), None)), rg.Arm((0.8, 0.6, 0.5), angles="absolute"),
 ]  # fmt: skip
 
 
-def axes_of(robot: Robot, cells: int) -> tuple[Axis, ...]:
-    if isinstance(robot, Arm):
+def axes_of(robot: rg.Robot, cells: int) -> tuple[rg.Axis, ...]:
+    if isinstance(robot, rg.Arm):
         return robot.axes(min(cells, 16) if len(robot.lengths) == 3 else cells)
-    plane = (Axis("x", -2, 2, cells), Axis("y", -2, 2, cells))
-    return (*plane[:1], Axis("y", -2, 2, 12), robot.turning_axis(12)) if isinstance(robot, PolygonRobot) else plane
+    plane = (rg.Axis("x", -2, 2, cells), rg.Axis("y", -2, 2, cells))
+    return (
+        (*plane[:1], rg.Axis("y", -2, 2, 12), robot.turning_axis(12)) if isinstance(robot, rg.PolygonRobot) else plane
+    )
 
 
 def shapes_of(rng: np.random.Generator, count: int) -> list[Shape]:
@@ -44,25 +44,25 @@ def shapes_of(rng: np.random.Generator, count: int) -> list[Shape]:
         along, across = 0.4 * np.array([np.cos(angle), np.sin(angle)]), size * np.array([-np.sin(angle), np.cos(angle)])
         ends = [tuple(np.array([x, y]) + a * along + b * across) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
         if np.hypot(x, y) > 0.7:
-            found.append([Ball((x, y), size), Box((x, y), (x + 0.3, y + 0.2)), Polygon(tuple(ends))][kind])
+            found.append([rg.Ball((x, y), size), rg.Box((x, y), (x + 0.3, y + 0.2)), rg.Polygon(tuple(ends))][kind])
     return found
 
 
 def gaps(plant: Plant, points: np.ndarray) -> np.ndarray:
     """Distance between robot and obstacles; of what is entered, minus something."""
     robot, away = plant.robot, np.full(len(points), np.inf)
-    if isinstance(robot, Arm):
+    if isinstance(robot, rg.Arm):
         joints = robot.joints(points)
         parts = [(shapely.linestrings(joints[:, m : m + 2]), width / 2) for m, width in enumerate(robot.widths)]
-    elif isinstance(robot, PolygonRobot):
+    elif isinstance(robot, rg.PolygonRobot):
         parts = [(shapely.polygons(robot.corners(points)), 0.0)]
     else:
         parts = [(shapely.points(points), robot.radius)]
     for shape in plant.obstacles:
-        core, radius = (shapely.Point(shape.centre), shape.radius) if isinstance(shape, Ball) else (None, 0.0)
-        if isinstance(shape, Box):
+        core, radius = (shapely.Point(shape.centre), shape.radius) if isinstance(shape, rg.Ball) else (None, 0.0)
+        if isinstance(shape, rg.Box):
             core = shapely.box(*shape.lower, *shape.upper)
-        elif isinstance(shape, Polygon):
+        elif isinstance(shape, rg.Polygon):
             core = shapely.Polygon(shape.vertices)
         for part, width in parts:
             entered = shapely.intersects(part, core) & ~shapely.touches(part, core)
@@ -95,13 +95,13 @@ def test_nothing_is_entered_whatever_the_push_the_step_the_width_and_the_cell(ro
     rng = np.random.default_rng(seed)
     axes = axes_of(robot, cells)
     cell = np.zeros(tuple(axis.cells for axis in axes), np.uint8)
-    cell[tuple(rng.integers(0, cell.shape))] = Cell.GOAL
-    space = ConfigurationSpace(axes, cell)
+    cell[tuple(rng.integers(0, cell.shape))] = rg.Cell.GOAL
+    space = rg.ConfigurationSpace(axes, cell)
     plant = make_plant(robot, axes, [], shapes_of(rng, 4))
     start = space.lower + rng.random(len(axes)) * (space.upper - space.lower)
     assume(gaps(plant, start[np.newaxis])[0] > 0)
-    sim = Simulation(controlled(space, 0.9), plant, learn=learn, step=step)
-    pushes = [ExternalForce(*rng.uniform(0.5, 8.0, 2), rng.normal(size=len(axes)) * 8.0) for _ in range(3)]
+    sim = rg.control.Simulation(controlled(space, 0.9), plant, learn=learn, step=step)
+    pushes = [rg.control.ExternalForce(*rng.uniform(0.5, 8.0, 2), rng.normal(size=len(axes)) * 8.0) for _ in range(3)]
     run = sim.run(start, pushes=pushes, max_steps=300)
     assert nearest_on_the_way(plant, run.configuration) >= 0
     assert run.penetration == 0
@@ -128,13 +128,13 @@ def test_what_a_sweep_calls_free_keeps_its_gap(robot, seed, keep) -> None:
 
 def test_a_push_through_a_disc_slides_along_it() -> None:
     """An arm without width, one steady push, a disc of 20 cm, cells of 12 degrees."""
-    arm = Arm((1.0, 1.0), angles="absolute")
+    arm = rg.Arm((1.0, 1.0), angles="absolute")
     cell = np.zeros((30, 30), np.uint8)
-    cell[2, 2] = Cell.GOAL
-    space = ConfigurationSpace(arm.axes(30), cell)
-    plant = make_plant(arm, space.axes, [], [Ball((1.1, -0.1), 0.1)])
-    sim = Simulation(controlled(space), plant, learn=False)
-    run = sim.run((2.0, -2.7), pushes=[ExternalForce(0.0, 20.0, np.array([-2.0, 1.0]))], max_steps=3000)
+    cell[2, 2] = rg.Cell.GOAL
+    space = rg.ConfigurationSpace(arm.axes(30), cell)
+    plant = make_plant(arm, space.axes, [], [rg.Ball((1.1, -0.1), 0.1)])
+    sim = rg.control.Simulation(controlled(space), plant, learn=False)
+    run = sim.run((2.0, -2.7), pushes=[rg.control.ExternalForce(0.0, 20.0, np.array([-2.0, 1.0]))], max_steps=3000)
     assert len(run.contacts.step) > 10
     assert nearest_on_the_way(plant, run.configuration) > 0
 
@@ -144,44 +144,46 @@ def test_a_push_through_a_disc_slides_along_it() -> None:
 )
 @pytest.mark.parametrize("as_polygon", [False, True])
 def test_a_start_on_a_side_or_a_corner_touches_and_goes_round(start, as_polygon) -> None:
-    box: Shape = Box((2.5, 3.0), (6.2, 4.0))
+    box: Shape = rg.Box((2.5, 3.0), (6.2, 4.0))
     if as_polygon:
-        box = Polygon(((2.5, 3.0), (6.2, 3.0), (6.2, 4.0), (2.5, 4.0)))
-    sim = hiding([box], robot=PointRobot())
+        box = rg.Polygon(((2.5, 3.0), (6.2, 3.0), (6.2, 4.0), (2.5, 4.0)))
+    sim = hiding([box], robot=rg.PointRobot())
     run = sim.run(start)
-    assert run.ending is TerminationReason.ARRIVED, run.message
+    assert run.ending is rg.control.TerminationReason.ARRIVED, run.message
     assert nearest_on_the_way(sim.plant, run.configuration) >= 0
 
 
 def test_a_start_deeper_than_rounding_is_inside() -> None:
-    slanted = Polygon(((1.0, 1.0), (7.0, 3.0), (6.0, 5.0)))
-    sim = hiding([slanted], robot=PointRobot())
+    slanted = rg.Polygon(((1.0, 1.0), (7.0, 3.0), (6.0, 5.0)))
+    sim = hiding([slanted], robot=rg.PointRobot())
     on = np.array([1.0, 1.0]) + 0.37 * np.array([6.0, 2.0])
     into = np.array([-2.0, 6.0]) / np.hypot(2.0, 6.0)
     for depth in (-1e-12, 0.0, 1e-12):
-        assert sim.run(on + depth * into).ending is TerminationReason.ARRIVED
-    with pytest.raises(InputError, match=r"inside hidden\[0\]"):
+        assert sim.run(on + depth * into).ending is rg.control.TerminationReason.ARRIVED
+    with pytest.raises(rg.InputError, match=r"inside hidden\[0\]"):
         sim.run(on + 1e-6 * into)
 
 
 @pytest.mark.parametrize("gap", [0.0, 1e-12])
 def test_an_arm_that_lies_along_a_side_lifts_off(gap) -> None:
-    arm = Arm((1.0, 1.0), angles="absolute")
+    arm = rg.Arm((1.0, 1.0), angles="absolute")
     cell = np.zeros((48, 48), np.uint8)
-    cell[20, 20] = Cell.GOAL
-    space = ConfigurationSpace(arm.axes(48), cell)
-    plant = make_plant(arm, space.axes, [], [Box((0.5, gap), (2.5, 0.5))])
-    run = Simulation(controlled(space, 0.5), plant, learn=False).run((0.0, 0.0))
-    assert run.ending is TerminationReason.ARRIVED, run.message
+    cell[20, 20] = rg.Cell.GOAL
+    space = rg.ConfigurationSpace(arm.axes(48), cell)
+    plant = make_plant(arm, space.axes, [], [rg.Box((0.5, gap), (2.5, 0.5))])
+    run = rg.control.Simulation(controlled(space, 0.5), plant, learn=False).run((0.0, 0.0))
+    assert run.ending is rg.control.TerminationReason.ARRIVED, run.message
     assert run.penetration == 0
 
 
-@pytest.mark.parametrize("robot", [PointRobot(), DiscRobot(0.2)])
+@pytest.mark.parametrize("robot", [rg.PointRobot(), rg.DiscRobot(0.2)])
 @pytest.mark.parametrize("learn", [True, False])
 def test_in_the_wedge_between_an_obstacle_and_the_end_of_an_axis_time_goes_on(robot, learn) -> None:
-    sim = hiding([Ball((4.0, 7.6), 0.5)], robot=robot, learn=learn)
-    run = sim.run((2.5, 7.9 - robot.radius), pushes=[ExternalForce(0.0, 3.0, np.array([9.0, 9.0]))], max_steps=2000)
-    assert run.ending is TerminationReason.ARRIVED, run.message
+    sim = hiding([rg.Ball((4.0, 7.6), 0.5)], robot=robot, learn=learn)
+    run = sim.run(
+        (2.5, 7.9 - robot.radius), pushes=[rg.control.ExternalForce(0.0, 3.0, np.array([9.0, 9.0]))], max_steps=2000
+    )
+    assert run.ending is rg.control.TerminationReason.ARRIVED, run.message
     assert nearest_on_the_way(sim.plant, run.configuration) >= 0
     assert run.configuration.max() <= 8.0
     pushed = np.diff(run.time)[run.push[:-1].any(axis=1)]
@@ -191,15 +193,17 @@ def test_in_the_wedge_between_an_obstacle_and_the_end_of_an_axis_time_goes_on(ro
 
 def test_steps_without_known_forces_are_counted() -> None:
     space, none = square(), np.zeros(2)
-    plant = make_plant(PointRobot(), space.axes, [], [Box((1.0, 3.0), (7.0, 4.0))])
+    plant = make_plant(rg.PointRobot(), space.axes, [], [rg.Box((1.0, 3.0), (7.0, 4.0))])
     pose = plant.pose(np.array([4.0, 4.001]))
     around = surroundings(pose, plant.near(pose, 0.01))
     contacts = solve_contacts(around, np.array([True]), np.array([0.0, -1.0]), np.eye(2), 0.0, np.zeros(1))
     recorder = Recorder(2)
     for solved in (True, False, False):
         row = replace(contacts, solved=solved)
-        recorder.add(0.0, np.array([4.0, 4.001]), none, none, ControlMode.SLIDING, row, none)
-    run = recorder.run(End(TerminationReason.STALLED, "stood"), None, (), controlled(space).field, space, plant, None)
+        recorder.add(0.0, np.array([4.0, 4.001]), none, none, rg.control.ControlMode.SLIDING, row, none)
+    run = recorder.run(
+        End(rg.control.TerminationReason.STALLED, "stood"), None, (), controlled(space).field, space, plant, None
+    )
     assert run.unsolved == 2
     assert run.message == "stood; in 2 steps no contact forces were known, and the robot stood still"
 
@@ -208,23 +212,25 @@ def test_depth_is_measured_between_rows_and_an_entry_is_no_arrival() -> None:
     """Two rows on either side of a needle a tenth of a millimetre thick."""
     space = square()
     field = controlled(space).field
-    for solid in (Box((1.0, 3.0), (7.0, 3.0001)), Ball((4.0, 3.0), 1e-4)):
-        plant = make_plant(PointRobot(), space.axes, [], [solid])
+    for solid in (rg.Box((1.0, 3.0), (7.0, 3.0001)), rg.Ball((4.0, 3.0), 1e-4)):
+        plant = make_plant(rg.PointRobot(), space.axes, [], [solid])
         none = np.zeros(2)
         recorder = Recorder(2)
         for time, y in enumerate((2.9, 3.1)):
-            recorder.add(float(time), np.array([4.0, y]), np.array([4.0, y]), none, ControlMode.STREAMLINE, None, none)
-        run = recorder.run(End(TerminationReason.ARRIVED, ""), 0, (), field, space, plant, None)
+            recorder.add(
+                float(time), np.array([4.0, y]), np.array([4.0, y]), none, rg.control.ControlMode.STREAMLINE, None, none
+            )
+        run = recorder.run(End(rg.control.TerminationReason.ARRIVED, ""), 0, (), field, space, plant, None)
         assert 0 < run.penetration <= 1e-4
-        assert run.ending is TerminationReason.ENTERED
+        assert run.ending is rg.control.TerminationReason.ENTERED
         assert "entered an obstacle" in run.message
         assert plant.penetration(run.configuration).max() == 0
 
 
 def test_depth_is_finite_where_cores_overlap() -> None:
-    axes = (Axis("x", -3, 3, 12), Axis("y", -3, 3, 12))
-    solids = [Box((0.0, -2.0), (1.0, 2.0)), HalfSpace((0.0, -1.0), -2.5)]
-    point = make_plant(PointRobot(), axes, solids)
+    axes = (rg.Axis("x", -3, 3, 12), rg.Axis("y", -3, 3, 12))
+    solids = [rg.Box((0.0, -2.0), (1.0, 2.0)), rg.HalfSpace((0.0, -1.0), -2.5)]
+    point = make_plant(rg.PointRobot(), axes, solids)
     np.testing.assert_allclose(
         point.penetration([(0.25, 0.0), (0.5, 0.0), (0.0, 0.0), (-1.0, 2.75)]), [0.25, 0.5, 0, 0.25]
     )
@@ -233,25 +239,25 @@ def test_depth_is_finite_where_cores_overlap() -> None:
     np.testing.assert_allclose(depth, [0.1, 0.0], atol=1e-12)
 
 
-def wall_at(degrees: float) -> Polygon:
+def wall_at(degrees: float) -> rg.Polygon:
     along = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
     into, centre = np.array([along[1], -along[0]]), np.array([4.0, 4.0])
     corners = (centre - 4 * along, centre - 4 * along + 0.5 * into, centre + 4 * along + 0.5 * into, centre + 4 * along)
-    return Polygon(tuple(map(tuple, corners)))
+    return rg.Polygon(tuple(map(tuple, corners)))
 
 
 @pytest.mark.parametrize("limit", [0.5, 1.0, [0.7, 2.0]])
 def test_speed_limits_hold_after_contacts(limit) -> None:
     sim = hiding([wall_at(-22.5)], learn=False, friction=0.0, response="admittance")
-    sim = replace(sim, controller=make_controller(sim.controller.field, speed=0.4, speed_limits=limit))
-    run = sim.run((2.0, 6.5), pushes=[ExternalForce(0.0, 6.0, np.array([30.0, -30.0]))], max_steps=500)
+    sim = replace(sim, controller=rg.control.make_controller(sim.controller.field, speed=0.4, speed_limits=limit))
+    run = sim.run((2.0, 6.5), pushes=[rg.control.ExternalForce(0.0, 6.0, np.array([30.0, -30.0]))], max_steps=500)
     assert len(run.contacts.step)
     assert np.all(np.abs(run.velocity) <= np.asarray(limit) * (1 + 1e-12))
     lasted = np.diff(run.time)[:, None]
     assert np.all(np.abs(np.diff(run.configuration, axis=0)) <= np.asarray(limit) * lasted * (1 + 1e-9) + 1e-12)
 
 
-def free_run(sim: Simulation, **options: object) -> Run:
+def free_run(sim: rg.control.Simulation, **options: object) -> rg.control.Run:
     return replace(sim, learn=False).run((1.2, 7.1), **options)  # type: ignore[arg-type]
 
 
@@ -260,71 +266,71 @@ def test_who_moves_is_not_stalled() -> None:
     sim = hiding([])
     field = sim.controller.field
     for limit in (0.1, 0.005, [0.4, 0.004]):
-        slow = replace(sim, controller=make_controller(field, speed=1.0, speed_limits=limit))
-        assert free_run(slow).ending is TerminationReason.ARRIVED
-    assert free_run(replace(sim, step=0.002), max_steps=10_000).ending is TerminationReason.ARRIVED
+        slow = replace(sim, controller=rg.control.make_controller(field, speed=1.0, speed_limits=limit))
+        assert free_run(slow).ending is rg.control.TerminationReason.ARRIVED
+    assert free_run(replace(sim, step=0.002), max_steps=10_000).ending is rg.control.TerminationReason.ARRIVED
     cell = np.zeros((16, 800), np.uint8)
-    cell[14, 400] = Cell.GOAL
-    flat = ConfigurationSpace([Axis("x", 0, 8, 16), Axis("y", 0, 8, 800)], cell)
-    wide = Simulation(controlled(flat), make_plant(PointRobot(), flat.axes, []), learn=False)
-    assert wide.run((1.25, 4.0)).ending is TerminationReason.ARRIVED
+    cell[14, 400] = rg.Cell.GOAL
+    flat = rg.ConfigurationSpace([rg.Axis("x", 0, 8, 16), rg.Axis("y", 0, 8, 800)], cell)
+    wide = rg.control.Simulation(controlled(flat), make_plant(rg.PointRobot(), flat.axes, []), learn=False)
+    assert wide.run((1.25, 4.0)).ending is rg.control.TerminationReason.ARRIVED
 
 
 @pytest.mark.parametrize("cells", [16, 32])
 def test_who_starts_beside_an_obstacle_leaves_its_lost_cell(cells) -> None:
     """The start's own cell turns out to be an obstacle cell, and the one beside it leads to the goal."""
     space = square(cells, goal=(cells // 2, cells // 16))
-    plant = make_plant(DiscRobot(0.2), space.axes, [], [Box((2.5, 3.0), (6.2, 4.0))])
-    sim = Simulation(controlled(space), plant)
+    plant = make_plant(rg.DiscRobot(0.2), space.axes, [], [rg.Box((2.5, 3.0), (6.2, 4.0))])
+    sim = rg.control.Simulation(controlled(space), plant)
     run = sim.run((4.1, 4.201))
-    assert run.space.cell[tuple(run.space.locate((4.1, 4.201)))] == Cell.OBSTACLE
-    assert run.ending is TerminationReason.ARRIVED, run.message
-    assert sim.run((4.1, 4.201), noise=1e-12).ending is TerminationReason.ARRIVED
+    assert run.space.cell[tuple(run.space.locate((4.1, 4.201)))] == rg.Cell.OBSTACLE
+    assert run.ending is rg.control.TerminationReason.ARRIVED, run.message
+    assert sim.run((4.1, 4.201), noise=1e-12).ending is rg.control.TerminationReason.ARRIVED
 
 
 def test_no_path_says_why() -> None:
-    closed = hiding([Box((0.0, 3.0), (8.0, 4.0))])
+    closed = hiding([rg.Box((0.0, 3.0), (8.0, 4.0))])
     far, near = closed.run((4.1, 6.0)), closed.run((4.1, 4.201))
-    assert far.ending is near.ending is TerminationReason.NO_PATH
+    assert far.ending is near.ending is rg.control.TerminationReason.NO_PATH
     assert "separate the start" in far.message
     assert "start's own cell (8, 8)" in near.message
 
 
-def with_goal_point(point: tuple[float, float], hidden: list[Shape], learn: bool = True) -> Simulation:
+def with_goal_point(point: tuple[float, float], hidden: list[Shape], learn: bool = True) -> rg.control.Simulation:
     space = square()
-    space = ConfigurationSpace(space.axes, space.cell, goal_points=[point])
-    plant = make_plant(PointRobot(), space.axes, [], hidden)
-    return Simulation(controlled(space), plant, learn=learn)
+    space = rg.ConfigurationSpace(space.axes, space.cell, goal_points=[point])
+    plant = make_plant(rg.PointRobot(), space.axes, [], hidden)
+    return rg.control.Simulation(controlled(space), plant, learn=learn)
 
 
 @pytest.mark.parametrize("point", [(4.05, 0.52), (4.5, 1.0), (4.25, 0.75)])
 def test_arrived_is_at_the_configuration_that_solves_the_goal(point) -> None:
     run = with_goal_point(point, []).run((1.2, 7.1))
-    assert run.ending is TerminationReason.ARRIVED
+    assert run.ending is rg.control.TerminationReason.ARRIVED
     np.testing.assert_allclose(run.configuration[-1], point, atol=1e-9)
-    assert ControlMode.HOMING in run.mode
+    assert rg.control.ControlMode.HOMING in run.mode
     inside = np.all((run.configuration >= (4.0, 0.5)) & (run.configuration <= (4.5, 1.0)), axis=1)
-    assert np.all(inside[run.mode == ControlMode.HOMING])
+    assert np.all(inside[run.mode == rg.control.ControlMode.HOMING])
     noisy = with_goal_point(point, []).run((1.2, 7.1), noise=0.05)
     in_cell = np.all((noisy.configuration[-1] >= (4.0, 0.5)) & (noisy.configuration[-1] <= (4.5, 1.0)))
-    assert noisy.ending is (TerminationReason.ARRIVED if in_cell else TerminationReason.MISSED)
+    assert noisy.ending is (rg.control.TerminationReason.ARRIVED if in_cell else rg.control.TerminationReason.MISSED)
     assert np.abs(noisy.configuration[-1] - point).max() <= 0.1 + 1e-9
     whole = with_goal_point((np.nan, np.nan), []).run((1.2, 7.1))
-    assert whole.ending is TerminationReason.ARRIVED
-    assert ControlMode.HOMING not in whole.mode
+    assert whole.ending is rg.control.TerminationReason.ARRIVED
+    assert rg.control.ControlMode.HOMING not in whole.mode
 
 
 def test_a_goal_that_is_not_reached_within_its_cell_is_no_arrival() -> None:
     """A hidden wall through the goal cell: learnt, the goal is gone; not learnt, its distance is told."""
-    wall = Box((3.0, 0.6), (5.5, 0.7))
-    assert with_goal_point((4.25, 0.52), [wall]).run((4.25, 5.0)).ending is TerminationReason.GOAL_BLOCKED
+    wall = rg.Box((3.0, 0.6), (5.5, 0.7))
+    assert with_goal_point((4.25, 0.52), [wall]).run((4.25, 5.0)).ending is rg.control.TerminationReason.GOAL_BLOCKED
     run = with_goal_point((4.25, 0.52), [wall], learn=False).run((4.25, 5.0))
-    assert run.ending is TerminationReason.STALLED
+    assert run.ending is rg.control.TerminationReason.STALLED
     assert "from the configuration that solves the goal" in run.message
     assert run.penetration == 0
 
 
 @pytest.mark.parametrize(("name", "value"), [("max_steps", -3), ("max_steps", 0), ("seed", -1), ("seed", 1.5)])
 def test_impossible_counts_are_refused(name, value) -> None:
-    with pytest.raises(InputError, match=name):
+    with pytest.raises(rg.InputError, match=name):
         hiding([]).run((1.0, 1.0), **{name: value})

@@ -5,22 +5,19 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.spaces import space_of, spaces
 
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
-from resgrid.core.space import Cell, ConfigurationSpace
-from resgrid.errors import CircuitError, InputError, ResgridError
+import resgrid as rg
 
 
-def joints(space: ConfigurationSpace, boundary: str, edge: str, wall: float) -> dict[tuple[str, str], float]:
+def joints(space: rg.ConfigurationSpace, boundary: str, edge: str, wall: float) -> dict[tuple[str, str], float]:
     """The design's rules, cell by cell: total conductance between named nodes, at R = 1."""
     spacing = space.spacing
     c = np.ones(space.shape) if space.conductivity is None else space.conductivity
     total: dict[tuple[str, str], float] = {}
 
     def name(cell: tuple[int, ...]) -> str | None:
-        if space.cell[cell] == Cell.FREE:
+        if space.cell[cell] == rg.Cell.FREE:
             return "n_" + "_".join(map(str, cell)) if boundary != "neumann" or space.goal_connected[cell] else None
-        if space.cell[cell] == Cell.GOAL:
+        if space.cell[cell] == rg.Cell.GOAL:
             return f"goal_{space.goal_region[cell]}"
         return None if boundary == "neumann" else "obstacle"
 
@@ -46,7 +43,7 @@ def joints(space: ConfigurationSpace, boundary: str, edge: str, wall: float) -> 
                     continue
                 other[axis] = 0
             pair = (cell, tuple(other))
-            free = [space.cell[p] == Cell.FREE for p in pair]
+            free = [space.cell[p] == rg.Cell.FREE for p in pair]
             values = [c[p] for p in pair]
             if free[0] != free[1]:
                 values = [values[free.index(True)]] * 2
@@ -59,7 +56,7 @@ def joints(space: ConfigurationSpace, boundary: str, edge: str, wall: float) -> 
     return total
 
 
-def measured(netlist: Netlist) -> dict[tuple[str, str], float]:
+def measured(netlist: rg.Netlist) -> dict[tuple[str, str], float]:
     names = netlist.names_of(np.arange(netlist.node_count))
     total: dict[tuple[str, str], float] = {}
     for (a, b), g in zip(netlist.resistor_nodes.tolist(), netlist.conductance.tolist(), strict=True):
@@ -70,12 +67,12 @@ def measured(netlist: Netlist) -> dict[tuple[str, str], float]:
 
 @settings(max_examples=150)
 @given(spaces(), st.sampled_from(["dirichlet", "neumann", "wall"]), st.sampled_from(["obstacle", "open"]))
-def test_every_resistor_is_the_one_the_rules_say(space: ConfigurationSpace, boundary: str, edge: str) -> None:
+def test_every_resistor_is_the_one_the_rules_say(space: rg.ConfigurationSpace, boundary: str, edge: str) -> None:
     wall = 3.0 if boundary == "wall" else 0.0
     options = {"wall_resistance": wall} if boundary == "wall" else {}
     try:
-        netlist = compile_space(space, boundary=boundary, edge=edge, resistance=1.0, **options)
-    except CircuitError:
+        netlist = rg.compile_space(space, boundary=boundary, edge=edge, resistance=1.0, **options)
+    except rg.CircuitError:
         assert boundary == "neumann" and not space.goal_connected.any()
         return
     expected = joints(space, boundary, edge, wall)
@@ -88,7 +85,7 @@ def test_uniform_drive_feeds_every_connected_node_alike() -> None:
     cell = np.zeros((4, 4))
     cell[0, 0] = 2
     cell[2, :] = 1
-    netlist = compile_space(space_of(cell), boundary="neumann", resistance=100.0, supply=2.0)
+    netlist = rg.compile_space(space_of(cell), boundary="neumann", resistance=100.0, supply=2.0)
     assert len(netlist.current_amps) == 7
     assert np.allclose(netlist.current_amps, 2.0 / (100.0 * 7))
     assert np.all(netlist.current_nodes[:, 0] == 0)
@@ -98,7 +95,7 @@ def test_cells_rails_tie_every_rail_cell_by_its_own_source() -> None:
     cell = np.zeros((3, 3))
     cell[0, 0] = cell[0, 1] = 2
     cell[2, 2] = 1
-    netlist = compile_space(space_of(cell), rails="cells", edge="open")
+    netlist = rg.compile_space(space_of(cell), rails="cells", edge="open")
     assert netlist.node_count == 10
     assert len(netlist.conductance) == 12
     assert sorted(netlist.source_volts.tolist()) == [0.0, 0.0, 1.0]
@@ -128,19 +125,19 @@ def test_options_that_do_not_fit_are_refused(options: dict[str, object], words: 
     cell = np.zeros((4, 4))
     cell[0, 3] = 2
     cell[1, 1] = cell[3, 2] = cell[2, 3] = 1
-    with pytest.raises(ResgridError, match=words):
-        compile_space(space_of(cell), **options)
+    with pytest.raises(rg.ResgridError, match=words):
+        rg.compile_space(space_of(cell), **options)
 
 
 def test_a_space_without_a_goal_is_refused() -> None:
-    with pytest.raises(InputError, match="no goal"):
-        compile_space(space_of(np.zeros((3, 3))))
+    with pytest.raises(rg.InputError, match="no goal"):
+        rg.compile_space(space_of(np.zeros((3, 3))))
 
 
 def test_more_cells_than_nodes_have_numbers_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     space = space_of(np.array([[0, 0, 1], [0, 0, 2]]))
     monkeypatch.setattr("resgrid.core.compiler.MOST_NODES", 7)
-    compile_space(space)
+    rg.compile_space(space)
     monkeypatch.setattr("resgrid.core.compiler.MOST_NODES", 6)
-    with pytest.raises(InputError, match="4 cells have a node; a netlist may have 6: choose larger cells"):
-        compile_space(space)
+    with pytest.raises(rg.InputError, match="4 cells have a node; a netlist may have 6: choose larger cells"):
+        rg.compile_space(space)

@@ -5,14 +5,11 @@ import numpy as np
 import pytest
 from support.spaces import space_of
 
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
-from resgrid.errors import InputError
+import resgrid as rg
 
 
-def ladder() -> Netlist:
-    return Netlist(
+def ladder() -> rg.Netlist:
+    return rg.Netlist(
         3,
         np.array([[1, 2], [2, 0]]),
         np.array([1.0, 0.5]),
@@ -30,7 +27,7 @@ def ladder() -> Netlist:
 
 def test_a_graph_goes_there_and_back() -> None:
     netlist = ladder()
-    back = Netlist.from_networkx(netlist.to_networkx())
+    back = rg.Netlist.from_networkx(netlist.to_networkx())
     for nodes, value in (
         ("resistor_nodes", "conductance"),
         ("source_nodes", "source_volts"),
@@ -50,7 +47,7 @@ def test_a_plain_graph_becomes_resistors() -> None:
     graph = nx.Graph()
     graph.add_edge("a", "b", resistance=2.0)
     graph.add_edge("b", "gnd", conductance=3.0)
-    netlist = Netlist.from_networkx(graph, ground="gnd")
+    netlist = rg.Netlist.from_networkx(graph, ground="gnd")
     assert netlist.conductance.tolist() == [0.5, 3.0]
     assert netlist.names_of([0, 1, 2]) == ["0", "a", "b"]
 
@@ -80,23 +77,23 @@ def test_a_plain_graph_becomes_resistors() -> None:
     ],
 )
 def test_wrong_values_are_refused(changes: dict[str, object]) -> None:
-    with pytest.raises(InputError):
+    with pytest.raises(rg.InputError):
         ladder().replace(**changes)
 
 
 def test_edges_without_a_value_or_of_no_known_kind_are_refused() -> None:
     graph = nx.Graph([(0, 1)])
-    with pytest.raises(InputError, match="conductance"):
-        Netlist.from_networkx(graph)
+    with pytest.raises(rg.InputError, match="conductance"):
+        rg.Netlist.from_networkx(graph)
     graph.edges[0, 1]["kind"] = "diode"
-    with pytest.raises(InputError, match="diode"):
-        Netlist.from_networkx(graph)
+    with pytest.raises(rg.InputError, match="diode"):
+        rg.Netlist.from_networkx(graph)
 
 
 def test_names_come_from_cells() -> None:
     cell = np.zeros((3, 2))
     cell[1, 1], cell[2, 0] = 2, 1
-    netlist = compile_space(space_of(cell))
+    netlist = rg.compile_space(space_of(cell))
     names = netlist.names_of(np.arange(netlist.node_count))
     assert names == ["0", "obstacle", "goal_0", "n_0_0", "n_0_1", "n_1_0", "n_2_1"]
     assert netlist.cell_of_node().tolist() == [-1, -1, -1, 0, 1, 2, 5]
@@ -104,12 +101,12 @@ def test_names_come_from_cells() -> None:
 
 @pytest.mark.parametrize("node", [-1, 3, 2**32 + 1, 2**63])
 def test_a_node_that_does_not_exist_is_refused_however_large(node: int) -> None:
-    with pytest.raises(InputError, match=r"resistor_nodes names a node outside 0 \.\.\. 2"):
+    with pytest.raises(rg.InputError, match=r"resistor_nodes names a node outside 0 \.\.\. 2"):
         ladder().replace(resistor_nodes=np.array([[1, 2], [2, node]], dtype=np.uint64 if node > 3 else np.int64))
 
 
 def test_more_nodes_than_32_bits_number_are_refused() -> None:
-    with pytest.raises(InputError, match=r"node_count = 2147483648 must be a whole number from 1 to 2,147,483,647"):
+    with pytest.raises(rg.InputError, match=r"node_count = 2147483648 must be a whole number from 1 to 2,147,483,647"):
         ladder().replace(node_count=2**31)
 
 
@@ -121,7 +118,7 @@ def test_nodes_of_any_width_are_kept_in_32_bits() -> None:
 
 def test_a_netlist_is_not_changed_through_the_arrays_that_it_was_made_from() -> None:
     pairs, conductance, volts = np.array([[1, 2], [2, 0]], dtype=np.int32), np.array([1.0, 2.0]), np.array([3.0])
-    netlist = Netlist(3, pairs, conductance, source_nodes=[[1, 0]], source_volts=volts)
+    netlist = rg.Netlist(3, pairs, conductance, source_nodes=[[1, 0]], source_volts=volts)
     pairs[:], conductance[:], volts[:] = 0, -1.0, np.nan
     assert netlist.resistor_nodes.tolist() == [[1, 2], [2, 0]]
     assert netlist.conductance.tolist() == [1.0, 2.0] and netlist.source_volts.tolist() == [3.0]
@@ -130,8 +127,8 @@ def test_a_netlist_is_not_changed_through_the_arrays_that_it_was_made_from() -> 
 
 
 def test_masked_numbers_are_refused() -> None:
-    with pytest.raises(InputError, match="none masked"):
-        Netlist(3, [[1, 2], [2, 0]], np.ma.masked_equal([1e-3, -1.0], -1.0))
+    with pytest.raises(rg.InputError, match="none masked"):
+        rg.Netlist(3, [[1, 2], [2, 0]], np.ma.masked_equal([1e-3, -1.0], -1.0))
 
 
 @pytest.mark.parametrize(
@@ -150,9 +147,9 @@ def test_masked_numbers_are_refused() -> None:
         (lambda netlist: netlist.names_of([0, 3]), "nodes names a node outside 0 ... 2"),
         (lambda netlist: netlist.names_of([0.5]), "nodes must hold node numbers"),
         (lambda netlist: netlist.names_of([[1]]), r"nodes has shape \(1, 1\)"),
-        (lambda netlist: solve(netlist).is_of(3), "netlist is of type int; give a Netlist"),
+        (lambda netlist: rg.solve(netlist).is_of(3), "netlist is of type int; give a Netlist"),
     ],
 )
-def test_questions_that_make_no_sense_are_refused(ask: Callable[[Netlist], object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        ask(Netlist(3, [[1, 2], [2, 0]], [1.0, 1.0], source_nodes=[[1, 0]], source_volts=[1.0]))
+def test_questions_that_make_no_sense_are_refused(ask: Callable[[rg.Netlist], object], message: str) -> None:
+    with pytest.raises(rg.InputError, match=message):
+        ask(rg.Netlist(3, [[1, 2], [2, 0]], [1.0, 1.0], source_nodes=[[1, 0]], source_volts=[1.0]))

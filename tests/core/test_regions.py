@@ -1,4 +1,7 @@
-"""Faces against indices counted one by one; regions found in two ways."""
+"""Faces against indices counted one by one; regions found in two ways.
+
+Tests internals: `resgrid.core`, `resgrid.core.regions`.
+"""
 
 from unittest import mock
 

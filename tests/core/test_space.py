@@ -1,17 +1,16 @@
+"""Tests internals: `resgrid.core.regions`."""
+
 import numpy as np
 import pytest
 from scipy import ndimage
 from support.spaces import space_of
 
-from resgrid.core.axis import Axis
-from resgrid.core.frame import Frame
+import resgrid as rg
 from resgrid.core.regions import label_regions
-from resgrid.core.space import Cell, ConfigurationSpace
-from resgrid.errors import InputError
 
 
 def test_a_point_is_located_and_split() -> None:
-    space = ConfigurationSpace([Axis("x", -1, 3, 8), Axis("t", 0, 6, 3, periodic=True)], np.zeros((8, 3)))
+    space = rg.ConfigurationSpace([rg.Axis("x", -1, 3, 8), rg.Axis("t", 0, 6, 3, periodic=True)], np.zeros((8, 3)))
     cells, local = space.split([[-1, 0], [3, 7], [0.1, -0.5]])
     assert cells.tolist() == [[0, 0], [7, 0], [2, 2]]
     assert np.allclose(local, [[0, 0], [1, 0.5], [0.2, 0.75]])
@@ -20,8 +19,8 @@ def test_a_point_is_located_and_split() -> None:
 
 @pytest.mark.parametrize("point", [[4.0, 0.0], [np.nan, 0.0], [-np.inf, 1.0], [0.0]])
 def test_a_point_outside_is_refused(point: list[float]) -> None:
-    space = ConfigurationSpace([Axis("x", 0, 3, 3), Axis("y", 0, 3, 3)], np.zeros((3, 3)))
-    with pytest.raises(InputError):
+    space = rg.ConfigurationSpace([rg.Axis("x", 0, 3, 3), rg.Axis("y", 0, 3, 3)], np.zeros((3, 3)))
+    with pytest.raises(rg.InputError):
         space.locate(point)
 
 
@@ -35,20 +34,20 @@ def test_a_point_outside_is_refused(point: list[float]) -> None:
     ],
 )
 def test_wrong_arrays_are_refused(cell: np.ndarray, conductivity: np.ndarray | None, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        ConfigurationSpace([Axis("x", 0, 3, 3), Axis("y", 0, 3, 3)], cell, conductivity)
+    with pytest.raises(rg.InputError, match=words):
+        rg.ConfigurationSpace([rg.Axis("x", 0, 3, 3), rg.Axis("y", 0, 3, 3)], cell, conductivity)
 
 
 @pytest.mark.parametrize(("lower", "upper", "cells"), [(1, 1, 2), (0, np.inf, 2), (0, 1, 0), (np.nan, 1, 1)])
 def test_wrong_axes_are_refused(lower: float, upper: float, cells: int) -> None:
-    with pytest.raises(InputError, match=r"lower = |upper = inf|cells = 0"):
-        Axis("x", lower, upper, cells)
+    with pytest.raises(rg.InputError, match=r"lower = |upper = inf|cells = 0"):
+        rg.Axis("x", lower, upper, cells)
 
 
 def test_cells_that_rounding_cannot_tell_apart_are_refused() -> None:
-    assert Axis("x", 1e15, 1e15 + 400, 4).cells == 4
-    with pytest.raises(InputError, match="too narrow"):
-        Axis("x", 1e15, 1e15 + 4, 4)
+    assert rg.Axis("x", 1e15, 1e15 + 400, 4).cells == 4
+    with pytest.raises(rg.InputError, match="too narrow"):
+        rg.Axis("x", 1e15, 1e15 + 4, 4)
 
 
 def test_goal_regions_are_numbered_in_order_of_their_first_cell_across_seams() -> None:
@@ -85,24 +84,26 @@ def test_goal_regions_are_those_of_the_whole_grid_wherever_the_goals_lie() -> No
     rng = np.random.default_rng(5)
     for share in (0.0, 0.01, 0.05, 0.4):
         for ring in ([False, False], [True, False], [True, True]):
-            cell = np.where(rng.random((7, 9)) < share, Cell.GOAL, Cell.FREE)
-            axes = [Axis(name, 0, 1, size, periodic=p) for name, size, p in zip("xy", cell.shape, ring, strict=True)]
-            space = ConfigurationSpace(axes, cell)
-            assert np.array_equal(space.goal_region, label_regions(cell == Cell.GOAL, ring) - 1)
+            cell = np.where(rng.random((7, 9)) < share, rg.Cell.GOAL, rg.Cell.FREE)
+            axes = [rg.Axis(name, 0, 1, size, periodic=p) for name, size, p in zip("xy", cell.shape, ring, strict=True)]
+            space = rg.ConfigurationSpace(axes, cell)
+            assert np.array_equal(space.goal_region, label_regions(cell == rg.Cell.GOAL, ring) - 1)
 
 
 def _two_goals(**options):
-    return ConfigurationSpace([Axis("x", 0, 4, 4), Axis("y", 0, 2, 2)], [[0, 0], [2, 0], [0, 2], [1, 0]], **options)
+    return rg.ConfigurationSpace(
+        [rg.Axis("x", 0, 4, 4), rg.Axis("y", 0, 2, 2)], [[0, 0], [2, 0], [0, 2], [1, 0]], **options
+    )
 
 
 def test_a_space_with_other_cells_keeps_its_place_and_the_points_of_goals_that_stay():
-    frame = Frame(3.0, 4.0, 0.5)
+    frame = rg.Frame(3.0, 4.0, 0.5)
     space = _two_goals(frame=frame, goal_points=[[1.25, 0.5], [2.5, 1.75]])
     changed = space.with_cells([[0, 0], [1, 2], [0, 2], [1, 0]])
     assert changed.frame == frame
     assert np.array_equal(changed.goal_points, [[np.nan, np.nan], [2.5, 1.75]], equal_nan=True)
     assert _two_goals().goal_points is None
-    with pytest.raises(InputError, match="cell must be an array of real numbers"):
+    with pytest.raises(rg.InputError, match="cell must be an array of real numbers"):
         space.with_cells([[0, 0], [1]])
 
 
@@ -114,32 +115,32 @@ def test_a_space_with_other_cells_keeps_its_place_and_the_points_of_goals_that_s
     ],
 )
 def test_goal_points_lie_in_their_cells(points, message):
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(rg.InputError, match=message):
         _two_goals(goal_points=points)
 
 
 @pytest.mark.parametrize(("lower", "upper"), [(0.0, 1.0), (0.0, 10.0), (-0.7, 0.1), (1e6, 1e6 + 0.3)])
 def test_both_ends_of_an_axis_lie_on_it_whatever_the_number_of_cells(lower, upper):
     for cells in range(1, 400):
-        space = ConfigurationSpace((Axis("x", lower, upper, cells),), np.zeros(cells, dtype=np.uint8))
+        space = rg.ConfigurationSpace((rg.Axis("x", lower, upper, cells),), np.zeros(cells, dtype=np.uint8))
         numbers, local = space.split([[lower], [upper]])
         assert numbers.tolist() == [[0], [cells - 1]]
         assert np.allclose(local, [[0.0], [1.0]])
     beside = (upper - lower) * 1e-6
     for point in (lower - beside, upper + beside, np.nan, np.inf):
-        with pytest.raises(InputError, match="outside the grid"):
+        with pytest.raises(rg.InputError, match="outside the grid"):
             space.locate([point])
 
 
 def test_a_goal_cell_names_its_point() -> None:
     cell = np.zeros((3, 2))
-    cell[0, 1], cell[2, 0] = Cell.GOAL, Cell.GOAL
-    axes = [Axis("x", 0, 3, 3), Axis("y", 0, 2, 2)]
-    space = ConfigurationSpace(axes, cell, goal_points=[(0.5, 1.25), (np.nan, np.nan)])
+    cell[0, 1], cell[2, 0] = rg.Cell.GOAL, rg.Cell.GOAL
+    axes = [rg.Axis("x", 0, 3, 3), rg.Axis("y", 0, 2, 2)]
+    space = rg.ConfigurationSpace(axes, cell, goal_points=[(0.5, 1.25), (np.nan, np.nan)])
     np.testing.assert_array_equal(space.goal_point((0, 1)), (0.5, 1.25))
     np.testing.assert_array_equal(space.goal_point([[2, 0], [0, 1], [1, 1]])[1], (0.5, 1.25))
     assert np.isnan(space.goal_point([[2, 0], [0, 1], [1, 1]])[[0, 2]]).all()
-    assert np.isnan(ConfigurationSpace(axes, cell).goal_point((0, 1))).all()
+    assert np.isnan(rg.ConfigurationSpace(axes, cell).goal_point((0, 1))).all()
     for wrong in ((0.5, np.nan), (1.5, 1.25), (np.inf, 1.25)):
-        with pytest.raises(InputError, match=r"goal point .* cell \(0, 1\)"):
-            ConfigurationSpace(axes, cell, goal_points=[wrong, (2.5, 0.5)])
+        with pytest.raises(rg.InputError, match=r"goal point .* cell \(0, 1\)"):
+            rg.ConfigurationSpace(axes, cell, goal_points=[wrong, (2.5, 0.5)])

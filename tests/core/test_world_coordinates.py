@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from support.cli import call
 
 import resgrid as rg
-from resgrid.robots import Ball
-from resgrid.scene import GoalJoints, GoalPoint
 
 ROOM = """
 ..............
@@ -55,7 +53,7 @@ class World:
 
     def scene(self, **changes: object) -> rg.Scene:
         """The map with a start and a goal of the world."""
-        changes = {"goals": (GoalPoint(self.at(GOAL)),), "starts": (self.at(START),)} | changes
+        changes = {"goals": (rg.GoalPoint(self.at(GOAL)),), "starts": (self.at(START),)} | changes
         return rg.read_scene(self.file).replace(**changes)
 
     def at(self, point: ArrayLike) -> tuple[float, ...]:
@@ -144,7 +142,7 @@ def test_a_planner_answers_in_the_world(worlds: tuple[World, World]) -> None:
 
 def test_obstacles_that_block_are_found_from_the_same_place(worlds: tuple[World, World]) -> None:
     for world in worlds:
-        bar = [Ball(world.at((5.75, 1.75)), 0.3), Ball(world.at((0.2, 0.2)), 0.1)]
+        bar = [rg.Ball(world.at((5.75, 1.75)), 0.3), rg.Ball(world.at((0.2, 0.2)), 0.1)]
         verdict = rg.find_blocking_obstacles(world.scene(obstacles=bar), world.at(ENCLOSED))
         assert (verdict.outcome, verdict.separating) == ("no_path", ("map",))
         assert rg.find_blocking_obstacles(world.scene(obstacles=bar), world.at(START)).outcome == "reached"
@@ -161,7 +159,7 @@ def test_what_is_made_of_a_path_stays_in_the_world(worlds: tuple[World, World]) 
             same(rg.planning.unwrap(way)[-1], path.points[-1])
         grid = path.space
         wide = rg.ConfigurationSpace(grid.axes, grid.cell, frame=grid.frame, robot=rg.PointRobot(0.05))
-        far, near = Ball(world.at((0.6, 0.7)), 0.3), Ball(tuple(short.points[1].tolist()), 0.2)
+        far, near = rg.Ball(world.at((0.6, 0.7)), 0.3), rg.Ball(tuple(short.points[1].tolist()), 0.2)
         assert rg.check_collisions(short, [far]) is None
         for way, apart in ((short, 0.2), (rg.Polyline(short.points, wide), 0.25)):
             hit = rg.check_collisions(way, [far, near], step=1e-3)
@@ -239,7 +237,7 @@ def test_speed_limits_of_a_controller_are_those_of_the_world(worlds: tuple[World
 def test_a_run_is_told_in_the_world(worlds: tuple[World, World]) -> None:
     runs = []
     for world in worlds:
-        scene = world.scene(hidden=(Ball(world.at((5.2, 2.3)), 0.3),))
+        scene = world.scene(hidden=(rg.Ball(world.at((5.2, 2.3)), 0.3),))
         sim = rg.simulation(scene, speed=0.4)
         pushes = [rg.control.ExternalForce(1.0, 0.5, world.turn((0.3, -0.3)))]
         run = sim.run(world.at(START), pushes=pushes, bias=world.turn((0.02, 0.01)))
@@ -305,7 +303,7 @@ def test_a_goal_given_by_its_bounds_lies_in_the_world(worlds: tuple[World, World
     for world in worlds:
         lower = np.array(world.at((6.0, 3.5))) - 0.6
         upper = lower + 1.2
-        space = rg.build_space(world.scene(goals=(GoalJoints(tuple(lower.tolist()), tuple(upper.tolist())),)))
+        space = rg.build_space(world.scene(goals=(rg.GoalJoints(tuple(lower.tolist()), tuple(upper.tolist())),)))
         goals = space.to_world(space.goal_points)
         assert len(goals) >= 2
         assert np.all((goals >= lower - 1e-9) & (goals <= upper + 1e-9))

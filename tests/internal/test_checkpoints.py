@@ -1,4 +1,7 @@
-"""Files that grow line by line, cut off anywhere."""
+"""Files that grow line by line, cut off anywhere.
+
+Tests internals: `resgrid._internal.checkpoints`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Every exception of resgrid is also the built-in exception that users catch."""
+"""Every exception of resgrid is also the built-in exception that users catch.
+
+Tests internals: `resgrid.errors`.
+"""
 
 from __future__ import annotations
 

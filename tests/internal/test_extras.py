@@ -1,4 +1,7 @@
-"""A missing extra is named with the command that installs its packages."""
+"""A missing extra is named with the command that installs its packages.
+
+Tests internals: `resgrid._internal.extras`.
+"""
 
 from __future__ import annotations
 

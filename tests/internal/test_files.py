@@ -1,3 +1,5 @@
+"""Tests internals: `resgrid._internal.files`."""
+
 from __future__ import annotations
 
 import os
@@ -7,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import resgrid as rg
 from resgrid._internal.files import atomic_path, whole_folder, write_bytes, write_text
-from resgrid.errors import InputError
 
 
 def names(folder: Path) -> list[str]:
@@ -60,7 +62,7 @@ def test_a_folder_that_another_run_is_making_is_refused(tmp_path: Path) -> None:
     with whole_folder(tmp_path / "out") as first:
         (first / "a").touch()
         os.utime(first, (0, 0))  # however long it takes
-        with pytest.raises(InputError, match="another run is writing this folder"), whole_folder(tmp_path / "out"):
+        with pytest.raises(rg.InputError, match="another run is writing this folder"), whole_folder(tmp_path / "out"):
             pass
         with whole_folder(tmp_path / "other"):
             pass
@@ -95,7 +97,7 @@ def test_a_link_is_followed_and_a_device_is_written_to(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["", "missing/a.txt", "a\0b", "x" * 300, "file/a.txt"])
 def test_a_wrong_place_is_one_clear_message(tmp_path: Path, name: str) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="cannot write"):
+    with pytest.raises(rg.InputError, match="cannot write"):
         write_text(f"{tmp_path}/{name}", "x")
     assert names(tmp_path) == ["file"]
 

@@ -1,4 +1,7 @@
-"""What is left of the memory, of the machine and of a container."""
+"""What is left of the memory, of the machine and of a container.
+
+Tests internals: `resgrid._internal`.
+"""
 
 from pathlib import Path
 

@@ -1,4 +1,7 @@
-"""Work over executors: the same results whoever does what, in which order, and whoever dies."""
+"""Work over executors: the same results whoever does what, in which order, and whoever dies.
+
+Tests internals: `resgrid._internal.parallel`.
+"""
 
 from __future__ import annotations
 

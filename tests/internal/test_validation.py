@@ -1,4 +1,7 @@
-"""Public functions and classes check their arguments, with messages that name the argument."""
+"""Public functions and classes check their arguments, with messages that name the argument.
+
+Tests internals: `resgrid._internal.validation`.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +19,6 @@ from matplotlib.figure import Figure
 
 import resgrid as rg
 from resgrid._internal.validation import TypeCheck, type_check_of, type_checks_of
-from resgrid.errors import InputError
-from resgrid.planning.planner import Planner
 
 PACKAGES = (rg, rg.chip, rg.circuit, rg.control, rg.maps, rg.planning, rg.plot, rg.spice)
 PUBLIC = {f"{package.__name__}.{name}": getattr(package, name) for package in PACKAGES for name in package.__all__}
@@ -28,7 +29,7 @@ WRONG: dict[str, Any] = {
     "path": Path("chair.toml"),
     "list": [object()],
     "scene": object.__new__(rg.Scene),
-    "planner": object.__new__(Planner),
+    "planner": object.__new__(rg.planning.Planner),
     "nan": float("nan"),
     "true": True,
     "class": rg.Scene,
@@ -62,7 +63,7 @@ def test_an_argument_of_the_wrong_type_is_refused_by_name(name: str) -> None:
         for label, wrong in WRONG.items():
             if kind.accepts(wrong):
                 continue
-            with pytest.raises(InputError) as caught:
+            with pytest.raises(rg.InputError) as caught:
                 function(**given, **{parameter.name: wrong})
             assert str(caught.value).startswith((f"{parameter.name} = ", f"{parameter.name}[0] = ")), label
             assert " must be " in str(caught.value), label
@@ -72,14 +73,14 @@ def test_an_argument_of_the_wrong_type_is_refused_by_name(name: str) -> None:
 
 def test_the_obvious_mistakes_say_what_to_pass() -> None:
     scene = object.__new__(rg.Scene)
-    planner = object.__new__(Planner)
+    planner = object.__new__(rg.planning.Planner)
     for call, words in (
         (lambda: rg.simulation("chair.toml"), ("scene = 'chair.toml'", "rg.read_scene(file)")),
         (lambda: rg.solve(scene), ("netlist = <a Scene>", "rg.compile_space(space)")),
         (lambda: rg.streamline(planner, (0, 0)), ("field = <a Planner>", "rg.plan(scene).field")),
         (lambda: rg.control.make_controller(planner), ("field = <a Planner>", "rg.plan(scene).field")),
     ):
-        with pytest.raises(InputError) as caught:
+        with pytest.raises(rg.InputError) as caught:
             call()
         assert all(word in str(caught.value) for word in words), caught.value
 
@@ -130,7 +131,7 @@ def test_values_that_no_array_holds_and_names_that_name_nothing_are_refused(tmp_
         lambda: rg.spice.analyses.Measure("rise", "a", "crossing", at=np.inf),
         lambda: rg.Box(np.array([np.inf, 0.0]), np.array([1.0, 1.0])),
     ):
-        with pytest.raises(InputError):
+        with pytest.raises(rg.InputError):
             call()
     one = rg.study(netlist).noise_density([1], np.float32(0.5))
     np.testing.assert_array_equal(one, rg.study(netlist).noise_density([1], 0.5))
@@ -168,10 +169,10 @@ def test_a_value_is_not_made_of_the_wrong_types(record: Any) -> None:
         accepts = type_checks_of(unwrap(record.__init__))[name].accepts
         for wrong in (*WRONG.values(), 10**400, ["a", 1], []):
             if not accepts(wrong):
-                with pytest.raises(InputError, match=name):
+                with pytest.raises(rg.InputError, match=name):
                     record(**{**right, name: wrong})
             elif wrong is not None:
-                with suppress(InputError):  # of the right type, and perhaps not of the right value
+                with suppress(rg.InputError):  # of the right type, and perhaps not of the right value
                     record(**{**right, name: wrong})
     single = {key: np.float32(value) if isinstance(value, float) else value for key, value in right.items()}
     record(**single)
@@ -196,6 +197,6 @@ def test_a_value_is_not_made_of_the_wrong_types(record: Any) -> None:
     ],
 )
 def test_limits_stand_in_annotations_and_are_kept(make: Any, words: str) -> None:
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(rg.InputError, match=words):
         make()
     assert type_check_of(Annotated[float, Gt(0)]).accepts(np.float32(1.0))

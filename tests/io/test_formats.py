@@ -1,4 +1,7 @@
-"""What files hold, and that a format is one encoder and one line."""
+"""What files hold, and that a format is one encoder and one line.
+
+Tests internals: `resgrid.io.tables`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Netlists in files that are no decks: what is written is read as it was."""
+"""Netlists in files that are no decks: what is written is read as it was.
+
+Tests internals: `resgrid.io.networks`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Files are read back by somebody else: csv, json, NumPy, PyYAML."""
+"""Files are read back by somebody else: csv, json, NumPy, PyYAML.
+
+Tests internals: `resgrid.io.paths`, `resgrid.io.ros_paths`.
+"""
 
 from __future__ import annotations
 
@@ -12,24 +15,18 @@ import yaml
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.core.axis import Axis
-from resgrid.core.frame import Frame
-from resgrid.core.space import ConfigurationSpace
-from resgrid.errors import InputError
 from resgrid.io.paths import Route, path_columns, write_path, write_routes
-from resgrid.io.ros_paths import headings, to_ros_path
-from resgrid.planning.time_parameterization import time_parameterize
-from resgrid.robots import Arm, PolygonRobot
+from resgrid.io.ros_paths import headings
 
 PLANE = space_of(np.zeros((10, 10)))
 WAY = [(0.5, 1e-5), (3.5, 4.0), (3.5, 8.0)]
-ARM = Arm((1.0, 1.0))
-TORUS = ConfigurationSpace(ARM.axes(8), np.zeros((8, 8)), robot=ARM)
+ARM = rg.Arm((1.0, 1.0))
+TORUS = rg.ConfigurationSpace(ARM.axes(8), np.zeros((8, 8)), robot=ARM)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".json", ".npz"])
 def test_a_timed_path_of_an_arm_is_read_back_as_it_was(tmp_path, suffix) -> None:
-    motion = time_parameterize(
+    motion = rg.time_parameterize(
         rg.Polyline([(3.0, 0.0), (3.5, 1.0), (4.0, 1.0)], TORUS), velocity_limits=1.0, acceleration_limits=2.0
     )
     file = write_path(motion, tmp_path / f"path{suffix}")
@@ -55,9 +52,9 @@ def test_a_timed_path_of_an_arm_is_read_back_as_it_was(tmp_path, suffix) -> None
 
 
 def test_a_plan_for_ros_has_poses_in_the_world_that_look_ahead() -> None:
-    space = ConfigurationSpace(PLANE.axes, PLANE.cell, frame=Frame(x=10.0, y=-2.0, yaw=pi / 2))
-    motion = time_parameterize(rg.Polyline(space.to_world(WAY), space), velocity_limits=(1.0, 1.0))
-    plan = yaml.safe_load(to_ros_path(motion))
+    space = rg.ConfigurationSpace(PLANE.axes, PLANE.cell, frame=rg.Frame(x=10.0, y=-2.0, yaw=pi / 2))
+    motion = rg.time_parameterize(rg.Polyline(space.to_world(WAY), space), velocity_limits=(1.0, 1.0))
+    plan = yaml.safe_load(rg.maps.to_ros_path(motion))
     assert plan["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "map"}
     places = [(p["pose"]["position"]["x"], p["pose"]["position"]["y"]) for p in plan["poses"]]
     np.testing.assert_allclose(places, [(10 - y, -2 + x) for x, y in WAY])
@@ -72,11 +69,11 @@ def test_a_plan_for_ros_has_poses_in_the_world_that_look_ahead() -> None:
 
 
 def test_a_turning_polygon_keeps_its_own_heading() -> None:
-    bar = PolygonRobot(((0, 0), (1, 0), (0, 1)), turning_length=2.0)
-    poses = ConfigurationSpace(
-        [Axis("x", 0, 4, 4), Axis("y", 0, 4, 4), bar.turning_axis(4)], np.zeros((4, 4, 4)), robot=bar
+    bar = rg.PolygonRobot(((0, 0), (1, 0), (0, 1)), turning_length=2.0)
+    poses = rg.ConfigurationSpace(
+        [rg.Axis("x", 0, 4, 4), rg.Axis("y", 0, 4, 4), bar.turning_axis(4)], np.zeros((4, 4, 4)), robot=bar
     )
-    plan = yaml.safe_load(to_ros_path(rg.Polyline([(1, 1, pi), (2, 1, pi)], poses)))
+    plan = yaml.safe_load(rg.maps.to_ros_path(rg.Polyline([(1, 1, pi), (2, 1, pi)], poses)))
     quaternion = plan["poses"][0]["pose"]["orientation"]
     assert (quaternion["z"], quaternion["w"]) == (pytest.approx(sqrt(0.5)), pytest.approx(sqrt(0.5)))
 
@@ -88,8 +85,10 @@ def test_headings_outlast_repeated_points() -> None:
 
 
 def test_velocities_turn_with_the_frame() -> None:
-    space = ConfigurationSpace(PLANE.axes, PLANE.cell, frame=Frame(5.0, 5.0, pi / 2))
-    columns = path_columns(time_parameterize(rg.Polyline(space.to_world([(0, 0), (2, 0)]), space), velocity_limits=1.0))
+    space = rg.ConfigurationSpace(PLANE.axes, PLANE.cell, frame=rg.Frame(5.0, 5.0, pi / 2))
+    columns = path_columns(
+        rg.time_parameterize(rg.Polyline(space.to_world([(0, 0), (2, 0)]), space), velocity_limits=1.0)
+    )
     np.testing.assert_allclose((columns["x_rate"], columns["y_rate"]), [(0, 0), (1, 0)], atol=1e-12)
     np.testing.assert_allclose((columns["x"], columns["y"]), [(5, 5), (5, 7)], atol=1e-12)
 
@@ -104,37 +103,37 @@ def test_velocities_turn_with_the_frame() -> None:
     ],
 )
 def test_no_column_is_lost_to_an_axis_of_its_name(tmp_path, names, suffix, robot, timed) -> None:
-    space = ConfigurationSpace([Axis(name, 0.0, 4.0, 4) for name in names], np.zeros((4, 4)), robot=robot)
+    space = rg.ConfigurationSpace([rg.Axis(name, 0.0, 4.0, 4) for name in names], np.zeros((4, 4)), robot=robot)
     own = rg.Polyline([(1, 1), (2, 2)], space)
-    way = time_parameterize(own, velocity_limits=1.0) if timed else own
+    way = rg.time_parameterize(own, velocity_limits=1.0) if timed else own
     named = next(name for name in names if name != "x")
-    with pytest.raises(InputError, match=f"axis '{named}' has the name"):
+    with pytest.raises(rg.InputError, match=f"axis '{named}' has the name"):
         write_path(way, tmp_path / f"path{suffix}")
     assert not list(tmp_path.iterdir())
-    plain = rg.Polyline([(1, 1), (2, 2)], ConfigurationSpace(space.axes, space.cell))
+    plain = rg.Polyline([(1, 1), (2, 2)], rg.ConfigurationSpace(space.axes, space.cell))
     head = write_path(plain, tmp_path / "path.csv").read_text().splitlines()[0]
     assert head == ",".join(("path", "k", "outcome", *names))
 
 
 @pytest.mark.parametrize("name", ["k", "outcome"])
 def test_no_axis_has_the_name_of_a_figure(tmp_path, name) -> None:
-    space = ConfigurationSpace([Axis(name, 0.0, 4.0, 4), Axis("x", 0.0, 4.0, 4)], np.zeros((4, 4)))
+    space = rg.ConfigurationSpace([rg.Axis(name, 0.0, 4.0, 4), rg.Axis("x", 0.0, 4.0, 4)], np.zeros((4, 4)))
     for suffix in (".csv", ".json", ".npz"):
-        with pytest.raises(InputError, match=f"axis '{name}' has the name"):
+        with pytest.raises(rg.InputError, match=f"axis '{name}' has the name"):
             write_path(rg.Polyline([(1, 1), (2, 2)], space), tmp_path / f"path{suffix}")
 
 
 def test_what_cannot_be_written_is_refused(tmp_path) -> None:
-    with pytest.raises(InputError, match=r"must end in \.csv, \.json, \.npz or \.yaml"):
+    with pytest.raises(rg.InputError, match=r"must end in \.csv, \.json, \.npz or \.yaml"):
         write_path(rg.Polyline(WAY, PLANE), tmp_path / "path.txt")
-    with pytest.raises(InputError, match="Arm with axes theta_1, theta_2"):
+    with pytest.raises(rg.InputError, match="Arm with axes theta_1, theta_2"):
         write_path(rg.Polyline(WAY, TORUS), tmp_path / "path.yaml")
-    with pytest.raises(InputError, match="poses in the plane"):
-        to_ros_path(rg.Polyline([(0, 0, 0)], space_of(np.zeros((2, 2, 2)))))
-    with pytest.raises(InputError, match="directory"):
+    with pytest.raises(rg.InputError, match="poses in the plane"):
+        rg.maps.to_ros_path(rg.Polyline([(0, 0, 0)], space_of(np.zeros((2, 2, 2)))))
+    with pytest.raises(rg.InputError, match="directory"):
         (tmp_path / "folder.csv").mkdir()
         write_path(rg.Polyline(WAY, PLANE), tmp_path / "folder.csv")
-    with pytest.raises(InputError, match="shape"):
+    with pytest.raises(rg.InputError, match="shape"):
         write_path(rg.Polyline([(1, 2, 3)], PLANE), tmp_path / "path.csv")
 
 
@@ -163,7 +162,7 @@ def ring_path() -> rg.Streamline:
 def test_files_of_one_format_hold_the_same_whatever_writes_them(ring_path, tmp_path, kind) -> None:
     """Coordinates go on across a seam; the start lies in the range of the axis."""
     path = ring_path if kind == "streamline" else rg.shortcut(ring_path)
-    path = time_parameterize(path, velocity_limits=1.0) if kind == "timed" else path
+    path = rg.time_parameterize(path, velocity_limits=1.0) if kind == "timed" else path
     routes = [Route(path, tuple(ring_path.points[0].tolist()))]
     names = ["t"] * (kind == "timed") + ["theta_1", "theta_2", "tip_x", "tip_y"]
     for suffix in (".csv", ".json", ".npz"):
@@ -203,11 +202,11 @@ def test_a_path_without_a_goal_says_so_in_every_file(tmp_path) -> None:
         assert json.loads(write_path(path, tmp_path / "path.json").read_text())["outcome"] == outcome
         with np.load(write_path(path, tmp_path / "path.npz")) as arrays:
             assert arrays["outcome"] == outcome
-        for refused in (path, time_parameterize(path, velocity_limits=1.0)):
-            with pytest.raises(InputError, match=f"ended with '{outcome}'.*cannot hold an outcome"):
+        for refused in (path, rg.time_parameterize(path, velocity_limits=1.0)):
+            with pytest.raises(rg.InputError, match=f"ended with '{outcome}'.*cannot hold an outcome"):
                 write_path(refused, tmp_path / "path.yaml")
-            with pytest.raises(InputError, match="cannot hold an outcome"):
-                to_ros_path(refused)
+            with pytest.raises(rg.InputError, match="cannot hold an outcome"):
+                rg.maps.to_ros_path(refused)
     assert not (tmp_path / "path.yaml").exists()
 
 
@@ -219,7 +218,7 @@ def test_messages_of_several_routes_name_their_starts_and_outcomes(tmp_path) -> 
     routes = [Route(planner.path(start), start) for start in starts]
     text = write_routes(routes, tmp_path / "paths.yaml").read_text()
     messages = list(yaml.safe_load_all(text))
-    assert messages == [yaml.safe_load(to_ros_path(routes[number].path)) for number in (1, 3)]
+    assert messages == [yaml.safe_load(rg.maps.to_ros_path(routes[number].path)) for number in (1, 3)]
     assert [line for line in text.splitlines() if line.startswith("#")] == [
         "# start (0.5, 0.5), k = 1: no_path",
         "# start (3.5, 0.5), k = 1: reached",
@@ -227,7 +226,7 @@ def test_messages_of_several_routes_name_their_starts_and_outcomes(tmp_path) -> 
         "# start (4.5, 2.5), k = 1: reached",
         "# start (1.5, 2.5), k = 1: no_path",
     ]
-    assert write_routes(routes[1:2], tmp_path / "one.yaml").read_text() == to_ros_path(routes[1].path)
-    with pytest.raises(InputError, match="no path reaches a goal"):
+    assert write_routes(routes[1:2], tmp_path / "one.yaml").read_text() == rg.maps.to_ros_path(routes[1].path)
+    with pytest.raises(rg.InputError, match="no path reaches a goal"):
         write_routes(routes[::2], tmp_path / "none.yaml")
     assert not (tmp_path / "none.yaml").exists()

@@ -7,7 +7,8 @@ import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 from support.pages import OPTIONS, browser_program, settle
 
-from resgrid.live_page import LivePage, live
+import resgrid as rg
+from resgrid.live_page import LivePage
 from resgrid.live_page.drawing import blank
 from resgrid.live_page.solving import solve_drawing
 
@@ -18,7 +19,7 @@ def served() -> Iterator[LivePage]:
     for exact in (True, False):
         for k in (0.0, 1.0):
             solve_drawing(replace(blank(), k=k), exact=exact)
-    with live(browser=False) as page:
+    with rg.live(browser=False) as page:
         yield page
 
 

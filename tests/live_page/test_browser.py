@@ -1,4 +1,7 @@
-"""The page in a real browser: drawn on with mouse, finger and keys."""
+"""The page in a real browser: drawn on with mouse, finger and keys.
+
+Tests internals: `resgrid._internal.colours`, `resgrid.live_page`, `resgrid.plot.style`.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +16,9 @@ from playwright.sync_api import Browser, Page
 from support.cli import answer
 from support.pages import drag, kept, lines, link_of, point_on, settle, until
 
+import resgrid as rg
 from resgrid._internal.colours import GOAL
-from resgrid.live_page import LivePage, live
+from resgrid.live_page import LivePage
 from resgrid.plot.style import height_map
 
 PIXELS = "live.view.canvas.toDataURL()"
@@ -169,7 +173,7 @@ def test_the_grid_settles(shown: Page):
     legend = shown.inner_text("#legend")
     still(shown)
     field = shown.evaluate(PIXELS)
-    shown.get_by_role("button", name="Let it settle").click()
+    shown.get_by_role("button", name="Show transient").click()
     until(shown, "!document.getElementById('film').hidden")
     until(shown, "document.getElementById('moment').value === document.getElementById('moment').max")
     assert shown.inner_text("#origin") == "from the field before the last change"
@@ -216,7 +220,7 @@ def test_what_draws_nothing_changes_nothing(shown: Page):
     until(shown, "live.model.scene.title === 'Ring'")
     settle(shown)
     past, frames = shown.evaluate("live.model.past.length"), shown.evaluate("live.frames.length")
-    shown.get_by_role("button", name="Let it settle").click()
+    shown.get_by_role("button", name="Show transient").click()
     until(shown, "!document.getElementById('film').hidden")
     for tool in ("Look", "Erase"):
         shown.locator("#tools").get_by_role("button", name=tool).click()
@@ -272,7 +276,7 @@ def test_cells_that_are_cut_off_have_a_legend(shown: Page):
     shown.locator("#brush").fill("1")
     drag(shown, [(2, 2), (8, 2), (8, 8), (2, 8), (2, 2)])
     settle(shown)
-    assert shown.inner_text("#legend-cut") == "no way to a goal"
+    assert shown.inner_text("#legend-cut") == "no path to a goal"
 
 
 def test_the_card_hides_nothing_of_the_grid(shown: Page):
@@ -434,7 +438,7 @@ def test_a_small_circuit_is_drawn_resistor_by_resistor(shown: Page):
 
 
 def test_readers_cannot_draw(chromium: Browser):
-    with live(read_only=True, browser=False) as reading:
+    with rg.live(read_only=True, browser=False) as reading:
         context = chromium.new_context()
         page = context.new_page()
         page.goto(f"{reading.url}?tour=0")
@@ -595,7 +599,7 @@ def test_goals_and_broken_resistors_are_made_by_keys_alone(shown: Page):
 
 
 def test_a_stopped_server_is_said_and_the_page_goes_on(chromium: Browser):
-    before = live(browser=False)
+    before = rg.live(browser=False)
     context = chromium.new_context()
     page = context.new_page()
     page.goto(f"{before.url}?tour=0")
@@ -604,7 +608,7 @@ def test_a_stopped_server_is_said_and_the_page_goes_on(chromium: Browser):
     until(page, "document.getElementById('quality').dataset.state === 'error'")
     drag(page, [(40, 20), (40, 40)])
     drawn = kept(page)
-    with live(port=int(before.url.rsplit(":", 1)[1].strip("/")), browser=False):
+    with rg.live(port=int(before.url.rsplit(":", 1)[1].strip("/")), browser=False):
         settle(page)
         assert kept(page) == drawn
         assert "✓ certified" in page.inner_text("#quality")

@@ -1,4 +1,8 @@
-"""A drawing and the scene that says the same."""
+"""A drawing and the scene that says the same.
+
+Tests internals: `resgrid.live_page.drawing`, `resgrid.live_page.frames`, `resgrid.live_page.messages`,
+`resgrid.live_page.opening`, `resgrid.live_page.saving`, `resgrid.live_page.solving`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Links hold a whole scene, and the command line takes them."""
+"""Links hold a whole scene, and the command line takes them.
+
+Tests internals: `resgrid.live_page.drawing`, `resgrid.live_page.opening`, `resgrid.live_page.solving`,
+`resgrid.scene.overrides`, `resgrid.scene.reading`.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,6 @@ import pytest
 from support.cli import answer, call
 
 import resgrid as rg
-from resgrid.errors import InputError
 from resgrid.live_page.drawing import blank, drawing_of
 from resgrid.live_page.opening import open_example
 from resgrid.live_page.solving import solve_drawing
@@ -46,7 +49,7 @@ def test_the_command_line_takes_links(tmp_path, monkeypatch):
     [link({"schema": 1})[:-9], "http://x/#s=@@", "http://x/#s=AAAA", link([1]), link({"map": {"file": "/etc/passwd"}})],
 )
 def test_a_damaged_link_says_so(address):
-    with pytest.raises(InputError, match="link"):
+    with pytest.raises(rg.InputError, match="link"):
         read_link(address)
 
 
@@ -60,7 +63,7 @@ def test_a_link_with_another_letter_is_no_other_scene():
         letter = letters[rng.integers(64)]
         try:
             scene = read_link(address[:place] + letter + address[place + 1 :])
-        except InputError:
+        except rg.InputError:
             continue
         assert document_of(scene) == document
 

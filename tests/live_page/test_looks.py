@@ -1,6 +1,8 @@
 """What the page looks like: nothing overlaps, nothing is cut off, at a desk and on a phone.
 
 With ``RESGRID_PICTURES=FOLDER`` every state is also photographed, in both themes, to be looked at.
+
+Tests internals: `resgrid.live_page`.
 """
 
 from __future__ import annotations
@@ -88,7 +90,7 @@ def hover(page: Page) -> None:
 
 def film(page: Page) -> None:
     example("lesson")(page)  # the film of a small grid shows the same controls after a tenth of the time
-    page.get_by_role("button", name="Let it settle").click()
+    page.get_by_role("button", name="Show transient").click()
     until(page, "document.getElementById('moment').value === document.getElementById('moment').max")
 
 
@@ -128,7 +130,7 @@ def keys(page: Page) -> None:
 
 TOOLS = ("Wall", "Erase", "Box", "Fill", "Mud", "Goal", "Start", "Break", "Look")
 STATES: dict[str, Callable[[Page], None]] = {
-    "first": settle, "tour": press("What is this?"),
+    "first": settle, "tour": press("Help"),
     "new": press("New"), "save": press("Save"), "link": press("Link"), "hover": hover,
     "film": film, "complaint": complaint, "scrolled": scrolled, "arrows": arrows, "flawed": flawed, "keys": keys,
     "ends": ends,

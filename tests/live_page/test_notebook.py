@@ -1,4 +1,7 @@
-"""The page in a notebook: over the comm of a real kernel, and its module in a real browser."""
+"""The page in a notebook: over the comm of a real kernel, and its module in a real browser.
+
+Tests internals: `resgrid.live_page.drawing`, `resgrid.live_page.notebook`, `resgrid.live_page.session`.
+"""
 
 from __future__ import annotations
 

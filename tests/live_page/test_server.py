@@ -1,4 +1,8 @@
-"""What the server answers, and what it refuses."""
+"""What the server answers, and what it refuses.
+
+Tests internals: `resgrid.live_page`, `resgrid.live_page.drawing`, `resgrid.live_page.frames`,
+`resgrid.live_page.messages`, `resgrid.live_page.server`, `resgrid.live_page.solving`.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +27,7 @@ from resgrid.live_page import LivePage
 from resgrid.live_page.drawing import Drawing, blank, drawing_of
 from resgrid.live_page.frames import describe, picture_of
 from resgrid.live_page.messages import LARGEST
-from resgrid.live_page.server import MOST_BROWSERS
+from resgrid.live_page.server import MAX_BROWSERS
 from resgrid.live_page.solving import solve_drawing
 
 
@@ -163,7 +167,7 @@ def test_currents_that_are_told_keep_kirchhoff_s_law(served):
         ({"type": "files", "files": [{"name": "../x.toml", "data": ""}]}, "opens"),
         ({"type": "files", "files": [{"name": "x.toml", "data": "!"}]}, "damaged"),
         (files("x.toml", b'schema = 1\n[map]\nfile = "/etc/passwd"'), "map file"),
-        (files("x.yaml", b"image: /etc/passwd"), "drop this picture"),
+        (files("x.yaml", b"image: /etc/passwd"), "drop both files"),
     ],
 )  # fmt: skip
 def test_nonsense_gets_a_clear_answer_and_harms_nothing(served, head, said):
@@ -183,7 +187,7 @@ def test_nonsense_gets_a_clear_answer_and_harms_nothing(served, head, said):
         (lambda head, body: (head | {"chip": {"mismatch": 7}}, body), "sigma"),
         (lambda head, body: (head | {"chip": {"mismatch": "much"}}, body), "sigma"),
         (lambda head, body: (head, body[:-1]), "bytes"),
-        (lambda head, body: (head, b"\xff" + body[1:]), "none of free"),
+        (lambda head, body: (head, b"\xff" + body[1:]), "not free, obstacle or goal"),
         (lambda head, body: (head | {"chip": {"resistance": "soft"}}, body), "resistance"),
         (lambda head, body: (head | {"goal_points": [[54, 0.5, 0.5]]}, body), "does not lie in its cell"),
     ],
@@ -276,11 +280,11 @@ def test_a_socket_that_is_half_closed_harms_nobody(served, way, sent):
         f"GET /ws HTTP/1.1\r\nHost: {address.netloc}\r\nOrigin: http://{address.netloc}\r\nUpgrade: websocket\r\n"
         "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
     )
-    for _ in range(MOST_BROWSERS + 4):
+    for _ in range(MAX_BROWSERS + 4):
         with socket.create_connection((address.hostname, address.port), timeout=PATIENCE) as broken:
             broken.sendall(greeting.encode())
             assert broken.recv(12).startswith(b"HTTP/1.1")
-            with suppress(OSError):  # the server has closed those beyond MOST_BROWSERS already
+            with suppress(OSError):  # the server has closed those beyond MAX_BROWSERS already
                 broken.sendall(sent)
                 broken.shutdown(way)
     with admitted(served) as other:
@@ -290,7 +294,7 @@ def test_a_socket_that_is_half_closed_harms_nobody(served, way, sent):
 
 def test_more_browsers_than_are_served_are_turned_away(served):
     with ExitStack() as stack:
-        for _ in range(MOST_BROWSERS):
+        for _ in range(MAX_BROWSERS):
             stack.enter_context(admitted(served)).recv(timeout=PATIENCE)
         with pytest.raises(InvalidStatus, match="403"):
             dial(served)
@@ -347,7 +351,7 @@ def test_readers_see_the_scene_and_no_other():
     with rg.live(space, read_only=True, browser=False) as page, dial(page) as socket:
         assert isinstance(page, LivePage)
         assert read(socket.recv(timeout=PATIENCE))[0]["hello"]["read_only"]
-        assert "reading only" in ask(socket, {"type": "example", "name": "rooms"})[0]["error"]
+        assert "read-only" in ask(socket, {"type": "example", "name": "rooms"})[0]["error"]
         head, _ = ask(socket, *about("solve", replace(blank(8), k=0.5)))
         assert head["cells"] == 56
 

@@ -1,3 +1,5 @@
+"""Tests internals: `resgrid.core.regions`."""
+
 from itertools import combinations, product
 
 import numpy as np
@@ -7,15 +9,7 @@ from support.spaces import space_of, spaces
 from support.verdicts import check_verdicts
 
 import resgrid as rg
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
 from resgrid.core.regions import label_regions
-from resgrid.core.space import ConfigurationSpace
-from resgrid.errors import CircuitError, InputError
-from resgrid.planning.blocking_obstacles import find_blocking_obstacles
-from resgrid.planning.fields import Field
-from resgrid.planning.streamline import Outcome
-from resgrid.planning.trace import streamline
 
 Index = tuple[int, ...]
 
@@ -45,7 +39,7 @@ def groups_of(mask: np.ndarray, periodic: np.ndarray) -> list[set[Index]]:
     return groups
 
 
-def opens(space: ConfigurationSpace, groups: list[set[Index]], start: Index, goal: int) -> bool:
+def opens(space: rg.ConfigurationSpace, groups: list[set[Index]], start: Index, goal: int) -> bool:
     passable = space.cell != 1
     for group in groups:
         for cell in group:
@@ -57,9 +51,9 @@ def opens(space: ConfigurationSpace, groups: list[set[Index]], start: Index, goa
 
 @settings(max_examples=100)
 @given(spaces(max_cells=7, conductive=False), st.integers(0, 2**32 - 1))
-def test_the_least_set_is_what_trying_all_sets_finds(space: ConfigurationSpace, seed: int) -> None:
+def test_the_least_set_is_what_trying_all_sets_finds(space: rg.ConfigurationSpace, seed: int) -> None:
     start = tuple(np.argwhere(space.cell < 2)[seed % int((space.cell < 2).sum())].tolist())
-    found = find_blocking_obstacles(space, cell=start)
+    found = rg.find_blocking_obstacles(space, cell=start)
     groups = groups_of(space.cell == 1, space.periodic)
     assume(len(groups) < 9)
     label = np.full(space.shape, -1)
@@ -78,8 +72,8 @@ def test_the_least_set_is_what_trying_all_sets_finds(space: ConfigurationSpace, 
             assert item.alone == ()
     reached = flood(space.cell != 1, space.periodic, start, corners=False) if space.cell[start] != 1 else set()
     assert set(map(tuple, np.argwhere(found.region).tolist())) == reached
-    assert (found.outcome is Outcome.REACHED) == any(space.cell[c] == 2 for c in reached)
-    assert (found.separating == ()) == (found.outcome is Outcome.REACHED)
+    assert (found.outcome is rg.Outcome.REACHED) == any(space.cell[c] == 2 for c in reached)
+    assert (found.separating == ()) == (found.outcome is rg.Outcome.REACHED)
     assert all(found.barriers.mask(g)[tuple(np.array(sorted(groups[g])).T)].all() for g in found.bounding)
 
 
@@ -96,8 +90,8 @@ def test_groups_meet_at_corners_and_across_seams(ndim: int, seed: int) -> None:
 
 
 def test_a_diagonal_wall_is_one_obstacle() -> None:
-    found = find_blocking_obstacles(space_of(np.eye(6) + np.pad([[2.0]], ((0, 5), (5, 0)))), cell=(5, 0))
-    assert found.outcome is Outcome.NO_PATH and found.edge
+    found = rg.find_blocking_obstacles(space_of(np.eye(6) + np.pad([[2.0]], ((0, 5), (5, 0)))), cell=(5, 0))
+    assert found.outcome is rg.Outcome.NO_PATH and found.edge
     assert found.separating == (0,) and found.obstructions[0].alone == (0,)
     np.testing.assert_array_equal(found.mask, np.eye(6, dtype=bool))
 
@@ -108,11 +102,11 @@ def test_nested_rings_and_two_goals() -> None:
     cell[1:10, 1:10], cell[2:9, 2:9] = 1, 0
     cell[3:8, 3:8], cell[4:7, 4:7] = 1, 0
     cell[2, 2], cell[0, 0] = 2, 2
-    found = find_blocking_obstacles(space_of(cell), (5.5, 5.5))
+    found = rg.find_blocking_obstacles(space_of(cell), (5.5, 5.5))
     outside, between = found.obstructions
     assert outside.goal == 0 and outside.least == (1, 0) and outside.alone == ()
     assert between.goal == 1 and between.least == (1,) and between.alone == (1,)
-    assert found.outcome is Outcome.NO_PATH and found.separating == (1,) and not found.edge
+    assert found.outcome is rg.Outcome.NO_PATH and found.separating == (1,) and not found.edge
     assert found.mask.sum() == 16
 
 
@@ -121,8 +115,8 @@ def test_on_a_ring_either_of_two_walls_would_do() -> None:
     cell[2], cell[7] = 1, 1
     cell[4, 1] = 2
     space = space_of(cell, periodic=(True, False))
-    found = find_blocking_obstacles(space, cell=(0, 0))
-    assert found.outcome is Outcome.NO_PATH
+    found = rg.find_blocking_obstacles(space, cell=(0, 0))
+    assert found.outcome is rg.Outcome.NO_PATH
     assert found.obstructions[0].alone == (0, 1) and found.bounding == (0, 1)
     assert len(found.separating) == 1
 
@@ -134,48 +128,48 @@ def test_virtual_obstacles_are_told_apart() -> None:
     cell[6, 4] = 2
     strip = np.zeros((7, 9), dtype=bool)
     strip[3, :3], strip[3, 6:] = True, True
-    found = find_blocking_obstacles(space_of(cell), cell=(0, 4), virtual=strip)
+    found = rg.find_blocking_obstacles(space_of(cell), cell=(0, 4), virtual=strip)
     assert found.barriers.virtual.tolist() == [False, True, True]
     assert found.obstructions[0].alone == (0, 1, 2)
     assert len(found.separating) == 1
     crossed = np.array([[0, 1, 1], [1, 1, 1], [1, 1, 2]])
     diagonal = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], dtype=bool)
-    found = find_blocking_obstacles(space_of(crossed), cell=(0, 0), virtual=diagonal)
+    found = rg.find_blocking_obstacles(space_of(crossed), cell=(0, 0), virtual=diagonal)
     assert found.obstructions[0].alone == ()
     assert set(found.separating) == {0, 1}
 
 
 def test_a_start_in_an_obstacle_is_separated_by_it() -> None:
-    found = find_blocking_obstacles(space_of([[0, 1, 1, 0, 2]]), cell=(0, 1))
-    assert found.outcome is Outcome.START_BLOCKED
+    found = rg.find_blocking_obstacles(space_of([[0, 1, 1, 0, 2]]), cell=(0, 1))
+    assert found.outcome is rg.Outcome.START_BLOCKED
     assert found.separating == (0,) and not found.region.any() and found.bounding == ()
 
 
 def test_enclosed_goals_and_free_starts() -> None:
-    closed = find_blocking_obstacles(space_of([[0, 1, 2]]), cell=(0, 0))
-    assert closed.outcome is Outcome.GOAL_BLOCKED and closed.separating == (0,)
-    free = find_blocking_obstacles(space_of([[0, 0, 2]]), cell=(0, 0))
-    assert free.outcome is Outcome.REACHED and free.separating == () and not free.mask.any()
-    at_goal = find_blocking_obstacles(space_of([[0, 1, 2]]), cell=(0, 2))
-    assert at_goal.outcome is Outcome.REACHED
+    closed = rg.find_blocking_obstacles(space_of([[0, 1, 2]]), cell=(0, 0))
+    assert closed.outcome is rg.Outcome.GOAL_BLOCKED and closed.separating == (0,)
+    free = rg.find_blocking_obstacles(space_of([[0, 0, 2]]), cell=(0, 0))
+    assert free.outcome is rg.Outcome.REACHED and free.separating == () and not free.mask.any()
+    at_goal = rg.find_blocking_obstacles(space_of([[0, 1, 2]]), cell=(0, 2))
+    assert at_goal.outcome is rg.Outcome.REACHED
 
 
 def test_wrong_questions_are_refused() -> None:
     space = space_of([[0, 1, 2]])
-    with pytest.raises(InputError, match="outside the grid"):
-        find_blocking_obstacles(space, (9.0, 0.0))
-    with pytest.raises(InputError, match="either"):
-        find_blocking_obstacles(space)
-    with pytest.raises(InputError, match="virtual must be"):
-        find_blocking_obstacles(space, cell=(0, 0), virtual=np.zeros((1, 2), dtype=bool))
-    with pytest.raises(InputError, match="no goal cell"):
-        find_blocking_obstacles(space_of([[0, 1, 0]]), cell=(0, 0))
+    with pytest.raises(rg.InputError, match="outside the grid"):
+        rg.find_blocking_obstacles(space, (9.0, 0.0))
+    with pytest.raises(rg.InputError, match="either"):
+        rg.find_blocking_obstacles(space)
+    with pytest.raises(rg.InputError, match="virtual must be"):
+        rg.find_blocking_obstacles(space, cell=(0, 0), virtual=np.zeros((1, 2), dtype=bool))
+    with pytest.raises(rg.InputError, match="no goal cell"):
+        rg.find_blocking_obstacles(space_of([[0, 1, 0]]), cell=(0, 0))
 
 
-def solved(space: ConfigurationSpace, **options: object) -> Field:
+def solved(space: rg.ConfigurationSpace, **options: object) -> rg.Field:
     try:
-        return rg.field(solve(compile_space(space, resistance=1.0, **options)))
-    except CircuitError:
+        return rg.field(rg.solve(rg.compile_space(space, resistance=1.0, **options)))
+    except rg.CircuitError:
         assume(False)
         raise
 
@@ -185,14 +179,14 @@ def solved(space: ConfigurationSpace, **options: object) -> Field:
     spaces(),
     st.sampled_from([{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}, {"edge": "open"}]),
 )
-def test_connectivity_field_and_current_agree(space: ConfigurationSpace, options: dict[str, object]) -> None:
+def test_connectivity_field_and_current_agree(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
     field = solved(space, **options)
     check_verdicts(field)
     for cell in np.argwhere(space.cell == 0)[:20].tolist():
-        found = find_blocking_obstacles(space, cell=cell)
-        path = streamline(field, cell=cell)
-        assert (found.outcome is Outcome.REACHED) == (path.outcome in {Outcome.REACHED, Outcome.NO_CURRENT})
-        if found.outcome is not Outcome.REACHED:
+        found = rg.find_blocking_obstacles(space, cell=cell)
+        path = rg.streamline(field, cell=cell)
+        assert (found.outcome is rg.Outcome.REACHED) == (path.outcome in {rg.Outcome.REACHED, rg.Outcome.NO_CURRENT})
+        if found.outcome is not rg.Outcome.REACHED:
             assert found.outcome is path.outcome
 
 
@@ -203,10 +197,10 @@ def test_a_field_that_disagrees_is_found() -> None:
     field = solved(space)
     other = np.array(space.cell)
     other[0, 2] = 0
-    wrong = Field(**{**vars_of(field), "space": space_of(other)})
+    wrong = rg.Field(**{**vars_of(field), "space": space_of(other)})
     with pytest.raises(AssertionError, match=r"finds a path from cell \(0, 0\)"):
         check_verdicts(wrong)
 
 
-def vars_of(field: Field) -> dict[str, object]:
-    return {name: getattr(field, name) for name in Field.__dataclass_fields__}
+def vars_of(field: rg.Field) -> dict[str, object]:
+    return {name: getattr(field, name) for name in rg.Field.__dataclass_fields__}

@@ -4,11 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from resgrid.errors import InputError
-from resgrid.planning.blocking_obstacles import find_blocking_obstacles
-from resgrid.planning.streamline import Outcome
-from resgrid.robots import Box, PointRobot
-from resgrid.scene import Scene, build_space, parse_scene, read_scene
+import resgrid as rg
 
 ROOMS = """
 schema = 1
@@ -29,16 +25,18 @@ upper = [7.5, 5.5]
 """
 
 
-def scene_with(*walls: tuple[float, float, float, float]) -> Scene:
+def scene_with(*walls: tuple[float, float, float, float]) -> rg.Scene:
     tables = (
         f'[[obstacle]]\nshape = "rectangle"\nlower = [{x0}, {y0}]\nupper = [{x1}, {y1}]' for x0, y0, x1, y1 in walls
     )
-    return parse_scene(ROOMS.format(walls="\n".join(tables)), "rooms")
+    return rg.parse_scene(ROOMS.format(walls="\n".join(tables)), "rooms")
 
 
-def connected_without(scene: Scene, removed: tuple[int, ...], start: tuple[float, float] = (1.0, 1.0)) -> bool:
+def connected_without(scene: rg.Scene, removed: tuple[int, ...], start: tuple[float, float] = (1.0, 1.0)) -> bool:
     kept = tuple(shape for number, shape in enumerate(scene.obstacles) if number not in removed)
-    return find_blocking_obstacles(build_space(scene.replace(obstacles=kept)), start).outcome is Outcome.REACHED
+    return (
+        rg.find_blocking_obstacles(rg.build_space(scene.replace(obstacles=kept)), start).outcome is rg.Outcome.REACHED
+    )
 
 
 @pytest.mark.parametrize(
@@ -55,9 +53,9 @@ def connected_without(scene: Scene, removed: tuple[int, ...], start: tuple[float
 def test_the_smallest_set_is_what_sampling_without_it_opens(walls: list[tuple[float, float, float, float]]) -> None:
     """Walls that overlap block the same cells: both must go.  The gap of 0.2 is too narrow for the robot's cells."""
     scene = scene_with(*walls)
-    found = find_blocking_obstacles(scene, (1.0, 1.0))
+    found = rg.find_blocking_obstacles(scene, (1.0, 1.0))
     opening = [s for n in range(1, 4) for s in combinations(range(len(walls)), n) if connected_without(scene, s)]
-    assert found.outcome in {Outcome.NO_PATH, Outcome.START_BLOCKED}
+    assert found.outcome in {rg.Outcome.NO_PATH, rg.Outcome.START_BLOCKED}
     assert found.alone == tuple(f"obstacle[{s[0]}]" for s in opening if len(s) == 1)
     assert found.separating == tuple(f"obstacle[{number}]" for number in opening[0])
     assert np.array_equal(found.mask, np.any([found.parts[name] for name in found.separating], axis=0))
@@ -71,13 +69,13 @@ def test_obstacles_upon_the_goal_and_upon_borders_are_judged_as_sampling_without
     lower = rng.integers(0, 24, (5, 2)) / 4
     size = np.where(rng.random((5, 1)) < 0.5, [0.5, 4.0], [6.0, 0.5]) + rng.integers(0, 4, (5, 2)) / 4
     scene = scene_with(*np.hstack([lower, np.minimum(lower + size, (8, 6))]).tolist())
-    scene = scene.replace(robot=PointRobot(), goals=(Box((5.0, 3.0), (7.5, 5.5)),))
+    scene = scene.replace(robot=rg.PointRobot(), goals=(rg.Box((5.0, 3.0), (7.5, 5.5)),))
     start = tuple((rng.integers(0, 24, 2) / 4).tolist())
     try:
-        found = find_blocking_obstacles(scene, start)
-    except InputError:
+        found = rg.find_blocking_obstacles(scene, start)
+    except rg.InputError:
         return  # every cell of the goal is covered
-    if found.outcome is Outcome.REACHED:
+    if found.outcome is rg.Outcome.REACHED:
         return
     sets = [s for n in range(1, 4) for s in combinations(range(5), n) if connected_without(scene, s, start)]
     assert found.alone == tuple(f"obstacle[{s[0]}]" for s in sets if len(s) == 1)
@@ -88,34 +86,36 @@ def test_obstacles_upon_the_goal_and_upon_borders_are_judged_as_sampling_without
 
 def test_a_crate_upon_half_the_goal_stands_in_the_way_alone() -> None:
     """The goal goes on beneath the crate; behind it a wall parts off what is left of the goal."""
-    scene = scene_with((3, 0, 5, 6), (5, 0, 6, 6)).replace(goals=(Box((4.0, 2.0), (7.0, 4.0)),))
-    found = find_blocking_obstacles(scene, (1.0, 1.0))
+    scene = scene_with((3, 0, 5, 6), (5, 0, 6, 6)).replace(goals=(rg.Box((4.0, 2.0), (7.0, 4.0)),))
+    found = rg.find_blocking_obstacles(scene, (1.0, 1.0))
     assert connected_without(scene, (0,)) and not connected_without(scene, (1,))
     assert found.alone == found.separating == ("obstacle[0]",)
 
 
 def test_a_path_needs_nobody_to_go() -> None:
-    found = find_blocking_obstacles(scene_with((3, 0, 3.5, 3)), (1.0, 1.0))
-    assert found.outcome is Outcome.REACHED and found.separating == found.alone == () and not found.mask.any()
+    found = rg.find_blocking_obstacles(scene_with((3, 0, 3.5, 3)), (1.0, 1.0))
+    assert found.outcome is rg.Outcome.REACHED and found.separating == found.alone == () and not found.mask.any()
 
 
 def test_more_walls_than_asked_for() -> None:
     scene = scene_with((2.5, 0, 3, 6), (4, 0, 4.5, 6), (5.5, 0, 6, 6))
-    assert find_blocking_obstacles(scene, (1.0, 1.0), most=2).separating == ()
-    with pytest.raises(InputError, match="most = 0"):
-        find_blocking_obstacles(scene, (1.0, 1.0), most=0)
-    with pytest.raises(InputError, match="63"):
-        find_blocking_obstacles(scene_with(*[(3, 0, 3.5, 6)] * 64), (1.0, 1.0))
+    assert rg.find_blocking_obstacles(scene, (1.0, 1.0), most=2).separating == ()
+    with pytest.raises(rg.InputError, match="most = 0"):
+        rg.find_blocking_obstacles(scene, (1.0, 1.0), most=0)
+    with pytest.raises(rg.InputError, match="63"):
+        rg.find_blocking_obstacles(scene_with(*[(3, 0, 3.5, 6)] * 64), (1.0, 1.0))
 
 
 def test_problem_b_is_blocked_by_the_arm_between_two_obstacles(scenes: Path) -> None:
     """In the configuration space everything melts into one group; in the workspace either rectangle may go."""
-    scene = read_scene(scenes / "problem_b.toml")
-    blocked = [start for start in scene.starts if find_blocking_obstacles(scene, start).outcome is Outcome.NO_PATH]
+    scene = rg.read_scene(scenes / "problem_b.toml")
+    blocked = [
+        start for start in scene.starts if rg.find_blocking_obstacles(scene, start).outcome is rg.Outcome.NO_PATH
+    ]
     assert len(blocked) == 2
     for start in blocked:
-        found = find_blocking_obstacles(scene, start)
+        found = rg.find_blocking_obstacles(scene, start)
         assert found.alone == ("obstacle[0]", "obstacle[1]") and "singularity" in found.parts
-        assert find_blocking_obstacles(found.space, start).separating == (0,)
+        assert rg.find_blocking_obstacles(found.space, start).separating == (0,)
         strips = found.parts["singularity"] & ~found.parts["obstacle[0]"] & ~found.parts["obstacle[1]"]
-        assert len(find_blocking_obstacles(found.space, start, virtual=strips).obstructions[0].alone) == 2
+        assert len(rg.find_blocking_obstacles(found.space, start, virtual=strips).obstructions[0].alone) == 2

@@ -10,16 +10,6 @@ from hypothesis import given, settings, strategies as st
 from support.spaces import spaces
 
 import resgrid as rg
-from resgrid.circuit.solve import solve
-from resgrid.core.axis import Axis
-from resgrid.core.compiler import compile_space
-from resgrid.core.space import Cell, ConfigurationSpace
-from resgrid.errors import CertificateError
-from resgrid.planning.certify import certify, certify_collision_free
-from resgrid.planning.fields import Field
-from resgrid.planning.shortcuts import shortcut
-from resgrid.planning.streamline import Outcome, Streamline
-from resgrid.planning.trace import streamline
 
 PLACES = {
     "at home": ((0.0, 0.0), 0.5),
@@ -30,21 +20,21 @@ PLACES = {
 }
 
 
-def room(origin: tuple[float, float] = (0.0, 0.0), width: float = 0.5, *, goal: bool = True) -> Field:
+def room(origin: tuple[float, float] = (0.0, 0.0), width: float = 0.5, *, goal: bool = True) -> rg.Field:
     """A room of 24 by 20 cells with pillars, a wall that cuts off a chamber, and a goal of two cells."""
     cell = (np.random.default_rng(3).random((24, 20)) < 0.15).astype(np.uint8)
     cell[17:, 6], cell[17, :7] = 1, 1
     cell[18:22, 2:5], cell[:2, :2] = 0, 0
     cell[10:12, 10] = 2
-    axes = [Axis(n, o, o + k * width, k) for n, o, k in zip("xy", origin, (24, 20), strict=True)]
+    axes = [rg.Axis(n, o, o + k * width, k) for n, o, k in zip("xy", origin, (24, 20), strict=True)]
     points = np.array([(o + (i + 0.3) * width, p + 10.6 * width) for o, p in [origin] for i in (10, 11)])
-    space = ConfigurationSpace(axes, cell, goal_points=points if goal else None)
-    return rg.field(solve(compile_space(space)))
+    space = rg.ConfigurationSpace(axes, cell, goal_points=points if goal else None)
+    return rg.field(rg.solve(rg.compile_space(space)))
 
 
-def refused(path: Streamline) -> str:
-    with pytest.raises(CertificateError) as error:
-        certify(path)
+def refused(path: rg.Streamline) -> str:
+    with pytest.raises(rg.CertificateError) as error:
+        rg.certify(path)
     assert "np." not in str(error.value)
     return str(error.value)
 
@@ -55,10 +45,10 @@ def test_genuine_paths_pass_and_forged_ones_do_not_wherever_the_grid_lies(place:
     field = room(*PLACES[place], goal=goal)
     space, rng = field.space, np.random.default_rng(0)
     for start in np.argwhere(space.goal_connected)[::23]:
-        path = streamline(field, cell=start.tolist())
-        certify(path)
-        certify_collision_free(path)
-        assert shortcut(path, rounds=3).length <= path.length
+        path = rg.streamline(field, cell=start.tolist())
+        rg.certify(path)
+        rg.certify_collision_free(path)
+        assert rg.shortcut(path, rounds=3).length <= path.length
         points, number = path.points.copy(), int(rng.integers(len(path.points)))
         points[number] += rng.choice([-1, 1], 2) * 1e-3 * space.spacing
         refused(replace(path, axis_points=points))
@@ -70,19 +60,19 @@ def test_genuine_paths_pass_and_forged_ones_do_not_wherever_the_grid_lies(place:
 
 @settings(max_examples=40)
 @given(spaces(max_cells=7), st.integers(0, 2**32 - 1))
-def test_no_single_number_can_be_altered(space: ConfigurationSpace, seed: int) -> None:
+def test_no_single_number_can_be_altered(space: rg.ConfigurationSpace, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    goals = np.argwhere(space.cell == Cell.GOAL)
+    goals = np.argwhere(space.cell == rg.Cell.GOAL)
     points = space.lower + (goals + rng.random(goals.shape)) * space.spacing
     points[rng.random(len(goals)) < 0.3] = np.nan
-    space = ConfigurationSpace(space.axes, space.cell, space.conductivity, goal_points=points)
+    space = rg.ConfigurationSpace(space.axes, space.cell, space.conductivity, goal_points=points)
     starts = np.argwhere(space.goal_connected)
     if not len(starts):
         return
-    field = rg.field(solve(compile_space(space, boundary="neumann")))
+    field = rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
     inside = rng.uniform(0.1, 0.9, space.ndim)
-    path = streamline(field, space.lower + (starts[rng.integers(len(starts))] + inside) * space.spacing)
-    certify(path)
+    path = rg.streamline(field, space.lower + (starts[rng.integers(len(starts))] + inside) * space.spacing)
+    rg.certify(path)
     row, axis = int(rng.integers(len(path.points))), int(rng.integers(space.ndim))
     for off in (np.nan, np.inf, 10.0 ** rng.uniform(-5, 1), -(10.0 ** rng.uniform(-5, 1))):
         altered = path.points.copy()
@@ -99,21 +89,21 @@ def test_no_single_number_can_be_altered(space: ConfigurationSpace, seed: int) -
         {"log_duration": np.inf}, {"log_duration": -np.inf}, {"length": "1"}, {"length": None},
         {"cells": path.cells.astype(float)}, {"axis_points": path.points[:-1].copy()}, {"cells": path.cells[:0]},
         {"axis_points": np.concatenate([path.points, path.points[-1:]])}, {"axis_points": path.points.astype(str)},
-        *({"outcome": outcome} for outcome in (*Outcome, "reached", "fine", None) if outcome is not path.outcome),
+        *({"outcome": outcome} for outcome in (*rg.Outcome, "reached", "fine", None) if outcome is not path.outcome),
     ):  # fmt: skip
         refused(replace(path, **changes))
 
 
 def test_failed_streamlines_claim_nothing_but_their_start() -> None:
     field = room()
-    wall, chamber = streamline(field, cell=(20, 6)), streamline(field, cell=(20, 3))
-    assert (wall.outcome, chamber.outcome) == (Outcome.START_BLOCKED, Outcome.NO_PATH)
+    wall, chamber = rg.streamline(field, cell=(20, 6)), rg.streamline(field, cell=(20, 3))
+    assert (wall.outcome, chamber.outcome) == (rg.Outcome.START_BLOCKED, rg.Outcome.NO_PATH)
     for path in (wall, chamber):
-        certify(path)
+        rg.certify(path)
         for changes in (
             {"axis_points": path.points + 100}, {"axis_points": path.points * np.nan}, {"length": -3.0}, {"goal": 0},
             {"cells": np.repeat(path.cells, 3, axis=0), "axis_points": np.repeat(path.axis_points, 3, axis=0)},
-            {"clearance": 0.0}, {"log_duration": 0.0}, {"outcome": Outcome.GOAL_BLOCKED},
+            {"clearance": 0.0}, {"log_duration": 0.0}, {"outcome": rg.Outcome.GOAL_BLOCKED},
             {"cells": np.array([[0, 0]]), "axis_points": np.array([[0.25, 0.25]])},
         ):  # fmt: skip
             refused(replace(path, **changes))
@@ -123,19 +113,19 @@ def test_the_path_of_another_field_is_refused() -> None:
     """The same cells under other currents, other obstacles and other goal points."""
     field = room()
     space = field.space
-    path = streamline(field, cell=(0, 0))
-    certify(path)
+    path = rg.streamline(field, cell=(0, 0))
+    rg.certify(path)
     against = replace(field, face_direction=tuple(-d for d in field.face_direction))
     assert "no current" in refused(replace(path, field=against))
-    costly = ConfigurationSpace(space.axes, space.cell, np.linspace(1, 9, 480).reshape(24, 20))
-    refused(replace(path, field=rg.field(solve(compile_space(costly)))))
+    costly = rg.ConfigurationSpace(space.axes, space.cell, np.linspace(1, 9, 480).reshape(24, 20))
+    refused(replace(path, field=rg.field(rg.solve(rg.compile_space(costly)))))
     refused(replace(path, field=room(goal=False)))
-    certify(path)
+    rg.certify(path)
 
 
 def test_what_is_no_streamline_is_refused() -> None:
     field = room()
     assert "must be a Streamline" in refused(np.zeros((3, 2)))  # type: ignore[arg-type]
-    cube = ConfigurationSpace([Axis(name, 0, 1, 2) for name in "xyz"], np.array([[[0, 2], [0, 0]]] * 2))
-    path = streamline(rg.field(solve(compile_space(cube))), cell=(0, 0, 0))
+    cube = rg.ConfigurationSpace([rg.Axis(name, 0, 1, 2) for name in "xyz"], np.array([[[0, 2], [0, 0]]] * 2))
+    path = rg.streamline(rg.field(rg.solve(rg.compile_space(cube))), cell=(0, 0, 0))
     assert "2 axes" in refused(replace(path, field=field))

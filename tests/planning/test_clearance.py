@@ -1,4 +1,7 @@
-"""How far cells are from obstacles, found pair by pair and by a distance transform."""
+"""How far cells are from obstacles, found pair by pair and by a distance transform.
+
+Tests internals: `resgrid.planning`.
+"""
 
 from unittest import mock
 

@@ -1,4 +1,8 @@
-"""Degenerate scenes have outcomes: the same for every boundary, drive, edge, blend, method and command."""
+"""Degenerate scenes have outcomes: the same for every boundary, drive, edge, blend, method and command.
+
+Tests internals: `resgrid.live_page.drawing`, `resgrid.live_page.messages`, `resgrid.live_page.saving`,
+`resgrid.live_page.session`.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,6 @@ from support.cli import answer, call
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.core.space import ConfigurationSpace
 from resgrid.live_page.drawing import Drawing, drawing_of_space
 from resgrid.live_page.messages import write_drawing
 from resgrid.live_page.saving import scene_toml
@@ -51,7 +54,7 @@ def cells_of(rows: str) -> np.ndarray:
     return np.array([[int(digit) for digit in row] for row in rows.split("/")], dtype=np.uint8)
 
 
-def flooded(space: ConfigurationSpace, from_codes: tuple[int, ...], through: int) -> set[tuple[int, ...]]:
+def flooded(space: rg.ConfigurationSpace, from_codes: tuple[int, ...], through: int) -> set[tuple[int, ...]]:
     """Cells of a code from which a chain of cells of that code leads to a neighbour of certain others."""
     reached: set[tuple[int, ...]] = set()
     waiting = [cell for cell in np.ndindex(space.shape) if space.cell[cell] in from_codes]
@@ -63,7 +66,7 @@ def flooded(space: ConfigurationSpace, from_codes: tuple[int, ...], through: int
     return reached
 
 
-def neighbours(space: ConfigurationSpace, cell: tuple[int, ...]) -> list[tuple[int, ...] | None]:
+def neighbours(space: rg.ConfigurationSpace, cell: tuple[int, ...]) -> list[tuple[int, ...] | None]:
     """Neighbours across faces, None beyond an edge; of a ring of one cell none."""
     found: list[tuple[int, ...] | None] = []
     for axis, size in enumerate(space.shape):
@@ -76,7 +79,7 @@ def neighbours(space: ConfigurationSpace, cell: tuple[int, ...]) -> list[tuple[i
     return found
 
 
-def expected(space: ConfigurationSpace, *, on_rail: bool, edge: str) -> np.ndarray:
+def expected(space: rg.ConfigurationSpace, *, on_rail: bool, edge: str) -> np.ndarray:
     """Outcomes of starts in every cell, by plain flood fill; `on_rail`: obstacles alone drive the grid."""
     connected = flooded(space, (GOAL,), FREE)
     outcome = np.full(space.shape, "start_blocked", dtype="U16")
@@ -97,7 +100,7 @@ def expected(space: ConfigurationSpace, *, on_rail: bool, edge: str) -> np.ndarr
     return outcome
 
 
-def _spread(space: ConfigurationSpace, cells: list[tuple[int, ...]]) -> set[tuple[int, ...]]:
+def _spread(space: rg.ConfigurationSpace, cells: list[tuple[int, ...]]) -> set[tuple[int, ...]]:
     """Free cells that chains of free cells join to some of them."""
     reached, waiting = set(cells), list(cells)
     while waiting:
@@ -157,7 +160,7 @@ def test_tiny_random_spaces_have_the_outcomes_of_a_flood_fill(data: st.DataObjec
 EDGES = ["obstacle", "open"]
 
 
-def starts_of(space: ConfigurationSpace) -> list[list[float]]:
+def starts_of(space: rg.ConfigurationSpace) -> list[list[float]]:
     """One start in every cell, but in obstacles, where a moving robot cannot be set."""
     return space.centre(np.argwhere(space.cell != OBSTACLE)).tolist()
 

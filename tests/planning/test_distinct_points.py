@@ -1,4 +1,7 @@
-"""No path holds a place twice: starts on faces, edges, corners and seams, lines through corners, shortcuts, times."""
+"""No path holds a place twice: starts on faces, edges, corners and seams, lines through corners, shortcuts, times.
+
+Tests internals: `resgrid.planning.streamline`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Fields of normwise answers say where they are direction-safe, and every path on them can be certified."""
+"""Fields of normwise answers say where they are direction-safe, and every path on them can be certified.
+
+Tests internals: `resgrid.planning.fields`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The leg from the face of a goal cell to the configuration within it that solves the goal."""
+"""The leg from the face of a goal cell to the configuration within it that solves the goal.
+
+Tests internals: `resgrid.io.paths`, `resgrid.planning.fields`, `resgrid.planning.streamline`, `resgrid.plot.paths`,
+`resgrid.robots`.
+"""
 
 from __future__ import annotations
 
@@ -13,58 +17,49 @@ from hypothesis import given, settings, strategies as st
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.space import Cell, ConfigurationSpace
-from resgrid.errors import CertificateError
 from resgrid.io.paths import path_columns, write_path
-from resgrid.planning.certify import certify, certify_collision_free
-from resgrid.planning.fields import Field, undriven_field
-from resgrid.planning.shortcuts import shortcut
-from resgrid.planning.streamline import Outcome, length_of, unwrap
-from resgrid.planning.time_parameterization import time_parameterize
-from resgrid.planning.trace import streamline, streamlines
-from resgrid.planning.workspace import check_collisions, workspace_path
+from resgrid.planning.fields import undriven_field
+from resgrid.planning.streamline import length_of
 from resgrid.plot.paths import seam_pieces
 from resgrid.robots import CellSet
 
 
-def aimed(space: ConfigurationSpace, rng: np.random.Generator, whole: float = 0.3) -> ConfigurationSpace:
+def aimed(space: rg.ConfigurationSpace, rng: np.random.Generator, whole: float = 0.3) -> rg.ConfigurationSpace:
     """The same space with goal points, corners and faces among them; some cells are goals as a whole."""
-    goals = np.argwhere(space.cell == Cell.GOAL)
+    goals = np.argwhere(space.cell == rg.Cell.GOAL)
     inside = np.where(rng.random(goals.shape) < 0.3, rng.integers(0, 2, goals.shape), rng.random(goals.shape))
     points = space.lower + (goals + inside) * space.spacing
     points[rng.random(len(goals)) < whole] = np.nan
-    return ConfigurationSpace(space.axes, space.cell, space.conductivity, goal_points=points)
+    return rg.ConfigurationSpace(space.axes, space.cell, space.conductivity, goal_points=points)
 
 
-def open_field(space: ConfigurationSpace) -> Field:
-    return rg.field(solve(compile_space(space, boundary="neumann")))
+def open_field(space: rg.ConfigurationSpace) -> rg.Field:
+    return rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
 
 
-def bare(space: ConfigurationSpace) -> ConfigurationSpace:
-    return ConfigurationSpace(space.axes, space.cell, space.conductivity)
+def bare(space: rg.ConfigurationSpace) -> rg.ConfigurationSpace:
+    return rg.ConfigurationSpace(space.axes, space.cell, space.conductivity)
 
 
 @settings(max_examples=40)
 @given(spaces(max_cells=7), st.integers(0, 2**32 - 1))
-def test_a_path_goes_on_from_the_face_straight_to_the_goal_point(space: ConfigurationSpace, seed: int) -> None:
+def test_a_path_goes_on_from_the_face_straight_to_the_goal_point(space: rg.ConfigurationSpace, seed: int) -> None:
     """All before the face is as without goal points; rings of one and two cells are among the spaces."""
     rng = np.random.default_rng(seed)
     space = aimed(space, rng)
-    starts = np.argwhere(space.cell == Cell.GOAL)[:2].tolist() + np.argwhere(space.goal_connected)[::9].tolist()
+    starts = np.argwhere(space.cell == rg.Cell.GOAL)[:2].tolist() + np.argwhere(space.goal_connected)[::9].tolist()
     if not space.goal_connected.any():
         return
     field, plain = open_field(space), open_field(bare(space))
     places = space.lower + (np.array(starts) + rng.random((len(starts), space.ndim))) * space.spacing
-    many = streamlines(field, places)
+    many = rg.streamlines(field, places)
     for number, place in enumerate(places):
-        path, before = streamline(field, place), streamline(plain, place)
-        certify(path)
+        path, before = rg.streamline(field, place), rg.streamline(plain, place)
+        rg.certify(path)
         assert path.outcome is before.outcome
         np.testing.assert_array_equal(path.cells, before.cells)
         goal = space.goal_point(path.cells[-1])
-        if path.outcome is not Outcome.REACHED or np.isnan(goal).any():
+        if path.outcome is not rg.Outcome.REACHED or np.isnan(goal).any():
             np.testing.assert_array_equal(path.points, before.points)
             continue
         leg = np.linalg.norm(goal - before.points[-1])
@@ -74,64 +69,64 @@ def test_a_path_goes_on_from_the_face_straight_to_the_goal_point(space: Configur
         assert many.length[number] == pytest.approx(path.length)
         assert path.clearance <= before.clearance * (1 + 1e-9)
         np.testing.assert_array_equal(path.log_duration, before.log_duration)
-        way = unwrap(path)
+        way = rg.planning.unwrap(path)
         assert np.all(np.abs(np.diff(way, axis=0)) <= space.spacing * (1 + 1e-9))
         assert length_of(way) == pytest.approx(path.length)
         turns = (way[-1] - goal) / (space.upper - space.lower)
         np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
-        certify_collision_free(path)
-        short = shortcut(path, rounds=5)
+        rg.certify_collision_free(path)
+        short = rg.shortcut(path, rounds=5)
         np.testing.assert_array_equal(short.points[-1], way[-1])
-        motion = time_parameterize(path, velocity_limits=1.0, acceleration_limits=1.0)
+        motion = rg.time_parameterize(path, velocity_limits=1.0, acceleration_limits=1.0)
         np.testing.assert_array_equal(motion.positions[-1], way[-1])
 
 
-def corner_room() -> ConfigurationSpace:
+def corner_room() -> rg.ConfigurationSpace:
     """The goal point lies in the corner of its cell, nearer to the pillar than anything before it."""
     cell = np.zeros((12, 9))
     cell[9, 6] = 1
     cell[8, 5] = 2
-    return ConfigurationSpace(space_of(cell).axes, cell, goal_points=[(8.9, 5.9)])
+    return rg.ConfigurationSpace(space_of(cell).axes, cell, goal_points=[(8.9, 5.9)])
 
 
 def test_the_clearance_counts_the_leg() -> None:
     space = corner_room()
-    field = rg.field(solve(compile_space(space, edge="open")))
-    path = streamline(field, (2.0, 2.0))
+    field = rg.field(rg.solve(rg.compile_space(space, edge="open")))
+    path = rg.streamline(field, (2.0, 2.0))
     exact = shapely.distance(shapely.LineString(path.points), shapely.box(9, 6, 10, 7))
     assert path.clearance == pytest.approx(exact) == pytest.approx(np.hypot(0.1, 0.1))
-    assert streamline(rg.field(solve(compile_space(bare(space), edge="open"))), (2.0, 2.0)).clearance > 0.2
+    assert rg.streamline(rg.field(rg.solve(rg.compile_space(bare(space), edge="open"))), (2.0, 2.0)).clearance > 0.2
 
 
 def test_a_certificate_asks_for_the_leg() -> None:
     space = corner_room()
     field = open_field(space)
-    path = streamline(field, (2.0, 2.0))
+    path = rg.streamline(field, (2.0, 2.0))
     assert len(path.points) == len(path.cells) + 1
     beside = path.points.copy()
     beside[-1] -= 1e-6
     face = path.points[:-1].copy()
     for changes in ({"axis_points": beside}, {"axis_points": face}, {"axis_points": face, "length": length_of(face)}):
-        with pytest.raises(CertificateError):
-            certify(replace(path, **changes))
-    with pytest.raises(CertificateError):
-        certify(replace(path, field=open_field(bare(space))))
-    with pytest.raises(CertificateError, match="shape"):
-        certify(replace(path, axis_points=np.concatenate([path.points, path.points])))
+        with pytest.raises(rg.CertificateError):
+            rg.certify(replace(path, **changes))
+    with pytest.raises(rg.CertificateError):
+        rg.certify(replace(path, field=open_field(bare(space))))
+    with pytest.raises(rg.CertificateError, match="shape"):
+        rg.certify(replace(path, axis_points=np.concatenate([path.points, path.points])))
 
 
 def test_a_start_in_the_goal_cell_has_but_the_leg_to_go() -> None:
     space = corner_room()
     undriven = undriven_field(space, rg.Wiring("neumann"))
-    for path in (streamline(open_field(space), (8.2, 5.5)), streamline(undriven, (8.2, 5.5))):
-        assert (path.outcome, path.goal, len(path.cells)) == (Outcome.REACHED, 0, 1)
+    for path in (rg.streamline(open_field(space), (8.2, 5.5)), rg.streamline(undriven, (8.2, 5.5))):
+        assert (path.outcome, path.goal, len(path.cells)) == (rg.Outcome.REACHED, 0, 1)
         np.testing.assert_array_equal(path.points, [(8.2, 5.5), (8.9, 5.9)])
         assert path.length == pytest.approx(np.hypot(0.7, 0.4))
         assert path.clearance == pytest.approx(np.hypot(0.1, 0.1))
         assert np.isnan(path.log_duration)
-        certify(path)
-    assert streamline(undriven, (9.5, 6.5)).outcome is Outcome.START_BLOCKED
-    assert streamline(undriven, (1.0, 1.0)).outcome is Outcome.NO_CURRENT
+        rg.certify(path)
+    assert rg.streamline(undriven, (9.5, 6.5)).outcome is rg.Outcome.START_BLOCKED
+    assert rg.streamline(undriven, (1.0, 1.0)).outcome is rg.Outcome.NO_CURRENT
 
 
 def test_what_uses_paths_goes_all_the_way(tmp_path: Path) -> None:
@@ -139,15 +134,15 @@ def test_what_uses_paths_goes_all_the_way(tmp_path: Path) -> None:
     cell = np.zeros((10, 6))
     cell[5, :], cell[9, 2] = 1, 2
     axes = space_of(cell, periodic=(True, False)).axes
-    space = ConfigurationSpace(axes, cell, goal_points=[(9.25, 2.75)])
-    path = streamline(open_field(space), (1.5, 3.0))
+    space = rg.ConfigurationSpace(axes, cell, goal_points=[(9.25, 2.75)])
+    path = rg.streamline(open_field(space), (1.5, 3.0))
     goal = (-0.75, 2.75)
-    np.testing.assert_allclose(unwrap(path)[-1], goal)
-    np.testing.assert_allclose(workspace_path(path)[-1], goal)
+    np.testing.assert_allclose(rg.planning.unwrap(path)[-1], goal)
+    np.testing.assert_allclose(rg.planning.workspace_path(path)[-1], goal)
     assert path_columns(path)["x"][-1] == pytest.approx(goal[0])
     columns = json.loads(write_path(path, tmp_path / "path.json").read_text())
     assert (columns["x"][-1], columns["y"][-1]) == pytest.approx(goal)
-    assert check_collisions(path, [CellSet(space.axes, cell == 1)]) is None
+    assert rg.check_collisions(path, [CellSet(space.axes, cell == 1)]) is None
     lines = seam_pieces(path)
     np.testing.assert_allclose(lines[-1][-1], (9.25, 2.75))
     assert sum(map(length_of, lines)) == pytest.approx(path.length)

@@ -1,10 +1,11 @@
+"""Tests internals: `resgrid.planning.normals`."""
+
 import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.errors import InputError
 from resgrid.planning.normals import octree_voxels
 
 
@@ -113,9 +114,9 @@ def test_octrees_become_voxels() -> None:
     coarse = rng.random((4, 4, 4)) < 0.3
     leaves = np.column_stack([2 * np.argwhere(coarse), np.full(coarse.sum(), 2)])
     np.testing.assert_array_equal(octree_voxels(leaves, (8, 8, 8)), np.kron(coarse, np.ones((2, 2, 2), dtype=bool)))
-    with pytest.raises(InputError, match=r"leaf 0 at \(6, 0, 0\), side 4"):
+    with pytest.raises(rg.InputError, match=r"leaf 0 at \(6, 0, 0\), side 4"):
         octree_voxels([[6, 0, 0, 4]], (8, 8, 8))
-    with pytest.raises(InputError, match="whole numbers"):
+    with pytest.raises(rg.InputError, match="whole numbers"):
         octree_voxels([[0.5, 0, 0, 4]], (8, 8, 8))
 
 
@@ -138,14 +139,14 @@ def test_octrees_become_voxels() -> None:
     ],
 )
 def test_wrong_questions_are_refused(arguments: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(rg.InputError, match=message):
         rg.planning.surface_normals(**arguments)
 
 
 def test_a_cavity_and_a_symmetric_gap_have_no_normal() -> None:
     ring = np.ones((3, 3), dtype=bool)
     ring[1, 1] = False
-    with pytest.raises(InputError, match="encloses the cell"):
+    with pytest.raises(rg.InputError, match="encloses the cell"):
         rg.planning.surface_normals(ring, cells=(1, 1))
     assert np.isnan(rg.planning.surface_normals(ring)[1, 1]).all()
     gap = np.zeros((3, 3), dtype=bool)

@@ -1,4 +1,7 @@
-"""Method petsc against the engine: same fields, direction-safe where it says so, and no process or file left behind."""
+"""Method petsc against the engine: same fields, direction-safe where it says so, and no process or file left behind.
+
+Tests internals: `resgrid.planning.petsc_fields`, `resgrid.solvers`.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +20,12 @@ from support.cli import ROOM, call
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.errors import AccuracyError, ToolMissingError
 from resgrid.planning.petsc_fields import solve_ranked
 from resgrid.solvers import petsc
 
 try:
     petsc.find_petsc()
-except ToolMissingError as error:
+except rg.ToolMissingError as error:
     pytest.skip(f"{error}", allow_module_level=True)
 
 CASES: list[tuple[tuple[int, ...], tuple[int, ...], dict[str, Any]]] = [
@@ -171,9 +173,11 @@ def test_a_launcher_that_is_no_program_or_starts_nothing_is_reported(tmp_path: P
     launcher = tmp_path / "launcher"
     launcher.write_bytes(b"\0")
     launcher.chmod(0o755)
-    with pytest.raises(ToolMissingError, match=r"launcher cannot be run \(Exec format error\): correct the launcher"):
+    with pytest.raises(
+        rg.ToolMissingError, match=r"launcher cannot be run \(Exec format error\): correct the launcher"
+    ):
         rg.plan(space, method="petsc", launcher=str(launcher))
-    with pytest.raises(AccuracyError, match=r"every computer needs the folder .* \(TMPDIR\) and "):
+    with pytest.raises(rg.AccuracyError, match=r"every computer needs the folder .* \(TMPDIR\) and "):
         rg.plan(space, method="petsc", launcher="false")
 
 
@@ -199,7 +203,7 @@ def test_what_a_python_that_cannot_import_it_says_is_passed_on(tmp_path: Path, m
         (tmp_path / name).write_text(f"#!/bin/sh\necho '{says}' >&2\nexit 1\n")
         (tmp_path / name).chmod(0o755)
     monkeypatch.setenv("RESGRID_PETSC_PYTHON", str(tmp_path / "python3"))
-    with pytest.raises(ToolMissingError, match=r"cannot import petsc4py \(OSError: libpetsc\.so: cannot open"):
+    with pytest.raises(rg.ToolMissingError, match=r"cannot import petsc4py \(OSError: libpetsc\.so: cannot open"):
         petsc.find_petsc()
 
 
@@ -271,7 +275,7 @@ def test_a_rank_that_dies_is_reported_and_ends_the_others(tmp_path: Path, monkey
     worker.write_text(dying)
     monkeypatch.setattr(petsc, "_WORKER", worker)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    with pytest.raises(AccuracyError, match="signal 9"):
+    with pytest.raises(rg.AccuracyError, match="signal 9"):
         rg.plan(scatter((9, 9), (), 1), method="petsc", ranks=2)
     assert str(worker) not in processes()
     assert not list(tmp_path.glob("resgrid-*"))

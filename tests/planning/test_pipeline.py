@@ -1,4 +1,7 @@
-"""One road: the planner, control and the command line ask for the same fields and get the same."""
+"""One road: the planner, control and the command line ask for the same fields and get the same.
+
+Tests internals: `resgrid.planning.pipeline`.
+"""
 
 from pathlib import Path
 

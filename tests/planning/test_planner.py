@@ -1,3 +1,5 @@
+"""Tests internals: `resgrid.planning`."""
+
 import pickle
 from pathlib import Path
 
@@ -7,20 +9,10 @@ from support.spaces import space_of
 from support.verdicts import check_verdicts
 
 import resgrid as rg
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.space import ConfigurationSpace
-from resgrid.errors import InputError
 from resgrid.planning import pipeline
-from resgrid.planning.blend import blend
-from resgrid.planning.certify import certify
-from resgrid.planning.planner import clearance_curve, plan
-from resgrid.planning.streamline import Outcome
-from resgrid.planning.trace import streamline
-from resgrid.scene import read_scene
 
 
-def two_goal_room() -> ConfigurationSpace:
+def two_goal_room() -> rg.ConfigurationSpace:
     cell = np.zeros((40, 30), dtype=np.uint8)
     cell[12:14, :20], cell[26:28, 10:], cell[18:22, 12:15] = 1, 1, 1
     cell[3, 4], cell[36, 25] = 2, 2
@@ -29,22 +21,22 @@ def two_goal_room() -> ConfigurationSpace:
 
 def test_a_planner_gives_what_the_stages_give() -> None:
     space = two_goal_room()
-    first = rg.field(solve(compile_space(space)))
-    second = rg.field(solve(compile_space(space, boundary="neumann")))
-    planner = plan(space, k=0.5)
+    first = rg.field(rg.solve(rg.compile_space(space)))
+    second = rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
+    planner = rg.plan(space, k=0.5)
     assert planner.k == 0.5 and planner.space is space
     for k in (0.0, 0.3, 1.0):
-        expected = streamline(blend(first, second, k), (8.0, 7.0))
+        expected = rg.streamline(rg.blend(first, second, k), (8.0, 7.0))
         found = planner.at(k).path((8.0, 7.0))
         np.testing.assert_array_equal(found.points, expected.points)
     starts = [(1.0, 14.0), (8.0, 7.0), (19.0, 1.0), (6.5, 1.0)]
     paths, ends = planner.paths(starts), planner.ends(starts)
     assert [path.outcome for path in paths] == ends.outcome.tolist()
-    assert [path.outcome for path in paths] == [Outcome.REACHED] * 3 + [Outcome.START_BLOCKED]
+    assert [path.outcome for path in paths] == [rg.Outcome.REACHED] * 3 + [rg.Outcome.START_BLOCKED]
     assert rg.basins(planner.field)[3, 5] == 0 and rg.basins(planner.field)[36, 24] == 1
     for path in paths:
-        certify(path)
-    assert planner.path(cell=(0, 0)).outcome is Outcome.REACHED
+        rg.certify(path)
+    assert planner.path(cell=(0, 0)).outcome is rg.Outcome.REACHED
     assert rg.find_blocking_obstacles(planner.space, cell=(0, 0)).separating == ()
 
 
@@ -57,28 +49,28 @@ def test_blends_share_two_solves(monkeypatch: pytest.MonkeyPatch) -> None:
         return solve(work, netlist, stage)
 
     monkeypatch.setattr(pipeline.SolveOptions, "solve", counted)
-    planner = plan(two_goal_room(), k=1.0)
+    planner = rg.plan(two_goal_room(), k=1.0)
     planner.paths([(1.0, 14.0), (8.0, 7.0)])
-    clearance_curve(planner, (0.0, 0.2, 1.0), [(1.0, 14.0)])
+    rg.planning.clearance_curve(planner, (0.0, 0.2, 1.0), [(1.0, 14.0)])
     assert calls == ["dirichlet", "neumann"]
-    plan(two_goal_room()).paths([(1.0, 14.0)] * 3)
+    rg.plan(two_goal_room()).paths([(1.0, 14.0)] * 3)
     assert calls[2:] == ["dirichlet"]
 
 
 def test_a_scene_says_what_options_leave_out(scenes: Path) -> None:
-    scene = read_scene(scenes / "rooms.toml")
-    planner = plan(scene)
+    scene = rg.read_scene(scenes / "rooms.toml")
+    planner = rg.plan(scene)
     assert planner.k == scene.k[0] and len(planner.scene_starts) == len(scene.starts)
     assert planner.field.edge == scene.edge
-    assert {path.outcome for path in planner.paths()} == {Outcome.REACHED}
-    walled = plan(scene, boundary="wall", wall_resistance=1e5)
+    assert {path.outcome for path in planner.paths()} == {rg.Outcome.REACHED}
+    walled = rg.plan(scene, boundary="wall", wall_resistance=1e5)
     assert walled.field.boundary == "wall" and len(walled.solution.pure) == 1
 
 
 def test_clearance_grows_with_k() -> None:
     """It does not fall by more than half a cell, and the ends of the curve are far apart."""
     space = two_goal_room()
-    curve = clearance_curve(plan(space, k=1.0), (0.0, 0.01, 0.1, 0.5, 0.9, 0.99, 1.0))
+    curve = rg.planning.clearance_curve(rg.plan(space, k=1.0), (0.0, 0.01, 0.1, 0.5, 0.9, 0.99, 1.0))
     assert np.all(np.diff(curve.mean) > -0.25)
     assert curve.mean[-1] > curve.mean[0] + 0.1
     assert curve.counted.all() and len(curve.starts) == 200
@@ -88,12 +80,12 @@ def test_clearance_grows_with_k() -> None:
 @pytest.mark.parametrize("name", ["problem_a", "problem_b"])
 def test_the_arms_of_1992_keep_away_as_k_grows(name: str, scenes: Path) -> None:
     """Section 3.3 of the paper on its own problems: mean clearance must not fall by more than half a cell."""
-    scene = read_scene(scenes / f"{name}.toml")
-    planner = plan(scene, k=1.0)
+    scene = rg.read_scene(scenes / f"{name}.toml")
+    planner = rg.plan(scene, k=1.0)
     half = 0.5 * planner.space.spacing.min()
-    curve = clearance_curve(planner)
+    curve = rg.planning.clearance_curve(planner)
     assert np.all(np.diff(curve.mean) > -half) and curve.mean[-1] > curve.mean[0] + half
-    walls = clearance_curve(planner, starts=curve.starts, wall_resistances=(0.0, 1e4, 1e5, 1e6, np.inf))
+    walls = rg.planning.clearance_curve(planner, starts=curve.starts, wall_resistances=(0.0, 1e4, 1e5, 1e6, np.inf))
     np.testing.assert_allclose(walls.mean[[0, -1]], curve.mean[[-1, 0]], rtol=1e-9)
     assert np.all(np.diff(walls.mean) < half)
     for k in (0.0, 0.5, 1.0):
@@ -104,8 +96,8 @@ def test_the_wall_resistance_is_the_knob_of_one_chip() -> None:
     """From Dirichlet to Neumann, whose ends both knobs share."""
     space = two_goal_room()
     starts = [(1.0, 14.0), (8.0, 7.0), (19.0, 1.0), (9.0, 12.0)]
-    walls = clearance_curve(plan(space), starts=starts, wall_resistances=(0.0, 1e4, 1e5, 1e6, np.inf))
-    blends = clearance_curve(plan(space, k=1.0), (1.0, 0.0), starts)
+    walls = rg.planning.clearance_curve(rg.plan(space), starts=starts, wall_resistances=(0.0, 1e4, 1e5, 1e6, np.inf))
+    blends = rg.planning.clearance_curve(rg.plan(space, k=1.0), (1.0, 0.0), starts)
     np.testing.assert_allclose(walls.clearance[[0, -1]], blends.clearance, rtol=1e-9)
     np.testing.assert_allclose(walls.length[[0, -1]], blends.length, rtol=1e-9)
     assert np.all(np.diff(walls.mean) < 0.25)
@@ -115,47 +107,47 @@ def test_starts_without_a_path_do_not_count() -> None:
     cell = np.zeros((9, 9))
     cell[4], cell[1, 1] = 1, 2
     space = space_of(cell)
-    curve = clearance_curve(plan(space, k=0.5), (0.0, 1.0), [(7.0, 1.0), (3.5, 7.5)])
+    curve = rg.planning.clearance_curve(rg.plan(space, k=0.5), (0.0, 1.0), [(7.0, 1.0), (3.5, 7.5)])
     assert curve.counted.tolist() == [False, True] and np.isnan(curve.clearance[:, 0]).all()
     np.testing.assert_array_equal(curve.mean, curve.clearance[:, 1])
-    with pytest.raises(InputError, match="no start reaches a goal"):
-        clearance_curve(plan(space, k=0.5), (0.0, 1.0), [(7.0, 1.0)])
+    with pytest.raises(rg.InputError, match="no start reaches a goal"):
+        rg.planning.clearance_curve(rg.plan(space, k=0.5), (0.0, 1.0), [(7.0, 1.0)])
 
 
 def test_wrong_questions_are_refused() -> None:
     space = two_goal_room()
-    with pytest.raises(InputError, match=r"k = 1\.5"):
-        plan(space, k=1.5)
-    with pytest.raises(InputError, match="on the rail"):
-        plan(space, k=0.5, boundary="neumann")
-    with pytest.raises(InputError, match="boundary = 'soft'"):
-        plan(space, boundary="soft")
-    with pytest.raises(InputError, match="or a Scene is needed, not a str"):
-        plan("rooms.toml")
-    planner = plan(space)
-    with pytest.raises(InputError, match="one circuit was solved"):
+    with pytest.raises(rg.InputError, match=r"k = 1\.5"):
+        rg.plan(space, k=1.5)
+    with pytest.raises(rg.InputError, match="on the rail"):
+        rg.plan(space, k=0.5, boundary="neumann")
+    with pytest.raises(rg.InputError, match="boundary = 'soft'"):
+        rg.plan(space, boundary="soft")
+    with pytest.raises(rg.InputError, match="or a Scene is needed, not a str"):
+        rg.plan("rooms.toml")
+    planner = rg.plan(space)
+    with pytest.raises(rg.InputError, match="one circuit was solved"):
         planner.at(0.5)
-    with pytest.raises(InputError, match="2 coordinates"):
+    with pytest.raises(rg.InputError, match="2 coordinates"):
         planner.paths([(1.0, 2.0, 3.0)])
-    with pytest.raises(InputError, match="must be numbers"):
+    with pytest.raises(rg.InputError, match="must be numbers"):
         planner.ends([("a", "b")])
-    with pytest.raises(InputError, match="outside the grid"):
+    with pytest.raises(rg.InputError, match="outside the grid"):
         planner.paths([(1.0, np.nan)])
-    with pytest.raises(InputError, match="out of range"):
-        clearance_curve(planner, wall_resistances=[-1.0])
-    with pytest.raises(InputError, match="at least one"):
-        clearance_curve(planner, wall_resistances=[])
+    with pytest.raises(rg.InputError, match="out of range"):
+        rg.planning.clearance_curve(planner, wall_resistances=[-1.0])
+    with pytest.raises(rg.InputError, match="at least one"):
+        rg.planning.clearance_curve(planner, wall_resistances=[])
     assert planner.paths([]) == [] and len(planner.ends([]).goal) == 0
 
 
 def test_many_paths_share_one_field_in_memory_and_on_their_way_elsewhere() -> None:
-    planner = plan(two_goal_room())
+    planner = rg.plan(two_goal_room())
     paths = planner.paths(planner.space.centre(np.argwhere(planner.space.goal_connected)[:300]))
     assert all(path.field is planner.field for path in paths)
     again = pickle.loads(pickle.dumps(paths))
     assert all(path.field is again[0].field for path in again)
     for path in again[::60]:
-        certify(path)
+        rg.certify(path)
     numbers = sum(path.axis_points.nbytes + path.cells.nbytes for path in paths)
     fields = len(pickle.dumps(planner.field))
     assert len(pickle.dumps(paths)) < 1.2 * numbers + fields + 500 * len(paths)

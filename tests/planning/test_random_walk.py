@@ -5,28 +5,21 @@ from hypothesis import assume, given, settings, strategies as st
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
-from resgrid.core.space import ConfigurationSpace
-from resgrid.errors import CircuitError, InputError
-from resgrid.planning.random_walks import collision_probability, hitting_probability, random_walk
-from resgrid.planning.trace import basins, streamline
 
 BOUNDARIES = [{}, {"boundary": "wall", "wall_resistance": 3.0}, {"boundary": "neumann"}, {"rails": "cells"}]
 
 
-def compiled(space: ConfigurationSpace, **options: object) -> Netlist:
+def compiled(space: rg.ConfigurationSpace, **options: object) -> rg.Netlist:
     try:
-        netlist = compile_space(space, resistance=1.0, **options)
-        solve(netlist)
-    except CircuitError:
+        netlist = rg.compile_space(space, resistance=1.0, **options)
+        rg.solve(netlist)
+    except rg.CircuitError:
         assume(False)
         raise
     return netlist
 
 
-def transitions(netlist: Netlist) -> tuple[np.ndarray, np.ndarray]:
+def transitions(netlist: rg.Netlist) -> tuple[np.ndarray, np.ndarray]:
     """Conductances between all nodes as a dense matrix, and the free nodes: nothing of the solver's assembly."""
     W = np.zeros((netlist.node_count, netlist.node_count))
     for (i, j), g in zip(netlist.resistor_nodes, netlist.conductance, strict=True):
@@ -37,7 +30,7 @@ def transitions(netlist: Netlist) -> tuple[np.ndarray, np.ndarray]:
 
 @settings(max_examples=80)
 @given(spaces(max_cells=7), st.sampled_from(BOUNDARIES))
-def test_an_absorbing_markov_chain_agrees(space: ConfigurationSpace, options: dict[str, object]) -> None:
+def test_an_absorbing_markov_chain_agrees(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
     """The fundamental matrix of Kemeny & Snell (1960), and Doob's transform for walks that succeed."""
     netlist = compiled(space, **options)
     W, free = transitions(netlist)
@@ -47,7 +40,7 @@ def test_an_absorbing_markov_chain_agrees(space: ConfigurationSpace, options: di
     node_goal = {int(space.goal_region[c]): [] for c in map(tuple, np.argwhere(space.cell == 2))}
     for c in map(tuple, np.argwhere(space.cell == 2)):
         node_goal[int(space.goal_region[c])].append(int(netlist.cells.node[c]))
-    found, absorbed = collision_probability(netlist), hitting_probability(netlist)
+    found, absorbed = rg.planning.collision_probability(netlist), rg.planning.hitting_probability(netlist)
     at = tuple(np.argwhere((space.cell == 0) & (netlist.cells.node >= 0)).T)
     u = np.zeros(len(free))
     for goal, nodes in node_goal.items():
@@ -70,7 +63,7 @@ def test_an_absorbing_markov_chain_agrees(space: ConfigurationSpace, options: di
 def test_gamblers_ruin() -> None:
     """Feller (1968), XIV.2-3: u = i / N, i (N - i) steps, and (N**2 - i**2) / 3 of them for those who win."""
     N = 40
-    found = collision_probability(compile_space(space_of([1] + [0] * (N - 1) + [2])))
+    found = rg.planning.collision_probability(rg.compile_space(space_of([1] + [0] * (N - 1) + [2])))
     i = np.arange(1, N)
     np.testing.assert_allclose(found.success[1:-1], i / N, rtol=1e-12)
     np.testing.assert_allclose(found.steps[1:-1], i * (N - i), rtol=1e-12)
@@ -85,7 +78,7 @@ def test_a_walk_that_is_simulated_agrees() -> None:
     cell[3, :4] = 1
     cell[1, 1], cell[5, 4] = 2, 2
     space = space_of(cell, spacing=(1.0, 0.5))
-    netlist = compile_space(space, resistance=1.0)
+    netlist = rg.compile_space(space, resistance=1.0)
     W, _ = transitions(netlist)
     cumulative = np.cumsum(W / np.maximum(W.sum(axis=1), 1e-300)[:, None], axis=1)
     rng = np.random.default_rng(5)
@@ -97,7 +90,7 @@ def test_a_walk_that_is_simulated_agrees() -> None:
         draw = rng.random(len(going))
         node[going] = np.minimum((cumulative[node[going]] < draw[:, None]).sum(axis=1), netlist.node_count - 1)
         steps[going] += 1
-    found, absorbed = collision_probability(netlist), hitting_probability(netlist)
+    found, absorbed = rg.planning.collision_probability(netlist), rg.planning.hitting_probability(netlist)
     won = np.isin(node, netlist.cells.goal_nodes)
     assert abs(won.mean() - found.success[start]) < 4 * np.sqrt(0.25 / walks)
     assert abs(steps.mean() - found.steps[start]) < 4 * steps.std() / np.sqrt(walks)
@@ -111,7 +104,7 @@ def test_what_underflows_keeps_its_digits() -> None:
     n = 1500
     cell = np.zeros((n + 1, 1), dtype=np.uint8)
     cell[0] = 2
-    found = collision_probability(compile_space(space_of(cell)))
+    found = rg.planning.collision_probability(rg.compile_space(space_of(cell)))
     with mpmath.workdps(40):
         u = _tridiagonal([mpmath.mpf(1)] + [mpmath.mpf(0)] * (n - 1))
         s = _tridiagonal(u)
@@ -139,8 +132,8 @@ def test_open_obstacles_make_the_uniform_drive_a_clock() -> None:
     cell = np.zeros((9, 9), dtype=np.uint8)
     cell[4, 1:8], cell[0, 0] = 1, 2
     cell[0, 8], cell[1, 8], cell[1, 7], cell[0, 7] = 0, 1, 1, 1
-    point = solve(compile_space(space_of(cell), boundary="neumann"))
-    potential, found = rg.field(point).potential, collision_probability(point)
+    point = rg.solve(rg.compile_space(space_of(cell), boundary="neumann"))
+    potential, found = rg.field(point).potential, rg.planning.collision_probability(point)
     inside = space_of(cell).goal_connected
     np.testing.assert_allclose(found.time[inside] / found.time[inside].max(), potential[inside], rtol=1e-12)
     np.testing.assert_allclose(found.time_given_success[inside], found.time[inside], rtol=1e-12)
@@ -151,18 +144,22 @@ def test_open_obstacles_make_the_uniform_drive_a_clock() -> None:
 def test_parts_that_touch_one_rail_only_are_served() -> None:
     """A closed room without a goal, and one whose only contact is the goal."""
     cell = np.array([[0, 1, 0, 1], [2, 1, 1, 0], [0, 1, 0, 2]])
-    found = collision_probability(compile_space(space_of(cell), edge="open"))
+    found = rg.planning.collision_probability(rg.compile_space(space_of(cell), edge="open"))
     assert found.success[0, 2] == 0.0 and found.steps[0, 2] == 1.0 and np.isnan(found.time_given_success[0, 2])
-    closed = collision_probability(compile_space(space_of([[0, 0, 2], [1, 1, 1], [0, 0, 2]]), edge="open"))
-    alone = collision_probability(compile_space(space_of([[0, 2, 1, 0, 2]]), edge="open"))
+    closed = rg.planning.collision_probability(
+        rg.compile_space(space_of([[0, 0, 2], [1, 1, 1], [0, 0, 2]]), edge="open")
+    )
+    alone = rg.planning.collision_probability(rg.compile_space(space_of([[0, 2, 1, 0, 2]]), edge="open"))
     assert alone.success[0, 0] == 1.0 and alone.steps[0, 0] == 1.0
     assert 0 < closed.success[0, 0] < 1
 
 
 def test_one_factorisation_serves_all_questions() -> None:
-    walk = random_walk(compile_space(space_of([[0, 0, 2], [0, 1, 0]])))
-    assert random_walk(walk) is walk
-    np.testing.assert_array_equal(hitting_probability(walk).probability[0], collision_probability(walk).success)
+    walk = rg.planning.random_walk(rg.compile_space(space_of([[0, 0, 2], [0, 1, 0]])))
+    assert rg.planning.random_walk(walk) is walk
+    np.testing.assert_array_equal(
+        rg.planning.hitting_probability(walk).probability[0], rg.planning.collision_probability(walk).success
+    )
 
 
 def test_the_basins_of_streamlines_and_of_walks() -> None:
@@ -170,36 +167,39 @@ def test_the_basins_of_streamlines_and_of_walks() -> None:
     cell = np.zeros((12, 5), dtype=np.uint8)
     cell[1, 2], cell[10, 2] = 2, 2
     space = space_of(cell)
-    point = solve(compile_space(space))
+    point = rg.solve(rg.compile_space(space))
     expected = np.repeat([0] * 6 + [1] * 6, 5).reshape(12, 5)
-    np.testing.assert_array_equal(basins(rg.field(point)), expected)
-    absorbed = hitting_probability(point)
+    np.testing.assert_array_equal(rg.basins(rg.field(point)), expected)
+    absorbed = rg.planning.hitting_probability(point)
     np.testing.assert_array_equal(absorbed.likeliest, expected)
     np.testing.assert_allclose(absorbed.probability[0], absorbed.probability[1][::-1], rtol=1e-12)
 
 
 @settings(max_examples=100)
 @given(spaces(max_cells=8), st.sampled_from(BOUNDARIES))
-def test_a_basin_is_what_the_streamline_says(space: ConfigurationSpace, options: dict[str, object]) -> None:
+def test_a_basin_is_what_the_streamline_says(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
     assume(space.goal_connected.any())
     try:
-        field = rg.field(solve(compiled(space, **options)))
-    except CircuitError:
+        field = rg.field(rg.solve(compiled(space, **options)))
+    except rg.CircuitError:
         assume(False)
         raise
-    found = basins(field)
+    found = rg.basins(field)
     for cell in np.argwhere(space.cell != 1)[:40]:
-        goal = streamline(field, cell=cell.tolist()).goal
+        goal = rg.streamline(field, cell=cell.tolist()).goal
         assert found[tuple(cell)] == (-1 if goal is None else goal)
     assert np.all(found[space.cell == 1] == -1)
-    assert np.all(hitting_probability(compile_space(space)).likeliest[~space.goal_connected & (space.cell == 0)] == -1)
+    assert np.all(
+        rg.planning.hitting_probability(rg.compile_space(space)).likeliest[~space.goal_connected & (space.cell == 0)]
+        == -1
+    )
 
 
 def test_circuits_without_a_walk_are_refused() -> None:
-    with pytest.raises(InputError, match="not compiled from a space"):
-        collision_probability(Netlist(2, [[0, 1]], [1.0]))
+    with pytest.raises(rg.InputError, match="not compiled from a space"):
+        rg.planning.collision_probability(rg.Netlist(2, [[0, 1]], [1.0]))
     space = space_of([[0, 0, 2]])
-    with pytest.raises(InputError, match="uniform"):
-        collision_probability(compile_space(space, boundary="neumann", drive="start", start=(0, 0)))
-    with pytest.raises(InputError, match="no free cell"):
-        collision_probability(compile_space(space_of([[2, 1]])))
+    with pytest.raises(rg.InputError, match="uniform"):
+        rg.planning.collision_probability(rg.compile_space(space, boundary="neumann", drive="start", start=(0, 0)))
+    with pytest.raises(rg.InputError, match="no free cell"):
+        rg.planning.collision_probability(rg.compile_space(space_of([[2, 1]])))

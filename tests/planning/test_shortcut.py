@@ -1,4 +1,7 @@
-"""Shortcuts against brute force: rational arithmetic over every cell, and thousands of points along the way."""
+"""Shortcuts against brute force: rational arithmetic over every cell, and thousands of points along the way.
+
+Tests internals: `resgrid.core.regions`, `resgrid.planning`, `resgrid.planning.streamline`.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +15,9 @@ from numpy.typing import NDArray
 from support.spaces import serpentine, space_of, spaces
 
 import resgrid as rg
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
 from resgrid.core.regions import label_regions
-from resgrid.core.space import Cell, ConfigurationSpace
-from resgrid.errors import CertificateError, InputError
 from resgrid.planning import kernels
-from resgrid.planning.certify import certify_collision_free
-from resgrid.planning.fields import Field
-from resgrid.planning.streamline import length_of, unwrap
-from resgrid.planning.trace import streamline
+from resgrid.planning.streamline import length_of
 
 
 def touched_exactly(start: list[float], end: list[float], shape: tuple[int, ...]) -> set[tuple[int, ...]]:
@@ -67,8 +63,8 @@ def test_a_line_is_free_exactly_if_all_cells_it_touches_are(case, data: st.DataO
             assert not kernels.segment_is_free(np.array(start), np.array(end), only.ravel(), *arguments)
 
 
-def dirichlet(space: ConfigurationSpace) -> Field:
-    return rg.field(solve(compile_space(space)))
+def dirichlet(space: rg.ConfigurationSpace) -> rg.Field:
+    return rg.field(rg.solve(rg.compile_space(space)))
 
 
 def points_along(points: NDArray[np.float64], count: int) -> NDArray[np.float64]:
@@ -78,15 +74,15 @@ def points_along(points: NDArray[np.float64], count: int) -> NDArray[np.float64]
 
 @given(spaces(max_cells=12, conductive=False), st.data())
 @settings(max_examples=40)
-def test_short_paths_are_free_shorter_and_join_the_same_ends(space: ConfigurationSpace, data: st.DataObject) -> None:
+def test_short_paths_are_free_shorter_and_join_the_same_ends(space: rg.ConfigurationSpace, data: st.DataObject) -> None:
     reachable = np.argwhere(space.goal_connected)
     if not len(reachable):
         return
-    field = rg.field(solve(compile_space(space, boundary="neumann")))
+    field = rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
     cell = reachable[data.draw(st.integers(0, len(reachable) - 1))]
-    path = streamline(field, cell=cell.tolist())
+    path = rg.streamline(field, cell=cell.tolist())
     short = rg.shortcut(path, rounds=30)
-    way = unwrap(path)
+    way = rg.planning.unwrap(path)
     np.testing.assert_array_equal(short.points[[0, -1]], way[[0, -1]])
     assert length_of(short.points) <= path.length * (1 + 1e-12)
     assert short.length >= np.linalg.norm(way[-1] - way[0]) * (1 - 1e-12)
@@ -96,14 +92,14 @@ def test_short_paths_are_free_shorter_and_join_the_same_ends(space: Configuratio
     # A point on a border may touch an obstacle only along a segment of the streamline; nudged inwards it is free.
     cells = np.floor((turned - space.lower) / space.spacing).astype(int) % space.shape
     on_border = np.any(np.abs((turned - space.lower) / space.spacing % 1 - 0.5) > 0.5 - 1e-6, axis=1)
-    assert np.all((space.cell[tuple(cells.T)] != Cell.OBSTACLE) | on_border)
+    assert np.all((space.cell[tuple(cells.T)] != rg.Cell.OBSTACLE) | on_border)
 
 
 def test_an_open_room_is_crossed_in_one_line() -> None:
     cell = np.zeros((30, 20), dtype=np.uint8)
-    cell[28, 18] = Cell.GOAL
+    cell[28, 18] = rg.Cell.GOAL
     field = dirichlet(space_of(cell))
-    path = streamline(field, start=(1.5, 1.5))
+    path = rg.streamline(field, start=(1.5, 1.5))
     short = rg.shortcut(path)
     assert len(short.points) == 2
     assert short.length == pytest.approx(float(np.linalg.norm(path.points[-1] - path.points[0])))
@@ -112,17 +108,17 @@ def test_an_open_room_is_crossed_in_one_line() -> None:
 
 def test_a_corner_is_not_cut_even_by_a_touch() -> None:
     cell = np.zeros((4, 4), dtype=np.uint8)
-    cell[1, 1] = Cell.OBSTACLE
+    cell[1, 1] = rg.Cell.OBSTACLE
     space = space_of(cell)
-    certify_collision_free(rg.Polyline([(0.5, 2.6), (3.0, 3.5)], space))
-    with pytest.raises(CertificateError, match=r"segment 0 touches cell \(1, 1\)"):
-        certify_collision_free(rg.Polyline([(0.5, 2.5), (2.5, 0.5), (3.5, 0.5)], replace_cell(space, (2, 2))))
-    with pytest.raises(CertificateError, match=r"\(1, 1\)"):
-        certify_collision_free(rg.Polyline([(0.5, 2.5), (1.5, 1.5)], space))
-    with pytest.raises(CertificateError, match="outside"):
-        certify_collision_free(rg.Polyline([(0.5, 0.5), (-0.5, 3.5)], space))
-    certify_collision_free(rg.Polyline([(1.0, 0.2), (1.0, 1.0)], space_of(np.zeros((4, 4), dtype=np.uint8))))
-    certify_collision_free(
+    rg.certify_collision_free(rg.Polyline([(0.5, 2.6), (3.0, 3.5)], space))
+    with pytest.raises(rg.CertificateError, match=r"segment 0 touches cell \(1, 1\)"):
+        rg.certify_collision_free(rg.Polyline([(0.5, 2.5), (2.5, 0.5), (3.5, 0.5)], replace_cell(space, (2, 2))))
+    with pytest.raises(rg.CertificateError, match=r"\(1, 1\)"):
+        rg.certify_collision_free(rg.Polyline([(0.5, 2.5), (1.5, 1.5)], space))
+    with pytest.raises(rg.CertificateError, match="outside"):
+        rg.certify_collision_free(rg.Polyline([(0.5, 0.5), (-0.5, 3.5)], space))
+    rg.certify_collision_free(rg.Polyline([(1.0, 0.2), (1.0, 1.0)], space_of(np.zeros((4, 4), dtype=np.uint8))))
+    rg.certify_collision_free(
         rg.Polyline([(0.2, 1.0), (1.0, 1.8)], space)
     )  # within one closed cell, though it ends on the obstacle's side
 
@@ -134,7 +130,7 @@ def test_a_free_way_never_joins_what_faces_do_not(seed: int, ndim: int) -> None:
     rng = np.random.default_rng(seed)
     shape = (4,) * ndim if ndim < 4 else (3,) * 4
     space = space_of(rng.random(shape) < 0.5, periodic=tuple(rng.random(ndim) < 0.3))
-    region = label_regions(space.cell != Cell.OBSTACLE, space.periodic)
+    region = label_regions(space.cell != rg.Cell.OBSTACLE, space.periodic)
     free = np.argwhere(region > 0)
     if not len(free):
         return
@@ -146,8 +142,8 @@ def test_a_free_way_never_joins_what_faces_do_not(seed: int, ndim: int) -> None:
         cell = beside[rng.integers(len(beside))] if len(beside) else cell
         way.append(cell + 0.5)
         try:
-            certify_collision_free(rg.Polyline(way, space))
-        except CertificateError:
+            rg.certify_collision_free(rg.Polyline(way, space))
+        except rg.CertificateError:
             break
         passed += 1
         assert region[tuple(np.floor(way[0]).astype(int))] == region[tuple(cell)]
@@ -160,46 +156,46 @@ def test_a_free_way_never_joins_what_faces_do_not(seed: int, ndim: int) -> None:
 def test_nothing_slips_through_an_edge_where_two_blocks_meet(knot: tuple[float, float, float]) -> None:
     """Two blocks that share an edge only: the free quarters beside it are two regions, and no knot on it joins them."""
     cell = np.zeros((4, 4, 4), dtype=np.uint8)
-    cell[:2, 2:], cell[2:, :2] = Cell.OBSTACLE, Cell.OBSTACLE
+    cell[:2, 2:], cell[2:, :2] = rg.Cell.OBSTACLE, rg.Cell.OBSTACLE
     space = space_of(cell)
     along = (2.0, 2.0, knot[2] + 0.5)
-    certify_collision_free(rg.Polyline([(1.5, 1.5, 1.5), knot, along, (1.5, 1.5, 1.5)], space))
-    with pytest.raises(CertificateError, match="corner or edge"):
-        certify_collision_free(rg.Polyline([(1.5, 1.5, 1.5), knot, (2.5, 2.5, 1.5)], space))
-    with pytest.raises(CertificateError, match="corner or edge"):
-        certify_collision_free(rg.Polyline([(1.5, 1.5, 1.5), knot, along, (2.5, 2.5, 1.5)], space))
+    rg.certify_collision_free(rg.Polyline([(1.5, 1.5, 1.5), knot, along, (1.5, 1.5, 1.5)], space))
+    with pytest.raises(rg.CertificateError, match="corner or edge"):
+        rg.certify_collision_free(rg.Polyline([(1.5, 1.5, 1.5), knot, (2.5, 2.5, 1.5)], space))
+    with pytest.raises(rg.CertificateError, match="corner or edge"):
+        rg.certify_collision_free(rg.Polyline([(1.5, 1.5, 1.5), knot, along, (2.5, 2.5, 1.5)], space))
 
 
 def test_a_corner_of_three_free_cells_may_be_passed() -> None:
     """Around the inner corner of an L the way leads through the faces of its third cell."""
-    certify_collision_free(rg.Polyline([(0.5, 0.5), (1.0, 1.0), (1.5, 1.5)], space_of([[0, 0], [1, 0]])))
-    with pytest.raises(CertificateError, match="corner or edge"):
-        certify_collision_free(rg.Polyline([(0.5, 0.5), (1.0, 1.0), (1.5, 1.5)], space_of([[0, 1], [1, 0]])))
+    rg.certify_collision_free(rg.Polyline([(0.5, 0.5), (1.0, 1.0), (1.5, 1.5)], space_of([[0, 0], [1, 0]])))
+    with pytest.raises(rg.CertificateError, match="corner or edge"):
+        rg.certify_collision_free(rg.Polyline([(0.5, 0.5), (1.0, 1.0), (1.5, 1.5)], space_of([[0, 1], [1, 0]])))
     ring = space_of([[0, 1], [1, 0]], periodic=(True, True))
-    with pytest.raises(CertificateError, match="corner or edge"):
-        certify_collision_free(rg.Polyline([(0.5, 0.5), (0.0, 0.0), (-0.5, -0.5)], ring))
+    with pytest.raises(rg.CertificateError, match="corner or edge"):
+        rg.certify_collision_free(rg.Polyline([(0.5, 0.5), (0.0, 0.0), (-0.5, -0.5)], ring))
 
 
 def test_ways_that_leave_the_grid_or_never_end_are_refused_at_once() -> None:
     space = space_of(np.zeros((3, 3)), periodic=(True, False))
-    certify_collision_free(rg.Polyline([(-40.0, 1.0), (80.0, 2.0)], space))
-    with pytest.raises(CertificateError, match="point 1 lies outside"):
-        certify_collision_free(rg.Polyline([(0.0, 1.0), (0.0, 1e12)], space))
-    with pytest.raises(InputError, match="longer than"):
-        certify_collision_free(rg.Polyline([(0.0, 1.0), (1e12, 1.0)], space))
+    rg.certify_collision_free(rg.Polyline([(-40.0, 1.0), (80.0, 2.0)], space))
+    with pytest.raises(rg.CertificateError, match="point 1 lies outside"):
+        rg.certify_collision_free(rg.Polyline([(0.0, 1.0), (0.0, 1e12)], space))
+    with pytest.raises(rg.InputError, match="longer than"):
+        rg.certify_collision_free(rg.Polyline([(0.0, 1.0), (1e12, 1.0)], space))
 
 
-def replace_cell(space: ConfigurationSpace, cell: tuple[int, int]) -> ConfigurationSpace:
+def replace_cell(space: rg.ConfigurationSpace, cell: tuple[int, int]) -> rg.ConfigurationSpace:
     code = space.cell.copy()
-    code[cell] = Cell.OBSTACLE
-    return ConfigurationSpace(space.axes, code)
+    code[cell] = rg.Cell.OBSTACLE
+    return rg.ConfigurationSpace(space.axes, code)
 
 
 def test_the_clearance_asked_for_is_kept() -> None:
     cell = np.zeros((40, 30), dtype=np.uint8)
-    cell[20, :22], cell[38, 2] = Cell.OBSTACLE, Cell.GOAL
+    cell[20, :22], cell[38, 2] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     field = dirichlet(space_of(cell))
-    path = streamline(field, start=(2.5, 14.5))
+    path = rg.streamline(field, start=(2.5, 14.5))
     bold, usual, careful = (rg.shortcut(path, clearance=clearance) for clearance in (0.0, None, 1.5))
     assert path.length > careful.length >= usual.length > bold.length
     assert usual.clearance >= path.clearance / 2
@@ -209,7 +205,7 @@ def test_the_clearance_asked_for_is_kept() -> None:
 
 @given(spaces(), st.integers(0, 2**32 - 1))
 @settings(max_examples=40)
-def test_half_of_the_clearance_is_kept_by_default(space: ConfigurationSpace, pick: int) -> None:
+def test_half_of_the_clearance_is_kept_by_default(space: rg.ConfigurationSpace, pick: int) -> None:
     free = np.argwhere(space.goal_connected)
     if not len(free):
         return
@@ -224,37 +220,37 @@ def test_a_maze_keeps_its_way_and_the_seed_its_path() -> None:
     space = space_of(serpentine(6, 14, 2))
     field = dirichlet(space)
     free = np.argwhere(space.goal_connected)
-    path = streamline(field, cell=free[-1].tolist())
+    path = rg.streamline(field, cell=free[-1].tolist())
     first, again = rg.shortcut(path, seed=3), rg.shortcut(path, seed=3)
     np.testing.assert_array_equal(first.points, again.points)
     assert first.length < path.length
-    certify_collision_free(first)
+    rg.certify_collision_free(first)
 
 
 def test_lines_cross_seams() -> None:
     cell = np.zeros((20, 12), dtype=np.uint8)
-    cell[10, :], cell[2, 6] = Cell.OBSTACLE, Cell.GOAL
+    cell[10, :], cell[2, 6] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     space = space_of(cell, periodic=(True, False))
-    path = streamline(dirichlet(space), start=(15.5, 4.5))
+    path = rg.streamline(dirichlet(space), start=(15.5, 4.5))
     short = rg.shortcut(path)
     assert len(short.points) == 2
     assert short.points[-1, 0] == pytest.approx(22.0, abs=0.51)
-    certify_collision_free(short)
+    rg.certify_collision_free(short)
 
 
 def test_only_what_reached_a_goal_is_shortened() -> None:
     cell = np.zeros((3, 3), dtype=np.uint8)
-    cell[1, :], cell[2, 2] = Cell.OBSTACLE, Cell.GOAL
+    cell[1, :], cell[2, 2] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     field = dirichlet(space_of(cell))
-    with pytest.raises(InputError, match="no_path"):
-        rg.shortcut(streamline(field, cell=(0, 0)))
-    path = streamline(field, cell=(2, 0))
-    with pytest.raises(InputError, match="clearance = nan"):
+    with pytest.raises(rg.InputError, match="no_path"):
+        rg.shortcut(rg.streamline(field, cell=(0, 0)))
+    path = rg.streamline(field, cell=(2, 0))
+    with pytest.raises(rg.InputError, match="clearance = nan"):
         rg.shortcut(path, clearance=float("nan"))
     for wrong in ({"rounds": -1}, {"rounds": 2_000_000}, {"rounds": 1.5}, {"seed": -1}, {"clearance": "wide"}):
-        with pytest.raises(InputError, match=next(iter(wrong))):
+        with pytest.raises(rg.InputError, match=next(iter(wrong))):
             rg.shortcut(path, **wrong)
-    with pytest.raises(InputError, match="must be a Streamline"):
+    with pytest.raises(rg.InputError, match="must be a Streamline"):
         rg.shortcut(path.points)
-    goal = rg.shortcut(streamline(field, cell=(2, 2)))
+    goal = rg.shortcut(rg.streamline(field, cell=(2, 2)))
     assert (len(goal.points), goal.length) == (1, 0.0)

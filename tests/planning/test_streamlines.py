@@ -1,31 +1,26 @@
+"""Tests internals: `resgrid.planning.blend`, `resgrid.planning.fields`."""
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.space import Cell, ConfigurationSpace
-from resgrid.errors import CertificateError, CircuitError, InputError
-from resgrid.planning.blend import blend, dirichlet_share
-from resgrid.planning.certify import certify
-from resgrid.planning.fields import Field, undriven_field
-from resgrid.planning.streamline import Outcome, Streamline
-from resgrid.planning.trace import streamline, streamlines
+from resgrid.planning.blend import dirichlet_share
+from resgrid.planning.fields import undriven_field
 
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
 
 
-def field(space: ConfigurationSpace, **options: object) -> Field:
+def field(space: rg.ConfigurationSpace, **options: object) -> rg.Field:
     try:
-        return rg.field(solve(compile_space(space, resistance=1.0, **options)))
-    except CircuitError:
+        return rg.field(rg.solve(rg.compile_space(space, resistance=1.0, **options)))
+    except rg.CircuitError:
         assume(False)
         raise
 
 
-def room() -> ConfigurationSpace:
+def room() -> rg.ConfigurationSpace:
     cell = np.zeros((12, 9))
     cell[5, :7] = 1
     cell[1, 2] = cell[10, 1] = 2
@@ -35,37 +30,37 @@ def room() -> ConfigurationSpace:
 @settings(max_examples=80)
 @given(spaces(), st.sampled_from(BOUNDARIES), st.integers(0, 2**32 - 1))
 def test_every_start_arrives_certified_or_says_why(
-    space: ConfigurationSpace, options: dict[str, object], seed: int
+    space: rg.ConfigurationSpace, options: dict[str, object], seed: int
 ) -> None:
     flow = field(space, **options)
     rng = np.random.default_rng(seed)
     points = space.lower + rng.random((20, space.ndim)) * (space.upper - space.lower)
     for point in points:
-        path = streamline(flow, point)
-        certify(path)
+        path = rg.streamline(flow, point)
+        rg.certify(path)
         code = space.cell[tuple(space.locate(point))]
-        if code == Cell.OBSTACLE:
-            assert path.outcome is Outcome.START_BLOCKED
-        elif code == Cell.GOAL:
-            assert path.outcome is Outcome.REACHED and path.length == 0.0
+        if code == rg.Cell.OBSTACLE:
+            assert path.outcome is rg.Outcome.START_BLOCKED
+        elif code == rg.Cell.GOAL:
+            assert path.outcome is rg.Outcome.REACHED and path.length == 0.0
         elif not space.goal_connected[tuple(space.locate(point))]:
-            assert path.outcome in {Outcome.NO_PATH, Outcome.GOAL_BLOCKED}
+            assert path.outcome in {rg.Outcome.NO_PATH, rg.Outcome.GOAL_BLOCKED}
         else:
             # A component that touches goals only is flat; a scene's symmetry can make a cell flat.
-            assert path.outcome in {Outcome.REACHED, Outcome.NO_CURRENT}
+            assert path.outcome in {rg.Outcome.REACHED, rg.Outcome.NO_CURRENT}
 
 
 @settings(max_examples=60)
 @given(spaces(), st.sampled_from([0.0, 0.01, 0.5, 0.99, 1.0]))
-def test_blends_arrive_from_everywhere(space: ConfigurationSpace, k: float) -> None:
+def test_blends_arrive_from_everywhere(space: rg.ConfigurationSpace, k: float) -> None:
     dirichlet, neumann = field(space), field(space, boundary="neumann")
-    mixed = blend(dirichlet, neumann, k)
+    mixed = rg.blend(dirichlet, neumann, k)
     starts = np.argwhere(space.goal_connected)[:60]
     for cell in starts:
-        path = streamline(mixed, cell=cell.tolist())
-        certify(path)
+        path = rg.streamline(mixed, cell=cell.tolist())
+        rg.certify(path)
         if k < 1.0:
-            assert path.outcome is Outcome.REACHED
+            assert path.outcome is rg.Outcome.REACHED
 
 
 def test_an_open_channel_runs_straight() -> None:
@@ -74,9 +69,9 @@ def test_an_open_channel_runs_straight() -> None:
     cell[-1] = 2
     cell[0] = 1
     space = space_of(cell, spacing=(2.0, 2.0))
-    flow = rg.field(solve(compile_space(space, edge="open", resistance=7.0)))
-    path = streamline(flow, (2.0, 1.3))
-    certify(path)
+    flow = rg.field(rg.solve(rg.compile_space(space, edge="open", resistance=7.0)))
+    path = rg.streamline(flow, (2.0, 1.3))
+    rg.certify(path)
     assert np.allclose(path.points[:, 1], 1.3)
     assert path.length == pytest.approx(18.0)
     # grad phi = 1 / (10 spacings of 2): the velocity is 1 / 20.
@@ -90,12 +85,12 @@ def test_many_starts_are_the_single_ones() -> None:
     flow = field(space)
     rng = np.random.default_rng(0)
     points = space.lower + rng.random((50, 2)) * (space.upper - space.lower)
-    many = streamlines(flow, points)
+    many = rg.streamlines(flow, points)
     for k, point in enumerate(points):
-        one = streamline(flow, point)
+        one = rg.streamline(flow, point)
         assert many.outcome[k] == one.outcome
         assert many.goal[k] == (-1 if one.goal is None else one.goal)
-        if one.outcome is Outcome.REACHED:
+        if one.outcome is rg.Outcome.REACHED:
             assert many.length[k] == pytest.approx(one.length)
             assert many.steps[k] == len(one.cells) - 1
 
@@ -107,11 +102,11 @@ def test_clearance_agrees_with_brute_force() -> None:
         cell[7, 5] = 2
         space = space_of(cell, periodic=periodic, spacing=(1.0, 0.5))
         flow = field(space, edge="open")
-        boxes = np.argwhere(space.cell == Cell.OBSTACLE) * space.spacing
+        boxes = np.argwhere(space.cell == rg.Cell.OBSTACLE) * space.spacing
         extent = space.upper - space.lower
         for start in np.argwhere(space.goal_connected)[::9]:
-            path = streamline(flow, cell=start.tolist())
-            if path.outcome is not Outcome.REACHED:
+            path = rg.streamline(flow, cell=start.tolist())
+            if path.outcome is not rg.Outcome.REACHED:
                 continue
             expected = np.inf
             local = path.points / space.spacing - path.cells
@@ -140,14 +135,14 @@ def test_outcomes_are_typed() -> None:
     cell[4, :] = 1
     space = space_of(cell)
     flow = field(space)
-    assert streamline(flow, cell=(4, 3)).outcome is Outcome.START_BLOCKED
-    assert streamline(flow, cell=(6, 6)).outcome is Outcome.NO_PATH
-    assert streamline(flow, cell=(3, 3)).outcome is Outcome.REACHED
-    assert streamline(flow, (4.0, 2.5)).outcome is Outcome.REACHED  # on the wall's face: the free side counts
-    with pytest.raises(InputError, match="outside the grid"):
-        streamline(flow, (9.0, 1.0))
-    with pytest.raises(InputError):
-        streamline(flow)
+    assert rg.streamline(flow, cell=(4, 3)).outcome is rg.Outcome.START_BLOCKED
+    assert rg.streamline(flow, cell=(6, 6)).outcome is rg.Outcome.NO_PATH
+    assert rg.streamline(flow, cell=(3, 3)).outcome is rg.Outcome.REACHED
+    assert rg.streamline(flow, (4.0, 2.5)).outcome is rg.Outcome.REACHED  # on the wall's face: the free side counts
+    with pytest.raises(rg.InputError, match="outside the grid"):
+        rg.streamline(flow, (9.0, 1.0))
+    with pytest.raises(rg.InputError):
+        rg.streamline(flow)
 
 
 def test_a_walled_goal_is_blocked() -> None:
@@ -157,9 +152,9 @@ def test_a_walled_goal_is_blocked() -> None:
     space = space_of(cell)
     # Nothing flows in such a circuit, so there is no field to read: the outcome rests on the cells alone.
     silent = undriven_field(space, rg.Wiring())
-    path = streamline(silent, cell=(0, 0))
-    assert path.outcome is Outcome.GOAL_BLOCKED
-    certify(path)
+    path = rg.streamline(silent, cell=(0, 0))
+    assert path.outcome is rg.Outcome.GOAL_BLOCKED
+    rg.certify(path)
 
 
 def test_the_start_drive_serves_its_start_and_names_the_rest() -> None:
@@ -170,24 +165,24 @@ def test_the_start_drive_serves_its_start_and_names_the_rest() -> None:
     cell[5:, 6] = 1
     cell[7, 6] = 0  # a side room, joined at one cell
     space = space_of(cell)
-    flow = rg.field(solve(compile_space(space, boundary="neumann", drive="start", start=(8, 2))))
-    path = streamline(flow, cell=(8, 2))
-    assert path.outcome is Outcome.REACHED
-    certify(path)
-    side = streamline(flow, cell=(8, 8))
-    assert side.outcome is Outcome.NO_CURRENT
-    certify(side)
+    flow = rg.field(rg.solve(rg.compile_space(space, boundary="neumann", drive="start", start=(8, 2))))
+    path = rg.streamline(flow, cell=(8, 2))
+    assert path.outcome is rg.Outcome.REACHED
+    rg.certify(path)
+    side = rg.streamline(flow, cell=(8, 8))
+    assert side.outcome is rg.Outcome.NO_CURRENT
+    rg.certify(side)
 
 
 def test_a_forged_path_is_refused() -> None:
     space = room()
     flow = field(space)
-    path = streamline(flow, cell=(9, 7))
-    certify(path)
+    path = rg.streamline(flow, cell=(9, 7))
+    rg.certify(path)
 
-    def forged(**changes: object) -> Streamline:
+    def forged(**changes: object) -> rg.Streamline:
         values = {name: getattr(path, name) for name in path.__dataclass_fields__}
-        return Streamline(**{**values, **changes})
+        return rg.Streamline(**{**values, **changes})
 
     cells = path.cells.copy()
     cells[2] = cells[1] + [1, 1]
@@ -200,38 +195,38 @@ def test_a_forged_path_is_refused() -> None:
         {"goal": 1 - path.goal},
         {"cells": path.cells[:-1].copy(), "axis_points": path.axis_points[:-1].copy()},
         {"cells": path.cells[::-1].copy(), "axis_points": path.axis_points[::-1].copy()},
-        {"outcome": Outcome.NO_PATH},
-        {"outcome": Outcome.NO_CURRENT},
-        {"outcome": Outcome.START_BLOCKED},
+        {"outcome": rg.Outcome.NO_PATH},
+        {"outcome": rg.Outcome.NO_CURRENT},
+        {"outcome": rg.Outcome.START_BLOCKED},
     ):
-        with pytest.raises(CertificateError):
-            certify(forged(**broken))
+        with pytest.raises(rg.CertificateError):
+            rg.certify(forged(**broken))
 
 
 def test_blends_that_do_not_go_together_are_refused() -> None:
     space = room()
     dirichlet, neumann = field(space), field(space, boundary="neumann")
     started = field(space, boundary="neumann", drive="start", start=(9, 7))
-    with pytest.raises(InputError, match="k = 2"):
-        blend(dirichlet, neumann, 2.0)
-    with pytest.raises(InputError, match="order"):
-        blend(neumann, dirichlet, 0.5)
-    with pytest.raises(InputError, match="start-driven"):
-        blend(dirichlet, started, 0.5)
-    assert blend(dirichlet, started, 0.5, allow_start_drive=True).boundary == "blend"
-    with pytest.raises(InputError, match="different spaces"):
-        blend(dirichlet, field(space_of(np.where(space.cell == 1, 0, space.cell)), boundary="neumann"), 0.5)
-    costly = ConfigurationSpace(space.axes, space.cell, np.where(space.cell == 1, 1.0, 2.0))
-    with pytest.raises(InputError, match="different spaces"):
-        blend(dirichlet, field(costly, boundary="neumann"), 0.5)
-    with pytest.raises(InputError, match="have edges"):
-        blend(dirichlet, field(space, boundary="neumann", edge="open"), 0.5)
+    with pytest.raises(rg.InputError, match="k = 2"):
+        rg.blend(dirichlet, neumann, 2.0)
+    with pytest.raises(rg.InputError, match="order"):
+        rg.blend(neumann, dirichlet, 0.5)
+    with pytest.raises(rg.InputError, match="start-driven"):
+        rg.blend(dirichlet, started, 0.5)
+    assert rg.blend(dirichlet, started, 0.5, allow_start_drive=True).boundary == "blend"
+    with pytest.raises(rg.InputError, match="different spaces"):
+        rg.blend(dirichlet, field(space_of(np.where(space.cell == 1, 0, space.cell)), boundary="neumann"), 0.5)
+    costly = rg.ConfigurationSpace(space.axes, space.cell, np.where(space.cell == 1, 1.0, 2.0))
+    with pytest.raises(rg.InputError, match="different spaces"):
+        rg.blend(dirichlet, field(costly, boundary="neumann"), 0.5)
+    with pytest.raises(rg.InputError, match="have edges"):
+        rg.blend(dirichlet, field(space, boundary="neumann", edge="open"), 0.5)
 
 
 def test_blended_currents_are_the_sum_on_the_grid() -> None:
     space = room()
     dirichlet, neumann = field(space), field(space, boundary="neumann")
-    mixed = blend(dirichlet, neumann, 0.3)
+    mixed = rg.blend(dirichlet, neumann, 0.3)
     for axis in range(2):
         expected = 0.3 * dirichlet.face_current(axis) + 0.7 * neumann.face_current(axis)
         assert np.allclose(mixed.face_current(axis), expected, rtol=1e-9, atol=1e-15)
@@ -259,7 +254,7 @@ def test_shares_of_a_blend_are_those_of_the_potentials_differences(spacing: tupl
     size = [np.hypot(*np.gradient(f.potential, *spacing)) for f in (dirichlet, neumann)]
     expected = 0.9 * size[0] / (0.9 * size[0] + 0.1 * size[1])
     np.testing.assert_allclose(share[inner], expected[inner], rtol=1e-7, atol=1e-9)
-    with pytest.raises(InputError, match="in this order"):
+    with pytest.raises(rg.InputError, match="in this order"):
         dirichlet_share(neumann, dirichlet, 0.9)
 
 
@@ -269,14 +264,14 @@ def test_shares_of_a_blend_are_those_of_the_potentials_differences(spacing: tupl
 )
 def test_free_cells_that_are_not_between_rails_have_no_field(cell: list[object], rails: str) -> None:
     """Goals beside obstacles are rails cell by cell: currents flow between their sources, but through no free cell."""
-    with pytest.raises(CircuitError, match="nothing is driven"):
-        rg.field(solve(compile_space(space_of(cell), edge="open", rails=rails)))
+    with pytest.raises(rg.CircuitError, match="nothing is driven"):
+        rg.field(rg.solve(rg.compile_space(space_of(cell), edge="open", rails=rails)))
 
 
 def test_a_start_on_a_wall_may_creep_for_ages() -> None:
     """Beside the wall the flow along it is 1e4 times slower than that away from it, which never begins."""
     space = space_of([[0, 0], [2, 2]], spacing=(1.0, 100.0), conductivity=[[1.0, 2.0], [1.0, 1.0]])
     flow = field(space, boundary="neumann")
-    path = streamline(flow, (0.0, 50.0))
+    path = rg.streamline(flow, (0.0, 50.0))
     np.testing.assert_allclose(path.points, [(0, 50), (0, 100), (1, 100)])
-    certify(path)
+    rg.certify(path)

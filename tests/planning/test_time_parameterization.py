@@ -10,14 +10,6 @@ from hypothesis import given, settings, strategies as st
 from support.spaces import serpentine, space_of
 
 import resgrid as rg
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.space import ConfigurationSpace
-from resgrid.errors import InputError
-from resgrid.planning.certify import certify_collision_free
-from resgrid.planning.shortcuts import shortcut
-from resgrid.planning.trace import streamline
-from resgrid.robots import Arm, DiscRobot, PointRobot
 
 PLANE = space_of(np.zeros((20, 20)))
 
@@ -79,9 +71,9 @@ def test_a_right_angle_is_rounded_within_half_the_tolerance(limit: object, turn:
     assert motion.duration == pytest.approx(2 * (peak + (peak - v)) + 2 * d / v)
 
 
-@pytest.mark.parametrize("robot", [None, PointRobot(), DiscRobot(0.1)])
+@pytest.mark.parametrize("robot", [None, rg.PointRobot(), rg.DiscRobot(0.1)])
 def test_one_number_limits_the_speed_of_a_robot_that_is_a_place(robot: object) -> None:
-    way = rg.Polyline([(0, 0), (3, 4), (3, 9)], ConfigurationSpace(PLANE.axes, PLANE.cell, robot=robot))
+    way = rg.Polyline([(0, 0), (3, 4), (3, 9)], rg.ConfigurationSpace(PLANE.axes, PLANE.cell, robot=robot))
     assert rg.time_parameterize(way, velocity_limits=1.0).duration == pytest.approx(5 + 5)
     motion = rg.time_parameterize(way, velocity_limits=0.5, acceleration_limits=0.3, tolerance=0.2)
     assert np.linalg.norm(motion.velocities, axis=1).max() == pytest.approx(0.5)
@@ -89,7 +81,7 @@ def test_one_number_limits_the_speed_of_a_robot_that_is_a_place(robot: object) -
 
 
 def test_one_number_limits_every_joint_of_an_arm() -> None:
-    space = ConfigurationSpace(PLANE.axes, PLANE.cell, robot=Arm((1.0, 1.0)))
+    space = rg.ConfigurationSpace(PLANE.axes, PLANE.cell, robot=rg.Arm((1.0, 1.0)))
     assert rg.time_parameterize(rg.Polyline([(0, 0), (3, 4)], space), velocity_limits=1.0).duration == pytest.approx(
         4.0
     )
@@ -123,11 +115,11 @@ def from_polyline(points: np.ndarray, corners: np.ndarray) -> float:
 
 def test_the_default_tolerance_stays_clear_of_obstacles() -> None:
     space = space_of(serpentine(4, 10, 2))
-    field = rg.field(solve(compile_space(space)))
-    path = streamline(field, cell=np.argwhere(space.goal_connected)[-1].tolist())
-    for way in (path, shortcut(path, clearance=0.25)):
+    field = rg.field(rg.solve(rg.compile_space(space)))
+    path = rg.streamline(field, cell=np.argwhere(space.goal_connected)[-1].tolist())
+    for way in (path, rg.shortcut(path, clearance=0.25)):
         motion = rg.time_parameterize(way, velocity_limits=1.0, acceleration_limits=1.0)
-        certify_collision_free(rg.Polyline(motion.sample(50)[1], space))
+        rg.certify_collision_free(rg.Polyline(motion.sample(50)[1], space))
         assert motion.duration >= way.length * (1 - 0.1)
     slow = rg.time_parameterize(path, velocity_limits=1.0, acceleration_limits=1.0, tolerance=0.0)
     assert slow.duration > rg.time_parameterize(path, velocity_limits=1.0, acceleration_limits=1.0).duration
@@ -156,7 +148,7 @@ def test_a_single_point_takes_no_time() -> None:
     ],
 )
 def test_bad_limits_are_named(options: dict, message: str) -> None:
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(rg.InputError, match=message):
         rg.time_parameterize(rg.Polyline([(0, 0), (1, 1)], PLANE), **options)
 
 
@@ -193,11 +185,11 @@ def test_samples_do_not_repeat_the_end(acceleration: float | None) -> None:
 def test_absurd_rates_are_refused() -> None:
     motion = rg.time_parameterize(rg.Polyline([(0, 0), (1, 1)], PLANE), velocity_limits=1)
     for rate in (0, -1, float("nan"), float("inf"), 1e30):
-        with pytest.raises(InputError, match=r"rate|samples"):
+        with pytest.raises(rg.InputError, match=r"rate|samples"):
             motion.sample(rate)
-    with pytest.raises(InputError, match="sequence of numbers"):
+    with pytest.raises(rg.InputError, match="sequence of numbers"):
         motion.at([np.nan])
     for bad in ("noon", [[0.0, 1.0]]):
-        with pytest.raises(InputError, match="sequence of numbers"):
+        with pytest.raises(rg.InputError, match="sequence of numbers"):
             motion.at(bad)
-    assert isinstance(PLANE, ConfigurationSpace)
+    assert isinstance(PLANE, rg.ConfigurationSpace)

@@ -1,3 +1,5 @@
+"""Tests internals: `resgrid.planning.clearance`, `resgrid.planning.streamline`."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -6,24 +8,19 @@ from hypothesis import given, settings, strategies as st
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.space import Cell, ConfigurationSpace
-from resgrid.errors import InputError
 from resgrid.planning.clearance import clearance_of, obstacle_reach
-from resgrid.planning.streamline import length_of, unwrap
-from resgrid.planning.trace import streamline
+from resgrid.planning.streamline import length_of
 
 
 @given(spaces(max_cells=7), st.data())
 @settings(max_examples=40)
-def test_no_step_is_longer_than_a_cell_and_all_add_up(space: ConfigurationSpace, data: st.DataObject) -> None:
+def test_no_step_is_longer_than_a_cell_and_all_add_up(space: rg.ConfigurationSpace, data: st.DataObject) -> None:
     reachable = np.argwhere(space.goal_connected)
     if not len(reachable):
         return
-    field = rg.field(solve(compile_space(space, boundary="neumann")))
-    path = streamline(field, cell=reachable[data.draw(st.integers(0, len(reachable) - 1))].tolist())
-    points = unwrap(path)
+    field = rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
+    path = rg.streamline(field, cell=reachable[data.draw(st.integers(0, len(reachable) - 1))].tolist())
+    points = rg.planning.unwrap(path)
     turns = (points - path.points) / (space.upper - space.lower)
     np.testing.assert_array_equal(turns[0], 0)
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-12)
@@ -37,18 +34,18 @@ def test_a_spiral_winds_as_often_as_it_should() -> None:
     turns, around = 4, 12
     cell = np.zeros((around, turns * 4 + 1), dtype=np.uint8)
     for step in range(turns * around):
-        cell[step % around, step * 4 // around] = Cell.OBSTACLE
+        cell[step % around, step * 4 // around] = rg.Cell.OBSTACLE
         if step * 4 % around == 0:
-            cell[(step - 1) % around, step * 4 // around] = Cell.OBSTACLE
-    cell[:, -1] = Cell.OBSTACLE
-    cell[around - 1, turns * 4 - 1] = Cell.FREE
-    cell[0, 1] = Cell.GOAL
+            cell[(step - 1) % around, step * 4 // around] = rg.Cell.OBSTACLE
+    cell[:, -1] = rg.Cell.OBSTACLE
+    cell[around - 1, turns * 4 - 1] = rg.Cell.FREE
+    cell[0, 1] = rg.Cell.GOAL
     space = space_of(cell, periodic=(True, False))
-    field = rg.field(solve(compile_space(space)))
+    field = rg.field(rg.solve(rg.compile_space(space)))
     free = np.argwhere(space.goal_connected)
-    path = streamline(field, cell=free[np.argmax(free[:, 1])].tolist())
+    path = rg.streamline(field, cell=free[np.argmax(free[:, 1])].tolist())
     assert path.outcome == "reached"
-    points = unwrap(path)
+    points = rg.planning.unwrap(path)
     assert abs(points[-1, 0] - points[0, 0]) > 2 * around
     turns = (points - path.points)[:, 0] / around
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-12)
@@ -56,8 +53,8 @@ def test_a_spiral_winds_as_often_as_it_should() -> None:
 
 def test_a_ring_of_two_cells_is_told_by_its_faces() -> None:
     space = space_of([[0], [2]], periodic=(True, False))
-    field = rg.field(solve(compile_space(space, boundary="neumann")))
-    up, down = (unwrap(streamline(field, start=(x, 0.5)))[-1, 0] for x in (0.75, 0.25))
+    field = rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
+    up, down = (rg.planning.unwrap(rg.streamline(field, start=(x, 0.5)))[-1, 0] for x in (0.75, 0.25))
     assert (up, down) == (1.0, 0.0)
 
 
@@ -67,7 +64,7 @@ def test_arrays_are_checked() -> None:
         ([(0.0,)], "shape"), ([(np.nan, 0.0)], "not finite"), ("x", "numbers"), ([[1, 2], [3]], "numbers"),
         (np.empty((0, 2)), "shape"),
     ]:  # fmt: skip
-        with pytest.raises(InputError, match=message):
+        with pytest.raises(rg.InputError, match=message):
             rg.Polyline(bad, space)
 
 
@@ -75,12 +72,12 @@ def test_arrays_are_checked() -> None:
 def test_clearance_looks_no_farther_than_half_a_turn_however_narrow_the_cells_of_periodic_axes_are(cells: int) -> None:
     rng = np.random.default_rng(cells)
     cell = (rng.random((12, cells, cells)) < 0.02).astype(np.uint8)
-    cell[0, 0, 0] = Cell.OBSTACLE
+    cell[0, 0, 0] = rg.Cell.OBSTACLE
     widths = np.array([1000.0, 1e-4, 1e-4])  # a turning robot's map in millimetres, and more so
     space = space_of(cell, periodic=(False, True, True), spacing=tuple(widths.tolist()))
-    for home in np.argwhere(cell == Cell.FREE)[:: cells * 3]:
+    for home in np.argwhere(cell == rg.Cell.FREE)[:: cells * 3]:
         point = (home + rng.random(3)) * widths
-        boxes = np.argwhere(cell == Cell.OBSTACLE)
+        boxes = np.argwhere(cell == rg.Cell.OBSTACLE)
         turns = np.arange(-2, 3)[:, np.newaxis, np.newaxis] * np.array([0, cells, cells])
         below = (boxes + turns) * widths
         each = np.maximum(np.maximum(below - point, point - below - widths), 0.0).min(axis=0)  # each axis by itself

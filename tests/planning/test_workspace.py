@@ -1,4 +1,7 @@
-"""Robots replayed in their workspace, against closed forms, finer steps and shapely's own polygons."""
+"""Robots replayed in their workspace, against closed forms, finer steps and shapely's own polygons.
+
+Tests internals: `resgrid.planning.clearance`, `resgrid.planning.workspace`, `resgrid.robots`.
+"""
 
 from __future__ import annotations
 
@@ -12,59 +15,41 @@ from support.robots import BAR
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.circuit.solve import solve
-from resgrid.core.axis import Axis
-from resgrid.core.compiler import compile_space
-from resgrid.core.space import Cell, ConfigurationSpace
-from resgrid.errors import InputError
 from resgrid.planning.clearance import clearance_of, obstacle_reach
-from resgrid.planning.shortcuts import shortcut
-from resgrid.planning.streamline import unwrap
-from resgrid.planning.trace import streamline
-from resgrid.planning.workspace import sample_path, workspace_path
-from resgrid.robots import (
-    Arm,
-    Ball,
-    Box,
-    CellSet,
-    DiscRobot,
-    HalfSpace,
-    PointRobot,
-    Polygon,
-    to_shapely,
-)  # fmt: skip
+from resgrid.planning.workspace import sample_path
+from resgrid.robots import CellSet, to_shapely
 
-ARM = Arm((1.0, 1.0), widths=(0.1, 0.06))
-TORUS = ConfigurationSpace(ARM.axes(8), np.zeros((8, 8)), robot=ARM)
+ARM = rg.Arm((1.0, 1.0), widths=(0.1, 0.06))
+TORUS = rg.ConfigurationSpace(ARM.axes(8), np.zeros((8, 8)), robot=ARM)
 PLANE = space_of(np.zeros((10, 10)))
-POSES = ConfigurationSpace(
-    [Axis("x", 0, 4, 4), Axis("y", 0, 4, 4), BAR.turning_axis(8)], np.zeros((4, 4, 8)), robot=BAR
+POSES = rg.ConfigurationSpace(
+    [rg.Axis("x", 0, 4, 4), rg.Axis("y", 0, 4, 4), BAR.turning_axis(8)], np.zeros((4, 4, 8)), robot=BAR
 )
 
 
-def moved_by(robot: rg.Robot, space: ConfigurationSpace = PLANE) -> ConfigurationSpace:
+def moved_by(robot: rg.Robot, space: rg.ConfigurationSpace = PLANE) -> rg.ConfigurationSpace:
     """The same space with a robot in it."""
-    return ConfigurationSpace(space.axes, space.cell, robot=robot)
+    return rg.ConfigurationSpace(space.axes, space.cell, robot=robot)
 
 
 def test_the_tip_and_the_reference_point() -> None:
     np.testing.assert_allclose(
-        workspace_path(rg.Polyline([(0, pi / 2), (pi, 0)], TORUS)), [(1, 1), (-2, 0)], atol=1e-12
+        rg.planning.workspace_path(rg.Polyline([(0, pi / 2), (pi, 0)], TORUS)), [(1, 1), (-2, 0)], atol=1e-12
     )
-    np.testing.assert_array_equal(workspace_path(rg.Polyline([(1, 2, 3)], POSES)), [(1, 2)])
+    np.testing.assert_array_equal(rg.planning.workspace_path(rg.Polyline([(1, 2, 3)], POSES)), [(1, 2)])
     cube = space_of(np.zeros((3, 3, 3)))
-    np.testing.assert_array_equal(workspace_path(rg.Polyline([(1, 2, 3)], cube)), [(1, 2, 3)])
+    np.testing.assert_array_equal(rg.planning.workspace_path(rg.Polyline([(1, 2, 3)], cube)), [(1, 2, 3)])
 
 
 def test_an_arm_sweeping_past_a_disc_comes_as_near_as_geometry_says() -> None:
     """The stretched arm turns by a quarter; the disc at 45 degrees lies beyond its round tip."""
-    disc = Ball((2.5 * cos(pi / 4), 2.5 * sin(pi / 4)), 0.2)
+    disc = rg.Ball((2.5 * cos(pi / 4), 2.5 * sin(pi / 4)), 0.2)
     sweep = rg.Polyline([(0.0, 0.0), (pi / 2, 0.0)], TORUS)
     step = 0.01
     found = rg.planning.workspace_clearance(sweep, [disc], step=step)
     exact = 2.5 - 2.0 - 0.03 - 0.2
     assert exact - 1e-12 <= found <= exact + step**2
-    wall = HalfSpace((0.0, 2.0), -5.0)
+    wall = rg.HalfSpace((0.0, 2.0), -5.0)
     assert rg.planning.workspace_clearance(sweep, [wall]) == pytest.approx(2.5 - 0.05)
     assert rg.check_collisions(sweep, [disc, wall]) is None
 
@@ -72,7 +57,7 @@ def test_an_arm_sweeping_past_a_disc_comes_as_near_as_geometry_says() -> None:
 def test_the_first_collision_is_told_with_link_and_obstacle() -> None:
     """The second link, at rest straight on, meets a disc on the circle of its middle."""
     angle = 1.0
-    obstacles = [Ball((9.0, 9.0), 1.0), Ball((1.5 * cos(angle), 1.5 * sin(angle)), 0.1)]
+    obstacles = [rg.Ball((9.0, 9.0), 1.0), rg.Ball((1.5 * cos(angle), 1.5 * sin(angle)), 0.1)]
     hit = rg.check_collisions(rg.Polyline([(0.0, 0.0), (0.5, 0.0), (1.5, 0.0)], TORUS), obstacles, step=1e-3)
     assert hit is not None
     assert (hit.segment, hit.part, hit.obstacle) == (1, 1, 1)
@@ -82,12 +67,12 @@ def test_the_first_collision_is_told_with_link_and_obstacle() -> None:
 
 
 def test_to_touch_is_not_to_enter() -> None:
-    for robot, wall in ((PointRobot(), 2.0), (DiscRobot(0.5), 1.5)):
+    for robot, wall in ((rg.PointRobot(), 2.0), (rg.DiscRobot(0.5), 1.5)):
         way = rg.Polyline([(0.5, 2.0), (8.0, 2.0)], moved_by(robot))
-        for obstacle in (Box((0.0, 0.0), (9.0, wall)), HalfSpace((0.0, 1.0), wall)):
+        for obstacle in (rg.Box((0.0, 0.0), (9.0, wall)), rg.HalfSpace((0.0, 1.0), wall)):
             assert rg.planning.workspace_clearance(way, [obstacle]) == 0.0
             assert rg.check_collisions(way, [obstacle]) is None
-        for obstacle in (Box((0.0, 0.0), (9.0, wall + 0.01)), HalfSpace((0.0, 1.0), wall + 0.01)):
+        for obstacle in (rg.Box((0.0, 0.0), (9.0, wall + 0.01)), rg.HalfSpace((0.0, 1.0), wall + 0.01)):
             assert rg.check_collisions(way, [obstacle]) is not None
 
 
@@ -96,10 +81,10 @@ def test_to_touch_is_not_to_enter() -> None:
 def test_no_point_of_a_robot_moves_farther_than_its_bound(seed: int) -> None:
     rng = np.random.default_rng(seed)
     robots = [
-        (Arm((1.0, 0.5, 0.7), widths=(0.2, 0.1, 0.4)), 3),
-        (Arm((1.0, 0.5), angles="absolute"), 2),
+        (rg.Arm((1.0, 0.5, 0.7), widths=(0.2, 0.1, 0.4)), 3),
+        (rg.Arm((1.0, 0.5), angles="absolute"), 2),
         (BAR, 3),
-        (DiscRobot(0.3), 2),
+        (rg.DiscRobot(0.3), 2),
     ]
     for robot, ndim in robots:
         start = rng.uniform(-3, 3, ndim)
@@ -116,10 +101,14 @@ def test_exact_distances_agree_with_shapelys_polygons(seed: int) -> None:
     rng = np.random.default_rng(seed)
     corners = rng.uniform(0.5, 2.0, 5)[:, np.newaxis] * np.array([(cos(a), sin(a)) for a in np.arange(5) * tau / 5])
     obstacles = [
-        Box((-3.0, 1.0), (-2.0, 2.5)), Ball((2.0, -2.0), 0.7), HalfSpace((1.0, -3.0), -9.0),
-        Polygon(tuple(map(tuple, corners + np.array([4, 3])))),
+        rg.Box((-3.0, 1.0), (-2.0, 2.5)), rg.Ball((2.0, -2.0), 0.7), rg.HalfSpace((1.0, -3.0), -9.0),
+        rg.Polygon(tuple(map(tuple, corners + np.array([4, 3])))),
     ]  # fmt: skip
-    for robot, space, scale in ((ARM, TORUS, 3.0), (BAR, POSES, 4.0), (DiscRobot(0.4), moved_by(DiscRobot(0.4)), 5.0)):
+    for robot, space, scale in (
+        (ARM, TORUS, 3.0),
+        (BAR, POSES, 4.0),
+        (rg.DiscRobot(0.4), moved_by(rg.DiscRobot(0.4)), 5.0),
+    ):
         pose = rng.uniform(-scale, scale, space.ndim)
         near = min(s.distance(to_shapely(o)) for s in robot.shapes_at(pose) for o in obstacles)
         assert rg.planning.workspace_clearance(rg.Polyline([pose], space), obstacles) == pytest.approx(near, abs=2e-3)
@@ -130,74 +119,81 @@ def test_exact_distances_agree_with_shapelys_polygons(seed: int) -> None:
 def test_obstacles_described_turns_away_are_where_sampling_puts_them(seed: int) -> None:
     """Distances to every image within nine turns, by shapely; sampling and replay agree on what is entered."""
     rng = np.random.default_rng(seed)
-    axes = [Axis("x", -1.0, 5.0, 12, True), Axis("y", 2.0, 6.0, 8, bool(rng.integers(2)))]
+    axes = [rg.Axis("x", -1.0, 5.0, 12, True), rg.Axis("y", 2.0, 6.0, 8, bool(rng.integers(2)))]
     period = np.array([axis.upper - axis.lower if axis.periodic else 0.0 for axis in axes])
     size, at = rng.uniform(0.05, [8.0, 1.0]), rng.uniform([-1.0, 2.0], [5.0, 6.0])
     turned = at + rng.integers(-4, 5, 2) * period
-    shape = Box(tuple(turned), tuple(turned + size)) if rng.random() < 0.6 else Ball(tuple(turned), float(size[1]))
-    robot = DiscRobot(0.1)
-    space = ConfigurationSpace(axes, robot.occupancy(axes, [shape], "conservative"), robot=robot)
+    shape = (
+        rg.Box(tuple(turned), tuple(turned + size)) if rng.random() < 0.6 else rg.Ball(tuple(turned), float(size[1]))
+    )
+    robot = rg.DiscRobot(0.1)
+    space = rg.ConfigurationSpace(axes, robot.occupancy(axes, [shape], "conservative"), robot=robot)
     way = rg.Polyline(rng.uniform([-1.0, 2.0], [5.0, 6.0], (4, 2)), space)
     shifts = (np.indices((19, 19)).reshape(2, -1).T - 9) * period
-    core = shapely.Point(turned) if isinstance(shape, Ball) else to_shapely(shape)
+    core = shapely.Point(turned) if isinstance(shape, rg.Ball) else to_shapely(shape)
     images = shapely.union_all([shapely.transform(core, lambda points, by=by: points + by) for by in shifts])
     points = shapely.points(sample_path(way, 0.1)[0])
-    radius = shape.radius if isinstance(shape, Ball) else 0.0
+    radius = shape.radius if isinstance(shape, rg.Ball) else 0.0
     nearest = max(float(shapely.distance(points, images).min()) - radius - 0.1, 0.0)
     assert rg.planning.workspace_clearance(way, [shape], step=0.1) == pytest.approx(nearest, abs=1e-12)
     hit = rg.check_collisions(way, [shape], step=0.1)
     assert (hit is None) == (nearest > 0)
     if hit is not None:
-        assert space.cell[tuple(space.locate(hit.configuration))] == Cell.OBSTACLE
+        assert space.cell[tuple(space.locate(hit.configuration))] == rg.Cell.OBSTACLE
 
 
 def test_shapes_and_robots_of_other_dimensions_are_refused() -> None:
     """A ball in space has a disc's centre as its first two coordinates, which it is not."""
-    for shape in (Ball((0.0, 0.0, 0.0), 1.0), Box((0, 0, 0), (1, 1, 1)), HalfSpace((0.0, 0.0, 1.0), 1.0), "wall"):
-        with pytest.raises(InputError, match=r"obstacle 0: collision tests|obstacles\[0\] = 'wall'"):
+    for shape in (
+        rg.Ball((0.0, 0.0, 0.0), 1.0),
+        rg.Box((0, 0, 0), (1, 1, 1)),
+        rg.HalfSpace((0.0, 0.0, 1.0), 1.0),
+        "wall",
+    ):
+        with pytest.raises(rg.InputError, match=r"obstacle 0: collision tests|obstacles\[0\] = 'wall'"):
             rg.check_collisions(rg.Polyline([(1.0, 1.0), (2.0, 2.0)], PLANE), [shape])
-    for robot in (BAR, Arm((1.0, 1.0, 1.0))):
-        with pytest.raises(InputError):
+    for robot in (BAR, rg.Arm((1.0, 1.0, 1.0))):
+        with pytest.raises(rg.InputError):
             rg.check_collisions(rg.Polyline([(1.0, 1.0), (2.0, 2.0)], moved_by(robot)), [])
 
 
 def test_a_half_plane_that_leans_along_a_ring_is_refused_as_in_sampling() -> None:
     ring = space_of(np.zeros((4, 4)), periodic=(True, False))
     assert rg.planning.workspace_clearance(
-        rg.Polyline([(1.0, 3.0)], ring), [HalfSpace((0.0, 1.0), 1.0)]
+        rg.Polyline([(1.0, 3.0)], ring), [rg.HalfSpace((0.0, 1.0), 1.0)]
     ) == pytest.approx(2.0)
-    with pytest.raises(InputError, match="component along the periodic axis"):
-        rg.check_collisions(rg.Polyline([(1.0, 3.0)], ring), [HalfSpace((1.0, 1.0), 1.0)])
+    with pytest.raises(rg.InputError, match="component along the periodic axis"):
+        rg.check_collisions(rg.Polyline([(1.0, 3.0)], ring), [rg.HalfSpace((1.0, 1.0), 1.0)])
 
 
 def test_cells_of_a_map_are_obstacles_too_across_seams() -> None:
     cell = np.zeros((10, 6), dtype=np.uint8)
-    cell[9, 2:4], cell[4, 3] = Cell.OBSTACLE, Cell.GOAL
+    cell[9, 2:4], cell[4, 3] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     space = space_of(cell, periodic=(True, False))
-    obstacles = [CellSet(space.axes, space.cell == Cell.OBSTACLE)]
+    obstacles = [CellSet(space.axes, space.cell == rg.Cell.OBSTACLE)]
     assert rg.planning.workspace_clearance(
-        rg.Polyline([(0.5, 2.5)], moved_by(PointRobot(0.25), space)), obstacles
+        rg.Polyline([(0.5, 2.5)], moved_by(rg.PointRobot(0.25), space)), obstacles
     ) == pytest.approx(0.25)
     assert rg.planning.workspace_clearance(rg.Polyline([(10.5, 1.0)], space), obstacles) == pytest.approx(
         hypot(0.5, 1.0)
     )
-    path = streamline(rg.field(solve(compile_space(space))), start=(0.5, 0.5))
+    path = rg.streamline(rg.field(rg.solve(rg.compile_space(space))), start=(0.5, 0.5))
     assert rg.check_collisions(path, obstacles) is None
-    cells_apart = clearance_of(unwrap(path), space, ("periodic", "open"), obstacle_reach(space))
+    cells_apart = clearance_of(rg.planning.unwrap(path), space, ("periodic", "open"), obstacle_reach(space))
     assert rg.planning.workspace_clearance(path, obstacles) == pytest.approx(cells_apart, abs=1e-2)
     assert rg.check_collisions(rg.Polyline([(0.5, 2.5), (-0.5, 2.5)], space), obstacles) is not None
 
 
 def test_an_arm_plans_and_drives_without_a_collision() -> None:
     """From scene to workspace: conservative cells, a streamline, its shortcut, all replayed with exact geometry."""
-    obstacles = [Box((1.0, 1.0), (1.3, 1.2)), Ball((-1.3, 0.9), 0.2)]
+    obstacles = [rg.Box((1.0, 1.0), (1.3, 1.2)), rg.Ball((-1.3, 0.9), 0.2)]
     axes = ARM.axes(60)
     cell = ARM.occupancy(axes, obstacles, "conservative").astype(np.uint8)
-    cell[ARM.goal_cells(axes, Box((-0.3, 1.5), (0.1, 1.9))).cells & (cell == 0)] = Cell.GOAL
-    space = ConfigurationSpace(axes, cell, robot=ARM)
-    field = rg.field(solve(compile_space(space)))
-    path = streamline(field, start=(-0.5, 0.3))
-    short = shortcut(path)
+    cell[ARM.goal_cells(axes, rg.Box((-0.3, 1.5), (0.1, 1.9))).cells & (cell == 0)] = rg.Cell.GOAL
+    space = rg.ConfigurationSpace(axes, cell, robot=ARM)
+    field = rg.field(rg.solve(rg.compile_space(space)))
+    path = rg.streamline(field, start=(-0.5, 0.3))
+    short = rg.shortcut(path)
     assert short.length < path.length
     for way in (path, short):
         assert rg.check_collisions(way, obstacles, step=5e-3) is None
@@ -217,11 +213,11 @@ def test_what_cannot_be_answered_is_refused() -> None:
     class Snake:
         pass
 
-    with pytest.raises(InputError, match="Snake"):
+    with pytest.raises(rg.InputError, match="Snake"):
         rg.check_collisions(rg.Polyline([(0, 0), (1, 1)], moved_by(Snake())), [])  # type: ignore[arg-type]
     for step in (0.0, -1.0, float("nan"), 1e-12):
-        with pytest.raises(InputError, match="step"):
+        with pytest.raises(rg.InputError, match="step"):
             rg.check_collisions(rg.Polyline([(0, 0), (9, 9)], PLANE), [], step=step)
-    with pytest.raises(InputError, match="plane only"):
+    with pytest.raises(rg.InputError, match="plane only"):
         rg.check_collisions(rg.Polyline([(0, 0, 0), (1, 1, 1)], space_of(np.zeros((2, 2, 2)))), [])
     assert rg.planning.workspace_clearance(rg.Polyline([(0, 0), (1, 1)], PLANE), []) == np.inf

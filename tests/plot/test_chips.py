@@ -9,10 +9,6 @@ from support.dynamics import small_scene, with_capacitors
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.adc_resolution import ADCResolution
-from resgrid.chip.noise import Noise
-from resgrid.chip.power import Power
-from resgrid.chip.settling import Settling
 
 
 @pytest.fixture(scope="module")
@@ -21,22 +17,22 @@ def op() -> rg.OperatingPoint:
 
 
 @pytest.fixture(scope="module")
-def settled() -> Settling:
+def settled() -> rg.chip.Settling:
     return rg.study(small_scene()).settling(bits=8)
 
 
 @pytest.fixture(scope="module")
-def noise() -> Noise:
+def noise() -> rg.chip.Noise:
     return rg.study(small_scene()).noise(band=(0.0, 1e6))
 
 
 @pytest.fixture(scope="module")
-def power(op: rg.OperatingPoint) -> Power:
+def power(op: rg.OperatingPoint) -> rg.chip.Power:
     return rg.study(op).power()
 
 
 @pytest.fixture(scope="module")
-def bits(op: rg.OperatingPoint) -> dict[str, ADCResolution]:
+def bits(op: rg.OperatingPoint) -> dict[str, rg.chip.ADCResolution]:
     return {
         "Dirichlet": rg.study(op).adc_resolution(),
         "Neumann": rg.study(rg.solve(small_scene(boundary="neumann"))).adc_resolution(),
@@ -48,7 +44,7 @@ def pixels(axes) -> np.ndarray:
     return np.ma.filled(axes.images[0].get_array().astype(float), np.nan).T
 
 
-def test_a_map_shows_when_each_cell_settles(settled: Settling) -> None:
+def test_a_map_shows_when_each_cell_settles(settled: rg.chip.Settling) -> None:
     axes = rg.draw(settled)
     cell_map = settled.netlist.cells
     shown = pixels(axes)
@@ -59,7 +55,7 @@ def test_a_map_shows_when_each_cell_settles(settled: Settling) -> None:
     assert "(ns)" in axes.child_axes[0].get_ylabel()
 
 
-def test_the_curve_crosses_the_band_where_it_has_settled(settled: Settling) -> None:
+def test_the_curve_crosses_the_band_where_it_has_settled(settled: rg.chip.Settling) -> None:
     axes = rg.draw(settled, quantity="curve")
     curve = axes.lines[0]
     band = settled.span / 2**9
@@ -69,7 +65,7 @@ def test_the_curve_crosses_the_band_where_it_has_settled(settled: Settling) -> N
 
 
 @pytest.mark.parametrize("quantity", ["total", "limit", "resistance"])
-def test_a_map_shows_the_noise(noise: Noise, quantity: str) -> None:
+def test_a_map_shows_the_noise(noise: rg.chip.Noise, quantity: str) -> None:
     axes = rg.draw(noise, quantity=quantity)
     cell_map = noise.netlist.cells
     shown, free = pixels(axes), cell_map.space.cell == 0
@@ -78,7 +74,7 @@ def test_a_map_shows_the_noise(noise: Noise, quantity: str) -> None:
     assert round(np.log10(ratio[0])) % 3 == 0
 
 
-def test_heat_and_its_ten_hottest_resistors(power: Power) -> None:
+def test_heat_and_its_ten_hottest_resistors(power: rg.chip.Power) -> None:
     axes = rg.draw(power)
     assert len(axes.collections[0].get_segments()) == 10
     heat = pixels(axes)
@@ -110,7 +106,7 @@ def test_resistors_that_decide_are_drawn_where_they_are(op: rg.OperatingPoint) -
             assert np.sort(segment, axis=0) == pytest.approx(np.sort(centres, axis=0))
 
 
-def test_maps_of_bits(bits: dict[str, ADCResolution]) -> None:
+def test_maps_of_bits(bits: dict[str, rg.chip.ADCResolution]) -> None:
     result = bits["Dirichlet"]
     for starts in (True, False):
         axes = rg.draw(result, starts=starts)
@@ -128,7 +124,7 @@ def test_starts_that_no_bits_serve_are_named() -> None:
     assert "no number of bits will do" in [text.get_text() for text in axes.get_legend().get_texts()]
 
 
-def test_the_share_served_rises_to_one(bits: dict[str, ADCResolution]) -> None:
+def test_the_share_served_rises_to_one(bits: dict[str, rg.chip.ADCResolution]) -> None:
     axes = rg.draw(bits, quantity="served")
     for line, result in zip(axes.lines, bits.values(), strict=False):
         share = line.get_ydata()
@@ -137,14 +133,16 @@ def test_the_share_served_rises_to_one(bits: dict[str, ADCResolution]) -> None:
         assert np.interp(10, line.get_xdata(), share) == pytest.approx(result.served(10), abs=0.02)
 
 
-def test_the_page_has_a_map_each_with_one_scale(bits: dict[str, ADCResolution]) -> None:
+def test_the_page_has_a_map_each_with_one_scale(bits: dict[str, rg.chip.ADCResolution]) -> None:
     figure = rg.draw(bits, title="Precision")
     maps = [axes for axes in figure.findobj(lambda artist: hasattr(artist, "images")) if axes.images]
     assert [axes.get_title() for axes in maps] == list(bits)
     assert len({axes.images[0].get_clim() for axes in maps}) == 1
 
 
-def test_what_cannot_be_drawn_is_refused(noise: Noise, power: Power, bits: dict[str, ADCResolution]) -> None:
+def test_what_cannot_be_drawn_is_refused(
+    noise: rg.chip.Noise, power: rg.chip.Power, bits: dict[str, rg.chip.ADCResolution]
+) -> None:
     for value in (noise, power, bits):
         with pytest.raises(rg.InputError, match="quantity = 'colour' must be '"):
             rg.draw(value, quantity="colour")

@@ -1,4 +1,7 @@
-"""Circuits are drawn with every element once, where it is, and with its values."""
+"""Circuits are drawn with every element once, where it is, and with its values.
+
+Tests internals: `resgrid.plot.circuits`.
+"""
 
 import networkx as nx
 import numpy as np

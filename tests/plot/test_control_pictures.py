@@ -1,4 +1,7 @@
-"""Pictures and animations of control: what is on them, and that files are whole or not there."""
+"""Pictures and animations of control: what is on them, and that files are whole or not there.
+
+Tests internals: `resgrid.plot.animations`.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,6 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 
 import resgrid as rg
-from resgrid.control.run_log import ControlMode
-from resgrid.control.simulation import Wavefront, wavefront
-from resgrid.errors import InputError, ToolMissingError
 from resgrid.plot.animations import check_animation, frame_rows
 
 
@@ -26,7 +26,7 @@ def labels(axes) -> set[str]:
 def test_a_run_shows_forces_modes_and_lessons(run: rg.control.Run) -> None:
     left, right = rg.draw(run, title="t", caption="c").axes
     assert {"hidden obstacle", "contact force"} <= labels(left)
-    named = {ControlMode(mode).name.lower() for mode in set(run.mode)} - {"arrived", "dithering"}
+    named = {rg.control.ControlMode(mode).name.lower() for mode in set(run.mode)} - {"arrived", "dithering"}
     assert named | {"learnt cell", "hidden obstacle", "start"} <= labels(right)
     circles = next(c for c in right.collections if c.get_label() == "learnt cell")
     assert len(circles.get_offsets()) == run.learnt.sum()
@@ -59,21 +59,23 @@ def test_the_share_of_dirichlet_lies_between_none_and_all(space, field, neumann)
     share = planner.dirichlet_share()
     assert np.nanmin(share) >= 0 and np.nanmax(share) <= 1
     assert np.all(planner.at(1.0).dirichlet_share()[space.goal_connected] == 1)
-    with pytest.raises(InputError, match="0 <= k <= 1"):
+    with pytest.raises(rg.InputError, match="0 <= k <= 1"):
         planner.at(2.0).dirichlet_share()
     axes = rg.plot.draw_dirichlet_fraction(field, neumann, 0.98)
     assert axes.images
 
 
 @pytest.fixture(scope="module")
-def front(scene: rg.Scene) -> Wavefront:
-    return wavefront(rg.simulation(scene, announce=True, pace=2.0), np.array([0.0, 1, 5]))
+def front(scene: rg.Scene) -> rg.control.Wavefront:
+    return rg.control.wavefront(rg.simulation(scene, announce=True, pace=2.0), np.array([0.0, 1, 5]))
 
 
-def test_a_wavefront_is_a_row_of_pictures_and_an_animation(front: Wavefront, run: rg.control.Run, tmp_path) -> None:
+def test_a_wavefront_is_a_row_of_pictures_and_an_animation(
+    front: rg.control.Wavefront, run: rg.control.Run, tmp_path
+) -> None:
     figure = rg.draw(front)
     assert len([axes for axes in figure.axes if axes.get_title()]) == 3
-    with pytest.raises(InputError, match="0 to 2"):
+    with pytest.raises(rg.InputError, match="0 to 2"):
         rg.draw(front, shown=[3])
     file = rg.animate(front, tmp_path / "front.gif", run=run, rate=5)
     with Image.open(file) as picture:
@@ -101,11 +103,11 @@ def test_an_animation_of_a_run_holds_its_lessons_and_its_end(run: rg.control.Run
     assert near_blue.sum() > 40  # the robot, besides its mark in the legend
     np.testing.assert_array_equal(first[[0, -1]], 255)  # nothing is cut at the border
     np.testing.assert_array_equal(first[:, [0, -1]], 255)
-    with pytest.raises(InputError, match="frames"):
+    with pytest.raises(rg.InputError, match="frames"):
         rg.animate(run, tmp_path / "b.gif", count=1)
 
 
-def test_a_colour_is_the_same_in_every_frame(front: Wavefront, monkeypatch, tmp_path) -> None:
+def test_a_colour_is_the_same_in_every_frame(front: rg.control.Wavefront, monkeypatch, tmp_path) -> None:
     """A patch keeps its colour to the bit, whatever gradients come and go around it in 300 other colours."""
     ramp = np.linspace(0, 255, 90).astype(np.uint8)
     images = []
@@ -128,19 +130,19 @@ def test_a_colour_is_the_same_in_every_frame(front: Wavefront, monkeypatch, tmp_
         assert np.abs(drawn.astype(int) - expected).max() <= 24
 
 
-def test_an_animation_that_is_interrupted_leaves_nothing(front: Wavefront, tmp_path, monkeypatch) -> None:
+def test_an_animation_that_is_interrupted_leaves_nothing(front: rg.control.Wavefront, tmp_path, monkeypatch) -> None:
     def interrupt(_number: int) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         rg.animate(front, tmp_path / "a.gif", progress=interrupt)
-    with pytest.raises(InputError, match=r"\.gif or \.mp4"):
+    with pytest.raises(rg.InputError, match=r"\.gif or \.mp4"):
         rg.animate(front, tmp_path / "a.png")
-    with pytest.raises(InputError, match="rate"):
+    with pytest.raises(rg.InputError, match="rate"):
         rg.animate(front, tmp_path / "a.gif", rate=0)
     assert not list(tmp_path.iterdir())
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(ToolMissingError, match="ffmpeg"):
+    with pytest.raises(rg.ToolMissingError, match="ffmpeg"):
         check_animation("a.mp4")
 
 
@@ -152,7 +154,7 @@ open(sys.argv[-1], "wb").write(sys.argv[sys.argv.index("-s") + 1].encode() + b" 
 """
 
 
-def test_mp4_goes_through_ffmpeg(front: Wavefront, tmp_path, monkeypatch) -> None:
+def test_mp4_goes_through_ffmpeg(front: rg.control.Wavefront, tmp_path, monkeypatch) -> None:
     """A stand-in for ffmpeg that keeps what it is fed; and one that fails."""
     tool = tmp_path / "bin" / "ffmpeg"
     tool.parent.mkdir()
@@ -166,6 +168,6 @@ def test_mp4_goes_through_ffmpeg(front: Wavefront, tmp_path, monkeypatch) -> Non
             assert len(pixels) == 3 * 4 * width * height  # three frames
             assert width % 2 == height % 2 == 0
         else:
-            with pytest.raises(InputError, match="no such codec"):
+            with pytest.raises(rg.InputError, match="no such codec"):
                 rg.animate(front, tmp_path / "b.mp4")
             assert not (tmp_path / "b.mp4").exists()

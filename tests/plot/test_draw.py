@@ -1,4 +1,7 @@
-"""Every value has its picture: with data, axes that say what they show, legible text, the same bytes every time."""
+"""Every value has its picture: with data, axes that say what they show, legible text, the same bytes every time.
+
+Tests internals: `resgrid.plot`, `resgrid.plot.figures`.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,6 @@ from support.dynamics import small_scene
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.planning.planner import Planner
 from resgrid.plot import pictures
 from resgrid.plot.figures import figure_of, render_figure
 
@@ -35,7 +37,7 @@ def small_op() -> rg.OperatingPoint:
 
 
 @cache
-def small_planner() -> Planner:
+def small_planner() -> rg.planning.Planner:
     return rg.plan(small_space(), k=0.5)
 
 
@@ -102,6 +104,20 @@ def test_every_picture_has_data_units_legible_text_and_the_same_bytes_twice(name
         assert axes.get_xlabel() or axes.get_ylabel() or axes in first.axes[0].child_axes or axes.get_title()
     sizes = [text.get_fontsize() for text in first.findobj(Text) if text.get_text() and text.get_visible()]
     assert min(sizes) >= 7
+
+
+def test_a_registered_picture_without_a_default_ax_gets_the_axes_of_a_new_figure() -> None:
+    class Level(float):
+        pass
+
+    @rg.draw.register(Level)
+    def draw_level(level: Level, ax: Axes) -> Axes:
+        ax.axhline(level)
+        return ax
+
+    given = Figure().add_subplot()
+    assert rg.draw(Level(1.0), given) is given
+    assert len(rg.draw(Level(1.0)).lines) == 1
 
 
 def test_a_decorator_registers_the_picture_of_a_type_and_its_subclasses() -> None:

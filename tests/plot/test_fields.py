@@ -1,4 +1,7 @@
-"""What is drawn of spaces and fields is what they hold, where it is."""
+"""What is drawn of spaces and fields is what they hold, where it is.
+
+Tests internals: `resgrid._internal.colours`, `resgrid.plot.fields`, `resgrid.plot.plane`, `resgrid.plot.shading`.
+"""
 
 from dataclasses import replace
 

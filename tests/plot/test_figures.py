@@ -1,4 +1,7 @@
-"""Files of pictures: whole, without dates, the same bytes every time; and what is imported for them."""
+"""Files of pictures: whole, without dates, the same bytes every time; and what is imported for them.
+
+Tests internals: `resgrid.plot.figures`.
+"""
 
 import runpy
 import subprocess

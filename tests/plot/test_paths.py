@@ -1,4 +1,7 @@
-"""Paths are drawn as they are, broken at seams; and pages hold everything."""
+"""Paths are drawn as they are, broken at seams; and pages hold everything.
+
+Tests internals: `resgrid.plot.paths`.
+"""
 
 from dataclasses import replace
 from itertools import pairwise

@@ -1,4 +1,7 @@
-"""What is drawn of robots is where the robots are."""
+"""What is drawn of robots is where the robots are.
+
+Tests internals: `resgrid.plot.panels`, `resgrid.plot.style`.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,6 @@ from support.cli import ROOM
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.planning.planner import Planner
 from resgrid.plot.panels import VIRTUAL
 from resgrid.plot.style import FAILURE
 
@@ -28,7 +30,7 @@ def arm() -> rg.Scene:
 
 
 @pytest.fixture(scope="module")
-def planner(arm: rg.Scene) -> Planner:
+def planner(arm: rg.Scene) -> rg.planning.Planner:
     return rg.plan(arm)
 
 

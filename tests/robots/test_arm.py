@@ -1,4 +1,7 @@
-"""The arm against shapely, finite differences and brute force."""
+"""The arm against shapely, finite differences and brute force.
+
+Tests internals: `resgrid.core.regions`, `resgrid.robots`, `resgrid.robots.arm_cells`.
+"""
 
 import itertools
 
@@ -8,27 +11,26 @@ import shapely
 from hypothesis import given, settings, strategies as st
 from scipy.optimize import least_squares
 
-from resgrid.core.axis import Axis
+import resgrid as rg
 from resgrid.core.regions import label_regions
-from resgrid.errors import InputError
-from resgrid.robots import Arm, Ball, Box, HalfSpace, Polygon, Robot, to_shapely
+from resgrid.robots import to_shapely
 from resgrid.robots.arm_cells import tip_travel
 
 OBSTACLES = [
-    Box((0.8, -1.2), (1.4, -1.0)),
-    Polygon(((-1.0, 0.3), (-0.5, 0.2), (-0.6, 0.9), (-0.75, 0.45))),
-    Polygon(((0.2, 1.0), (1.4, 1.0), (1.4, 1.7), (0.2, 1.7)), (((0.4, 1.2), (1.2, 1.2), (1.2, 1.5), (0.4, 1.5)),)),
-    Ball((-0.9, -0.9), 0.2),
-    HalfSpace((0.3, 1.0), -1.6),
+    rg.Box((0.8, -1.2), (1.4, -1.0)),
+    rg.Polygon(((-1.0, 0.3), (-0.5, 0.2), (-0.6, 0.9), (-0.75, 0.45))),
+    rg.Polygon(((0.2, 1.0), (1.4, 1.0), (1.4, 1.7), (0.2, 1.7)), (((0.4, 1.2), (1.2, 1.2), (1.2, 1.5), (0.4, 1.5)),)),
+    rg.Ball((-0.9, -0.9), 0.2),
+    rg.HalfSpace((0.3, 1.0), -1.6),
 ]
 GEOMETRY = shapely.union_all([to_shapely(shape) for shape in OBSTACLES])
 FAR = shapely.Point(99.0, 99.0)
 ARMS = [
-    Arm((1.0, 0.8), (0.1, 0.05), angles="absolute"),
-    Arm((1.0, 0.8), base=(0.1, -0.1), base_angle=0.4, limits=((-2.0, 2.5), None)),
-    Arm((0.6, 0.5, 0.6), (0.08, 0.06, 0.04), self_collision=True),
-    Arm((0.6, 0.5, 0.6), (0.08, 0.06, 0.04), angles="absolute", self_collision=True, base=(0.05, 0.0)),
-    Arm((0.5, 0.4, 0.4, 0.3), (0.02,) * 4, angles="relative", self_collision=True),
+    rg.Arm((1.0, 0.8), (0.1, 0.05), angles="absolute"),
+    rg.Arm((1.0, 0.8), base=(0.1, -0.1), base_angle=0.4, limits=((-2.0, 2.5), None)),
+    rg.Arm((0.6, 0.5, 0.6), (0.08, 0.06, 0.04), self_collision=True),
+    rg.Arm((0.6, 0.5, 0.6), (0.08, 0.06, 0.04), angles="absolute", self_collision=True, base=(0.05, 0.0)),
+    rg.Arm((0.5, 0.4, 0.4, 0.3), (0.02,) * 4, angles="relative", self_collision=True),
 ]
 CELLS = {1: 90, 2: 64, 3: 20, 4: 12}
 
@@ -142,32 +144,32 @@ def test_inverse_kinematics_of_two_links(which, first, second):
 
 
 def test_inverse_by_hand():
-    arm = Arm((1.0, 1.0), angles="absolute")
+    arm = rg.Arm((1.0, 1.0), angles="absolute")
     assert np.allclose(arm.inverse((1.0, 1.0)), [[0, np.pi / 2], [np.pi / 2, 0]])
     assert np.allclose(arm.inverse((2.0, 0.0)), [[0, 0]])
-    assert np.allclose(Arm((1.0, 1.0)).inverse((1.0, 1.0)), [[0, np.pi / 2], [np.pi / 2, -np.pi / 2]])
+    assert np.allclose(rg.Arm((1.0, 1.0)).inverse((1.0, 1.0)), [[0, np.pi / 2], [np.pi / 2, -np.pi / 2]])
     assert np.allclose(arm.tip(arm.inverse((0.0, 0.0))), 0)
 
 
 def test_inverse_counts_every_turn_that_the_limits_leave():
     wide = (-2 * np.pi, 2 * np.pi)
-    once = Arm((1.0, 0.8)).inverse((0.7, -0.9))
-    found = Arm((1.0, 0.8), limits=(wide, (-5.0, 2.0))).inverse((0.7, -0.9))
+    once = rg.Arm((1.0, 0.8)).inverse((0.7, -0.9))
+    found = rg.Arm((1.0, 0.8), limits=(wide, (-5.0, 2.0))).inverse((0.7, -0.9))
     turns = 2 * np.pi * np.array(list(itertools.product(range(-2, 3), repeat=2)))
     every = (once[:, None] + turns).reshape(-1, 2)
     expected = every[(np.abs(every[:, 0]) <= wide[1]) & (every[:, 1] >= -5.0) & (every[:, 1] <= 2.0)]
     assert len(expected) >= 4
     assert np.allclose(found[np.lexsort(found.T)], expected[np.lexsort(expected.T)])
-    with pytest.raises(InputError, match="narrow them"):
-        Arm((1.0, 1.0), limits=((-1e6, 1e6), (-1e6, 1e6))).inverse((1.0, 1.0))
+    with pytest.raises(rg.InputError, match="narrow them"):
+        rg.Arm((1.0, 1.0), limits=((-1e6, 1e6), (-1e6, 1e6))).inverse((1.0, 1.0))
 
 
 GOAL_ARMS = [
-    Arm((0.9,), base=(0.3, -0.2), limits=((-7.0, 9.0),)),
+    rg.Arm((0.9,), base=(0.3, -0.2), limits=((-7.0, 9.0),)),
     *ARMS[:3],
-    Arm((1.0, 1.0), limits=((-2 * np.pi, 2 * np.pi), (-7.0, 0.5))),
-    Arm((0.8, 0.7, 0.5), angles="absolute", limits=(None, (-1.0, 8.0), None)),
-    Arm((0.5, 0.5, 0.5, 0.5), base_angle=1.0),
+    rg.Arm((1.0, 1.0), limits=((-2 * np.pi, 2 * np.pi), (-7.0, 0.5))),
+    rg.Arm((0.8, 0.7, 0.5), angles="absolute", limits=(None, (-1.0, 8.0), None)),
+    rg.Arm((0.5, 0.5, 0.5, 0.5), base_angle=1.0),
 ]
 GOAL_GRIDS = {1: (23,), 2: (17, 20), 3: (9, 8, 7), 4: (5, 4, 5, 4)}
 
@@ -184,11 +186,11 @@ def own_tip(arm, configurations):
 def from_region(region, points):
     """Exact distance of points from a region."""
     match region:
-        case HalfSpace(normal, offset):
+        case rg.HalfSpace(normal, offset):
             return np.maximum((points @ np.array(normal) - offset) / np.hypot(*normal), 0.0)
-        case Ball(centre, radius):
+        case rg.Ball(centre, radius):
             return np.maximum(np.linalg.norm(points - np.array(centre), axis=-1) - radius, 0.0)
-        case Box() | Polygon():
+        case rg.Box() | rg.Polygon():
             return shapely.distance(to_shapely(region), shapely.points(points))
     return np.linalg.norm(points - np.array(region), axis=-1)
 
@@ -207,12 +209,12 @@ def goals_at(place, size):
     x, y = place
     ring = np.array([(0, 0), (2, -1), (1.2, 0.3), (1.5, 1.4), (-0.4, 1.1)]) * size + place
     yield x, y
-    yield Ball((x, y), 0.0)
-    yield Ball((x - 0.6 * size, y + 0.8 * size), size * (1 + 1e-12))
-    yield Box((x, y - size), (x + 0.4 * size, y + size))
-    yield Box((x - size, y), (x + size, y))
-    yield Polygon(tuple(map(tuple, ring.tolist())))
-    yield HalfSpace((1.5, -2.0), 1.5 * x - 2.0 * y)
+    yield rg.Ball((x, y), 0.0)
+    yield rg.Ball((x - 0.6 * size, y + 0.8 * size), size * (1 + 1e-12))
+    yield rg.Box((x, y - size), (x + 0.4 * size, y + size))
+    yield rg.Box((x - size, y), (x + size, y))
+    yield rg.Polygon(tuple(map(tuple, ring.tolist())))
+    yield rg.HalfSpace((1.5, -2.0), 1.5 * x - 2.0 * y)
 
 
 @pytest.mark.parametrize("which", range(len(GOAL_ARMS)))
@@ -251,7 +253,7 @@ def test_cells_that_are_no_goal_hold_no_solution_by_least_squares(arm):
 @pytest.mark.parametrize("arm", [GOAL_ARMS[1], GOAL_ARMS[3], GOAL_ARMS[4], GOAL_ARMS[6]])
 def test_a_smaller_goal_has_no_other_cells(arm):
     axes = arm.axes(GOAL_GRIDS[arm.ndim])
-    regions = [Ball((0.9, 0.5), radius) for radius in (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.0)]
+    regions = [rg.Ball((0.9, 0.5), radius) for radius in (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.0)]
     masks = [check_goal(arm, axes, region) for region in (*regions, (0.9, 0.5))]
     for larger, smaller in itertools.pairwise(masks):
         assert smaller.any()
@@ -262,12 +264,12 @@ def test_a_smaller_goal_has_no_other_cells(arm):
     ("arm", "cells", "centre", "radii"),
     [
         (
-            Arm((2.0, 1.0, 1.0, 1.0), limits=((0.0, 2 * np.pi), (np.pi / 4, 2 * np.pi), None, None),
+            rg.Arm((2.0, 1.0, 1.0, 1.0), limits=((0.0, 2 * np.pi), (np.pi / 4, 2 * np.pi), None, None),
                 base_angle=np.pi, angles="absolute"),
             (4, 2, 4, 6), (-1.0, 0.0), (0.0, 1e-6, 1e-4, 1e-3, 5e-3, 0.1),
         ),
         (
-            Arm((1.0, 0.5, 0.5, 2.0), limits=((-np.pi / 2, np.pi / 4), None, (np.pi / 4, 2 * np.pi), None),
+            rg.Arm((1.0, 0.5, 0.5, 2.0), limits=((-np.pi / 2, np.pi / 4), None, (np.pi / 4, 2 * np.pi), None),
                 base=(1.0, -2.0), base_angle=np.pi / 2),
             (1, 4, 2, 2), (-0.8535533905932738, -1.6464466094067258), (0.0, 1e-3, 0.05, 0.1, 0.15),
         ),
@@ -276,43 +278,43 @@ def test_a_smaller_goal_has_no_other_cells(arm):
 def test_smaller_goals_have_no_other_cells_where_cells_are_wide_and_solutions_sit_in_their_corners(
     arm, cells, centre, radii
 ):
-    masks = [arm.goal_cells(arm.axes(cells), Ball(centre, radius)).cells for radius in radii]
+    masks = [arm.goal_cells(arm.axes(cells), rg.Ball(centre, radius)).cells for radius in radii]
     for smaller, larger in itertools.pairwise(masks):
         assert not (smaller & ~larger).any()
 
 
 def test_both_elbows_have_a_cell_though_the_centre_of_one_alone_lies_in_the_goal():
-    arm = Arm((1.0, 1.0))
+    arm = rg.Arm((1.0, 1.0))
     axes = arm.axes(40)
     rng = np.random.default_rng(0)
     for reach, turn, radius in rng.uniform((0.4, 0.0, 0.03), (1.9, 6.3, 0.2), (50, 3)):
-        goal = Ball((reach * np.cos(turn), reach * np.sin(turn)), radius)
+        goal = rg.Ball((reach * np.cos(turn), reach * np.sin(turn)), radius)
         elbows = np.sin(axes[1].centres[np.argwhere(arm.goal_cells(axes, goal).cells)[:, 1]])
         assert (elbows > 0).any()
         assert (elbows < 0).any()
 
 
 def test_every_inverse_solution_has_its_cell_on_any_axes():
-    wide = Arm((1.0, 1.0), limits=((-2 * np.pi, 2 * np.pi),) * 2)
+    wide = rg.Arm((1.0, 1.0), limits=((-2 * np.pi, 2 * np.pi),) * 2)
     cells = check_goal(wide, wide.axes(120), (1.2, -1.0))
     solutions = wide.inverse((1.2, -1.0))
     assert len(solutions) == cells.sum() == 8
     assert cells[tuple(((solutions + 2 * np.pi) / (np.pi / 30)).astype(int).T)].all()
-    axes = (Axis("a", 0.0, 6.28, 64), Axis("b", 0.0, 6.28, 64))
-    cells = check_goal(Arm((1.0, 1.0)), axes, (0.5, -1.2))
-    expected = Arm((1.0, 1.0)).inverse((0.5, -1.2)) % (2 * np.pi)
+    axes = (rg.Axis("a", 0.0, 6.28, 64), rg.Axis("b", 0.0, 6.28, 64))
+    cells = check_goal(rg.Arm((1.0, 1.0)), axes, (0.5, -1.2))
+    expected = rg.Arm((1.0, 1.0)).inverse((0.5, -1.2)) % (2 * np.pi)
     assert cells[tuple((expected / (6.28 / 64)).astype(int).T)].all()
     assert cells.sum() == 2
 
 
 def test_half_planes_have_no_end():
-    far, near = (Arm((4000.0, 3000.0), base=(x, 0.0)) for x in (9e6, 0.0))
-    goal = HalfSpace((0.0, 1.0), -500.0)
+    far, near = (rg.Arm((4000.0, 3000.0), base=(x, 0.0)) for x in (9e6, 0.0))
+    goal = rg.HalfSpace((0.0, 1.0), -500.0)
     assert (check_goal(far, far.axes(40), goal) == check_goal(near, near.axes(40), goal)).all()
 
 
 def test_equal_links_that_fold_onto_the_base_solve_it_in_every_direction():
-    arm = Arm((1.0, 1.0))
+    arm = rg.Arm((1.0, 1.0))
     cells = check_goal(arm, arm.axes(24), (0.0, 0.0))
     assert cells.sum() == 48
     assert cells[:, [0, -1]].all()
@@ -322,10 +324,15 @@ def test_equal_links_that_fold_onto_the_base_solve_it_in_every_direction():
 
 @pytest.mark.parametrize(
     "region",
-    [Box((1.0, 1.0), (1.0, 1.0)), Box((1.0, 1.0), (1.2, 1.0)), Ball((1.0, 1.0), 0.0), Ball((1.0, 1.0), 1e-300)],
+    [
+        rg.Box((1.0, 1.0), (1.0, 1.0)),
+        rg.Box((1.0, 1.0), (1.2, 1.0)),
+        rg.Ball((1.0, 1.0), 0.0),
+        rg.Ball((1.0, 1.0), 1e-300),
+    ],
 )
 def test_goals_without_area_are_found_too(region):
-    arm = Arm((1.0, 1.0))
+    arm = rg.Arm((1.0, 1.0))
     axes = arm.axes(40)
     found = check_goal(arm, axes, region)
     for solution in arm.inverse((1.0, 1.0)):
@@ -336,7 +343,7 @@ def test_goals_without_area_are_found_too(region):
 @pytest.mark.parametrize("cells", [60, 61, (60, 75)])
 @pytest.mark.parametrize("angles", ["relative", "absolute"])
 def test_the_virtual_obstacle_parts_elbow_left_from_elbow_right(cells, angles):
-    arm = Arm((1.0, 0.7), angles=angles, singularity_cells=1)
+    arm = rg.Arm((1.0, 0.7), angles=angles, singularity_cells=1)
     axes = arm.axes(cells)
     blocked = arm.occupancy(axes, [], "conservative")
     assert label_regions(~blocked, [True, True]).max() == 2
@@ -347,21 +354,21 @@ def test_the_virtual_obstacle_parts_elbow_left_from_elbow_right(cells, angles):
         signs = np.sign(turn[region == band])
         assert (signs == signs[0]).all()
     assert blocked.mean() < 0.11
-    assert not Arm((1.0, 0.7), angles=angles).occupancy(axes, [], "conservative").any()
+    assert not rg.Arm((1.0, 0.7), angles=angles).occupancy(axes, [], "conservative").any()
 
 
 def test_the_virtual_obstacle_has_the_width_asked_for():
-    axes = Arm((1.0, 1.0), angles="absolute").axes(120)
+    axes = rg.Arm((1.0, 1.0), angles="absolute").axes(120)
     count = {
-        width: int(Arm((1.0, 1.0), angles="absolute", singularity_cells=width).singular_cells(axes)[0].sum())
+        width: int(rg.Arm((1.0, 1.0), angles="absolute", singularity_cells=width).singular_cells(axes)[0].sum())
         for width in (1, 3, 5)
     }
     assert count == {1: 2, 3: 6, 5: 10}  # two diagonals
-    wide = Arm((1.0, 1.0), singularity_width=0.4).singular_cells(Arm((1.0, 1.0)).axes(120))
+    wide = rg.Arm((1.0, 1.0), singularity_width=0.4).singular_cells(rg.Arm((1.0, 1.0)).axes(120))
     bend = axes[1].centres
     expected = np.minimum(np.abs(bend), np.pi - np.abs(bend)) - axes[1].spacing / 2 < 0.2 - 1e-9
     assert (wide[0] == expected).all()
-    three = Arm((1.0, 1.0, 1.0), singularity_cells=1).singular_cells(Arm((1.0, 1.0, 1.0)).axes(9))
+    three = rg.Arm((1.0, 1.0, 1.0), singularity_cells=1).singular_cells(rg.Arm((1.0, 1.0, 1.0)).axes(9))
     assert np.broadcast_to(three, (9, 9, 9)).sum() == 9 * 3 * 3  # theta_2 and theta_3 both 0 or a half turn
 
 
@@ -369,7 +376,7 @@ def test_the_virtual_obstacle_has_the_width_asked_for():
 @pytest.mark.parametrize("cells", [40, 41])
 def test_the_virtual_obstacle_has_at_least_so_many_cells_evenly_about_the_singularity(angles, cells):
     for width in range(1, 8):
-        arm = Arm((1.0, 1.0), angles=angles, singularity_cells=width)
+        arm = rg.Arm((1.0, 1.0), angles=angles, singularity_cells=width)
         blocked = np.broadcast_to(arm.singular_cells(arm.axes(cells)), (cells, cells))
         if angles == "absolute":  # theta_2 - theta_1, as the other count it
             blocked = np.array([np.roll(row, cells // 2 - number) for number, row in enumerate(blocked)])
@@ -392,36 +399,37 @@ def test_progress_is_told_up_to_the_end():
 @pytest.mark.parametrize(
     ("make", "expected"),
     [
-        (lambda: Arm(()), "1 to 4 links"),
-        (lambda: Arm((1.0, -1.0)), r"lengths\[1\] = -1.0 must be a finite number above 0"),
-        (lambda: Arm((1.0,), (float("nan"),)), r"widths\[0\] = nan"),
-        (lambda: Arm((1.0, 1.0), (0.1,)), "needs 2 widths"),
-        (lambda: Arm((1.0,), limits=((2.0, 1.0),)), r"links\[0\]: limits = \[2.0, 1.0\] are reversed"),
-        (lambda: Arm((1.0,), limits=((1.0, 1.0),)), r"links\[0\]: limits = \[1.0, 1.0\] leave the joint no room"),
-        (lambda: Arm((1.0,), base=(0.0, float("inf"))), "base"),
-        (lambda: Arm((1.0,), angles="both"), "'relative' or 'absolute'"),
-        (lambda: Arm((1.0, 1.0), singularity_cells=1, singularity_width=0.1), "not both"),
-        (lambda: Arm((1.0,), singularity_cells=1), "singular everywhere"),
-        (lambda: Arm((1.0, 1.0)).goal_cells(Arm((1.0, 1.0)).axes(9), (2.3, 0.0)),
+        (lambda: rg.Arm(()), "1 to 4 links"),
+        (lambda: rg.Arm((1.0, -1.0)), r"lengths\[1\] = -1.0 must be a finite number above 0"),
+        (lambda: rg.Arm((1.0,), (float("nan"),)), r"widths\[0\] = nan"),
+        (lambda: rg.Arm((1.0, 1.0), (0.1,)), "needs 2 widths"),
+        (lambda: rg.Arm((1.0,), limits=((2.0, 1.0),)), r"links\[0\]: limits = \[2.0, 1.0\] are reversed"),
+        (lambda: rg.Arm((1.0,), limits=((1.0, 1.0),)), r"links\[0\]: limits = \[1.0, 1.0\] leave the joint no room"),
+        (lambda: rg.Arm((1.0,), base=(0.0, float("inf"))), "base"),
+        (lambda: rg.Arm((1.0,), angles="both"), "'relative' or 'absolute'"),
+        (lambda: rg.Arm((1.0, 1.0), singularity_cells=1, singularity_width=0.1), "not both"),
+        (lambda: rg.Arm((1.0,), singularity_cells=1), "singular everywhere"),
+        (lambda: rg.Arm((1.0, 1.0)).goal_cells(rg.Arm((1.0, 1.0)).axes(9), (2.3, 0.0)),
          "the goal is 2.3 from the base, the arm reaches 2"),
-        (lambda: Arm((1.0, 0.4)).goal_cells(Arm((1.0, 0.4)).axes(9), Ball((0.1, 0.0), 0.2)), "cannot fold nearer"),
-        (lambda: Arm((1.0, 1.0)).occupancy([Axis("a", 0, 1, 3)], [], "centre"), "needs 2 axes, got 1"),
-        (lambda: Arm((1.0,)).occupancy([Axis("a", 0, 1, 3, True)], [], "centre"), "turns by 2 pi"),
-        (lambda: Arm((1.0,), limits=((0.0, 1.0),)).occupancy([Axis("a", 0, 2, 3)], [], "centre"), "limits are"),
-        (lambda: Arm((1.0,)).occupancy([Axis("a", 0, 1, 3)], [Ball((0, 0, 0), 1)], "centre"), "2 coordinates"),
-        (lambda: Arm((1.0, 1.0)).joints((1.0, 2.0, 3.0)), "has 2 joints"),
-        (lambda: to_shapely(Ball((0, 0, 0), 1)), "plane shapes only"),
-        (lambda: Arm((1.0,)).inverse((1.0, 0.0)), "two links"),
-        (lambda: Arm((1.0, 1.0)).inverse((1.0, float("nan"))), "finite"),
+        (lambda: rg.Arm((1.0, 0.4)).goal_cells(rg.Arm((1.0, 0.4)).axes(9), rg.Ball((0.1, 0.0), 0.2)),
+         "cannot fold nearer"),
+        (lambda: rg.Arm((1.0, 1.0)).occupancy([rg.Axis("a", 0, 1, 3)], [], "centre"), "needs 2 axes, got 1"),
+        (lambda: rg.Arm((1.0,)).occupancy([rg.Axis("a", 0, 1, 3, True)], [], "centre"), "turns by 2 pi"),
+        (lambda: rg.Arm((1.0,), limits=((0.0, 1.0),)).occupancy([rg.Axis("a", 0, 2, 3)], [], "centre"), "limits are"),
+        (lambda: rg.Arm((1.0,)).occupancy([rg.Axis("a", 0, 1, 3)], [rg.Ball((0, 0, 0), 1)], "centre"), "2 coordinates"),
+        (lambda: rg.Arm((1.0, 1.0)).joints((1.0, 2.0, 3.0)), "has 2 joints"),
+        (lambda: to_shapely(rg.Ball((0, 0, 0), 1)), "plane shapes only"),
+        (lambda: rg.Arm((1.0,)).inverse((1.0, 0.0)), "two links"),
+        (lambda: rg.Arm((1.0, 1.0)).inverse((1.0, float("nan"))), "finite"),
     ],
 )  # fmt: skip
 def test_bad_arms_get_one_clear_message(make, expected):
-    with pytest.raises(InputError, match=expected):
+    with pytest.raises(rg.InputError, match=expected):
         make()
 
 
 def test_the_protocol_fits():
-    assert all(isinstance(arm, Robot) for arm in ARMS)
+    assert all(isinstance(arm, rg.Robot) for arm in ARMS)
 
 
 @settings(max_examples=60)
@@ -445,7 +453,7 @@ def test_no_point_of_a_link_moves_farther_than_the_bound(which, seed, width):
 
 @pytest.mark.parametrize("angles", ["relative", "absolute"])
 def test_no_configuration_in_a_free_cell_meets_itself(angles):
-    arm = Arm((0.6, 0.3, 0.7), (0.04, 0.04, 0.04), angles=angles, self_collision=True)
+    arm = rg.Arm((0.6, 0.3, 0.7), (0.04, 0.04, 0.04), angles=angles, self_collision=True)
     axes = arm.axes(20)
     blocked = arm.occupancy(axes, [], "conservative")
     centre = arm.occupancy(axes, [], "centre")
@@ -454,14 +462,14 @@ def test_no_configuration_in_a_free_cell_meets_itself(angles):
     assert not collides(arm, inside, FAR).any()
     grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1).reshape(-1, 3)
     assert (centre.ravel() == collides(arm, grid, FAR)).all()
-    assert not Arm((0.6, 0.3, 0.7), (0.04, 0.04, 0.04), angles=angles).occupancy(axes, [], "conservative").any()
+    assert not rg.Arm((0.6, 0.3, 0.7), (0.04, 0.04, 0.04), angles=angles).occupancy(axes, [], "conservative").any()
 
 
 def test_an_arm_inside_an_obstacle_collides_and_one_in_its_hole_does_not():
-    arm = Arm((0.2, 0.1), (0.01, 0.01))
+    arm = rg.Arm((0.2, 0.1), (0.01, 0.01))
     around = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
     hole = tuple((0.5 * x, 0.5 * y) for x, y in around)
     for rule in ("conservative", "centre"):
-        assert arm.occupancy(arm.axes(8), [Polygon(around)], rule).all()
-        assert not arm.occupancy(arm.axes(8), [Polygon(around, (hole,))], rule).any()
-        assert arm.occupancy(arm.axes(8), [Ball((0.0, 0.0), 1.0)], rule).all()
+        assert arm.occupancy(arm.axes(8), [rg.Polygon(around)], rule).all()
+        assert not arm.occupancy(arm.axes(8), [rg.Polygon(around, (hole,))], rule).any()
+        assert arm.occupancy(arm.axes(8), [rg.Ball((0.0, 0.0), 1.0)], rule).all()

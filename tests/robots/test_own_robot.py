@@ -1,4 +1,7 @@
-"""A robot of one's own: one class, and everything else works with it."""
+"""A robot of one's own: one class, and everything else works with it.
+
+Tests internals: `resgrid.robots`.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,6 @@ from numpy.typing import NDArray
 from support.dumbbell import Dumbbell
 
 import resgrid as rg
-from resgrid.errors import InputError
 from resgrid.robots import RigidPart, to_shapely
 
 ROBOT = Dumbbell(0.8, 0.12)
@@ -85,7 +87,7 @@ def test_what_a_robot_does_not_say_is_named() -> None:
         def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
             return np.asarray(np.linalg.norm(end - start, axis=1))
 
-    with pytest.raises(InputError, match=r"implement Ghost.pose"):
+    with pytest.raises(rg.InputError, match=r"implement Ghost.pose"):
         rg.simulation(replace(SCENE, robot=Ghost())).run()
 
 

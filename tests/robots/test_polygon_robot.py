@@ -1,42 +1,31 @@
-"""The turning polygon and the disc against shapely."""
+"""The turning polygon and the disc against shapely.
+
+Tests internals: `resgrid.robots`, `resgrid.scene.overrides`.
+"""
 
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
 
-from resgrid.core.axis import Axis
-from resgrid.core.space import Cell
-from resgrid.errors import InputError
-from resgrid.robots import (
-    Ball,
-    Box,
-    CellSet,
-    DiscRobot,
-    HalfSpace,
-    PointRobot,
-    Polygon,
-    PolygonRobot,
-    Robot,
-    to_shapely,
-)
-from resgrid.scene import build_space, read_scene
+import resgrid as rg
+from resgrid.robots import CellSet, to_shapely
 from resgrid.scene.overrides import apply_overrides
 
 OBSTACLES = [
-    Box((0.5, 0.2), (0.7, 1.1)),
-    Polygon(((1.2, 1.0), (2.0, 0.9), (2.1, 1.7), (1.6, 1.3), (1.1, 1.8))),
-    Polygon(((2.2, 0.1), (3.0, 0.1), (3.0, 0.9), (2.2, 0.9)), (((2.3, 0.2), (2.9, 0.2), (2.9, 0.8), (2.3, 0.8)),)),
-    Ball((0.4, 1.7), 0.15),
-    HalfSpace((-1.0, 0.2), -2.9),
+    rg.Box((0.5, 0.2), (0.7, 1.1)),
+    rg.Polygon(((1.2, 1.0), (2.0, 0.9), (2.1, 1.7), (1.6, 1.3), (1.1, 1.8))),
+    rg.Polygon(((2.2, 0.1), (3.0, 0.1), (3.0, 0.9), (2.2, 0.9)), (((2.3, 0.2), (2.9, 0.2), (2.9, 0.8), (2.3, 0.8)),)),
+    rg.Ball((0.4, 1.7), 0.15),
+    rg.HalfSpace((-1.0, 0.2), -2.9),
 ]
-ELL = PolygonRobot(((-0.2, -0.05), (0.25, -0.05), (0.25, 0.05), (-0.1, 0.05), (-0.1, 0.2), (-0.2, 0.2)), 0.3)
-KITE = PolygonRobot(((0.2, 0.0), (0.0, 0.06), (-0.1, 0.0), (0.0, -0.06)))
+ELL = rg.PolygonRobot(((-0.2, -0.05), (0.25, -0.05), (0.25, 0.05), (-0.1, 0.05), (-0.1, 0.2), (-0.2, 0.2)), 0.3)
+KITE = rg.PolygonRobot(((0.2, 0.0), (0.0, 0.06), (-0.1, 0.0), (0.0, -0.06)))
 GEOMETRY = shapely.union_all([to_shapely(shape) for shape in OBSTACLES])
 
 
 def axes_of(robot, cells=(30, 20, 16)):
-    return Axis("x", 0, 3, cells[0]), Axis("y", 0, 2, cells[1]), robot.turning_axis(cells[2])
+    return rg.Axis("x", 0, 3, cells[0]), rg.Axis("y", 0, 2, cells[1]), robot.turning_axis(cells[2])
 
 
 def gaps(robot, configurations):
@@ -85,15 +74,15 @@ def test_thin_turns_lose_little_more_than_the_cells_the_obstacle_touches():
 
 
 WALLS = [
-    Box((0.9, 0.5), (1.0, 1.2)),  # as long as the bar
-    Box((1.0, 0.5), (1.7, 0.62)),  # as long and as thick, and beside the other
-    Polygon(((2.0, 1.0), (2.35, 1.0), (2.7, 1.0), (2.7, 1.7), (2.35, 1.7), (2.0, 1.7)),
+    rg.Box((0.9, 0.5), (1.0, 1.2)),  # as long as the bar
+    rg.Box((1.0, 0.5), (1.7, 0.62)),  # as long and as thick, and beside the other
+    rg.Polygon(((2.0, 1.0), (2.35, 1.0), (2.7, 1.0), (2.7, 1.7), (2.35, 1.7), (2.0, 1.7)),
             (((2.12, 1.12), (2.12, 1.58), (2.35, 1.58), (2.58, 1.58), (2.58, 1.12)),)),
-    Polygon(((0.3, 1.5), (1.0, 1.5), (1.0, 1.62), (0.42, 1.62), (0.42, 1.82), (0.3, 1.82))),  # the robot itself
-    Box((1.5, 0.2), (2.2, 0.2)),  # a line
+    rg.Polygon(((0.3, 1.5), (1.0, 1.5), (1.0, 1.62), (0.42, 1.62), (0.42, 1.82), (0.3, 1.82))),  # the robot itself
+    rg.Box((1.5, 0.2), (2.2, 0.2)),  # a line
 ]  # fmt: skip
-BAR = PolygonRobot(((-0.35, -0.06), (0.0, -0.06), (0.35, -0.06), (0.35, 0.06), (-0.35, 0.06)))
-CORNER = PolygonRobot(((-0.35, -0.06), (0.35, -0.06), (0.35, 0.06), (-0.23, 0.06), (-0.23, 0.26), (-0.35, 0.26)))
+BAR = rg.PolygonRobot(((-0.35, -0.06), (0.0, -0.06), (0.35, -0.06), (0.35, 0.06), (-0.35, 0.06)))
+CORNER = rg.PolygonRobot(((-0.35, -0.06), (0.35, -0.06), (0.35, 0.06), (-0.23, 0.06), (-0.23, 0.26), (-0.35, 0.26)))
 
 
 def overlaps(robot, configurations, obstacles):
@@ -110,7 +99,7 @@ def overlaps(robot, configurations, obstacles):
     return sure, perhaps
 
 
-@pytest.mark.parametrize("robot", [BAR, CORNER, PolygonRobot(BAR.vertices[::-1])])
+@pytest.mark.parametrize("robot", [BAR, CORNER, rg.PolygonRobot(BAR.vertices[::-1])])
 @pytest.mark.parametrize("turns", [4, 12, 36])
 def test_edges_that_coincide_hide_no_collision(robot, turns):
     axes = axes_of(robot, (30, 20, turns))
@@ -129,9 +118,9 @@ def test_edges_that_coincide_hide_no_collision(robot, turns):
 
 @pytest.mark.parametrize("turns", [5, 24, 36, 64, 72])
 def test_the_shipped_scene_can_be_turned_by_any_number_of_cells(scenes, turns):
-    scene = apply_overrides(read_scene(scenes / "turning.toml"), {"grid.axes.2.cells": str(turns)})
-    space = build_space(scene)
-    free = np.argwhere(space.cell != Cell.OBSTACLE)
+    scene = apply_overrides(rg.read_scene(scenes / "turning.toml"), {"grid.axes.2.cells": str(turns)})
+    space = rg.build_space(scene)
+    free = np.argwhere(space.cell != rg.Cell.OBSTACLE)
     chosen = np.random.default_rng(turns).choice(free, 500)
     share = np.random.default_rng(0).choice([0.0, 0.5, 1.0], (500, 3))
     assert not overlaps(scene.robot, space.lower + (chosen + share) * space.spacing, scene.obstacles)[1].any()
@@ -145,7 +134,7 @@ def test_cells_of_a_map_are_obstacles(robot):
     mask[10:20, 4:14], mask[11:19, 5:13], mask[15, 9] = True, False, True
     mask[:, 0] = True
     axes = axes_of(robot, (45, 30, 12))
-    cells = CellSet((Axis("x", 0, 3, 30), Axis("y", 0, 2, 20)), mask)
+    cells = CellSet((rg.Axis("x", 0, 3, 30), rg.Axis("y", 0, 2, 20)), mask)
     boxes = cells.boxes()
     assert np.isclose(shapely.union_all([to_shapely(box) for box in boxes]).area, to_shapely(cells).area)
     for rule in ("centre", "conservative"):
@@ -168,10 +157,13 @@ simple = st.sampled_from(
 @settings(max_examples=40)
 @given(simple, st.floats(0, 6.3), st.integers(0, 2), st.integers(0, 99))
 def test_minkowski_sums(vertices, turn, which, seed):
-    polygon = Polygon(((0.5, 0.2), (0.7, 0.2), (0.7, 1.1), (0.5, 1.1))) if which == 0 else OBSTACLES[which]
-    robot = PolygonRobot(tuple((float(x), float(y)) for x, y in vertices))
+    polygon = rg.Polygon(((0.5, 0.2), (0.7, 0.2), (0.7, 1.1), (0.5, 1.1))) if which == 0 else OBSTACLES[which]
+    robot = rg.PolygonRobot(tuple((float(x), float(y)) for x, y in vertices))
     low = np.random.default_rng(seed).uniform(-1, 0, 2).tolist()
-    axes = (*(Axis(name, at, at + 6, 24) for name, at in zip("xy", low, strict=True)), Axis("t", turn - 1, turn + 1, 1))
+    axes = (
+        *(rg.Axis(name, at, at + 6, 24) for name, at in zip("xy", low, strict=True)),
+        rg.Axis("t", turn - 1, turn + 1, 1),
+    )
     layer = robot.occupancy(axes, [polygon], "centre")
     points = low + (np.argwhere(np.ones(layer.shape[:2])) + 0.5) * 0.25
     shifted = shapely.polygons(robot.corners([(*point, turn) for point in points]))
@@ -191,7 +183,7 @@ def test_a_turn_is_weighed_as_an_arc():
 
 def test_goals_are_places_at_any_angle_or_configurations():
     axes = axes_of(ELL, (6, 4, 8))
-    place, points = ELL.goal_cells(axes, Box((0.6, 1.0), (1.1, 1.4)))
+    place, points = ELL.goal_cells(axes, rg.Box((0.6, 1.0), (1.1, 1.4)))
     assert np.argwhere(place[:, :, 0]).tolist() == [[1, 2], [2, 2]]
     assert place[1:3, 2].all()
     turns = axes[2].centres
@@ -203,36 +195,36 @@ def test_goals_are_places_at_any_angle_or_configurations():
 
 
 def test_a_disc_is_a_point_with_a_radius():
-    axes = (Axis("x", 0, 3, 30), Axis("y", 0, 2, 20))
+    axes = (rg.Axis("x", 0, 3, 30), rg.Axis("y", 0, 2, 20))
     for rule in ("conservative", "centre"):
         assert (
-            DiscRobot(0.2).occupancy(axes, OBSTACLES, rule) == PointRobot(0.2).occupancy(axes, OBSTACLES, rule)
+            rg.DiscRobot(0.2).occupancy(axes, OBSTACLES, rule) == rg.PointRobot(0.2).occupancy(axes, OBSTACLES, rule)
         ).all()
-    (shape,) = DiscRobot(0.2).shapes_at((1, 1))
+    (shape,) = rg.DiscRobot(0.2).shapes_at((1, 1))
     assert np.isclose(shape.area, 0.04 * np.pi, rtol=1e-2)
-    assert DiscRobot(0.2).goal_cells(axes, (1.05, 1.05)).cells.sum() == 1
+    assert rg.DiscRobot(0.2).goal_cells(axes, (1.05, 1.05)).cells.sum() == 1
 
 
 @pytest.mark.parametrize(
     ("make", "expected"),
     [
-        (lambda: PolygonRobot(((0, 0), (1, 1), (1, 0), (0, 1))), "not simple"),
-        (lambda: PolygonRobot(((0, 0), (1, 1))), "three corners"),
-        (lambda: PolygonRobot(KITE.vertices, 0.0), "turning_length = 0.0"),
+        (lambda: rg.PolygonRobot(((0, 0), (1, 1), (1, 0), (0, 1))), "not simple"),
+        (lambda: rg.PolygonRobot(((0, 0), (1, 1))), "three corners"),
+        (lambda: rg.PolygonRobot(KITE.vertices, 0.0), "turning_length = 0.0"),
         (lambda: KITE.occupancy(axes_of(KITE)[:2], [], "centre"), "needs 3 axes"),
         (lambda: KITE.occupancy(axes_of(ELL), [], "centre"), "full turn is 2 pi"),
-        (lambda: KITE.occupancy((Axis("x", 0, 1, 3, True), *axes_of(KITE)[1:]), [], "centre"), "cannot be periodic"),
+        (lambda: KITE.occupancy((rg.Axis("x", 0, 1, 3, True), *axes_of(KITE)[1:]), [], "centre"), "cannot be periodic"),
         (lambda: KITE.corners((1, 2)), "x, y, theta"),
-        (lambda: DiscRobot(0.0), "above 0"),
-        (lambda: DiscRobot(1.0).occupancy(axes_of(KITE), [], "centre"), "needs 2 axes"),
-        (lambda: PointRobot().shapes_at((1, 2, 3)), "2 coordinates"),
+        (lambda: rg.DiscRobot(0.0), "above 0"),
+        (lambda: rg.DiscRobot(1.0).occupancy(axes_of(KITE), [], "centre"), "needs 2 axes"),
+        (lambda: rg.PointRobot().shapes_at((1, 2, 3)), "2 coordinates"),
     ],
 )
 def test_bad_robots_get_one_clear_message(make, expected):
-    with pytest.raises(InputError, match=expected):
+    with pytest.raises(rg.InputError, match=expected):
         make()
 
 
 def test_the_protocol_fits():
-    assert isinstance(ELL, Robot)
-    assert isinstance(DiscRobot(1.0), Robot)
+    assert isinstance(ELL, rg.Robot)
+    assert isinstance(rg.DiscRobot(1.0), rg.Robot)

@@ -1,3 +1,5 @@
+"""Tests internals: `resgrid.scene.maps.formats`, `resgrid.scene.maps.pictures`, `resgrid.scene.maps.pnm`."""
+
 import io
 import struct
 import subprocess
@@ -9,8 +11,6 @@ import pytest
 from PIL import Image
 
 import resgrid as rg
-from resgrid.errors import BudgetError, InputError, ResgridError
-from resgrid.scene import build_space, read_movingai_scenarios, read_scene
 from resgrid.scene.maps.formats import FORMATS, MapFormat
 from resgrid.scene.maps.pictures import read_raster
 from resgrid.scene.maps.pnm import read_pnm
@@ -24,7 +24,7 @@ def write(path, content):
 
 
 def cells(path, **options):
-    return build_space(read_scene(path, **options), require_goal=False).cell
+    return rg.build_space(rg.read_scene(path, **options), require_goal=False).cell
 
 
 def png(pixels, mode="L"):
@@ -37,8 +37,8 @@ def test_movingai_letters(tmp_path):
     file = write(tmp_path / "a.map", MAP)
     assert cells(file).T[::-1].tolist() == [[0, 0, 1, 1], [1, 0, 1, 0], [0, 0, 0, 0]]
     assert cells(file, passable=".").T[::-1].tolist() == [[0, 1, 1, 1], [1, 1, 1, 0], [0, 0, 0, 0]]
-    scene = read_scene(file, goal=(3.5, 1.5))
-    assert build_space(scene).cell[3, 1] == 2
+    scene = rg.read_scene(file, goal=(3.5, 1.5))
+    assert rg.build_space(scene).cell[3, 1] == 2
     assert [(axis.lower, axis.upper, axis.unit) for axis in scene.axes] == [(0, 4, "cell"), (0, 3, "cell")]
     assert (cells(write(tmp_path / "crlf.map", MAP.replace("\n", "\r\n"))) == cells(file)).all()
 
@@ -46,17 +46,17 @@ def test_movingai_letters(tmp_path):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        (MAP.replace("TSW.", "TSW"), "line 6: the row has 3 letters, but the header says width 4"),
+        (MAP.replace("TSW.", "TSW"), "line 6: the row has 3 letters, but the header has width 4"),
         (MAP.replace("TSW.", "TSW.."), "line 6: the row has 5"),
-        (MAP.replace("TSW.", "TSx."), "line 6, column 3: 'x' is no terrain"),
+        (MAP.replace("TSW.", "TSx."), "line 6, column 3: 'x' is not a letter of terrain"),
         (MAP.replace("height 3", "height 4"), "ends after 3 rows"),
         (MAP.replace("height 3", "height 2"), "line 7: more rows"),
         (MAP.replace("height 3", "height 0"), "'height N'"),
         (MAP.replace("height 3", "height -1"), "'height N'"),
         (MAP.replace("height 3\n", ""), "'height N'"),
         (MAP.replace("height 3", "height 1000000000").replace("width 4", "width 1000000000"), "width"),
-        (MAP.replace("octile", "hex"), "line 1: type 'hex' is not square"),
-        (MAP.replace("width 4", "width 4\nheight 3"), "line 4: 'height' stands in the header twice"),
+        (MAP.replace("octile", "hex"), "line 1: type 'hex' does not have square cells"),
+        (MAP.replace("width 4", "width 4\nheight 3"), "line 4: 'height' is in the header twice"),
         (MAP.replace("\nmap\n", "\n"), "line 4: expected"),
         ("type octile\n", "expected|does not end"),
         ("", "expected|does not end"),
@@ -64,46 +64,46 @@ def test_movingai_letters(tmp_path):
     ],
 )
 def test_movingai_errors_name_the_line(tmp_path, text, expected):
-    with pytest.raises(InputError, match=expected):
-        read_scene(write(tmp_path / "a.map", text))
+    with pytest.raises(rg.InputError, match=expected):
+        rg.read_scene(write(tmp_path / "a.map", text))
 
 
 def test_movingai_options(tmp_path):
-    with pytest.raises(InputError, match="'x' is no terrain"):
-        read_scene(write(tmp_path / "a.map", MAP), passable=".x")
+    with pytest.raises(rg.InputError, match="'x' is not a letter of terrain"):
+        rg.read_scene(write(tmp_path / "a.map", MAP), passable=".x")
 
 
 def test_queries(tmp_path):
     text = "version 1\n0\ta b.map\t4\t3\t0\t0\t3\t2\t3.82842712\n\n3 c.map 4 3 1 1 2 2 1.5\n"
-    first, second = read_movingai_scenarios(write(tmp_path / "a.scen", text))
+    first, second = rg.maps.read_movingai_scenarios(write(tmp_path / "a.scen", text))
     assert (first.map, first.start, first.goal, first.optimal_length) == ("a b.map", (0, 2), (3, 0), 3.82842712)
     assert (second.bucket, second.start, second.goal) == (3, (1, 1), (2, 0))
     for bad, expected in (
         ("version 2\n", "line 1: expected 'version 1' or 'version 0'"),
         ("0\ta\n", "line 1: expected 9 fields"),
         ("type octile\n", "line 1: expected 9 fields"),
-        ("0 gone.map 0 0 1 1 1\n", r"version 0 leaves out the size of its map, and .*gone\.map is not there"),
+        ("0 gone.map 0 0 1 1 1\n", r"version 0 omits the size of its map, and the map file .*gone\.map does not exist"),
         ("version 1\n0 a.map 4 3 0 0 3 2\n", "line 2: expected 9 fields"),
         ("version 1\n0 a.map 4 3 0 0 3 3 1\n", r"line 2: the goal \(3, 3\) is outside"),
         ("version 1\n0 a.map 4 3 0 0 3 2 nan\n", "line 2: expected 9 fields"),
     ):
-        with pytest.raises(InputError, match=expected):
-            read_movingai_scenarios(write(tmp_path / "a.scen", bad))
+        with pytest.raises(rg.InputError, match=expected):
+            rg.maps.read_movingai_scenarios(write(tmp_path / "a.scen", bad))
 
 
 @pytest.mark.parametrize("first", ["", "version 0\n", "version 0.0\n"])
 def test_queries_of_version_0_have_the_size_of_their_map(tmp_path, first):
     write(tmp_path / "a.map", MAP)
     file = write(tmp_path / "a.scen", f"{first}0\tmaps/dao/a.map\t0\t0\t3\t2\t3.8\n1 a.map 1 1 2 2 1.5\n")
-    one, other = read_movingai_scenarios(file)
+    one, other = rg.maps.read_movingai_scenarios(file)
     assert (one.width, one.height, one.start, one.goal, one.optimal_length) == (4, 3, (0, 2), (3, 0), 3.8)
     assert (other.bucket, other.start, other.goal) == (1, (1, 1), (2, 0))
-    with pytest.raises(InputError, match=r"line 1: the goal \(3, 3\) is outside the 4 x 3 map"):
-        read_movingai_scenarios(write(tmp_path / "a.scen", "0 a.map 0 0 3 3 1\n"))
+    with pytest.raises(rg.InputError, match=r"line 1: the goal \(3, 3\) is outside the 4 x 3 map"):
+        rg.maps.read_movingai_scenarios(write(tmp_path / "a.scen", "0 a.map 0 0 3 3 1\n"))
 
 
 def test_queries_of_version_1_need_no_line_that_says_so(tmp_path):
-    (query,) = read_movingai_scenarios(write(tmp_path / "a.scen", "0\ta b.map\t4\t3\t0\t0\t3\t2\t3.8\n"))
+    (query,) = rg.maps.read_movingai_scenarios(write(tmp_path / "a.scen", "0\ta b.map\t4\t3\t0\t0\t3\t2\t3.8\n"))
     assert (query.map, query.start, query.goal) == ("a b.map", (0, 2), (3, 0))
 
 
@@ -114,7 +114,7 @@ def test_letters_of_warehouses(tmp_path):
 
 def test_voxel_maps(tmp_path):
     file = write(tmp_path / "v.3dmap", "voxel 4 3 2\n1 2 0\n\n1 2 1\n3 0 0\n1 2 0\n")
-    space = build_space(read_scene(file, goal=(0.5, 0.5, 1.5)))
+    space = rg.build_space(rg.read_scene(file, goal=(0.5, 0.5, 1.5)))
     assert np.argwhere(space.cell == 1).tolist() == [[1, 2, 0], [1, 2, 1], [3, 0, 0]]
     assert np.argwhere(space.cell == 2).tolist() == [[0, 0, 1]]
     assert [(axis.name, axis.upper, axis.unit) for axis in space.axes] == [
@@ -141,8 +141,8 @@ def test_voxel_maps(tmp_path):
     ],
 )
 def test_voxel_maps_that_are_wrong(tmp_path, text, expected):
-    with pytest.raises(ResgridError, match=expected):
-        read_scene(write(tmp_path / "v.3dmap", text))
+    with pytest.raises(rg.ResgridError, match=expected):
+        rg.read_scene(write(tmp_path / "v.3dmap", text))
 
 
 @pytest.mark.parametrize("name", ["arena", "den312d", "random-32-32-20", "room-32-32-4", "maze-32-32-2"])
@@ -150,7 +150,7 @@ def test_the_ends_of_every_query_are_free_and_joined(cases, name):
     from resgrid.core.regions import label_regions
 
     folder = cases / "movingai"
-    (queries,) = (read_movingai_scenarios(file) for file in folder.glob(f"{name}*.scen"))
+    (queries,) = (rg.maps.read_movingai_scenarios(file) for file in folder.glob(f"{name}*.scen"))
     cell = cells(folder / f"{name}.map")
     region = label_regions(cell == 0, (False, False))
     for query in queries:
@@ -214,23 +214,23 @@ def test_pgm_with_two_bytes_a_value(tmp_path):
 )
 def test_damaged_pictures_are_refused(tmp_path, data):
     file = write(tmp_path / "a.pgm", data)
-    with pytest.raises(InputError, match=r"a\.pgm"):
-        read_scene(file)
+    with pytest.raises(rg.InputError, match=r"a\.pgm"):
+        rg.read_scene(file)
 
 
 def test_pictures_of_absurd_size_are_refused(tmp_path):
     data = bytearray(png([[1]]))
     data[16:24] = (60000).to_bytes(4) + (60000).to_bytes(4)
     data[29:33] = zlib.crc32(bytes(data[12:29])).to_bytes(4)
-    with pytest.raises(ResgridError, match=r"60000 x 60000 = 3\.6e\+09 cells needs about .* GiB is free"):
-        read_scene(write(tmp_path / "a.png", bytes(data)))
+    with pytest.raises(rg.ResgridError, match=r"60000 x 60000 = 3\.6e\+09 cells needs about .* GiB is free"):
+        rg.read_scene(write(tmp_path / "a.png", bytes(data)))
 
 
 def test_thresholds_of_plain_pictures(tmp_path):
     file = write(tmp_path / "a.png", png([[0, 127, 128, 255]]))
     assert cells(file)[:, 0].tolist() == [1, 1, 0, 0]
     assert cells(file, threshold=1)[:, 0].tolist() == [1, 0, 0, 0]
-    scene = read_scene(file, spacing=0.5, origin=(1, 2))
+    scene = rg.read_scene(file, spacing=0.5, origin=(1, 2))
     assert [(axis.lower, axis.upper, axis.unit) for axis in scene.axes] == [(1, 3, "m"), (2, 2.5, "m")]
     for options, expected in (
         ({"spacing": -1}, "greater than 0"),
@@ -238,8 +238,8 @@ def test_thresholds_of_plain_pictures(tmp_path):
         ({"threshold": "x"}, "whole number"),
         ({"treshold": 3}, "did you mean 'threshold'"),
     ):
-        with pytest.raises(InputError, match=expected):
-            read_scene(file, **options)
+        with pytest.raises(rg.InputError, match=expected):
+            rg.read_scene(file, **options)
 
 
 def test_epic_pictures(tmp_path):
@@ -318,8 +318,8 @@ def test_anymaps_to_the_letter(tmp_path, data, expected, white):
     [b"P1 3 2 01110", b"P1 3 2 011102", b"P4 9 2\n\0\0\0", b"P3 1 1 9\n1 2", b"P6 1 1 9\n\1\2", b"P6 1 1 9\n\1\2\x0a"],
 )
 def test_damaged_anymaps(tmp_path, data):
-    with pytest.raises(InputError, match=r"a\.ppm: .*(cut short|raster|above)"):
-        read_scene(write(tmp_path / "a.ppm", data))
+    with pytest.raises(rg.InputError, match=r"a\.ppm: .*(cut short|raster|above)"):
+        rg.read_scene(write(tmp_path / "a.ppm", data))
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "jpeg", "JPG", "dat"])
@@ -344,8 +344,8 @@ def test_memory_that_gives_out_is_one_message(tmp_path, monkeypatch):
         raise MemoryError("Unable to allocate 1.00 TiB for an array with shape (1,)")
 
     monkeypatch.setitem(FORMATS, "npy", MapFormat(read, (".npy",)))
-    with pytest.raises(BudgetError, match=r"a\.npy: the memory that this process may take is too small for this map"):
-        read_scene(write(tmp_path / "a.npy", b""))
+    with pytest.raises(rg.BudgetError, match=r"a\.npy: the memory limit of this process is too small for this map"):
+        rg.read_scene(write(tmp_path / "a.npy", b""))
 
 
 def test_a_picture_beside_its_header_is_read_with_a_warning(tmp_path):
@@ -354,7 +354,7 @@ def test_a_picture_beside_its_header_is_read_with_a_warning(tmp_path):
     write(tmp_path / "a.yaml", "image: other.png\n")
     assert cells(file)[:, 0].tolist() == [1, 0, 0]
     write(tmp_path / "a.yaml", "image: a.png\n")
-    with pytest.warns(UserWarning, match=r"a\.png is read as a plain picture.*a\.yaml holds its resolution"):
+    with pytest.warns(UserWarning, match=r"a\.png is read as a plain picture.*a\.yaml contains its resolution"):
         assert cells(file)[:, 0].tolist() == [1, 0, 0]
     assert cells(file, format="image")[:, 0].tolist() == [1, 0, 0]
 
@@ -380,7 +380,7 @@ def test_arrays(tmp_path):
             assert cells(tmp_path / "a.npy").tolist() == codes.tolist()
     np.save(tmp_path / "a.npy", np.zeros((2, 3, 4, 5), dtype=bool))
     assert cells(tmp_path / "a.npy").shape == (2, 3, 4, 5)
-    assert read_scene(tmp_path / "a.npy", goal=(0.5, 1.5, 2.5, 3.5)).ndim == 4
+    assert rg.read_scene(tmp_path / "a.npy", goal=(0.5, 1.5, 2.5, 3.5)).ndim == 4
 
 
 @pytest.mark.parametrize(
@@ -398,8 +398,8 @@ def test_arrays(tmp_path):
 )
 def test_arrays_that_are_no_cells(tmp_path, array):
     np.save(tmp_path / "a.npy", array)
-    with pytest.raises(InputError, match=r"a\.npy"):
-        read_scene(tmp_path / "a.npy")
+    with pytest.raises(rg.InputError, match=r"a\.npy"):
+        rg.read_scene(tmp_path / "a.npy")
 
 
 def test_damaged_arrays(tmp_path):
@@ -408,8 +408,8 @@ def test_damaged_arrays(tmp_path):
     whole = stream.getvalue()
     huge = whole.replace(b"(20, 20), }" + b" " * 20, b"(1000000000, 1000000000), }"[:27] + b" " * 4)
     for data in (b"", whole[:5], whole[:40], whole[:-7], huge, b"\x93NUMPY\x09\x00" + whole[8:]):
-        with pytest.raises(ResgridError, match=r"a\.npy"):
-            read_scene(write(tmp_path / "a.npy", data))
+        with pytest.raises(rg.ResgridError, match=r"a\.npy"):
+            rg.read_scene(write(tmp_path / "a.npy", data))
 
 
 def test_a_scene_may_stand_on_a_map(tmp_path):
@@ -419,28 +419,28 @@ def test_a_scene_may_stand_on_a_map(tmp_path):
         'schema = 1\n[map]\nfile = "floor.map"\n[[goal]]\ncell = [0, 0]\n'
         '[[obstacle]]\nshape = "rectangle"\nlower = [1, 0]\nupper = [2, 1]\n',
     )
-    space = build_space(read_scene(scene))
+    space = rg.build_space(rg.read_scene(scene))
     assert (space.cell[0, 0], space.cell[1, 0], space.cell[2, 2]) == (2, 1, 1)
-    assert build_space(read_scene(scene, passable=".")).cell[1, 1] == 1
+    assert rg.build_space(rg.read_scene(scene, passable=".")).cell[1, 1] == 1
     for line, expected in (
         ('file = "gone.map"', r"gone\.map: there is no such file"),
         ('file = "floor.map"\npasable = "."', "did you mean 'passable'"),
-        ('file = "floor.map"\nthreshold = 3', "takes no such option"),
+        ('file = "floor.map"\nthreshold = 3', "has no such option"),
         ('file = "."', "is a directory"),
     ):
         write(tmp_path / "t.toml", f"schema = 1\n[map]\n{line}\n")
-        with pytest.raises(InputError, match=expected):
-            read_scene(tmp_path / "t.toml")
+        with pytest.raises(rg.InputError, match=expected):
+            rg.read_scene(tmp_path / "t.toml")
     write(tmp_path / "t.toml", 'schema = 1\nstarts = [[1, 2, 3]]\n[map]\nfile = "floor.map"\n')
-    with pytest.raises(InputError, match=r"line 2: starts\[0\]: needs 2 coordinates"):
-        read_scene(tmp_path / "t.toml")
+    with pytest.raises(rg.InputError, match=r"line 2: starts\[0\]: needs 2 coordinates"):
+        rg.read_scene(tmp_path / "t.toml")
 
 
 def test_goals_of_a_map_survive_the_radius_or_are_reported(tmp_path):
     codes = np.array([[1, 2, 2, 2]])
     np.save(tmp_path / "a.npy", codes)
     assert cells(tmp_path / "a.npy", robot=rg.PointRobot(0.5)).tolist() == [[1, 1, 2, 2]]
-    with pytest.raises(InputError, match="goal cells"):
+    with pytest.raises(rg.InputError, match="goal cells"):
         cells(tmp_path / "a.npy", robot=rg.PointRobot(5.0))
 
 
@@ -452,7 +452,7 @@ def test_a_format_of_ones_own_is_a_reader_and_a_line(tmp_path, monkeypatch):
     file = write(tmp_path / "a.csv", "0,1,0\n0,0,0\n")
     assert cells(file, spacing=0.5).tolist() == [[0, 1, 0], [0, 0, 0]]
     assert rg.read_scene(file, goal=(0.2, 0.2), spacing=0.5).axes[0].upper == 1.0
-    with pytest.raises(InputError, match=r"map\.format: 'cvs' is unknown: it may be .*; did you mean 'csv'"):
+    with pytest.raises(rg.InputError, match=r"map\.format: 'cvs' is unknown: it may be .*; did you mean 'csv'"):
         rg.read_scene(file, format="cvs")
 
 
@@ -504,9 +504,9 @@ def test_reading_a_picture_takes_no_more_memory_than_it_asks_for(tmp_path, monke
         keys = "resolution: 1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\nmode: scale\n"
         file = tmp_path / "map.yaml"
         file.write_text(f"image: map.png\n{keys}")
-    read_scene(file, **options)  # once, so that nothing is imported while memory is counted
+    rg.read_scene(file, **options)  # once, so that nothing is imported while memory is counted
     tracemalloc.start()
-    read_scene(file, **options)
+    rg.read_scene(file, **options)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak <= max(asked) + 200_000

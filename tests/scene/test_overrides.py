@@ -1,4 +1,7 @@
-"""Changed keys of a scene: their order has no effect, and what they change together is checked together."""
+"""Changed keys of a scene: their order has no effect, and what they change together is checked together.
+
+Tests internals: `resgrid.scene.overrides`, `resgrid.scene.reading`.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,9 @@ from hypothesis import given, strategies as st
 from PIL import Image
 from support.cli import answer, call
 
-from resgrid.errors import InputError
+import resgrid as rg
 from resgrid.scene.overrides import apply_overrides, build_changed, document_of
-from resgrid.scene.reading import parse_document, read_document, read_scene
+from resgrid.scene.reading import parse_document, read_document
 
 ROOM = """schema = 1
 starts = [[0.5, 0.5]]
@@ -123,7 +126,7 @@ def test_changes_in_any_order_make_one_scene(keys: list[str], count: int) -> Non
             if of_scene:
                 return document_of(apply_overrides(build_changed(document, {}), changes))
             return document_of(build_changed(document, changes))
-        except InputError as error:
+        except rg.InputError as error:
             return str(error)
 
     for of_scene in (False, True):
@@ -178,7 +181,7 @@ def test_the_width_and_the_number_of_cells_contradict_each_other(lesson: Path) -
 def test_lines_are_those_of_keys_that_the_file_holds(tmp_path: Path) -> None:
     file = tmp_path / "wrong.toml"
     file.write_text(ROOM)  # 'center' is unknown
-    with pytest.raises(InputError) as told:
+    with pytest.raises(rg.InputError) as told:
         build_changed(read_document(file, {}), {"start": [(1, 2, 3)], "k": 2})
     places = [line.strip().rpartition(": ")[0] for line in str(told.value).splitlines()[1:]]
     assert places == ["k", "start[0].point", "line 10: obstacle[0].centre", "line 12: obstacle[0].center"]
@@ -186,7 +189,7 @@ def test_lines_are_those_of_keys_that_the_file_holds(tmp_path: Path) -> None:
 
 def test_a_start_that_fits_the_file_alone_needs_no_change(scenes: Path) -> None:
     document = read_document(scenes / "lesson.toml", {})
-    assert document_of(build_changed(document, {})) == document_of(read_scene(scenes / "lesson.toml"))
+    assert document_of(build_changed(document, {})) == document_of(rg.read_scene(scenes / "lesson.toml"))
     raw = parse_document((scenes / "lesson.toml").read_text(), "lesson").raw
     build_changed(document, {"grid.cells": 16})
     assert document.raw == raw, "a change must not write into the document that was read"

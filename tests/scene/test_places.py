@@ -1,11 +1,14 @@
-"""Nearest cells against brute force."""
+"""Nearest cells against brute force.
+
+Tests internals: `resgrid.scene.nearest_place`.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
-from resgrid.core.axis import Axis
+import resgrid as rg
 from resgrid.scene.nearest_place import nearest_cell
 
 
@@ -14,7 +17,7 @@ from resgrid.scene.nearest_place import nearest_cell
 def test_the_nearest_cell_is_that_of_brute_force(seed: int, ndim: int) -> None:
     rng = np.random.default_rng(seed)
     axes = [
-        Axis(
+        rg.Axis(
             name, 0.0, float(rng.uniform(0.5, 3.0)), int(rng.integers(1, 40 if ndim < 3 else 12)), bool(rng.integers(2))
         )
         for name in "xyz"[:ndim]

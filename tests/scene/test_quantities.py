@@ -1,8 +1,9 @@
+"""Tests internals: `resgrid.scene.quantities`."""
+
 import pytest
 from hypothesis import given, strategies as st
 
 import resgrid as rg
-from resgrid.errors import InputError
 from resgrid.scene.quantities import format_quantity, parse_quantity
 
 
@@ -59,7 +60,7 @@ def test_values(text, value):
     ],
 )
 def test_everything_else_is_refused_with_a_remedy(text):
-    with pytest.raises(InputError, match="4k7"):
+    with pytest.raises(rg.InputError, match="4k7"):
         parse_quantity(text)
 
 

@@ -1,4 +1,7 @@
-"""The reference page and the JSON Schema say what the values themselves say."""
+"""The reference page and the JSON Schema say what the values themselves say.
+
+Tests internals: `resgrid.robots`, `resgrid.scene.schema`, `resgrid.scene.table_models`.
+"""
 
 from __future__ import annotations
 
@@ -38,6 +41,6 @@ def test_every_field_is_a_key_of_the_schema(value: type) -> None:
 
 def test_units_and_meanings_come_with_the_keys() -> None:
     keys = described_keys(rg.Chip)
-    assert keys["capacitance"] == ("F", "From every cell's node to ground.")
+    assert keys["capacitance"] == ("F", "Capacitance from every cell's node to ground.")
     assert keys["readout.range"][0] == "V"
     assert list(KINDS["robot"]) == list(ROBOTS)

@@ -1,4 +1,7 @@
-"""Any robot on any map, and scenes made in Python alone."""
+"""Any robot on any map, and scenes made in Python alone.
+
+Tests internals: `resgrid.scene.overrides`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""ROS maps: the published expectations of both readers' own tests, and pixels worked out by hand."""
+"""ROS maps: the published expectations of both readers' own tests, and pixels worked out by hand.
+
+Tests internals: `resgrid.scene.maps.ros`, `resgrid.scene.maps.ros_header`, `resgrid.scene.nearest_place`,
+`resgrid.scene.world_coordinates`.
+"""
 
 import os
 
@@ -7,12 +11,10 @@ import pytest
 from PIL import Image
 
 import resgrid as rg
-from resgrid.errors import InputError
-from resgrid.scene import build_space, from_occupancy_grid, read_scene
 from resgrid.scene.maps.ros import ros_greys
 from resgrid.scene.maps.ros_header import read_header
 from resgrid.scene.nearest_place import is_unknown
-from resgrid.scene.world_coordinates import located, unknown_cells
+from resgrid.scene.world_coordinates import locate_point, unknown_cells
 
 HEADER = {
     "image": "map.png",
@@ -42,13 +44,13 @@ def write_yaml(folder, **changes):
 @pytest.mark.parametrize("dialect", ["nav2", "nav2-jazzy", "ros1"])
 @pytest.mark.parametrize("name", ["nav2/testmap.yaml", "ros1/testmap.yaml"])
 def test_published_occupancy(cases, name, dialect):
-    assert from_occupancy_grid(cases / name, dialect).tolist() == EXPECTED
+    assert rg.maps.from_occupancy_grid(cases / name, dialect).tolist() == EXPECTED
 
 
 def test_published_spectrum(cases, tmp_path):
     image = (cases / "ros1" / "spectrum.png").resolve()
     file = write_yaml(tmp_path, image=image, occupied_thresh=0.65, free_thresh=0.1)
-    values, counts = np.unique(from_occupancy_grid(file, "ros1"), return_counts=True)
+    values, counts = np.unique(rg.maps.from_occupancy_grid(file, "ros1"), return_counts=True)
     assert dict(zip(values.tolist(), counts.tolist(), strict=True)) == {-1: 140, 0: 26, 100: 90}
 
 
@@ -61,10 +63,10 @@ def test_every_grey_value_in_every_mode(tmp_path):
             ros1 = [ros1_pixel(grey, negate, mode) for grey in greys]
             jazzy = [jazzy_pixel(grey, negate, mode) for grey in greys]
             nav2 = [nav2_pixel(grey, negate, mode) for grey in greys]
-            assert from_occupancy_grid(file, "ros1")[0].tolist() == ros1
-            assert from_occupancy_grid(file, "nav2-jazzy")[0].tolist() == jazzy
-            assert from_occupancy_grid(file, "nav2")[0].tolist() == nav2
-            assert from_occupancy_grid(file)[0].tolist() == nav2
+            assert rg.maps.from_occupancy_grid(file, "ros1")[0].tolist() == ros1
+            assert rg.maps.from_occupancy_grid(file, "nav2-jazzy")[0].tolist() == jazzy
+            assert rg.maps.from_occupancy_grid(file, "nav2")[0].tolist() == nav2
+            assert rg.maps.from_occupancy_grid(file)[0].tolist() == nav2
 
 
 def ros1_pixel(grey, negate, mode):
@@ -108,9 +110,9 @@ def jazzy_pixel(grey, negate, mode):
 def test_thresholds_are_strict_in_the_older_readers(tmp_path):
     # (255 - 204) / 255 is exactly the double 0.2; 1 - 204 / 255 lies below it
     file = write(tmp_path, [[204, 51]], free_thresh=0.2, occupied_thresh=0.8)
-    assert from_occupancy_grid(file, "ros1").tolist() == [[-1, -1]]
-    assert from_occupancy_grid(file, "nav2-jazzy").tolist() == [[0, -1]]
-    assert from_occupancy_grid(file, "nav2").tolist() == [[0, 100]]
+    assert rg.maps.from_occupancy_grid(file, "ros1").tolist() == [[-1, -1]]
+    assert rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist() == [[0, -1]]
+    assert rg.maps.from_occupancy_grid(file, "nav2").tolist() == [[0, 100]]
 
 
 @pytest.mark.parametrize(
@@ -124,7 +126,7 @@ def test_thresholds_are_strict_in_the_older_readers(tmp_path):
 @pytest.mark.parametrize("mode", ["trinary", "scale"])
 def test_thresholds_in_any_order(tmp_path, mode, free, occupied, expected):
     file = write(tmp_path, [[0, 120, 130, 255]], free_thresh=free, occupied_thresh=occupied, mode=mode)
-    assert {name: from_occupancy_grid(file, name)[0].tolist() for name in expected} == expected
+    assert {name: rg.maps.from_occupancy_grid(file, name)[0].tolist() for name in expected} == expected
 
 
 @pytest.mark.parametrize("unknown", ["free", "obstacle"])
@@ -133,8 +135,8 @@ def test_raw_values_above_100_are_what_the_costmap_makes_of_what_the_server_send
     open_ = unknown == "free"
 
     def blocked(dialect):
-        scene = read_scene(file, dialect=dialect, unknown=unknown)
-        return build_space(scene, require_goal=False).cell[:, 0].tolist()
+        scene = rg.read_scene(file, dialect=dialect, unknown=unknown)
+        return rg.build_space(scene, require_goal=False).cell[:, 0].tolist()
 
     assert blocked("ros1") == [0, 0, 1, 1, 1, 1, 1, 1, 0 if open_ else 1]
     assert blocked("nav2") == [0, 0, 1, 1, *([0] * 5 if open_ else [1] * 5)]
@@ -148,33 +150,33 @@ def test_alpha(tmp_path):
     pixels = [[[128, 128, 128, 255], [128, 128, 128, 0], [0, 0, 0, 0], [255, 255, 255, 1], [0, 0, 0, 128]]]
     file = write(tmp_path, pixels, mode="trinary")
     # means with alpha: 159.75, 96, 0, 191.5, 32
-    assert from_occupancy_grid(file, "ros1").tolist() == [[-1, -1, 100, -1, 100]]
-    assert from_occupancy_grid(file, "nav2-jazzy").tolist() == [[-1, -1, 100, -1, 100]]
-    assert from_occupancy_grid(file, "nav2").tolist() == [[-1, -1, -1, -1, -1]]
+    assert rg.maps.from_occupancy_grid(file, "ros1").tolist() == [[-1, -1, 100, -1, 100]]
+    assert rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist() == [[-1, -1, 100, -1, 100]]
+    assert rg.maps.from_occupancy_grid(file, "nav2").tolist() == [[-1, -1, -1, -1, -1]]
     file = write_yaml(tmp_path, mode="scale")
     middle = (127 / 255 - 0.196) / (0.65 - 0.196)
-    assert from_occupancy_grid(file, "ros1").tolist() == [[int(99 * middle), -1, 100, 0, 100]]
-    assert from_occupancy_grid(file, "nav2").tolist() == [[round(100 * middle), -1, -1, -1, -1]]
+    assert rg.maps.from_occupancy_grid(file, "ros1").tolist() == [[int(99 * middle), -1, 100, 0, 100]]
+    assert rg.maps.from_occupancy_grid(file, "nav2").tolist() == [[round(100 * middle), -1, -1, -1, -1]]
     file = write_yaml(tmp_path, mode="raw")
-    assert from_occupancy_grid(file, "ros1").tolist() == [[-128, -128, 0, -1, 0]]
-    assert from_occupancy_grid(file, "nav2").tolist() == [[-1, -1, 0, -1, 0]]
-    assert from_occupancy_grid(file, "nav2-jazzy").tolist() == [[-1, -1, 0, -1, 0]]
+    assert rg.maps.from_occupancy_grid(file, "ros1").tolist() == [[-128, -128, 0, -1, 0]]
+    assert rg.maps.from_occupancy_grid(file, "nav2").tolist() == [[-1, -1, 0, -1, 0]]
+    assert rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist() == [[-1, -1, 0, -1, 0]]
 
 
 def test_an_opaque_wall_is_a_wall_though_the_picture_has_opacity(tmp_path):
     pixels = [[[255, 255, 255, 255], [0, 0, 0, 255], [255, 255, 255, 255]]]
     file = write(tmp_path, pixels, free_thresh=0.2, occupied_thresh=0.9)
-    assert from_occupancy_grid(file).tolist() == [[0, 100, 0]]
-    assert from_occupancy_grid(file, "nav2-jazzy").tolist() == [[0, -1, 0]]
+    assert rg.maps.from_occupancy_grid(file).tolist() == [[0, 100, 0]]
+    assert rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist() == [[0, -1, 0]]
 
 
 def test_colours_are_weighed_by_their_luma_since_2025(tmp_path):
     # 255 times .299, .587 and .114, cut off: 76, 149 (150 from 16 bits, less the cut), 29
     file = write(tmp_path, [[[255, 0, 0], [0, 255, 0], [0, 0, 255]]], mode="raw")
-    assert from_occupancy_grid(file).tolist() == [[76, -1, 29]]
-    assert from_occupancy_grid(file, "nav2-jazzy").tolist() == [[85, 85, 85]]
+    assert rg.maps.from_occupancy_grid(file).tolist() == [[76, -1, 29]]
+    assert rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist() == [[85, 85, 85]]
     file = write_yaml(tmp_path, occupied_thresh=0.5)
-    assert from_occupancy_grid(file).tolist() == [[100, -1, 100]]
+    assert rg.maps.from_occupancy_grid(file).tolist() == [[100, -1, 100]]
 
 
 def test_colours_were_averaged_without_weights(tmp_path):
@@ -182,8 +184,10 @@ def test_colours_were_averaged_without_weights(tmp_path):
     # means 85, 170, 400/3; in ROS 1 a third channel of 0 counts as transparent between the thresholds
     p = [(255 - m) / 255 for m in (85, 170, 400 / 3)]
     scaled = [(v - 0.196) / (0.65 - 0.196) for v in p]
-    assert from_occupancy_grid(file, "ros1").tolist() == [[100, int(99 * scaled[1]), -1]]
-    assert from_occupancy_grid(file, "nav2-jazzy").tolist() == [[100, round(100 * scaled[1]), round(100 * scaled[2])]]
+    assert rg.maps.from_occupancy_grid(file, "ros1").tolist() == [[100, int(99 * scaled[1]), -1]]
+    assert rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist() == [
+        [100, round(100 * scaled[1]), round(100 * scaled[2])]
+    ]
 
 
 def test_palettes(tmp_path):
@@ -191,54 +195,58 @@ def test_palettes(tmp_path):
     picture.putpalette([255, 255, 255, 0, 0, 0, 254, 254, 254])
     file = write(tmp_path, [[0]])
     picture.save(tmp_path / "map.png")
-    assert from_occupancy_grid(file).tolist() == from_occupancy_grid(file, "nav2-jazzy").tolist() == [[0, 100, 0]]
-    with pytest.warns(UserWarning, match="numbers of the colours in a palette"):
-        assert from_occupancy_grid(file, "ros1").tolist() == [[100, 100, 100]]
+    assert (
+        rg.maps.from_occupancy_grid(file).tolist()
+        == rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist()
+        == [[0, 100, 0]]
+    )
+    with pytest.warns(UserWarning, match="indices of the palette as grey values"):
+        assert rg.maps.from_occupancy_grid(file, "ros1").tolist() == [[100, 100, 100]]
     picture.save(tmp_path / "map.png", transparency=bytes([255, 0, 255]))
     for mode in ("trinary", "scale", "raw"):
-        with pytest.warns(UserWarning, match="numbers of the colours in a palette"):
+        with pytest.warns(UserWarning, match="indices of the palette as grey values"):
             expected = [[0, 1, 2]] if mode == "raw" else [[100, 100, 100]]
-            assert from_occupancy_grid(write_yaml(tmp_path, mode=mode), "ros1").tolist() == expected
+            assert rg.maps.from_occupancy_grid(write_yaml(tmp_path, mode=mode), "ros1").tolist() == expected
     file = write_yaml(tmp_path)
     picture.save(tmp_path / "map.png", transparency=bytes([255, 128, 0]))  # SDL_image turns this into colours
-    assert from_occupancy_grid(file, "ros1").tolist() == [[0, 100, -1]]
+    assert rg.maps.from_occupancy_grid(file, "ros1").tolist() == [[0, 100, -1]]
 
 
 def test_cells_lie_where_the_origin_says(tmp_path):
     file = write(tmp_path, [[0, 254, 254], [254, 254, 205]], origin="[-1.5, 2, 0]")
-    scene = read_scene(file)
+    scene = rg.read_scene(file)
     assert scene.frame.is_world
     assert [(axis.lower, axis.upper, axis.cells) for axis in scene.axes] == [(-1.5, 0.0, 3), (2.0, 3.0, 2)]
-    space = build_space(scene, require_goal=False)
+    space = rg.build_space(scene, require_goal=False)
     assert space.cell[0, 1] == 1  # the top left pixel
     assert space.cell.sum() == 2  # and the unknown one, lower right
     assert space.cell[2, 0] == 1
-    assert build_space(read_scene(file, unknown="free"), require_goal=False).cell.sum() == 1
-    assert build_space(read_scene(file, goal=(-0.1, 2.9))).cell[2, 1] == 2
+    assert rg.build_space(rg.read_scene(file, unknown="free"), require_goal=False).cell.sum() == 1
+    assert rg.build_space(rg.read_scene(file, goal=(-0.1, 2.9))).cell[2, 1] == 2
 
 
 def test_a_turned_origin(tmp_path):
     file = write(tmp_path, [[254] * 4] * 2, origin=f"[10, 20, {np.pi / 2}]")
-    scene = read_scene(file, goal=(9.25, 21.75), start=(9.75, 20.25))
-    space = build_space(scene)
+    scene = rg.read_scene(file, goal=(9.25, 21.75), start=(9.75, 20.25))
+    space = rg.build_space(scene)
     assert np.argwhere(space.cell == 2).tolist() == [[3, 1]]
     assert np.allclose(space.centre([3, 1]), [9.25, 21.75])
     blocked = scene.replace(obstacles=())
-    assert build_space(blocked).cell.sum() == 2
-    wall = read_scene(file, goal=(9.25, 21.75), obstacles=(rg.Box((9, 20), (9.5, 21)),))
-    assert np.argwhere(build_space(wall).cell == 1).tolist() == [[0, 1], [1, 1]]
-    half = read_scene(file, goal=(9.25, 21.75), obstacles=(rg.HalfSpace((0, 1), 20.5),))
-    assert np.argwhere(build_space(half).cell == 1).tolist() == [[0, 0], [0, 1]]
-    with pytest.raises(InputError, match=r"starts\[0\].* in the map's frame"):
-        build_space(read_scene(file, goal=(9.25, 21.75), start=(10.5, 20)))
+    assert rg.build_space(blocked).cell.sum() == 2
+    wall = rg.read_scene(file, goal=(9.25, 21.75), obstacles=(rg.Box((9, 20), (9.5, 21)),))
+    assert np.argwhere(rg.build_space(wall).cell == 1).tolist() == [[0, 1], [1, 1]]
+    half = rg.read_scene(file, goal=(9.25, 21.75), obstacles=(rg.HalfSpace((0, 1), 20.5),))
+    assert np.argwhere(rg.build_space(half).cell == 1).tolist() == [[0, 0], [0, 1]]
+    with pytest.raises(rg.InputError, match=r"starts\[0\].* in the map's frame"):
+        rg.build_space(rg.read_scene(file, goal=(9.25, 21.75), start=(10.5, 20)))
 
 
 def test_lethal_decides_in_scale_mode(tmp_path):
     file = write(tmp_path, [[255, 170, 120, 0]], mode="scale")
-    assert from_occupancy_grid(file).tolist() == [[0, 30, 73, 100]]
-    assert build_space(read_scene(file), require_goal=False).cell[:, 0].tolist() == [0, 0, 1, 1]
-    assert build_space(read_scene(file, lethal=20), require_goal=False).cell[:, 0].tolist() == [0, 1, 1, 1]
-    assert build_space(read_scene(file, lethal=100), require_goal=False).cell[:, 0].tolist() == [0, 0, 0, 1]
+    assert rg.maps.from_occupancy_grid(file).tolist() == [[0, 30, 73, 100]]
+    assert rg.build_space(rg.read_scene(file), require_goal=False).cell[:, 0].tolist() == [0, 0, 1, 1]
+    assert rg.build_space(rg.read_scene(file, lethal=20), require_goal=False).cell[:, 0].tolist() == [0, 1, 1, 1]
+    assert rg.build_space(rg.read_scene(file, lethal=100), require_goal=False).cell[:, 0].tolist() == [0, 0, 0, 1]
 
 
 @pytest.mark.parametrize(
@@ -264,58 +272,58 @@ def test_lethal_decides_in_scale_mode(tmp_path):
         ({"resolution": "1_0"}, "resolution: must be a number, got '1_0'"),
         ({"resolution": "1e400"}, "resolution: must be a number, got '1e400'"),
         ({"negate": "08"}, "negate: must be 0, 1, true or false, got '08'"),
-        ({"note": "\nimage: other.png"}, "line 8: image: this key stands in line 1 already; remove one"),
+        ({"note": "\nimage: other.png"}, "line 8: image: this key is already on line 1; remove one"),
         ({"image": "map.png\nx: [1"}, "not YAML"),
     ],
 )
 def test_one_clear_message(tmp_path, changes, expected):
     write(tmp_path, [[0, 254]])
-    with pytest.raises(InputError, match=expected):
-        from_occupancy_grid(write_yaml(tmp_path, **changes))
+    with pytest.raises(rg.InputError, match=expected):
+        rg.maps.from_occupancy_grid(write_yaml(tmp_path, **changes))
 
 
 def test_yaml_that_is_no_mapping(tmp_path):
     for text in ("- a\n- b\n", "", "42", "[" * 3000):
         (tmp_path / "map.yaml").write_text(text)
-        with pytest.raises(InputError, match=r"map\.yaml"):
-            read_scene(tmp_path / "map.yaml")
+        with pytest.raises(rg.InputError, match=r"map\.yaml"):
+            rg.read_scene(tmp_path / "map.yaml")
     for dialect in ("ros2", "ros3", "nav3"):
-        with pytest.raises(InputError, match=f"dialect: '{dialect}' is unknown: it may be nav2.*jazzy.*ros1$"):
-            read_scene(write(tmp_path, [[0]]), dialect=dialect)
-        with pytest.raises(InputError, match=f"dialect: '{dialect}' is unknown: it may be nav2, nav2-jazzy, ros1$"):
-            from_occupancy_grid(tmp_path / "map.yaml", dialect)
-    with pytest.raises(InputError, match="did you mean 'nav2-jazzy'"):
-        read_scene(tmp_path / "map.yaml", dialect="nav2-jazy")
-    with pytest.raises(InputError, match="takes no such option"):
-        read_scene(write(tmp_path, [[0]]), passable=".")
+        with pytest.raises(rg.InputError, match=f"dialect: '{dialect}' is unknown: it may be nav2.*jazzy.*ros1$"):
+            rg.read_scene(write(tmp_path, [[0]]), dialect=dialect)
+        with pytest.raises(rg.InputError, match=f"dialect: '{dialect}' is unknown: it may be nav2, nav2-jazzy, ros1$"):
+            rg.maps.from_occupancy_grid(tmp_path / "map.yaml", dialect)
+    with pytest.raises(rg.InputError, match="did you mean 'nav2-jazzy'"):
+        rg.read_scene(tmp_path / "map.yaml", dialect="nav2-jazy")
+    with pytest.raises(rg.InputError, match="has no such option"):
+        rg.read_scene(write(tmp_path, [[0]]), passable=".")
 
 
 def test_negate_takes_words_in_nav2_only(tmp_path):
     write(tmp_path, [[0, 255]])
-    assert from_occupancy_grid(write_yaml(tmp_path, negate="yes")).tolist() == [[0, 100]]
-    with pytest.raises(InputError, match="negate: must be 0 or 1"):
-        from_occupancy_grid(write_yaml(tmp_path, negate="yes"), "ros1")
+    assert rg.maps.from_occupancy_grid(write_yaml(tmp_path, negate="yes")).tolist() == [[0, 100]]
+    with pytest.raises(rg.InputError, match="negate: must be 0 or 1"):
+        rg.maps.from_occupancy_grid(write_yaml(tmp_path, negate="yes"), "ros1")
 
 
 def test_the_robots_radius_grows_map_obstacles(tmp_path):
     pixels = np.full((9, 9), 254)
     pixels[4, 4] = 0
     file = write(tmp_path, pixels)
-    assert build_space(read_scene(file, robot=rg.PointRobot(0.5)), require_goal=False).cell.sum() == 9
-    assert build_space(read_scene(file, robot=rg.PointRobot(0.51)), require_goal=False).cell.sum() == 21
+    assert rg.build_space(rg.read_scene(file, robot=rg.PointRobot(0.5)), require_goal=False).cell.sum() == 9
+    assert rg.build_space(rg.read_scene(file, robot=rg.PointRobot(0.51)), require_goal=False).cell.sum() == 21
 
 
 def test_aliases_are_read_and_never_merged(tmp_path):
     write(tmp_path, [[0, 254]], resolution="&r 0.5", x="[*r, *r]", free_thresh="*r")
-    assert read_scene(tmp_path / "map.yaml").axes[0].spacing == 0.5
+    assert rg.read_scene(tmp_path / "map.yaml").axes[0].spacing == 0.5
     bomb = "&a0 {k: 1}"
     for number in range(1, 40):
         bomb += f"\nx{number}: &a{number} {{<<: [{', '.join([f'*a{number - 1}'] * 9)}]}}"
     write(tmp_path, [[0, 254]], x0=bomb)
-    assert from_occupancy_grid(tmp_path / "map.yaml").tolist() == [[100, 0]]
+    assert rg.maps.from_occupancy_grid(tmp_path / "map.yaml").tolist() == [[100, 0]]
     (tmp_path / "map.yaml").write_text("base: &b\n  image: map.png\n<<: *b\nresolution: 1\n")
-    with pytest.raises(InputError, match="image: this key is missing"):
-        read_scene(tmp_path / "map.yaml")
+    with pytest.raises(rg.InputError, match="image: this key is missing"):
+        rg.read_scene(tmp_path / "map.yaml")
 
 
 SCALARS = [
@@ -377,26 +385,26 @@ def test_headers_that_other_programs_write(tmp_path, change, encoding):
 def test_the_header_of_ros_1(tmp_path):
     for mode in ("[1]", "~"):  # a mode that is no text stands for none
         assert read_header(write_yaml(tmp_path, mode=mode), "ros1").mode == "trinary"
-    with pytest.raises(InputError, match="mode: 'Scale' is unknown"):
+    with pytest.raises(rg.InputError, match="mode: 'Scale' is unknown"):
         read_header(write_yaml(tmp_path, mode="Scale"), "ros1")
     assert read_header(write_yaml(tmp_path, origin="[1, 2, 3, 4]"), "ros1").origin == [1, 2, 3]
-    with pytest.raises(InputError, match="origin: must be a list of three"):
+    with pytest.raises(rg.InputError, match="origin: must be a list of three"):
         read_header(write_yaml(tmp_path, origin="[1, 2, 3, 4]"), "nav2")
 
 
 @pytest.mark.parametrize("name", ["/home/ann/maps/map.png", "maps\\map.png", "C:\\maps\\map.png", "../maps/map.png"])
 def test_a_picture_beside_the_header_stands_for_one_that_is_gone(tmp_path, name):
     file = write(tmp_path, [[0, 254]], image=name)
-    with pytest.warns(UserWarning, match=r"image: there is no file .*map\.png is read in its place"):
-        assert from_occupancy_grid(file).tolist() == [[100, 0]]
+    with pytest.warns(UserWarning, match=r"image: the file .*map\.png is read instead"):
+        assert rg.maps.from_occupancy_grid(file).tolist() == [[100, 0]]
 
 
 def test_backslashes_name_folders(tmp_path):
     (tmp_path / "maps").mkdir()
     Image.fromarray(np.array([[254, 0]], dtype=np.uint8)).save(tmp_path / "maps" / "map.png")
     file = write(tmp_path, [[0, 254]], image="maps\\map.png")
-    with pytest.warns(UserWarning, match="is read in its place"):
-        assert from_occupancy_grid(file).tolist() == [[0, 100]]
+    with pytest.warns(UserWarning, match="is read instead"):
+        assert rg.maps.from_occupancy_grid(file).tolist() == [[0, 100]]
 
 
 def test_names_of_pictures_in_other_encodings(tmp_path):
@@ -405,23 +413,23 @@ def test_names_of_pictures_in_other_encodings(tmp_path):
     (tmp_path / "map.png").rename(os.fsdecode(raw))
     file = write_yaml(tmp_path)
     file.write_bytes(file.read_bytes().replace(b"map.png", b"caf\xe9.png"))
-    assert from_occupancy_grid(file).tolist() == [[100, 0]]
+    assert rg.maps.from_occupancy_grid(file).tolist() == [[100, 0]]
 
 
 def test_unknown_cells_are_kept_in_the_map(tmp_path):
     file = write(tmp_path, [[0, 205, 254], [254, 205, 254]], origin=f"[10, 20, {np.pi / 2}]")
-    scene = read_scene(file)
+    scene = rg.read_scene(file)
     assert scene.map.unknown.tolist() == [[False, False], [True, True], [False, False]]
     assert np.array_equal(unknown_cells(scene.map, scene.axes), scene.map.unknown)
 
     def seen(point, scene=scene):
-        cell, _ = located(scene.axes, scene.frame, point, "start")
+        cell, _ = locate_point(scene.axes, scene.frame, point, "start")
         return is_unknown(scene, cell)
 
     # turned by 90 degrees: the map's x runs along y, its y against x
     assert seen((9.75, 20.75)) and seen((9.25, 20.75))
     assert not seen((9.75, 20.25)) and not seen((9.75, 21.25))
-    free = read_scene(file, unknown="free")
+    free = rg.read_scene(file, unknown="free")
     assert free.map.unknown.any() and unknown_cells(free.map, free.axes) is None and not seen((9.75, 20.75), free)
     turning = scene.replace(robot=rg.PointRobot(0.1))
     assert seen((9.75, 20.75), turning)
@@ -433,20 +441,20 @@ def test_goals_in_unknown_space_are_called_so(tmp_path):
     pixels[:, 3] = 205
     pixels[:, 4] = 0
     file = write(tmp_path, pixels)
-    with pytest.raises(InputError, match=r"lies in unknown space \(cell \(3, 1\)\); .*; --unknown free"):
-        build_space(read_scene(file, goal=(1.75, 0.75)))
+    with pytest.raises(rg.InputError, match=r"lies in unknown space \(cell \(3, 1\)\); .*; --unknown free"):
+        rg.build_space(rg.read_scene(file, goal=(1.75, 0.75)))
     with pytest.raises(
-        InputError,
+        rg.InputError,
         match=r"lies in an obstacle \(cell \(4, 1\)\); move it to a free place of the .*, the nearest is \S+ \S+$",
     ):
-        build_space(read_scene(file, goal=(2.25, 0.75)))
+        rg.build_space(rg.read_scene(file, goal=(2.25, 0.75)))
     with pytest.raises(
-        InputError, match=r"this goal lies in unknown space \(all 2 cells of it\); move it .*; --unknown free"
+        rg.InputError, match=r"this goal lies in unknown space \(all of its 2 cells\); move it .*; --unknown free"
     ):
-        build_space(read_scene(file, goal=rg.Box((1.6, 0.2), (1.9, 0.8))))
-    with pytest.raises(InputError, match="this goal lies inside an obstacle"):
-        build_space(read_scene(file, goal=rg.Box((1.6, 0.2), (2.4, 0.8))))
-    assert build_space(read_scene(file, goal=(1.75, 0.75), unknown="free")).goal_count == 1
+        rg.build_space(rg.read_scene(file, goal=rg.Box((1.6, 0.2), (1.9, 0.8))))
+    with pytest.raises(rg.InputError, match="this goal lies inside an obstacle"):
+        rg.build_space(rg.read_scene(file, goal=rg.Box((1.6, 0.2), (2.4, 0.8))))
+    assert rg.build_space(rg.read_scene(file, goal=(1.75, 0.75), unknown="free")).goal_count == 1
 
 
 @pytest.mark.parametrize("top_down", [False, True])
@@ -460,10 +468,13 @@ def test_the_fourth_byte_of_a_bmp_without_masks_is_opacity(tmp_path, top_down):
         data[first : first + 16] = data[first + 8 : first + 16] + data[first : first + 8]
         (tmp_path / "map.bmp").write_bytes(data)
     file = write_yaml(tmp_path, image="map.bmp")
-    assert from_occupancy_grid(file).tolist() == [[-1, -1], [100, 0]]
-    assert from_occupancy_grid(file, "nav2-jazzy").tolist() == [[-1, 100], [100, 0]]  # means 191.25, 0, 63.75, 255
+    assert rg.maps.from_occupancy_grid(file).tolist() == [[-1, -1], [100, 0]]
+    assert rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist() == [
+        [-1, 100],
+        [100, 0],
+    ]  # means 191.25, 0, 63.75, 255
     file = write_yaml(tmp_path, image="map.bmp", mode="scale")
-    assert from_occupancy_grid(file, "nav2-jazzy").tolist() == [[-1, -1], [100, 0]]
+    assert rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist() == [[-1, -1], [100, 0]]
 
 
 def test_the_opacity_of_grey_pngs_was_not_read_up_to_jazzy(tmp_path):
@@ -471,7 +482,7 @@ def test_the_opacity_of_grey_pngs_was_not_read_up_to_jazzy(tmp_path):
     pixels = np.array([[[253, 124], [0, 56], [255, 0], [128, 10]]], np.uint8)
     file = write_yaml(tmp_path, free_thresh=0.05, occupied_thresh=0.5)
     Image.fromarray(pixels, "LA").save(tmp_path / "map.png")
-    assert from_occupancy_grid(file, "nav2-jazzy").tolist() == [[0, 100, 0, -1]]
-    assert from_occupancy_grid(file).tolist() == [[-1, -1, -1, -1]]
+    assert rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist() == [[0, 100, 0, -1]]
+    assert rg.maps.from_occupancy_grid(file).tolist() == [[-1, -1, -1, -1]]
     file = write_yaml(tmp_path, free_thresh=0.25, mode="scale")
-    assert from_occupancy_grid(file, "nav2-jazzy").tolist() == [[0, 100, 0, 62]]
+    assert rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist() == [[0, 100, 0, 62]]

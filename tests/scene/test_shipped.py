@@ -1,4 +1,7 @@
-"""Shipped scenes are found by name from every folder, and a file of that name goes before them."""
+"""Shipped scenes are found by name from every folder, and a file of that name goes before them.
+
+Tests internals: `resgrid.scene.shipped`.
+"""
 
 from __future__ import annotations
 

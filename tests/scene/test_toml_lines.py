@@ -1,4 +1,7 @@
-"""Lines of keys, against a document whose comments say them."""
+"""Lines of keys, against a document whose comments say them.
+
+Tests internals: `resgrid.scene.toml_lines`.
+"""
 
 import tomllib
 

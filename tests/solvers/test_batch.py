@@ -1,4 +1,7 @@
-"""Many chips at once, against dense solutions of every chip."""
+"""Many chips at once, against dense solutions of every chip.
+
+Tests internals: `resgrid.circuit.batch`, `resgrid.circuit.equations`, `resgrid.solvers.hierarchy_reuse`.
+"""
 
 from __future__ import annotations
 

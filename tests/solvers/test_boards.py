@@ -1,4 +1,10 @@
-"""Stencils against dense algebra and brute force: what the passes form, and how blocks fall apart."""
+"""Stencils against dense algebra and brute force: what the passes form, and how blocks fall apart.
+
+Tests internals: `resgrid._internal.jit`, `resgrid.circuit.equations`, `resgrid.solvers.laplacian`,
+`resgrid.solvers.multigrid`, `resgrid.solvers.multigrid.graph_coarsening`,
+`resgrid.solvers.multigrid.grid_coarsening`, `resgrid.solvers.multigrid.grid_level`,
+`resgrid.solvers.multigrid.hierarchy`, `resgrid.solvers.multigrid.krylov`, `resgrid.solvers.multigrid.levels`.
+"""
 
 from typing import Any
 
@@ -11,12 +17,9 @@ from numpy.typing import NDArray
 from support.levels import cells_of, matrix_of, preconditioned
 from support.spaces import space_of, spaces
 
+import resgrid as rg
 from resgrid._internal.jit import ZERO
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.core.axis import Axis
-from resgrid.core.compiler import compile_space
-from resgrid.core.space import ConfigurationSpace
-from resgrid.errors import CircuitError
 from resgrid.solvers.laplacian import Graph, Grid
 from resgrid.solvers.multigrid import cycle
 from resgrid.solvers.multigrid.graph_coarsening import pack_graphs
@@ -29,13 +32,13 @@ from resgrid.solvers.multigrid.levels import Finest, Levels
 BOUNDARIES = st.sampled_from(["dirichlet", "neumann"])
 
 
-def laid_out(space: ConfigurationSpace, boundary: str, spread: float, seed: int) -> tuple[Equations, Level] | None:
+def laid_out(space: rg.ConfigurationSpace, boundary: str, spread: float, seed: int) -> tuple[Equations, Level] | None:
     """A space as a stencil, its conductances spread by factors; None where nothing is driven or no stencil fits."""
     try:
-        netlist = compile_space(space, boundary=boundary)
+        netlist = rg.compile_space(space, boundary=boundary)
         factors = np.exp(np.random.default_rng(seed).normal(0.0, spread, len(netlist.conductance)))
         system = assemble(netlist.replace(conductance=netlist.conductance * factors))
-    except CircuitError:
+    except rg.CircuitError:
         return None
     made = lay_out(
         system.netlist.resistor_nodes,
@@ -77,7 +80,7 @@ def finished(table: NDArray[Any], state: NDArray[np.int64]) -> tuple[float, floa
 @settings(max_examples=60)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(1, 40), st.integers(0, 2**16))
 def test_the_schur_complement_is_that_of_dense_elimination(
-    space: ConfigurationSpace, boundary: str, block: int, seed: int
+    space: rg.ConfigurationSpace, boundary: str, block: int, seed: int
 ) -> None:
     made = laid_out(space, boundary, 0.3, seed)
     if made is None:
@@ -119,7 +122,7 @@ def test_the_schur_complement_is_that_of_dense_elimination(
 
 @settings(max_examples=60)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(0, 2**16))
-def test_rounded_products_of_a_constant_are_what_leaks(space: ConfigurationSpace, boundary: str, seed: int) -> None:
+def test_rounded_products_of_a_constant_are_what_leaks(space: rg.ConfigurationSpace, boundary: str, seed: int) -> None:
     made = laid_out(space, boundary, 1.0, seed)
     if made is None:
         return
@@ -147,7 +150,9 @@ def test_rounded_products_of_a_constant_are_what_leaks(space: ConfigurationSpace
 
 @settings(max_examples=60)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(1, 40), st.integers(0, 2**16))
-def test_the_residual_is_that_of_the_netlist(space: ConfigurationSpace, boundary: str, block: int, seed: int) -> None:
+def test_the_residual_is_that_of_the_netlist(
+    space: rg.ConfigurationSpace, boundary: str, block: int, seed: int
+) -> None:
     made = laid_out(space, boundary, 1.0, seed)
     if made is None:
         return
@@ -172,7 +177,7 @@ def test_the_residual_is_that_of_the_netlist(space: ConfigurationSpace, boundary
 
 @settings(max_examples=60)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(0, 2**16))
-def test_aggregates_are_the_connected_parts_of_blocks(space: ConfigurationSpace, boundary: str, seed: int) -> None:
+def test_aggregates_are_the_connected_parts_of_blocks(space: rg.ConfigurationSpace, boundary: str, seed: int) -> None:
     check_aggregates(space, boundary, seed)
 
 
@@ -180,11 +185,11 @@ def test_parts_of_a_ring_of_two_blocks_stay_apart() -> None:
     """Across the ring of two blocks two conductances join the same cells: no reason to take four cells for one part."""
     walls = "002000020100 000010110100 000110010000 100100010000"
     cell = np.array([list(row) for row in walls.split()], dtype=np.uint8).reshape(4, 4, 3)
-    axes = [Axis("x", 0.0, 2.0, 4, periodic=True), Axis("y", 0.0, 8.0, 4), Axis("z", 0.0, 1.5, 3)]
-    check_aggregates(ConfigurationSpace(axes, cell), "dirichlet", 0)
+    axes = [rg.Axis("x", 0.0, 2.0, 4, periodic=True), rg.Axis("y", 0.0, 8.0, 4), rg.Axis("z", 0.0, 1.5, 3)]
+    check_aggregates(rg.ConfigurationSpace(axes, cell), "dirichlet", 0)
 
 
-def check_aggregates(space: ConfigurationSpace, boundary: str, seed: int) -> None:
+def check_aggregates(space: rg.ConfigurationSpace, boundary: str, seed: int) -> None:
     made = laid_out(space, boundary, 0.0, seed)
     if made is None:
         return
@@ -212,7 +217,7 @@ def check_aggregates(space: ConfigurationSpace, boundary: str, seed: int) -> Non
 @settings(max_examples=40)
 @given(spaces(max_cells=14), BOUNDARIES, st.integers(0, 2**16))
 def test_coarse_levels_join_what_resistors_join_and_nothing_else(
-    space: ConfigurationSpace, boundary: str, seed: int
+    space: rg.ConfigurationSpace, boundary: str, seed: int
 ) -> None:
     made = laid_out(space, boundary, 0.0, seed)
     result = None if made is None else coarsen(made[1], split=False)
@@ -246,7 +251,7 @@ def test_a_room_without_obstacles_keeps_its_resistance_from_level_to_level() -> 
 def test_a_step_of_the_cycle_is_symmetric_where_it_is_linear(shape: tuple[int, ...]) -> None:
     cell = (np.random.default_rng(7).random(shape) < 0.2).astype(np.uint8)
     cell[(0,) * len(shape)] = 2
-    system = assemble(compile_space(space_of(cell), boundary="neumann"))
+    system = assemble(rg.compile_space(space_of(cell), boundary="neumann"))
     hierarchy = build_hierarchy(system.laplacian)
     assert hierarchy.grid is not None
     assert len(hierarchy.levels.grids) > 0
@@ -260,7 +265,7 @@ def test_a_step_of_the_cycle_is_symmetric_where_it_is_linear(shape: tuple[int, .
 def test_work_space_is_not_shared_but_conductances_are() -> None:
     cell = np.zeros((40, 40), dtype=np.uint8)
     cell[0, 0] = 2
-    hierarchy = build_hierarchy(assemble(compile_space(space_of(cell), boundary="neumann")).laplacian)
+    hierarchy = build_hierarchy(assemble(rg.compile_space(space_of(cell), boundary="neumann")).laplacian)
     assert hierarchy.grid is not None
     rooms = np.zeros((2, 2, 2, len(hierarchy.grid.aggregate)))
     both = [GridProblem(hierarchy.grid, hierarchy.levels, *room) for room in rooms]

@@ -1,4 +1,7 @@
-"""What the automatic method takes, where that decides whether there is an answer, or takes many times as long."""
+"""What the automatic method takes, where that decides whether there is an answer, or takes many times as long.
+
+Tests internals: `resgrid.circuit.equations`, `resgrid.solvers.method_choice`.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,8 @@
-"""Entries of inverses in positive numbers alone, against exact fractions."""
+"""Entries of inverses in positive numbers alone, against exact fractions.
+
+Tests internals: `resgrid.solvers.laplacian`, `resgrid.solvers.selected_inverse`, `resgrid.solvers.supernodal`,
+`resgrid.solvers.symbolic`.
+"""
 
 from __future__ import annotations
 

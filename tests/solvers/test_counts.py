@@ -1,4 +1,9 @@
-"""Counts beyond 2^31, by stand-ins that take no memory: shapes alone, and arrays that repeat one value."""
+"""Counts beyond 2^31, by stand-ins that take no memory: shapes alone, and arrays that repeat one value.
+
+Tests internals: `resgrid.circuit.equations`, `resgrid.core.regions`, `resgrid.planning.petsc_fields`,
+`resgrid.solvers`, `resgrid.solvers.laplacian`, `resgrid.solvers.multigrid.grid_level`,
+`resgrid.solvers.multigrid.red_black`, `resgrid.solvers.petsc_worker`, `resgrid.solvers.supernodal`.
+"""
 
 from __future__ import annotations
 

@@ -6,11 +6,7 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 from support.spaces import serpentine, space_of, spaces
 
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
-from resgrid.core.space import ConfigurationSpace
-from resgrid.errors import CircuitError
+import resgrid as rg
 
 
 def rooms(size: int = 200) -> NDArray[np.uint8]:
@@ -44,7 +40,7 @@ def volume_maze() -> NDArray[np.uint8]:
     ("cell", "decades"), [(rooms(), 15), (rooms(400), 15), (with_slits(), 90), (volume_maze(), 30)]
 )
 def test_rooms_slits_and_mazes_in_volumes(cell: NDArray[np.uint8], decades: float) -> None:
-    fallen = assert_the_same_by_both_methods(compile_space(space_of(cell), boundary="dirichlet"))
+    fallen = assert_the_same_by_both_methods(rg.compile_space(space_of(cell), boundary="dirichlet"))
     assert fallen > decades
 
 
@@ -53,18 +49,18 @@ def test_rooms_slits_and_mazes_in_volumes(cell: NDArray[np.uint8], decades: floa
     st.one_of(spaces(max_cells=30, dimensions=(2, 2)), spaces(max_cells=10, dimensions=(3, 3))),
     st.sampled_from([{"boundary": "dirichlet"}, {"boundary": "wall", "wall_resistance": 30.0}]),
 )
-def test_spaces_of_planes_and_volumes(space: ConfigurationSpace, options: dict[str, object]) -> None:
+def test_spaces_of_planes_and_volumes(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
     try:
-        netlist = compile_space(space, **options)  # type: ignore[arg-type]
-        solve(netlist, method="direct")
-    except CircuitError:
+        netlist = rg.compile_space(space, **options)  # type: ignore[arg-type]
+        rg.solve(netlist, method="direct")
+    except rg.CircuitError:
         return
     assert_the_same_by_both_methods(netlist)
 
 
-def assert_the_same_by_both_methods(netlist: Netlist) -> float:
+def assert_the_same_by_both_methods(netlist: rg.Netlist) -> float:
     """Compare all logarithms of potentials; returns by how many decades the lowest one falls."""
-    one, other = (solve(netlist, method=method).log_drop for method in ("multigrid", "direct"))
+    one, other = (rg.solve(netlist, method=method).log_drop for method in ("multigrid", "direct"))
     assert one is not None
     assert other is not None
     here = np.isfinite(other)

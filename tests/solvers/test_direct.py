@@ -1,4 +1,8 @@
-"""The direct method on chains, trees and what is wild, against exact fractions and dense matrices."""
+"""The direct method on chains, trees and what is wild, against exact fractions and dense matrices.
+
+Tests internals: `resgrid.circuit.equations`, `resgrid.solvers.factors`, `resgrid.solvers.method_choice`,
+`resgrid.solvers.progress`, `resgrid.solvers.scaled`, `resgrid.solvers.symbolic`.
+"""
 
 from fractions import Fraction
 
@@ -8,11 +12,8 @@ from hypothesis import given, settings, strategies as st
 from support.circuits import dense_solution, ladder, random_grid
 from support.spaces import serpentine, space_of, spaces
 
+import resgrid as rg
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
-from resgrid.errors import CircuitError
 from resgrid.solvers.factors import factor_direct
 from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.progress import ProgressMonitor
@@ -23,7 +24,7 @@ from resgrid.solvers.symbolic import order_by_distance, order_by_fill
 def grounded(pairs: np.ndarray, conductance: np.ndarray) -> Equations:
     """Nodal equations of resistors with a current into node 1."""
     count = int(pairs.max()) + 1
-    return assemble(Netlist(count, pairs, conductance, current_nodes=[[0, 1]], current_amps=[1.0]))
+    return assemble(rg.Netlist(count, pairs, conductance, current_nodes=[[0, 1]], current_amps=[1.0]))
 
 
 def exact(system: Equations, rhs: np.ndarray) -> list[Fraction]:
@@ -110,8 +111,8 @@ def test_what_has_loops_is_right_entry_by_entry(seed: int, decades: float) -> No
 def test_both_methods_agree_on_spaces(space: object, boundary: str) -> None:
     options = {"wall_resistance": 3.0} if boundary == "wall" else {}
     try:
-        system = assemble(compile_space(space, boundary=boundary, **options))
-    except CircuitError:
+        system = assemble(rg.compile_space(space, boundary=boundary, **options))
+    except rg.CircuitError:
         return
     if not system.size:
         return
@@ -127,7 +128,7 @@ def test_both_methods_agree_on_spaces(space: object, boundary: str) -> None:
 @pytest.mark.parametrize("make", [ladder, lambda: random_grid(3), lambda: random_grid(4, side=9, drive=False)])
 def test_operating_points_agree_with_the_dense_reference(make: object) -> None:
     netlist = make()
-    point, dense = solve(netlist), dense_solution(netlist)
+    point, dense = rg.solve(netlist), dense_solution(netlist)
     assert np.allclose(point.voltage, dense.voltage, rtol=1e-11)
     assert np.allclose(point.source_current, dense.source_current, rtol=1e-9, atol=1e-15)
 
@@ -148,7 +149,7 @@ def test_a_chain_of_a_hundred_thousand_resistors_is_right_entry_by_entry() -> No
 def test_corridors_of_width_one_and_two_are_solved_directly() -> None:
     for width in (1, 2):
         for boundary in ("dirichlet", "neumann"):
-            system = assemble(compile_space(space_of(serpentine(61, 120, width)), boundary=boundary))
+            system = assemble(rg.compile_space(space_of(serpentine(61, 120, width)), boundary=boundary))
             assert system.size > 2000
             for accuracy in ("direction", "normwise"):
                 assert factor_laplacian(system.laplacian, "auto", accuracy=accuracy).name == "direct"
@@ -182,7 +183,7 @@ def test_a_long_leaking_chain_between_two_meshes() -> None:
     cell = np.ones((1800, 7), dtype=np.uint8)
     cell[:12, :] = cell[-12:, :] = cell[:, 3] = 0
     cell[5, 5] = 2
-    system = assemble(compile_space(space_of(cell)))
+    system = assemble(rg.compile_space(space_of(cell)))
     assert system.rails is not None
     logs = []
     for order in (order_by_distance, order_by_fill):
@@ -199,7 +200,7 @@ def test_a_triangle_of_strong_resistors_on_a_weak_one_keeps_its_currents(decades
     """Equal resistors, fed at two corners, and tied to ground at one of them: divided by symmetry, whatever the tie."""
     strong, weak = 10.0 ** (decades / 2), 10.0 ** (-decades / 2)
     amps = np.array([3.386e-4, 1.898e-5])
-    netlist = Netlist(
+    netlist = rg.Netlist(
         4,
         np.array([[2, 3], [3, 1], [3, 2], [1, 0]]),
         np.array([strong, strong, strong, weak]),
@@ -208,4 +209,4 @@ def test_a_triangle_of_strong_resistors_on_a_weak_one_keeps_its_currents(decades
     )
     # All of it leaves at corner 1; what is fed at 2 comes through the two parallel resistors, and on through one.
     expected = [amps[1] / 2, amps[1], -amps[1] / 2, amps.sum()]
-    np.testing.assert_allclose(solve(netlist).resistor_current, expected, rtol=1e-6)
+    np.testing.assert_allclose(rg.solve(netlist).resistor_current, expected, rtol=1e-6)

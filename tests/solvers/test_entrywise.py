@@ -1,4 +1,7 @@
-"""Entrywise accuracy, against arithmetic of sixty digits."""
+"""Entrywise accuracy, against arithmetic of sixty digits.
+
+Tests internals: `resgrid.circuit.equations`, `resgrid.solvers.method_choice`, `resgrid.solvers.selected_inverse`.
+"""
 
 import mpmath
 import numpy as np
@@ -9,11 +12,6 @@ from support.spaces import serpentine, space_of
 
 import resgrid as rg
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.solve import normalize_drive, solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
-from resgrid.errors import AccuracyError, InputError
 from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.selected_inverse import symmetric_factors
 
@@ -51,11 +49,11 @@ def reference_log(system: Equations, rhs: np.ndarray) -> np.ndarray:
     [(4, 60, 5, -50), (27, 120, 3, -1000), (20, 120, 2, -900), (30, 120, 1, -2000)],
 )
 def test_the_drop_along_a_serpentine_is_right_to_the_last_digits(legs: int, leg: int, width: int, decades: int) -> None:
-    netlist = compile_space(space_of(serpentine(legs, leg, width)))
+    netlist = rg.compile_space(space_of(serpentine(legs, leg, width)))
     system = assemble(netlist)
     assert system.rails is not None
     expected = reference_log(system, system.rails.to_low)
-    point = solve(netlist)
+    point = rg.solve(netlist)
     assert point.log_drop is not None
     solved = system.unknown >= 0
     assert expected.min() / np.log(10) < decades
@@ -63,11 +61,11 @@ def test_the_drop_along_a_serpentine_is_right_to_the_last_digits(legs: int, leg:
 
 
 def test_multigrid_is_as_right_along_a_serpentine() -> None:
-    netlist = compile_space(space_of(serpentine(6, 80, 4)))
+    netlist = rg.compile_space(space_of(serpentine(6, 80, 4)))
     system = assemble(netlist)
     assert system.rails is not None
     expected = reference_log(system, system.rails.to_low)
-    point = solve(netlist, method="multigrid")
+    point = rg.solve(netlist, method="multigrid")
     assert point.method == "multigrid"
     assert point.log_drop is not None
     solved = system.unknown >= 0
@@ -75,7 +73,7 @@ def test_multigrid_is_as_right_along_a_serpentine() -> None:
     _assert_as_right_as_told(point, point.log_drop[solved], expected[system.unknown[solved]])
 
 
-def _assert_as_right_as_told(point: OperatingPoint, log: np.ndarray, exact: np.ndarray) -> None:
+def _assert_as_right_as_told(point: rg.OperatingPoint, log: np.ndarray, exact: np.ndarray) -> None:
     """The promise of `OperatingPoint.entry_error`: it holds for every entry, and is some 1e-8 at most."""
     assert point.entry_error <= 1e-8
     rounding = 2 * np.spacing(np.abs(exact))  # of either logarithm, which the promise leaves out
@@ -87,7 +85,7 @@ def test_a_goal_all_around_keeps_the_small_potential() -> None:
     cell = np.full((5, 1500), 2)
     cell[1:4, 1:-1] = 0
     cell[1:4, 0] = 1
-    point = solve(compile_space(space_of(cell), edge="open"))
+    point = rg.solve(rg.compile_space(space_of(cell), edge="open"))
     assert point.kcl_residual < 1e-11
     field = rg.field(point)
     assert field.potential[2, 5] < 0.1
@@ -102,34 +100,34 @@ def test_parts_that_carry_no_current_do_not_blur_the_kcl_residual(method: str, w
     """Behind a start drive all currents are noise, whatever they violate KCL by."""
     space = space_of(serpentine(7, 60, width))
     free = np.argwhere(space.cell == 0)
-    netlist = compile_space(space, boundary="neumann", drive="start", start=free[len(free) // 2].tolist())
-    point = solve(netlist, method=method)
+    netlist = rg.compile_space(space, boundary="neumann", drive="start", start=free[len(free) // 2].tolist())
+    point = rg.solve(netlist, method=method)
     assert point.method == method
     assert point.kcl_residual <= 1e-6
     assert point.backward_error <= 1e-12
 
 
 def test_an_operating_point_is_that_of_its_own_circuit() -> None:
-    def netlist(column: int) -> Netlist:
+    def netlist(column: int) -> rg.Netlist:
         cell = np.zeros((10, 10), dtype=np.uint8)
         cell[4, column] = 2
-        return compile_space(space_of(cell), boundary="neumann")
+        return rg.compile_space(space_of(cell), boundary="neumann")
 
-    point, same, other = solve(netlist(2)), netlist(2), netlist(7)
+    point, same, other = rg.solve(netlist(2)), netlist(2), netlist(7)
     assert point.is_of(same)
     assert not point.is_of(other)
     np.testing.assert_array_equal(
-        normalize_drive(same, point).current_amps, normalize_drive(point.netlist, point).current_amps
+        rg.normalize_drive(same, point).current_amps, rg.normalize_drive(point.netlist, point).current_amps
     )
-    with pytest.raises(InputError, match="another netlist; solve this one first"):
-        normalize_drive(other, point)
+    with pytest.raises(rg.InputError, match="another netlist; solve this one first"):
+        rg.normalize_drive(other, point)
 
 
 def test_conductances_of_24_decades_in_one_circuit() -> None:
     count = 50
     pairs = np.array([(i, i + 1) for i in range(1, count)] + [(count, 0)])
     conductance = np.append(np.full(count - 1, 1e12), 1e-12)
-    point = solve(Netlist(count + 1, pairs, conductance, np.array([[1, 0]]), np.array([1.0])))
+    point = rg.solve(rg.Netlist(count + 1, pairs, conductance, np.array([[1, 0]]), np.array([1.0])))
     assert np.allclose(point.voltage[1:], 1.0, rtol=1e-15)
     assert point.resistor_current[-1] == pytest.approx(1e-12, rel=1e-14)
 
@@ -138,19 +136,19 @@ def test_a_chain_of_1e12_siemens_fed_through_1e_minus_12() -> None:
     """Factors in positive numbers keep every digit; differences lose them all and say so."""
     count = 50
     pairs = np.array([(i, i + 1) for i in range(1, count)] + [(count, 0)])
-    netlist = Netlist(
+    netlist = rg.Netlist(
         count + 1,
         pairs,
         np.append(np.full(count - 1, 1e12), 1e-12),
         current_nodes=np.array([[0, 1]]),
         current_amps=np.array([1e-12]),
     )
-    point = solve(netlist)
+    point = rg.solve(netlist)
     assert np.all(point.voltage[1:] == 1.0)
     assert np.allclose(point.resistor_current, 1e-12, rtol=1e-6, atol=0)
     assert point.kcl_residual < 1e-6
     system = assemble(netlist)
     volts, _ = factor_laplacian(system.laplacian, "direct").solve_nonnegative(system.drive)
     assert np.allclose(volts.plain, 1.0, rtol=1e-14, atol=0)
-    with pytest.raises(AccuracyError, match="orders of magnitude"):
+    with pytest.raises(rg.AccuracyError, match="orders of magnitude"):
         symmetric_factors(sparse.diags_array(system.laplacian.diagonal) - system.laplacian.edges)

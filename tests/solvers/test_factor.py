@@ -1,4 +1,7 @@
-"""What a factor is given: one finite number per row, whatever solves."""
+"""What a factor is given: one finite number per row, whatever solves.
+
+Tests internals: `resgrid.solvers.factors`, `resgrid.solvers.scaled`.
+"""
 
 from __future__ import annotations
 

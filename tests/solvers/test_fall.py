@@ -1,4 +1,7 @@
-"""By how many decades a potential falls, against networkx."""
+"""By how many decades a potential falls, against networkx.
+
+Tests internals: `resgrid.circuit.equations`, `resgrid.solvers.decay_estimate`, `resgrid.solvers.laplacian`.
+"""
 
 import networkx as nx
 import numpy as np
@@ -6,11 +9,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.spaces import serpentine, space_of, spaces
 
+import resgrid as rg
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.space import ConfigurationSpace
-from resgrid.errors import CircuitError
 from resgrid.solvers.decay_estimate import costs_by_depth, decay, estimate_decades
 from resgrid.solvers.laplacian import conductance_statistics
 
@@ -18,11 +18,11 @@ RATE, WALL = np.pi, 0.3
 LN10 = np.log(10.0)
 
 
-def railed(space: ConfigurationSpace, boundary: str) -> Equations | None:
+def railed(space: rg.ConfigurationSpace, boundary: str) -> Equations | None:
     """The system of a space between two rails; None where nothing is driven, or otherwise."""
     try:
-        system = assemble(compile_space(space, boundary=boundary))
-    except CircuitError:
+        system = assemble(rg.compile_space(space, boundary=boundary))
+    except rg.CircuitError:
         return None
     return system if system.rails is not None else None
 
@@ -48,8 +48,8 @@ def test_the_best_way_is_that_of_networkx_to_all_but_the_lowest(space, share):
 
 @pytest.mark.parametrize("width", [1, 3, 8])
 def test_corridors_fall_as_foreseen(width):
-    netlist = compile_space(space_of(serpentine(6, 60, width)))
-    drop = solve(netlist).log_drop
+    netlist = rg.compile_space(space_of(serpentine(6, 60, width)))
+    drop = rg.solve(netlist).log_drop
     truth = -np.quantile(drop[np.isfinite(drop)], 0.02) / LN10
     laplacian = assemble(netlist).laplacian
     assert 0.9 < estimate_decades(laplacian, conductance_statistics(laplacian)) / truth < 1.8

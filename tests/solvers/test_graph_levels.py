@@ -1,4 +1,10 @@
-"""The levels of netlists that are no grids: aggregates, orders of rows, and the cycle over them."""
+"""The levels of netlists that are no grids: aggregates, orders of rows, and the cycle over them.
+
+Tests internals: `resgrid.circuit.equations`, `resgrid.solvers`, `resgrid.solvers.laplacian`,
+`resgrid.solvers.multigrid`, `resgrid.solvers.multigrid.conjugate_gradients`,
+`resgrid.solvers.multigrid.graph_coarsening`, `resgrid.solvers.multigrid.graph_sweeps`,
+`resgrid.solvers.multigrid.hierarchy`, `resgrid.solvers.progress`.
+"""
 
 import numpy as np
 import pytest
@@ -6,9 +12,8 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 from scipy import sparse
 
+import resgrid as rg
 from resgrid.circuit.equations import assemble
-from resgrid.circuit.solve import solve
-from resgrid.core.netlist import Netlist
 from resgrid.solvers import ordering_kernels as ordering
 from resgrid.solvers.laplacian import Graph, Rows
 from resgrid.solvers.multigrid import cycle, graph_coarsening
@@ -170,25 +175,25 @@ def test_a_graph_of_many_small_parts_needs_no_large_inverse() -> None:
     nodes = 1 + (5 * np.arange(5000)[:, None] + corner).ravel()
     ends = 1 + (5 * np.arange(5000)[:, None, None] + pairs).reshape(-1, 2)
     held = np.stack([nodes[::5], np.zeros(5000, dtype=np.int64)], axis=1)
-    netlist = Netlist(
+    netlist = rg.Netlist(
         node_count=25_001,
         resistor_nodes=np.concatenate([ends, held]),
         conductance=np.random.default_rng(0).uniform(0.1, 1.0, len(ends) + len(held)),
         current_nodes=np.stack([np.zeros(5000, dtype=np.int64), nodes[2::5]], axis=1),
         current_amps=np.ones(5000),
     )
-    direct = solve(netlist, method="direct", accuracy="normwise")
-    multigrid = solve(netlist, method="multigrid", accuracy="normwise", rtol=1e-12)
+    direct = rg.solve(netlist, method="direct", accuracy="normwise")
+    multigrid = rg.solve(netlist, method="multigrid", accuracy="normwise", rtol=1e-12)
     assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-9)
 
 
-def hubs(seed: int) -> Netlist:
+def hubs(seed: int) -> rg.Netlist:
     """A few nodes joined to hundreds of others, which hang together by weaker and stronger conductances."""
     rng = np.random.default_rng(seed)
     ends = np.concatenate([rng.integers(1, 4000, (9000, 2)),
                            np.stack([rng.integers(1, 6, 3000), rng.integers(6, 4000, 3000)], axis=1)])  # fmt: skip
     ends = ends[ends[:, 0] != ends[:, 1]]
-    return Netlist(
+    return rg.Netlist(
         node_count=4000,
         resistor_nodes=np.concatenate([ends, [[3999, 0], [17, 0]]]),
         conductance=10.0 ** rng.uniform(-3, 3, len(ends) + 2),
@@ -200,16 +205,16 @@ def hubs(seed: int) -> Netlist:
 @pytest.mark.parametrize("seed", range(4))
 def test_netlists_with_hubs_agree_with_direct(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     netlist = hubs(seed)
-    direct = solve(netlist, method="direct")
+    direct = rg.solve(netlist, method="direct")
     for far in (-1.0, 1.0):
         monkeypatch.setattr(graph_coarsening, "_FAR", far)
-        multigrid = solve(netlist, method="multigrid")
+        multigrid = rg.solve(netlist, method="multigrid")
         assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-9, atol=1e-15, equal_nan=True)
 
 
 def test_the_same_netlist_gives_the_same_bits() -> None:
     netlist = hubs(9)
-    first, second = (solve(netlist, method="multigrid", accuracy="normwise") for _ in range(2))
+    first, second = (rg.solve(netlist, method="multigrid", accuracy="normwise") for _ in range(2))
     assert np.array_equal(first.voltage, second.voltage, equal_nan=True)
 
 

@@ -1,4 +1,7 @@
-"""Places of cells against the indices they stand for."""
+"""Places of cells against the indices they stand for.
+
+Tests internals: `resgrid.solvers.multigrid.red_black`.
+"""
 
 import numpy as np
 from hypothesis import given, strategies as st

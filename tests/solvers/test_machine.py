@@ -1,3 +1,5 @@
+"""Tests internals: `resgrid.solvers.llvm_intrinsics`."""
+
 import platform
 
 import numpy as np

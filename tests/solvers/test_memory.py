@@ -1,31 +1,30 @@
-"""The estimate of memory against what a solution takes."""
+"""The estimate of memory against what a solution takes.
+
+Tests internals: `resgrid.circuit.equations`, `resgrid.solvers.method_choice`, `resgrid.solvers.symbolic`.
+"""
 
 import tracemalloc
 
 import numpy as np
 import pytest
 
+import resgrid as rg
 from resgrid.circuit.equations import assemble
-from resgrid.circuit.solve import solve
-from resgrid.core.axis import Axis
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
-from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.solvers.method_choice import choose_method
 from resgrid.solvers.symbolic import order_by_distance
 
 
-def boxes(shape: tuple[int, ...]) -> ConfigurationSpace:
+def boxes(shape: tuple[int, ...]) -> rg.ConfigurationSpace:
     """A tenth of the cells in boxes, the goal in a corner."""
     rng, cell = np.random.default_rng(3), np.zeros(shape, dtype=np.uint8)
     while np.mean(cell) < 0.1:
         low = rng.integers(2, shape)
-        cell[tuple(slice(a, a + n // 12) for a, n in zip(low, shape, strict=True))] = Cell.OBSTACLE
-    cell[(0,) * len(shape)] = Cell.GOAL
-    return ConfigurationSpace([Axis("xyz"[k], 0, 1, n) for k, n in enumerate(shape)], cell)
+        cell[tuple(slice(a, a + n // 12) for a, n in zip(low, shape, strict=True))] = rg.Cell.OBSTACLE
+    cell[(0,) * len(shape)] = rg.Cell.GOAL
+    return rg.ConfigurationSpace([rg.Axis("xyz"[k], 0, 1, n) for k, n in enumerate(shape)], cell)
 
 
-def without_layout(netlist: Netlist) -> Netlist:
+def without_layout(netlist: rg.Netlist) -> rg.Netlist:
     """The same circuit as a netlist that comes from no space."""
     return netlist.replace(cell_map=None)
 
@@ -33,14 +32,14 @@ def without_layout(netlist: Netlist) -> Netlist:
 @pytest.mark.parametrize("shape", [(12, 3000), (1500, 5, 5)])
 def test_factors_along_a_corridor_take_what_the_estimate_says(shape: tuple[int, ...]) -> None:
     cell = np.zeros(shape, dtype=np.uint8)
-    cell[(0,) * len(shape)] = Cell.GOAL
-    netlist = compile_space(ConfigurationSpace([Axis("xyz"[k], 0, n, n) for k, n in enumerate(shape)], cell))
+    cell[(0,) * len(shape)] = rg.Cell.GOAL
+    netlist = rg.compile_space(rg.ConfigurationSpace([rg.Axis("xyz"[k], 0, n, n) for k, n in enumerate(shape)], cell))
     system = assemble(netlist)
     assert order_by_distance(system.laplacian) is not None
     estimate = choose_method(system.laplacian, "direct").memory
-    solve(netlist, method="direct")
+    rg.solve(netlist, method="direct")
     tracemalloc.start()
-    solve(netlist, method="direct")
+    rg.solve(netlist, method="direct")
     taken = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert taken < estimate < 2.5 * taken
@@ -49,9 +48,9 @@ def test_factors_along_a_corridor_take_what_the_estimate_says(shape: tuple[int, 
 def test_a_winding_volume_needs_no_more_memory_than_its_corridor() -> None:
     """Factors of an open volume of as many cells take ten times as much."""
     shaft = np.zeros((6000, 5, 5), dtype=np.uint8)
-    shaft[0, 2, 2] = Cell.GOAL
-    axes = [Axis("xyz"[k], 0, n, n) for k, n in enumerate(shaft.shape)]
-    system = assemble(compile_space(ConfigurationSpace(axes, shaft)))
+    shaft[0, 2, 2] = rg.Cell.GOAL
+    axes = [rg.Axis("xyz"[k], 0, n, n) for k, n in enumerate(shaft.shape)]
+    system = assemble(rg.compile_space(rg.ConfigurationSpace(axes, shaft)))
     assert choose_method(system.laplacian, "direct").memory < 2000.0 * system.size
 
 
@@ -59,12 +58,12 @@ def test_a_winding_volume_needs_no_more_memory_than_its_corridor() -> None:
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 @pytest.mark.parametrize("shape", [(200, 220), (36, 34, 40)])
 def test_multigrid_takes_what_the_estimate_says(shape: tuple[int, ...], boundary: str, accuracy: str) -> None:
-    netlist = compile_space(boxes(shape), boundary=boundary)
+    netlist = rg.compile_space(boxes(shape), boundary=boundary)
     for circuit in (netlist, without_layout(netlist)):
         estimate = choose_method(assemble(circuit).laplacian, "multigrid", accuracy).memory
-        solve(circuit, accuracy=accuracy, method="multigrid")
+        rg.solve(circuit, accuracy=accuracy, method="multigrid")
         tracemalloc.start()
-        solve(circuit, accuracy=accuracy, method="multigrid")
+        rg.solve(circuit, accuracy=accuracy, method="multigrid")
         taken = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert taken < estimate < 2.0 * taken

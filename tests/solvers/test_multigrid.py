@@ -1,14 +1,15 @@
+"""Tests internals: `resgrid.circuit.dynamics`, `resgrid.circuit.equations`, `resgrid.solvers`,
+`resgrid.solvers.decay_estimate`, `resgrid.solvers.factors`, `resgrid.solvers.laplacian`, `resgrid.solvers.multigrid`,
+`resgrid.solvers.progress`, `resgrid.solvers.symbolic`."""
+
 import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings, strategies as st
 from support.spaces import serpentine, space_of, spaces
 
+import resgrid as rg
 from resgrid.circuit.dynamics import dynamics_of, factor_resolvent
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.circuit.solve import factorize, solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
-from resgrid.errors import BudgetError, CircuitError, InputError
 from resgrid.solvers import method_choice as methods
 from resgrid.solvers.decay_estimate import STRAIGHTNESS, estimate_decades
 from resgrid.solvers.factors import factor_multigrid
@@ -38,25 +39,25 @@ def blocks(shape: tuple[int, ...], seed: int, share: float = 0.2) -> np.ndarray:
     return cell
 
 
-def random_netlist(count: int, seed: int) -> Netlist:
+def random_netlist(count: int, seed: int) -> rg.Netlist:
     """A connected random graph whose resistors span two decades, held at two nodes."""
     rng = np.random.default_rng(seed)
     tree = np.stack([np.arange(2, count), rng.integers(1, np.arange(2, count))], axis=1)
     extra = rng.integers(1, count, (2 * count, 2))
     pairs = np.concatenate([tree, extra[extra[:, 0] != extra[:, 1]]])
     conductance = 10.0 ** rng.uniform(-1, 1, len(pairs))
-    return Netlist(count, pairs, conductance, np.array([[1, 0], [count - 1, 0]]), np.array([1.0, 0.0]))
+    return rg.Netlist(count, pairs, conductance, np.array([[1, 0], [count - 1, 0]]), np.array([1.0, 0.0]))
 
 
 @settings(max_examples=60)
 @given(spaces(), st.sampled_from(BOUNDARIES))
 def test_multigrid_and_direct_agree_on_small_spaces(space: object, options: dict[str, object]) -> None:
     try:
-        netlist = compile_space(space, **options)
-        direct = solve(netlist, method="direct")
-    except CircuitError:
+        netlist = rg.compile_space(space, **options)
+        direct = rg.solve(netlist, method="direct")
+    except rg.CircuitError:
         assume(False)
-    multigrid = solve(netlist, method="multigrid")
+    multigrid = rg.solve(netlist, method="multigrid")
     assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-8, atol=0, equal_nan=True)
     if direct.log_drop is not None:
         proved = min(multigrid.entry_error + direct.entry_error, 1e-8)
@@ -66,8 +67,8 @@ def test_multigrid_and_direct_agree_on_small_spaces(space: object, options: dict
 @pytest.mark.parametrize("shape", [(90, 70), (24, 20, 22), (9, 9, 8, 9)])
 @pytest.mark.parametrize("options", BOUNDARIES)
 def test_multigrid_is_entrywise_right_on_larger_grids(shape: tuple[int, ...], options: dict[str, object]) -> None:
-    netlist = compile_space(space_of(blocks(shape, seed=len(shape))), **options)
-    direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
+    netlist = rg.compile_space(space_of(blocks(shape, seed=len(shape))), **options)
+    direct, multigrid = rg.solve(netlist, method="direct"), rg.solve(netlist, method="multigrid")
     assert multigrid.method == "multigrid"
     assert multigrid.kcl_residual < 1e-6
     told = direct.entry_error + multigrid.entry_error
@@ -81,9 +82,9 @@ def test_multigrid_is_entrywise_right_on_larger_grids(shape: tuple[int, ...], op
 @pytest.mark.parametrize("seed", range(4))
 def test_multigrid_solves_netlists_without_a_grid(seed: int) -> None:
     netlist = random_netlist(3000, seed)
-    direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
+    direct, multigrid = rg.solve(netlist, method="direct"), rg.solve(netlist, method="multigrid")
     assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-9, atol=1e-15, equal_nan=True)
-    normwise = solve(netlist, method="multigrid", accuracy="normwise", rtol=1e-10)
+    normwise = rg.solve(netlist, method="multigrid", accuracy="normwise", rtol=1e-10)
     assert np.allclose(direct.voltage, normwise.voltage, atol=1e-7, equal_nan=True)
 
 
@@ -98,7 +99,7 @@ def test_small_netlists_are_solved_as_far_as_rounding_lets(seed: int) -> None:
     more = [tuple(sorted(rng.choice(count + 1, 2, replace=False).tolist())) for _ in range(2 * count)]
     conductance = np.append(10.0 ** rng.uniform(-7, -3, len(tree + more)), 1e-4)
     pairs = np.array([*tree, *more, (count, count + 1)])
-    system = assemble(Netlist(count + 2, pairs, conductance, np.array([[count + 1, 0]]), np.array([1.0])))
+    system = assemble(rg.Netlist(count + 2, pairs, conductance, np.array([[count + 1, 0]]), np.array([1.0])))
     x = factor_multigrid(system.laplacian).solve(system.drive, rtol=1e-12)
     exact = np.linalg.solve(np.diag(system.laplacian.diagonal) - system.laplacian.edges.toarray(), system.drive)
     np.testing.assert_allclose(x, exact, rtol=0, atol=1e-6)
@@ -109,7 +110,7 @@ def test_aggregates_never_join_across_a_wall() -> None:
     wall = np.zeros((64, 3), dtype=np.uint8)
     wall[:-1, 1] = 1
     wall[0, 0] = 2
-    system = assemble(compile_space(space_of(np.repeat(wall, 3, axis=0)), boundary="neumann"))
+    system = assemble(rg.compile_space(space_of(np.repeat(wall, 3, axis=0)), boundary="neumann"))
     group_of, count = graph_coarsening.grow_aggregates(
         graph_coarsening.Graph(*system.laplacian.as_rows(), system.laplacian.ground), 4, True
     )
@@ -122,14 +123,14 @@ def test_aggregates_never_join_across_a_wall() -> None:
 
 
 def test_auto_takes_multigrid_unless_a_system_is_small_or_rough() -> None:
-    little = assemble(compile_space(space_of(blocks((40, 40), 1))))
+    little = assemble(rg.compile_space(space_of(blocks((40, 40), 1))))
     assert methods.choose_method(little.laplacian).method == "direct"
-    plane = assemble(compile_space(space_of(blocks((160, 160), 1)), boundary="neumann"))
+    plane = assemble(rg.compile_space(space_of(blocks((160, 160), 1)), boundary="neumann"))
     assert methods.choose_method(plane.laplacian).method == "multigrid"
     assert methods.choose_method(plane.laplacian, accuracy="normwise").method == "multigrid"
-    volume = assemble(compile_space(space_of(blocks((32, 32, 32), 1))))
+    volume = assemble(rg.compile_space(space_of(blocks((32, 32, 32), 1))))
     assert methods.choose_method(volume.laplacian).method == "multigrid"
-    rough = compile_space(
+    rough = rg.compile_space(
         space_of(blocks((32, 32, 32), 1), conductivity=10.0 ** np.random.default_rng(0).uniform(-3, 3, (32, 32, 32)))
     )
     assert methods.choose_method(assemble(rough).laplacian).method == "direct"
@@ -138,9 +139,9 @@ def test_auto_takes_multigrid_unless_a_system_is_small_or_rough() -> None:
 def test_auto_takes_direct_where_refinement_would_have_to_win_too_many_decades() -> None:
     shaft = np.zeros((1300, 6, 6), dtype=np.uint8)
     shaft[0, 1, 1] = 2
-    assert methods.choose_method(assemble(compile_space(space_of(shaft))).laplacian).method == "direct"
+    assert methods.choose_method(assemble(rg.compile_space(space_of(shaft))).laplacian).method == "direct"
     assert (
-        methods.choose_method(assemble(compile_space(space_of(shaft), boundary="neumann")).laplacian).method
+        methods.choose_method(assemble(rg.compile_space(space_of(shaft), boundary="neumann")).laplacian).method
         == "multigrid"
     )
 
@@ -149,7 +150,7 @@ def test_auto_takes_direct_where_refinement_would_have_to_win_too_many_decades()
 def test_wide_corridors_take_multigrid_where_potentials_do_not_fall_far(length: int, method: str) -> None:
     corridor = np.zeros((14, 14, length), dtype=np.uint8)
     corridor[5, 5, 0] = 2
-    assert methods.choose_method(assemble(compile_space(space_of(corridor))).laplacian).method == method
+    assert methods.choose_method(assemble(rg.compile_space(space_of(corridor))).laplacian).method == method
 
 
 @pytest.mark.parametrize("width", [3, 8, 21])
@@ -157,8 +158,8 @@ def test_wide_corridors_take_multigrid_where_potentials_do_not_fall_far(length: 
 def test_decades_are_foreseen_along_corridors_behind_walls_of_any_resistance(width: int, wall: float) -> None:
     corridor = np.zeros((width, 40 * width), dtype=np.uint8)
     corridor[:, 0] = 2
-    netlist = compile_space(space_of(corridor), boundary="wall", resistance=1.0, wall_resistance=wall)
-    log_drop = solve(netlist, method="direct").log_drop
+    netlist = rg.compile_space(space_of(corridor), boundary="wall", resistance=1.0, wall_resistance=wall)
+    log_drop = rg.solve(netlist, method="direct").log_drop
     decades = -log_drop[np.isfinite(log_drop)].min() / np.log(10.0)
     assert 0.7 < foreseen_decades(assemble(netlist)) / STRAIGHTNESS / decades < 1.8
 
@@ -167,21 +168,21 @@ def test_potentials_that_walls_hold_up_take_multigrid() -> None:
     corridor = np.zeros((48, 8000), dtype=np.uint8)
     corridor[:, 0] = 2
     options = {"boundary": "wall", "resistance": 1.0}
-    thin = compile_space(space_of(corridor), **options, wall_resistance=0.0)
-    thick = compile_space(space_of(corridor), **options, wall_resistance=1e4)
+    thin = rg.compile_space(space_of(corridor), **options, wall_resistance=0.0)
+    thick = rg.compile_space(space_of(corridor), **options, wall_resistance=1e4)
     assert methods.choose_method(assemble(thin).laplacian).method == "direct"
     assert methods.choose_method(assemble(thick).laplacian).method == "multigrid"
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 def test_mazes_are_solved_directly_and_halls_by_multigrid(boundary: str) -> None:
-    narrow = assemble(compile_space(space_of(serpentine(40, 120, 4)), boundary=boundary))
+    narrow = assemble(rg.compile_space(space_of(serpentine(40, 120, 4)), boundary=boundary))
     assert methods.choose_method(narrow.laplacian).method == "direct"
     assert order_by_distance(narrow.laplacian) is not None
     hall = np.zeros((80, 800), dtype=np.uint8)
     hall[20, 20] = 2
     assert (
-        methods.choose_method(assemble(compile_space(space_of(hall), boundary=boundary)).laplacian).method
+        methods.choose_method(assemble(rg.compile_space(space_of(hall), boundary=boundary)).laplacian).method
         == "multigrid"
     )
 
@@ -189,8 +190,8 @@ def test_mazes_are_solved_directly_and_halls_by_multigrid(boundary: str) -> None
 def test_refinement_carries_multigrid_down_a_shaft_of_a_hundred_decades() -> None:
     shaft = np.zeros((420, 6, 5), dtype=np.uint8)
     shaft[0, 2, 2] = 2
-    netlist = compile_space(space_of(shaft))
-    direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
+    netlist = rg.compile_space(space_of(shaft))
+    direct, multigrid = rg.solve(netlist, method="direct"), rg.solve(netlist, method="multigrid")
     assert np.nanmin(np.where(np.isfinite(direct.log_drop), direct.log_drop, 0)) < -100 * np.log(10)
     told = direct.entry_error + multigrid.entry_error
     assert told <= 2e-8
@@ -201,16 +202,16 @@ def test_refinement_carries_multigrid_down_a_shaft_of_a_hundred_decades() -> Non
 def test_what_multigrid_cannot_reach_is_balanced() -> None:
     rng = np.random.default_rng(5)
     space = space_of(blocks((80, 80), 2), conductivity=10.0 ** rng.uniform(-9, 9, (80, 80)))
-    netlist = compile_space(space, boundary="neumann")
-    direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
+    netlist = rg.compile_space(space, boundary="neumann")
+    direct, multigrid = rg.solve(netlist, method="direct"), rg.solve(netlist, method="multigrid")
     assert "balance" in multigrid.seconds
     assert max(direct.kcl_residual, multigrid.kcl_residual) < 1e-6
     np.testing.assert_allclose(multigrid.potential, direct.potential, rtol=1e-6)
 
 
 def test_a_factor_serves_many_right_hand_sides() -> None:
-    netlist = compile_space(space_of(blocks((40, 30), 3)))
-    direct, multigrid = factorize(netlist, method="direct"), factorize(netlist, method="multigrid")
+    netlist = rg.compile_space(space_of(blocks((40, 30), 3)))
+    direct, multigrid = rg.factorize(netlist, method="direct"), rg.factorize(netlist, method="multigrid")
     rng = np.random.default_rng(1)
     for _ in range(3):
         rhs = rng.standard_normal(direct.system.size)
@@ -218,12 +219,12 @@ def test_a_factor_serves_many_right_hand_sides() -> None:
 
 
 def test_unknown_methods_and_jobs_beyond_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    netlist = compile_space(space_of(blocks((20, 20), 1)))
-    with pytest.raises(InputError, match="direct, multigrid"):
-        solve(netlist, method="cholesky")
+    netlist = rg.compile_space(space_of(blocks((20, 20), 1)))
+    with pytest.raises(rg.InputError, match="direct, multigrid"):
+        rg.solve(netlist, method="cholesky")
     monkeypatch.setattr("resgrid._internal.memory.available_memory", lambda: 1000)
-    with pytest.raises(BudgetError, match="GiB"):
-        solve(netlist)
+    with pytest.raises(rg.BudgetError, match="GiB"):
+        rg.solve(netlist)
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
@@ -232,7 +233,7 @@ def test_leaks_that_outweigh_the_grid_are_no_harder(boundary: str, leak: float) 
     """Steps in time lead to such circuits; the first iteration gains more digits than single precision has."""
     cell = np.zeros((64, 64), dtype=np.uint8)
     cell[16:32, 21], cell[61, 2] = 1, 2
-    netlist = compile_space(space_of(cell), boundary=boundary)
+    netlist = rg.compile_space(space_of(cell), boundary=boundary)
     nodes = netlist.cells.free_node
     dynamics = dynamics_of(
         netlist.replace(
@@ -249,7 +250,7 @@ def test_leaks_that_outweigh_the_grid_are_no_harder(boundary: str, leak: float) 
 
 
 def test_the_stage_called_factor_coarsens(monkeypatch: pytest.MonkeyPatch) -> None:
-    plane = compile_space(space_of(blocks((160, 160), 1)), boundary="neumann")
-    factors = factorize(plane, method="multigrid").factors
+    plane = rg.compile_space(space_of(blocks((160, 160), 1)), boundary="neumann")
+    factors = rg.factorize(plane, method="multigrid").factors
     monkeypatch.setattr("resgrid.solvers.multigrid.hierarchy.build_hierarchy", lambda _: pytest.fail("coarsened late"))
     assert np.isfinite(factors.solve(np.ones(factors.laplacian.size))).all()

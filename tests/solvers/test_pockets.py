@@ -1,4 +1,8 @@
-"""Rows that are left at the end of refinement, solved directly with what surrounds them."""
+"""Rows that are left at the end of refinement, solved directly with what surrounds them.
+
+Tests internals: `resgrid.circuit.equations`, `resgrid.solvers`, `resgrid.solvers.method_choice`,
+`resgrid.solvers.scaled`.
+"""
 
 from __future__ import annotations
 
@@ -6,44 +10,42 @@ import numpy as np
 import pytest
 from support.spaces import space_of
 
+import resgrid as rg
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.solvers import refinement
 from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.scaled import Scaled
 
 
-def rooms_on_a_corridor(count: int = 40) -> ConfigurationSpace:
+def rooms_on_a_corridor(count: int = 40) -> rg.ConfigurationSpace:
     """Rooms of three cells, far from each other, behind slits of five cells."""
-    cell = np.full((11, 20 * count), Cell.OBSTACLE, dtype=np.uint8)
-    cell[1:3, 1:-1] = Cell.FREE
+    cell = np.full((11, 20 * count), rg.Cell.OBSTACLE, dtype=np.uint8)
+    cell[1:3, 1:-1] = rg.Cell.FREE
     for k in range(count):
-        cell[3:10, 20 * k + 10] = Cell.FREE
-        cell[8:10, 20 * k + 9 : 20 * k + 12] = Cell.FREE
-    cell[1, 1] = Cell.GOAL
+        cell[3:10, 20 * k + 10] = rg.Cell.FREE
+        cell[8:10, 20 * k + 9 : 20 * k + 12] = rg.Cell.FREE
+    cell[1, 1] = rg.Cell.GOAL
     return space_of(cell)
 
 
-def system_of(space: ConfigurationSpace) -> Equations:
-    return assemble(compile_space(space, boundary="dirichlet"))
+def system_of(space: rg.ConfigurationSpace) -> Equations:
+    return assemble(rg.compile_space(space, boundary="dirichlet"))
 
 
 def test_a_goal_in_a_slit() -> None:
     """Some twelve decades from the goal to the room."""
-    cell = np.full((200, 315), Cell.OBSTACLE, dtype=np.uint8)
-    cell[6, 1:15] = cell[1:-1, 15:-1] = Cell.FREE
-    cell[6, 1] = Cell.GOAL
-    netlist = compile_space(space_of(cell), boundary="dirichlet")
-    point, direct = (solve(netlist, method=method) for method in ("multigrid", "direct"))
+    cell = np.full((200, 315), rg.Cell.OBSTACLE, dtype=np.uint8)
+    cell[6, 1:15] = cell[1:-1, 15:-1] = rg.Cell.FREE
+    cell[6, 1] = rg.Cell.GOAL
+    netlist = rg.compile_space(space_of(cell), boundary="dirichlet")
+    point, direct = (rg.solve(netlist, method=method) for method in ("multigrid", "direct"))
     assert point.log_drop is not None
     np.testing.assert_allclose(point.log_drop, direct.log_drop, rtol=0, atol=point.entry_error, equal_nan=True)
 
 
 def test_pockets_behind_slits() -> None:
-    netlist = compile_space(rooms_on_a_corridor(), boundary="dirichlet")
-    point, direct = (solve(netlist, method=method) for method in ("multigrid", "direct"))
+    netlist = rg.compile_space(rooms_on_a_corridor(), boundary="dirichlet")
+    point, direct = (rg.solve(netlist, method=method) for method in ("multigrid", "direct"))
     assert point.log_drop is not None
     np.testing.assert_allclose(point.log_drop, direct.log_drop, rtol=0, atol=1e-8, equal_nan=True)
 
@@ -51,9 +53,9 @@ def test_pockets_behind_slits() -> None:
 @pytest.mark.parametrize("length", [60, 600])
 def test_what_lies_along_a_slit_is_found_from_what_flows_in(length: int) -> None:
     """Half a decade a cell: beyond what a double spans after some five hundred cells."""
-    cell = np.full((120, 120 + length), Cell.OBSTACLE, dtype=np.uint8)
-    cell[1:-1, 1:115] = cell[6, 115:-1] = cell[20, 115 : 115 + length // 2] = Cell.FREE
-    cell[6, 4] = Cell.GOAL
+    cell = np.full((120, 120 + length), rg.Cell.OBSTACLE, dtype=np.uint8)
+    cell[1:-1, 1:115] = cell[6, 115:-1] = cell[20, 115 : 115 + length // 2] = rg.Cell.FREE
+    cell[6, 4] = rg.Cell.GOAL
     system = system_of(space_of(cell))
     cell_map = system.netlist.cells
     assert system.rails is not None
@@ -71,14 +73,14 @@ def test_what_lies_along_a_slit_is_found_from_what_flows_in(length: int) -> None
 
 def test_rows_without_a_digit_are_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     """Some two hundred decades, a room at the end of a slit, and a pass over the whole that gains twelve at a time."""
-    cell = np.full((120, 420), Cell.OBSTACLE, dtype=np.uint8)
-    cell[1:-1, 1:115] = cell[6, 115:400] = cell[3:9, 400:406] = cell[40, 115:160] = Cell.FREE
-    cell[6, 4] = Cell.GOAL
-    netlist = compile_space(space_of(cell), boundary="dirichlet")
-    point, direct = (solve(netlist, method=method) for method in ("multigrid", "direct"))
+    cell = np.full((120, 420), rg.Cell.OBSTACLE, dtype=np.uint8)
+    cell[1:-1, 1:115] = cell[6, 115:400] = cell[3:9, 400:406] = cell[40, 115:160] = rg.Cell.FREE
+    cell[6, 4] = rg.Cell.GOAL
+    netlist = rg.compile_space(space_of(cell), boundary="dirichlet")
+    point, direct = (rg.solve(netlist, method=method) for method in ("multigrid", "direct"))
     assert point.log_drop is not None
     assert direct.log_drop is not None
     assert point.log_drop[np.isfinite(point.log_drop)].min() < -150 * np.log(10.0)
     np.testing.assert_allclose(point.log_drop, direct.log_drop, rtol=0, atol=point.entry_error, equal_nan=True)
     monkeypatch.setattr(refinement, "resolve_rows", lambda *_: None)
-    assert point.iterations < 0.5 * solve(netlist, method="multigrid").iterations
+    assert point.iterations < 0.5 * rg.solve(netlist, method="multigrid").iterations

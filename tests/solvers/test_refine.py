@@ -1,4 +1,8 @@
-"""Refinement and read-off: every node is judged by its own currents, whatever its size beside others."""
+"""Refinement and read-off: every node is judged by its own currents, whatever its size beside others.
+
+Tests internals: `resgrid.circuit.equations`, `resgrid.solvers`, `resgrid.solvers.laplacian`,
+`resgrid.solvers.method_choice`, `resgrid.solvers.progress`, `resgrid.solvers.scaled`.
+"""
 
 from fractions import Fraction
 
@@ -8,11 +12,8 @@ from hypothesis import given, settings, strategies as st
 from support.circuits import eliminated
 from support.spaces import serpentine, space_of, spaces
 
+import resgrid as rg
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.space import ConfigurationSpace
-from resgrid.errors import CircuitError
 from resgrid.solvers import refinement
 from resgrid.solvers.laplacian import Graph
 from resgrid.solvers.method_choice import factor_laplacian
@@ -20,7 +21,7 @@ from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.scaled import Scaled, power
 
 
-def scattered(shape: tuple[int, ...], seed: int) -> ConfigurationSpace:
+def scattered(shape: tuple[int, ...], seed: int) -> rg.ConfigurationSpace:
     """Single obstacle cells here and there, the goal in the middle."""
     cell = (np.random.default_rng(seed).random(shape) < 0.08).astype(np.uint8)
     cell[tuple(size // 2 for size in shape)] = 2
@@ -51,7 +52,7 @@ def exactly(found: Scaled) -> list[Fraction]:
 @pytest.mark.parametrize("method", ["direct", "multigrid"])
 def test_currents_balance_at_every_node_in_exact_arithmetic(shape: tuple[int, ...], boundary: str, method: str) -> None:
     options = {"wall_resistance": 1e6} if boundary == "wall" else {}
-    system = assemble(compile_space(scattered(shape, 3), boundary=boundary, **options))
+    system = assemble(rg.compile_space(scattered(shape, 3), boundary=boundary, **options))
     rhs, watch = system.rails.to_low if system.rails is not None else system.injected, ProgressMonitor()
     found, _ = factor_laplacian(system.laplacian, method).solve_nonnegative(rhs, watch=watch)
     violated = violations(system, rhs, exactly(found))
@@ -62,7 +63,7 @@ def test_currents_balance_at_every_node_in_exact_arithmetic(shape: tuple[int, ..
 
 
 def test_currents_balance_where_potentials_leave_the_range_of_a_double() -> None:
-    system, watch = assemble(compile_space(space_of(serpentine(9, 120, 3)))), ProgressMonitor()
+    system, watch = assemble(rg.compile_space(space_of(serpentine(9, 120, 3)))), ProgressMonitor()
     assert system.rails is not None
     found, _ = factor_laplacian(system.laplacian, "multigrid").solve_nonnegative(system.rails.to_low, watch=watch)
     assert found.log.min() / np.log(10) < -330
@@ -72,14 +73,14 @@ def test_currents_balance_where_potentials_leave_the_range_of_a_double() -> None
 @settings(max_examples=80)
 @given(spaces(max_cells=4, dimensions=(2, 3)), st.integers(0, 2**16), st.floats(-6.0, -1.5))
 def test_no_entry_is_off_by_more_than_the_violations_of_kcl_prove(
-    space: ConfigurationSpace, seed: int, decades: float
+    space: rg.ConfigurationSpace, seed: int, decades: float
 ) -> None:
     """Wrong answers of small circuits whose conductances differ by twelve decades, and the exact ones."""
     rng = np.random.default_rng(seed)
     try:
-        netlist = compile_space(space, boundary="wall", wall_resistance=30.0)
+        netlist = rg.compile_space(space, boundary="wall", wall_resistance=30.0)
         system = assemble(netlist.replace(conductance=10.0 ** rng.uniform(-6, 6, len(netlist.conductance))))
-    except CircuitError:
+    except rg.CircuitError:
         return
     if system.rails is None or not 0 < system.size <= 24:
         return
@@ -104,8 +105,8 @@ def rational_solution(system: Equations, rhs: np.ndarray) -> list[Fraction]:
 def test_a_start_behind_which_nothing_flows() -> None:
     """Where no current flows its rounding is no scale: there voltages are equal to thirty digits."""
     space = space_of(serpentine(7, 60, 3))
-    netlist = compile_space(space, boundary="neumann", drive="start", start=(9, 30))
-    direct, multigrid = (solve(netlist, method=method) for method in ("direct", "multigrid"))
+    netlist = rg.compile_space(space, boundary="neumann", drive="start", start=(9, 30))
+    direct, multigrid = (rg.solve(netlist, method=method) for method in ("direct", "multigrid"))
     assert np.any(direct.resistor_direction == 0)
     assert np.array_equal(direct.resistor_direction, multigrid.resistor_direction)
 
@@ -113,10 +114,10 @@ def test_a_start_behind_which_nothing_flows() -> None:
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann", "wall"])
 def test_currents_near_the_end_of_the_range_of_doubles_are_those_of_larger_sources(boundary: str) -> None:
     options = {"wall_resistance": 1e5} if boundary == "wall" else {}
-    netlist = compile_space(scattered((50, 40), 4), boundary=boundary, **options)
-    plain = solve(netlist)
+    netlist = rg.compile_space(scattered((50, 40), 4), boundary=boundary, **options)
+    plain = rg.solve(netlist)
     few = np.ldexp(1.0, -700)
-    scaled = solve(netlist.replace(source_volts=netlist.source_volts * few, current_amps=netlist.current_amps * few))
+    scaled = rg.solve(netlist.replace(source_volts=netlist.source_volts * few, current_amps=netlist.current_amps * few))
     assert np.array_equal(plain.resistor_direction, scaled.resistor_direction)
     flows = plain.resistor_direction != 0
     error = plain.resistor_log_current[flows] - scaled.resistor_log_current[flows] + np.log(few)

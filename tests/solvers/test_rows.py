@@ -1,4 +1,7 @@
-"""Compressed rows against scipy's sums of the same resistors."""
+"""Compressed rows against scipy's sums of the same resistors.
+
+Tests internals: `resgrid.circuit.equations`, `resgrid.core.netlist`.
+"""
 
 import numpy as np
 import pytest
@@ -7,14 +10,14 @@ from numpy.typing import NDArray
 from scipy import sparse
 from support.spaces import space_of
 
+import resgrid as rg
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import GROUND, Netlist
+from resgrid.core.netlist import GROUND
 
 
-def netlist_of(pairs: NDArray[np.int64], conductance: NDArray[np.float64], nodes: int) -> Netlist:
+def netlist_of(pairs: NDArray[np.int64], conductance: NDArray[np.float64], nodes: int) -> rg.Netlist:
     """A circuit whose first node is held at 1 V, its last one at 0 V, and no others."""
-    return Netlist(
+    return rg.Netlist(
         node_count=nodes,
         resistor_nodes=pairs,
         conductance=conductance,
@@ -54,7 +57,7 @@ def test_rows_are_the_coupling_in_order(nodes: int, seed: int, crowd: int) -> No
 def test_those_of_a_grid_are_made_once(shape: tuple[int, ...]) -> None:
     cell = (np.random.default_rng(2).random(shape) < 0.1).astype(np.uint8)
     cell[(0,) * len(shape)] = 2
-    system = assemble(compile_space(space_of(cell)))
+    system = assemble(rg.compile_space(space_of(cell)))
     held = system.laplacian.with_rows()
     assert np.shares_memory(held.edges.data, held.as_rows().data)
     np.testing.assert_allclose(system.laplacian.edges.toarray(), summed(system), rtol=1e-14)

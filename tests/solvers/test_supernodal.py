@@ -1,4 +1,9 @@
-"""Supernodal factors: their order, their pattern, and every digit of what they give."""
+"""Supernodal factors: their order, their pattern, and every digit of what they give.
+
+Tests internals: `resgrid.circuit.equations`, `resgrid.solvers.factors`, `resgrid.solvers.laplacian`,
+`resgrid.solvers.method_choice`, `resgrid.solvers.ordering_kernels`, `resgrid.solvers.supernodal`,
+`resgrid.solvers.symbolic`.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +16,8 @@ from hypothesis import given, settings, strategies as st
 from scipy import sparse
 from support.spaces import serpentine, space_of
 
+import resgrid as rg
 from resgrid.circuit.equations import Equations, assemble
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
-from resgrid.errors import AccuracyError
 from resgrid.solvers.factors import DirectFactor, factor_direct
 from resgrid.solvers.laplacian import Laplacian, Rows
 from resgrid.solvers.method_choice import factor_laplacian
@@ -36,7 +39,7 @@ def wild_system(size: int, seed: int) -> Equations:
     ties = [(0, 1), (size, size - 1)] + [(size, k) for k in range(1, size - 1) if rng.random() < 0.1]
     pairs = np.array(tree + loops + ties)
     conductance = 10.0 ** rng.uniform(-12, 12, len(pairs))
-    return assemble(Netlist(size + 1, pairs, conductance, np.array([[size, 0]]), np.array([1.0])))
+    return assemble(rg.Netlist(size + 1, pairs, conductance, np.array([[size, 0]]), np.array([1.0])))
 
 
 def exact_solution(system: Equations, rhs: np.ndarray | list[mpmath.mpf], digits: int = 80) -> list[mpmath.mpf]:
@@ -65,7 +68,7 @@ def test_every_digit_is_right_whatever_the_conductances(order: Order, size: int,
 @ORDERS
 @pytest.mark.parametrize("unit", [2.0**-530, 2.0**500, 2.0**900])
 def test_units_change_no_digit(order: Order, unit: float) -> None:
-    system = assemble(compile_space(space_of(serpentine(5, 20, 2))))
+    system = assemble(rg.compile_space(space_of(serpentine(5, 20, 2))))
     plain, rhs = system.laplacian, system.laplacian.ground
     scaled = Laplacian(plain.ground * unit, compressed=Rows.of(plain.edges * unit))
     expected = factor_supernodes(plain, order(plain)).solve(rhs)
@@ -109,7 +112,9 @@ def test_a_potential_may_fall_by_hundreds_of_decades_from_column_to_column_of_a_
     along, held = np.stack([np.arange(1, size + 1), np.arange(2, size + 2)], axis=1), np.zeros((size, 2), dtype=int)
     held[:, 1] = np.arange(1, size + 1)
     conductance = np.repeat([1e-20, 1e20], size)
-    netlist = Netlist(size + 2, np.concatenate([along, held]), conductance, np.array([[size + 1, 0]]), np.array([1.0]))
+    netlist = rg.Netlist(
+        size + 2, np.concatenate([along, held]), conductance, np.array([[size + 1, 0]]), np.array([1.0])
+    )
     system = assemble(netlist)
     factors = factor_direct(system.laplacian)
     assert factors.factors.symbolic.widths.max() > 5
@@ -185,16 +190,16 @@ def test_it_makes_no_difference_where_elimination_pauses(monkeypatch: pytest.Mon
 
 
 def test_a_corridor_fills_as_wide_as_it_is_and_a_plane_or_a_tangle_is_not_narrow() -> None:
-    corridor = assemble(compile_space(space_of(serpentine(9, 60, 3)), boundary="neumann"))
+    corridor = assemble(rg.compile_space(space_of(serpentine(9, 60, 3)), boundary="neumann"))
     narrow = order_by_distance(corridor.laplacian)
     assert narrow is not None
     assert narrow.entries < 8 * corridor.size
     plane = np.zeros((600, 600), dtype=np.uint8)
     plane[300, 300] = 2
-    assert order_by_distance(assemble(compile_space(space_of(plane))).laplacian) is None
+    assert order_by_distance(assemble(rg.compile_space(space_of(plane))).laplacian) is None
     ends = np.random.default_rng(5).integers(1, 2001, (4000, 2))
     pairs = np.concatenate([ends[ends[:, 0] != ends[:, 1]], [[0, 1]]])
-    tangle = assemble(Netlist(2001, pairs, np.ones(len(pairs)), current_nodes=[[0, 2]], current_amps=[1.0]))
+    tangle = assemble(rg.Netlist(2001, pairs, np.ones(len(pairs)), current_nodes=[[0, 2]], current_amps=[1.0]))
     assert order_by_distance(tangle.laplacian) is None
     assert factor_direct(tangle.laplacian).factors.symbolic.entries > 60 * tangle.size
 
@@ -204,7 +209,7 @@ def test_a_hub_is_kept_when_every_other_row_is_eliminated() -> None:
     leaves = np.arange(2, 100_002)
     spokes, ring = np.stack([np.ones_like(leaves), leaves], axis=1), np.stack([leaves[:-1], leaves[1:]], axis=1)
     pairs = np.concatenate([spokes, ring, [[0, 2]]])
-    netlist = Netlist(100_002, pairs, np.ones(len(pairs)), current_nodes=[[0, 50_000]], current_amps=[1.0])
+    netlist = rg.Netlist(100_002, pairs, np.ones(len(pairs)), current_nodes=[[0, 50_000]], current_amps=[1.0])
     system = assemble(netlist)
     narrow = order_by_distance(system.laplacian)
     assert narrow is not None
@@ -216,7 +221,7 @@ def test_a_hub_is_kept_when_every_other_row_is_eliminated() -> None:
 
 
 def test_potentials_below_the_range_of_doubles_need_no_refinement() -> None:
-    system = assemble(compile_space(space_of(serpentine(21, 400, 1))))
+    system = assemble(rg.compile_space(space_of(serpentine(21, 400, 1))))
     assert system.rails is not None
     factors = factor_direct(system.laplacian)
     m, e = factors.factors.substitute(system.rails.to_low, np.zeros(system.size, dtype=np.int64))
@@ -230,13 +235,13 @@ def test_potentials_below_the_range_of_doubles_need_no_refinement() -> None:
 def test_a_part_that_nothing_holds_is_refused() -> None:
     system = wild_system(8, 1)
     system.laplacian.ground[:] = 0.0
-    with pytest.raises(AccuracyError, match="orders of magnitude"):
+    with pytest.raises(rg.AccuracyError, match="orders of magnitude"):
         factor_direct(system.laplacian)
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 def test_a_large_maze_has_one_answer_whatever_the_order(boundary: str) -> None:
-    system = assemble(compile_space(space_of(serpentine(61, 400, 1)), boundary=boundary))
+    system = assemble(rg.compile_space(space_of(serpentine(61, 400, 1)), boundary=boundary))
     for accuracy in ("direction", "normwise"):
         assert factor_laplacian(system.laplacian, "auto", accuracy=accuracy).name == "direct"
     rhs = np.maximum(system.drive, 0.0) if system.rails is None else system.rails.to_low
@@ -254,7 +259,7 @@ def test_the_order_by_fill_fills_as_little_as_nested_dissection_would(shape: tup
     """George & Liu (1981): ``n log n`` entries of planes, ``n^(4/3)`` of volumes, a few times."""
     cell = np.zeros(shape, dtype=np.uint8)
     cell[(0,) * len(shape)] = 2
-    laplacian = assemble(compile_space(space_of(cell))).laplacian
+    laplacian = assemble(rg.compile_space(space_of(cell))).laplacian
     n = laplacian.size
     allowed = 2.0 * n * np.log2(n) if len(shape) == 2 else 6.0 * n ** (4 / 3)
     symbolic = order_by_fill(laplacian)
@@ -280,7 +285,7 @@ def test_an_order_takes_as_much_room_as_its_elements_do() -> None:
     size = 3000
     ends = np.random.default_rng(5).integers(1, size + 1, (3 * size, 2))
     pairs = np.concatenate([ends[ends[:, 0] != ends[:, 1]], [[0, 1]]])
-    system = assemble(Netlist(size + 1, pairs, np.ones(len(pairs)), current_nodes=[[0, 2]], current_amps=[1.0]))
+    system = assemble(rg.Netlist(size + 1, pairs, np.ones(len(pairs)), current_nodes=[[0, 2]], current_amps=[1.0]))
     factors = factor_supernodes(system.laplacian, order_by_fill(system.laplacian))
     x = factors.solve(system.drive)
     residual = system.drive - (system.laplacian.diagonal * x - system.laplacian.edges @ x)

@@ -1,4 +1,8 @@
-"""Threads inside one solve: the same digits, whatever their number, and nothing left behind when it ends early."""
+"""Threads inside one solve: the same digits, whatever their number, and nothing left behind when it ends early.
+
+Tests internals: `resgrid.solvers`, `resgrid.solvers.multigrid`, `resgrid.solvers.multigrid.levels`,
+`resgrid.solvers.threads`.
+"""
 
 import threading
 from collections.abc import Callable, Iterator

@@ -1,3 +1,6 @@
+"""Tests internals: `resgrid.spice.check.agreement`, `resgrid.spice.check.kcl_location`, `resgrid.spice.run.ngspice`,
+`resgrid.spice.write.flat`, `resgrid.spice.write.sidecar`."""
+
 from __future__ import annotations
 
 import io
@@ -13,15 +16,9 @@ from support.circuits import dense_solution, ladder, random_grid
 from support.spaces import serpentine, space_of, spaces
 
 import resgrid as rg
-from resgrid.circuit.solve import solve
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
-from resgrid.errors import InputError, ToolMissingError
 from resgrid.spice.check.agreement import compare
-from resgrid.spice.check.deck import check_deck
 from resgrid.spice.check.kcl_location import inspect_deck
 from resgrid.spice.run.ngspice import SimulatorRun
-from resgrid.spice.write.files import write_spice
 from resgrid.spice.write.flat import flatten
 from resgrid.spice.write.sidecar import altered_lines, expect, read_sidecar
 
@@ -30,7 +27,7 @@ from resgrid.spice.write.sidecar import altered_lines, expect, read_sidecar
 def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     netlist = random_grid(3)
     path = tmp_path_factory.mktemp("deck") / "grid.cir"
-    write_spice(dense_solution(netlist), path)
+    rg.write_spice(dense_solution(netlist), path)
     return path
 
 
@@ -49,7 +46,7 @@ def lines_of(deck: Path) -> list[str]:
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 2.0, 6.0]), st.booleans())
 def test_ngspice_agrees_with_a_dense_solution(seed: int, decades: float, drive: bool) -> None:
     netlist = random_grid(seed, decades=decades, drive=drive)
-    agreement = check_deck(dense_solution(netlist))
+    agreement = rg.check_deck(dense_solution(netlist))
     assert agreement.findings == ()
     assert agreement.agrees
     assert agreement.nodes == netlist.node_count - 1
@@ -63,8 +60,8 @@ def test_ngspice_agrees_on_compiled_spaces(rules: dict[str, str], seed: int) -> 
     rng = np.random.default_rng(seed)
     cell = (rng.random((12, 12)) < 0.3).astype(np.uint8)
     cell[2:4, 5], cell[9, 9] = 2, 2
-    netlist = compile_space(space_of(cell), resistance=10e3, **rules)
-    agreement = check_deck(netlist)
+    netlist = rg.compile_space(space_of(cell), resistance=10e3, **rules)
+    agreement = rg.check_deck(netlist)
     assert agreement.findings == ()
     assert agreement.agrees
 
@@ -74,7 +71,7 @@ def test_a_wrong_solution_is_told_with_its_worst_node() -> None:
     point = dense_solution(netlist)
     voltage = point.voltage.copy()
     voltage[3] += 1e-6
-    agreement = check_deck(replace(point, voltage=voltage))
+    agreement = rg.check_deck(replace(point, voltage=voltage))
     assert not agreement.agrees
     assert agreement.worst[0][0] == "node_3"
     assert agreement.max_abs_error == pytest.approx(1e-6, rel=1e-6)
@@ -83,7 +80,7 @@ def test_a_wrong_solution_is_told_with_its_worst_node() -> None:
 
 
 def test_an_untouched_deck_agrees(deck: Path) -> None:
-    agreement = check_deck(deck)
+    agreement = rg.check_deck(deck)
     assert agreement.findings == ()
     assert agreement.agrees
     assert (agreement.reference, agreement.simulator, agreement.nodes) == ("sidecar", "ngspice", 39)
@@ -99,7 +96,7 @@ def test_any_byte_that_changes_fails_the_check(original: Path, data: st.DataObje
     folder.mkdir(exist_ok=True)
     shutil.copy(original.parent / "grid.cir.json", folder)
     (folder / "grid.cir").write_bytes(text[:place] + bytes([byte]) + text[place + 1 :])
-    agreement = check_deck(folder / "grid.cir", timeout=300)
+    agreement = rg.check_deck(folder / "grid.cir", timeout=300)
     assert not agreement.agrees
     line = text.count(b"\n", 0, place) + 1
     ranges = altered_lines((folder / "grid.cir").read_bytes(), read_sidecar(folder / "grid.cir"))
@@ -114,14 +111,14 @@ def test_any_byte_that_changes_beside_the_deck_fails_the_check(deck: Path, suffi
     for place in np.random.default_rng(3).integers(0, len(text), 6).tolist():
         file.write_bytes(text[:place] + bytes([text[place] ^ 1]) + text[place + 1 :])
         try:
-            agreement = check_deck(deck)
-        except InputError as error:  # what is left is no sidecar
+            agreement = rg.check_deck(deck)
+        except rg.InputError as error:  # what is left is no sidecar
             assert suffix == ".json" and file.name in str(error)
         else:
             assert not agreement.agrees
             assert any(finding.startswith(f"{file.name} differs from") for finding in agreement.findings)
     file.write_bytes(text)
-    assert check_deck(deck).agrees
+    assert rg.check_deck(deck).agrees
 
 
 def test_a_cell_map_that_was_changed_fails_the_check(deck: Path) -> None:
@@ -130,7 +127,7 @@ def test_a_cell_map_that_was_changed_fails_the_check(deck: Path) -> None:
     content["nodes"]["node_12"]["cell"] = [9, 9]
     del content["own_sha256"]
     sidecar.write_text(json.dumps(content))
-    agreement = check_deck(deck)
+    agreement = rg.check_deck(deck)
     assert not agreement.agrees and agreement.max_relative_error < 1e-9
     assert agreement.findings == ("grid.cir.json differs from what resgrid wrote (its own SHA-256)",)
 
@@ -140,18 +137,18 @@ def test_files_that_a_kill_left_of_two_decks_are_told(tmp_path: Path) -> None:
     old, new = tmp_path / "old", tmp_path / "new"
     for folder, seed in ((old, 3), (new, 4)):
         folder.mkdir()
-        write_spice(dense_solution(random_grid(seed)), folder / "grid.cir")
+        rg.write_spice(dense_solution(random_grid(seed)), folder / "grid.cir")
     for name in ("grid.cir.verify", "grid.cir.json"):
         shutil.copy(new / name, old / name)
-        assert not check_deck(old / "grid.cir").agrees
+        assert not rg.check_deck(old / "grid.cir").agrees
     shutil.copy(new / "grid.cir", old / "grid.cir")
-    assert check_deck(old / "grid.cir").agrees
+    assert rg.check_deck(old / "grid.cir").agrees
 
 
 @pytest.mark.parametrize("cut", [0, 1, 100, -1, -5, -200])
 def test_a_truncated_deck_fails_the_check(deck: Path, cut: int) -> None:
     deck.write_bytes(deck.read_bytes()[:cut])
-    agreement = check_deck(deck)
+    agreement = rg.check_deck(deck)
     assert not agreement.agrees
     assert "differ from the deck that resgrid wrote" in agreement.findings[0]
 
@@ -159,8 +156,8 @@ def test_a_truncated_deck_fails_the_check(deck: Path, cut: int) -> None:
 def test_a_changed_resistor_is_found_beside_parts_that_carry_no_current() -> None:
     space = space_of(serpentine(7, 40, 3))
     free = np.argwhere(space.cell == 0)
-    netlist = compile_space(space, boundary="neumann", drive="start", start=free[len(free) // 2].tolist())
-    point = solve(netlist)
+    netlist = rg.compile_space(space, boundary="neumann", drive="start", start=free[len(free) // 2].tolist())
+    point = rg.solve(netlist)
     deck = flatten(netlist)
     expected = expect(deck, point)
     assert inspect_deck(deck.text.encode(), expected, 1e-6) == []
@@ -186,11 +183,11 @@ def test_a_changed_resistor_is_found_beside_parts_that_carry_no_current() -> Non
 )
 def test_a_line_that_is_not_ours_is_found_without_the_hash(line: str, message: str) -> None:
     deck = flatten(
-        Netlist(
+        rg.Netlist(
             3, [[1, 2], [2, 0]], [1e-3, 1e-3], source_nodes=[[1, 0]], source_volts=[1.0], node_names=("0", "n_1", "n_2")
         )
     )
-    expected = expect(deck, solve(deck.netlist))
+    expected = expect(deck, rg.solve(deck.netlist))
     assert inspect_deck(deck.text.encode(), expected, 1e-9) == []
     changed = deck.text.replace(".end\n", f"{line}\n.end\n").encode()
     assert message in "\n".join(inspect_deck(changed, expected, 1e-9))
@@ -199,8 +196,8 @@ def test_a_line_that_is_not_ours_is_found_without_the_hash(line: str, message: s
 def test_an_operating_point_of_another_circuit_with_as_many_nodes_is_refused() -> None:
     netlist = random_grid(3)
     other = netlist.replace(conductance=2.0 * netlist.conductance)
-    with pytest.raises(InputError, match="another netlist; solve this one first"):
-        expect(flatten(other), solve(netlist))
+    with pytest.raises(rg.InputError, match="another netlist; solve this one first"):
+        expect(flatten(other), rg.solve(netlist))
 
 
 def test_every_changed_resistor_is_found_without_the_hash(original: Path) -> None:
@@ -231,7 +228,7 @@ def test_a_hash_made_to_fit_does_not_hide_a_change(deck: Path) -> None:
     content = json.loads(sidecar.read_text())
     content["sha256"] = hashlib.sha256(deck.read_bytes()).hexdigest()
     sidecar.write_text(json.dumps(content))
-    agreement = check_deck(deck)
+    agreement = rg.check_deck(deck)
     assert not agreement.agrees
     assert any(f"node {first} " in finding and str(number + 1) in finding for finding in agreement.findings)
     assert any(finding.startswith("node ") and "ngspice finds" in finding for finding in agreement.findings)
@@ -240,14 +237,14 @@ def test_a_hash_made_to_fit_does_not_hide_a_change(deck: Path) -> None:
 def test_a_floated_node_fails_the_check_and_is_named(deck: Path) -> None:
     rows = [line for line in lines_of(deck) if not (line.startswith("r_") and "node_20" in line.split()[1:3])]
     deck.write_text("\n".join(rows).replace("i_node_20 ", "* i_node_20 "))
-    findings = check_deck(deck).findings
+    findings = rg.check_deck(deck).findings
     assert any("node node_20 has no element" in finding for finding in findings)
     assert any("absent from the simulation: node_20" in finding for finding in findings)
 
 
 def test_an_island_that_was_added_is_named(deck: Path) -> None:
     deck.write_text(deck.read_text().replace(".end", "r_x x y 1000.0\n.end"))
-    findings = "\n".join(check_deck(deck).findings)
+    findings = "\n".join(rg.check_deck(deck).findings)
     assert "names the node x, which has no expected voltage" in findings
     assert "singular" in findings
     assert "simulated but not expected: x, y" in findings
@@ -255,7 +252,7 @@ def test_an_island_that_was_added_is_named(deck: Path) -> None:
 
 def test_a_deck_with_commands_fails_without_being_run(deck: Path) -> None:
     deck.write_text(deck.read_text().replace(".end", f".control\nshell touch {deck.parent}/ran\n.endc\n.end"))
-    agreement = check_deck(deck)
+    agreement = rg.check_deck(deck)
     assert not agreement.agrees
     assert agreement.nodes == 0
     assert agreement.max_abs_error is None
@@ -264,12 +261,12 @@ def test_a_deck_with_commands_fails_without_being_run(deck: Path) -> None:
 
 
 def test_a_scene_is_compared_with_a_deck_of_its_own_and_of_another(deck: Path) -> None:
-    own = check_deck(deck, reference=dense_solution(random_grid(3)))
+    own = rg.check_deck(deck, reference=dense_solution(random_grid(3)))
     assert own.findings == ()
     assert own.reference == "scene"
     deck.with_name("grid.cir.json").unlink()
-    assert check_deck(deck, reference=dense_solution(random_grid(3))).agrees
-    other = check_deck(deck, reference=dense_solution(random_grid(4)))
+    assert rg.check_deck(deck, reference=dense_solution(random_grid(3))).agrees
+    other = rg.check_deck(deck, reference=dense_solution(random_grid(4)))
     assert not other.agrees
     assert other.worst
 
@@ -316,8 +313,8 @@ def test_a_damaged_sidecar_is_one_message(deck: Path, change: object, message: s
         sidecar.write_bytes(change)
     elif isinstance(change, dict):
         sidecar.write_text(json.dumps(content | change))
-    with pytest.raises(InputError, match=message):
-        check_deck(deck)
+    with pytest.raises(rg.InputError, match=message):
+        rg.check_deck(deck)
 
 
 def test_a_changed_voltage_in_the_sidecar_fails_the_check(deck: Path) -> None:
@@ -325,21 +322,21 @@ def test_a_changed_voltage_in_the_sidecar_fails_the_check(deck: Path) -> None:
     content = json.loads(sidecar.read_text())
     content["nodes"]["node_12"]["voltage"] += 1e-6
     sidecar.write_text(json.dumps(content))
-    agreement = check_deck(deck)
+    agreement = rg.check_deck(deck)
     assert not agreement.agrees
     assert agreement.worst[0][0] == "node_12"
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, float("nan"), 2.0])
 def test_a_tolerance_out_of_range_is_refused(deck: Path, tolerance: float) -> None:
-    with pytest.raises(InputError, match="tolerance"):
-        check_deck(deck, tolerance=tolerance)
+    with pytest.raises(rg.InputError, match="tolerance"):
+        rg.check_deck(deck, tolerance=tolerance)
 
 
 def test_a_missing_simulator_is_no_agreement(deck: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RESGRID_NGSPICE", "no-such-program")
-    with pytest.raises(ToolMissingError):
-        check_deck(deck)
+    with pytest.raises(rg.ToolMissingError):
+        rg.check_deck(deck)
 
 
 @pytest.mark.parametrize(("version", "known"), [("39", True), ("46", True), ("44.2", False), ("unknown", False)])
@@ -375,9 +372,9 @@ def test_the_supply_of_a_saturating_chip_is_what_its_sources_give(tmp_path: Path
     cell[1, 1], cell[3, 3] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     netlist = rg.compile_space(space_of(cell), rails="cells", supply=5.0)
     chip = rg.chip.build_chip(netlist, [rg.chip.effects.RailSwitches(goal_on=10.0), rg.chip.effects.Saturation(2.0)])
-    written = write_spice(rg.solve(chip), tmp_path / "chip.cir")
+    written = rg.write_spice(rg.solve(chip), tmp_path / "chip.cir")
     assert read_sidecar(written.path).supply == pytest.approx(5.0, rel=0.1)
-    assert check_deck(written.path).agrees
+    assert rg.check_deck(written.path).agrees
 
 
 def test_a_simulator_without_an_answer_verifies_nothing() -> None:
@@ -405,6 +402,6 @@ def test_a_deck_that_ngspice_does_not_run_is_not_verified(tmp_path: Path) -> Non
     deck = tmp_path / "step.cir"
     sweep = ".param p=1k\n.step param p 1k 2k 1k\n"
     deck.write_text(f"* a sweep\nV1 in 0 1\n{sweep}R1 in a {{p}}\nR2 a 0 1k\n.end\n")
-    agreement = check_deck(deck)
+    agreement = rg.check_deck(deck)
     assert not agreement.verified and agreement.agrees is not True
     assert any("wrote no raw file" in finding for finding in agreement.findings)

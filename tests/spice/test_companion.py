@@ -9,13 +9,12 @@ from support.circuits import ladder, random_grid
 from support.simulators import verdict
 
 import resgrid as rg
-from resgrid.spice.write.files import write_spice
 
 
 @pytest.fixture
 def deck(tmp_path: Path):
     netlist = random_grid(3, side=9)
-    return write_spice(rg.solve(netlist), tmp_path / "a.cir")
+    return rg.write_spice(rg.solve(netlist), tmp_path / "a.cir")
 
 
 def test_it_passes_what_was_written(deck) -> None:
@@ -53,16 +52,16 @@ def test_it_fails_without_a_deck(deck) -> None:
 
 
 def test_it_can_be_left_out(tmp_path: Path) -> None:
-    written = write_spice(ladder(), tmp_path / "a.cir", verify=False)
+    written = rg.write_spice(ladder(), tmp_path / "a.cir", verify=False)
     assert written.companion is None and not (tmp_path / "a.cir.verify").exists()
-    assert write_spice(ladder(), tmp_path / "b.cir", "xyce").companion is None
+    assert rg.write_spice(ladder(), tmp_path / "b.cir", "xyce").companion is None
 
 
 def test_it_fails_when_a_leak_hides_behind_wide_wires(tmp_path: Path) -> None:
     """Wires of 0.5 ohm could carry 3.6 A, and the load draws 40 uA: 3 nA more are to be seen."""
     pairs = [[1, 2], [2, 3], [3, 0]]
     netlist = rg.Netlist(4, pairs, [2.0, 2.0, 1 / 45e3], source_nodes=[[1, 0]], source_volts=[1.8])
-    deck = write_spice(netlist, tmp_path / "a.cir")
+    deck = rg.write_spice(netlist, tmp_path / "a.cir")
     assert verdict(deck.companion) == (0, "PASS")
     deck.path.write_text(deck.path.read_text().replace(".end", "r_leak node_1 0 6e8\n.end"))
     assert verdict(deck.companion) == (1, "FAIL")

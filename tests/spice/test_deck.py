@@ -1,3 +1,5 @@
+"""Tests internals: `resgrid.spice.run.ngspice`, `resgrid.spice.write.flat`, `resgrid.spice.write.names`."""
+
 from __future__ import annotations
 
 import json
@@ -12,17 +14,13 @@ from support.circuits import dense_solution, ladder, random_grid
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
-from resgrid.errors import CircuitError, InputError
 from resgrid.spice.run.ngspice import simulate
-from resgrid.spice.write.files import write_spice
 from resgrid.spice.write.flat import flatten, resistances
 from resgrid.spice.write.names import legal_names
 
 
 def test_names_that_ngspice_misreads_are_not_written() -> None:
-    netlist = Netlist(3, [[1, 2], [2, 0]], [1e-3, 1e-3], source_nodes=[[1, 0]], source_volts=[1.0])
+    netlist = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 1e-3], source_nodes=[[1, 0]], source_volts=[1.0])
     deck = flatten(netlist.replace(node_names=("0", "temper", "Temper")))
     assert deck.node_names == ["temper_2", "temper_3"]
     assert simulate(deck.text.encode()).voltage == pytest.approx({"temper_2": 1.0, "temper_3": 0.5})
@@ -46,7 +44,7 @@ def test_a_ladder_is_written_as_by_hand() -> None:
 
 
 def test_names_come_from_cells_and_rails() -> None:
-    netlist = compile_space(space_of([[1, 0, 2], [0, 0, 0]]), edge="open", resistance=10e3)
+    netlist = rg.compile_space(space_of([[1, 0, 2], [0, 0, 0]]), edge="open", resistance=10e3)
     lines = flatten(netlist).text.splitlines()
     assert lines[0] == "* resistor grid of 2 x 3 cells, dirichlet boundary"
     assert {"v_obstacle obstacle 0 1.0", "v_goal_0 goal_0 0 0.0"} <= set(lines)
@@ -119,7 +117,7 @@ def test_foreign_names_are_mapped_and_recorded(tmp_path: Path) -> None:
     assert deck.node_names == ["vdd_2", "vdd", "gnd_2"]
     assert deck.renamed_nodes == {"vdd_2": "VDD", "gnd_2": "gnd"}
     assert deck.renamed_elements == {"r1_2": "R1", "r_x_7": "X.7", "vsup": "Vsup", "i_feed": "feed"}
-    written = write_spice(dense_solution(netlist), tmp_path / "a.cir")
+    written = rg.write_spice(dense_solution(netlist), tmp_path / "a.cir")
     sidecar = json.loads(written.sidecar.read_text())
     assert sidecar["renamed"] == {"nodes": deck.renamed_nodes, "elements": deck.renamed_elements}
 
@@ -136,27 +134,27 @@ def test_a_title_stays_one_comment_line(title: str) -> None:
 @pytest.mark.parametrize(
     ("netlist", "error", "message"),
     [
-        (ladder().replace(source_nodes=[[1, 0], [1, 0]], source_volts=[1.0, 2.0]), CircuitError, "contradicts"),
-        (ladder().replace(node_count=9, current_nodes=[[0, 8]], current_amps=[1.0]), CircuitError, "floating part"),
-        (ladder().replace(conductance=[1e-310] * 5), InputError, "open"),
-        (Netlist(2, [], []), InputError, "no node has a path"),
+        (ladder().replace(source_nodes=[[1, 0], [1, 0]], source_volts=[1.0, 2.0]), rg.CircuitError, "contradicts"),
+        (ladder().replace(node_count=9, current_nodes=[[0, 8]], current_amps=[1.0]), rg.CircuitError, "floating part"),
+        (ladder().replace(conductance=[1e-310] * 5), rg.InputError, "open"),
+        (rg.Netlist(2, [], []), rg.InputError, "no node has a path"),
     ],
 )
-def test_a_netlist_without_a_deck_is_refused(netlist: Netlist, error: type[Exception], message: str) -> None:
+def test_a_netlist_without_a_deck_is_refused(netlist: rg.Netlist, error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         flatten(netlist)
 
 
 def test_an_unknown_dialect_is_refused_with_the_nearest_or_the_list() -> None:
-    with pytest.raises(InputError, match=r"did you mean 'ngspice'\?"):
+    with pytest.raises(rg.InputError, match=r"did you mean 'ngspice'\?"):
         flatten(ladder(), dialect="ngspize")
-    with pytest.raises(InputError, match=r"choose one of .*ngspice"):
+    with pytest.raises(rg.InputError, match=r"choose one of .*ngspice"):
         flatten(ladder(), dialect="verilog")
 
 
 def test_the_sidecar_holds_cells_voltages_and_no_nan(tmp_path: Path) -> None:
-    netlist = compile_space(space_of([[1, 0, 0, 2]]), edge="open", resistance=10e3)
-    written = write_spice(netlist, tmp_path / "a.cir", title="t")
+    netlist = rg.compile_space(space_of([[1, 0, 0, 2]]), edge="open", resistance=10e3)
+    written = rg.write_spice(netlist, tmp_path / "a.cir", title="t")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.cir", "a.cir.json", "a.cir.ngspice", "a.cir.verify"]
     sidecar = json.loads(written.sidecar.read_text(), parse_constant=pytest.fail)
     assert sidecar["schema"] == 1
@@ -166,14 +164,14 @@ def test_the_sidecar_holds_cells_voltages_and_no_nan(tmp_path: Path) -> None:
     assert sidecar["nodes"]["obstacle"] == {"cell": None, "voltage": 1.0}
     assert sidecar["sources"]["v_goal_0"] == pytest.approx(1 / 30e3)
     before = [path.read_bytes() for path in sorted(tmp_path.iterdir())]
-    write_spice(netlist, tmp_path / "a.cir", title="t")
+    rg.write_spice(netlist, tmp_path / "a.cir", title="t")
     assert [path.read_bytes() for path in sorted(tmp_path.iterdir())] == before
 
 
 @pytest.mark.parametrize("name", [".", "missing/a.cir", 'a".cir', "/dev/null"])
 def test_a_wrong_place_leaves_nothing(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match="cannot write"):
-        write_spice(dense_solution(ladder()), tmp_path / name)
+    with pytest.raises(rg.InputError, match="cannot write"):
+        rg.write_spice(dense_solution(ladder()), tmp_path / name)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,4 +1,7 @@
-"""The optional engine, through a program that keeps its protocol: Node and the package need not be there."""
+"""The optional engine, through a program that keeps its protocol: Node and the package need not be there.
+
+Tests internals: `resgrid.spice.run`, `resgrid.spice.run.eecircuit`.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,7 @@ from pathlib import Path
 import pytest
 from support.circuits import random_grid
 
-from resgrid.errors import BudgetError, InputError, ToolMissingError
-from resgrid.spice.check.deck import check_deck
+import resgrid as rg
 from resgrid.spice.run import engine_named
 from resgrid.spice.run.eecircuit import find_module, simulate_eecircuit
 
@@ -50,7 +52,7 @@ def fake_node(folder: Path, monkeypatch: pytest.MonkeyPatch, body: str = "") -> 
 
 def test_the_engine_answers_as_ngspice_does(engine: Path) -> None:
     netlist = random_grid(5)
-    agreement = check_deck(netlist, engine="eecircuit")
+    agreement = rg.check_deck(netlist, engine="eecircuit")
     assert agreement.agrees, agreement.findings
     assert (agreement.simulator, agreement.version) == ("eecircuit-engine", "45.2")
 
@@ -67,14 +69,14 @@ def test_an_engine_that_leaves_nothing_is_told_of(
     simulation = simulate_eecircuit(b"* t\nv1 a 0 1\nr1 a 0 1k\n.end\n")
     assert not simulation.voltage and "no raw file" in simulation.complaints[0]
     fake_node(tmp_path, monkeypatch, "import time; time.sleep(30)")
-    with pytest.raises(BudgetError, match="eecircuit-engine did not finish"):
+    with pytest.raises(rg.BudgetError, match="eecircuit-engine did not finish"):
         simulate_eecircuit(b"* t\nv1 a 0 1\nr1 a 0 1k\n.end\n", timeout=0.5)
 
 
 def test_decks_with_commands_are_not_run(engine: Path) -> None:
-    with pytest.raises(InputError, match="not simulated"):
+    with pytest.raises(rg.InputError, match="not simulated"):
         simulate_eecircuit(b"* t\n.control\nshell ls\n.endc\n.end\n")
-    with pytest.raises(InputError, match="model"):
+    with pytest.raises(rg.InputError, match="model"):
         simulate_eecircuit(b"* t\n.model a r\n.end\n")
     assert simulate_eecircuit(b"* t\nv1 a 0 1\nr1 a 0 1k\n.model m r(r=1)\n.op\n.end\n", direct=True).voltage == {
         "a": 1.0
@@ -83,13 +85,13 @@ def test_decks_with_commands_are_not_run(engine: Path) -> None:
 
 def test_what_is_missing_is_named(engine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RESGRID_NODE", "no-such-node")
-    with pytest.raises(ToolMissingError, match="nodejs"):
+    with pytest.raises(rg.ToolMissingError, match="nodejs"):
         simulate_eecircuit(b"* t\n")
     monkeypatch.setenv("RESGRID_EECIRCUIT", str(tmp_path))
-    with pytest.raises(ToolMissingError, match="npm install eecircuit-engine"):
+    with pytest.raises(rg.ToolMissingError, match="npm install eecircuit-engine"):
         find_module()
     (tmp_path / "package.json").write_text("[")
-    with pytest.raises(ToolMissingError):
+    with pytest.raises(rg.ToolMissingError):
         find_module()
-    with pytest.raises(InputError, match="choose one of ngspice, eecircuit"):
+    with pytest.raises(rg.InputError, match="choose one of ngspice, eecircuit"):
         engine_named("spice3")

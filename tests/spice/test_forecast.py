@@ -1,4 +1,7 @@
-"""The forecast against what was measured of ngspice 39, and against a run of whatever is installed."""
+"""The forecast against what was measured of ngspice 39, and against a run of whatever is installed.
+
+Tests internals: `resgrid.spice.run.cost_estimate`.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +9,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from resgrid.core.netlist import Netlist
-from resgrid.errors import BudgetError, InputError
-from resgrid.spice.circuit import Circuit
+import resgrid as rg
 from resgrid.spice.run.cost_estimate import core_of, forecast, require_time
 
 
-def network(pairs: NDArray[np.int64]) -> Netlist:
+def network(pairs: NDArray[np.int64]) -> rg.Netlist:
     """1 V at node 1, resistors of 1 kohm, and one from the last node to ground."""
     last = int(pairs.max())
     ends = np.concatenate([pairs, [[last, 0]]])
-    return Netlist(last + 1, ends, np.full(len(ends), 1e-3), source_nodes=[[1, 0]], source_volts=[1.0])
+    return rg.Netlist(last + 1, ends, np.full(len(ends), 1e-3), source_nodes=[[1, 0]], source_volts=[1.0])
 
 
-def box(*shape: int) -> Netlist:
+def box(*shape: int) -> rg.Netlist:
     index = 1 + np.arange(np.prod(shape)).reshape(shape)
     pairs = [
         np.stack([np.take(index, range(n - 1), axis).ravel(), np.take(index, range(1, n), axis).ravel()], axis=1)
@@ -28,13 +29,13 @@ def box(*shape: int) -> Netlist:
     return network(np.concatenate(pairs))
 
 
-def tree(size: int) -> Netlist:
+def tree(size: int) -> rg.Netlist:
     rng = np.random.default_rng(size)
     child = np.arange(2, size)
     return network(np.stack([child, [rng.integers(max(1, i - 50), i) for i in child.tolist()]], axis=1))
 
 
-def random_graph(size: int, rounds: int) -> Netlist:
+def random_graph(size: int, rounds: int) -> rg.Netlist:
     rng = np.random.default_rng(size)
     walks = [rng.permutation(np.arange(1, size)) for _ in range(rounds)]
     return network(np.concatenate([np.stack([walk, np.roll(walk, 1)], axis=1) for walk in walks]))
@@ -55,40 +56,40 @@ def random_graph(size: int, rounds: int) -> Netlist:
         (tree(40_000), 0.18),
     ],
 )
-def test_measured_times_are_foretold_within_a_factor_of_three(netlist: Netlist, seconds: float) -> None:
+def test_measured_times_are_foretold_within_a_factor_of_three(netlist: rg.Netlist, seconds: float) -> None:
     assert seconds / 3 < forecast(netlist).seconds < seconds * 3
 
 
 def test_trees_and_chains_have_no_core() -> None:
-    assert core_of(Circuit.of(tree(500))) == (0, 0.0)
-    assert core_of(Circuit.of(box(400))) == (0, 0.0)
-    assert core_of(Circuit.of(Netlist(2, [[1, 0]], [1.0]))) == (0, 0.0)
+    assert core_of(rg.spice.Circuit.of(tree(500))) == (0, 0.0)
+    assert core_of(rg.spice.Circuit.of(box(400))) == (0, 0.0)
+    assert core_of(rg.spice.Circuit.of(rg.Netlist(2, [[1, 0]], [1.0]))) == (0, 0.0)
 
 
 def test_rails_are_no_part_of_the_core() -> None:
     grid = box(30, 30)
-    size, width = core_of(Circuit.of(grid))
+    size, width = core_of(rg.spice.Circuit.of(grid))
     rail = grid.node_count
     ties = np.stack([np.full(900, rail), 1 + np.arange(900)], axis=1)
-    tied = Netlist(
+    tied = rg.Netlist(
         rail + 1,
         np.concatenate([grid.resistor_nodes, ties]),
         np.full(len(grid.conductance) + 900, 1.0),
         source_nodes=[[1, 0], [rail, 0]],
         source_volts=[1.0, 2.0],
     )
-    assert core_of(Circuit.of(tied)) == (size, pytest.approx(width))
+    assert core_of(rg.spice.Circuit.of(tied)) == (size, pytest.approx(width))
 
 
 def test_what_would_not_end_in_time_is_refused_with_advice() -> None:
     slow = forecast(box(256, 256))
     assert "min" in str(slow)
-    with pytest.raises(BudgetError, match=r"4 min.*time limit is 60 s.*--engine eecircuit"):
+    with pytest.raises(rg.BudgetError, match=r"4 min.*time limit is 60 s.*--engine eecircuit"):
         require_time(slow, 60.0)
     fast = forecast(box(256, 256), "eecircuit")
     assert 2 < fast.seconds < 15
     require_time(fast, 60.0)
-    with pytest.raises(InputError, match="there is no cost model"):
+    with pytest.raises(rg.InputError, match="there is no cost model"):
         forecast(box(4, 4), "spice3")
 
 

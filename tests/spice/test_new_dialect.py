@@ -1,4 +1,7 @@
-"""A simulator that nobody knew is one page and one line in the table: written, read, checked, asked for analyses."""
+"""A simulator that nobody knew is one page and one line in the table: written, read, checked, asked for analyses.
+
+Tests internals: `resgrid.spice.dialects`, `resgrid.spice.dialects.record`.
+"""
 
 from __future__ import annotations
 

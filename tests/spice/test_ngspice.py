@@ -1,3 +1,5 @@
+"""Tests internals: `resgrid.spice.run.ngspice`, `resgrid.spice.write.flat`."""
+
 from __future__ import annotations
 
 import os
@@ -15,7 +17,6 @@ from support.circuits import ladder
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.errors import BudgetError, InputError, ToolMissingError
 from resgrid.spice.run.ngspice import simulate
 from resgrid.spice.write.flat import flatten
 
@@ -95,13 +96,13 @@ def test_a_broken_deck_is_complained_about(deck: bytes, message: str) -> None:
 )
 def test_a_deck_with_commands_is_not_run(line: bytes) -> None:
     for direct in (False, True):
-        with pytest.raises(InputError, match=r"line [23].*is not simulated"):
+        with pytest.raises(rg.InputError, match=r"line [23].*is not simulated"):
             simulate(b"* a\n" + line + b"\n.end\n", direct=direct)
 
 
 def test_a_script_is_no_deck_and_code_models_are_not_run() -> None:
     for deck in (b"*ng_script\nshell ls\n", b"\xef\xbb\xbf.control\n", b"t\n.end\n a1 [b] [c] m\n"):
-        with pytest.raises(InputError, match="is not simulated"):
+        with pytest.raises(rg.InputError, match="is not simulated"):
             simulate(deck, direct=True)
 
 
@@ -133,7 +134,7 @@ def test_a_hanging_simulator_is_ended(tmp_path: Path, monkeypatch: pytest.Monkey
     )
     monkeypatch.setenv("RESGRID_NGSPICE", str(hang))
     for patience in (1.0, 4.0, 16.0, 64.0):  # on a busy computer it may not even begin within a second
-        with pytest.raises(BudgetError, match=f"did not finish deck within {patience:g} s"):
+        with pytest.raises(rg.BudgetError, match=f"did not finish deck within {patience:g} s"):
             simulate(FLOATING, timeout=patience)
         if pid.exists() and pid.read_text():
             break
@@ -180,7 +181,7 @@ def test_ctrl_c_ends_the_simulator(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def test_a_missing_ngspice_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("/nowhere/ngspice", "no-such-program"):
         monkeypatch.setenv("RESGRID_NGSPICE", name)
-        with pytest.raises(ToolMissingError, match=f"{name}.*apt-get install ngspice"):
+        with pytest.raises(rg.ToolMissingError, match=f"{name}.*apt-get install ngspice"):
             simulate(FLOATING)
 
 
@@ -193,5 +194,5 @@ def test_settings_of_the_user_do_not_reach_the_run(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.parametrize(("name", "says"), [("missing.cir", "no such file"), (".", "directory"), ("a\0b", "null")])
 def test_an_unreadable_deck_is_one_message(tmp_path: Path, name: str, says: str) -> None:
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(rg.InputError, match=says):
         rg.check_deck(f"{tmp_path}/{name}")

@@ -1,4 +1,7 @@
-"""What is said of ngspice is measured on it: a predicted error has the predicted size, elsewhere there is none."""
+"""What is said of ngspice is measured on it: a predicted error has the predicted size, elsewhere there is none.
+
+Tests internals: `resgrid.spice.run.ngspice`, `resgrid.spice.write.flat`.
+"""
 
 from __future__ import annotations
 
@@ -9,25 +12,22 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.circuits import random_grid
 
-from resgrid.errors import BudgetError
-from resgrid.spice.check.portability import Prediction, check_portability
-from resgrid.spice.circuit import Circuit
-from resgrid.spice.read.deck import read_spice
+import resgrid as rg
 from resgrid.spice.run.ngspice import ngspice_version, simulate
 from resgrid.spice.write.flat import flatten
 
 
-def deck_of(folder: Path, text: str) -> Circuit:
+def deck_of(folder: Path, text: str) -> rg.spice.Circuit:
     path = folder / "deck.sp"
     path.write_text(text)
-    return read_spice(path)
+    return rg.read_spice(path)
 
 
-def verdict_of(circuit: object, simulator: str = "ngspice") -> Prediction:
-    return next(v for v in check_portability(circuit) if v.simulator == simulator)  # type: ignore[arg-type]
+def verdict_of(circuit: object, simulator: str = "ngspice") -> rg.spice.Prediction:
+    return next(v for v in rg.spice.check_portability(circuit) if v.simulator == simulator)  # type: ignore[arg-type]
 
 
-def measured_error(text: str, deck: Circuit) -> float:
+def measured_error(text: str, deck: rg.spice.Circuit) -> float:
     """How far ngspice is from our solution of the same deck, in volts."""
     from resgrid.circuit.solve import solve
 
@@ -152,11 +152,11 @@ def test_a_file_that_ngspice_does_not_run_is_predicted_to_fail(tmp_path: Path, c
     path = tmp_path / "deck.cir"
     path.write_bytes(content)
     for dialect in ("ngspice", "ltspice"):  # the file is judged, not the circuit that was read
-        verdict = verdict_of(read_spice(path, dialect=dialect))
+        verdict = verdict_of(rg.read_spice(path, dialect=dialect))
         assert verdict.outcome == "fails" and reason in " ".join(verdict.reasons), verdict
     try:
         assert not simulate(content, direct=True, timeout=3.0).voltage
-    except BudgetError:
+    except rg.BudgetError:
         assert "comma" in reason  # ngspice does not come to an end
 
 
@@ -166,7 +166,7 @@ def test_a_file_that_ngspice_does_not_run_is_predicted_to_fail(tmp_path: Path, c
 def test_a_file_with_harmless_oddities_is_predicted_right(tmp_path: Path, extra: bytes) -> None:
     path = tmp_path / "deck.cir"
     path.write_bytes(LADDER % extra)
-    assert verdict_of(read_spice(path)).outcome == "right"
+    assert verdict_of(rg.read_spice(path)).outcome == "right"
     assert simulate(LADDER % extra, direct=True).voltage
 
 
@@ -212,7 +212,7 @@ def test_what_is_predicted_right_is_right(seed: int) -> None:
     import io
 
     text = flatten(netlist).text
-    deck = read_spice(io.StringIO(text))
+    deck = rg.read_spice(io.StringIO(text))
     assert verdict_of(deck).outcome == "right"
     assert measured_error(text.replace(".end", ".op\n.end"), deck) < 1e-9
 
@@ -222,7 +222,7 @@ def test_other_simulators_are_told_from_their_manuals(tmp_path: Path) -> None:
     assert verdict_of(deck, "hspice").outcome == "right"  # both are raised alike, and the part that floats is alone
     assert verdict_of(deck, "xyce").outcome == "unsure"
     assert verdict_of(deck, "spectre").outcome == "right"
-    assert all(v.basis == "documented" for v in check_portability(deck) if v.simulator != "ngspice")
+    assert all(v.basis == "documented" for v in rg.spice.check_portability(deck) if v.simulator != "ngspice")
     raised = deck_of(tmp_path, "* t\nv1 a 0 1\nr1 a b 1e-6\nr2 b 0 1\n.op\n.end\n")
     assert verdict_of(raised, "hspice").max_error == pytest.approx(9e-6, rel=1e-3)
     assert verdict_of(raised).outcome == "right"

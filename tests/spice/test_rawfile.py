@@ -1,3 +1,5 @@
+"""Tests internals: `resgrid.spice.run.rawfile`."""
+
 from __future__ import annotations
 
 import contextlib
@@ -11,8 +13,6 @@ from hypothesis import given, strategies as st
 from support.circuits import random_grid
 
 import resgrid as rg
-from resgrid.circuit.solve import solve
-from resgrid.errors import InputError
 from resgrid.spice.run.rawfile import FORMS, RawFile, format_raw, raw_of, read_rawfile
 
 HEAD = (
@@ -39,20 +39,20 @@ def test_complex_points_are_read() -> None:
 
 @given(st.integers(0, len(GOOD) - 1))
 def test_a_truncated_file_is_refused(length: int) -> None:
-    with pytest.raises(InputError):
+    with pytest.raises(rg.InputError):
         read_rawfile(GOOD[:length])
 
 
 @given(st.binary(max_size=300))
 def test_garbage_is_refused(data: bytes) -> None:
-    with pytest.raises(InputError):
+    with pytest.raises(rg.InputError):
         read_rawfile(data)
 
 
 @given(st.integers(0, len(HEAD) - 1), st.integers(0, 255))
 def test_a_damaged_header_raises_nothing_else(place: int, byte: int) -> None:
     damaged = GOOD[:place] + bytes([byte]) + GOOD[place + 1 :]
-    with contextlib.suppress(InputError):
+    with contextlib.suppress(rg.InputError):
         assert read_rawfile(damaged).values.size == 3
 
 
@@ -66,13 +66,13 @@ def test_a_damaged_header_raises_nothing_else(place: int, byte: int) -> None:
     ],
 )
 def test_the_message_says_what_is_wrong(data: bytes, message: str) -> None:
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(rg.InputError, match=message):
         read_rawfile(data)
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_ngspice_loads_what_is_written(tmp_path: Path, form: str) -> None:
-    point = solve(random_grid(3))
+    point = rg.solve(random_grid(3))
     rg.save(point, tmp_path / "x.raw", form=form, title="a  title\nof two lines")
     deck = tmp_path / "load.cir"
     words = ["load x.raw", "set numdgt=16", "print v(node_7)", "print i(v1)", "quit"]
@@ -85,7 +85,7 @@ def test_ngspice_loads_what_is_written(tmp_path: Path, form: str) -> None:
 
 
 def test_binary_files_keep_every_bit() -> None:
-    point = solve(random_grid(4))
+    point = rg.solve(random_grid(4))
     raw = read_rawfile(format_raw(raw_of(point)))
     np.testing.assert_array_equal(raw.values[0], np.concatenate([point.voltage[1:], point.source_current]))
     assert raw.names[:2] == ("v(node_1)", "v(node_2)") and raw.names[-1] == "i(v3)" and raw.kinds[-1] == "current"
@@ -104,11 +104,11 @@ def test_names_are_those_of_ngspice_and_floating_nodes_are_left_out() -> None:
         element_names={"voltage source": ("VDD", "x1.V2", "l7")},
     )
     netlist = netlist.replace(node_count=netlist.node_count + 1)
-    vectors = raw_of(solve(netlist))
+    vectors = raw_of(rg.solve(netlist))
     assert vectors.names[-3:] == ["i(vdd)", "i(v.x1.v2)", "i(l7)"]
     assert len(vectors.names) == netlist.node_count - 2 + 3
 
 
 def test_a_wrong_form_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="binary or ascii"):
-        rg.save(solve(random_grid(1)), tmp_path / "x.raw", form="hex")
+    with pytest.raises(rg.InputError, match="binary or ascii"):
+        rg.save(rg.solve(random_grid(1)), tmp_path / "x.raw", form="hex")

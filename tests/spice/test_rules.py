@@ -1,3 +1,5 @@
+"""Tests internals: `resgrid.spice.check.connectivity`."""
+
 from __future__ import annotations
 
 import io
@@ -7,27 +9,19 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.circuits import ladder, random_grid
 
-from resgrid.circuit.solve import solve
-from resgrid.core.axis import Axis
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
-from resgrid.core.space import ConfigurationSpace
-from resgrid.errors import CircuitError
+import resgrid as rg
 from resgrid.spice.check.connectivity import loop_voltages
-from resgrid.spice.check.erc import check_erc
-from resgrid.spice.circuit import Circuit
-from resgrid.spice.read.deck import read_spice
 
 BASE = ladder(3)  # nodes 0 to 4
 
 
-def with_more(**changes: object) -> Netlist:
+def with_more(**changes: object) -> rg.Netlist:
     return BASE.replace(node_count=7, **changes)
 
 
 def test_sound_circuits_pass() -> None:
-    assert check_erc(ladder()) == ()
-    assert check_erc(random_grid(0)) == ()
+    assert rg.check_erc(ladder()) == ()
+    assert rg.check_erc(random_grid(0)) == ()
 
 
 @pytest.mark.parametrize(
@@ -51,11 +45,11 @@ def test_sound_circuits_pass() -> None:
             "node_2",
         ),
         (BASE.replace(node_names=("0", "a", "A", "b", "c")), "names", "warning", "a"),
-        (Netlist(3, [[1, 2]], [1.0], source_nodes=[[1, 2]], source_volts=[1.0]), "ground", "error", "0"),
+        (rg.Netlist(3, [[1, 2]], [1.0], source_nodes=[[1, 2]], source_volts=[1.0]), "ground", "error", "0"),
     ],
 )
-def test_each_rule_finds_its_fault(netlist: Netlist, rule: str, severity: str, place: str) -> None:
-    found = {finding.rule: finding for finding in check_erc(netlist)}
+def test_each_rule_finds_its_fault(netlist: rg.Netlist, rule: str, severity: str, place: str) -> None:
+    found = {finding.rule: finding for finding in rg.check_erc(netlist)}
     assert rule in found
     assert (found[rule].severity, found[rule].place) == (severity, place)
     assert found[rule].message
@@ -63,7 +57,7 @@ def test_each_rule_finds_its_fault(netlist: Netlist, rule: str, severity: str, p
 
 
 def test_errors_come_first() -> None:
-    severities = [finding.severity for finding in check_erc(with_more(current_nodes=[[0, 5]], current_amps=[1e-6]))]
+    severities = [finding.severity for finding in rg.check_erc(with_more(current_nodes=[[0, 5]], current_amps=[1e-6]))]
     assert severities == ["error", "warning"]
 
 
@@ -71,7 +65,9 @@ SOUND = "* sound\nv1 a 0 1\nr1 a b 1k\nr2 b 0 1k\n"
 
 
 def findings_of(text: str) -> dict[tuple[str, str], str]:
-    return {(f.rule, f.severity): f.place for f in check_erc(read_spice(io.StringIO(text))) if f.rule != "reading"}
+    return {
+        (f.rule, f.severity): f.place for f in rg.check_erc(rg.read_spice(io.StringIO(text))) if f.rule != "reading"
+    }
 
 
 def test_a_sound_deck_passes() -> None:
@@ -110,14 +106,14 @@ def test_a_deck_without_ground_is_an_error() -> None:
 
 def test_islands_are_told_one_by_one_with_their_nodes() -> None:
     text = SOUND + "".join(f"rx{i} p{i} q{i} 1k\n" for i in range(12)) + ".end\n"
-    floating = [f for f in check_erc(read_spice(io.StringIO(text))) if f.rule == "floating"]
+    floating = [f for f in rg.check_erc(rg.read_spice(io.StringIO(text))) if f.rule == "floating"]
     assert len(floating) == 11
     assert floating[0].nodes == ("p0", "q0")
     assert "2 more parts, with 4 nodes" in floating[-1].message
 
 
 def test_what_the_reader_noted_is_among_the_findings() -> None:
-    found = [f for f in check_erc(read_spice(io.StringIO(SOUND + "r9 b 0 1M\n.end\n"))) if f.rule == "reading"]
+    found = [f for f in rg.check_erc(rg.read_spice(io.StringIO(SOUND + "r9 b 0 1M\n.end\n"))) if f.rule == "reading"]
     assert any("milli" in finding.message and finding.severity == "warning" for finding in found)
     assert "milli" in str(found[0])
 
@@ -137,20 +133,20 @@ def test_what_the_reader_noted_is_among_the_findings() -> None:
     ],
 )
 def test_names_that_are_misread_are_told(name: str, severity: str, word: str) -> None:
-    netlist = Netlist(
+    netlist = rg.Netlist(
         3, [[1, 2], [2, 0]], [1.0, 1.0], source_nodes=[[1, 0]], source_volts=[1.0], node_names=("0", "fine", name)
     )
-    assert any(f.rule == "names" and f.severity == severity and word in f.message for f in check_erc(netlist))
-    assert check_erc(netlist.replace(node_names=("0", "fine", "n_12_7"))) == ()
+    assert any(f.rule == "names" and f.severity == severity and word in f.message for f in rg.check_erc(netlist))
+    assert rg.check_erc(netlist.replace(node_names=("0", "fine", "n_12_7"))) == ()
 
 
 def test_places_in_a_scene_are_cells() -> None:
     cell = np.zeros((5, 3), dtype=np.uint8)
     cell[2], cell[0, 0] = 1, 2
-    space = ConfigurationSpace([Axis("x", 0, 5, 5), Axis("y", 0, 3, 3)], cell)
-    netlist = compile_space(space)
+    space = rg.ConfigurationSpace([rg.Axis("x", 0, 5, 5), rg.Axis("y", 0, 3, 3)], cell)
+    netlist = rg.compile_space(space)
     corner, middle = netlist.cells.node[3, 0], netlist.cells.node[0, 2]
-    subject = Circuit.of(netlist)
+    subject = rg.spice.Circuit.of(netlist)
     assert subject.place_of_nodes(np.array([corner])) == "cell (3, 0)"
     assert subject.place_of_nodes(np.array([corner, middle])) == "cells (3, 0), (0, 2)"
     assert subject.place_of_nodes(np.array([0])) == "0"
@@ -158,11 +154,11 @@ def test_places_in_a_scene_are_cells() -> None:
 
 @pytest.mark.parametrize(("volts", "contradicts"), [(1.0, False), (1.0 + 1e-13, False), (1.0 + 1e-10, True)])
 def test_a_loop_contradicts_itself_where_it_has_no_solution(volts: float, contradicts: bool) -> None:
-    netlist = Netlist(2, [[1, 0]], [1.0], source_nodes=[[1, 0], [1, 0]], source_volts=[1.0, volts])
-    assert any(violation.severity == "error" for violation in check_erc(netlist)) == contradicts
+    netlist = rg.Netlist(2, [[1, 0]], [1.0], source_nodes=[[1, 0], [1, 0]], source_volts=[1.0, volts])
+    assert any(violation.severity == "error" for violation in rg.check_erc(netlist)) == contradicts
     if contradicts:
-        with pytest.raises(CircuitError, match="contradicts"):
-            solve(netlist)
+        with pytest.raises(rg.CircuitError, match="contradicts"):
+            rg.solve(netlist)
 
 
 @pytest.mark.parametrize(
@@ -170,21 +166,21 @@ def test_a_loop_contradicts_itself_where_it_has_no_solution(volts: float, contra
 )
 def test_a_large_source_outside_a_loop_hides_no_contradiction(loop: list[tuple[int, int, float]]) -> None:
     sources = [(1, 0, 1e6), *loop]
-    netlist = Netlist(
+    netlist = rg.Netlist(
         4,
         [[2, 0], [3, 1], [2, 3]],
         np.ones(3),
         source_nodes=[source[:2] for source in sources],
         source_volts=[source[2] for source in sources],
     )
-    assert any(violation.severity == "error" for violation in check_erc(netlist))
-    with pytest.raises(CircuitError, match=r"contradicts the other sources by 1e-09 V"):
-        solve(netlist)
+    assert any(violation.severity == "error" for violation in rg.check_erc(netlist))
+    with pytest.raises(rg.CircuitError, match=r"contradicts the other sources by 1e-09 V"):
+        rg.solve(netlist)
 
 
 def test_a_small_loop_that_agrees_on_a_large_source_is_solved() -> None:
     sources = [(1, 0, 1e6), (2, 1, 1e-9), (3, 2, 2e-9), (3, 1, 3e-9)]
-    netlist = Netlist(
+    netlist = rg.Netlist(
         4,
         [[2, 1], [3, 0]],
         np.ones(2),
@@ -192,7 +188,7 @@ def test_a_small_loop_that_agrees_on_a_large_source_is_solved() -> None:
         source_volts=[source[2] for source in sources],
     )
     with pytest.warns(UserWarning, match="undetermined"):
-        assert solve(netlist).resistor_current[0] == 1e-9
+        assert rg.solve(netlist).resistor_current[0] == 1e-9
 
 
 @given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 7), st.integers(-3, 3)), max_size=14))

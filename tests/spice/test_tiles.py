@@ -15,7 +15,6 @@ from support.spaces import space_of, spaces
 from support.tiles import tiled
 
 import resgrid as rg
-from resgrid.spice.read.deck import read_spice
 
 ROOM = [[0, 0, 0, 0, 0], [0, 1, 1, 0, 0], [0, 0, 0, 0, 2], [0, 1, 0, 0, 0]]
 BOUNDARIES = [
@@ -119,7 +118,7 @@ def test_what_is_written_is_read_back(
         assume(False)
     folder = tmp_path_factory.mktemp("deck")
     written = rg.write_spice(wanted, folder / "a.cir", dialect, form=form, chip=chip)
-    read = read_spice(written.path, dialect=dialect).netlist()
+    read = rg.read_spice(written.path, dialect=dialect).netlist()
     found = dict(zip(read.names_of(np.arange(read.node_count)), rg.solve(read).voltage.tolist(), strict=True))
     names = wanted.netlist.names_of(np.arange(wanted.netlist.node_count))
     held = np.flatnonzero(np.isfinite(wanted.voltage))

@@ -1,1 +1,1 @@
-"""What tests of several rooms share: small spaces, circuits and decks, worlds with hidden obstacles, simulators."""
+"""Shared helpers of tests: small spaces, circuits and decks, worlds with hidden obstacles, simulators."""

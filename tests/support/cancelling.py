@@ -1,4 +1,4 @@
-"""Random circuits whose voltages and currents cancel exactly, or leave something small."""
+"""Random circuits whose voltages and currents cancel exactly or nearly."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from resgrid.core.netlist import Netlist
+import resgrid as rg
 
 Element = tuple[int, int, float]
 
@@ -20,7 +20,7 @@ _SIEMENS: list[Callable[[np.random.Generator], float]] = [
 ]
 
 
-def cancelling_circuit(seed: int, number: int) -> Netlist:
+def cancelling_circuit(seed: int, number: int) -> rg.Netlist:
     """Return a circuit of 3 to 12 nodes, the same for the same seed and number."""
     rng = np.random.default_rng([seed, number])
     nodes = int(rng.integers(3, 13))
@@ -31,7 +31,7 @@ def cancelling_circuit(seed: int, number: int) -> Netlist:
         (label[np.reshape([each[:2] for each in found], (-1, 2)).astype(np.int64)], [each[2] for each in found])
         for found in (resistors, sources, currents)
     )
-    return Netlist(nodes, ends, siemens, poles, volts, current_nodes=flow, current_amps=amps)
+    return rg.Netlist(nodes, ends, siemens, poles, volts, current_nodes=flow, current_amps=amps)
 
 
 def _some(rng: np.random.Generator, nodes: int, count: int) -> list[int]:
@@ -49,7 +49,7 @@ def _amps(rng: np.random.Generator) -> float:
 
 
 def _resistors(rng: np.random.Generator, nodes: int) -> list[Element]:
-    """Trees on islands, weak resistors between these, meshes, parallel resistors, balanced bridges."""
+    """Return trees on islands, weak resistors between islands, meshes, parallel resistors, balanced bridges."""
     siemens = _SIEMENS[int(rng.integers(len(_SIEMENS)))]
     found: list[Element] = []
     island = rng.integers(0, int(rng.integers(1, 4)) if rng.random() < 0.5 else 1, nodes)
@@ -75,7 +75,7 @@ def _resistors(rng: np.random.Generator, nodes: int) -> list[Element]:
 
 
 def _voltage_sources(rng: np.random.Generator, nodes: int) -> list[Element]:
-    """Single sources and stacks of equal ones, without loops, or one loop that agrees."""
+    """Return single sources and stacks of equal sources, without loops or with one consistent loop."""
     found: list[Element] = []
     part = list(range(nodes))
 
@@ -99,7 +99,7 @@ def _voltage_sources(rng: np.random.Generator, nodes: int) -> list[Element]:
 
 
 def _current_sources(rng: np.random.Generator, nodes: int) -> list[Element]:
-    """Single sources, opposed ones, and sources that cancel at a node or run in a circle."""
+    """Return single and opposing current sources, and sources that cancel at a node or form a loop."""
     found: list[Element] = []
     for _ in range(int(rng.integers(0, 4))):
         a, b = _some(rng, nodes, 2)

@@ -1,4 +1,4 @@
-"""Small circuits by hand, and a dense nodal analysis that shares no code with the package."""
+"""Small manual circuits, and a dense nodal analysis without code from the package."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from fractions import Fraction
 
 import numpy as np
 
-from resgrid.circuit.operating_point import BranchCurrents, OperatingPoint
-from resgrid.core.netlist import Netlist
+import resgrid as rg
+from resgrid.circuit.operating_point import BranchCurrents
 
 
-def ladder(rungs: int = 4) -> Netlist:
-    """1 V at node 1, a chain of 1 kohm down to ground with 10 uA fed into its middle."""
+def ladder(rungs: int = 4) -> rg.Netlist:
+    """Return a chain of 1 kohm from 1 V at node 1 to ground, with 10 uA injected into its middle."""
     nodes = np.arange(1, rungs + 2)
     pairs = np.stack([nodes, np.append(nodes[1:], 0)], axis=1)
-    return Netlist(
+    return rg.Netlist(
         rungs + 2,
         pairs,
         np.full(len(pairs), 1e-3),
@@ -25,8 +25,8 @@ def ladder(rungs: int = 4) -> Netlist:
     )
 
 
-def random_grid(seed: int, side: int = 6, decades: float = 2.0, drive: bool = True) -> Netlist:
-    """A square of random resistors between a rail of 1 V (node 1) and two goals of 0 V, with random currents."""
+def random_grid(seed: int, side: int = 6, decades: float = 2.0, drive: bool = True) -> rg.Netlist:
+    """Return a square of random resistors between a rail of 1 V (node 1) and two goals of 0 V, with random currents."""
     rng = np.random.default_rng(seed)
     grid = 4 + np.arange(side * side).reshape(side, side)
     rails = np.stack([np.repeat([1, 2, 3], side), grid[[0, -1, side // 2]].ravel()], axis=1)
@@ -34,7 +34,7 @@ def random_grid(seed: int, side: int = 6, decades: float = 2.0, drive: bool = Tr
     across = np.stack([grid[:, :-1].ravel(), grid[:, 1:].ravel()], axis=1)
     pairs = rng.permutation(np.concatenate([rails, down, across]))
     fed = grid[1:3].ravel() if drive else np.empty(0, dtype=np.int64)
-    return Netlist(
+    return rg.Netlist(
         int(grid.max()) + 1,
         pairs,
         1e-4 * 10.0 ** rng.uniform(-decades / 2, decades / 2, len(pairs)),
@@ -45,8 +45,8 @@ def random_grid(seed: int, side: int = 6, decades: float = 2.0, drive: bool = Tr
     )
 
 
-def dense_solution(netlist: Netlist) -> OperatingPoint:
-    """Modified nodal analysis, dense, for circuits where nothing floats."""
+def dense_solution(netlist: rg.Netlist) -> rg.OperatingPoint:
+    """Solve by dense modified nodal analysis, for circuits without floating nodes."""
     n, s = netlist.node_count, len(netlist.source_volts)
     A, b = np.zeros((n + s, n + s)), np.zeros(n + s)
     for (i, j), g in zip(netlist.resistor_nodes, netlist.conductance, strict=True):
@@ -65,7 +65,7 @@ def dense_solution(netlist: Netlist) -> OperatingPoint:
     voltage, current = x[:n], x[n:]
     first, second = voltage[netlist.resistor_nodes].T
     through = netlist.conductance * (first - second)
-    return OperatingPoint(
+    return rg.OperatingPoint(
         netlist=netlist,
         voltage=voltage,
         log_drop=None,
@@ -85,7 +85,7 @@ def dense_solution(netlist: Netlist) -> OperatingPoint:
 
 
 def eliminated(a: list[list[Fraction]], b: list[Fraction]) -> list[Fraction]:
-    """Solve a linear system, in place, by elimination in exact arithmetic without a search for pivots."""
+    """Solve a linear system in place by elimination in exact arithmetic without pivoting."""
     n = len(b)
     for k in range(n):
         for i in range(k + 1, n):
@@ -98,8 +98,8 @@ def eliminated(a: list[list[Fraction]], b: list[Fraction]) -> list[Fraction]:
     return x
 
 
-def exact_currents(netlist: Netlist) -> tuple[list[Fraction], list[Fraction]]:
-    """Voltages of all nodes, 0 where they float, and currents of all resistors, in exact arithmetic."""
+def exact_currents(netlist: rg.Netlist) -> tuple[list[Fraction], list[Fraction]]:
+    """Return the voltages of all nodes (0 if floating) and the currents of all resistors, in exact arithmetic."""
     n = netlist.node_count
     root, height = list(range(n)), [Fraction(0)] * n
     for (plus, minus), volts in zip(netlist.source_nodes.tolist(), netlist.source_volts.tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""The command line as tests call it: in this process, or as a process of its own."""
+"""Run the command line in this process or in a separate one."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ upper = [5, 5]
 [[goal]]
 cell = [3, 3]
 """
-"""A scene of 6 x 5 cells whose one wall leaves a pocket on the right."""
+"""A scene of 6 x 5 cells with one wall that encloses a region on the right."""
 
 
 def call(*words: object, piped: str | bytes | None = None) -> Result:

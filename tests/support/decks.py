@@ -1,4 +1,4 @@
-"""Random decks in the many spellings that SPICE allows; each has an operating point that ngspice finds, too."""
+"""Random decks that use many variants of SPICE syntax; ngspice finds the operating point of each deck."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from hypothesis import strategies as st
 
 import resgrid as rg
-from resgrid.spice.circuit import KINDS, Circuit
+from resgrid.spice.circuit import KINDS
 from resgrid.spice.read.deck import read_with
 
 SUFFIXES = (("", 1.0), ("k", 1e3), ("K", 1e3), ("kOhm", 1e3), ("meg", 1e6), ("Meg", 1e6), ("m", 1e-3), ("u", 1e-6))
 
 
 class _Tree:
-    """Union-find, so that sources never close a loop."""
+    """Union-find structure, so that sources never close a loop."""
 
     def __init__(self) -> None:
         self.up: dict[str, str] = {}
@@ -33,7 +33,7 @@ class _Tree:
 
 
 class DeckMaker:
-    """Writes one deck, by random choices."""
+    """Writer of one random deck."""
 
     def __init__(self, pick: random.Random) -> None:
         self.pick = pick
@@ -49,7 +49,7 @@ class DeckMaker:
         return text.upper() if self.pick.random() < 0.2 else text
 
     def value(self, ohms: float, names: tuple[str, ...] = ()) -> str:
-        """A number near the wanted one: plain, with a suffix, or as an expression."""
+        """Return a number near the given one: plain, with a suffix, or as an expression."""
         form = self.pick.randrange(6)
         if form == 0 and names:
             name = self.pick.choice(names)
@@ -89,14 +89,14 @@ class DeckMaker:
             (f"{self.name('r')} {a} {b} ", f"{self.name('R')}  {a},{b}\t", f"{self.name('r')} ({a} {b}) ")
         )
         forms = [value, value, f"R={value}", f"r = {value}"]
-        if "," not in head:  # ngspice 39 finds no model behind a comma, nor behind an expression
+        if "," not in head:  # ngspice 39 finds no model after a comma or an expression
             forms += [f"load r={value}"] + ([] if value[0] in "{'" else [f"{value} load"])
         if self.inside and "m=2" in tail:
             tail = ""
         return self.broken(head + self.pick.choice(forms) + tail)
 
     def broken(self, line: str) -> str:
-        """Sometimes continue a card on another line."""
+        """Continue a card on another line at random."""
         if self.pick.random() > 0.15 or ";" in line or "$" in line or " " not in line:
             return line
         head, tail = line.rsplit(" ", 1)
@@ -105,7 +105,7 @@ class DeckMaker:
         return f"{head}\n{self.pick.choice(('', '* between', ''))}\n{self.pick.choice(('+', '+ ', '  +  '))}{tail}"
 
     def body(self, nodes: list[str], names: tuple[str, ...], fixed: int) -> list[str]:
-        """A connected tangle of resistors over nodes, with shorts, capacitors and currents; the first are given."""
+        """Return a random connected network of resistors on nodes, with shorts, capacitors and current sources."""
         lines = [self.resistor(nodes[i], self.pick.choice(nodes[:i]), names) for i in range(1, len(nodes))]
         for _ in range(self.pick.randrange(4)):
             a, b = self.pick.sample(nodes, 2)
@@ -147,7 +147,7 @@ class DeckMaker:
         if parameters and self.pick.random() < 0.6:
             value = self.pick.choice((repr(self.pick.uniform(0, 3)), *(f"{{{own}*2}}" for own in names)))
             given = self.pick.choice((" ", " PARAMS: ")) + f"{parameters[0]}={value}"
-        # ngspice 39 hands m neither on to calls within a subcircuit nor to elements that have an m of their own
+        # ngspice 39 passes m neither to calls within a subcircuit nor to elements that have an m
         times = " m=2" if simple and self.pick.random() < 0.15 else ""
         return f"{self.name('x')} {' '.join(self.pick.choices(nodes, k=ports))} {self.flip(name)}{given}{times}"
 
@@ -197,12 +197,12 @@ def random_deck(seed: int) -> str:
 
 
 def decks() -> st.SearchStrategy[str]:
-    """Such decks, which shrink."""
+    """Return a hypothesis strategy of random decks that shrink."""
     return st.randoms(use_true_random=False).map(lambda pick: DeckMaker(pick).deck())
 
 
-def outcome(path: Path, least_bytes: int) -> Circuit | str:
-    """What comes of reading a deck, and of making a netlist of it: the deck, or the error's message."""
+def outcome(path: Path, least_bytes: int) -> rg.spice.Circuit | str:
+    """Read a deck and build its netlist; return the deck or the error message."""
     try:
         deck = read_with(path, least_bytes=least_bytes)
     except rg.ResgridError as error:
@@ -214,8 +214,8 @@ def outcome(path: Path, least_bytes: int) -> Circuit | str:
     return deck
 
 
-def same(a: Circuit | str, b: Circuit | str) -> bool:
-    """Whether two readings are the same in everything but the order of notes."""
+def same(a: rg.spice.Circuit | str, b: rg.spice.Circuit | str) -> bool:
+    """Return whether two decks are equal except for the order of their notes."""
     if isinstance(a, str) or isinstance(b, str):
         return a == b
     arrays = (

@@ -1,4 +1,4 @@
-"""A robot that the package does not know: all that one has to write."""
+"""A robot outside of the package, as an example of the complete interface."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from resgrid.robots import Pose, RigidPart, Robot
+import resgrid as rg
+from resgrid.robots import Pose, RigidPart
 
 
 @dataclass(frozen=True)
-class Dumbbell(Robot):
+class Dumbbell(rg.Robot):
     """Two discs on a massless bar, at (x, y, theta); an arc of theta is an angle of theta / (length / 2)."""
 
     length: float

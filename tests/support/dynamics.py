@@ -1,6 +1,6 @@
-"""Circuits with capacitors, their exact motion by a dense generalised eigenproblem, and ngspice runs to compare with.
+"""Circuits with capacitors, exact transients by a dense generalised eigenproblem, and reference runs of ngspice.
 
-Nothing here shares code with the package's own dynamics.
+This module shares no code with the dynamics of the package.
 """
 
 from __future__ import annotations
@@ -14,30 +14,29 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import Netlist
+import resgrid as rg
 from resgrid.spice.run.rawfile import RawFile, read_rawfile
 from support.circuits import random_grid
 from support.spaces import space_of
 
 
-def with_capacitors(netlist: Netlist, farads: float) -> Netlist:
-    """A compiled netlist with the same capacitor from every free cell to ground."""
+def with_capacitors(netlist: rg.Netlist, farads: float) -> rg.Netlist:
+    """Return a compiled netlist with equal capacitors from all free cells to ground."""
     free = netlist.cells.free_node
     pairs = np.stack([free, np.zeros_like(free)], axis=1)
     return netlist.replace(capacitor_nodes=pairs, capacitance=np.full(len(free), farads))
 
 
-def small_scene(farads: float = 1e-12, **options: object) -> Netlist:
-    """16 x 16 cells with three walls and a goal; 10 kohm and 1 pF."""
+def small_scene(farads: float = 1e-12, **options: object) -> rg.Netlist:
+    """Return 16 x 16 cells with three walls and a goal; 10 kohm and 1 pF."""
     cell = np.zeros((16, 16), dtype=np.uint8)
     cell[4:9, 7] = cell[10:12, 10:13] = cell[13, 0:4] = 1
     cell[11, 2] = 2
-    return with_capacitors(compile_space(space_of(cell), **options), farads)  # type: ignore[arg-type]
+    return with_capacitors(rg.compile_space(space_of(cell), **options), farads)  # type: ignore[arg-type]
 
 
-def random_dynamics(seed: int, side: int = 5, decades: float = 1.0) -> Netlist:
-    """A random grid with capacitors to ground, to a rail and between cells; some cells have none."""
+def random_dynamics(seed: int, side: int = 5, decades: float = 1.0) -> rg.Netlist:
+    """Return a random grid with capacitors to ground, to a rail and between cells; some cells have no capacitor."""
     netlist = random_grid(seed, side, decades)
     rng = np.random.default_rng(seed + 1)
     grid = np.arange(4, netlist.node_count)
@@ -50,9 +49,9 @@ def random_dynamics(seed: int, side: int = 5, decades: float = 1.0) -> Netlist:
 
 
 class ExactMotion:
-    """Voltages of a netlist whose voltage sources all go to ground, by eigenvectors of ``C v = mu G v``."""
+    """Exact transient of a netlist with grounded voltage sources, by eigenvectors of ``C v = mu G v``."""
 
-    def __init__(self, netlist: Netlist, before: NDArray[np.float64] | None = None) -> None:
+    def __init__(self, netlist: rg.Netlist, before: NDArray[np.float64] | None = None) -> None:
         n = netlist.node_count
         G, C, b, known = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.full(n, np.nan)
         known[0] = 0.0
@@ -87,7 +86,7 @@ class ExactMotion:
 
 
 def run_analysis(deck: str, statements: str, folder: Path) -> RawFile:
-    """Run ngspice on a deck with further statements before its end, and read the one plot it leaves."""
+    """Run ngspice on a deck with additional statements before its end, and read the single plot."""
     program = shutil.which("ngspice")
     assert program is not None
     text = re.sub(r"\n\.end\s*$", f"\n{statements}\n.end\n", deck)

@@ -1,4 +1,4 @@
-"""Executors that misbehave, and functions for the workers of real ones."""
+"""Faulty executors, and functions for the workers of real executors."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ import pytest
 
 
 class Shuffled(Executor):
-    """Finishes tasks in any order; all that goes in and out is pickled, and counted in `sizes` by task.
+    """Executor that finishes tasks in any order; arguments and results are pickled, `sizes` holds their bytes.
 
-    `remote`: its worker does not see the files of this computer.
+    `remote`: the worker has no access to the files of this computer.
     """
 
     def __init__(self, seed: int, *, remote: bool = False) -> None:
@@ -72,10 +72,10 @@ class Shuffled(Executor):
 
 @contextmanager
 def two_workers(kind: str, folder: Path) -> Iterator[Executor]:
-    """An executor whose workers are two processes; `folder` for its files."""
-    from benchmarks.executors import opened  # not in workers, which find their functions in this file
+    """Return an executor with two processes as workers; `folder`: folder of its files."""
+    from benchmarks.executors import opened  # not in workers, which import this file
 
-    with pytest.MonkeyPatch.context() as patch:  # as in an environment that is activated
+    with pytest.MonkeyPatch.context() as patch:  # as in an activated environment
         patch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
         if kind == "forkserver":
             with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("forkserver")) as executor:
@@ -87,18 +87,18 @@ def two_workers(kind: str, folder: Path) -> Iterator[Executor]:
 
 
 def sums(shared: Any, items: Sequence[int]) -> list[int]:
-    """Every item and the shared number."""
+    """Return the sum of every item and the common number."""
     return [shared["offset"] + item for item in items]
 
 
 def slow_sums(shared: Any, items: Sequence[int]) -> list[int]:
-    """As `sums`, a hundredth of a second each."""
+    """Return the sums; every item takes a hundredth of a second."""
     time.sleep(0.01 * len(items))
     return sums(shared, items)
 
 
 def dying_sums(shared: Any, items: Sequence[int]) -> list[int]:
-    """As `sums`, but the first worker that comes to item 7 dies."""
+    """Return the sums; the first worker that processes item 7 dies."""
     with contextlib.suppress(FileExistsError):
         if 7 in items:
             Path(shared["mark"]).touch(exist_ok=False)
@@ -107,19 +107,19 @@ def dying_sums(shared: Any, items: Sequence[int]) -> list[int]:
 
 
 def deadly_sums(shared: Any, items: Sequence[int]) -> list[int]:
-    """As `sums`, but every worker that comes to item 7 dies."""
+    """Return the sums; every worker that processes item 7 dies."""
     if 7 in items:
         os.kill(os.getpid(), signal.SIGKILL)
     return sums(shared, items)
 
 
 def failing_sums(shared: Any, items: Sequence[int]) -> list[int]:
-    """As `sums`, but item 7 cannot be done."""
+    """Return the sums; raise an error for item 7."""
     if 7 in items:
         raise ValueError("item 7 cannot be done")
     return sums(shared, items)
 
 
 def squared(item: int, *more: int) -> int:
-    """A function of one item."""
+    """Return the square of one item."""
     return item * item + sum(more)

@@ -1,25 +1,25 @@
-"""Modified nodal analysis in exact fractions: voltages and currents, None where the equations leave them open."""
+"""Modified nodal analysis in exact fractions; voltages and currents are None if the equations do not determine them."""
 
 from __future__ import annotations
 
 from fractions import Fraction
 from typing import NamedTuple
 
-from resgrid.core.netlist import Netlist
+import resgrid as rg
 
 Value = Fraction | None
 
 
 class ExactPoint(NamedTuple):
-    """Exact values; None where a value is not unique."""
+    """Exact values; None if a value is not unique."""
 
     voltage: list[Value]
     resistor_current: list[Value]
     source_current: list[Value]
 
 
-def solve_exactly(netlist: Netlist) -> ExactPoint | None:
-    """Solve by Gauss-Jordan elimination over voltages and source currents; None for contradictory equations."""
+def solve_exactly(netlist: rg.Netlist) -> ExactPoint | None:
+    """Solve by Gauss-Jordan elimination for voltages and source currents; return None for inconsistent equations."""
     rows, rhs = _equations(netlist)
     pivot, left = {}, set(range(len(rhs)))
     for column in range(len(rhs)):
@@ -48,8 +48,8 @@ def solve_exactly(netlist: Netlist) -> ExactPoint | None:
     return ExactPoint(values[: nodes + 1], currents, values[nodes + 1 :])
 
 
-def _equations(netlist: Netlist) -> tuple[list[dict[int, Fraction]], list[Fraction]]:
-    """Sparse rows and right-hand side; the unknowns are all voltages but that of ground, then source currents."""
+def _equations(netlist: rg.Netlist) -> tuple[list[dict[int, Fraction]], list[Fraction]]:
+    """Return sparse rows and right-hand side; the unknowns are all voltages except ground, then source currents."""
     nodes = netlist.node_count - 1
     size = nodes + len(netlist.source_volts)
     rows: list[dict[int, Fraction]] = [{} for _ in range(size)]

@@ -1,4 +1,4 @@
-"""Random actions on the live page, as mouse, finger and keys make them; seeded."""
+"""Random actions on the live page by mouse, touch and keyboard; seeded."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Action = Callable[[Page, random.Random], None]
 
 
 def _place(page: Page, rng: random.Random, selector: str) -> Box | None:
-    """Left, top, width and height of one of the controls that can be used now."""
+    """Return left, top, width and height of a random enabled control."""
     box: Box | None = page.evaluate(_PLACE, [selector, rng.random()])
     return box
 
@@ -51,7 +51,7 @@ def _inside(rng: random.Random, box: Box, beyond: float = 0.0) -> tuple[float, f
 
 
 def drag(page: Page, rng: random.Random) -> None:
-    """Press on a canvas, go over it, and let go."""
+    """Drag over a canvas."""
     box = _place(page, rng, "main canvas")
     if box is None:
         return
@@ -89,24 +89,24 @@ def touch_handle(page: Page, rng: random.Random) -> None:
 
 
 def press_button(page: Page, rng: random.Random) -> None:
-    """Press a button, a check box, or a place on a slider."""
+    """Press a button, a check box, or a position on a slider."""
     box = _place(page, rng, "button, input[type=checkbox], input[type=range], summary")
     if box is not None:
         page.mouse.click(*_inside(rng, box, -0.1))
 
 
 def choose(page: Page, rng: random.Random) -> None:
-    """Choose from a list."""
+    """Select an entry of a list."""
     page.evaluate(_CHOOSE, ["select:not(#examples)", rng.random(), rng.random()])
 
 
 def open_example(page: Page, rng: random.Random) -> None:
-    """Choose an example."""
+    """Open an example."""
     page.evaluate(_CHOOSE, ["#examples", 0.0, rng.random()])
 
 
 def write_number(page: Page, rng: random.Random) -> None:
-    """Type something where a number is expected."""
+    """Type text into a number field."""
     box = _place(page, rng, "input[type=number], dialog input")
     if box is None:
         return
@@ -117,7 +117,7 @@ def write_number(page: Page, rng: random.Random) -> None:
 
 
 def press_key(page: Page, rng: random.Random) -> None:
-    """Press keys, on the canvas or where the focus is."""
+    """Press keys on the canvas or on the focused element."""
     if rng.random() < 0.6 and not page.evaluate("Boolean(document.querySelector('dialog[open]'))"):
         page.locator("#canvas").focus()
     for _ in range(rng.randrange(1, 6)):
@@ -125,27 +125,27 @@ def press_key(page: Page, rng: random.Random) -> None:
 
 
 def hover(page: Page, rng: random.Random) -> None:
-    """Move the mouse anywhere."""
+    """Move the mouse to a random position."""
     page.mouse.move(rng.uniform(0, 1280), rng.uniform(0, 720), steps=rng.randrange(1, 4))
     if rng.random() < 0.2:
         page.mouse.wheel(rng.uniform(-300, 300), rng.uniform(-300, 300))
 
 
 def tap(page: Page, rng: random.Random) -> None:
-    """Touch anything."""
+    """Touch a random position."""
     box = _place(page, rng, "canvas, button, input, select, a")
     if box is not None:
         page.touchscreen.tap(*_inside(rng, box))
 
 
 def resize(page: Page, rng: random.Random) -> None:
-    """Another window, perhaps a phone's."""
+    """Resize the window, also to the size of a phone."""
     width, height = rng.choice(SIZES)
     page.set_viewport_size({"width": width, "height": height})
 
 
 def open_file(page: Page, rng: random.Random) -> None:
-    """Open a map, or what is none."""
+    """Open a map or an invalid file."""
     nx, ny = rng.choice([(1, 1), (1, 9), (5, 4), (64, 48), (200, 150)])
     rows = "\n".join("".join(rng.choices(".@", [4, 1], k=nx)) for _ in range(ny))
     files: list[tuple[str, bytes]] = [
@@ -186,13 +186,13 @@ WEIGHTS: dict[Action, int] = {
 
 
 def act(page: Page, rng: random.Random, count: int) -> None:
-    """Do some random actions."""
+    """Perform random actions."""
     for action in rng.choices(list(WEIGHTS), list(WEIGHTS.values()), k=count):
         action(page, rng)
 
 
 def rest(page: Page, first: Any) -> None:
-    """Bring the page back to a scene, as if nothing had been done."""
+    """Reset the page to a scene."""
     page.set_viewport_size({"width": 1280, "height": 720})
     page.mouse.up()
     page.evaluate(

@@ -1,4 +1,4 @@
-"""What a Xyce and a Spectre deck may consist of: the statements used, one pattern a line, where the manuals give them.
+"""Grammar of Xyce and Spectre decks: one pattern per statement, with the chapter of the manual.
 
 Xyce Reference Guide, chapter "Netlist Reference": "Netlist Commands" (.PARAM, .SUBCKT, .INCLUDE, .DC, .TRAN, .NOISE,
 .STEP, .SAMPLING, .OPTIONS, .PRINT, .MEASURE) and "Devices" (resistor, capacitor, independent voltage and current
@@ -74,6 +74,6 @@ GRAMMARS = {"xyce": XYCE, "spectre": SPECTRE}
 
 
 def strangers(text: str, dialect: str) -> list[str]:
-    """Lines that no statement of the dialect matches."""
+    """Return the lines that match no statement of the dialect."""
     pattern = re.compile("|".join(f"(?:{rule})" for rule in GRAMMARS[dialect].values()))
     return [line for line in text.splitlines() if not pattern.fullmatch(line)]

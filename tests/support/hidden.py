@@ -1,4 +1,4 @@
-"""Small set-ups for the tests of control."""
+"""Small worlds for the tests of control."""
 
 from __future__ import annotations
 
@@ -6,38 +6,36 @@ from typing import Any
 
 import numpy as np
 
-from resgrid.control.controller import Controller, make_controller
+import resgrid as rg
 from resgrid.control.plant import make_plant
-from resgrid.control.simulation import Simulation
-from resgrid.core.axis import Axis
-from resgrid.core.space import Cell, ConfigurationSpace
-from resgrid.core.wiring import Wiring
 from resgrid.planning.pipeline import solve_field
-from resgrid.robots import DiscRobot, Robot, Shape
+from resgrid.robots import Shape
 
 
-def square(cells: int = 16, size: float = 8.0, goal: tuple[int, int] = (8, 1)) -> ConfigurationSpace:
-    """An empty square with one goal cell."""
+def square(cells: int = 16, size: float = 8.0, goal: tuple[int, int] = (8, 1)) -> rg.ConfigurationSpace:
+    """Return an empty square with one goal cell."""
     cell = np.zeros((cells, cells), dtype=np.uint8)
-    cell[goal] = Cell.GOAL
-    return ConfigurationSpace([Axis("x", 0, size, cells), Axis("y", 0, size, cells)], cell)
+    cell[goal] = rg.Cell.GOAL
+    return rg.ConfigurationSpace([rg.Axis("x", 0, size, cells), rg.Axis("y", 0, size, cells)], cell)
 
 
-def controlled(space: ConfigurationSpace, k: float = 0.98, **options: Any) -> Controller:
-    """The controller of a blend on a space."""
-    return make_controller(solve_field(space, Wiring(), k), **options)
+def controlled(space: rg.ConfigurationSpace, k: float = 0.98, **options: Any) -> rg.control.Controller:
+    """Return the controller of a blend on a space."""
+    return rg.control.make_controller(solve_field(space, rg.Wiring(), k), **options)
 
 
-def hiding(hidden: list[Shape], *, robot: Robot | None = None, k: float = 0.98, **options: object) -> Simulation:
-    """A disc in that square, with obstacles that its map does not show."""
+def hiding(
+    hidden: list[Shape], *, robot: rg.Robot | None = None, k: float = 0.98, **options: object
+) -> rg.control.Simulation:
+    """Return a simulation of a disc in the square, with obstacles that are not on its map."""
     space = square()
     response = str(options.pop("response", "equipotential"))
-    plant = make_plant(robot or DiscRobot(0.2), space.axes, [], hidden)
-    return Simulation(controlled(space, k, response=response), plant, **options)  # type: ignore[arg-type]
+    plant = make_plant(robot or rg.DiscRobot(0.2), space.axes, [], hidden)
+    return rg.control.Simulation(controlled(space, k, response=response), plant, **options)  # type: ignore[arg-type]
 
 
 def hidden_room(*, k: str = "[0.98]", radius: float = 0.0, left: float = 2.5, right: float = 6.2) -> str:
-    """A scene's file: a robot above a wall that its map does not show, and a goal below."""
+    """Return the text of a scene: a robot above a wall that is not on its map, and a goal below."""
     return f"""schema = 1
 title = "Room"
 starts = [[4.2, 7.2]]

@@ -1,4 +1,4 @@
-"""Levels of multigrid as dense matrices."""
+"""Multigrid levels as dense matrices."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from resgrid.solvers.multigrid.hierarchy import GridProblem, Hierarchy
 
 
 def matrix_of(level: Level) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The dense nodal matrix of a level over its nodes, red ones first, and their slots."""
+    """Return the dense nodal matrix of a level, red nodes first, and the slots of its nodes."""
     graph, number = to_graph(level)
     matrix = np.zeros((graph.size, graph.size))
     row = np.repeat(np.arange(graph.size), np.diff(graph.indptr))
@@ -20,7 +20,7 @@ def matrix_of(level: Level) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 
 def cells_of(level: Level) -> NDArray[np.int64]:
-    """Indices of the cells of a level's nodes, in the order of its graph, shape (nodes, ndim)."""
+    """Return the cell indices of a level's nodes in the order of its graph, shape (nodes, ndim)."""
     lattice = level.lattice
     used = np.flatnonzero(level.degree.ravel())
     parts = []
@@ -34,7 +34,7 @@ def cells_of(level: Level) -> NDArray[np.int64]:
 
 
 def preconditioned(hierarchy: Hierarchy, r: NDArray[np.float32]) -> NDArray[np.float64]:
-    """A residual of the finest level, preconditioned by a cycle that is linear: without the steps of the K-cycle."""
+    """Apply a linear cycle (without the Krylov steps of the K-cycle) to a residual of the finest level."""
     assert hierarchy.grid is not None
     problem, z = GridProblem(hierarchy.grid, hierarchy.levels, *np.zeros((2, 2, len(r)))), np.empty_like(r)
     problem.vectors.r[:], problem.vectors.before[:] = r, hierarchy.grid.stencil.black_inverse * r

@@ -1,4 +1,4 @@
-"""The live page as tests use it: over its socket, and in a browser."""
+"""Access to the live page by its socket and by a browser."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ OPTIONS = [
     "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
 ]  # fmt: skip
 PATIENCE = 300.0
-"""Seconds within which a page answers, also while its loops are being compiled."""
+"""Time limit for an answer in seconds, including the compilation of kernels."""
 
 Answer = tuple[dict[str, Any], bytes]
 
 
 def browser_program() -> str:
-    """The system's browser."""
+    """Return the browser of the system."""
     names = [os.environ["RESGRID_CHROMIUM"]] if "RESGRID_CHROMIUM" in os.environ else BROWSERS
     found = next(filter(None, map(shutil.which, names)), None)
     assert found, "there is no Chromium; type: scripts/install_chromium.sh"
@@ -36,39 +36,39 @@ def browser_program() -> str:
 
 
 def dial(page: LivePage, **options: Any) -> ClientConnection:
-    """A connection as the page itself opens it, or with other headers."""
+    """Open a connection with the headers of the page, or with other headers."""
     url = page.url.rstrip("/")
     options = {"origin": url, "max_size": None, "open_timeout": PATIENCE, "proxy": None} | options
     return connect(url.replace("http", "ws", 1) + "/ws", **options)
 
 
 def read(message: str | bytes) -> Answer:
-    """Head and body of a message."""
+    """Return head and body of a message."""
     assert isinstance(message, bytes)
     size = int.from_bytes(message[:4], "little")
     return json.loads(message[4 : 4 + size]), message[4 + size :]
 
 
 def written(head: dict[str, Any], body: bytes = b"") -> bytes:
-    """A message as the page writes it."""
+    """Return a message in the format of the page."""
     text = json.dumps(head).encode()
     return len(text).to_bytes(4, "little") + text + body
 
 
 def ask(socket: ClientConnection, head: dict[str, Any], body: bytes = b"") -> Answer:
-    """The answer to a request."""
+    """Return the answer to a request."""
     socket.send(written({"seq": 1, **head}, body))
     return read(socket.recv(timeout=PATIENCE))
 
 
 def about(kind: str, drawing: Drawing, **more: Any) -> tuple[dict[str, Any], bytes]:
-    """A request about a drawing."""
+    """Return a request for a drawing."""
     head, body = write_drawing(drawing)
     return {"type": kind, "drawing": head["drawing"], **more}, body
 
 
 def until(page: Page, condition: str) -> None:
-    """Wait until something is true on a page."""
+    """Wait until a condition is true on a page."""
     end = time.monotonic() + PATIENCE
     while not page.evaluate(f"Boolean({condition})"):
         assert time.monotonic() < end, f"{condition} did not come true: {page.inner_text('#quality')}"
@@ -76,32 +76,32 @@ def until(page: Page, condition: str) -> None:
 
 
 def settle(page: Page) -> None:
-    """Wait until what is drawn has been solved and certified."""
+    """Wait until the drawing has been solved and certified."""
     until(page, "live.model.scene && live.solved === live.model.scene && live.frames.at(-1).exact")
 
 
 def lines(page: Page) -> list[np.ndarray]:
-    """The paths that a page shows, in cells, each (n, 2)."""
+    """Return the paths on a page in cells, each (n, 2)."""
     shown = page.evaluate("live.view.frame.lines.map((line) => Array.from(line))")
     return [np.reshape(line, (-1, 2)) for line in shown]
 
 
 def kept(page: Page) -> str:
-    """The scene on a page, as text."""
+    """Return the scene on a page as text."""
     text = page.evaluate("import('/static/model.js').then((model) => model.keepScene(live.model.scene))")
     assert isinstance(text, str)
     return text
 
 
 def link_of(page: Page) -> str:
-    """The link to the scene on a page."""
+    """Return the link to the scene on a page."""
     link = page.evaluate("import('/static/files.js').then((files) => files.linkOf(live.wire, live.model.scene))")
     assert isinstance(link, str)
     return link
 
 
 def point_on(page: Page, cell: tuple[float, float]) -> tuple[float, float]:
-    """Where a point in cells is on the screen."""
+    """Return the screen position of a point in cells."""
     script = """([i, j]) => {
         const around = live.view.canvas.getBoundingClientRect(), ratio = live.view.canvas.width / around.width;
         const [x, y] = live.view.toPixels([i, j]);
@@ -112,7 +112,7 @@ def point_on(page: Page, cell: tuple[float, float]) -> tuple[float, float]:
 
 
 def drag(page: Page, cells: list[tuple[int, int]]) -> None:
-    """Press the mouse on the first cell, go over the others, and let go."""
+    """Drag the mouse from the first cell over the others."""
     places = [point_on(page, (i + 0.5, j + 0.5)) for i, j in cells]
     page.mouse.move(*places[0])
     page.mouse.down()

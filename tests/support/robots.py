@@ -1,8 +1,8 @@
-"""Robots that several tests move."""
+"""Robots for several tests."""
 
 from __future__ import annotations
 
-from resgrid.robots import PolygonRobot
+import resgrid as rg
 
-BAR = PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.5, 0.1)), turning_length=0.5)
-"""A bar of 1 m x 0.2 m that turns about its middle."""
+BAR = rg.PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.5, 0.1)), turning_length=0.5)
+"""A bar of 1 m x 0.2 m that rotates about its centre."""

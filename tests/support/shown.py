@@ -1,4 +1,4 @@
-"""Command lines that pages, docstrings and help show, with the cells that make their inputs."""
+"""Command lines in pages, docstrings and help texts, with the code cells that create their inputs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pathlib import Path
 
 import click
 
-from resgrid.cli.entry import VERBS, main
+from resgrid.cli.entry import SUBCOMMANDS, main
 
 PROJECT = Path(__file__).resolve().parents[2]
 
@@ -39,13 +39,13 @@ class Piece:
 def is_command(text: str) -> bool:
     """Return whether a text begins with a command of resgrid."""
     found = _COMMAND.match(text)
-    return found is not None and found["verb"] in VERBS
+    return found is not None and found["verb"] in SUBCOMMANDS
 
 
 def runs_resgrid(line: str) -> bool:
     """Return whether a line of a shell runs resgrid, maybe by another program such as mpiexec."""
     found = re.match(r"(?!echo|printf)(?:\S+ )*?resgrid (?P<verb>[a-z]+)\b", line.strip())
-    return found is not None and found["verb"] in VERBS
+    return found is not None and found["verb"] in SUBCOMMANDS
 
 
 def pieces_of_markdown(text: str, place: str) -> Iterator[Piece]:

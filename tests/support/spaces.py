@@ -1,4 +1,4 @@
-"""Small spaces for tests: random ones, corridors and mazes made here, and readers of nothing."""
+"""Small spaces for tests: random spaces, corridors and mazes."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from resgrid.core.axis import Axis
-from resgrid.core.space import ConfigurationSpace
+import resgrid as rg
 
 
 def space_of(
@@ -16,17 +15,19 @@ def space_of(
     periodic: tuple[bool, ...] | None = None,
     spacing: tuple[float, ...] | None = None,
     conductivity: ArrayLike | None = None,
-) -> ConfigurationSpace:
-    """A space with the given cells, its lower corner at the origin."""
+) -> rg.ConfigurationSpace:
+    """Return a space with the given cells and its lower corner at the origin."""
     code = np.asarray(cell, dtype=np.uint8)
     ring = periodic or (False,) * code.ndim
     width = spacing or (1.0,) * code.ndim
-    axes = [Axis("xyzw"[a], 0.0, n * h, n, p) for a, (n, h, p) in enumerate(zip(code.shape, width, ring, strict=True))]
-    return ConfigurationSpace(axes, code, conductivity)
+    axes = [
+        rg.Axis("xyzw"[a], 0.0, n * h, n, p) for a, (n, h, p) in enumerate(zip(code.shape, width, ring, strict=True))
+    ]
+    return rg.ConfigurationSpace(axes, code, conductivity)
 
 
 def serpentine(legs: int, leg: int, width: int) -> np.ndarray:
-    """Cells of a corridor folded into legs, the goal at its first end."""
+    """Return the cells of a serpentine corridor with the goal at its first end."""
     cell = np.ones((legs * (width + 1) + 1, leg + 2), dtype=np.uint8)
     for k in range(legs):
         first = k * (width + 1) + 1
@@ -41,8 +42,8 @@ def serpentine(legs: int, leg: int, width: int) -> np.ndarray:
 @st.composite
 def spaces(
     draw: st.DrawFn, max_cells: int = 9, conductive: bool = True, dimensions: tuple[int, int] = (1, 4)
-) -> ConfigurationSpace:
-    """Random spaces of one to four dimensions, or as given, with at least one goal cell and one free cell."""
+) -> rg.ConfigurationSpace:
+    """Draw a random space of one to four dimensions (or as given) with at least one goal cell and one free cell."""
     ndim = draw(st.integers(*dimensions))
     limit = {1: 30, 2: max_cells, 3: 5, 4: 3}[ndim]
     shape = tuple(draw(st.integers(2, limit)) for _ in range(ndim))

@@ -1,4 +1,4 @@
-"""Chips whose tiles have switches."""
+"""Chips with switches in their tiles."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from resgrid.spice.write.tiles import with_tile_switches
 
 
 def tiled(space: rg.ConfigurationSpace, chip: rg.Chip | None = None, **options: object) -> tuple[rg.Netlist, rg.Chip]:
-    """The netlist of a space as tiles have it, and the chip that it is of; its drive is not scaled."""
+    """Return the netlist of a space in the form of tiles, and its chip; the drive is not scaled."""
     boundary = str(options.get("boundary", "dirichlet"))
     wall = options.get("wall_resistance")
     supply = options.get("supply", 1.0)

@@ -1,15 +1,14 @@
-"""What a field shows, against the verdict of connectivity."""
+"""Comparison of a field with the connectivity of its space."""
 
 import numpy as np
 
-from resgrid.core.space import Cell
-from resgrid.planning.fields import Field
+import resgrid as rg
 
 
-def check_verdicts(field: Field) -> None:
-    """Where no chain of free cells leads to a goal nothing arrives and nothing flows; elsewhere something does."""
+def check_verdicts(field: rg.Field) -> None:
+    """Check that only free cells connected to a goal carry current, and that the field has values in all of these."""
     space = field.space
-    free = space.cell == Cell.FREE
+    free = space.cell == rg.Cell.FREE
     if field.log_drop is not None:
         arrives = ~(np.isneginf(field.log_drop) | np.isnan(field.log_drop))
         wrong = free & (arrives != space.goal_connected)

@@ -29,7 +29,7 @@ class Gradient(Effect):
 
     KEYS = {"shares": "gradient"}
 
-    shares: Annotated[tuple[Annotated[float, Quantity("", share=True)], ...], Len(1, 4), Listed()]
+    shares: Annotated[tuple[Annotated[float, Quantity("", is_fraction=True)], ...], Len(1, 4), Listed()]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -68,7 +68,7 @@ class Mismatch(Effect):
     metres or `sheet_resistance` ``Rs`` in ohms per square, for ``L = R W / Rs``.  `seed`: seed of the chip.
     """
 
-    sigma: Annotated[float, Ge(0), Lt(1), Quantity("", share=True)] | None = None
+    sigma: Annotated[float, Ge(0), Lt(1), Quantity("", is_fraction=True)] | None = None
     pelgrom: Annotated[float, Ge(0), Quantity("% µm")] | None = None
     width: Metres | None = None
     length: Metres | None = None

@@ -11,7 +11,7 @@ const ZIGZAG = new Path2D("M0 0H.28L.317-.09L.39.09L.463-.09L.537.09L.61-.09L.68
 const FED = new Path2D("M0 0L-.22-.22M-.022-.022L-.11-.044M-.022-.022L-.044-.11");
 const SUPPLY = new Path2D("M7 0V7A7 7 0 0 1 7 21A7 7 0 0 1 7 7M7 21V28M0 28H14M2.5 31H11.5M5 34H9M4.5 11.5H9.5M7 9V14");
 
-/** A number with a prefix. @param {number} value @param {string} unit @param {number} [digits] */
+/** Return a value with an SI prefix and its unit. @param {number} value @param {string} unit @param {number} [digits] */
 export function engineering(value, unit, digits = 4) {
   if (!Number.isFinite(value)) return "–";
   if (value === 0) return `0 ${unit}`;
@@ -20,7 +20,7 @@ export function engineering(value, unit, digits = 4) {
   return `${Number((value / 10 ** power).toPrecision(digits))} ${"yzafpnµm kMG"[power / 3 + 8].trim()}${unit}`;
 }
 
-/** Where the ends of a resistor are, in cells: rails lie at the border of their cells.
+/** Return the ends of a resistor in cells; rails lie at the border of their cells.
  * @param {Scene} scene @param {number[]} resistor @param {(cell: number[]) => boolean} isRail */
 function ends(scene, [axis, i, j], isRail) {
   return [-1, 1].map((side) => {
@@ -61,11 +61,11 @@ export function paintCircuit(view, circuit, ink) {
   }
 }
 
-/** Rails and what they give, as symbols beside the grid. @param {View} view @param {Circuit} circuit
+/** Draw the supplies of the rails with voltage and current next to the grid. @param {View} view @param {Circuit} circuit
  * @param {ReturnType<typeof import("./pictures.js").inks>} ink @param {{goal: string, start: string}} colours */
 export function paintSupplies(view, circuit, ink, colours) {
   const { context, ratio } = view, { supplies, fed } = circuit, values = valuesOf(circuit), [x, y] = view.toPixels(sizeOf(/** @type {Scene} */ (view.scene)));
-  const notes = [values.length === 1 ? `R = ${engineering(values[0], "Ω", 3)}` : "R as written"];
+  const notes = [values.length === 1 ? `R = ${engineering(values[0], "Ω", 3)}` : "R: see symbols"];
   if (fed !== null) notes.push(`↗ ${engineering(fed, "A", 3)} each`);
   const say = (/** @type {string} */ text, /** @type {number} */ left, /** @type {number} */ top) => (
     view.write(text, x + left * ratio, y + top * ratio, ink.text, "left", 10));
@@ -79,12 +79,12 @@ export function paintSupplies(view, circuit, ink, colours) {
     context.fillStyle = rail.startsWith("goal") ? colours.goal : rail === "start" ? colours.start : ink.edge;
     context.fillRect(-1.5, -1.5, 17, 3);
     context.resetTransform();
-    const lines = [rail, engineering(volts, "V", 3), `${amperes < 0 ? "takes" : "gives"} ${engineering(Math.abs(amperes), "A", 3)}`];
+    const lines = [rail, engineering(volts, "V", 3), `${amperes < 0 ? "sinks" : "sources"} ${engineering(Math.abs(amperes), "A", 3)}`];
     lines.forEach((text, row) => say(text, 34, top + 6 + 11 * row));
   });
 }
 
-/** What is known of a resistor, as rows. @param {number[]} resistor @returns {[string, string][]} */
+/** Return the properties of a resistor, as rows. @param {number[]} resistor @returns {[string, string][]} */
 export function resistorRows([axis, i, j, ohms, volts, amperes]) {
   const way = amperes === 0 ? "" : [["to the left", "to the right"], ["downwards", "upwards"]][axis][amperes > 0 ? 1 : 0];
   return [
@@ -93,7 +93,7 @@ export function resistorRows([axis, i, j, ohms, volts, amperes]) {
   ];
 }
 
-/** The resistor under a point in cells. @param {Circuit} circuit @param {number[]} face that is nearest @param {number[]} point */
+/** Return the resistor under a point in cells. @param {Circuit} circuit @param {number[]} face that is nearest @param {number[]} point */
 export function resistorAt(circuit, [i, j, axis], point) {
   const off = [point[axis] - [i, j][axis], point[1 - axis] - [i, j][1 - axis] - 0.5];
   if (Math.abs(off[0]) > 0.25 || Math.abs(off[1]) > 0.2) return undefined;

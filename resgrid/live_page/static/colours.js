@@ -1,4 +1,4 @@
-// Colours that the page shares with the pictures of rg.draw: Python has the only table, and sends it with its greeting.
+// Colours of heights and goals, equal to those of rg.draw: the server sends them in its first message.
 
 /** @typedef {{height: string[], goal: string}} Table colours of a height from the goal upwards, and of the goal */
 

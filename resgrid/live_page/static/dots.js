@@ -1,5 +1,5 @@
-// Dots that the current carries. Within a cell the velocity is linear between its faces, as streamlines are; dots show
-// where the current runs, the engine alone says where a path goes.
+// Dots that move with the current. Within a cell, the velocity is linear between opposite faces, as for streamlines.
+// Dots only illustrate the current; paths are computed by the server.
 
 const LIFE_S = [1.5, 4.5];
 

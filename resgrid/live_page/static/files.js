@@ -1,4 +1,4 @@
-// Opening, saving and links.
+// Dialogs for opening, saving and links.
 
 import { choicesOf, make } from "./layout.js";
 import { base64, bytesIn, centreOf } from "./model.js";
@@ -9,12 +9,12 @@ import { base64, bytesIn, centreOf } from "./model.js";
 
 const LONG_LINK = 8192;
 const CHOICES = [
-  ["toml", "Scene", "TOML, for resgrid run and you"],
-  ["png", "Picture", "PNG, as it is on the screen"],
-  ["svg", "Drawing", "SVG, as rg.draw draws it"],
+  ["toml", "Scene", "TOML, for resgrid run"],
+  ["png", "Picture", "PNG of the screen"],
+  ["svg", "Drawing", "SVG, drawn by rg.draw"],
   ["circuit", "Circuit", "SVG, up to 10 × 10 cells"],
   ["csv", "Paths", "CSV, certified, world coordinates"],
-  ["deck", "SPICE deck", "with its sidecar and check, zipped"],
+  ["deck", "SPICE deck", "ZIP, with expected voltages"],
 ];
 
 /** @param {string} name @param {Blob} content */
@@ -24,7 +24,7 @@ function download(name, content) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
 }
 
-/** A square of empty cells in place of a scene, or the scene emptied. @param {Scene} scene @param {number | null} cells @returns {Partial<Scene>} */
+/** Return an empty square grid, or the scene without obstacles. @param {Scene} scene @param {number | null} cells @returns {Partial<Scene>} */
 function emptied(scene, cells) {
   const square = (/** @type {string} */ name) => ({ name, lower: 0, upper: Number(cells), cells: Number(cells), periodic: false, unit: "cell" });
   const axes = cells ? [square("x"), square("y")] : scene.axes, edge = cells ? ["obstacle", "obstacle"] : scene.edge;
@@ -40,8 +40,8 @@ export function openNew({ open }, model) {
     model.replace(emptied(/** @type {Scene} */ (model.scene), cells));
   };
   const dialog = open("saving", "An empty grid", choicesOf([
-    ["As it is", "this grid without what is drawn", begin(null)],
-    ["10 × 10", "its circuit is drawn", begin(10)],
+    ["Same size", "this grid without obstacles", begin(null)],
+    ["10 × 10", "with its circuit", begin(10)],
     ...[32, 64, 96, 128, 192, 256].map((n) => /** @type {[string, string, () => void]} */ ([`${n} × ${n}`, `${n * n} nodes`, begin(n)])),
   ]));
 }
@@ -57,14 +57,14 @@ export function openSaving({ open, canvas }, wire, scene, complain) {
   const dialog = open("saving", "Save", choicesOf(CHOICES.map(([format, label, about]) => [label, about, () => save(format).catch(complain)])));
 }
 
-/** The link that holds a scene. @param {Wire} wire @param {Scene} scene @param {string} [address] of a page */
+/** Return a link that contains a scene. @param {Wire} wire @param {Scene} scene @param {string} [address] of a page */
 export async function linkOf(wire, scene, address = `${location.origin}${location.pathname}`) {
   const [, content] = await wire.ask({ type: "save", format: "json" }, scene);
   const code = base64(await through(new CompressionStream("deflate"), content));
   return `${address}#s=${code.replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "")}`;
 }
 
-/** The document in a link's fragment; null if there is none. @param {string} fragment */
+/** Return the document in a link's fragment; null without a document. @param {string} fragment */
 export async function documentIn(fragment) {
   const code = new URLSearchParams(fragment.replace(/^#/, "")).get("s");
   if (!code) return null;
@@ -81,19 +81,19 @@ async function through(stream, bytes) {
 /** @param {Parts} parts @param {Wire} wire @param {Scene} scene @param {string} address */
 export async function openLinking({ open }, wire, scene, address) {
   const link = await linkOf(wire, scene, address), field = make("input", { id: "link", readOnly: true, value: link });
-  const long = link.length > LONG_LINK ? " That is long for a link: a saved scene travels better." : "";
-  const about = `${(link.length / 1024).toFixed(1)} kB; it is never sent to a server. 'resgrid run LINK' takes it, too.${long}`;
+  const long = link.length > LONG_LINK ? " This is long for a link; consider saving the scene instead." : "";
+  const about = `${(link.length / 1024).toFixed(1)} kB; the scene in it is never sent to a server. 'resgrid run LINK' also accepts it.${long}`;
   const copy = make("button", { textContent: "Copy" });
   copy.addEventListener("click", async () => {
     field.select();
     await navigator.clipboard?.writeText(link).catch(() => document.execCommand("copy"));
     copy.textContent = "Copied";
   });
-  open("linking", "A link that holds the whole scene", make("div", {}, field, make("p", { className: "note", textContent: about })), copy);
+  open("linking", "A link that contains the scene", make("div", {}, field, make("p", { className: "note", textContent: about })), copy);
   field.select();
 }
 
-/** Files as the server takes them. @param {File[]} files */
+/** Return names and contents of files in the form of a request. @param {File[]} files */
 export const contentsOf = (files) => Promise.all(files.map(async (file) => ({
   name: file.name, data: base64(new Uint8Array(await file.arrayBuffer())),
 })));

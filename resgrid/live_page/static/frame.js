@@ -1,4 +1,4 @@
-// A frame as the server sends it.
+// Frames: solutions of a drawing, as received from the server.
 
 /**
  * @typedef {{outcome: string | null, points: number, goal?: number, cells?: number, length?: number,
@@ -8,10 +8,10 @@
  * @typedef {object} Frame
  * @property {boolean} exact
  * @property {Path[]} paths
- * @property {Float32Array[]} lines x, y, x, y ... in cells, of every path
+ * @property {Float32Array[]} lines points x, y, x, y ... of every path, in cells
  * @property {Uint16Array} picture
  * @property {{kind: "decades" | "height", low: number, high: number}} scale
- * @property {Int8Array} currents through the lower and upper face across each axis, of every cell
+ * @property {Int8Array} currents of every cell through the lower and upper face across each axis
  * @property {Uint8Array} speed
  * @property {number} nx
  * @property {number} ny
@@ -19,13 +19,13 @@
  * @property {string[]} methods
  * @property {number} cut_off
  * @property {string[]} flat
- * @property {Circuit | null} [circuit] of a small grid
- * @property {number[][][][]} poses of an arm along every path
+ * @property {Circuit | null} [circuit] for small grids
+ * @property {number[][][][]} poses of the arm along every path
  */
 
 export const NOTHING = 65535;
 
-/** Lines one after another. @param {Uint8Array} body @param {number[]} counts of their points */
+/** Return the lines in a body. @param {Uint8Array} body @param {number[]} counts number of points of each line */
 export function readLines({ buffer, byteOffset }, counts) {
   let at = byteOffset;
   return counts.map((points) => {

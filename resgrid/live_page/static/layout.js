@@ -1,4 +1,4 @@
-// What a page consists of, and its parts by their names: a notebook may show several pages.
+// The HTML of a page, and access to its elements by id within the page: a notebook may show several pages.
 
 export const HTML = `
 <header>
@@ -7,12 +7,12 @@ export const HTML = `
   <span class="buttons">
     <button id="undo" title="Undo (Ctrl+Z)" aria-label="Undo">&#8630;</button>
     <button id="redo" title="Redo (Ctrl+Shift+Z)" aria-label="Redo">&#8631;</button>
-    <button id="new" title="An empty grid of some size">New</button>
-    <button id="open" title="A scene or a map; or drop files on the page">Open</button>
-    <button id="save" title="As a scene, a picture, a deck, a table">Save</button>
-    <button id="share" title="A link that holds the whole scene">Link</button>
+    <button id="new" title="Start with an empty grid">New</button>
+    <button id="open" title="Open a scene or a map, or drop files on the page">Open</button>
+    <button id="save" title="Save a scene, a picture, a table or a deck">Save</button>
+    <button id="share" title="Show a link that contains the scene">Link</button>
     <button id="theme" title="Dark or light" aria-label="Dark or light">&#9680;</button>
-    <button id="help" title="What is this?" aria-label="What is this?">?</button>
+    <button id="help" title="Help" aria-label="Help">?</button>
   </span>
   <input id="file" type="file" multiple hidden accept=".toml,.yaml,.yml,.map,.png,.pgm,.jpg,.jpeg,.bmp">
 </header>
@@ -21,14 +21,14 @@ export const HTML = `
   <div id="stage">
     <div id="boards">
       <canvas id="canvas" tabindex="0" aria-label="The grid. Arrow keys move the cursor, space uses the tool."></canvas>
-      <canvas id="world" tabindex="0" aria-label="The arm's workspace: drag what stands there. Space chooses a thing, arrow keys move it."></canvas>
+      <canvas id="world" tabindex="0" aria-label="The arm's workspace: drag obstacles and goals. Space selects an object, arrow keys move it."></canvas>
     </div>
     <div id="film" hidden>
       <div class="row"><button id="play" title="Play again" aria-label="Play again">&#9654;</button><span id="origin" class="note"></span><output id="time"></output></div>
       <canvas id="scope" aria-label="Voltage over time of the cell under the pointer"></canvas>
-      <input id="moment" type="range" min="0" aria-label="Moment">
+      <input id="moment" type="range" min="0" aria-label="Time">
     </div>
-    <div id="below"><span id="quality" role="status"></span><span id="legend"><span id="legend-cut" hidden>no way to a goal</span><span id="legend-low"></span><span id="legend-bar"></span><span id="legend-high"></span></span></div>
+    <div id="below"><span id="quality" role="status"></span><span id="legend"><span id="legend-cut" hidden>no path to a goal</span><span id="legend-low"></span><span id="legend-bar"></span><span id="legend-high"></span></span></div>
   </div>
   <aside id="panel"></aside>
   <div id="card" hidden></div>
@@ -46,7 +46,7 @@ export const partsOf = (root) => ({
   input: (id) => /** @type {HTMLInputElement} */ (root.querySelector(`#${id}`)),
   /** @param {string} id */
   canvas: (id) => /** @type {HTMLCanvasElement} */ (root.querySelector(`#${id}`)),
-  /** A dialog with something in it and buttons below; it is shown. @param {string} id @param {string} title @param {Node} body @param {Node[]} actions */
+  /** Show a dialog with a body and buttons below. @param {string} id @param {string} title @param {Node} body @param {Node[]} actions */
   open: (id, title, body, ...actions) => {
     const dialog = /** @type {HTMLDialogElement} */ (root.querySelector(`#${id}`));
     const close = make("button", { textContent: "Close", autofocus: true, onclick: () => dialog.close() });
@@ -58,28 +58,28 @@ export const partsOf = (root) => ({
 
 /** @typedef {ReturnType<typeof partsOf>} Parts */
 
-/** An element. @template {keyof HTMLElementTagNameMap} T @param {T} tag @param {Record<string, unknown>} properties @param {(Node | string)[]} children */
+/** Return a new element. @template {keyof HTMLElementTagNameMap} T @param {T} tag @param {Record<string, unknown>} properties @param {(Node | string)[]} children */
 export function make(tag, properties, ...children) {
   const element = Object.assign(document.createElement(tag), properties);
   element.append(...children);
   return element;
 }
 
-/** Buttons of which one is chosen. @param {[string, string, () => void][]} choices label, what it means, and what it does */
+/** Return a group of buttons. @param {[string, string, () => void][]} choices label, explanation and action of each button */
 export const choicesOf = (choices) => make("div", { className: "choices" }, ...choices.map(([label, about, onclick]) => (
   make("button", { onclick }, label, make("small", { textContent: about })))));
 
 const SENTENCES = [
-  "Every cell is a node of a grid of resistors: obstacles are tied to one rail, goals to the other, and current runs between them.",
-  "The dots drift along that current, and a robot that follows it reaches a goal: the potential has no other place to rest.",
-  "Draw walls, drag the goal (red) and the starts (white): the circuit is solved again while you draw.",
-  "With k = 1 obstacles repel, with k = 0 they are open and paths graze them; colours show how far the potential has dropped.",
-  "Let go, and the field is solved until every direction is safe; ✓ means that the path was then certified, step by step.",
+  "Every cell is a node of a resistor grid: obstacles are tied to one voltage rail, goals to the other, and current flows between them.",
+  "Dots move along the current. A robot that follows the current reaches a goal, because the potential has no other local minimum.",
+  "Draw walls, and drag the goal (red) and the starts (white): the circuit is solved again while you draw.",
+  "With k = 1 paths keep away from obstacles, with k = 0 (open obstacles) they touch them; colours show the potential drop.",
+  "After every change the field is solved until the current is right in every cell; ✓ means that the paths are certified.",
 ];
 
-/** Five sentences about what one sees. @param {Parts} parts @param {string} keys of the tools */
+/** Show five sentences that explain the page. @param {Parts} parts @param {string} keys of the tools */
 export function openTour({ open }, keys) {
-  const about = `Keys: ${keys} choose tools, arrows move a cursor, space uses the tool, shift + arrows take a goal or start along, Ctrl+Z undoes.`;
+  const about = `Keys: ${keys} select tools, arrows move the cursor, space applies the tool, shift + arrows move a goal or start, Ctrl+Z undoes.`;
   const list = make("ol", {}, ...SENTENCES.map((textContent) => make("li", { textContent })));
-  open("tour", "A chip that plans paths", make("div", {}, list, make("p", { className: "note", textContent: about })));
+  open("tour", "A circuit that plans paths", make("div", {}, list, make("p", { className: "note", textContent: about })));
 }

@@ -1,4 +1,4 @@
-// The page in a tab of its own, served by `resgrid live`.
+// The page in a browser tab, served by `resgrid live`.
 
 import { Page } from "./page.js";
 

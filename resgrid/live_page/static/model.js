@@ -1,4 +1,4 @@
-// What is drawn: an immutable scene, the steps that led to it, and how it travels.
+// The model of the page: an immutable scene with its undo history, and its conversion from and to messages.
 
 /**
  * @typedef {{name: string, lower: number, upper: number, cells: number, periodic: boolean, unit: string}} Axis
@@ -12,11 +12,11 @@
  * @property {number} wall ohms
  * @property {boolean} driven
  * @property {object} chip
- * @property {number[][]} broken resistors: a cell, and the axis across whose lower face they lie
- * @property {object | null} world of an arm, the document of its scene
- * @property {Uint8Array} cells one byte a cell, x first: 1 for an obstacle, + 4 x number of its conductivity
- * @property {number[][]} goals cell numbers of every goal; goals stand on top of cells
- * @property {number[][]} [goal_points] cell numbers of goals that are more than a cell, each with the point where a path ends
+ * @property {number[][]} broken open resistors, as cell and axis: the resistor at the cell's lower face
+ * @property {object | null} world for an arm, the document of its scene
+ * @property {Uint8Array} cells one byte per cell, x first: 1 for an obstacle, + 4 x index of its conductivity
+ * @property {number[][]} goals cell numbers of every goal, stored separately from cells
+ * @property {number[][]} [goal_points] configurations that solve the goal: cell number and point
  */
 
 export const OBSTACLE = 1;
@@ -34,7 +34,7 @@ export const isWall = (scene, cell) => Boolean(scene.cells[numberOf(scene, cell)
 /** @param {Axis} axis */
 export const spacingOf = (axis) => (axis.upper - axis.lower) / axis.cells;
 
-/** A cell wrapped round periodic axes; null outside the grid. @param {Scene} scene @param {number[]} cell */
+/** Return a cell with indices wrapped along periodic axes; null outside the grid. @param {Scene} scene @param {number[]} cell */
 export function insideOf(scene, cell) {
   const wrapped = cell.map((part, a) => {
     const { cells, periodic } = scene.axes[a];
@@ -43,23 +43,23 @@ export function insideOf(scene, cell) {
   return wrapped.every((part, a) => part >= 0 && part < scene.axes[a].cells) ? wrapped : null;
 }
 
-/** The cell that a point in axis units lies in. @param {Scene} scene @param {number[]} point */
+/** Return the cell of a point in axis units. @param {Scene} scene @param {number[]} point */
 export const cellAt = (scene, point) => point.map((value, a) => {
   const axis = scene.axes[a];
   return Math.min(axis.cells - 1, Math.max(0, Math.floor((value - axis.lower) / spacingOf(axis))));
 });
 
-/** The centre of a cell in axis units. @param {Scene} scene @param {number[]} cell */
+/** Return the centre of a cell in axis units. @param {Scene} scene @param {number[]} cell */
 export const centreOf = (scene, cell) => cell.map((part, a) => scene.axes[a].lower + (part + 0.5) * spacingOf(scene.axes[a]));
 
-/** A scene from the head and body of a message. @param {any} head @param {Uint8Array} body @returns {Scene} */
+/** Return the scene of a message. @param {any} head @param {Uint8Array} body @returns {Scene} */
 export function readScene(head, body) {
   const cells = body.slice();
   for (const goal of head.goals) for (const number of goal) cells[number] &= ~3;
   return { ...head.drawing, cells, goals: head.goals };
 }
 
-/** The head and body of a message. @param {Scene} scene @returns {[object, Uint8Array]} */
+/** Return head and body of a message with a scene. @param {Scene} scene @returns {[object, Uint8Array]} */
 export function writeScene(scene) {
   const { cells, goals, ...drawing } = scene;
   const body = cells.slice();
@@ -67,21 +67,21 @@ export function writeScene(scene) {
   return [drawing, body];
 }
 
-/** Bytes as text. @param {Uint8Array} bytes */
+/** Return bytes as base64 text. @param {Uint8Array} bytes */
 export const base64 = (bytes) => btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));
-/** The inverse of base64. @param {string} text */
+/** Return the bytes of a base64 text. @param {string} text */
 export const bytesIn = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
-/** A scene as text, for keeping. @param {Scene} scene */
+/** Return a scene as text, for the browser's storage. @param {Scene} scene */
 export const keepScene = (scene) => JSON.stringify({ ...scene, cells: base64(scene.cells) });
 
-/** The inverse of keepScene. @param {string} text @returns {Scene} */
+/** Return the scene of a text by keepScene. @param {string} text @returns {Scene} */
 export function keptScene(text) {
   const scene = JSON.parse(text);
   return { ...scene, cells: bytesIn(scene.cells) };
 }
 
-/** Whether two scenes are the same drawing. @param {any} one @param {any} other */
+/** Return whether two scenes are equal. @param {any} one @param {any} other */
 function areAlike(one, other) {
   const keys = new Set([...Object.keys(one), ...Object.keys(other)]);
   return [...keys].every((key) => {
@@ -92,39 +92,39 @@ function areAlike(one, other) {
   });
 }
 
-/** The scene on the page, and the way back. It tells of a "change", and of a "rest" where a gesture has changed nothing. */
+/** The scene on the page with its undo history. Dispatches "change", and "rest" after a gesture without a change. */
 export class Model extends EventTarget {
   /** @type {Scene | null} */ scene = null;
   /** @type {Scene[]} */ past = [];
   /** @type {Scene[]} */ future = [];
   /** @type {Scene | null} */ before = null;
 
-  /** Show another scene, or change something of it; it can be undone. @param {Partial<Scene>} change */
+  /** Change some properties of the scene, as one undo step. @param {Partial<Scene>} change */
   replace(change) {
     this.begin();
     this.show(change);
     this.commit();
   }
 
-  /** Begin afresh. @param {Scene} scene */
+  /** Set a scene and clear the undo history. @param {Scene} scene */
   reset(scene) {
     this.past = this.future = [];
     this.before = null;
     this.#set(scene, true);
   }
 
-  /** A gesture begins. */
+  /** Begin a gesture. */
   begin() {
     this.before ??= this.scene;
   }
 
-  /** What the gesture has made so far; nothing happens where that is what is there already. @param {Partial<Scene>} change */
+  /** Change the scene within a gesture; equal scenes are ignored. @param {Partial<Scene>} change */
   show(change) {
     const scene = { .../** @type {Scene} */ (this.scene), ...change };
     if (!areAlike(scene, /** @type {Scene} */ (this.scene))) this.#set(scene, false);
   }
 
-  /** The gesture ends: one step to be undone, unless it has changed nothing. */
+  /** End a gesture, as one undo step unless the scene is unchanged. */
   commit() {
     const { before } = this;
     if (!before || before === this.scene) {
@@ -142,7 +142,7 @@ export class Model extends EventTarget {
     this.#set(this.scene, true);
   }
 
-  /** @param {"past" | "future"} from where the scene comes from: undo or redo */
+  /** Undo or redo. @param {"past" | "future"} from history of the next scene: past for undo, future for redo */
   step(from) {
     const to = from === "past" ? "future" : "past", scene = this[from].at(-1);
     if (!scene || !this.scene || this.before) return;

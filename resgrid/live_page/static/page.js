@@ -1,4 +1,4 @@
-// A page: one scene, one wire, one view, and what ties them together.
+// The page: connects the scene, the connection to the server, the canvas and the controls.
 
 import { resistorAt, resistorRows } from "./circuit.js";
 import { colours, setColours } from "./colours.js";
@@ -16,17 +16,17 @@ import { World } from "./world.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
 /** @typedef {import("./frame.js").Frame} Frame */
-/** @typedef {Pick<Storage, "getItem" | "setItem">} Shelf where something is kept while nobody looks */
+/** @typedef {Pick<Storage, "getItem" | "setItem">} Shelf storage that outlives the page */
 
 const KEPT = "resgrid drawing", THEME = "resgrid theme", SEEN = "resgrid tour";
 const SLOW_MS = 700, KEEP_MS = 400, TOAST_MS = 7000, MOST_BYTES = 5e6;
 const DRAWN = ["cells", "palette", "goals", "starts", "wall", "driven", "edge"];
-/** What must be the same for paths to compare with to be those of another scene. @type {Record<string, string[]>} */
+/** Properties of a scene on which comparison paths depend. @type {Record<string, string[]>} */
 const SAME = { ideal: [...DRAWN, "k"], "k = 0": [...DRAWN, "chip", "broken"], "k = 1": [...DRAWN, "chip", "broken"] };
 
 export class Page {
   /** The scene of the frame that is shown. @type {Scene | null} */ solved = null;
-  /** What tests look at. @type {{at: number, took: number, exact: boolean}[]} */ frames = [];
+  /** Times of received frames, for tests. @type {{at: number, took: number, exact: boolean}[]} */ frames = [];
   #base = "";
   #isReading = false;
   #isClosed = false;
@@ -40,7 +40,7 @@ export class Page {
 
   /** @param {HTMLElement} root @param {() => import("./wire.js").Socket} dial
    * @param {{switches: URLSearchParams, shelf: Shelf, keys: EventTarget, address: string, fragment: string}} about
-   *   how it is to look, what it keeps, who hears its keys, where links lead, and the link it begins with */
+   *   switches of appearance, storage, source of key events, address of links, and fragment of the initial link */
   constructor(root, dial, about) {
     root.innerHTML = HTML;
     const parts = partsOf(root), model = new Model(), complain = (/** @type {unknown} */ error) => this.#complain(error);
@@ -53,7 +53,7 @@ export class Page {
     this.panel = new Panel(parts, model, this.tools, this.view);
     this.wire = new Wire(dial, {
       hello: (head, body) => this.#greet(head, body),
-      lost: () => this.#tell("error", "The server does not answer. What you draw is kept; it goes on when the server is back."),
+      lost: () => this.#tell("error", "The server does not answer. The drawing is kept; the page continues when the server is back."),
     });
     this.world = new World(parts.canvas("world"), model, newest(() => this.#askCells()));
     this.settling = new Settling(parts, model, this.wire, this.view, { complain, moved: () => this.#probe() });
@@ -71,7 +71,7 @@ export class Page {
     this.#repaint(0);
   }
 
-  /** Nobody looks any more. */
+  /** Stop repainting. */
   close() {
     this.#isClosed = true;
   }
@@ -182,7 +182,7 @@ export class Page {
     this.#hiding = setTimeout(() => { toast.hidden = true; }, TOAST_MS);
   }
 
-  /** The server is there: begin, or go on from where the page was. @param {any} head @param {Uint8Array} body */
+  /** Handle the server's first message: show its scene, or solve the present scene after a reconnection. @param {any} head @param {Uint8Array} body */
   async #greet(head, body) {
     const { parts: { get, input }, model, tools, about: { switches, shelf, fragment } } = this;
     if (model.scene) return this.#solve();
@@ -198,7 +198,7 @@ export class Page {
     const titles = Object.entries(/** @type {Record<string, string>} */ (head.hello.examples));
     get("examples").replaceChildren(new Option("", ""), make("optgroup", { label: "Examples" }, ...titles.map(([name, title]) => new Option(title, name))));
     for (const id of ["examples", "open", "new", "undo", "redo"]) input(id).disabled = !tools.canDraw;
-    this.#tell("busy", "the first field …");
+    this.#tell("busy", "computing the first field …");
     model.reset((this.#isReading ? null : this.#kept()) ?? first);
     await this.follow(fragment);
     if (!shelf.getItem(SEEN) && !switches.has("panel") && switches.get("tour") !== "0") get("help").click();
@@ -206,7 +206,7 @@ export class Page {
     return undefined;
   }
 
-  /** Another scene is there. @param {boolean} settled */
+  /** Show a changed scene. @param {boolean} settled */
   #show(settled) {
     const scene = this.#scene, { parts: { input }, model } = this;
     this.settling.clear();
@@ -221,7 +221,7 @@ export class Page {
     if (settled) this.#keepSoon();
   }
 
-  /** The chooser shows the example, or else the title of what was made of it. */
+  /** Show the example, or the title of the scene, in the chooser. */
   #showTitle() {
     const { parts: { input }, model: { scene } } = this, opened = this.#opened;
     const chooser = /** @type {HTMLSelectElement} */ (/** @type {unknown} */ (input("examples")));
@@ -238,12 +238,12 @@ export class Page {
       try {
         this.about.shelf.setItem(KEPT, JSON.stringify({ base: this.#base, scene: keepScene(this.#scene) }));
       } catch {
-        this.#complain("this drawing is too large to be kept by the browser: save it");
+        this.#complain("this drawing is too large for the browser's storage: save it to a file");
       }
     }, KEEP_MS);
   }
 
-  /** The drawing that was on the page when it was left, if it began with the same scene. */
+  /** Return the stored drawing if it began with the same scene; otherwise null. */
   #kept() {
     try {
       const record = JSON.parse(this.about.shelf.getItem(KEPT) ?? "null");
@@ -256,7 +256,7 @@ export class Page {
   async #askField() {
     const { model: { scene }, wire } = this;
     if (!scene || !wire.isOpen) return;
-    const exact = this.model.before === null, began = performance.now(), why = this.frames.length ? "solving" : "compiling loops, once";
+    const exact = this.model.before === null, began = performance.now(), why = this.frames.length ? "solving" : "compiling kernels, once";
     const slow = setInterval(() => {
       const waited = performance.now() - began;
       if (waited > SLOW_MS) this.#tell("busy", `${why} … ${Math.round(waited / 1000)} s`);
@@ -279,17 +279,17 @@ export class Page {
     this.#compare();
   }
 
-  /** @param {Frame} frame @param {Scene} scene that it is of */
+  /** @param {Frame} frame @param {Scene} scene of the frame */
   #showFrame(frame, scene) {
     this.solved = scene;
     this.view.setFrame(frame);
     this.world.poses = frame.poses.find((poses) => poses.length > 1) ?? [];
     this.panel.showFrame(frame, scene);
     const current = frame.exact && scene === this.model.scene;
-    this.#tell(current ? "certified" : "preview", current ? verdictOf(frame, scene) : "preview, not certified: let go");
+    this.#tell(current ? "certified" : "preview", current ? verdictOf(frame, scene) : "preview, certified after release");
   }
 
-  /** Paths to compare with, and those alone: of the chip without flaws, and of both ends of k. */
+  /** Request missing comparison paths (ideal chip, k = 0, k = 1), and drop those that are not shown or outdated. */
   async #askOthers() {
     const { model: { scene }, view } = this;
     if (!scene) return;
@@ -308,7 +308,7 @@ export class Page {
     }
   }
 
-  /** What is known of the cell or resistor under the pointer. */
+  /** Show the properties of the cell or resistor under the pointer. */
   async #askCell() {
     const { model: { scene }, view, wire, world, parts: { get } } = this, point = this.#hovered;
     const cell = point && scene && insideOf(scene, point.map(Math.floor));
@@ -344,7 +344,7 @@ export class Page {
     card.classList.toggle("aside", cell[0] > 0.55 * scene.axes[0].cells);
   }
 
-  /** The arm's workspace was changed: sample its cells anew. */
+  /** Request the cells for a changed workspace of the arm. */
   async #askCells() {
     const { scene } = this.model;
     if (!scene?.world) return;
@@ -364,7 +364,7 @@ export class Page {
     this.#showTitle();
   }
 
-  /** Ask for a scene and show it; whether that was possible. @param {object} request */
+  /** Request a scene and show it; return whether this succeeded. @param {object} request */
   async #open(request) {
     try {
       this.model.replace(readScene(...await this.wire.ask(request)));
@@ -381,17 +381,17 @@ export class Page {
       const document_ = await documentIn(fragment);
       if (document_) await this.#open({ type: "link", document: document_ });
     } catch {
-      this.#complain("this link is damaged: part of it is missing or was changed");
+      this.#complain("this link is incomplete or damaged: copy the whole link again");
     }
   }
 
   /** @param {Iterable<File>} files */
   async #openFiles(files) {
     const given = [...files];
-    if (given.reduce((sum, file) => sum + file.size, 0) > MOST_BYTES) this.#complain("these files are too large: 5 MB at most");
+    if (given.reduce((sum, file) => sum + file.size, 0) > MOST_BYTES) this.#complain("these files exceed the limit of 5 MB; choose smaller files");
     else await this.#open({ type: "files", files: await contentsOf(given) });
   }
 }
 
-/** Whether two scenes agree in some properties. @param {string[]} keys @param {any} one @param {any} other */
+/** Return whether two scenes have equal values of some properties. @param {string[]} keys @param {any} one @param {any} other */
 const areSame = (keys, one, other) => keys.every((key) => one[key] === other[key]);

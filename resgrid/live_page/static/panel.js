@@ -1,4 +1,4 @@
-// The panel beside the grid: how obstacles behave, what is shown, and what became of every path.
+// The panel next to the grid: outcomes of paths, and controls of the circuit and the display.
 
 import { engineering } from "./circuit.js";
 import { make } from "./layout.js";
@@ -22,44 +22,44 @@ const check = (name, label) => `<label class="check"><input type="checkbox" id="
 const HTML = `
   <section><h2>Paths</h2><ul class="paths" id="paths"></ul><span class="note" id="figures"></span></section>
   <section class="editing"><h2>Obstacles</h2>
-    ${slider("k", "k, share of repulsion", 1000)}
-    <div class="ends"><span>0 grazes</span><span>1 repels</span></div>
-    ${check("ends", "Paths of both ends")}
+    ${slider("k", "k, weight of repulsion", 1000)}
+    <div class="ends"><span>0: open</span><span>1: repelling</span></div>
+    ${check("ends", "Paths for k = 0 and k = 1")}
     ${slider("wall", "Wall resistance", WALL_STEPS)}
-    <span class="note">one value for the whole chip</span>
+    <span class="note">equal for all obstacles</span>
     ${select("edge", "Border", [["obstacle", "obstacle"], ["open", "open"]])}
     ${select("driven", "Drive", [["", "uniform"], ["start", "the start"]])}
   </section>
   <section class="editing"><h2>Brush</h2>
     ${slider("brush", "Width", 15, 1)}
-    <button id="clear" title="Remove all walls; goals, starts and mud stay">Clear walls</button>
-    ${select("conductivity", "Mud conducts", [["3", "3"], ["0.3", "0.3"], ["0.1", "0.1"], ["0.01", "0.01"]])}
+    <button id="clear" title="Remove all walls; keep goals, starts and mud">Clear walls</button>
+    ${select("conductivity", "Conductivity of mud", [["3", "3"], ["0.3", "0.3"], ["0.1", "0.1"], ["0.01", "0.01"]])}
   </section>
-  <section class="editing"><h2>Flaws of the chip</h2>
+  <section class="editing"><h2>Imperfections</h2>
     ${slider("mismatch", "Mismatch of resistors", 40)}
     <label class="row">Chip number <input id="seed" type="number" value="0" min="0" max="999999" step="1"></label>
   </section>
   <section><h2>Time</h2>
-    <button id="settle" title="How the chip comes to this field, with 1 pF at every node unless the scene says otherwise">Let it settle</button>
-    <span class="note">as a film, with the voltage under the pointer over time</span>
+    <button id="settle" title="Transient of the circuit, with 1 pF at every node unless the scene has a capacitance">Show transient</button>
+    <span class="note">animation, and voltage under the pointer over time</span>
   </section>
   <section><h2>Show</h2>${SHOWN.map(([name, label]) => check(name, label)).join("")}</section>`;
 
-/** Fine near 1, where the Dirichlet field begins to count. @param {number} t */
+/** Return k for a slider position, with fine steps near 1, where the Dirichlet field has its effect. @param {number} t */
 const kOf = (t) => Number((1 - (1 - t / 1000) ** 4).toPrecision(6));
 /** @param {Scene} scene */
 const ohmsOf = ({ chip }) => /** @type {any} */ (chip).resistance ?? 1e4;
-/** Ohms in decades around the grid's own. @param {number} t @param {number} ohms */
+/** Return the wall resistance for a slider position, on a logarithmic scale around the grid's resistance. @param {number} t @param {number} ohms */
 const wallOf = (t, ohms) => (t ? Number((ohms * 10 ** (-3 + (6 * (t - 1)) / (WALL_STEPS - 1))).toPrecision(4)) : 0);
 /** @param {number} wall @param {number} ohms */
 const wallSlider = (wall, ohms) => (wall ? Math.max(1, Math.min(WALL_STEPS, Math.round(1 + ((Math.log10(wall / ohms) + 3) / 6) * (WALL_STEPS - 1)))) : 0);
-/** A chip with a mismatch and a number; without mismatch it says nothing of either. @param {Scene} scene @param {number} sigma @param {number} seed */
+/** Return the change of a scene's chip for a mismatch and a seed; without mismatch, both keys are removed. @param {Scene} scene @param {number} sigma @param {number} seed */
 function flawed({ chip }, sigma, seed) {
   const { mismatch, seed: before, ...rest } = /** @type {any} */ (chip);
   return { chip: sigma ? { ...rest, mismatch: sigma, seed } : rest };
 }
 
-/** What controls change of a scene, what they show of it, and say beside it.
+/** For every control: change of the scene (write), value from the scene (read), and text next to it (say).
  * @type {Record<string, {write: (value: string, scene: Scene, other: (id: string) => string) => Partial<Scene>,
  *   read: (scene: Scene, value: string) => number | string, say?: (scene: Scene) => string}>} */
 const CONTROLS = {
@@ -141,7 +141,7 @@ export class Panel {
     input("k").disabled = input("wall").disabled = scene.driven;
   }
 
-  /** Why there is no field. @param {string} message */
+  /** Show the reason why there is no field. @param {string} message */
   showError(message) {
     this.parts.get("paths").textContent = message;
     this.parts.get("figures").textContent = "";
@@ -158,33 +158,33 @@ export class Panel {
       item.dataset.outcome = path.outcome ?? "";
       return item;
     }));
-    if (!paths.length) get("paths").textContent = "No start yet: set one with the start tool.";
+    if (!paths.length) get("paths").textContent = "No start: set a start with the start tool.";
     const isHeight = scale.kind === "height", decades = -scale.low;
     get("legend-low").textContent = isHeight ? "goal: potential 0" : "goal";
     get("legend-cut").hidden = !cutOff;
     get("legend-high").textContent = isHeight ? "1" : `${decades.toFixed(decades < 10 ? 1 : 0)} decades below`;
     get("figures").textContent = `${nx} × ${ny}, ${methods.join(" and ")}, ${Math.round(seconds * 1000)} ms`
-      + (cutOff ? `; ${cutOff} free cells are cut off` : "") + (flat.length ? `; the ${flat.join(" and ")} half is flat` : "");
+      + (cutOff ? `; ${cutOff} free cells without a path to a goal` : "") + (flat.length ? `; the ${flat.join(" and ")} field is zero` : "");
   }
 }
 
 /** @param {number} decades */
 const signed = (decades) => (Math.abs(decades) < 0.005 ? "0" : decades.toFixed(2).replace("-", "−"));
 
-/** What is known of a cell before the field has settled, as rows.
+/** Return the properties of a cell at a time of the transient, as rows.
  * @param {{time: number, volts: number, decades: number | null}} moment @param {number[]} cell @param {Scene} scene */
 export function momentRows({ time, volts, decades }, cell, scene) {
   const rows = [["cell", cell.join(", ")], ["centre", placeOf(centreOf(scene, cell), scene)]];
-  if (!Number.isFinite(volts)) return [...rows, ["", "no voltage of its own"]];
+  if (!Number.isFinite(volts)) return [...rows, ["", "no node"]];
   rows.push([`V at ${engineering(time, "s", 3)}`, engineering(volts, "V")]);
   if (decades != null) rows.push(["drop, log₁₀", signed(decades)]);
   return rows;
 }
 
-/** What is known of a cell, as rows. @param {any} about @param {Scene} scene @returns {string[][]} */
+/** Return the properties of a cell, as rows. @param {any} about @param {Scene} scene @returns {string[][]} */
 export function rowsOf(about, scene) {
   const rows = [["cell", about.cell.join(", ")], ["centre", placeOf(about.centre, scene)]];
-  if (about.kind !== "free" || about.potential == null) return [...rows, ["", about.kind === "free" ? "cut off" : about.kind]];
+  if (about.kind !== "free" || about.potential == null) return [...rows, ["", about.kind === "free" ? "no path to a goal" : about.kind]];
   rows.push(["V", engineering(about.volts, "V")]);
   if (about.drop_decades != null) rows.push(["drop, log₁₀", signed(about.drop_decades)]);
   ["left", "right", "below", "above"].forEach((side, n) => {
@@ -195,7 +195,7 @@ export function rowsOf(about, scene) {
   return [...rows, ...about.proved.map((/** @type {string} */ text) => [about.exact ? `✓ ${text}` : text])];
 }
 
-/** What became of all paths, in a few words. @param {Frame} frame @param {Scene} scene */
+/** Return a short text on the outcomes of all paths. @param {Frame} frame @param {Scene} scene */
 export function verdictOf(frame, { goals }) {
   const reached = frame.paths.filter((path) => path.outcome === "reached").length;
   if (!frame.paths.length) return "direction-safe field; no start";

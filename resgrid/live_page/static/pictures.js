@@ -1,4 +1,4 @@
-// Pictures of one pixel a cell (the field, and what is drawn), equipotentials, arrows, and the colours of both themes.
+// Pictures with one pixel per cell (field and obstacles), equipotentials, arrows, and the colours of both themes.
 
 import { colours } from "./colours.js";
 import { NOTHING } from "./frame.js";
@@ -22,7 +22,7 @@ export const inks = (dark) => ({
   edge: dark ? "#5b6575" : "#1f2933",
 });
 
-/** One pixel a cell, the second axis downwards. @param {HTMLCanvasElement} canvas @param {number[]} size
+/** Paint one pixel per cell, the second axis downwards. @param {HTMLCanvasElement} canvas @param {number[]} size
  * @param {(cell: number) => number} colourOf a cell's number */
 function paint(canvas, [nx, ny], colourOf) {
   if (canvas.width !== nx) canvas.width = nx;
@@ -33,26 +33,26 @@ function paint(canvas, [nx, ny], colourOf) {
   context.putImageData(image, 0, 0);
 }
 
-/** The field. @param {HTMLCanvasElement} canvas @param {Frame} frame @param {boolean} dark */
+/** Paint the field. @param {HTMLCanvasElement} canvas @param {Frame} frame @param {boolean} dark */
 export function paintField(canvas, { nx, ny, picture, scale }, dark) {
   const { blank } = inks(dark), ramp = scale.kind === "height" ? colours.ramp : colours.ramp.slice().reverse();
   paint(canvas, [nx, ny], (cell) => (picture[cell] === NOTHING ? blank : ramp[picture[cell] >> 6]));
 }
 
-/** Obstacles, and how costly cells are. @param {HTMLCanvasElement} canvas @param {Scene} scene @param {boolean} dark */
+/** Paint obstacles and conductivities. @param {HTMLCanvasElement} canvas @param {Scene} scene @param {boolean} dark */
 export function paintCells(canvas, scene, dark) {
   const { wall } = inks(dark), veils = scene.palette.map(veil), { cells } = scene;
   paint(canvas, sizeOf(scene), (cell) => (cells[cell] & 1 ? wall : veils[cells[cell] >> 2]));
 }
 
-/** What lies over a cell of another conductivity: dark where it conducts badly, white where well. @param {number} value */
+/** Return the overlay colour of a conductivity: dark below 1, white above. @param {number} value */
 function veil(value) {
   if (value === 1) return 0;
   const opacity = Math.min(200, Math.round(60 * Math.abs(Math.log10(value)) + 40)) << 24;
   return (value < 1 ? opacity | 0x1f2f5f : opacity | 0xffffff) >>> 0;
 }
 
-/** Trace equipotentials in cells, by marching squares between their centres; none near a cell where nothing is shown.
+/** Trace equipotentials in cells, by marching squares between cell centres, except next to cells without a value.
  * @param {CanvasRenderingContext2D} context @param {Frame} frame */
 export function traceEquipotentials(context, { nx, ny, picture, scale }) {
   const range = scale.high - scale.low, step = STEPS.find((one) => range / one <= 24) ?? 1000;

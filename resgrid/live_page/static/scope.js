@@ -1,4 +1,4 @@
-// A scope: voltages of a few cells over time, on a logarithmic time axis, with a cursor at the moment shown.
+// A scope: voltages of cells over a logarithmic time axis, with a cursor at the time shown.
 
 import { engineering } from "./circuit.js";
 import { inks } from "./pictures.js";
@@ -7,7 +7,7 @@ import { Surface } from "./surface.js";
 /** @typedef {{name: string, volts: number[]}} Curve
  * @typedef {{times: number[], curves: Curve[], at: number, dark: boolean}} Trace */
 
-/** Pixels of the page around the plot; the slider below has the same ends. */
+/** Margins of the plot in CSS pixels; the slider below has the same ends. */
 const LEFT = 52, RIGHT = 16, TOP = 18, BOTTOM = 30;
 const COLOURS = [["#1f5fbf", "#7fb2ff"], ["#b3261e", "#ff8f85"]];
 
@@ -24,7 +24,7 @@ export class Scope extends Surface {
     if (this.#trace) this.#paint(this.#trace);
   }
 
-  /** Decades of time across, volts up, in pixels. */
+  /** Transformation from (log10 of time, volts) to pixels. */
   get matrix() {
     const { ratio, canvas: { width, height } } = this, { times, curves } = /** @type {Trace} */ (this.#trace);
     const [low, high] = rangeOf(curves), first = Math.log10(times[0]), last = Math.log10(times[times.length - 1]);
@@ -66,14 +66,14 @@ export class Scope extends Surface {
       if (isKnown) this.stroke(colour, 2 * ratio, n ? [6, 3] : []);
       if (isKnown) this.disc([now, volts[at]], 3.5 * ratio);
       if (isKnown) this.fill(colour);
-      const text = `${name}: ${isKnown ? engineering(volts[at], "V", 3) : "no voltage of its own"}`;
+      const text = `${name}: ${isKnown ? engineering(volts[at], "V", 3) : "no node"}`;
       this.write(text, x, 8 * ratio, colour, "left", 11);
       x += context.measureText(text).width + 16 * ratio;
     });
   }
 }
 
-/** Volts that the axis spans: from 0 to the largest, or as far below. @param {Curve[]} curves */
+/** Return the range of the voltage axis, which includes 0. @param {Curve[]} curves */
 function rangeOf(curves) {
   const volts = curves.flatMap((curve) => curve.volts).filter((value) => Number.isFinite(value));
   const low = Math.min(0, ...volts), high = Math.max(0, ...volts), least = 1e-6 * (high - low);

@@ -1,4 +1,4 @@
-// Settling: pictures and voltages of the moments after the rails were switched on, or after the last change, and a scope.
+// Transients: pictures and voltages over time after the rails are switched on or after the last change, with a scope.
 
 import { engineering } from "./circuit.js";
 import { cellAt, numberOf } from "./model.js";
@@ -17,7 +17,7 @@ export class Settling {
 
   /** @param {import("./layout.js").Parts} parts @param {import("./model.js").Model} model @param {import("./wire.js").Wire} wire
    * @param {import("./view.js").View} view
-   * @param {{complain: (error: unknown) => void, moved: () => void}} calls `moved`: another moment is shown */
+   * @param {{complain: (error: unknown) => void, moved: () => void}} calls `moved`: called when another time is shown */
   constructor({ get, input, canvas }, model, wire, view, { complain, moved }) {
     this.get = get;
     this.input = input;
@@ -34,7 +34,7 @@ export class Settling {
     view.canvas.addEventListener("pin", (event) => this.#pin(/** @type {CustomEvent} */ (event).detail));
   }
 
-  /** Another scene or field: what was shown is past. */
+  /** Remove the transient after a change of scene or field. */
   clear() {
     if (this.#film) {
       cancelAnimationFrame(this.#playing);
@@ -45,26 +45,26 @@ export class Settling {
     if (this.#pinned && this.#pinned.some((part, a) => part >= (this.model.scene?.axes[a].cells ?? 0))) this.#pin(this.#pinned);
   }
 
-  /** The pointer is on another cell. @param {number[] | null} cell */
+  /** Set the cell under the pointer. @param {number[] | null} cell */
   point(cell) {
     this.#pointed = cell;
     this.refresh();
   }
 
-  /** Time, volts and decades of the drop of a cell at the moment shown; null where the settled field is shown.
+  /** Return time, volts and logarithm of the drop of a cell at the time shown; null for the steady-state field.
    * @param {number[]} cell */
   at(cell) {
     const film = this.#film, { scene, view: { frame } } = { scene: this.model.scene, view: this.view };
     if (!film || !scene || !frame || this.#number === film.times.length - 1) return null;
-    const number = numberOf(scene, cell), { kind, low, high } = frame.scale, share = film.pictures[this.#number][number] / 65534;
+    const number = numberOf(scene, cell), { kind, low, high } = frame.scale, fraction = film.pictures[this.#number][number] / 65534;
     return {
       time: film.times[this.#number],
       volts: film.volts[this.#number][number],
-      decades: kind === "decades" && share <= 1 ? low + share * (high - low) : null,
+      decades: kind === "decades" && fraction <= 1 ? low + fraction * (high - low) : null,
     };
   }
 
-  /** Pin a cell, or let it go. @param {number[]} cell */
+  /** Pin a cell to the scope, or unpin it. @param {number[]} cell */
   #pin(cell) {
     const isSame = this.#pinned?.every((part, a) => part === cell[a]);
     this.#pinned = this.view.pinned = isSame ? null : cell;
@@ -76,7 +76,7 @@ export class Settling {
     const { scene } = this.model, button = this.input("settle");
     if (!scene) return;
     button.disabled = true;
-    button.textContent = "computing the film …";
+    button.textContent = "computing the transient …";
     try {
       const [{ times, from_rest: isFromRest }, { buffer, byteOffset }] = await wire.ask({ type: "settle" }, scene);
       if (scene !== this.model.scene || !this.view.frame) return;
@@ -85,14 +85,14 @@ export class Settling {
       const volts = new Float32Array(buffer.slice(then, then + 4 * cells * times.length));
       this.#film = { times, pictures, volts: times.map((/** @type {number} */ _, /** @type {number} */ n) => volts.subarray(n * cells, (n + 1) * cells)) };
       this.get("film").hidden = false;
-      this.get("origin").textContent = isFromRest ? "from rest, rails switched on" : "from the field before the last change";
+      this.get("origin").textContent = isFromRest ? "rails switched on at 0 V" : "from the field before the last change";
       this.input("moment").max = String(pictures.length - 1);
       this.#play(performance.now());
     } catch (error) {
-      if (scene === this.model.scene) throw error; // otherwise the film of a past drawing, which is not missed
+      if (scene === this.model.scene) throw error; // errors of an earlier drawing are irrelevant
     } finally {
       button.disabled = false;
-      button.textContent = "Let it settle";
+      button.textContent = "Show transient";
     }
   }
 
@@ -118,7 +118,7 @@ export class Settling {
     this.moved();
   }
 
-  /** Draw the voltage of the cells that are pointed at or pinned, or else of the first start. */
+  /** Draw the voltages of the cell under the pointer and of the pinned cell, or of the first start. */
   refresh() {
     const film = this.#film, { scene } = this.model;
     if (!film || !scene) return;

@@ -1,16 +1,16 @@
-// Changes of a scene: each takes one and gives a new one.
+// Functions from a scene to a changed scene.
 
 import { cellOf, centreOf, insideOf, numberOf, OBSTACLE, sizeOf } from "./model.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
-/** @typedef {(byte: number) => number} Stroke what becomes of a cell */
+/** @typedef {(byte: number) => number} Stroke change of a cell's byte */
 
 /** @type {Stroke} */ export const wall = (byte) => byte | OBSTACLE;
 /** @type {Stroke} */ export const free = (byte) => byte & ~OBSTACLE;
 /** @param {number} level @returns {Stroke} */
 export const costing = (level) => (byte) => (byte & 3) | (level << 2);
 
-/** A scene whose palette has a conductivity, and its number. @param {Scene} scene @param {number} value @returns {[Scene, number]} */
+/** Return the scene with a conductivity in its palette, and its index. @param {Scene} scene @param {number} value @returns {[Scene, number]} */
 export function withConductivity(scene, value) {
   const level = scene.palette.indexOf(value);
   if (level >= 0) return [scene, level];
@@ -30,7 +30,7 @@ export function brushed(scene, cells, stroke) {
   return { ...scene, cells: changed };
 }
 
-/** Cells of a brush that is drawn from one cell to another. @param {number[]} from @param {number[]} to @param {number} size */
+/** Yield the cells of a brush stroke from one cell to another. @param {number[]} from @param {number[]} to @param {number} size */
 export function* line(from, to, size) {
   const steps = Math.max(Math.abs(to[0] - from[0]), Math.abs(to[1] - from[1]), 1), low = -Math.floor((size - 1) / 2);
   for (let s = 0; s <= steps; s++) {
@@ -47,7 +47,7 @@ export function* rectangle(one, other) {
   }
 }
 
-/** Cells that are like one and joined to it. @param {Scene} scene @param {number[]} cell */
+/** Yield all connected cells with the same byte as a cell. @param {Scene} scene @param {number[]} cell */
 export function* flood(scene, cell) {
   const first = numberOf(scene, cell), like = scene.cells[first];
   const seen = new Uint8Array(scene.cells.length), stack = [first];
@@ -73,10 +73,10 @@ export const withStart = (scene, cell) => ({ ...scene, starts: [...scene.starts,
 /** @param {Scene} scene @param {"goals" | "starts"} list @param {number} number */
 export const without = (scene, list, number) => ({ ...(list === "goals" ? whole(scene, number) : scene), [list]: scene[list].filter((_, n) => n !== number) });
 
-/** A scene in which the cells of a goal are the goal as a whole. @param {Scene} scene @param {number} number @returns {Scene} */
+/** Return the scene without the goal points of a goal, so that its whole cells are the goal. @param {Scene} scene @param {number} number @returns {Scene} */
 const whole = (scene, number) => ({ ...scene, goal_points: (scene.goal_points ?? []).filter(([cell]) => !scene.goals[number].includes(cell)) });
 
-/** A goal moved by whole cells, as far as it stays on the grid. @param {Scene} scene @param {number} number @param {number[]} by */
+/** Return the scene with a goal moved by whole cells, limited to the grid. @param {Scene} scene @param {number} number @param {number[]} by */
 export function goalMoved(scene, number, by) {
   const cells = scene.goals[number].map((n) => cellOf(scene, n));
   const within = by.map((step, a) => {
@@ -88,13 +88,13 @@ export function goalMoved(scene, number, by) {
   return { ...whole(scene, number), goals: scene.goals.map((goal, n) => (n === number ? moved : goal)) };
 }
 
-/** A start moved to the centre of a cell. @param {Scene} scene @param {number} number @param {number[]} cell */
+/** Return the scene with a start moved to the centre of a cell. @param {Scene} scene @param {number} number @param {number[]} cell */
 export function startMoved(scene, number, cell) {
   const within = cell.map((part, a) => Math.max(0, Math.min(sizeOf(scene)[a] - 1, part)));
   return { ...scene, starts: scene.starts.map((start, n) => (n === number ? centreOf(scene, within) : start)) };
 }
 
-/** The face nearest to a point: its cell and axis. @param {Scene} scene @param {number[]} point in cells */
+/** Return the face nearest to a point, as cell and axis. @param {Scene} scene @param {number[]} point in cells */
 export function faceAt(scene, point) {
   const cell = point.map(Math.floor), local = point.map((value, a) => value - cell[a]);
   const far = local.map((value) => Math.min(value, 1 - value)), axis = far[0] <= far[1] ? 0 : 1;
@@ -103,7 +103,7 @@ export function faceAt(scene, point) {
   return [...cell, axis];
 }
 
-/** Break a resistor, or mend it. @param {Scene} scene @param {number[]} face @returns {Scene} */
+/** Return the scene with a resistor opened, or repaired. @param {Scene} scene @param {number[]} face @returns {Scene} */
 export function withBroken(scene, face) {
   const rest = scene.broken.filter((other) => other.some((part, a) => part !== face[a]));
   return { ...scene, broken: rest.length < scene.broken.length ? rest : [...rest, face] };

@@ -1,9 +1,9 @@
-// A canvas on which things are traced in units of their own: cells of a grid, metres of a workspace.
+// A canvas with a coordinate system of its own, such as cells of a grid or metres of a workspace.
 
-/** What arrow keys say. @param {KeyboardEvent} event @returns {number[] | undefined} */
+/** Return the direction of an arrow key. @param {KeyboardEvent} event @returns {number[] | undefined} */
 export const stepOf = (event) => ({ ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] })[event.key];
 
-/** @typedef {{move?: (point: number[]) => void, end?: () => void}} Gesture what a press has begun, in the canvas' units */
+/** @typedef {{move?: (point: number[]) => void, end?: () => void}} Gesture callbacks of a press, in the canvas' units */
 
 export class Surface {
   dark = false;
@@ -20,33 +20,33 @@ export class Surface {
     }).observe(canvas);
   }
 
-  /** The canvas has other pixels. */
+  /** Handle a change of the size of the canvas. */
   resized() {}
 
-  /** Pixels of the canvas for each of the page. */
+  /** Number of canvas pixels per CSS pixel. */
   get ratio() {
     return Math.min(2, window.devicePixelRatio || 1);
   }
 
-  /** From units to pixels of the canvas. */
+  /** Transformation from units to canvas pixels. */
   get matrix() {
     return new DOMMatrix();
   }
 
-  /** Pixels of a point. @param {number[]} point @returns {[number, number]} */
+  /** Return a point in canvas pixels. @param {number[]} point @returns {[number, number]} */
   toPixels([x, y]) {
     const pixel = this.matrix.transformPoint({ x, y });
     return [pixel.x, pixel.y];
   }
 
-  /** The point under the pointer. @param {{clientX: number, clientY: number}} event */
+  /** Return the point under the pointer, in units. @param {{clientX: number, clientY: number}} event */
   pointOf({ clientX, clientY }) {
     const { left, top, width } = this.canvas.getBoundingClientRect(), ratio = this.canvas.width / width;
     const { x, y } = this.matrix.inverse().transformPoint({ x: (clientX - left) * ratio, y: (clientY - top) * ratio });
     return [x, y];
   }
 
-  /** Draw in units: what is traced is stroked and filled in pixels afterwards.
+  /** Trace a path in units; strokes and fills are in pixels.
    * @param {(context: CanvasRenderingContext2D) => void} trace @param {CanvasRenderingContext2D} [context] */
   inUnits(trace, context = this.context) {
     context.beginPath();
@@ -56,7 +56,7 @@ export class Surface {
     return context;
   }
 
-  /** Stroke what was traced. @param {string} colour @param {number} width @param {number[]} [dash] */
+  /** Stroke the traced path. @param {string} colour @param {number} width @param {number[]} [dash] */
   stroke(colour, width, dash = [], context = this.context) {
     context.strokeStyle = colour;
     context.lineWidth = width;
@@ -64,19 +64,19 @@ export class Surface {
     context.stroke();
   }
 
-  /** Fill what was traced. @param {string} colour */
+  /** Fill the traced path. @param {string} colour */
   fill(colour) {
     this.context.fillStyle = colour;
     this.context.fill();
   }
 
-  /** A disc of so many pixels. @param {number[]} centre @param {number} radius */
+  /** Trace a disc with a radius in pixels. @param {number[]} centre @param {number} radius */
   disc(centre, radius) {
     this.context.beginPath();
     this.context.arc(...this.toPixels(centre), radius, 0, 2 * Math.PI);
   }
 
-  /** A word or two. @param {string} text @param {number} x @param {number} y @param {string} colour @param {CanvasTextAlign} [align]
+  /** Write a text. @param {string} text @param {number} x @param {number} y @param {string} colour @param {CanvasTextAlign} [align]
    * @param {number} [size] in pixels of the page */
   write(text, x, y, colour, align = "center", size = 11) {
     const { context } = this;
@@ -87,7 +87,7 @@ export class Surface {
     context.fillText(text, x, y);
   }
 
-  /** Let presses begin gestures, one at a time, which follow the pointer until it is let go.
+  /** Register a handler of presses, whose gesture follows the pointer until its release; one gesture at a time.
    * @param {(point: number[]) => Gesture | null} begin */
   hear(begin) {
     const { canvas } = this;

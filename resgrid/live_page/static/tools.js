@@ -1,4 +1,4 @@
-// Tools: what pointer, finger and keys do on the canvas.
+// Tools: actions of pointer, touch and keys on the canvas.
 
 import { make } from "./layout.js";
 import { cellAt, insideOf, isWall, numberOf, sizeOf } from "./model.js";
@@ -9,19 +9,19 @@ import { stepOf } from "./surface.js";
 /** @typedef {import("./model.js").Scene} Scene */
 /** @typedef {import("./shapes.js").Stroke} Stroke */
 /** @typedef {["goals" | "starts", number]} Handle */
-/** @typedef {import("./surface.js").Gesture} Gesture what follows the cell, or point, under the pointer */
+/** @typedef {import("./surface.js").Gesture} Gesture */
 
-/** Name, label, key, what it does, and its icon. */
+/** Name, label, key, description and icon of every tool. */
 export const TOOLS = [
-  ["draw", "Wall", "W", "Draw walls; a stroke that begins on a wall erases", '<path d="M3 17l1-4L14 3l3 3L7 16z"/>'],
+  ["draw", "Wall", "W", "Draw walls; erase them if the stroke begins on a wall", '<path d="M3 17l1-4L14 3l3 3L7 16z"/>'],
   ["erase", "Erase", "E", "Erase walls and costs", '<path d="M3 13l7-9 7 5-6 8H6z M8 17h9"/>'],
-  ["box", "Box", "B", "A rectangle of wall; from a wall, of free cells", '<rect x="3" y="5" width="14" height="10"/>'],
-  ["fill", "Fill", "F", "Fill what is alike and joined", '<path d="M9 2l7 7-6 6-7-7z M17 13v3"/>'],
-  ["cost", "Mud", "M", "Paint cells that conduct badly", '<path d="M2 7q4-4 8 0t8 0M2 12q4-4 8 0t8 0M2 17q4-4 8 0t8 0"/>'],
-  ["goal", "Goal", "G", "Add a goal; on a goal, remove it", '<path d="M5 18V3h10l-3 4 3 4H5"/>'],
-  ["start", "Start", "S", "Add a start; on a start, remove it", '<circle cx="10" cy="10" r="6"/>'],
-  ["snap", "Break", "X", "Break the resistor between two cells, or mend it", '<path d="M2 10h4l2-4 2 8 M18 10h-4l-2 4-2-8"/>'],
-  ["look", "Look", "L", "See what is known of a cell; a click pins it to the scope; nothing is drawn", '<path d="M2 10q8-11 16 0q-8 11-16 0z"/><circle cx="10" cy="10" r="2"/>'],
+  ["box", "Box", "B", "Draw a rectangular wall; erase a rectangle if it begins on a wall", '<rect x="3" y="5" width="14" height="10"/>'],
+  ["fill", "Fill", "F", "Fill all connected cells of the same kind", '<path d="M9 2l7 7-6 6-7-7z M17 13v3"/>'],
+  ["cost", "Mud", "M", "Paint cells of low conductivity", '<path d="M2 7q4-4 8 0t8 0M2 12q4-4 8 0t8 0M2 17q4-4 8 0t8 0"/>'],
+  ["goal", "Goal", "G", "Add a goal, or remove the goal under the pointer", '<path d="M5 18V3h10l-3 4 3 4H5"/>'],
+  ["start", "Start", "S", "Add a start, or remove the start under the pointer", '<circle cx="10" cy="10" r="6"/>'],
+  ["snap", "Break", "X", "Open the resistor between two cells, or repair it", '<path d="M2 10h4l2-4 2 8 M18 10h-4l-2 4-2-8"/>'],
+  ["look", "Look", "L", "Show the properties of a cell without drawing; a click pins it to the scope", '<path d="M2 10q8-11 16 0q-8 11-16 0z"/><circle cx="10" cy="10" r="2"/>'],
 ];
 const REACH = 16;
 
@@ -57,7 +57,7 @@ export class Tools {
     return /** @type {Scene} */ (this.model.scene);
   }
 
-  /** Pointer or finger come down at a point in cells, which may lie outside. @param {number[]} point @returns {Gesture | null} */
+  /** Begin a gesture at a point in cells, which may lie outside the grid. @param {number[]} point @returns {Gesture | null} */
   #press(point) {
     if (!this.model.scene) return null;
     if (this.tool === "snap" && this.canDraw) return this.#snap(point);
@@ -78,14 +78,14 @@ export class Tools {
     return null;
   }
 
-  /** The first start, or else goal, of which something is true.
+  /** Return the first start, or otherwise goal, that satisfies a condition.
    * @param {(start: number[]) => boolean} isStart @param {(goal: number[]) => boolean} isGoal @returns {Handle | null} */
   #handle(isStart, isGoal) {
     const start = this.#scene.starts.findIndex(isStart), goal = this.#scene.goals.findIndex(isGoal);
     return start >= 0 ? ["starts", start] : goal >= 0 ? ["goals", goal] : null;
   }
 
-  /** A goal or start near a point. @param {number[]} point */
+  /** Return a goal or start near a point. @param {number[]} point */
   #handleAt(point) {
     const { view } = this, [x, y] = view.toPixels(point), number = numberOf(this.#scene, point.map(Math.floor));
     const isNear = (/** @type {number[]} */ other) => {
@@ -95,7 +95,7 @@ export class Tools {
     return this.#handle((start) => isNear(view.startPoint(start)), (goal) => isNear(view.goalPoint(goal)) || goal.includes(number));
   }
 
-  /** A goal or start on a cell. @param {number[]} cell */
+  /** Return a goal or start on a cell. @param {number[]} cell */
   #handleOn(cell) {
     const number = numberOf(this.#scene, cell);
     return this.#handle((start) => numberOf(this.#scene, cellAt(this.#scene, start)) === number, (goal) => goal.includes(number));
@@ -111,7 +111,7 @@ export class Tools {
     return gesture;
   }
 
-  /** Move a goal or a start; its own tool removes it where it is not moved.
+  /** Move a goal or a start; a click with its own tool removes it.
    * @param {number[]} from @param {"goals" | "starts"} list @param {number} number @returns {Gesture | null} */
   #drag(from, list, number) {
     const first = this.#scene, isOwn = this.canDraw && `${this.tool}s` === list;
@@ -156,7 +156,7 @@ export class Tools {
     return {};
   }
 
-  /** What the tool does to a cell. @param {Scene} scene @param {boolean} isOnWall @returns {[Scene, Stroke]} */
+  /** Return the scene with the conductivity in its palette, and the change of a cell by the tool. @param {Scene} scene @param {boolean} isOnWall @returns {[Scene, Stroke]} */
   #strokeOf(scene, isOnWall) {
     if (this.tool === "cost") {
       const [changed, level] = withConductivity(scene, this.conductivity);
@@ -177,12 +177,12 @@ export class Tools {
     event.preventDefault();
   }
 
-  /** Where the keys are: in the middle at first. */
+  /** Cell of the keyboard cursor, initially the middle of the grid. */
   get #cursor() {
     return this.view.cursor ?? sizeOf(this.#scene).map((size) => Math.floor(size / 2));
   }
 
-  /** Move the cursor; with shift it takes along the goal or start on its cell. @param {number[]} by @param {boolean} takes */
+  /** Move the cursor, and, with shift, the goal or start on its cell. @param {number[]} by @param {boolean} takes */
   #walk(by, takes) {
     const from = this.#cursor, to = insideOf(this.#scene, [from[0] + by[0], from[1] + by[1]]) ?? from;
     const handle = takes ? this.#handleOn(from) : null;
@@ -194,7 +194,7 @@ export class Tools {
     this.#end(gesture);
   }
 
-  /** Use the tool at the cursor. */
+  /** Apply the tool at the cursor. */
   #use() {
     const cell = this.#cursor, handle = this.#handleOn(cell);
     this.view.cursor = cell;

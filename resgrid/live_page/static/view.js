@@ -1,4 +1,4 @@
-// The grid: where cells lie on its canvas, and everything that is drawn there sixty times a second.
+// The canvas of the grid: its coordinate transformation, and the painting of each animation frame.
 
 import { paintCircuit, paintSupplies } from "./circuit.js";
 import { colours } from "./colours.js";
@@ -10,24 +10,24 @@ import { Surface } from "./surface.js";
 
 /** @typedef {import("./frame.js").Frame} Frame */
 /** @typedef {import("./model.js").Scene} Scene */
-/** @typedef {{name: string, scene: Scene, lines: Float32Array[]}} Others paths to compare with, and of which scene */
+/** @typedef {{name: string, scene: Scene, lines: Float32Array[]}} Others comparison paths and their scene */
 
 const MARGIN = 10, LABELS = 22, SUPPLIES = 112;
 const START = "#ffffff", CASING = "#10151c";
-/** Colour and width of paths to compare with. @type {Record<string, [string, number]>} */
+/** Colour and width of comparison paths. @type {Record<string, [string, number]>} */
 const OTHERS = { ideal: ["#ffb199", 1.5], "k = 0": ["#7fd0ff", 2], "k = 1": ["#ffb000", 2] };
 
 export class View extends Surface {
   /** @type {Scene | null} */ scene = null;
   /** @type {Frame | null} */ frame = null;
-  /** The frame, or a moment before it was reached. @type {Frame | null} */ #moment = null;
-  /** Whether a moment is shown before the field has settled: its currents are not known. */ isSettling = false;
+  /** The frame, or a picture of the transient. @type {Frame | null} */ #moment = null;
+  /** Whether a picture of the transient is shown, for which currents are unknown. */ isSettling = false;
   #isStale = false;
   #field = document.createElement("canvas");
   #cells = document.createElement("canvas");
   #lines = document.createElement("canvas");
   /** @type {number[] | null} */ cursor = null;
-  /** The cell whose voltage the scope keeps showing. @type {number[] | null} */ pinned = null;
+  /** The cell that is pinned to the scope. @type {number[] | null} */ pinned = null;
   /** @type {number[][] | null} */ rectangle = null;
   /** @type {Others[]} */ others = [];
   shows = { dots: true, equipotentials: true, arrows: false, paths: true, circuit: true, ends: false };
@@ -50,7 +50,7 @@ export class View extends Surface {
     this.setMoment(null);
   }
 
-  /** Show another picture in place of the frame's, or the frame's again.
+  /** Show a picture of the transient, or the frame again.
    * @param {{picture: Uint16Array} | null} moment */
   setMoment(moment) {
     this.isSettling = moment !== null;
@@ -58,7 +58,7 @@ export class View extends Surface {
     this.#isStale = true;
   }
 
-  /** Paint everything again: another theme, other things shown. */
+  /** Repaint everything after a change of the theme or of the display options. */
   refresh() {
     if (this.scene) paintCells(this.#cells, this.scene, this.dark);
     this.#isStale = true;
@@ -68,12 +68,12 @@ export class View extends Surface {
     this.#isStale = true;
   }
 
-  /** What is drawn of the circuit. */
+  /** The circuit, if it is shown. */
   get circuit() {
     return (this.shows.circuit && this.frame?.circuit) || null;
   }
 
-  /** From cells to pixels: the grid in the middle, its axes' names beside and below. */
+  /** Transformation from cells to pixels, with the grid in the middle and the names of axes at its sides. */
   get matrix() {
     if (!this.scene) return new DOMMatrix();
     const { scene: { axes }, ratio, canvas: { width, height } } = this, [nx, ny] = sizeOf(this.scene);
@@ -83,13 +83,13 @@ export class View extends Surface {
     return new DOMMatrix([w, 0, 0, -h, (width - nx * w + both - aside) / 2 - rim, (height + ny * h - both) / 2 + rim]);
   }
 
-  /** A start in cells. @param {number[]} start */
+  /** Return a start in cells. @param {number[]} start */
   startPoint(start) {
     const { axes } = /** @type {Scene} */ (this.scene);
     return start.map((value, a) => (value - axes[a].lower) / spacingOf(axes[a]));
   }
 
-  /** Where the handle of a goal is, in cells: the cell nearest to its middle. @param {number[]} goal */
+  /** Return the position of a goal's handle in cells: the goal cell nearest to its centroid. @param {number[]} goal */
   goalPoint(goal) {
     const cells = goal.map((number) => cellOf(/** @type {Scene} */ (this.scene), number));
     const middle = [0, 1].map((a) => cells.reduce((sum, cell) => sum + cell[a], 0) / cells.length);
@@ -185,7 +185,7 @@ export class View extends Surface {
     this.stroke("rgb(16 21 28 / 85%)", Math.max(1, this.canvas.width / 900));
   }
 
-  /** Certified paths are whole, others dashed; thin ones are to be compared with. @param {Frame} frame */
+  /** Paint certified paths as solid lines, previews as dashed lines, and comparison paths as thin lines. @param {Frame} frame */
   #paintPaths(frame) {
     const scale = this.canvas.width / 900, fine = Math.max(0.8, scale), dash = frame.exact ? [] : [8 * scale, 6 * scale];
     this.context.lineJoin = this.context.lineCap = "round";
@@ -196,7 +196,7 @@ export class View extends Surface {
     for (const line of frame.lines) this.#paintLine(line, [[CASING, 6 * fine], [START, 3 * fine]], dash);
   }
 
-  /** A line, again beyond every seam. @param {Float32Array} line @param {[string, number][]} strokes @param {number[]} [dash] */
+  /** Trace a line and its periodic images. @param {Float32Array} line @param {[string, number][]} strokes @param {number[]} [dash] */
   #paintLine(line, strokes, dash) {
     const [turns, others] = /** @type {Scene} */ (this.scene).axes.map(({ periodic, cells }) => (periodic ? [-cells, 0, cells] : [0]));
     this.inUnits((context) => {
@@ -209,7 +209,7 @@ export class View extends Surface {
     for (const [colour, width] of strokes) this.stroke(colour, Math.max(1.5, width), dash);
   }
 
-  /** Crosses on the faces whose resistors are broken. */
+  /** Paint crosses on the faces of open resistors. */
   #paintBroken() {
     const { a: w, d: h } = this.matrix, dx = Math.max(5 / w, 0.35), dy = Math.max(-5 / h, 0.35);
     this.inUnits((context) => {

@@ -1,4 +1,4 @@
-// The page in a notebook, as an anywidget: its session runs in the kernel, and messages travel over the widget's comm.
+// The page as a notebook widget (anywidget): its session runs in the kernel, with messages over the widget's comm.
 
 import { Page } from "./page.js";
 
@@ -7,7 +7,7 @@ const ADDRESS = "http://127.0.0.1:8017/", HEIGHT = "640px";
 /** @typedef {{send: (content: object, callbacks?: object, buffers?: ArrayBufferView[]) => void,
  *   on: (name: string, call: Function) => void, off: (name: string, call: Function) => void}} Comm */
 
-/** What a WebSocket would do, over a comm that several views share. @param {Comm} comm @param {string} view @param {AbortSignal} signal
+/** Return an object with the interface of a WebSocket for one view of a comm. @param {Comm} comm @param {string} view @param {AbortSignal} signal
  * @returns {import("./wire.js").Socket} */
 function dial(comm, view, signal) {
   const receive = (/** @type {{view: string}} */ content, /** @type {DataView[]} */ [data]) => {

@@ -1,4 +1,4 @@
-// The one connection: requests are answered in turn; of scenes to be solved only the newest is ever sent.
+// The connection to the server: requests with replies; of several scenes to solve, only the newest is sent.
 
 import { writeScene } from "./model.js";
 
@@ -21,7 +21,7 @@ function unpack(message) {
   return [head, new Uint8Array(message, 4 + size)];
 }
 
-/** What of a WebSocket is used: a notebook's comm is no WebSocket, and does the same.
+/** The part of the interface of a WebSocket that the page uses; also implemented for a notebook's comm.
  * @typedef {Pick<WebSocket, "send" | "readyState" | "binaryType" | "onmessage" | "onclose">} Socket */
 
 export class Wire {
@@ -48,10 +48,10 @@ export class Wire {
     this.#socket = socket;
   }
 
-  /** Ask, about a scene or not, and wait for the answer.
+  /** Send a request, with or without a scene, and return its reply.
    * @param {object} head @param {import("./model.js").Scene} [scene] @returns {Promise<[any, Uint8Array]>} */
   ask(head, scene) {
-    if (!this.isOpen) return Promise.reject(new Error("the server does not answer; what you draw is kept"));
+    if (!this.isOpen) return Promise.reject(new Error("the server does not answer; the drawing is kept"));
     const seq = ++this.#seq, [drawing, body] = scene ? writeScene(scene) : [undefined, undefined];
     return new Promise((resolve, reject) => {
       this.#waiting.set(seq, { resolve, reject });
@@ -75,7 +75,7 @@ export class Wire {
 
   /** @param {{code: number}} event */
   #lose(event) {
-    const why = event.code === 1009 ? "this is too large for the server" : "the server does not answer";
+    const why = event.code === 1009 ? "this drawing is too large for the server; use a smaller grid" : "the server does not answer";
     for (const { reject } of this.#waiting.values()) reject(new Error(why));
     this.#waiting.clear();
     this.hears.lost();
@@ -83,7 +83,7 @@ export class Wire {
   }
 }
 
-/** A function that asks for what is newest when it is called, one request at a time, until the newest has been answered.
+/** Return a function that runs `ask`, one call at a time; calls during a run cause one more run afterwards.
  * @param {() => Promise<void>} ask */
 export function newest(ask) {
   let isWanted = false;

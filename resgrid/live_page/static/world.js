@@ -1,4 +1,4 @@
-// The workspace of an arm: what stands there can be dragged, and the arm goes along its first path.
+// The workspace of an arm: its obstacles and goals can be dragged, and the arm moves along its first path.
 
 import { colours } from "./colours.js";
 import { inks } from "./pictures.js";
@@ -7,16 +7,16 @@ import { stepOf, Surface } from "./surface.js";
 /** @typedef {import("./model.js").Scene} Scene */
 /** @typedef {{shape?: string, lower?: number[], upper?: number[], centre?: number[], radius?: number,
  *   vertices?: number[][], point?: number[]}} Shape */
-/** @typedef {["obstacle" | "goal", number]} Thing what can be moved: its list, and its number there */
-/** @typedef {number[][]} Pose the arm's joints, from its base to its tip */
+/** @typedef {["obstacle" | "goal", number]} Thing movable object: its list and index */
+/** @typedef {number[][]} Pose positions of the arm's joints, from base to tip */
 
 const ARM = "#2f6fdb", POSES_A_SECOND = 12, GHOSTS = 9, KEY_PIXELS = 8, POINT_PIXELS = 8;
-/** Pixels of the page around the workspace. */
+/** Margin of the workspace in CSS pixels. */
 const LEFT = 46, RIGHT = 14, TOP = 28, BOTTOM = 40;
 const MARGIN = 1.04, TICK = 36;
 const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10];
 
-/** A shape moved in the plane. @param {Shape} shape @param {number[]} by @returns {Shape} */
+/** Return a shape moved in the plane. @param {Shape} shape @param {number[]} by @returns {Shape} */
 function moved(shape, by) {
   const shift = (/** @type {number[]} */ point) => point.map((value, a) => Number((value + by[a]).toPrecision(12)));
   const copy = { ...shape };
@@ -43,7 +43,7 @@ export class World extends Surface {
   /** @type {Pose[]} */ poses = [];
   /** @type {Pose | null} */ hovered = null;
   canDraw = true;
-  /** What arrow keys move. */ #chosen = 0;
+  /** Index of the object that arrow keys move. */ #chosen = 0;
 
   /** @param {HTMLCanvasElement} canvas @param {import("./model.js").Model} model @param {() => Promise<void>} resample */
   constructor(canvas, model, resample) {
@@ -64,12 +64,12 @@ export class World extends Surface {
     return /** @type {any} */ (this.scene?.world);
   }
 
-  /** How far the arm reaches, in metres. */
+  /** Reach of the arm, in metres. */
   get #reach() {
     return this.#document.robot.links.reduce((/** @type {number} */ sum, /** @type {{length: number}} */ link) => sum + link.length, 0);
   }
 
-  /** From metres to pixels: the arm's base in the middle of the square that it reaches. */
+  /** Transformation from metres to pixels, with the arm's base in the middle. */
   get matrix() {
     if (!this.scene) return new DOMMatrix();
     const { ratio, canvas: { width, height } } = this, [x, y] = this.#document.robot.base;
@@ -77,7 +77,7 @@ export class World extends Surface {
     return new DOMMatrix([scale, 0, 0, -scale, LEFT * ratio + w / 2 - x * scale, TOP * ratio + h / 2 + y * scale]);
   }
 
-  /** All that can be moved: goals in the workspace, then obstacles. @returns {Thing[]} */
+  /** All movable objects: goals in the workspace, then obstacles. @returns {Thing[]} */
   get #things() {
     const lists = /** @type {const} */ (["goal", "obstacle"]);
     return lists.flatMap((list) => (this.#document[list] ?? []).map((/** @type {Shape} */ _, /** @type {number} */ n) => [list, n]));
@@ -127,7 +127,7 @@ export class World extends Surface {
     if (standing) this.#paintArm(standing, 1, fine);
   }
 
-  /** A frame around the square that the arm reaches, with metres at its ticks. @param {string} edge @param {string} label */
+  /** Paint the axes of the workspace, in metres. @param {string} edge @param {string} label */
   #paintAxes(edge, label) {
     const { context, ratio } = this, [x, y] = this.#document.robot.base, far = MARGIN * this.#reach;
     const [left, bottom] = this.toPixels([x - far, y - far]), [right, top] = this.toPixels([x + far, y + far]);
@@ -168,7 +168,7 @@ export class World extends Surface {
     context.globalAlpha = 1;
   }
 
-  /** Take what is near a point along. @param {number[]} from @returns {import("./surface.js").Gesture | null} */
+  /** Begin to drag the object near a point. @param {number[]} from @returns {import("./surface.js").Gesture | null} */
   #take(from) {
     const first = this.scene, thing = first && this.canDraw && !this.model.before && this.#thingAt(from);
     if (!first || !thing) return null;
@@ -193,7 +193,7 @@ export class World extends Surface {
     });
   }
 
-  /** Space chooses the next thing, arrows move it. @param {KeyboardEvent} event */
+  /** Handle keys: space selects the next object, arrows move it. @param {KeyboardEvent} event */
   #key(event) {
     const step = stepOf(event);
     if (!this.scene || !this.canDraw || (event.key !== " " && !step)) return;
@@ -206,14 +206,14 @@ export class World extends Surface {
     this.#put();
   }
 
-  /** Move one thing of a scene. @param {Scene} first @param {Thing} thing @param {number[]} by metres */
+  /** Move an object of a scene. @param {Scene} first @param {Thing} thing @param {number[]} by metres */
   #shift(first, [list, number], by) {
     const world = /** @type {any} */ (first.world);
     const shapes = world[list].map((/** @type {Shape} */ shape, /** @type {number} */ n) => (n === number ? moved(shape, by) : shape));
     this.model.show({ world: { ...world, [list]: shapes } });
   }
 
-  /** The thing stays where it is. */
+  /** End a drag. */
   async #put() {
     await this.resample();
     this.model.commit();

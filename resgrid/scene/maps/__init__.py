@@ -1,1 +1,1 @@
-"""Map files: a reader for each format, and one table of formats."""
+"""Readers of map files, one per format, and the table of formats."""

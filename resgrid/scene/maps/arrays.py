@@ -1,4 +1,4 @@
-"""What a map file says, and maps that are NumPy arrays."""
+"""The cells of a map file (`MapCells`), and the reader of maps in NumPy format."""
 
 from __future__ import annotations
 
@@ -25,33 +25,34 @@ from resgrid.robots import CellSet, Robot
 HEADER_READERS = {
     (1, 0): "read_array_header_1_0",
     (2, 0): "read_array_header_2_0",
-    (3, 0): "read_array_header_2_0",  # differs only in the encoding of names of fields, and cells have none
+    (3, 0): "read_array_header_2_0",  # differs from 2.0 only in the encoding of field names
 }
-"""The function of `numpy.lib.format` that reads the header of a version."""
+"""Functions of `numpy.lib.format` that read the header, by version of the format."""
 
 HEADINGS = 36
-"""Cells of the third axis of a turning robot on a map that does not say."""
+"""Default number of cells of the heading axis of a turning robot on a map."""
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class MapCells:
-    """What was read from a map file.
+    """The cells of a map file, with their axes, frame and costs.
 
     Attributes
     ----------
     axes : tuple of Axis
-        Of the map, in its own coordinates; those of the scene, unless its robot turns or is an arm.
+        Axes of the map, in its own coordinates; also the axes of the scene, unless the robot turns or is an arm.
     cell : ndarray of uint8
         `resgrid.core.space.Cell` codes on these axes, before obstacles grow by the robot's radius.
     frame : Frame
-        From the map's coordinates to the world's.
+        Transformation from the map's coordinates to world coordinates.
     conductivity : ndarray of float64 or None
-        Of its cells; None where the map says nothing of costs.
+        Conductivity of every cell, in the shape of `cell`; None for maps without costs.
     unknown : ndarray of bool or None
-        Cells of unknown occupancy, which `cell` holds as obstacles or as free; None where the format has none.
+        Mask of cells of unknown occupancy, in the shape of `cell`, whose codes are obstacle or free; None for formats
+        without unknown cells.
     table : mapping
-        The ``[map]`` table it came from; ``file`` is an absolute path.
+        The ``[map]`` table of the map; ``file`` is an absolute path.
     """
 
     axes: tuple[Axis, ...]
@@ -61,8 +62,8 @@ class MapCells:
     unknown: NDArray[np.bool_] | None = None
     table: Mapping[str, Any] = field(default_factory=dict)
 
-    def read_by(self, table: Mapping[str, Any]) -> MapCells:
-        """The same map as its table says, of which no reader knows: its named axes closed to rings."""
+    def with_table(self, table: Mapping[str, Any]) -> MapCells:
+        """Return the map with a ``[map]`` table, whose ``periodic`` names the axes that become periodic."""
         names, periodic = [axis.name for axis in self.axes], table.get("periodic", ())
         for name in periodic:
             if name not in names:
@@ -72,21 +73,21 @@ class MapCells:
 
     @property
     def obstacles(self) -> CellSet:
-        """The cells that are obstacles, as a shape of the map's own frame."""
+        """The obstacle cells, as a shape in the map's own coordinates."""
         return CellSet(self.axes, self.cell == Cell.OBSTACLE)
 
     def space_of(self, robot: Robot) -> tuple[tuple[Axis, ...], Frame]:
-        """Axes and frame of the configuration space of a robot on this map."""
+        """Return axes and frame of the configuration space of a robot on this map."""
         axes = robot.axes_on_map(self.axes, self.table.get("headings", HEADINGS))
         return tuple(axes), replace(self.frame, turning_length=robot.turning_length)
 
     def without_obstacles(self) -> MapCells:
-        """The same map, free where obstacles were."""
+        """Return the map with all obstacle cells free."""
         return replace(self, cell=np.where(self.cell == Cell.OBSTACLE, np.uint8(Cell.FREE), self.cell))
 
 
 def cells_from_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Picture rows (height, width), the top one first, turned into cells (width, height): x first and y upwards."""
+    """Return rows of a picture (height, width), top row first, as cells (width, height): x first, y upwards."""
     return np.ascontiguousarray(rows[::-1].T)
 
 
@@ -96,16 +97,16 @@ def placed_axes(
     origin: Annotated[tuple[float, ...], Len(1, 4)] | None = None,
     unit: str | None = None,
 ) -> tuple[Axis, ...]:
-    """Axes of a map that does not say where it lies.
+    """Return the axes of a map whose format has no position and resolution.
 
     Parameters
     ----------
     spacing
         Width of a cell.
     origin
-        Its lower corner.
+        Lower corner of the map.
     unit
-        Of lengths.
+        Unit of lengths.
     """
     corner = [0.0] * len(shape) if origin is None else origin
     if len(corner) != len(shape):
@@ -118,35 +119,38 @@ def placed_axes(
 
 
 def read_npy(path: Path) -> NDArray[np.uint8]:
-    """Read a NumPy array of cell codes (0 free, 1 obstacle, 2 goal) or truth values (true is an obstacle)."""
+    """Read a NumPy array of cell codes (0 free, 1 obstacle, 2 goal) or booleans (true is an obstacle)."""
     data = read_bytes(path)
     _check_npy(data, path)
     try:
         array = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
     except (ValueError, TypeError, EOFError, OSError) as error:
-        raise InputError(f"{path}: the array is damaged ({error})") from None
+        raise InputError(f"{path}: the array is damaged ({error}); copy or save it again") from None
     wrong = ~np.isin(array, list(Cell))
     if wrong.any():
         where = tuple(int(i) for i in np.argwhere(wrong)[0])
-        raise InputError(f"{path}: cell {where} is {array[where]}; it may be 0 (free), 1 (obstacle) or 2 (goal)")
+        raise InputError(f"{path}: cell {where} is {array[where]}; it must be 0 (free), 1 (obstacle) or 2 (goal)")
     return np.ascontiguousarray(array, dtype=np.uint8)
 
 
 def _check_npy(data: bytes, path: Path) -> None:
-    """Refuse by the header alone: before anything is allocated for what it announces."""
+    """Raise InputError or BudgetError for an invalid or too large array, by its header, before memory is allocated."""
     stream = BytesIO(data)
     try:
         version = np.lib.format.read_magic(stream)
         read_header = getattr(np.lib.format, HEADER_READERS[version])
         shape, _, dtype = read_header(stream)
-    except Exception as error:  # a damaged header goes through Python's own tokenizer, which raises what it likes
-        raise InputError(f"{path}: this is not an .npy file that can be read ({error})") from None
+    except Exception as error:  # for damaged headers, Python's tokenizer raises exceptions of many types
+        raise InputError(f"{path}: this is not a readable .npy file ({error}); save it with np.save") from None
     if dtype.kind not in "bui":
         raise InputError(
-            f"{path}: cells are whole numbers or truth values, this array holds {dtype}; save it with .astype(np.uint8)"
+            f"{path}: cells must be whole numbers or booleans, but this array has dtype {dtype}; save it with "
+            ".astype(np.uint8)"
         )
     if not 1 <= len(shape) <= MAX_DIMENSIONS or min(shape) < 1:
-        raise InputError(f"{path}: the array has shape {shape}; a map has 1 to {MAX_DIMENSIONS} axes, none empty")
+        raise InputError(
+            f"{path}: the array has shape {shape}; a map has 1 to {MAX_DIMENSIONS} axes of at least 1 cell each"
+        )
     require_grid_memory(shape, str(path), remedy=SMALLER_MAP)
     missing = prod(shape) * dtype.itemsize - (len(data) - stream.tell())
     if missing > 0:

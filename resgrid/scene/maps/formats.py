@@ -1,4 +1,4 @@
-"""Which formats of maps there are, which reader and options belong to each, and how a map was read, for people."""
+"""The table of map formats with their readers and options, and a description of how a map was read."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from resgrid.scene.table_models import fields_from
 
 @dataclass(frozen=True)
 class MapFormat:
-    """A kind of map file: its reader, how its files end, and how they begin.
+    """A format of map files: its reader, the suffixes of its files, and their first bytes.
 
-    A reader gives all of a map, or, where the file does not say where its cells lie, these alone.  Its options are keys
-    of the ``[map]`` table: annotations say their ranges, its docstring what they mean.
+    A reader returns the map, or only its cells if the format has no position and resolution.  The options of the reader
+    are keys of the ``[map]`` table; their ranges come from its annotations, their descriptions from its docstring.
     """
 
     read: Callable[..., NDArray[np.uint8] | MapCells]
@@ -39,13 +39,13 @@ class MapFormat:
 
     @property
     def options(self) -> dict[str, Any]:
-        """The options of the reader, and of `placed_axes` if they are needed, as fields of a table."""
+        """Options of the reader, and of `placed_axes` for formats without position, as fields of a pydantic model."""
         is_placed = get_type_hints(self.read).get("return") is MapCells
         return fields_from(self.read) | ({} if is_placed else fields_from(placed_axes))
 
 
 PICTURES = (".png", ".pgm", ".pnm", ".ppm", ".pbm", ".bmp", ".gif", ".tif", ".tiff", ".jpg", ".jpeg")
-"""How names of pictures end."""
+"""Suffixes of pictures."""
 
 FORMATS: dict[str, MapFormat] = {
     "ros": MapFormat(read_ros, (".yaml", ".yml")),
@@ -56,15 +56,15 @@ FORMATS: dict[str, MapFormat] = {
     "npy": MapFormat(read_npy, (".npy",), (b"\x93NUMPY",)),
 }
 _HEADER_BYTES = 1 << 16
-"""The part of a header in which the name of the picture is looked for."""
+"""Number of leading bytes of a ROS header in which the name of a picture is searched."""
 
 _MAGIC = max(len(magic) for entry in FORMATS.values() for magic in entry.magic)
 COMMON = ("file", "format", "periodic", "headings")
-"""Keys of a ``[map]`` table that no reader sees."""
+"""Keys of a ``[map]`` table that are not options of a reader."""
 
 
 def map_options() -> dict[str, Any]:
-    """The options of all readers as fields of a table, each with the formats that take it."""
+    """Return the options of all readers as fields of a pydantic model; their descriptions list the formats."""
     options = {name: entry.options for name, entry in FORMATS.items()}
     takers = {key: [name for name in options if key in options[name]] for known in options.values() for key in known}
     fields: dict[str, Any] = {}
@@ -76,31 +76,31 @@ def map_options() -> dict[str, Any]:
 
 
 def read_map(table: Mapping[str, Any]) -> MapCells:
-    """Read a map file as its ``[map]`` table says; ``file`` is an absolute path."""
+    """Read the map file of a ``[map]`` table, whose ``file`` is an absolute path."""
     path = Path(table["file"])
     name = format_of(path, table)
     options = {key: value for key, value in table.items() if key not in COMMON}
     known = FORMATS[name].options
     for key in options:
         if key not in known:
-            hint = suggestion(key, known) or f"it takes {', '.join(known)}"
-            raise InputError(f"{path}: map.{key}: a map of format {name!r} takes no such option; {hint}")
+            hint = suggestion(key, known) or f"its options are {', '.join(known)}"
+            raise InputError(f"{path}: map.{key}: a map of format {name!r} has no such option; {hint}")
     placing = {key: options.pop(key) for key in signature(placed_axes).parameters if key in options}
     try:
         found = FORMATS[name].read(path, **options)
         cells = found if isinstance(found, MapCells) else MapCells(placed_axes(found.shape, **placing), found)
     except BudgetError:
         raise
-    except MemoryError:  # beyond a limit that the estimate does not know, such as that of ulimit -v
+    except MemoryError:  # a limit that the memory estimate does not include, such as ulimit -v
         raise BudgetError(
-            f"{path}: the memory that this process may take is too small for this map; raise its limit (ulimit -v), "
-            "or cut the map to the part that you need"
+            f"{path}: the memory limit of this process is too small for this map; raise the limit (ulimit -v), or crop "
+            "the map to the part that you need"
         ) from None
-    return cells.read_by(table)
+    return cells.with_table(table)
 
 
 def format_of(path: Path, table: Mapping[str, Any]) -> str:
-    """The format of a map file: as its table says, by the end of its name, or by its first bytes."""
+    """Return the format of a map file: from its table, its suffix, or its first bytes."""
     if table.get("format", "auto") != "auto":
         return str(table["format"])
     for name, entry in FORMATS.items():
@@ -111,24 +111,27 @@ def format_of(path: Path, table: Mapping[str, Any]) -> str:
         if start.startswith(entry.magic):
             return name
     known = ", ".join(suffix for entry in FORMATS.values() for suffix in entry.suffixes)
-    raise InputError(f"{path}: this is no known kind of map; scenes end in .toml, maps in {known}, or give the format")
+    raise InputError(
+        f"{path}: this is not a map of a known format; scenes end in .toml, maps in {known}; rename the file, or give "
+        "its format (--format)"
+    )
 
 
 def warn_of_header(path: Path) -> None:
-    """Warn that a picture is read as it stands though the header of a ROS map that names it lies in the same folder."""
+    """Warn if a picture, which is read without a header, belongs to a ROS map in the same folder."""
     for suffix in FORMATS["ros"].suffixes:
         header = path.with_suffix(suffix)
         if header.is_file() and path.name.encode() in read_bytes(header, first=_HEADER_BYTES):
             warnings.warn(
-                f"{path} is read as a plain picture, in pixels, by its brightness alone; {header} holds its "
-                "resolution, origin and thresholds: give that file (--format image says that the picture is meant)",
+                f"{path} is read as a plain picture, in pixels, with a default threshold; {header} contains its "
+                "resolution, origin and thresholds: give that file, or --format image for the picture",
                 stacklevel=3,
             )
             return
 
 
 def describe_map(cells: MapCells) -> dict[str, Any]:
-    """Describe how a map was read: its format, the reader that was followed, the meaning of greys and letters."""
+    """Return the format, dialect and options of a map as read, and the meaning of its greys or letters."""
     table = cells.table
     file = Path(table["file"])
     name = format_of(file, table)
@@ -150,7 +153,7 @@ def describe_map(cells: MapCells) -> dict[str, Any]:
 
 
 def _runs(meanings: Sequence[str]) -> list[tuple[int, int, str]]:
-    """Neighbouring grey values of one meaning together: first, last, meaning."""
+    """Return ranges of consecutive grey values with the same meaning, as (first, last, meaning)."""
     runs, first = [], 0
     for meaning, group in groupby(meanings):
         last = first + len(list(group)) - 1

@@ -23,28 +23,35 @@ from resgrid.errors import InputError
 from resgrid.scene.maps.arrays import MapCells, cells_from_rows, placed_axes
 
 TERRAIN = ".G@OTSWE"
+"""Letters of the cells of a map."""
+
 PASSABLE = ".GSE"
+"""Letters of free cells by default."""
+
 TYPES = ("octile", "tile", "octile_unicost")
+"""Types of maps with square cells."""
+
 SCENARIO_FIELDS = {9: "1", 7: "0"}
-"""Version of a scenario by the number of fields of its lines; version 0 leaves out the size of the map."""
+"""Version of a scenario by the number of fields per line; version 0 omits the size of the map."""
 
 
 @dataclass(frozen=True)
 class MovingAIScenario:
-    """One problem of a scenario file.
+    """One path-planning problem of a scenario file.
 
     Attributes
     ----------
     bucket : int
         Difficulty class: the optimal length divided by four.
     map : str
-        The map file as the scenario names it.
+        Name of the map file, as given in the scenario.
     width, height : int
-        Size of the map.
+        Size of the map, in cells.
     start, goal : tuple of int
-        Cells in this package's convention: file column ``c``, row ``r`` (row 0 on top) is ``(c, height - 1 - r)``.
+        Cells ``(x, y)`` with y upwards: column ``c``, row ``r`` of the file (row 0 at the top) is
+        ``(c, height - 1 - r)``.
     optimal_length : float
-        Length of the shortest octile path, in cells; diagonal steps cost sqrt(2) and cut no corner.
+        Length of the shortest octile path, in cells; diagonal steps cost sqrt(2) and do not cut corners.
     """
 
     bucket: int
@@ -57,16 +64,16 @@ class MovingAIScenario:
 
 
 def read_movingai(path: Path, passable: str = PASSABLE) -> MapCells:
-    """Read a MovingAI map; a cell is 1 x 1, in units of ``cell``.
+    """Read a MovingAI map; cells are 1 x 1, in units of ``cell``.
 
     Parameters
     ----------
     passable
-        Letters of free terrain.
+        Letters of free cells.
     """
     unknown = sorted(set(passable) - set(TERRAIN))
     if unknown:
-        raise InputError(f"map.passable: {''.join(unknown)!r} is no terrain; the letters are {TERRAIN}")
+        raise InputError(f"map.passable: {''.join(unknown)!r} is not a letter of terrain; the letters are {TERRAIN}")
     lines = read_text(path).split("\n")
     first, width, height = _header(lines, path)
     rows = lines[first : first + height]
@@ -82,7 +89,7 @@ def read_movingai(path: Path, passable: str = PASSABLE) -> MapCells:
 
 
 def read_voxels(path: Path) -> MapCells:
-    """Read a MovingAI voxel map: free but for the voxels that it lists; a voxel is 1 x 1 x 1, in units of ``cell``."""
+    """Read a MovingAI voxel map, which lists its obstacle voxels; voxels are 1 x 1 x 1, in units of ``cell``."""
     lines = read_text(path).split("\n")
     words = lines[0].split()
     sizes = [int(word) if word.isascii() and word.isdigit() and len(word) < 16 else 0 for word in words[1:]]
@@ -95,31 +102,31 @@ def read_voxels(path: Path) -> MapCells:
     try:
         voxels = np.loadtxt(lines[1:], dtype=np.int64, comments=None, ndmin=2)
     except (ValueError, OverflowError):
-        raise _first_misfit(lines, sizes, path) from None
+        raise _first_invalid_line(lines, sizes, path) from None
     if voxels.shape[1] != 3 or ((voxels < 0) | (voxels >= sizes)).any():
-        raise _first_misfit(lines, sizes, path)
+        raise _first_invalid_line(lines, sizes, path)
     cell[tuple(voxels.T)] = Cell.OBSTACLE
     return MapCells(placed_axes(cell.shape), cell)
 
 
-def _first_misfit(lines: list[str], sizes: list[int], path: Path) -> InputError:
-    """The complaint about the first line of a voxel map that names no voxel of it."""
+def _first_invalid_line(lines: list[str], sizes: list[int], path: Path) -> InputError:
+    """Return an InputError for the first line of a voxel map that is not a voxel of the map."""
     for number, line in enumerate(lines[1:], 2):
         words = line.split()
         is_place = len(words) == 3 and all(word.isascii() and word.isdigit() and len(word) < 16 for word in words)
         if words and not (is_place and all(int(word) < size for word, size in zip(words, sizes, strict=True))):
             size = " x ".join(map(str, sizes))
             return InputError(f"{path}: line {number}: expected a voxel 'x y z' of {size}, got {line[:40]!r}")
-    return InputError(f"{path}: the voxels cannot be read")
+    return InputError(f"{path}: the voxels cannot be read; write one voxel 'x y z' per line")
 
 
 def read_movingai_scenarios(file: str | os.PathLike[str]) -> list[MovingAIScenario]:
-    r"""Read the problems of a MovingAI scenario file, of version 1 or 0, with or without a line that says so.
+    r"""Read the problems of a MovingAI scenario file of version 1 or 0, with or without a version line.
 
     Parameters
     ----------
     file : path-like
-        The ``.scen`` file.  In version 0 the size of a map is read from the map file, which lies in the same folder.
+        The ``.scen`` file.  For version 0, the size of a map is read from the map file in the same folder.
 
     Returns
     -------
@@ -160,9 +167,12 @@ def _header(lines: list[str], path: Path) -> tuple[int, int, int]:
                 f"{path}: line {number}: expected 'type octile', 'height N', 'width N' and 'map', got {line[:40]!r}"
             )
         if words[0] == "type" and words[1] not in TYPES:
-            raise InputError(f"{path}: line {number}: type {words[1]!r} is not square; it may be {', '.join(TYPES)}")
+            raise InputError(
+                f"{path}: line {number}: type {words[1]!r} does not have square cells; the type must be "
+                f"{', '.join(TYPES)}"
+            )
         if words[0] in values:
-            raise InputError(f"{path}: line {number}: {words[0]!r} stands in the header twice; remove one")
+            raise InputError(f"{path}: line {number}: {words[0]!r} is in the header twice; remove one")
         values[words[0]] = words[1]
     raise InputError(f"{path}: the header does not end with a line 'map'; is this a MovingAI map?")
 
@@ -172,7 +182,7 @@ def _sizes(values: dict[str, str], path: Path) -> tuple[int, int]:
     for key in ("width", "height"):
         text = values.get(key, "")
         if not (text.isascii() and text.isdigit() and len(text) < 16 and int(text) > 0):
-            raise InputError(f"{path}: the header needs '{key} N' with N at least 1, got {text[:20] or 'nothing'!r}")
+            raise InputError(f"{path}: the header needs '{key} N' with N at least 1, got {text[:20]!r}")
         sizes.append(int(text))
     return sizes[0], sizes[1]
 
@@ -184,21 +194,20 @@ def _check_rows(rows: list[str], lines: list[str], path: Path, first: int, width
         if set(row) - known:
             column = next(i for i, letter in enumerate(row) if letter not in known)
             raise InputError(
-                f"{path}: line {number}, column {column + 1}: {row[column]!r} is no terrain; the letters are {TERRAIN}"
+                f"{path}: line {number}, column {column + 1}: {row[column]!r} is not a letter of terrain; the letters "
+                f"are {TERRAIN}"
             )
         if len(row) != width:
-            raise InputError(
-                f"{path}: line {number}: the row has {len(row)} letters, but the header says width {width}"
-            )
+            raise InputError(f"{path}: line {number}: the row has {len(row)} letters, but the header has width {width}")
     if len(rows) < height:
-        raise InputError(f"{path}: the file ends after {len(rows)} rows, but the header says height {height}")
+        raise InputError(f"{path}: the file ends after {len(rows)} rows, but the header has height {height}")
     for number, line in enumerate(lines[first + height :], first + height + 1):
         if line.strip():
             raise InputError(f"{path}: line {number}: more rows than the header's height {height}")
 
 
 class _MapSizes(dict[str, tuple[int, int]]):
-    """Width and height of the maps that a scenario of version 0 names, each read once."""
+    """Cache of width and height of the maps of a scenario of version 0, by name of the map file."""
 
     def __init__(self, scenario: Path) -> None:
         super().__init__()
@@ -209,8 +218,8 @@ class _MapSizes(dict[str, tuple[int, int]]):
         file = named if named.is_file() else self.scenario.parent / PurePosixPath(name).name
         if not file.is_file():
             raise InputError(
-                f"{self.scenario}: a scenario of version 0 leaves out the size of its map, and {file} is not there; "
-                "put the map file into the scenario's folder"
+                f"{self.scenario}: a scenario of version 0 omits the size of its map, and the map file {file} does not "
+                "exist; put the map file into the scenario's folder"
             )
         _, width, height = _header(read_text(file).split("\n", 9)[:9], file)
         self[name] = width, height

@@ -1,6 +1,6 @@
-"""Pictures as maps, and as arrays of channel values, whatever the file format.
+"""Readers of pictures of any file format, as maps and as arrays of channel values.
 
-Portable anymaps are read by `resgrid.scene.maps.pnm`, all other formats by Pillow.
+The module `resgrid.scene.maps.pnm` reads portable anymaps, Pillow reads all other formats.
 """
 
 from __future__ import annotations
@@ -31,28 +31,27 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 BYTES_PER_PIXEL = 24
-"""Memory of a picture while it is turned into cells by its brightness."""
+"""Estimated memory during the conversion of a picture to cells, in bytes per pixel."""
 
 THRESHOLD = 128
-"""Grey value from which a pixel is free, of a picture that does not say."""
+"""Smallest grey value of a free pixel by default."""
 
-DEEP = ("I;16", "I;16B", "I;16L", "I;16N", "I")
-"""Modes of Pillow that hold more than 8 bits of grey."""
+DEEP_MODES = ("I;16", "I;16B", "I;16L", "I;16N", "I")
+"""Modes of Pillow with more than 8 bits of grey."""
 
 _DEEP_COLOURS = {"RGB;16B": "RGB;16L", "RGBA;16B": "RGBA;16L"}
-"""How Pillow unpacks 16 bits a channel of PNGs: to the higher bytes, and, as if little-endian, to the lower ones."""
+"""Pillow's raw modes for PNGs of 16 bits per channel: those that give the high bytes, mapped to those for low bytes."""
 
 _LIMIT = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """A picture.
+    """The channel values of a picture.
 
-    `values` (height, width, channels): the top row first; 1 (grey), 2 (grey, alpha), 3 (red, green, blue) or 4
-    channels; `maxval`: the value of white, and of opaque; up to 255 in uint8, above in uint16; `numbers` (height,
-    width): of the colours in the palette, if there is one; `is_grey_alpha`: whether the file is a
-    PNG of grey and opacity.
+    `values` (height, width, channels), uint8 or uint16: top row first, 1 (grey), 2 (grey, alpha), 3 (red, green, blue)
+    or 4 channels (with alpha); `maxval`: value of white and of opaque; `numbers` (height, width): indices of colours in
+    the palette, or None; `is_grey_alpha`: the file is a PNG of grey and opacity.
     """
 
     values: NDArray[np.uint8] | NDArray[np.uint16]
@@ -61,7 +60,7 @@ class Raster:
     is_grey_alpha: bool = False
 
     def rows(self, first: int, last: int) -> Raster:
-        """Return the rows from `first` to before `last`."""
+        """Return the rows from `first` up to, not including, `last`."""
         numbers = None if self.numbers is None else self.numbers[first:last]
         return Raster(self.values[first:last], self.maxval, numbers, self.is_grey_alpha)
 
@@ -72,7 +71,7 @@ class Raster:
 
     @property
     def grey(self) -> NDArray[np.int32]:
-        """Brightness from 0 to 255, shape ``(height, width)``: ITU-R 601 luma, rounded; opacity is ignored."""
+        """Grey values from 0 to 255, shape (height, width): rounded ITU-R 601 luma, without opacity."""
         if self.values.shape[2] <= 2:
             return self._channel(0)
         luma = 500 + 299 * self._channel(0)
@@ -83,11 +82,11 @@ class Raster:
 
     @property
     def bytes(self) -> NDArray[np.int32]:
-        """Values from 0 to 255, shape as `values`: of 16 bits the higher byte, as libpng and OpenCV cut them off."""
+        """Values from 0 to 255, in the shape of `values`; of 16 bits the high byte, as in libpng and OpenCV."""
         return self._bytes(self.values)
 
     def _channel(self, number: int) -> NDArray[np.int32]:
-        """Values of one channel, from 0 to 255."""
+        """Return the values of one channel (height, width), from 0 to 255."""
         return self._bytes(self.values[..., number])
 
     def _bytes(self, values: NDArray[Any]) -> NDArray[np.int32]:
@@ -98,21 +97,21 @@ class Raster:
 
 
 def read_grey(path: Path, threshold: Annotated[int, Ge(0), Le(65536)] = THRESHOLD) -> NDArray[np.uint8]:
-    """Read a picture in which dark is an obstacle.
+    """Read a picture as cell codes (width, height): dark pixels are obstacles.
 
     Parameters
     ----------
     threshold
-        Grey value from which a pixel is free.
+        Smallest grey value of a free pixel.
     """
     grey = read_raster(path).grey
     return cells_from_rows(np.where(grey < threshold, Cell.OBSTACLE, Cell.FREE).astype(np.uint8))
 
 
 def read_epic(path: Path) -> NDArray[np.uint8]:
-    """Read a picture by the convention of epic: 0 is an obstacle, 255 a goal, everything between is free.
+    """Read a picture by the convention of epic: 0 is an obstacle, 255 a goal, other values are free.
 
-    Colours are turned to grey by their rounded luma, opacity is ignored (K. Wray, D. Ruiken, R. Grupen and
+    Colours are converted to grey by their rounded luma, opacity is ignored (K. Wray, D. Ruiken, R. Grupen and
     S. Zilberstein, "Log-space harmonic function path planning", IROS 2016; OpenCV's ``IMREAD_GRAYSCALE``).
     """
     grey = read_raster(path).grey
@@ -122,10 +121,10 @@ def read_epic(path: Path) -> NDArray[np.uint8]:
 
 
 def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
-    """Read a picture file: anymaps by our own reader, every other format that Pillow knows by Pillow."""
+    """Read a picture file of any format that `read_pnm` or Pillow supports."""
     data = read_bytes(path)
     if not data:
-        raise InputError(f"{path}: the file is empty")
+        raise InputError(f"{path}: the file is empty; copy it again")
     if data[:2] in MAGICS:
         return Raster(*read_pnm(data, path, bytes_per_pixel))
     return _read_with_pillow(data, path, bytes_per_pixel)
@@ -137,7 +136,7 @@ def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int) -> Raster:
     try:
         with warnings.catch_warnings(), _any_size():
             warnings.simplefilter("ignore")
-            Image.open(BytesIO(data)).verify()  # the checksums of PNG, which decoding alone does not look at
+            Image.open(BytesIO(data)).verify()  # checks the checksums of PNG, which decoding ignores
             image = Image.open(BytesIO(data))
         require_grid_memory(image.size, str(path), bytes_per_pixel, SMALLER_MAP)
         return _raster(image, data, path)
@@ -145,13 +144,13 @@ def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int) -> Raster:
         raise InputError(f"{path}: this is not a picture of a known format (PNG, PGM, JPEG, BMP, ...)") from None
     except (ResgridError, MemoryError):
         raise
-    except Exception as error:  # each of Pillow's decoders has its own ways to fail on damaged bytes
+    except Exception as error:  # for damaged bytes, Pillow's decoders raise exceptions of many types
         raise InputError(f"{path}: the picture is damaged or cut short ({error}); copy it again") from None
 
 
 @contextmanager
 def _any_size() -> Iterator[None]:
-    """Lift Pillow's limit of pixels: the memory that is free decides, before anything is decoded."""
+    """Disable Pillow's limit of pixels; `require_grid_memory` checks the size before decoding."""
     from PIL import Image
 
     with _LIMIT:
@@ -164,32 +163,32 @@ def _any_size() -> Iterator[None]:
 
 def _raster(image: Image, data: bytes, path: Path) -> Raster:
     if min(image.size) == 0:
-        raise InputError(f"{path}: the picture has no pixels")
+        raise InputError(f"{path}: the picture has no pixels; export it again")
     if image.mode == "F":
-        raise InputError(f"{path}: a picture of floating-point values is no map; save it with 8 or 16 bits")
+        raise InputError(f"{path}: a picture of floating-point values cannot be a map; save it with 8 or 16 bits")
     layout = _png_layout(data)
-    if image.mode in DEEP or layout in ((16, 2), (16, 4), (16, 6)):
+    if image.mode in DEEP_MODES or layout in ((16, 2), (16, 4), (16, 6)):
         deep = _transparent(_deep_values(image, data, layout, path), image.info.get("transparency"))
         return Raster(deep, 65535, is_grey_alpha=layout == (16, 4))
     if layout is not None and layout[1] == 0:
-        key = image.info.pop("transparency", None)  # in units of the file, whereas Pillow has scaled the greys
+        key = image.info.pop("transparency", None)  # in the file's bit depth, whereas Pillow scales greys to 8 bits
         grey = np.asarray(image.convert("L"))[..., np.newaxis]
         top = 2 ** layout[0] - 1
         return Raster(_transparent(grey, None if key is None else min(key, top) * (255 // top)), 255)
     if image.mode == "RGB" and _has_spare_bytes(data):
         return Raster(_with_spare_bytes(image, data), 255)
-    values = np.asarray(image.convert(_plain_mode(image)))
+    values = np.asarray(image.convert(_channel_mode(image)))
     numbers = np.asarray(image) if image.mode == "P" and _keeps_palette(image) else None
     return Raster(values if values.ndim == 3 else values[..., np.newaxis], 255, numbers, layout == (8, 4))
 
 
 def _has_spare_bytes(data: bytes) -> bool:
-    """Return whether a BMP has 32 bits a pixel without masks: the fourth byte, which Pillow drops, is the opacity."""
+    """Return whether a BMP has 32 bits per pixel without masks; its fourth byte, which Pillow drops, is the opacity."""
     return data.startswith(b"BM") and data[14] >= 40 and data[28:30] == b"\x20\0" and not any(data[30:34])
 
 
 def _with_spare_bytes(image: Image, data: bytes) -> NDArray[np.uint8]:
-    """Values (height, width, 4) of a BMP of 32 bits a pixel: red, green, blue and opacity."""
+    """Return the values (height, width, 4) of a BMP of 32 bits per pixel: red, green, blue and opacity."""
     first, height = struct.unpack("<I", data[10:14])[0], struct.unpack("<i", data[22:26])[0]
     rows = np.frombuffer(data, np.uint8, 4 * image.width * image.height, first)
     opacity = rows.reshape(image.height, image.width, 4)[:: -1 if height > 0 else 1, :, 3]
@@ -197,58 +196,58 @@ def _with_spare_bytes(image: Image, data: bytes) -> NDArray[np.uint8]:
 
 
 def _keeps_palette(image: Image) -> bool:
-    """Return whether at most one colour of a palette is transparent, and that wholly: SDL_image then keeps it."""
+    """Return whether SDL_image keeps the palette: at most one colour is transparent, and this colour fully."""
     opacity = image.info.get("transparency", b"")
     return not isinstance(opacity, bytes) or opacity.replace(b"\xff", b"") in (b"", b"\0")
 
 
 def _png_layout(data: bytes) -> tuple[int, int] | None:
-    """Bits a channel and type of colour (0 grey, 2 colours, 3 palette, 4 and 6 with opacity) of a PNG."""
+    """Return bits per channel and colour type of a PNG (0 grey, 2 colour, 3 palette, 4 and 6 with opacity), or None."""
     return (data[24], data[25]) if data.startswith(b"\x89PNG") and len(data) > 25 else None
 
 
 def _deep_values(image: Image, data: bytes, layout: tuple[int, int] | None, path: Path) -> NDArray[np.uint16]:
-    """Values (height, width, channels) of a picture of 16 bits a channel."""
+    """Return the values (height, width, channels) of a picture of 16 bits per channel."""
     from PIL import Image as Pillow, ImageFile
 
-    if layout == (16, 4):  # as 8 bits of red, green, blue and opacity: both bytes of grey, both bytes of opacity
+    if layout == (16, 4):  # decoded as 8-bit RGBA, whose channels are then two bytes of grey and two of opacity
         with _any_size():
             image = Pillow.open(BytesIO(_with_layout(data, 8, 6)))
         quarters = np.asarray(image)
         return _joined(quarters[..., ::2], quarters[..., 1::2])
-    if image.mode not in DEEP:
+    if image.mode not in DEEP_MODES:
         with _any_size():
             lower = Pillow.open(BytesIO(data))
         assert isinstance(lower, ImageFile.ImageFile)
         ((codec, extent, offset, unpacking),) = lower.tile
-        # A plain tuple: before version 11 Pillow has no other.
+        # Pillow before version 11 has no named tuple for tiles.
         lower.tile = [(codec, extent, offset, _DEEP_COLOURS[str(unpacking)])]  # type: ignore[list-item]
         return _joined(np.asarray(image), np.asarray(lower))
     deep: NDArray[Any] = np.asarray(image).astype(np.int64)
     if deep.min() < 0 or deep.max() > 65535:
-        raise InputError(f"{path}: grey values must lie between 0 and 65535")
+        raise InputError(f"{path}: grey values must lie between 0 and 65535; save the picture with 16 bits")
     return deep.astype(np.uint16)[..., np.newaxis]
 
 
 def _joined(higher: NDArray[np.uint8], lower: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Values of two bytes each."""
+    """Return 16-bit values from their high and low bytes."""
     return (higher.astype(np.uint16) * np.uint16(256) + lower).astype(np.uint16)
 
 
 def _with_layout(data: bytes, depth: int, colour: int) -> bytes:
-    """A PNG whose header says another layout of its bytes."""
+    """Return the bytes of a PNG with bit depth and colour type in its header replaced."""
     header = data[12:24] + bytes((depth, colour)) + data[26:29]
     return data[:12] + header + struct.pack(">I", zlib.crc32(header)) + data[33:]
 
 
 def _transparent(values: NDArray[Any], key: Any) -> NDArray[Any]:
-    """Values with an opacity that is 0 where the colour is the transparent one, if there is one."""
+    """Return the values with an opacity channel, 0 at pixels of the transparent colour `key`; unchanged without key."""
     if key is None:
         return values
     opaque = (values != np.atleast_1d(np.array(key))).any(axis=2)
     return np.dstack([values, np.where(opaque, np.iinfo(values.dtype).max, 0).astype(values.dtype)])
 
 
-def _plain_mode(image: Image) -> str:
-    plain = "L" if image.mode in ("1", "L", "LA") else "RGB"
-    return f"{plain}A" if image.has_transparency_data else plain
+def _channel_mode(image: Image) -> str:
+    opaque = "L" if image.mode in ("1", "L", "LA") else "RGB"
+    return f"{opaque}A" if image.has_transparency_data else opaque

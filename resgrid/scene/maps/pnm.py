@@ -1,4 +1,4 @@
-"""Portable anymaps (PBM, PGM, PPM; plain and binary), read to the letter: thresholds need the values as they stand.
+"""Reader of portable anymaps (PBM, PGM, PPM; plain and binary), which keeps values exact, as thresholds require.
 
 Formats: https://netpbm.sourceforge.net/doc/pbm.html, pgm.html and ppm.html.
 """
@@ -26,7 +26,7 @@ _SPACES = (b" ", b"\t", b"\r", b"\n", b"\v", b"\f")
 
 
 class _Header(NamedTuple):
-    """Of a file: kind (1 to 6), size, largest value, first byte of the raster."""
+    """The header of a file: kind (1 to 6), size in pixels, largest value, offset of the raster in bytes."""
 
     kind: int
     width: int
@@ -42,31 +42,32 @@ class _Header(NamedTuple):
 def read_pnm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> tuple[NDArray[Any], int]:
     """Return the values (height, width, channels) of an anymap, and the value of white.
 
-    Blanks, tabs, line ends and comments (from ``#`` to the end of the line) may stand between the numbers of the
-    header; one blank character ends it.  Values above 255 take two bytes, the higher first.  Bits are turned into grey:
-    0 for black.  Bytes after the raster are ignored.
+    Blanks, tabs, line ends and comments (from ``#`` to the end of the line) may separate the numbers of the header; one
+    blank character ends it.  Values above 255 take two bytes, the high byte first.  Bits are converted to grey: 0 for
+    black.  Bytes after the raster are ignored.
     """
     header = _read_header(data, path)
     width, height, maxval, channels = header.width, header.height, header.maxval, header.channels
     count = width * height * channels
-    if count <= 8 * len(data):  # otherwise it is cut short
+    if count <= 8 * len(data):  # otherwise the file is cut short
         require_grid_memory((width, height), str(path), bytes_per_pixel, SMALLER_MAP)
     values = _raster(data, header, count, path)
     if len(values) < count:
         raise InputError(
-            f"{path}: the file is cut short: {width} x {height} = {width * height} pixels are announced, "
-            f"{len(values) // channels} are there; copy it again"
+            f"{path}: the file is cut short: the header gives {width} x {height} = {width * height} pixels, the file "
+            f"has {len(values) // channels}; copy it again"
         )
     if values.max() > maxval:
         raise InputError(
-            f"{path}: pixel {int(values.argmax()) // channels} is {values.max()}, above the maximum {maxval}"
+            f"{path}: pixel {int(values.argmax()) // channels} is {values.max()}, above the maximum {maxval} of the "
+            "header; correct the header or export the picture again"
         )
     return values.reshape(height, width, channels).astype(np.uint8 if maxval < 256 else np.uint16), maxval
 
 
 def _read_header(data: bytes, path: Path) -> _Header:
     if data[:2] not in MAGICS:
-        raise InputError(f"{path}: not a PNM file: it starts with {data[:4]!r}, not with P1 to P6")
+        raise InputError(f"{path}: this is not a PNM file: it starts with {data[:4]!r}, not with P1 to P6")
     kind = int(data[1:2])
     is_bitmap = kind in (1, 4)
     at, numbers = 2, []
@@ -87,7 +88,7 @@ def _read_header(data: bytes, path: Path) -> _Header:
 
 
 def _raster(data: bytes, header: _Header, count: int, path: Path) -> NDArray[Any]:
-    """Values as far as they are there, at most `count`."""
+    """Return the values in the file, at most `count`; fewer if the file is cut short."""
     if header.kind == 1:
         return _plain_bits(data[header.start :], count, path)
     if header.kind == 4:
@@ -104,21 +105,23 @@ def _plain_values(data: bytes, count: int, path: Path) -> NDArray[Any]:
     words = _COMMENT.sub(b" ", data).split()[:count]
     wrong = next((word for word in words if not word.isdigit() or len(word) > MAX_DIGITS), None)
     if wrong is not None:
-        raise InputError(f"{path}: the raster holds {wrong[:20]!r}; a plain one holds whole numbers up to its maximum")
+        raise InputError(
+            f"{path}: the raster contains {wrong[:20]!r}; a plain raster contains whole numbers up to the maximum"
+        )
     return np.array(words, dtype=bytes).astype(np.int64)
 
 
 def _plain_bits(data: bytes, count: int, path: Path) -> NDArray[Any]:
-    """Bits of a plain bitmap, with or without blanks between them; 1 is black."""
+    """Return the pixels of a plain bitmap, 0 for black, from its digits with or without blanks, where 1 is black."""
     digits = np.frombuffer(b"".join(_COMMENT.sub(b" ", data).split()), np.uint8)[:count]
     wrong = ~np.isin(digits, (ord("0"), ord("1")))
     if wrong.any():
-        raise InputError(f"{path}: the raster holds {chr(digits[wrong][0])!r}; a plain bitmap holds 0 and 1")
+        raise InputError(f"{path}: the raster contains {chr(digits[wrong][0])!r}; a plain bitmap contains 0 and 1")
     return ord("1") - digits
 
 
 def _packed_bits(data: bytes, header: _Header) -> NDArray[Any]:
-    """Bits of a binary bitmap, each row filled up to whole bytes; 1 is black."""
+    """Return the pixels of a binary bitmap, 0 for black; its rows are padded to whole bytes, and its bit 1 is black."""
     row = -(-header.width // 8)
     rows = min(header.height, max(0, len(data) - header.start) // row)
     packed = np.frombuffer(data, np.uint8, rows * row, min(header.start, len(data))).reshape(rows, row)

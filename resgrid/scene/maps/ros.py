@@ -1,4 +1,4 @@
-"""ROS occupancy maps: ``map.yaml`` and its picture, read as the reader of a dialect reads them."""
+"""Reader of ROS occupancy maps, ``map.yaml`` and its picture, in several dialects."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.pictures import BYTES_PER_PIXEL, Raster, read_raster
 from resgrid.scene.maps.ros_dialects import CONVERTERS, UNKNOWN, occupancies
 from resgrid.scene.maps.ros_header import NEWEST, Dialect, RosHeader, picture_of, read_header
-from resgrid.scene.messages import unknown as unknown_word
+from resgrid.scene.messages import unknown_option
 
 COSTS_BYTES = 40
-"""Memory of a pixel while occupancies are turned into conductivities."""
+"""Estimated memory during the conversion of occupancies to conductivities, in bytes per pixel."""
 
 
 def read_ros(
@@ -37,14 +37,15 @@ def read_ros(
     Parameters
     ----------
     dialect
-        The reader to follow: nav2 (since 2025), nav2-jazzy (Nav2 from Dashing to Jazzy) or ros1.
+        ROS map reader whose rules apply: nav2 (since 2025), nav2-jazzy (Nav2 from Dashing to Jazzy) or ros1.
     unknown
-        Meaning of cells of unknown occupancy. Raw values above 100 are unknown to Nav2; of ROS 1 255 is, and 101 to 254
-        are obstacles, as costmap_2d takes the values that map_server sends.
+        Code of cells of unknown occupancy.  Raw values above 100 are unknown in Nav2; in ROS 1, 255 is unknown, and 101
+        to 254 are obstacles, as costmap_2d interprets the values of map_server.
     lethal
-        Occupancy from which a cell is an obstacle; by default that of ``occupied_thresh``.
+        Smallest occupancy of an obstacle cell; by default from ``occupied_thresh``.
     least_conductivity
-        Values below lethal as cost; an occupancy p conducts this to the power of p / lethal.
+        Conductivity c of a cell just below `lethal`; a cell of occupancy p has the conductivity c ** (p / lethal).  By
+        default all free cells have conductivity 1.
     """
     header = read_header(path, dialect)
     occupancy = _occupancy(path, header, dialect, BYTES_PER_PIXEL if least_conductivity is None else COSTS_BYTES)
@@ -54,14 +55,14 @@ def read_ros(
     cell[unseen] = Cell.OBSTACLE if unknown == "obstacle" else Cell.FREE
     conductivity = None
     if least_conductivity is not None:
-        share = np.clip(occupancy, 0, None) / _lethal(header, lethal)
-        conductivity = np.ascontiguousarray(np.where(occupied, 1.0, least_conductivity**share).T)
+        fraction = np.clip(occupancy, 0, None) / _lethal(header, lethal)
+        conductivity = np.ascontiguousarray(np.where(occupied, 1.0, least_conductivity**fraction).T)
     axes, frame = _place(header, cell.shape)
     return MapCells(axes, np.ascontiguousarray(cell.T), frame, conductivity, np.ascontiguousarray(unseen.T))
 
 
 def ros_greys(path: Path, dialect: Dialect = NEWEST, lethal: int | None = None) -> list[str]:
-    """What each grey value of an opaque picture means in a ROS map."""
+    """Return the meaning of each grey value 0 to 255 of a ROS map: ``obstacle``, ``free`` or ``unknown``."""
     header = read_header(path, dialect)
     occupancy = occupancies(Raster(np.arange(256, dtype=np.uint8).reshape(1, 256, 1), 255), header, dialect)
     words = np.where(_is_occupied(occupancy, header, lethal), "obstacle", "free")
@@ -73,35 +74,35 @@ def _is_occupied(occupancy: NDArray[np.int8], header: RosHeader, lethal: int | N
 
 
 def _lethal(header: RosHeader, lethal: int | None) -> int:
-    """The least occupancy of an obstacle."""
+    """Return the smallest occupancy of an obstacle cell, from 1 to 100."""
     return max(1, int(np.ceil(100 * header.occupied_thresh))) if lethal is None else lethal
 
 
 def _require_dialect(dialect: str) -> None:
     if dialect not in CONVERTERS:
-        raise InputError(f"dialect: {unknown_word(repr(dialect), dialect, ', '.join(CONVERTERS), list(CONVERTERS))}")
+        raise InputError(f"dialect: {unknown_option(repr(dialect), dialect, ', '.join(CONVERTERS), list(CONVERTERS))}")
 
 
 def from_occupancy_grid(file: str | os.PathLike[str], dialect: Dialect = NEWEST) -> NDArray[np.int8]:
-    r"""Occupancies of a ROS map, as the reader of a dialect publishes them.
+    r"""Return the occupancies of a ROS map, as its ROS reader publishes them.
 
     Parameters
     ----------
     file : path-like
         The ``map.yaml``.
     dialect : {"nav2", "nav2-jazzy", "ros1"}
-        The reader to follow: of Nav2 since 2025, of Nav2 from Dashing to Jazzy, or of ROS 1.
+        ROS map reader whose rules apply: Nav2 since 2025, Nav2 from Dashing to Jazzy, or ROS 1.
 
     Returns
     -------
     ndarray of int8, shape (height, width)
-        100 occupied, 0 free, -1 unknown, between them what the mode says.  Rows as in ``nav_msgs/OccupancyGrid``: row 0
-        is the bottom one of the picture, so entry ``[j, i]`` is cell ``(i, j)``.
+        100 occupied, 0 free, -1 unknown; modes ``scale`` and ``raw`` also give values from 1 to 99.  Rows as in
+        ``nav_msgs/OccupancyGrid``: row 0 is the bottom row of the picture, so entry ``[j, i]`` is cell ``(i, j)``.
 
     Raises
     ------
     InputError
-        If a file, a key or the dialect is wrong.
+        If a file, a key or the dialect is invalid.
     BudgetError
         If the picture would not fit in memory.
 
@@ -125,8 +126,8 @@ def _occupancy(path: Path, header: RosHeader, dialect: Dialect, pixel: int = BYT
     raster = read_raster(picture, pixel)
     if dialect == "ros1" and raster.numbers is not None:
         warnings.warn(
-            f"{picture}: map_server of ROS 1 takes the numbers of the colours in a palette for greys, and so does this "
-            "map; save the picture without a palette",
+            f"{picture}: like map_server of ROS 1, this reader uses the indices of the palette as grey values; save "
+            "the picture without a palette",
             stacklevel=2,
         )
     return occupancies(raster, header, dialect)[::-1].copy()

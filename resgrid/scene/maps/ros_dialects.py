@@ -1,13 +1,13 @@
-"""From the pixels of a ROS map to occupancies, by each dialect's reader.
+"""Conversion of the pixels of a ROS map to occupancies, as by the reader of each dialect.
 
 Sources read: ros-navigation/navigation2, ``nav2_map_server/src/map_io.cpp``, on main since pull request 5071 of 2025
 (``nav2``), and from Dashing to Jazzy (``nav2-jazzy``), both with pictures by GraphicsMagick with 16-bit quanta;
 ros-planning/navigation, ``map_server/src/image_loader.cpp`` (``ros1``; modes since Jade, pictures by SDL_image).  With
 ``p`` the darkness of a pixel from 0 to 1 (its lightness if ``negate``), high ``p`` is occupied (100), low ``p`` is free
-(0), anything else unknown (-1).  They differ in:
+(0), other values unknown (-1).  The readers differ in:
 
 =====================  ============================  ============================  ===========================
-matter                 ``nav2``                      ``nav2-jazzy``                ``ros1``
+property               ``nav2``                      ``nav2-jazzy``                ``ros1``
 =====================  ============================  ============================  ===========================
 darkness               ``1 - grey / 255`` of the     ``1 - mean / 65535`` of       ``(255 - mean) / 255``,
                        8-bit luma, single precision  16-bit channels               mean of 8-bit channels
@@ -46,28 +46,29 @@ from resgrid.scene.maps.pictures import Raster
 from resgrid.scene.maps.ros_header import Dialect, RosHeader
 
 OCCUPIED, FREE, UNKNOWN = 100, 0, -1
+"""Values of ``nav_msgs/OccupancyGrid``."""
+
 QUANTUM = 65535
-"""White, and opaque, in GraphicsMagick."""
+"""Value of white and of opaque in GraphicsMagick."""
 
-
-ROWS = 64
-"""Rows of a colour picture that are converted together, so that their intermediate values take little memory."""
+ROWS_PER_BLOCK = 64
+"""Number of rows of a colour picture that are converted at once, which limits the memory of intermediate values."""
 
 
 def occupancies(raster: Raster, header: RosHeader, dialect: Dialect) -> NDArray[np.int8]:
-    """Return the occupancies (height, width) of a picture by a dialect, the top row first."""
+    """Return the occupancies (height, width) of a picture, as by the reader of a dialect; top row first."""
     convert = CONVERTERS[dialect]
     if raster.values.shape[2] == 1:  # each grey value is converted once
         every = np.arange(raster.maxval + 1, dtype=np.uint16).reshape(1, -1, 1)
         return np.asarray(convert(Raster(every, raster.maxval), header)[0][raster.values[..., 0]])
     result = np.empty(raster.values.shape[:2], dtype=np.int8)
-    for first in range(0, len(result), ROWS):
-        result[first : first + ROWS] = convert(raster.rows(first, first + ROWS), header)
+    for first in range(0, len(result), ROWS_PER_BLOCK):
+        result[first : first + ROWS_PER_BLOCK] = convert(raster.rows(first, first + ROWS_PER_BLOCK), header)
     return result
 
 
 class PixelConverter(Protocol):
-    """Occupancies (height, width) of a picture, the top row first."""
+    """Function from a picture to its occupancies (height, width), top row first."""
 
     def __call__(self, raster: Raster, header: RosHeader) -> NDArray[np.int8]:
         """Return the occupancies."""
@@ -95,7 +96,7 @@ def _as_nav2(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
 
 
 def _grey_bytes(raster: Raster) -> NDArray[np.int64]:
-    """ITU-R 601 luma in 16-bit quanta, rounded, then cut off to 8 bits: GraphicsMagick's grey."""
+    """Return GraphicsMagick's grey values (height, width): 16-bit ITU-R 601 luma, rounded, truncated to 8 bits."""
     quanta = _quanta(raster)
     if quanta.shape[2] <= 2:
         return quanta[..., 0] // 257
@@ -108,9 +109,9 @@ def _as_nav2_jazzy(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
     colour = quanta[..., :-1] if raster.has_alpha else quanta
     if colour.shape[2] == 1:
         colour = colour[..., [0, 0, 0]]
-    # GraphicsMagick keeps PNGs of grey and opacity as a palette, and Color objects from a palette are opaque.
-    is_read = raster.has_alpha and not raster.is_grey_alpha
-    opacity = quanta[..., -1] if is_read else np.full(colour.shape[:2], QUANTUM)
+    # GraphicsMagick stores PNGs of grey and opacity as a palette, and Color objects from a palette are opaque.
+    has_opacity = raster.has_alpha and not raster.is_grey_alpha
+    opacity = quanta[..., -1] if has_opacity else np.full(colour.shape[:2], QUANTUM)
     total, count = colour.sum(axis=2), 3
     if header.mode == "trinary" and raster.has_alpha:
         total, count = total + opacity, 4
@@ -144,8 +145,8 @@ def _as_ros1(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
     p = (255 - mean) / 255.0
     result = np.full(p.shape, UNKNOWN, dtype=np.int8)
     if header.mode == "scale" and header.free_thresh < header.occupied_thresh:
-        shown = np.ones(mean.shape, dtype=bool) if count == 1 else channels[..., -1] >= 1
-        result = np.where(shown, np.clip(99 * _scaled(p, header), 0, 99).astype(np.int8), result)
+        visible = np.ones(mean.shape, dtype=bool) if count == 1 else channels[..., -1] >= 1
+        result = np.where(visible, np.clip(99 * _scaled(p, header), 0, 99).astype(np.int8), result)
     return _strictly_thresholded(result, p, header)
 
 
@@ -157,7 +158,7 @@ def _quanta(raster: Raster) -> NDArray[np.int64]:
 
 
 def _scaled(p: NDArray[np.float64], header: RosHeader) -> NDArray[np.float64]:
-    """Darkness, 0 at the threshold of free cells and 1 at that of occupied ones."""
+    """Return the darkness scaled to 0 at the threshold of free cells and 1 at the threshold of occupied cells."""
     return np.asarray((p - header.free_thresh) / (header.occupied_thresh - header.free_thresh))
 
 

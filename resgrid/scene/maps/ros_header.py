@@ -1,7 +1,7 @@
-"""The header of a ROS map, ``map.yaml``, as the readers of each dialect check it; and where its picture lies.
+"""The header of a ROS map, ``map.yaml``: its validation as by the reader of each dialect, and its picture file.
 
 Sources read: ros-navigation/navigation2, ``nav2_map_server/src/map_io.cpp`` and ``map_mode.cpp``; ros-planning/
-navigation, ``map_server/src/main.cpp``.  They accept thresholds in any order, and ignore keys that they do not know.
+navigation, ``map_server/src/main.cpp``.  These readers accept thresholds in any order and ignore unknown keys.
 """
 
 from __future__ import annotations
@@ -14,16 +14,14 @@ from typing import Annotated, Any, Literal
 from annotated_types import Ge, Gt, Le
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, field_validator
 
-from resgrid._internal.validation import short
 from resgrid.errors import InputError
-from resgrid.scene.messages import complaint, report, unknown
-from resgrid.scene.table_models import problems_of
+from resgrid.scene.messages import problems_of, report, shown, unknown_option
 
 Dialect = Literal["nav2", "nav2-jazzy", "ros1"]
-"""Readers of ROS maps: of Nav2 since 2025, of Nav2 from Dashing to Jazzy, of ROS 1."""
+"""ROS map readers: Nav2 since 2025, Nav2 from Dashing to Jazzy, ROS 1."""
 
 NEWEST: Dialect = "nav2"
-"""The reader to follow where none is named."""
+"""Default dialect."""
 
 MODES = ("trinary", "scale", "raw")
 
@@ -32,12 +30,8 @@ def _number(value: Any) -> float:
     from resgrid.scene.maps.yaml_cpp import double
 
     if not isinstance(value, str):
-        raise ValueError(f"must be a number, got {_shown(value)}")
+        raise ValueError(f"must be a number, got {shown(value)}")
     return double(value)
-
-
-def _shown(value: Any) -> str:
-    return f"a list of {len(value)}" if isinstance(value, list) else "a table" if value == {} else short(value)
 
 
 _Number = Annotated[float, BeforeValidator(_number)]
@@ -47,9 +41,9 @@ _Threshold = Annotated[_Number, Ge(0), Le(1)]
 class RosHeader(BaseModel):
     """The keys of a ``map.yaml``.
 
-    `image`: the picture; `resolution`: width of a pixel, in metres; `origin`: pose of the lower-left corner of the
-    lower-left pixel: x and y in metres, yaw in radians, anticlockwise; `negate`: whether light means occupied;
-    `occupied_thresh, free_thresh`: thresholds of the darkness; `mode`: the meaning of grey values.
+    `image`: file name of the picture; `resolution`: width of a pixel, in metres; `origin`: pose of the lower-left
+    corner of the lower-left pixel: x and y in metres, yaw in radians, anticlockwise; `negate`: light pixels are
+    occupied; `occupied_thresh, free_thresh`: thresholds of the darkness, 0 to 1; `mode`: conversion of grey values.
     """
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
@@ -68,7 +62,7 @@ class RosHeader(BaseModel):
         if value in (None, ""):
             raise ValueError("must not be empty")
         if not isinstance(value, str):
-            raise ValueError(f"must be the name of a picture, got {_shown(value)}")
+            raise ValueError(f"must be the name of a picture, got {shown(value)}")
         return value
 
     @field_validator("origin", mode="before")
@@ -76,7 +70,7 @@ class RosHeader(BaseModel):
     def _is_pose(cls, origin: Any, info: ValidationInfo) -> Any:
         count = len(origin) if isinstance(origin, list) else 0
         if count < 3 or (count > 3 and info.context != "ros1"):
-            raise ValueError(f"must be a list of three numbers [x, y, yaw], got {_shown(origin)}")
+            raise ValueError(f"must be a list of three numbers [x, y, yaw], got {shown(origin)}")
         return origin[:3]
 
     @field_validator("negate", mode="before")
@@ -90,7 +84,7 @@ class RosHeader(BaseModel):
             except ValueError:
                 continue
         choice = "0 or 1" if info.context == "ros1" else "0, 1, true or false"
-        raise ValueError(f"must be {choice}, got {_shown(value)}")
+        raise ValueError(f"must be {choice}, got {shown(value)}")
 
     @field_validator("mode", mode="before")
     @classmethod
@@ -98,33 +92,35 @@ class RosHeader(BaseModel):
         if info.context == "ros1":
             return value if isinstance(value, str) else "trinary"
         if not isinstance(value, str) or value.lower() not in MODES:
-            raise ValueError(unknown(_shown(value), value, " or ".join(MODES), MODES))
+            raise ValueError(unknown_option(shown(value), value, " or ".join(MODES), MODES))
         return value.lower()
 
 
 def read_header(path: Path, dialect: Dialect) -> RosHeader:
-    """Read a ``map.yaml`` as a dialect does."""
+    """Read a ``map.yaml`` by the rules of a dialect."""
     from resgrid.scene.maps.yaml_cpp import read_mapping
 
     try:
         return RosHeader.model_validate(read_mapping(path, RosHeader.model_fields), context=dialect)
     except ValidationError as error:
-        problems = [(each["loc"], complaint(each)) for each in problems_of(error)]
-        raise InputError(report(problems, str(path))) from None
+        raise InputError(report(problems_of(error), str(path))) from None
 
 
 def picture_of(path: Path, image: str) -> Path:
-    r"""Return the picture of a map: the named file, or, where there is none, the file of that name in the map's folder.
+    r"""Return the path of a map's picture; if it does not exist, of the file with this name in the map's folder.
 
-    A map that was made on another computer names a place of that computer (``/home/ann/room.pgm``,
-    ``maps\room.pgm``).  A warning says so.
+    Maps from another computer contain paths of that computer (``/home/ann/room.pgm``, ``maps\room.pgm``).  A warning is
+    issued if the named file does not exist.
     """
     named = path.parent / image
-    if os.path.isfile(named):  # noqa: PTH113  Path.is_file raises for names that no file can have
+    if os.path.isfile(named):  # noqa: PTH113  Path.is_file raises for invalid file names
         return named
     windows = PureWindowsPath(image)
     for other in (path.parent.joinpath(*windows.parts), path.parent / windows.name):
         if windows.name and other != named and os.path.isfile(other):  # noqa: PTH113
-            warnings.warn(f"{path}: image: there is no file {image!r}; {other} is read in its place", stacklevel=2)
+            warnings.warn(
+                f"{path}: image: the file {image!r} does not exist; {other} is read instead, correct the key image",
+                stacklevel=2,
+            )
             return other
     return named

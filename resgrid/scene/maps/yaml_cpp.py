@@ -1,8 +1,8 @@
-"""YAML as yaml-cpp reads it: plain text, converted to numbers by the rules of C++ streams.
+"""Reader of YAML by the rules of yaml-cpp: scalars are text, converted to numbers by the rules of C++ streams.
 
-Readers of ROS maps use yaml-cpp, whose scalars have no type: ``node.as<double>()`` and ``node.as<int>()`` convert the
-text when a program asks for it.  PyYAML's own conversion follows YAML 1.1, in which ``010`` is octal for a number of
-any kind and ``1:30`` is 90.  Source read: yaml-cpp 0.7, ``include/yaml-cpp/node/convert.h`` and ``src/convert.cpp``.
+ROS map readers use yaml-cpp, whose scalars have no type: ``node.as<double>()`` and ``node.as<int>()`` convert the text.
+PyYAML's conversion follows YAML 1.1 instead, in which ``010`` is octal for all types of numbers and ``1:30`` is 90.
+Source read: yaml-cpp 0.7, ``include/yaml-cpp/node/convert.h`` and ``src/convert.cpp``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from resgrid._internal.files import MAX_TEXT_BYTES, read_bytes
 from resgrid.errors import InputError
 
 Scalar: TypeAlias = "str | dict[str, str] | None"
-"""Text, None for null, or an empty dict for anything that is no scalar."""
+"""Text, None for null, or an empty dict for a node that is not a scalar."""
 
 Value: TypeAlias = "Scalar | list[Scalar]"
 
@@ -42,13 +42,13 @@ _TRUTHS = {"y": True, "yes": True, "true": True, "on": True, "n": False, "no": F
 
 
 class _Loader(yaml.SafeLoader):
-    """Nodes without types, with the liberties that yaml-cpp takes."""
+    """Loader of untyped nodes that accepts the same deviations from YAML as yaml-cpp."""
 
     def check_printable(self, data: str) -> None:
-        """Accept every character, such as the bytes of a comment in another encoding."""
+        """Accept all characters, such as bytes of a comment in another encoding."""
 
     def scan_to_next_token(self) -> None:
-        """Skip tabs between tokens as blanks; indentation by tabs stays an error."""
+        """Skip tabs between tokens like blanks; indentation by tabs stays an error."""
         super().scan_to_next_token()
         while self.peek() == "\t" and (self.flow_level or self.column or self._is_blank_line()):
             if self.column and not self.flow_level:
@@ -66,17 +66,17 @@ class _Loader(yaml.SafeLoader):
 
 
 def read_mapping(path: Path, keys: Iterable[str]) -> dict[str, Value]:
-    """Return the values of some keys of the first document of a YAML file; other keys are ignored.
+    """Return the values of `keys` in the first document of a YAML file; other keys are ignored.
 
     Raises
     ------
     InputError
-        If the file is not YAML, holds no mapping, or repeats a key.
+        If the file is not YAML, is not a mapping, or repeats a key.
     """
     node = _first_document(path)
     if not isinstance(node, yaml.MappingNode):
-        found = {yaml.ScalarNode: "a single value", yaml.SequenceNode: "a list"}.get(type(node), "nothing")
-        raise InputError(f"{path}: a map's YAML holds keys and values (image: ..., resolution: ...), not {found}")
+        found = {yaml.ScalarNode: "a single value", yaml.SequenceNode: "a list"}.get(type(node), "no content")
+        raise InputError(f"{path}: a map.yaml must have keys and values (image: ..., resolution: ...), got {found}")
     lines: dict[str, int] = {}
     values: dict[str, Value] = {}
     wanted = set(keys)
@@ -86,7 +86,7 @@ def read_mapping(path: Path, keys: Iterable[str]) -> dict[str, Value]:
         line = key.start_mark.line + 1
         if key.value in lines:
             raise InputError(
-                f"{path}: line {line}: {key.value}: this key stands in line {lines[key.value]} already; remove one"
+                f"{path}: line {line}: {key.value}: this key is already on line {lines[key.value]}; remove one"
             )
         lines[key.value] = line
         if key.value in wanted:
@@ -95,12 +95,12 @@ def read_mapping(path: Path, keys: Iterable[str]) -> dict[str, Value]:
 
 
 def double(text: str) -> float:
-    """Return the number that ``node.as<double>()`` finds.
+    """Return the number of a text, as by ``node.as<double>()``.
 
     Raises
     ------
     ValueError
-        If it finds none.
+        If the text is not a number.
     """
     if text in _SPECIAL:
         return _SPECIAL[text]
@@ -111,12 +111,12 @@ def double(text: str) -> float:
 
 
 def whole(text: str) -> int:
-    """Return the number that ``node.as<int>()`` finds: decimal, octal after ``0``, hexadecimal after ``0x``.
+    """Return the whole number of a text, as by ``node.as<int>()``: decimal, octal (``0...``), hexadecimal (``0x...``).
 
     Raises
     ------
     ValueError
-        If it finds none.
+        If the text is not a whole number of 32 bits.
     """
     match = _INT.fullmatch(text)
     if match is None:
@@ -130,12 +130,12 @@ def whole(text: str) -> int:
 
 
 def truth(text: str) -> bool:
-    """Return the truth value that ``node.as<bool>()`` finds: yes, true, on, y and their opposites.
+    """Return the boolean of a text, as by ``node.as<bool>()``: yes, true, on, y and their opposites.
 
     Raises
     ------
     ValueError
-        If it finds none.
+        If the text is not a boolean.
     """
     is_flexible = text in (text.lower(), text.upper(), text.capitalize())
     if not (is_flexible and text.lower() in _TRUTHS):
@@ -156,7 +156,7 @@ def _first_document(path: Path) -> yaml.Node | None:
 
 
 def _text(path: Path) -> str:
-    """Text of a file; bytes that are not UTF-8 are kept, so that names of files in other encodings are found."""
+    """Return the text of a file; bytes that are not UTF-8 stay as surrogates, so that file names remain valid."""
     data = read_bytes(path, MAX_TEXT_BYTES)
     encoding = next((name for mark, name in _BOMS if data.startswith(mark)), None)
     text = data.decode("utf-8-sig", "surrogateescape") if encoding is None else data.decode(encoding, "replace")
@@ -164,7 +164,7 @@ def _text(path: Path) -> str:
 
 
 def _without_directives(text: str) -> str:
-    """Turn directives such as OpenCV's ``%YAML:1.0`` into comments: they say nothing that a map needs."""
+    """Return the text with directives such as OpenCV's ``%YAML:1.0``, which PyYAML rejects, as comments."""
     lines = text.split("\n")
     for number, line in enumerate(lines):
         if line.startswith("%"):

@@ -3,8 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from resgrid import read_spice
-from resgrid.errors import InputError
+import resgrid as rg
 
 
 @pytest.fixture
@@ -27,7 +26,7 @@ def write(root: Path, *lines: str) -> Path:
 
 
 def test_includes_and_sections(root: Path) -> None:
-    deck = read_spice(write(root, ".include 'lib/parts.inc'", ".lib corners.lib ff"))
+    deck = rg.read_spice(write(root, ".include 'lib/parts.inc'", ".lib corners.lib ff"))
     assert dict(zip(deck.element_names["resistor"], deck.resistance.tolist(), strict=True)) == {
         "R1": 10.0,
         "R2": 2.0,
@@ -64,8 +63,8 @@ def test_includes_that_are_refused(root: Path, line: str, message: str) -> None:
     (root / "lib" / "bad.inc").write_text("R5 a 0 1\nD1 a 0 m\n")
     (root / "lib" / "open.inc").write_text(".subckt s a\nR1 a 0 1\n")
     (root / "binary.inc").write_bytes(b"R1 a 0\x001\n")
-    with pytest.raises(InputError, match=r"deck\.cir|inc") as caught:
-        read_spice(write(root, line))
+    with pytest.raises(rg.InputError, match=r"deck\.cir|inc") as caught:
+        rg.read_spice(write(root, line))
     assert message in str(caught.value)
 
 
@@ -73,22 +72,22 @@ def test_a_wider_root_may_be_named(root: Path) -> None:
     sub = root / "sub"
     sub.mkdir()
     path = write(sub, ".include ../lib/more.inc", "R4 a b 1")
-    with pytest.raises(InputError, match="outside"):
-        read_spice(path)
-    assert read_spice(path, root=root).resistance.tolist() == [1.0, 2.0]
+    with pytest.raises(rg.InputError, match="outside"):
+        rg.read_spice(path)
+    assert rg.read_spice(path, root=root).resistance.tolist() == [1.0, 2.0]
 
 
 @pytest.mark.parametrize(("name", "says"), [("absent.cir", "no such file"), (".", "directory"), ("nul\0.cir", "null")])
 def test_decks_that_cannot_be_read(root: Path, name: str, says: str) -> None:
-    with pytest.raises(InputError, match=says):
-        read_spice(os.fspath(root) + os.sep + name)
+    with pytest.raises(rg.InputError, match=says):
+        rg.read_spice(os.fspath(root) + os.sep + name)
 
 
 def test_unknown_dialects_and_roots_are_refused(root: Path) -> None:
     path = write(root, "R1 a 0 1")
-    with pytest.raises(InputError, match="hspice, ltspice, ngspice, spectre, xyce"):
-        read_spice(path, dialect="berkeley")
-    with pytest.raises(InputError, match="not a folder"):
-        read_spice(path, root=root / "absent")
+    with pytest.raises(rg.InputError, match="hspice, ltspice, ngspice, spectre, xyce"):
+        rg.read_spice(path, dialect="berkeley")
+    with pytest.raises(rg.InputError, match="not a folder"):
+        rg.read_spice(path, root=root / "absent")
     path.with_name("deck.cir.json").write_text('{"schema": 1, "dialect": "xyce"}')
-    assert read_spice(path).dialect == "xyce"
+    assert rg.read_spice(path).dialect == "xyce"

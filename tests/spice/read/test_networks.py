@@ -1,17 +1,18 @@
+"""Tests internals: `resgrid.spice.networks.circuitscape`."""
+
 from pathlib import Path
 
 import networkx as nx
 import numpy as np
 import pytest
 
-from resgrid import Netlist, read_spice, solve
-from resgrid.errors import InputError
+import resgrid as rg
 from resgrid.spice.networks.circuitscape import read_circuitscape
 
 
-def voltages(netlist: Netlist) -> dict[str, float]:
+def voltages(netlist: rg.Netlist) -> dict[str, float]:
     assert netlist.node_names is not None
-    return dict(zip(netlist.node_names, solve(netlist).voltage.tolist(), strict=True))
+    return dict(zip(netlist.node_names, rg.solve(netlist).voltage.tolist(), strict=True))
 
 
 def test_edge_lists(tmp_path: Path) -> None:
@@ -22,7 +23,7 @@ def test_edge_lists(tmp_path: Path) -> None:
     )
     (tmp_path / "in.txt").write_text("v3 1\n")
     (tmp_path / "out.txt").write_text("v7 0\n")
-    netlist = read_spice(tmp_path / "net.csv", sources=tmp_path / "in.txt", grounds=tmp_path / "out.txt").netlist()
+    netlist = rg.read_spice(tmp_path / "net.csv", sources=tmp_path / "in.txt", grounds=tmp_path / "out.txt").netlist()
     nx.set_edge_attributes(graph, weight, "g")
     expected = nx.resistance_distance(graph, 3, 7, weight="g", invert_weight=False)
     assert voltages(netlist)["v3"] == pytest.approx(expected, rel=1e-10)
@@ -45,16 +46,16 @@ def test_edge_lists(tmp_path: Path) -> None:
 )
 def test_edge_lists_that_are_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "net.csv").write_text(text)
-    with pytest.raises(InputError, match=r"net\.csv") as caught:
-        read_spice(tmp_path / "net.csv")
+    with pytest.raises(rg.InputError, match=r"net\.csv") as caught:
+        rg.read_spice(tmp_path / "net.csv")
     assert message in str(caught.value)
 
 
 def test_nodes_must_be_on_an_edge(tmp_path: Path) -> None:
     (tmp_path / "net.txt").write_text("1.000 2.000 5\n")
     (tmp_path / "in.txt").write_text("3 1\n")
-    with pytest.raises(InputError, match=r"in.txt:1: the node '3' is on no edge"):
-        read_spice(tmp_path / "net.txt", sources=tmp_path / "in.txt")
+    with pytest.raises(rg.InputError, match=r"in.txt:1: the node '3' is on no edge"):
+        rg.read_spice(tmp_path / "net.txt", sources=tmp_path / "in.txt")
 
 
 def make_raster(folder: Path, name: str, rows: list[str]) -> None:
@@ -88,14 +89,14 @@ def test_rasters_by_hand(tmp_path: Path) -> None:
     make_raster(tmp_path, "in.asc", ["2 -9999 -9999", "-9999 -9999 -9999"])
     make_raster(tmp_path, "out.asc", ["-9999 -9999 -9999", "-9999 -9999 0"])
     make_raster(tmp_path, "same.asc", ["-9999 4 -9999", "-9999 4 -9999"])
-    assert voltages(read_spice(configuration(tmp_path)).netlist())["r0_c0"] == pytest.approx(2 * (2 + 4 + 3))
+    assert voltages(rg.read_spice(configuration(tmp_path)).netlist())["r0_c0"] == pytest.approx(2 * (2 + 4 + 3))
     merged, node = read_circuitscape(configuration(tmp_path, use_polygons=True, polygon_file="same.asc"))
     assert voltages(merged.netlist())["r0_c0"] == pytest.approx(2 * (2 + 3))
     assert node is not None
     assert node[0, 1] == node[1, 1]
     conducting = configuration(tmp_path, habitat_map_is_resistances=False, connect_using_avg_resistances=False)
-    assert voltages(read_spice(conducting).netlist())["r0_c0"] == pytest.approx(2 * (1 / 2 + 1 / 4 + 1 / 3))
-    diagonal = voltages(read_spice(configuration(tmp_path, connect_four_neighbors_only=False)).netlist())
+    assert voltages(rg.read_spice(conducting).netlist())["r0_c0"] == pytest.approx(2 * (1 / 2 + 1 / 4 + 1 / 3))
+    diagonal = voltages(rg.read_spice(configuration(tmp_path, connect_four_neighbors_only=False)).netlist())
     root = np.sqrt(2)
     way_b = 1 / (1 / 4 + 0)  # r0_c1 to r1_c1 by its face
     assert diagonal["r0_c0"] == pytest.approx(_diagonal_answer(root, way_b))
@@ -142,10 +143,10 @@ def test_configurations_that_are_refused(tmp_path: Path, change: dict[str, objec
     make_raster(tmp_path, "half.asc", ["0.5 0.5", "0 0"])
     path = configuration(tmp_path, **change)
     if not message:
-        assert len(read_spice(path).resistance) == 4
+        assert len(rg.read_spice(path).resistance) == 4
         return
-    with pytest.raises(InputError, match=message):
-        read_spice(path)
+    with pytest.raises(rg.InputError, match=message):
+        rg.read_spice(path)
 
 
 @pytest.mark.parametrize(
@@ -155,8 +156,8 @@ def test_maps_in_other_formats_are_named(tmp_path: Path, content: bytes, kind: s
     make_raster(tmp_path, "cells.asc", ["1 3", "2 5"])
     make_raster(tmp_path, "out.asc", ["-9999 -9999", "-9999 0"])
     (tmp_path / "in.asc").write_bytes(content)
-    with pytest.raises(InputError, match=kind):
-        read_spice(configuration(tmp_path))
+    with pytest.raises(rg.InputError, match=kind):
+        rg.read_spice(configuration(tmp_path))
 
 
 def job(folder: Path, **files_and_keys: object) -> np.ndarray:
@@ -172,7 +173,7 @@ def job(folder: Path, **files_and_keys: object) -> np.ndarray:
     (folder / "job.ini").write_text(f"[Circuitscape mode]\nscenario = advanced\n{text}")
     network, node = read_circuitscape(folder / "job.ini")
     assert node is not None
-    return np.append(solve(network.netlist()).voltage, np.nan)[node]
+    return np.append(rg.solve(network.netlist()).voltage, np.nan)[node]
 
 
 def test_absent_keys_have_the_defaults_of_circuitscape(tmp_path: Path) -> None:
@@ -183,7 +184,7 @@ def test_absent_keys_have_the_defaults_of_circuitscape(tmp_path: Path) -> None:
     (tmp_path / "g.txt").write_text("3 4\n")
     keys = "data_type = network\nscenario = advanced\nhabitat_file = e.txt\nsource_file = s.txt\nground_file = g.txt\n"
     (tmp_path / "net.ini").write_text(keys)
-    assert voltages(read_spice(tmp_path / "net.ini").netlist()) == pytest.approx(
+    assert voltages(rg.read_spice(tmp_path / "net.ini").netlist()) == pytest.approx(
         {"ground": 0.0, "1": 24.0, "2": 14.0, "3": 4.0}
     )
 
@@ -239,9 +240,9 @@ def test_the_last_line_of_a_node_counts_in_a_network(tmp_path: Path) -> None:
     (tmp_path / "g.txt").write_text("2 9\n2 0\n")
     keys = "data_type = network\nscenario = advanced\nhabitat_file = e.txt\nsource_file = s.txt\nground_file = g.txt\n"
     (tmp_path / "net.ini").write_text("\ufeff# [x]\n" + keys + "data_type = network\n", encoding="utf-8")
-    assert voltages(read_spice(tmp_path / "net.ini").netlist())["0"] == pytest.approx(3.0)
+    assert voltages(rg.read_spice(tmp_path / "net.ini").netlist())["0"] == pytest.approx(3.0)
     summed = {"sources": tmp_path / "s.txt", "grounds": tmp_path / "g.txt"}  # a plain list adds up
-    assert voltages(read_spice(tmp_path / "e.txt", **summed).netlist())["0"] == pytest.approx(4.5)
+    assert voltages(rg.read_spice(tmp_path / "e.txt", **summed).netlist())["0"] == pytest.approx(4.5)
 
 
 @pytest.mark.parametrize(
@@ -255,7 +256,7 @@ def test_headers_of_rasters(tmp_path: Path, head: str) -> None:
     (tmp_path / "cells.asc").write_text(head + "1e0 1.0 -1\n")
     make_raster(tmp_path, "in.asc", ["2 -9999 -9999"])
     make_raster(tmp_path, "out.asc", ["-9999 0 -9999"])
-    assert voltages(read_spice(configuration(tmp_path)).netlist()) == pytest.approx(
+    assert voltages(rg.read_spice(configuration(tmp_path)).netlist()) == pytest.approx(
         {"ground": 0.0, "r0_c0": 2.0, "r0_c1": 0.0}
     )
 
@@ -271,8 +272,8 @@ def test_headers_of_rasters(tmp_path: Path, head: str) -> None:
 )
 def test_headers_that_are_refused(tmp_path: Path, head: str, message: str) -> None:
     (tmp_path / "cells.asc").write_text(head + "1 1\n")
-    with pytest.raises(InputError, match=message):
-        read_spice(configuration(tmp_path))
+    with pytest.raises(rg.InputError, match=message):
+        rg.read_spice(configuration(tmp_path))
 
 
 @pytest.mark.parametrize("form", ["%d", "%.3f", "%g", "%.18e"])
@@ -281,8 +282,8 @@ def test_node_numbers_that_numpy_prints_as_decimals(tmp_path: Path, form: str) -
     (tmp_path / "in.txt").write_text("0 1\n")
     (tmp_path / "out.txt").write_text("2000000 0\n")
     lists = {"sources": tmp_path / "in.txt", "grounds": tmp_path / "out.txt"}
-    assert voltages(read_spice(tmp_path / "net.txt", **lists).netlist())["0"] == pytest.approx(150.0)
-    read_spice(tmp_path / "net.txt")  # it looks like a list of edges
+    assert voltages(rg.read_spice(tmp_path / "net.txt", **lists).netlist())["0"] == pytest.approx(150.0)
+    rg.read_spice(tmp_path / "net.txt")  # it looks like a list of edges
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
@@ -299,7 +300,7 @@ def test_edge_lists_of_other_programs(tmp_path: Path, text: str, ohms: float, en
     (tmp_path / "net.txt").write_text(text, encoding=encoding)
     (tmp_path / "in.txt").write_text("a 1\n")
     other = "1e5" if "1e5" in text else "b"
-    assert other in read_spice(tmp_path / "net.txt").node_names
+    assert other in rg.read_spice(tmp_path / "net.txt").node_names
     (tmp_path / "out.txt").write_text(f"{other} 0\n")
     lists = {"sources": tmp_path / "in.txt", "grounds": tmp_path / "out.txt", "measure": None}
-    assert voltages(read_spice(tmp_path / "net.txt", **lists).netlist())["a"] == pytest.approx(ohms)
+    assert voltages(rg.read_spice(tmp_path / "net.txt", **lists).netlist())["a"] == pytest.approx(ohms)

@@ -1,4 +1,7 @@
-"""Where ngspice has ways of its own, a deck read by its rules has its voltages, or is refused by name and place."""
+"""Where ngspice has ways of its own, a deck read by its rules has its voltages, or is refused by name and place.
+
+Tests internals: `resgrid.spice.dialects`, `resgrid.spice.read.expressions`.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.simulators import run, waves
 
-from resgrid import read_spice, solve
-from resgrid.errors import BudgetError, InputError
+import resgrid as rg
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.read.expressions import ExpressionError, evaluate
 
@@ -29,8 +31,8 @@ def deck_in(folder: Path, *lines: str, head: tuple[str, ...] = HEAD, **files: st
 
 
 def assert_ngspice_agrees(path: Path) -> None:
-    deck = read_spice(path, dialect="ngspice")
-    voltage = solve(deck.netlist()).voltage.tolist()
+    deck = rg.read_spice(path, dialect="ngspice")
+    voltage = rg.solve(deck.netlist()).voltage.tolist()
     run(path)
     expected = waves(path.parent / "out.raw")
     for name, volts in zip(deck.node_names[1:], voltage[1:], strict=True):
@@ -38,8 +40,8 @@ def assert_ngspice_agrees(path: Path) -> None:
 
 
 def refusal(path: Path, dialect: str = "ngspice") -> str:
-    with pytest.raises(InputError) as caught:
-        read_spice(path, dialect=dialect)
+    with pytest.raises(rg.InputError) as caught:
+        rg.read_spice(path, dialect=dialect)
     return str(caught.value)
 
 
@@ -97,10 +99,10 @@ def test_ngspice_is_followed(tmp_path: Path, name: str) -> None:
 def test_an_end_within_an_included_file_ends_nothing(tmp_path: Path) -> None:
     path = deck_in(tmp_path, ".include x.inc", "R3 a 0 2k", x="R1 a 0 1k\n.end\nR5 a 0 5\n")
     assert_ngspice_agrees(path)
-    assert [(note.file, note.line) for note in read_spice(path).notes if ".end" in note.text] == [
+    assert [(note.file, note.line) for note in rg.read_spice(path).notes if ".end" in note.text] == [
         (str(tmp_path / "x.inc"), 2)
     ]
-    assert len(read_spice(path, dialect="xyce").resistance) == 3
+    assert len(rg.read_spice(path, dialect="xyce").resistance) == 3
 
 
 REFUSED = {
@@ -188,7 +190,7 @@ def test_a_waveform_that_simulators_begin_differently_needs_a_dc_value(
     assert message in refusal(deck_in(tmp_path, head=head), dialect)
     if message in ("negative delay", "do not increase"):
         with_value = deck_in(tmp_path, head=("title", f"V1 a 0 {source} dc 3", "R1 a 0 1"))
-        assert read_spice(with_value, dialect=dialect).source_volts.tolist() == [3.0]
+        assert rg.read_spice(with_value, dialect=dialect).source_volts.tolist() == [3.0]
 
 
 def test_a_terminal_that_is_global_is_refused_everywhere(tmp_path: Path) -> None:
@@ -199,7 +201,7 @@ def test_a_terminal_that_is_global_is_refused_everywhere(tmp_path: Path) -> None
 
 def test_other_dialects_keep_their_ways(tmp_path: Path) -> None:
     def ohms(*lines: str) -> float:
-        deck = read_spice(deck_in(tmp_path, *lines, head=("title", "I1 0 a 1")), dialect="hspice")
+        deck = rg.read_spice(deck_in(tmp_path, *lines, head=("title", "I1 0 a 1")), dialect="hspice")
         return 1.0 / float(deck.netlist().conductance.sum())
 
     assert ohms(".param w=1 l=4", SUBCIRCUIT.format("w=2 l=2 r=1"), "X1 a 0 s r={l/w}") == 4.0
@@ -214,25 +216,25 @@ def test_other_dialects_keep_their_ways(tmp_path: Path) -> None:
 
 def test_what_ltspice_annotates_is_told_and_ignored(tmp_path: Path) -> None:
     head = ("title", "V1 a 0 SINE(1 2 1k)", "R1 a 0 1k tol=1 pwr=0.1")
-    deck = read_spice(deck_in(tmp_path, head=head), dialect="ltspice")
+    deck = rg.read_spice(deck_in(tmp_path, head=head), dialect="ltspice")
     assert (deck.resistance.tolist(), deck.source_volts.tolist()) == ([1000.0], [1.0])
     assert any("pwr= has no effect" in note.text for note in deck.notes)
     assert "'tol' is not supported" in refusal(deck_in(tmp_path, head=head))
 
 
 def test_shunts_that_are_not_followed_are_told(tmp_path: Path) -> None:
-    deck = read_spice(deck_in(tmp_path, "R1 a 0 1k", ".option rshunt=1k"))
+    deck = rg.read_spice(deck_in(tmp_path, "R1 a 0 1k", ".option rshunt=1k"))
     assert [note.line for note in deck.notes if note.severity == "warning" and "rshunt" in note.text] == [5]
 
 
 def test_functions_and_includes_that_double_have_a_budget(tmp_path: Path) -> None:
     doubling = "\n".join(f".func f{i}(x) {{f{i - 1}(x)+f{i - 1}(x)}}" for i in range(1, 40))
-    with pytest.raises(BudgetError, match=r"deck.cir:\d+:\d+: one value takes more than 10,000 calls"):
-        read_spice(deck_in(tmp_path, ".func f0(x) {x}", doubling, "R1 a 0 {f39(1)}"))
+    with pytest.raises(rg.BudgetError, match=r"deck.cir:\d+:\d+: one value takes more than 10,000 calls"):
+        rg.read_spice(deck_in(tmp_path, ".func f0(x) {x}", doubling, "R1 a 0 {f39(1)}"))
     for i in range(1, 19):
         (tmp_path / f"x{i}.inc").write_text(f".include x{i - 1}.inc\n.include x{i - 1}.inc\n")
-    with pytest.raises(BudgetError, match=r"x\d+.inc:\d:\d+: more than 2,000 files are included"):
-        read_spice(deck_in(tmp_path, ".include x18.inc", x0="* nothing\n"))
+    with pytest.raises(rg.BudgetError, match=r"x\d+.inc:\d:\d+: more than 2,000 files are included"):
+        rg.read_spice(deck_in(tmp_path, ".include x18.inc", x0="* nothing\n"))
 
 
 names = st.sampled_from(("a", "b", "c"))

@@ -1,3 +1,6 @@
+"""Tests internals: `resgrid.spice.dialects`, `resgrid.spice.read.deck`, `resgrid.spice.read.element_tables`,
+`resgrid.spice.read.files`, `resgrid.spice.read.plain_cards`."""
+
 import random
 import struct
 import subprocess

@@ -1,4 +1,7 @@
-"""Random decks against ngspice; ``RESGRID_RANDOM_DECKS`` says how many (1000 for the whole lot)."""
+"""Random decks against ngspice; ``RESGRID_RANDOM_DECKS`` says how many (1000 for the whole lot).
+
+Tests internals: `resgrid.spice.read.deck`, `resgrid.spice.run.rawfile`.
+"""
 
 import os
 import subprocess
@@ -8,7 +11,7 @@ import numpy as np
 from hypothesis import given, settings
 from support.decks import decks, random_deck, same
 
-from resgrid import solve
+import resgrid as rg
 from resgrid.spice.read.deck import read_with
 from resgrid.spice.run.rawfile import read_rawfile
 
@@ -37,7 +40,7 @@ def test_voltages_are_those_of_ngspice(tmp_path: Path) -> None:
     seeds = range(COUNT)
     for seed, expected in zip(seeds, simulated(tmp_path, seeds), strict=True):
         deck = read_with(tmp_path / f"d{seed}.cir")
-        voltage = solve(deck.netlist(), accuracy="normwise", rtol=1e-12).voltage
+        voltage = rg.solve(deck.netlist(), accuracy="normwise", rtol=1e-12).voltage
         names = [name.lower() for name in deck.node_names[1:]]
         simulation = np.array([expected.get(name, expected.get(f"v({name})", np.nan)) for name in names])
         error = np.max(np.abs(voltage[1:] - simulation))

@@ -1,17 +1,17 @@
+"""Tests internals: `resgrid.check_erc`, `resgrid.factorize`, `resgrid.spice.dialects.ngspice`."""
+
 import io
 import math
 
 import numpy as np
 import pytest
 
-from resgrid import check_rules, factor, read_spice, solve
-from resgrid.errors import BudgetError, InputError
-from resgrid.spice.circuit import Circuit
+import resgrid as rg
 from resgrid.spice.dialects.ngspice import ngspice_name
 
 
-def deck(*lines: str, dialect: str = "ngspice") -> Circuit:
-    return read_spice(io.StringIO("\n".join(["title", *lines]) + "\n"), dialect=dialect)
+def deck(*lines: str, dialect: str = "ngspice") -> rg.spice.Circuit:
+    return rg.read_spice(io.StringIO("\n".join(["title", *lines]) + "\n"), dialect=dialect)
 
 
 def ohms(card: str, *more: str, dialect: str = "ngspice") -> float:
@@ -21,7 +21,7 @@ def ohms(card: str, *more: str, dialect: str = "ngspice") -> float:
 
 
 def refusal(*lines: str, dialect: str = "ngspice") -> str:
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(rg.InputError) as caught:
         deck(*lines, dialect=dialect)
     return str(caught.value)
 
@@ -224,7 +224,7 @@ def test_names_and_places_survive() -> None:
 
 def test_multiplied_subcircuits_and_globals() -> None:
     found = deck("I1 0 a 1", "X1 a 0 s m=2", ".global rail", "Rg rail 0 1k", ".subckt s p q", "R1 p rail 1k", ".ends")
-    voltage = dict(zip(found.node_names, solve(found.netlist()).voltage, strict=True))
+    voltage = dict(zip(found.node_names, rg.solve(found.netlist()).voltage, strict=True))
     assert voltage["a"] == pytest.approx(1500.0)
     assert "x1.rail" not in voltage
 
@@ -281,7 +281,7 @@ def test_first_lines(tmp_path, first: str, title: str | None, resistors: int, le
 
 
 def test_first_line_that_is_continued() -> None:
-    found = read_spice(io.StringIO("R1 a 0\n+ 5\nV1 a 0 1\n"))
+    found = rg.read_spice(io.StringIO("R1 a 0\n+ 5\nV1 a 0 1\n"))
     assert found.resistance.tolist() == [5.0]
 
 
@@ -290,8 +290,8 @@ def test_zero_and_negative_resistances() -> None:
     netlist = found.netlist()
     assert netlist.element_names is not None
     assert netlist.element_names["voltage source"] == ("V1", "R1")
-    assert solve(netlist).source_current.tolist() == pytest.approx([-0.2, 0.2])
-    with pytest.raises(InputError, match=r"<text>:3: resistor R2 has -5\.0 ohm"):
+    assert rg.solve(netlist).source_current.tolist() == pytest.approx([-0.2, 0.2])
+    with pytest.raises(rg.InputError, match=r"<text>:3: resistor R2 has -5\.0 ohm"):
         deck("V1 a 0 1", "R2 a 0 -5").netlist()
 
 
@@ -309,7 +309,7 @@ def test_zero_and_negative_resistances() -> None:
 def test_encodings_and_line_ends(tmp_path, data: bytes) -> None:
     path = tmp_path / "deck.cir"
     path.write_bytes(data)
-    assert read_spice(path).resistance.tolist() == [2.0]
+    assert rg.read_spice(path).resistance.tolist() == [2.0]
 
 
 def test_commands_are_noted() -> None:
@@ -334,12 +334,12 @@ def test_gnd_is_ground_except_in_xyce() -> None:
 def test_expansion_has_a_budget() -> None:
     levels = [f".subckt n{i} a\nx1 a n{i + 1}\nx2 a n{i + 1}\n.ends" for i in range(30)]
     text = "t\n" + "\n".join([*levels, ".subckt n30 a\nR1 a 0 1\n.ends", "x1 a n0", "V1 a 0 1"]) + "\n"
-    with pytest.raises(BudgetError, match="elements"):
-        read_spice(io.StringIO(text))
+    with pytest.raises(rg.BudgetError, match="elements"):
+        rg.read_spice(io.StringIO(text))
     small = text.replace("x1 a n0", "x1 a n20")
-    assert len(read_spice(io.StringIO(small)).resistance) == 1024
-    with pytest.raises(BudgetError):
-        read_spice(io.StringIO(small), max_elements=1000)
+    assert len(rg.read_spice(io.StringIO(small)).resistance) == 1024
+    with pytest.raises(rg.BudgetError):
+        rg.read_spice(io.StringIO(small), max_elements=1000)
 
 
 def test_long_chains_of_parameters_either_way() -> None:
@@ -356,12 +356,12 @@ def test_parsed_deck_arrays_are_read_only() -> None:
 
 
 def test_what_is_read_is_solved_and_checked_as_it_is() -> None:
-    read = read_spice(io.StringIO("t\nV1 in 0 2\nR1 in out 1k\nR2 out 0 1k\n.end\n"))
-    assert check_rules(read) == ()
-    assert solve(read).voltage.tolist() == solve(read.netlist()).voltage.tolist() == [0.0, 2.0, 1.0]
-    assert factor(read).solve(np.ones(1)).tolist() == [500.0]
-    with pytest.raises(InputError, match="a list"):
-        solve([read])
+    read = rg.read_spice(io.StringIO("t\nV1 in 0 2\nR1 in out 1k\nR2 out 0 1k\n.end\n"))
+    assert rg.check_erc(read) == ()
+    assert rg.solve(read).voltage.tolist() == rg.solve(read.netlist()).voltage.tolist() == [0.0, 2.0, 1.0]
+    assert rg.factorize(read).solve(np.ones(1)).tolist() == [500.0]
+    with pytest.raises(rg.InputError, match="a list"):
+        rg.solve([read])
 
 
 def test_quoted_names_of_nodes_are_names() -> None:
@@ -371,6 +371,6 @@ def test_quoted_names_of_nodes_are_names() -> None:
 
 def test_a_voltage_source_of_ltspice_may_have_a_resistance_in_series() -> None:
     found = deck("V1 a 0 2 Rser=1k", "R1 a 0 1k", dialect="ltspice")
-    voltage = dict(zip(found.node_names, solve(found).voltage.tolist(), strict=True))
+    voltage = dict(zip(found.node_names, rg.solve(found).voltage.tolist(), strict=True))
     assert voltage == pytest.approx({"0": 0.0, "a": 1.0, "V1.rser": 2.0})
     assert "not supported" in refusal("V1 a 0 2 Rser=1k")

@@ -1,4 +1,7 @@
-"""Decks and networks that no one here wrote, with the answers they carry."""
+"""Decks and networks that no one here wrote, with the answers they carry.
+
+Tests internals: `resgrid.spice.networks.circuitscape`, `resgrid.spice.read.deck`.
+"""
 
 import csv
 from itertools import pairwise
@@ -7,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from resgrid import read_spice, solve
+import resgrid as rg
 from resgrid.spice.networks.circuitscape import read_circuitscape
 from resgrid.spice.read.deck import read_with
 
 
 def test_ground_net_of_a_chip(cases: Path) -> None:
     path = cases / "openroad" / "gcd_all_vss.sp"
-    deck = read_spice(path)
+    deck = rg.read_spice(path)
     assert (len(deck.resistance), len(deck.current_amps), len(deck.source_volts)) == (3371, 510, 3)
-    voltage = dict(zip(deck.node_names, solve(deck.netlist(), accuracy="normwise").voltage.tolist(), strict=True))
+    voltage = dict(zip(deck.node_names, rg.solve(deck.netlist(), accuracy="normwise").voltage.tolist(), strict=True))
     sink, lines = {}, path.read_text().splitlines()
     for comment, card in pairwise(lines):
         if comment.startswith("* Sink for "):
@@ -35,7 +38,7 @@ def test_power_grid_without_title(cases: Path, least: int) -> None:
     assert deck.title is None
     assert deck.element_names["resistor"][0] == "R0"
     assert any("no title line" in note.text for note in deck.notes)
-    voltage = solve(deck.netlist(), accuracy="normwise").voltage
+    voltage = rg.solve(deck.netlist(), accuracy="normwise").voltage
     drop = np.loadtxt(folder / "ir_drop_map.csv", delimiter=",")
     supply = deck.source_volts.max()
     places = [name.split("_") for name in deck.node_names]
@@ -52,9 +55,9 @@ def test_power_grid_without_title(cases: Path, least: int) -> None:
 @pytest.mark.parametrize("number", [1, 2])
 def test_networks_of_circuitscape(cases: Path, number: int) -> None:
     folder = cases / "circuitscape"
-    netlist = read_spice(folder / f"mgNetworkVerify{number}.ini").netlist()
+    netlist = rg.read_spice(folder / f"mgNetworkVerify{number}.ini").netlist()
     assert netlist.node_names is not None
-    voltage = dict(zip(netlist.node_names, solve(netlist).voltage.tolist(), strict=True))
+    voltage = dict(zip(netlist.node_names, rg.solve(netlist).voltage.tolist(), strict=True))
     expected = dict(
         line.split() for line in (folder / f"mgNetworkVerify{number}_voltages.txt").read_text().splitlines()
     )
@@ -67,7 +70,7 @@ def test_rasters_of_circuitscape(cases: Path, number: int, error: float) -> None
     folder = cases / "circuitscape" / f"raster{number}"
     network, node = read_circuitscape(folder / f"mgVerify{number}.ini")
     assert node is not None
-    voltage = solve(network.netlist()).voltage
+    voltage = rg.solve(network.netlist()).voltage
     found = np.where(node >= 0, voltage[node], 0.0)
     expected = np.loadtxt(folder / f"mgVerify{number}_voltmap.asc", skiprows=6)
     assert np.max(np.abs(found - expected)) < error * np.max(np.abs(expected))

@@ -1,4 +1,7 @@
-"""Reserved names, built-in constants, the temperature and unquoted expressions, by the rules of every dialect."""
+"""Reserved names, built-in constants, the temperature and unquoted expressions, by the rules of every dialect.
+
+Tests internals: `resgrid.spice.dialects`, `resgrid.spice.run.ngspice`.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,6 @@ from pathlib import Path
 import pytest
 
 import resgrid as rg
-from resgrid.errors import InputError, ResgridError
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.run.ngspice import simulate
 
@@ -158,7 +160,7 @@ REFUSED = {
 def test_what_ngspice_would_misread_is_refused(name: str) -> None:
     lines, says = REFUSED[name]
     text = f"{HEAD}{lines}{TAIL}"
-    with pytest.raises(InputError, match=re.escape(says)):
+    with pytest.raises(rg.InputError, match=re.escape(says)):
         read(text)
     measured = ngspice_voltage(text.replace("\u00a0", " ") if name == "a no-break space" else text)
     assert measured is None or name in {
@@ -192,7 +194,7 @@ def test_names_that_ngspice_misreads_are_refused_in_long_decks(tmp_path: Path) -
     filler = "".join(f"R{i} n{i} 0 1k\n" for i in range(9, 5000))
     path = tmp_path / "deck.cir"
     path.write_text(f"{HEAD}{filler}R1 in temper 1k{TAIL}")
-    with pytest.raises(InputError, match="misreads a node called 'temper'"):
+    with pytest.raises(rg.InputError, match="misreads a node called 'temper'"):
         rg.read_spice(path)
 
 
@@ -236,7 +238,7 @@ def test_other_dialects_have_names_of_their_own(dialect: str, lines: str, expect
     if isinstance(expected, float):
         assert ohms(text, dialect) == pytest.approx(expected, rel=1e-15)
     else:
-        with pytest.raises(InputError, match=re.escape(expected)):
+        with pytest.raises(rg.InputError, match=re.escape(expected)):
             read(text, dialect)
 
 
@@ -260,7 +262,7 @@ def test_spectre_has_names_of_its_own(lines: str, expected: float | str) -> None
     if isinstance(expected, float):
         assert ohms(text, "spectre") == pytest.approx(expected, rel=1e-15)
     else:
-        with pytest.raises(InputError, match=re.escape(expected)):
+        with pytest.raises(rg.InputError, match=re.escape(expected)):
             read(text, "spectre")
 
 
@@ -274,7 +276,7 @@ def test_utf_16_is_read_without_a_byte_order_mark(tmp_path: Path) -> None:
 
 
 def test_a_circle_of_the_temperature_is_refused() -> None:
-    with pytest.raises(InputError, match="is defined by 'temper' itself"):
+    with pytest.raises(rg.InputError, match="is defined by 'temper' itself"):
         read(f"{HEAD}.options temp={{temper+1}}\nR1 in a {{temper}}{TAIL}")
 
 
@@ -330,7 +332,7 @@ def test_decks_with_reserved_names_have_the_value_of_the_manual_or_are_refused(d
         text, expected = _case(rng, dialect)
         try:
             found = ohms(text, dialect)
-        except ResgridError:
+        except rg.ResgridError:
             outcomes["refused"] += 1
             assert expected is None, text
             continue

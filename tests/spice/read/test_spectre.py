@@ -1,4 +1,7 @@
-"""Decks in Spectre's language, and what this package writes for any simulator, read back."""
+"""Decks in Spectre's language, and what this package writes for any simulator, read back.
+
+Tests internals: `resgrid.spice.dialects`.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,6 @@ import numpy as np
 import pytest
 
 import resgrid as rg
-from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects import DIALECTS
 
 DECK = """// a divider
@@ -49,7 +51,7 @@ r7 (d 0) resistor r=5m
 """
 
 
-def read(text: str, dialect: str = "auto") -> Circuit:
+def read(text: str, dialect: str = "auto") -> rg.spice.Circuit:
     return rg.read_spice(io.StringIO(text), dialect=dialect)
 
 

@@ -1,4 +1,4 @@
-"""The directive `verb`: a page of the command line, in the words and groups of `--help`."""
+"""The directive `subcommand`: the reference page of a subcommand, generated from its `--help`."""
 
 import inspect
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ from resgrid.cli import main
 
 
 class Groups(click.HelpFormatter):
-    """Keeps the groups of options that help would print."""
+    """Collect the groups of options that `--help` prints."""
 
     def __init__(self):
         super().__init__()
@@ -19,22 +19,22 @@ class Groups(click.HelpFormatter):
 
     @contextmanager
     def section(self, name):
-        """Begin a group."""
+        """Start a group of options."""
         self.title = name
         yield
 
     def write_dl(self, rows, **_):
-        """Keep the options of a group."""
+        """Store the options of the current group."""
         self.groups[self.title] = rows
 
 
-class VerbPage(SphinxDirective):
-    """What a verb does, its options in groups, and examples."""
+class SubcommandPage(SphinxDirective):
+    """Description of a subcommand, its options in groups, and examples."""
 
     required_arguments = 1
 
     def run(self):
-        """Make the page's contents."""
+        """Return the nodes of the page."""
         name = self.arguments[0]
         context = click.Context(main, info_name="resgrid")
         command = main.get_command(context, name)
@@ -55,11 +55,11 @@ class VerbPage(SphinxDirective):
 
 
 def code(text):
-    """A block as one types it."""
+    """Return a literal block without highlighting."""
     return nodes.literal_block(text, text, language="text")
 
 
 def setup(app):
     """Register the directive."""
-    app.add_directive("verb", VerbPage)
+    app.add_directive("subcommand", SubcommandPage)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
