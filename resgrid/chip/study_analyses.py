@@ -334,11 +334,13 @@ def study(
     chip : Chip, optional
         The chip description, in place of that of the scene.
     wiring : Wiring, optional
-        Boundary conditions and element values of a scene or a space; by default those of the scene.
+        Boundary conditions of a scene or a space, and the wall resistance; by default those of the scene and the chip.
+        Resistance and supply are those of the chip.
     space : ConfigurationSpace, optional
         The space of the scene, where it has been built already.
     **options
-        Fields of `Wiring`, such as ``boundary="neumann"``: instead of a wiring, or changes to it.
+        Fields of `Wiring`, such as ``boundary="neumann"``: instead of a wiring, or changes to it.  A resistance, a
+        supply or a wall resistance replaces that of the chip.
 
     Returns
     -------
@@ -371,8 +373,19 @@ def study(
     if isinstance(source, ConfigurationSpace):
         chip = chip or Chip()
         default = {"wall_resistance": chip.wall_resistance} if options.get("boundary") == "wall" else {}
-        return Study(ideal_netlist(source, chip, wiring_of(wiring, options, default)), chip)
+        own = wiring_of(wiring, options, default)
+        chip = _with_values(chip, own, options)
+        return Study(ideal_netlist(source, chip, own), chip)
     scene = source if chip is None else dataclasses.replace(source, chip=chip)
     problem = problem_of(scene, wiring, space=space, **options)
-    chip = chip or source.chip
-    return Study(ideal_netlist(problem.space, chip, problem.only_wiring()[1]), chip, source)
+    own = problem.only_wiring()[1]
+    chip = _with_values(scene.chip, own, options)
+    return Study(ideal_netlist(problem.space, chip, own), chip, source)
+
+
+def _with_values(chip: Chip, wiring: Wiring, options: WiringOptions) -> Chip:
+    """Return the chip with the resistance and the supply among `options`, and the wall resistance of `wiring`."""
+    given: dict[str, Any] = {"resistance": options.get("resistance"), "supply": options.get("supply")}
+    given["wall_resistance"] = wiring.wall_resistance
+    changes = {name: value for name, value in given.items() if value is not None and value != getattr(chip, name)}
+    return dataclasses.replace(chip, **changes) if changes else chip

@@ -148,8 +148,8 @@ def factorize(netlist: Netlist | CircuitLike, *, method: str = "auto") -> Circui
     netlist = _netlist_of(netlist)
     if netlist.nonlinear_nodes.size:
         raise InputError(
-            "a netlist with nonlinear resistors cannot be factored; factor small_signal(op), its linearization around "
-            "an operating point"
+            "a netlist with nonlinear resistors cannot be factored; factor rg.circuit.linearize(op), its linearization "
+            "around an operating point"
         )
     system = assemble(netlist)
     if not system.size:

@@ -187,14 +187,16 @@ def wiring_of(wiring: Wiring | None, options: Mapping[str, Any], default: Mappin
     """Return the wiring with some fields replaced; without a wiring, the defaults with some fields replaced.
 
     An option that is None keeps the field of the wiring or the default.  Another boundary drops the fields that belong
-    to the wiring's own boundary.
+    to the wiring's own boundary, and takes the wall resistance of the default.
     """
     check_wiring_options(options)
     given = {name: value for name, value in options.items() if value is not None}
     if wiring is None:
         return Wiring(**{**(default or {}), **given})
-    own = {} if given.get("boundary", wiring.boundary) == wiring.boundary else _NO_OPTIONS_OF_BOUNDARY
-    return replace(wiring, **{**own, **given})
+    if given.get("boundary", wiring.boundary) == wiring.boundary:
+        return replace(wiring, **given)
+    wall = (default or {}).get("wall_resistance")
+    return replace(wiring, **{**_NO_OPTIONS_OF_BOUNDARY, "wall_resistance": wall, **given})
 
 
 def check_wiring_options(options: Iterable[str]) -> None:

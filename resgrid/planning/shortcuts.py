@@ -103,7 +103,7 @@ def _line_of_sight(field: Field, clearance: float) -> LineTest:
     free = ~blocked
     shape, periodic = np.array(space.shape, dtype=np.int64), space.periodic
     lower, spacing = space.lower, space.spacing
-    rim = 2.0 * float(space.rounding.max())  # certify_free must also accept points rounded to world coordinates
+    rim = 2.0 * float(space.rounding.max())  # certify_collision_free must also accept points rounded to world units
 
     def clear(start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
         """Return whether the straight line between two points in axis units may be used."""

@@ -182,7 +182,7 @@ class Streamline:
 @frozen
 @dataclass(frozen=True, eq=False)
 class ShortPath:
-    """A streamline whose bends were replaced by straight lines, certified by `certify_free`.
+    """A streamline whose bends were replaced by straight lines, certified by `certify_collision_free`.
 
     Returned by `resgrid.shortcut`.
 

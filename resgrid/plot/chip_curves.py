@@ -84,7 +84,7 @@ def draw_adc_resolutions(
     if quantity == "histogram":
         return _draw_histogram(results, ax, bits)
     if ax is not None:
-        raise InputError("a page of precision has several panels and cannot use one ax; omit ax")
+        raise InputError("a page of ADC resolutions has several panels and cannot use one ax; omit ax")
     return _adc_resolution_page(results, bits, title)
 
 

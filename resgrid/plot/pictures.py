@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from resgrid._internal.validation import guarded, with_article
 from resgrid.errors import InputError, ResgridError
-from resgrid.plot.figures import NOTEBOOK_DPI, render_figure
+from resgrid.plot.figures import NOTEBOOK_DPI, axes_or_new, render_figure
 
 if TYPE_CHECKING:
     from resgrid.circuit.operating_point import OperatingPoint
@@ -93,7 +93,8 @@ def register(kind: type, *, several: bool = False) -> Callable[[PictureT], Pictu
     Returns
     -------
     callable
-        Decorator of a function that takes the value, perhaps ``ax``, and options, and returns axes or a figure.
+        Decorator of a function that takes the value, perhaps ``ax``, and options, and returns axes or a figure.  An
+        ``ax`` without a default value is never None: `draw` makes the axes of a new figure.
 
     Examples
     --------
@@ -201,7 +202,10 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
         raise InputError(f"{unknown[0]} is not an option of a picture of {_named(value)}; it takes {allowed}")
     if ax is not None and "ax" not in accepted:
         raise InputError(f"a picture of {_named(value)} has several panels and cannot use one ax; omit ax")
-    return guarded("draw", picture)(value, **options, **({"ax": ax} if "ax" in accepted else {}))
+    if "ax" in accepted:
+        needs_axes = parameters["ax"].default is inspect.Parameter.empty
+        options["ax"] = axes_or_new(ax) if needs_axes else ax
+    return guarded("draw", picture)(value, **options)
 
 
 def image_html(value: object) -> str | None:

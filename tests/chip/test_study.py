@@ -98,3 +98,32 @@ def test_the_report_has_a_section_for_every_analysis_of_the_subcommand(made: rg.
     section = report_section("power", made)
     assert section.text[0].startswith("The chip takes ")
     assert {picture.name for picture in section.pictures} == {"power", "droop"}
+
+
+@pytest.mark.parametrize("from_scene", [True, False], ids=["scene", "space"])
+@pytest.mark.parametrize("own", [None, 2e3])
+def test_the_wall_resistance_of_a_wiring_and_of_an_option_applies(
+    scene: rg.Scene, own: float | None, from_scene: bool
+) -> None:
+    chip, source = rg.Chip(wall_resistance=own), scene if from_scene else rg.build_space(scene)
+    wall = rg.Wiring("wall", wall_resistance=5e3)
+    studies = {
+        5e3: rg.study(source, chip, wall),
+        3e3: rg.study(source, chip, boundary="wall", wall_resistance=3e3),
+        7e3: rg.study(source, chip, wall, wall_resistance=7e3),
+        4e3: rg.study(source, chip, rg.Wiring(), boundary="wall", wall_resistance=4e3),
+        0.0: rg.study(source, chip, rg.Wiring("wall", wall_resistance=0.0)),
+    }
+    for value, study in studies.items():
+        assert study.ideal.cells.wiring.wall_resistance == study.description.wall_resistance == value
+        assert study.netlist.node_count == study.ideal.node_count
+    if own is not None:
+        assert rg.study(source, chip, rg.Wiring(), boundary="wall").ideal.cells.wiring.wall_resistance == own
+
+
+def test_a_resistance_and_a_supply_among_the_options_replace_those_of_the_chip(scene: rg.Scene) -> None:
+    space = rg.build_space(scene)
+    for source in (scene, space):
+        study = rg.study(source, rg.Chip(resistance=1e3, supply=2.0), resistance=5e3, supply=3.0)
+        assert (study.description.resistance, study.description.supply, study.span) == (5e3, 3.0, 3.0)
+        assert (study.ideal.cells.wiring.resistance, study.ideal.cells.wiring.supply) == (5e3, 3.0)

@@ -6,6 +6,7 @@ Tests internals: `resgrid.errors`.
 from __future__ import annotations
 
 import copy
+import io
 import pickle
 
 import pytest
@@ -62,3 +63,11 @@ def test_public_functions_raise_the_built_in_exceptions() -> None:
 def test_tool_missing_error_has_no_errno_and_filename() -> None:
     error = rg.ToolMissingError("ngspice is missing")
     assert (error.errno, error.strerror, error.filename) == (None, None, None)
+
+
+def test_an_error_of_one_card_can_be_sent_to_another_process() -> None:
+    deck = "title\nsimulator lang=spectre\nsimulator lang=spect\n"
+    with pytest.raises(rg.InputError, match=r"<text>:3:1: the language 'spect'") as raised:
+        rg.read_spice(io.StringIO(deck), dialect="spectre")
+    again = pickle.loads(pickle.dumps(raised.value))
+    assert (type(again), str(again)) == (type(raised.value), str(raised.value))

@@ -80,6 +80,6 @@ def test_the_flat_half_of_a_blend_is_named_and_k_1_is_an_outcome(tmp_path: Path)
         path = planner.path((0.5, 0.5))
         assert path.outcome is rg.Outcome.NO_CURRENT and "open the obstacles" in str(path.reason)
     result = call("path", file)
-    assert result.exit_code == 0 and "dirichlet half of the blend is flat" in result.stderr
+    assert result.exit_code == 0 and "dirichlet field of the blend is zero" in result.stderr
     outcomes = [path["outcome"] for path in answer("path", file, "--k", "0.5,1", code=1)["paths"]]
     assert outcomes == ["reached", "reached", "no_current", "no_current"]

@@ -106,6 +106,20 @@ def test_every_picture_has_data_units_legible_text_and_the_same_bytes_twice(name
     assert min(sizes) >= 7
 
 
+def test_a_registered_picture_without_a_default_ax_gets_the_axes_of_a_new_figure() -> None:
+    class Level(float):
+        pass
+
+    @rg.draw.register(Level)
+    def draw_level(level: Level, ax: Axes) -> Axes:
+        ax.axhline(level)
+        return ax
+
+    given = Figure().add_subplot()
+    assert rg.draw(Level(1.0), given) is given
+    assert len(rg.draw(Level(1.0)).lines) == 1
+
+
 def test_a_decorator_registers_the_picture_of_a_type_and_its_subclasses() -> None:
     class Reading:
         value = 3.0

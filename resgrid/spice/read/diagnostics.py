@@ -31,7 +31,11 @@ class CardError(InputError):
     """A card that cannot be read; the message begins with its position."""
 
     def __init__(self, spot: Spot, text: str) -> None:
-        super().__init__(f"{spot}: {text[:_MAX_TEXT]}")
+        super().__init__(spot, text)
+
+    def __str__(self) -> str:
+        spot, text = self.args
+        return f"{spot}: {text[:_MAX_TEXT]}"
 
 
 class DeckError(InputError):
