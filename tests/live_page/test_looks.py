@@ -1,6 +1,6 @@
-"""What the page looks like: nothing overlaps, nothing is cut off, at a desk and on a phone.
+"""Layout of the page in Chromium on desktop and phone screens: no overlapping and no truncated controls.
 
-With ``RESGRID_PICTURES=FOLDER`` every state is also photographed, in both themes, to be looked at.
+With ``RESGRID_PICTURES=FOLDER`` a screenshot of every state is also written, in both themes, for inspection.
 
 Tests internals: `resgrid.live_page`.
 """
@@ -20,7 +20,7 @@ from resgrid.live_page import LivePage
 SIZES = {"desk": (1280, 720), "phone": (390, 844)}
 PICTURES = os.environ.get("RESGRID_PICTURES", "")
 
-# Pairs of visible controls and texts that intersect though neither holds the other, within what scrolling shows.
+# Pairs of visible controls and texts that intersect although neither contains the other, clipped to the scroll area.
 OVERLAPS = """() => {
     const dialog = document.querySelector("dialog[open]");
     const shown = (element) => {
@@ -89,7 +89,7 @@ def hover(page: Page) -> None:
 
 
 def film(page: Page) -> None:
-    example("lesson")(page)  # the film of a small grid shows the same controls after a tenth of the time
+    example("lesson")(page)  # the transient of a small grid shows the same controls in a tenth of the time
     page.get_by_role("button", name="Show transient").click()
     until(page, "document.getElementById('moment').value === document.getElementById('moment').max")
 
@@ -138,7 +138,7 @@ STATES: dict[str, Callable[[Page], None]] = {
 }  # fmt: skip
 
 
-AFRESH = """() => {
+RESET = """() => {
     document.querySelector("dialog[open]")?.close();
     document.getElementById("toast").hidden = true;
     document.getElementById("panel").scrollTo(0, 0);
@@ -154,7 +154,9 @@ AFRESH = """() => {
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("theme", ["light", "dark"] if PICTURES else ["light"])
-def test_nothing_overlaps(served: LivePage, chromium: Browser, size: str, theme: str):
+def test_controls_and_texts_neither_overlap_nor_exceed_the_screen(
+    served: LivePage, chromium: Browser, size: str, theme: str
+):
     width, height = SIZES[size]
     context = chromium.new_context(viewport={"width": width, "height": height}, has_touch=size == "phone")
     page = context.new_page()
@@ -164,7 +166,7 @@ def test_nothing_overlaps(served: LivePage, chromium: Browser, size: str, theme:
     wrong = {}
     for name, bring in (STATES | {f"example-{name}": example(name) for name in names}).items():
         page.mouse.move(1, 1)
-        page.evaluate(AFRESH)
+        page.evaluate(RESET)
         bring(page)
         if PICTURES:
             page.screenshot(path=Path(PICTURES) / f"{name}.{size}.{theme}.png")
