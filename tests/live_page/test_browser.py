@@ -485,7 +485,7 @@ def test_late_cells_of_an_arm_do_not_change_a_newer_scene(shown: Page):
         """async () => {
             const { wire, world, model } = live, ask = wire.ask.bind(wire), chair = model.scene;
             let answer = () => {};
-            wire.ask = (head, scene) => head.type === "world" ? new Promise((resolve) => answer = resolve) : ask(head, scene);
+            wire.ask = (head, scene) => head.type === "world" ? new Promise((done) => answer = done) : ask(head, scene);
             const asked = world.resample();
             const axes = chair.axes.map((axis) => ({ ...axis }));
             model.reset({ ...chair, axes, cells: new Uint8Array(chair.cells.length) });

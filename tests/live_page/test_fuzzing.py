@@ -38,7 +38,7 @@ def server(tmp_path) -> Iterator[tuple[psutil.Process, str]]:
 
 
 def measured(page: Page, developer: CDPSession, process: psutil.Process, first: str) -> tuple[float, float, float]:
-    """Bytes of the page's objects, its buffers and the server, after a return to the first scene with an empty history."""
+    """Bytes of the page's objects, its buffers and the server, at the first scene with an empty history."""
     rest(page, first)
     settle(page)
     for _ in range(2):

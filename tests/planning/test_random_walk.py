@@ -1,4 +1,4 @@
-"""Hitting probabilities and times of random walks: Markov chains, gambler's ruin, simulation and mpmath as references."""
+"""Hitting probabilities and times of random walks: Markov chains, gambler's ruin, simulation, mpmath."""
 
 import mpmath
 import numpy as np
