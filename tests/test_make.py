@@ -15,7 +15,7 @@ pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="there is n
 
 
 def printed(*targets: str, **options: int) -> str:
-    """Return the commands of targets, as if nothing had been made."""
+    """Return the commands of targets, as if no target were up to date."""
     environment = {key: value for key, value in os.environ.items() if key not in ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")}
     words = ["make", "-n", "-B", *targets]
     options = {"stderr": subprocess.DEVNULL, **options}
@@ -23,19 +23,19 @@ def printed(*targets: str, **options: int) -> str:
     return done.stdout
 
 
-def test_the_demo_installs_the_live_page_and_compiles_no_kernel_beforehand() -> None:
+def test_the_demo_installs_the_live_page_without_compiling_kernels() -> None:
     commands = printed("demo")
     assert "--editable '.[live]'" in commands
     assert "resgrid run examples/scenes/rooms.toml" in commands
     assert "resgrid.cli.warm" not in commands
 
 
-def test_all_kernels_are_compiled_before_the_tests_and_by_a_target_of_its_own() -> None:
+def test_kernels_are_compiled_before_tests_and_by_make_warm() -> None:
     assert printed("test").index("-m resgrid.cli.warm") < printed("test").index("-m pytest")
     assert "-m resgrid.cli.warm" in printed("warm")
 
 
-def test_pip_shows_its_work_on_a_terminal_only() -> None:
+def test_pip_prints_progress_on_a_terminal_only() -> None:
     leader, follower = pty.openpty()
     try:
         assert "--quiet" not in printed(".venv/.installed", stderr=follower)

@@ -1,4 +1,4 @@
-"""Which simulators the benchmarks find, and how they are told to use their fastest solver."""
+"""Simulators found by the benchmarks, and the option that selects their fastest solver."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ def pretend(path: Path, said: str) -> Path:
     return path
 
 
-def test_the_best_comes_last_and_klu_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_newest_simulator_is_last_and_uses_klu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulators, "UNPACKED", pretend(tmp_path / "new", "** ngspice-46 **\n** Compiled with KLU"))
     monkeypatch.setenv("RESGRID_NGSPICE", str(pretend(tmp_path / "old", "** ngspice-39 **")))
     old, new = simulators.simulators()
@@ -22,7 +22,7 @@ def test_the_best_comes_last_and_klu_is_asked_for(tmp_path: Path, monkeypatch: p
     assert new.with_cards("* deck\n.op\n.end\n") == "* deck\n.op\n.options klu\n.end\n"
 
 
-def test_there_may_be_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_simulators_the_list_is_empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulators, "UNPACKED", tmp_path / "none")
     monkeypatch.setenv("RESGRID_NGSPICE", str(tmp_path / "none"))
     assert simulators.simulators() == []

@@ -217,9 +217,9 @@ def test_every_command_rejects_an_undriven_circuit_with_one_message(tmp_path: Pa
     file.write_text(scene_toml(drawn.document()))
     flows = circuit == "neumann" and name in ("open", "row")
     asked = [("compile",), ("compile", "-o", tmp_path / "x.cir"), ("solve",), ("chip", "-o", tmp_path / "chip")]
-    for verb, *options in asked[: len(asked) - flows]:
-        result = call(verb, file, *options)
-        assert result.exit_code == (0 if flows else 2), (verb, result.stderr)
+    for subcommand, *options in asked[: len(asked) - flows]:
+        result = call(subcommand, file, *options)
+        assert result.exit_code == (0 if flows else 2), (subcommand, result.stderr)
         assert flows or ("nothing is driven: no " in result.stderr and not result.stdout)
     assert answer("info", file)["free_cells"] == int((drawn.cell == FREE).sum())
     assert flows or sorted(path.name for path in tmp_path.iterdir()) == ["tiny.toml"]

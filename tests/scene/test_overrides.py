@@ -79,9 +79,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def described(file: Path, options: tuple[tuple[str, ...], ...], verb: str = "info") -> dict[str, Any]:
+def described(file: Path, options: tuple[tuple[str, ...], ...], subcommand: str = "info") -> dict[str, Any]:
     """Return the description of a scene under options."""
-    result = answer(verb, file, *(word for option in options for word in option))
+    result = answer(subcommand, file, *(word for option in options for word in option))
     return {key: value for key, value in result.items() if key != "seconds"}
 
 
@@ -135,21 +135,23 @@ def test_overrides_in_any_order_give_the_same_scene_or_error(keys: list[str], co
         assert outcome(chosen, of_scene=of_scene) == outcome(sorted(chosen), of_scene=of_scene)
 
 
-@pytest.mark.parametrize("verb", ["info", "path", "plot", "compile", "solve", "control", "convert"])
-def test_a_footprint_and_a_start_with_a_heading_are_checked_together(verb: str, folder: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("subcommand", ["info", "path", "plot", "compile", "solve", "control", "convert"])
+def test_a_footprint_and_a_start_with_a_heading_are_checked_together(
+    subcommand: str, folder: Path, tmp_path: Path
+) -> None:
     """The new robot needs starts of three coordinates, which the old one would reject."""
-    output = {"plot": "page.png", "convert": "room.cir", "control": "run.csv"}.get(verb)
+    output = {"plot": "page.png", "convert": "room.cir", "control": "run.csv"}.get(subcommand)
     words = [
-        verb, folder / "room.png", "--spacing=0.5", "--origin=-7,-5", "--set", "map.headings=8", "--goal=1.2,3.8",
+        subcommand, folder / "room.png", "--spacing=0.5", "--origin=-7,-5", "--set", "map.headings=8", "--goal=1.2,3.8",
         "--set", f"robot.footprint={PLATE}", "--set", "sampling=centre", "--start=-3.3,-1.7,1.57",
     ]  # fmt: skip
     result = call(*words, *(["-o", tmp_path / output] if output else []))
     assert result.exit_code == 0, result.stderr
 
 
-@pytest.mark.parametrize("verb", ["info", "path", "solve"])
-def test_cell_options_refer_to_the_overridden_grid(verb: str, lesson: Path) -> None:
-    result = call(verb, lesson, "--set", "grid.cells=16", "--start=1,13", "--cells")
+@pytest.mark.parametrize("subcommand", ["info", "path", "solve"])
+def test_cell_options_refer_to_the_overridden_grid(subcommand: str, lesson: Path) -> None:
+    result = call(subcommand, lesson, "--set", "grid.cells=16", "--start=1,13", "--cells")
     assert result.exit_code == 0, result.stderr
 
 
