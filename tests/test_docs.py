@@ -26,14 +26,14 @@ def public_names() -> set[str]:
     return own | {f"{package}.{name}" for package in NAMESPACES for name in getattr(rg, package).__all__}
 
 
-def listed(page: Path) -> list[str]:
+def listed_names(page: Path) -> list[str]:
     """Dotted names in the tables of a page."""
     tables = page.read_text().split("\nAt work\n")[0]
     return re.findall(r"^(?:   ~|\.\. py:data:: )resgrid\.([\w.]+)$", tables, re.MULTILINE)
 
 
 def test_the_reference_lists_every_public_name_once() -> None:
-    names = [name for page in PAGES for name in listed(page)]
+    names = [name for page in PAGES for name in listed_names(page)]
     assert len(names) == len(set(names))
     assert public_names() - set(names) == set()
     for name in names:

@@ -102,8 +102,8 @@ def test_currents_into_all_rails_sum_to_the_drive_and_power_balances(
 ) -> None:
     point = solved(space, **options)
     netlist = point.netlist
-    fed = netlist.current_amps.sum()
-    assert point.source_current.sum() == pytest.approx(fed, abs=1e-12 * (1 + np.abs(point.source_current).max()))
+    injected = netlist.current_amps.sum()
+    assert point.source_current.sum() == pytest.approx(injected, abs=1e-12 * (1 + np.abs(point.source_current).max()))
     delivered = -np.sum(netlist.source_volts * point.source_current)
     delivered += np.sum(netlist.current_amps * point.voltage[netlist.current_nodes[:, 1]])
     assert point.power == pytest.approx(delivered, rel=1e-9)

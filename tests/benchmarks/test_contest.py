@@ -47,12 +47,12 @@ def test_a_missing_library_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path
         raise ImportError("no module of that name")
 
     monkeypatch.setitem(peers.PEERS, "absent", peers.Peer("absent", absent, True, "absent"))
-    lay_out(tmp_path)
+    write_equations(tmp_path)
     assert "ImportError: no module of that name" in answers("absent", tmp_path, 1)[0]["failure"]
 
 
 def test_a_worker_answers_every_request(tmp_path: Path) -> None:
-    lay_out(tmp_path)
+    write_equations(tmp_path)
     first, second = answers("superlu", tmp_path, 2)
     assert first["seconds"].keys() == second["seconds"].keys() == {"setup", "solve"}
     np.testing.assert_allclose(np.load(tmp_path / "superlu.npy"), [1.0, 2.0])
@@ -96,7 +96,7 @@ def test_work_is_counted_in_products_of_the_solve_phase() -> None:
     assert rows["x solve phase"].median == 0.5
 
 
-def lay_out(folder: Path) -> None:
+def write_equations(folder: Path) -> None:
     """Write the equations 2 x = 2, 3 y = 6."""
     (folder / "problem.json").write_text(json.dumps(asdict(PROBLEM)))
     arrays = {"indptr": np.arange(3, dtype=np.int32), "indices": np.arange(2, dtype=np.int32)}

@@ -25,7 +25,7 @@ PIXELS = "live.view.canvas.toDataURL()"
 WALL = "live.model.scene.cells.reduce((sum, byte) => sum + (byte & 1), 0)"
 
 
-def still(page: Page) -> None:
+def stop_motion(page: Page) -> None:
     """Stop the animation of a page and wait until it is painted."""
     page.mouse.move(1, 1)
     page.evaluate("live.view.shows.dots = false; live.view.pinned = null")
@@ -171,7 +171,7 @@ def test_the_transient_plays_to_the_steady_field_and_ends_at_an_edit(shown: Page
     shown.locator("#k").fill("0")
     settle(shown)
     legend = shown.inner_text("#legend")
-    still(shown)
+    stop_motion(shown)
     field = shown.evaluate(PIXELS)
     shown.get_by_role("button", name="Show transient").click()
     until(shown, "!document.getElementById('film').hidden")
@@ -189,7 +189,7 @@ def test_the_transient_plays_to_the_steady_field_and_ends_at_an_edit(shown: Page
     shown.mouse.move(*point_on(shown, (50.5, 50.6)))
     until(shown, "document.getElementById('card').textContent.includes('V at')")
     assert shown.inner_text("#card") != early
-    still(shown)
+    stop_motion(shown)
     moment, light = shown.evaluate(PIXELS), shown.evaluate("document.getElementById('scope').toDataURL()")
     shown.get_by_role("button", name="Dark or light").click()
     assert shown.evaluate("document.getElementById('scope').toDataURL()") != light
@@ -211,7 +211,7 @@ def test_the_transient_plays_to_the_steady_field_and_ends_at_an_edit(shown: Page
     shown.mouse.click(*point_on(shown, (50.5, 50.5)))
     shown.get_by_role("button", name="Undo").click()
     settle(shown)
-    still(shown)
+    stop_motion(shown)
     assert shown.evaluate(PIXELS) == field
 
 

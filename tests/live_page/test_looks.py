@@ -55,7 +55,7 @@ OVERLAPS = """() => {
 }"""
 
 
-def example(name: str) -> Callable[[Page], None]:
+def open_example(name: str) -> Callable[[Page], None]:
     def bring(page: Page) -> None:
         past = page.evaluate("live.model.past.length")
         page.select_option("#examples", name)
@@ -65,7 +65,7 @@ def example(name: str) -> Callable[[Page], None]:
     return bring
 
 
-def tool(label: str) -> Callable[[Page], None]:
+def use_tool(label: str) -> Callable[[Page], None]:
     def bring(page: Page) -> None:
         page.locator("#tools").get_by_role("button", name=label, exact=True).click()
         drag(page, [(30, 30), (45, 45)])
@@ -75,7 +75,7 @@ def tool(label: str) -> Callable[[Page], None]:
     return bring
 
 
-def press(name: str) -> Callable[[Page], None]:
+def press_button(name: str) -> Callable[[Page], None]:
     def bring(page: Page) -> None:
         page.locator("header").get_by_role("button", name=name, exact=True).click()
         until(page, "document.querySelector('dialog[open]')")
@@ -89,7 +89,7 @@ def hover(page: Page) -> None:
 
 
 def film(page: Page) -> None:
-    example("lesson")(page)  # the transient of a small grid shows the same controls in a tenth of the time
+    open_example("lesson")(page)  # the transient of a small grid shows the same controls in a tenth of the time
     page.get_by_role("button", name="Show transient").click()
     until(page, "document.getElementById('moment').value === document.getElementById('moment').max")
 
@@ -130,11 +130,11 @@ def keys(page: Page) -> None:
 
 TOOLS = ("Wall", "Erase", "Box", "Fill", "Mud", "Goal", "Start", "Break", "Look")
 STATES: dict[str, Callable[[Page], None]] = {
-    "first": settle, "tour": press("Help"),
-    "new": press("New"), "save": press("Save"), "link": press("Link"), "hover": hover,
+    "first": settle, "tour": press_button("Help"),
+    "new": press_button("New"), "save": press_button("Save"), "link": press_button("Link"), "hover": hover,
     "film": film, "complaint": complaint, "scrolled": scrolled, "arrows": arrows, "flawed": flawed, "keys": keys,
     "ends": ends,
-    **{f"tool-{label.lower()}": tool(label) for label in TOOLS},
+    **{f"tool-{label.lower()}": use_tool(label) for label in TOOLS},
 }  # fmt: skip
 
 
@@ -164,7 +164,7 @@ def test_controls_and_texts_neither_overlap_nor_exceed_the_screen(
     settle(page)
     names = page.locator("#examples option").evaluate_all("options => options.map(o => o.value).filter(Boolean)")
     wrong = {}
-    for name, bring in (STATES | {f"example-{name}": example(name) for name in names}).items():
+    for name, bring in (STATES | {f"example-{name}": open_example(name) for name in names}).items():
         page.mouse.move(1, 1)
         page.evaluate(RESET)
         bring(page)

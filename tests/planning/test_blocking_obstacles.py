@@ -42,7 +42,7 @@ def groups_of(mask: np.ndarray, periodic: np.ndarray) -> list[set[Index]]:
     return groups
 
 
-def opens(space: rg.ConfigurationSpace, groups: list[set[Index]], start: Index, goal: int) -> bool:
+def opens_a_path(space: rg.ConfigurationSpace, groups: list[set[Index]], start: Index, goal: int) -> bool:
     passable = space.cell != 1
     for group in groups:
         for cell in group:
@@ -65,11 +65,11 @@ def test_the_least_set_equals_that_of_an_exhaustive_search(space: rg.Configurati
     np.testing.assert_array_equal(found.barriers.label, label)
     for goal, item in enumerate(found.obstructions):
         sets = (s for n in range(len(groups) + 1) for s in combinations(range(len(groups)), n))
-        least = next(s for s in sets if opens(space, [groups[g] for g in s], start, goal))
+        least = next(s for s in sets if opens_a_path(space, [groups[g] for g in s], start, goal))
         assert len(item.least) == len(least)
-        assert opens(space, [groups[g] for g in item.least], start, goal)
+        assert opens_a_path(space, [groups[g] for g in item.least], start, goal)
         if len(least) == 1:
-            alone = [g for g in range(len(groups)) if opens(space, [groups[g]], start, goal)]
+            alone = [g for g in range(len(groups)) if opens_a_path(space, [groups[g]], start, goal)]
             assert list(item.alone) == alone and item.least[0] in alone
         else:
             assert item.alone == ()
@@ -202,10 +202,10 @@ def test_check_verdicts_detects_a_field_of_another_space() -> None:
     field = solved(space)
     other = np.array(space.cell)
     other[0, 2] = 0
-    wrong = rg.Field(**{**vars_of(field), "space": space_of(other)})
+    wrong = rg.Field(**{**fields_of(field), "space": space_of(other)})
     with pytest.raises(AssertionError, match=r"finds a path from cell \(0, 0\)"):
         check_verdicts(wrong)
 
 
-def vars_of(field: rg.Field) -> dict[str, object]:
+def fields_of(field: rg.Field) -> dict[str, object]:
     return {name: getattr(field, name) for name in rg.Field.__dataclass_fields__}

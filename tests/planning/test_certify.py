@@ -20,7 +20,7 @@ PLACES = {
 }
 
 
-def room(origin: tuple[float, float] = (0.0, 0.0), width: float = 0.5, *, goal: bool = True) -> rg.Field:
+def field_of_a_room(origin: tuple[float, float] = (0.0, 0.0), width: float = 0.5, *, goal: bool = True) -> rg.Field:
     """A room of 24 by 20 cells with pillars, a wall that cuts off a chamber, and a goal of two cells."""
     cell = (np.random.default_rng(3).random((24, 20)) < 0.15).astype(np.uint8)
     cell[17:, 6], cell[17, :7] = 1, 1
@@ -42,7 +42,7 @@ def rejection(path: rg.Streamline) -> str:
 @pytest.mark.parametrize("goal", [True, False], ids=["goal points", "whole cells"])
 @pytest.mark.parametrize("place", PLACES)
 def test_certificates_hold_at_every_origin_and_fail_for_altered_paths(place: str, goal: bool) -> None:
-    field = room(*PLACES[place], goal=goal)
+    field = field_of_a_room(*PLACES[place], goal=goal)
     space, rng = field.space, np.random.default_rng(0)
     for start in np.argwhere(space.goal_connected)[::23]:
         path = rg.streamline(field, cell=start.tolist())
@@ -95,7 +95,7 @@ def test_a_change_of_any_single_number_fails_the_certificate(space: rg.Configura
 
 
 def test_failed_streamlines_with_added_points_or_values_are_rejected() -> None:
-    field = room()
+    field = field_of_a_room()
     wall, chamber = rg.streamline(field, cell=(20, 6)), rg.streamline(field, cell=(20, 3))
     assert (wall.outcome, chamber.outcome) == (rg.Outcome.START_BLOCKED, rg.Outcome.NO_PATH)
     for path in (wall, chamber):
@@ -111,7 +111,7 @@ def test_failed_streamlines_with_added_points_or_values_are_rejected() -> None:
 
 def test_a_path_with_another_field_is_rejected() -> None:
     """The same cells under other currents, other obstacles and other goal points."""
-    field = room()
+    field = field_of_a_room()
     space = field.space
     path = rg.streamline(field, cell=(0, 0))
     rg.certify(path)
@@ -119,12 +119,12 @@ def test_a_path_with_another_field_is_rejected() -> None:
     assert "no current" in rejection(replace(path, field=against))
     costly = rg.ConfigurationSpace(space.axes, space.cell, np.linspace(1, 9, 480).reshape(24, 20))
     rejection(replace(path, field=rg.field(rg.solve(rg.compile_space(costly)))))
-    rejection(replace(path, field=room(goal=False)))
+    rejection(replace(path, field=field_of_a_room(goal=False)))
     rg.certify(path)
 
 
 def test_other_types_and_other_dimensions_are_rejected() -> None:
-    field = room()
+    field = field_of_a_room()
     assert "must be a Streamline" in rejection(np.zeros((3, 2)))  # type: ignore[arg-type]
     cube = rg.ConfigurationSpace([rg.Axis(name, 0, 1, 2) for name in "xyz"], np.array([[[0, 2], [0, 0]]] * 2))
     path = rg.streamline(rg.field(rg.solve(rg.compile_space(cube))), cell=(0, 0, 0))

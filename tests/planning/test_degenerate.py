@@ -54,7 +54,7 @@ def cells_of(rows: str) -> np.ndarray:
     return np.array([[int(digit) for digit in row] for row in rows.split("/")], dtype=np.uint8)
 
 
-def flooded(space: rg.ConfigurationSpace, from_codes: tuple[int, ...], through: int) -> set[tuple[int, ...]]:
+def flood_fill(space: rg.ConfigurationSpace, from_codes: tuple[int, ...], through: int) -> set[tuple[int, ...]]:
     """Cells of code `through` that chains of such cells join to a cell of `from_codes`."""
     reached: set[tuple[int, ...]] = set()
     waiting = [cell for cell in np.ndindex(space.shape) if space.cell[cell] in from_codes]
@@ -81,7 +81,7 @@ def neighbours(space: rg.ConfigurationSpace, cell: tuple[int, ...]) -> list[tupl
 
 def expected(space: rg.ConfigurationSpace, *, on_rail: bool, edge: str) -> np.ndarray:
     """Outcomes of starts in every cell, by plain flood fill; `on_rail`: only obstacles drive the grid."""
-    connected = flooded(space, (GOAL,), FREE)
+    connected = flood_fill(space, (GOAL,), FREE)
     outcome = np.full(space.shape, "start_blocked", dtype="U16")
     for cell in np.ndindex(space.shape):
         if space.cell[cell] == GOAL:
@@ -89,18 +89,18 @@ def expected(space: rg.ConfigurationSpace, *, on_rail: bool, edge: str) -> np.nd
         elif space.cell[cell] == FREE:
             outcome[cell] = "goal_blocked" if not connected else "no_path" if cell not in connected else "reached"
     if on_rail:
-        beside = [
+        adjacent = [
             cell for cell in connected
             for other in neighbours(space, cell)
             if (edge == "obstacle" if other is None else space.cell[other] == OBSTACLE)
         ]  # fmt: skip
-        driven = _spread(space, beside)
+        driven = _connected_cells(space, adjacent)
         for cell in connected - driven:
             outcome[cell] = "no_current"
     return outcome
 
 
-def _spread(space: rg.ConfigurationSpace, cells: list[tuple[int, ...]]) -> set[tuple[int, ...]]:
+def _connected_cells(space: rg.ConfigurationSpace, cells: list[tuple[int, ...]]) -> set[tuple[int, ...]]:
     """Free cells that chains of free cells join to one of `cells`."""
     reached, waiting = set(cells), list(cells)
     while waiting:
@@ -171,7 +171,7 @@ def drawing(rows: str, circuit: str, edge: str) -> Drawing:
     return replace(drawn, title="Tiny")
 
 
-def wanted(drawn: Drawing, circuit: str, edge: str) -> list[str]:
+def expected_outcomes(drawn: Drawing, circuit: str, edge: str) -> list[str]:
     """Outcomes of the starts of a drawing."""
     outcome = expected(drawn.space, on_rail=circuit in ("dirichlet", "wall"), edge=edge)
     return [str(outcome[tuple(drawn.space.locate(start))]) for start in drawn.starts]
@@ -185,11 +185,11 @@ def test_commands_and_the_live_page_have_the_outcomes_of_flood_fill(
 ) -> None:
     """Outcomes of `path` and the page for every start; some scenes are also drawn by `plot` and moved by `control`."""
     drawn = drawing(rows, circuit, edge)
-    outcomes, file = wanted(drawn, circuit, edge), tmp_path / "tiny.toml"
+    outcomes, file = expected_outcomes(drawn, circuit, edge), tmp_path / "tiny.toml"
     file.write_text(scene_toml(drawn.document()))
     negative = int(set(outcomes) != {"reached"})
-    told = answer("path", file, code=negative)["paths"]
-    assert [path["outcome"] for path in told] == outcomes
+    reply = answer("path", file, code=negative)["paths"]
+    assert [path["outcome"] for path in reply] == outcomes
     assert [path["outcome"] for path in page_frame(drawn)["paths"]] == outcomes
     if rows not in (MAPS["one_goal_cell"], MAPS["goal_walled_in"], MAPS["open"], MAPS["goal_between_parts"]):
         return
@@ -204,9 +204,9 @@ def page_frame(drawn: Drawing) -> dict[str, Any]:
     head, body = write_drawing(drawn)
     text = json.dumps({"seq": 1, "type": "solve", "drawing": head["drawing"], "exact": True}).encode()
     reply = Session(drawn, read_only=False).answer(len(text).to_bytes(4, "little") + text + body)
-    told: dict[str, Any] = json.loads(reply[4 : 4 + int.from_bytes(reply[:4], "little")])
-    assert "error" not in told, told
-    return told
+    content: dict[str, Any] = json.loads(reply[4 : 4 + int.from_bytes(reply[:4], "little")])
+    assert "error" not in content, content
+    return content
 
 
 @pytest.mark.parametrize("circuit", ["dirichlet", "wall", "neumann"])
@@ -230,9 +230,9 @@ def test_run_reports_outcomes_without_a_circuit(tmp_path: Path, circuit: str) ->
     """`run` draws and reports the outcomes, and writes no deck."""
     drawn, file = drawing(MAPS["goal_walled_in"], circuit, "obstacle"), tmp_path / "tiny.toml"
     file.write_text(scene_toml(drawn.document()))
-    told = answer("run", file, "-o", tmp_path / "out", code=1)
-    assert {path["outcome"] for path in told["paths"]} == {"reached", "goal_blocked"}
-    assert told["chips"] == [] and (tmp_path / "out" / "page.png").exists()
+    reply = answer("run", file, "-o", tmp_path / "out", code=1)
+    assert {path["outcome"] for path in reply["paths"]} == {"reached", "goal_blocked"}
+    assert reply["chips"] == [] and (tmp_path / "out" / "page.png").exists()
 
 
 def test_clearance_curve_raises_without_paths_or_current() -> None:
@@ -253,6 +253,6 @@ def test_a_run_on_a_settling_grid_ends_when_no_path_exists() -> None:
         scene = rg.Scene(axes, goals=(rg.GoalCell((0, 0)),), boundary=boundary, starts=((0.5, 2.5),))
         run = rg.simulation(scene.replace(hidden=(wall,)), announce=True, settle="sor").run()
         assert run.ending is rg.control.TerminationReason.NO_PATH
-        beside = (rg.Box((0.0, 1.0), (1.0, 2.0)), rg.Box((1.0, 0.0), (2.0, 2.0)))
-        run = rg.simulation(scene.replace(hidden=beside), announce=True, settle="sor").run()
+        adjacent = (rg.Box((0.0, 1.0), (1.0, 2.0)), rg.Box((1.0, 0.0), (2.0, 2.0)))
+        run = rg.simulation(scene.replace(hidden=adjacent), announce=True, settle="sor").run()
         assert run.ending is rg.control.TerminationReason.GOAL_BLOCKED

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 import resgrid as rg
 
 
-def placed(frame: rg.Frame, cell: ArrayLike, width: float = 0.05) -> rg.ConfigurationSpace:
+def space_in_frame(frame: rg.Frame, cell: ArrayLike, width: float = 0.05) -> rg.ConfigurationSpace:
     """Space of cells in a frame; a third dimension of `cell` is the heading."""
     code = np.array(cell, dtype=np.uint8)
     turns = [(0.0, float(code.shape[2]) * width)] if code.ndim == 3 else []
@@ -44,13 +44,15 @@ def test_starts_on_cell_borders_have_paths_that_certify_again(frame, seed, bound
     rng = np.random.default_rng(seed)
     cell = (rng.random((9, 7)) < 0.2).astype(np.uint8)
     cell[rng.integers(9), rng.integers(7)] = rg.Cell.GOAL
-    space = placed(frame, cell)
+    space = space_in_frame(frame, cell)
     planner = rg.plan(space, boundary=boundary)
     for _ in range(6):
         number, local = rng.integers(0, space.shape), rng.choice([0.0, 1.0, 0.3], 2)
         touching = {
             tuple(np.clip(number + step, 0, np.array(space.shape) - 1).tolist())
-            for step in ((dx, dy) for dx in _beside(local[0]) for dy in _beside(local[1]))
+            for step in (
+                (dx, dy) for dx in _steps_to_touching_cells(local[0]) for dy in _steps_to_touching_cells(local[1])
+            )
         }
         path = planner.path(space.to_world(space.lower + (number + local) * space.spacing))
         blocked = all(cell[each] == rg.Cell.OBSTACLE for each in touching)
@@ -59,7 +61,7 @@ def test_starts_on_cell_borders_have_paths_that_certify_again(frame, seed, bound
             check_round_trips(space, path)
 
 
-def _beside(local: float) -> tuple[int, ...]:
+def _steps_to_touching_cells(local: float) -> tuple[int, ...]:
     """Steps to the cells along an axis that contain a local position of a cell."""
     return {0.0: (-1, 0), 1.0: (0, 1)}.get(local, (0,))
 
@@ -67,7 +69,7 @@ def _beside(local: float) -> tuple[int, ...]:
 def test_paths_of_a_turning_robot_far_from_the_origin_certify_again() -> None:
     cell = np.zeros((6, 5, 8), dtype=np.uint8)
     cell[2:4, 1:4, :6], cell[5, 4, 2] = rg.Cell.OBSTACLE, rg.Cell.GOAL
-    space = placed(rg.Frame(5e5, 5.4e6, 2.0, turning_length=0.4), cell)
+    space = space_in_frame(rg.Frame(5e5, 5.4e6, 2.0, turning_length=0.4), cell)
     planner = rg.plan(space, boundary="neumann")
     for corner in ((0.0, 0.0, 0.0), (0.0, 0.25, 0.1), (0.15, 0.05, 0.4)):
         check_round_trips(space, planner.path(space.to_world(corner)))
@@ -76,7 +78,7 @@ def test_paths_of_a_turning_robot_far_from_the_origin_certify_again() -> None:
 def test_a_controller_commands_motion_at_cell_borders() -> None:
     cell = np.zeros((8, 6), dtype=np.uint8)
     cell[7, 5] = rg.Cell.GOAL
-    space = placed(rg.Frame(5e5, 5.4e6, 0.3), cell)
+    space = space_in_frame(rg.Frame(5e5, 5.4e6, 0.3), cell)
     controller = rg.control.make_controller(rg.plan(space, boundary="neumann").field)
     for x in np.linspace(0.0, 0.35, 40):
         assert np.linalg.norm(controller.command(space.to_world((x, 0.3)))) > 0
@@ -85,7 +87,7 @@ def test_a_controller_commands_motion_at_cell_borders() -> None:
 
 def test_a_start_and_a_goal_on_cell_borders_have_a_path() -> None:
     frame = rg.Frame(5e5, 5.4e6, 0.3)
-    space = placed(frame, [[0, 0], [0, 2]])
+    space = space_in_frame(frame, [[0, 0], [0, 2]])
     for x in np.linspace(0.0, 0.1, 25):
         start, goal = (tuple(space.to_world(place).tolist()) for place in ((x, 0.1), (0.1, x)))
         assert space.locate(start)[1] == 1
@@ -95,6 +97,6 @@ def test_a_start_and_a_goal_on_cell_borders_have_a_path() -> None:
 
 def test_cells_below_the_rounding_error_raise_input_error() -> None:
     with pytest.raises(rg.InputError, match="so far from the world's origin"):
-        placed(rg.Frame(1e15, 0.0, 0.1), [[0, 2]])
-    np.testing.assert_array_equal(placed(rg.Frame(yaw=0.3), [[0, 2]]).rounding, 1e-9)
-    assert 1e-8 < placed(rg.Frame(5e5, 5.4e6, 0.3), [[0, 2]]).rounding.max() < 1e-6
+        space_in_frame(rg.Frame(1e15, 0.0, 0.1), [[0, 2]])
+    np.testing.assert_array_equal(space_in_frame(rg.Frame(yaw=0.3), [[0, 2]]).rounding, 1e-9)
+    assert 1e-8 < space_in_frame(rg.Frame(5e5, 5.4e6, 0.3), [[0, 2]]).rounding.max() < 1e-6

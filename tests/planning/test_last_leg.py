@@ -24,7 +24,9 @@ from resgrid.plot.paths import seam_pieces
 from resgrid.robots import CellSet
 
 
-def aimed(space: rg.ConfigurationSpace, rng: np.random.Generator, whole: float = 0.3) -> rg.ConfigurationSpace:
+def with_goal_points(
+    space: rg.ConfigurationSpace, rng: np.random.Generator, whole: float = 0.3
+) -> rg.ConfigurationSpace:
     """Return a space with goal points, some on corners and faces; a fraction `whole` of goal cells has none."""
     goals = np.argwhere(space.cell == rg.Cell.GOAL)
     inside = np.where(rng.random(goals.shape) < 0.3, rng.integers(0, 2, goals.shape), rng.random(goals.shape))
@@ -37,7 +39,7 @@ def open_field(space: rg.ConfigurationSpace) -> rg.Field:
     return rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
 
 
-def bare(space: rg.ConfigurationSpace) -> rg.ConfigurationSpace:
+def without_goal_points(space: rg.ConfigurationSpace) -> rg.ConfigurationSpace:
     return rg.ConfigurationSpace(space.axes, space.cell, space.conductivity)
 
 
@@ -46,11 +48,11 @@ def bare(space: rg.ConfigurationSpace) -> rg.ConfigurationSpace:
 def test_a_path_continues_straight_from_the_face_to_the_goal_point(space: rg.ConfigurationSpace, seed: int) -> None:
     """Points before the face equal those without goal points; spaces include rings of one and two cells."""
     rng = np.random.default_rng(seed)
-    space = aimed(space, rng)
+    space = with_goal_points(space, rng)
     starts = np.argwhere(space.cell == rg.Cell.GOAL)[:2].tolist() + np.argwhere(space.goal_connected)[::9].tolist()
     if not space.goal_connected.any():
         return
-    field, plain = open_field(space), open_field(bare(space))
+    field, plain = open_field(space), open_field(without_goal_points(space))
     places = space.lower + (np.array(starts) + rng.random((len(starts), space.ndim))) * space.spacing
     many = rg.streamlines(field, places)
     for number, place in enumerate(places):
@@ -81,7 +83,7 @@ def test_a_path_continues_straight_from_the_face_to_the_goal_point(space: rg.Con
         np.testing.assert_array_equal(motion.positions[-1], way[-1])
 
 
-def corner_room() -> rg.ConfigurationSpace:
+def space_with_goal_in_a_corner() -> rg.ConfigurationSpace:
     """A space whose goal point lies in a corner of its cell, nearer to the pillar than the rest of the path."""
     cell = np.zeros((12, 9))
     cell[9, 6] = 1
@@ -90,33 +92,38 @@ def corner_room() -> rg.ConfigurationSpace:
 
 
 def test_clearance_includes_the_last_segment() -> None:
-    space = corner_room()
+    space = space_with_goal_in_a_corner()
     field = rg.field(rg.solve(rg.compile_space(space, edge="open")))
     path = rg.streamline(field, (2.0, 2.0))
     exact = shapely.distance(shapely.LineString(path.points), shapely.box(9, 6, 10, 7))
     assert path.clearance == pytest.approx(exact) == pytest.approx(np.hypot(0.1, 0.1))
-    assert rg.streamline(rg.field(rg.solve(rg.compile_space(bare(space), edge="open"))), (2.0, 2.0)).clearance > 0.2
+    assert (
+        rg.streamline(
+            rg.field(rg.solve(rg.compile_space(without_goal_points(space), edge="open"))), (2.0, 2.0)
+        ).clearance
+        > 0.2
+    )
 
 
 def test_a_path_without_its_last_segment_fails_the_certificate() -> None:
-    space = corner_room()
+    space = space_with_goal_in_a_corner()
     field = open_field(space)
     path = rg.streamline(field, (2.0, 2.0))
     assert len(path.points) == len(path.cells) + 1
-    beside = path.points.copy()
-    beside[-1] -= 1e-6
+    moved = path.points.copy()
+    moved[-1] -= 1e-6
     face = path.points[:-1].copy()
-    for changes in ({"axis_points": beside}, {"axis_points": face}, {"axis_points": face, "length": length_of(face)}):
+    for changes in ({"axis_points": moved}, {"axis_points": face}, {"axis_points": face, "length": length_of(face)}):
         with pytest.raises(rg.CertificateError):
             rg.certify(replace(path, **changes))
     with pytest.raises(rg.CertificateError):
-        rg.certify(replace(path, field=open_field(bare(space))))
+        rg.certify(replace(path, field=open_field(without_goal_points(space))))
     with pytest.raises(rg.CertificateError, match="shape"):
         rg.certify(replace(path, axis_points=np.concatenate([path.points, path.points])))
 
 
 def test_a_path_from_the_goal_cell_is_the_last_segment_only() -> None:
-    space = corner_room()
+    space = space_with_goal_in_a_corner()
     undriven = undriven_field(space, rg.Wiring("neumann"))
     for path in (rg.streamline(open_field(space), (8.2, 5.5)), rg.streamline(undriven, (8.2, 5.5))):
         assert (path.outcome, path.goal, len(path.cells)) == (rg.Outcome.REACHED, 0, 1)

@@ -21,7 +21,7 @@ def ball(radius: float, ndim: int, margin: int = 4) -> tuple[np.ndarray, np.ndar
     return distance < radius, distance, away / distance[..., np.newaxis]
 
 
-def degrees_off(normals: np.ndarray, true: np.ndarray) -> np.ndarray:
+def angle_errors(normals: np.ndarray, true: np.ndarray) -> np.ndarray:
     return np.degrees(np.arccos(np.clip(np.sum(normals * true, axis=-1), -1.0, 1.0)))
 
 
@@ -29,7 +29,7 @@ def degrees_off(normals: np.ndarray, true: np.ndarray) -> np.ndarray:
 def test_errors_of_normals_on_a_disc_lie_within_the_documented_limits(radius: int) -> None:
     """5 degrees in the cells that touch the disc, at any resolution; 1 degree 2.5 cells out."""
     model, distance, true = ball(radius, 2)
-    off = degrees_off(rg.planning.surface_normals(model), true)
+    off = angle_errors(rg.planning.surface_normals(model), true)
     touching = binary_dilation(model) & ~model
     assert 4.4 < off[touching].mean() < 5.2
     assert 10.0 < off[touching].max() < 25.0
@@ -39,14 +39,14 @@ def test_errors_of_normals_on_a_disc_lie_within_the_documented_limits(radius: in
 def test_padding_reduces_the_error_near_the_edge() -> None:
     model, distance, true = ball(16, 2)
     ring = ~model & (np.abs(distance - 19.5) < 0.5)
-    near = degrees_off(rg.planning.surface_normals(model, padding=0), true)[ring].mean()
-    far = degrees_off(rg.planning.surface_normals(model, padding=40), true)[ring].mean()
+    near = angle_errors(rg.planning.surface_normals(model, padding=0), true)[ring].mean()
+    far = angle_errors(rg.planning.surface_normals(model, padding=40), true)[ring].mean()
     assert far < 0.6 and near > 2.0
 
 
 def test_errors_of_normals_on_a_voxel_ball_decrease_with_distance() -> None:
     model, distance, true = ball(6, 3, margin=3)
-    off = degrees_off(rg.planning.surface_normals(model), true)
+    off = angle_errors(rg.planning.surface_normals(model), true)
     assert 3.0 < off[binary_dilation(model) & ~model].mean() < 7.0
     assert off[~model & (np.abs(distance - 8.5) < 0.5)].mean() < 2.0
 
@@ -55,9 +55,9 @@ def test_errors_of_normals_on_a_voxel_ball_decrease_with_distance() -> None:
 def test_errors_of_normals_on_a_ball_lie_within_the_documented_limits(radius: float, mean: float) -> None:
     """As documented: 6 to 8 degrees on average in cells that touch, at most 31, and 1 to 2 degrees 2.5 cells out."""
     model, distance, true = ball(radius, 3, margin=3)
-    off = degrees_off(rg.planning.surface_normals(model), true)
-    beside = off[binary_dilation(model) & ~model]
-    assert 6.0 < beside.mean() < mean and 15.0 < beside.max() < 31.0
+    off = angle_errors(rg.planning.surface_normals(model), true)
+    adjacent = off[binary_dilation(model) & ~model]
+    assert 6.0 < adjacent.mean() < mean and 15.0 < adjacent.max() < 31.0
     assert 0.5 < off[~model & (np.abs(distance - radius - 2.5) < 0.5)].mean() < 1.9
 
 

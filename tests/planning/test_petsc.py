@@ -38,7 +38,7 @@ CASES: list[tuple[tuple[int, ...], tuple[int, ...], dict[str, Any]]] = [
 ]
 
 
-def scatter(shape: tuple[int, ...], rings: tuple[int, ...], seed: int) -> rg.ConfigurationSpace:
+def scattered_space(shape: tuple[int, ...], rings: tuple[int, ...], seed: int) -> rg.ConfigurationSpace:
     """A grid with scattered obstacles, two goals, a conductivity, and cells that are not square."""
     rng = np.random.default_rng(seed)
     cell = (rng.random(shape) < 0.2).astype(np.uint8)
@@ -57,7 +57,7 @@ def processes() -> str:
 @pytest.mark.parametrize("number", range(len(CASES)))
 def test_petsc_agrees_with_the_built_in_solver_and_safe_paths_certify(number: int) -> None:
     shape, rings, options = CASES[number]
-    space = scatter(shape, rings, number)
+    space = scattered_space(shape, rings, number)
     ours, theirs = (
         rg.plan(space, **options).field,
         rg.plan(space, method="petsc", ranks=number % 3 + 1, **options).field,
@@ -77,7 +77,7 @@ def test_petsc_agrees_with_the_built_in_solver_and_safe_paths_certify(number: in
 
 
 def test_direction_safe_cells_obey_kirchhoffs_current_law() -> None:
-    space = scatter((40, 30), (0,), 7)
+    space = scattered_space((40, 30), (0,), 7)
     field = rg.plan(space, method="petsc", boundary="dirichlet", ranks=2).field
     net, through = np.zeros(space.shape), np.zeros(space.shape)
     for axis in range(2):
@@ -105,7 +105,7 @@ def test_streamlines_end_in_cells_that_are_not_direction_safe() -> None:
 
 
 def test_a_driving_start_agrees_with_the_built_in_solver() -> None:
-    space = scatter((20, 20), (), 3)
+    space = scattered_space((20, 20), (), 3)
     start = tuple(np.argwhere(space.goal_connected)[100].tolist())
     from resgrid.core.wiring import Wiring
 
@@ -137,7 +137,7 @@ def test_a_launcher_replaces_mpiexec_and_sets_the_number_of_ranks(tmp_path: Path
     assert result.exit_code == 0, result.stderr
     data = json.loads(result.stdout)
     assert data["ranks"] == len(data["peak_bytes"]) == 2
-    space = scatter((12, 10), (), 4)
+    space = scattered_space((12, 10), (), 4)
     by_launcher, by_ranks = (
         rg.plan(space, method="petsc", **options).field for options in ({"launcher": "mpiexec -n 2"}, {"ranks": 2})
     )
@@ -161,7 +161,7 @@ def test_an_invalid_launcher_gives_a_one_line_message(launcher: str, status: int
 
 
 def test_a_launcher_with_ranks_or_another_method_raises_input_error() -> None:
-    space = scatter((5, 5), (), 0)
+    space = scattered_space((5, 5), (), 0)
     with pytest.raises(rg.InputError, match="the launcher sets the number of ranks; leave out ranks"):
         rg.plan(space, method="petsc", ranks=2, launcher="mpiexec -n 2")
     with pytest.raises(rg.InputError, match="belongs to method = 'petsc', not to 'auto'"):
@@ -169,7 +169,7 @@ def test_a_launcher_with_ranks_or_another_method_raises_input_error() -> None:
 
 
 def test_a_broken_launcher_and_one_without_effect_are_reported(tmp_path: Path) -> None:
-    space = scatter((5, 5), (), 0)
+    space = scattered_space((5, 5), (), 0)
     launcher = tmp_path / "launcher"
     launcher.write_bytes(b"\0")
     launcher.chmod(0o755)
@@ -186,7 +186,7 @@ def test_a_launcher_of_another_mpi_is_rejected(tmp_path: Path) -> None:
     launcher.write_text('#!/bin/sh\n"$@"\n"$@"\n')
     launcher.chmod(0o755)
     with pytest.raises(rg.InputError, match=r"another MPI than PETSc \(two of its processes are rank 0 of 1\)"):
-        rg.plan(scatter((5, 5), (), 0), method="petsc", launcher=str(launcher))
+        rg.plan(scattered_space((5, 5), (), 0), method="petsc", launcher=str(launcher))
 
 
 def test_a_missing_petsc_exits_with_3_and_the_install_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -230,7 +230,7 @@ def test_excess_ranks_and_unused_petsc_options_cause_warnings(monkeypatch: pytes
     monkeypatch.setattr("os.cpu_count", lambda: 1)
     monkeypatch.setenv("PETSC_OPTIONS", "-pc_typ gamg")
     with pytest.warns(UserWarning) as caught:
-        rg.plan(scatter((9, 9), (), 1), method="petsc", ranks=2)
+        rg.plan(scattered_space((9, 9), (), 1), method="petsc", ranks=2)
     said = " ".join(str(warning.message) for warning in caught)
     assert "more ranks (2) than cores (1)" in said and "no use for -pc_typ of PETSC_OPTIONS" in said
 
@@ -259,11 +259,11 @@ def test_ranks_beyond_the_memory_raise_budget_error() -> None:
         pytest.warns(UserWarning, match="wait for one another"),
         pytest.raises(rg.BudgetError, match=r"on 100000 ranks needs about .* take fewer ranks"),
     ):
-        rg.plan(scatter((9, 9), (), 1), method="petsc", ranks=100_000)
+        rg.plan(scattered_space((9, 9), (), 1), method="petsc", ranks=100_000)
 
 
 def test_rg_solve_with_petsc_names_rg_plan_instead() -> None:
-    netlist = rg.compile_space(scatter((5, 5), (), 0))
+    netlist = rg.compile_space(scattered_space((5, 5), (), 0))
     with pytest.raises(rg.InputError, match=r"rg\.plan\(space, method='petsc'"):
         rg.solve(netlist, method="petsc")
 
@@ -276,7 +276,7 @@ def test_a_killed_rank_is_reported_and_ends_the_other_ranks(tmp_path: Path, monk
     monkeypatch.setattr(petsc, "_WORKER", worker)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with pytest.raises(rg.AccuracyError, match="signal 9"):
-        rg.plan(scatter((9, 9), (), 1), method="petsc", ranks=2)
+        rg.plan(scattered_space((9, 9), (), 1), method="petsc", ranks=2)
     assert str(worker) not in processes()
     assert not list(tmp_path.glob("resgrid-*"))
 

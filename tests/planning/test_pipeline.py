@@ -61,8 +61,8 @@ def test_every_driving_start_has_its_own_circuit_unless_blocked(tmp_path: Path) 
     solution = solve_problem(problem_of(rg.read_scene(file)))
     assert list(solution.operating_points) == ["neumann_start_0", "neumann_start_3"]
     assert [field.is_flowing for field in solution.fields] == [True, False, False, True]
-    told = answer("path", file, code=1)["paths"]
-    assert [path["outcome"] for path in told] == ["reached", "start_blocked", "no_path", "reached"]
+    reply = answer("path", file, code=1)["paths"]
+    assert [path["outcome"] for path in reply] == ["reached", "start_blocked", "no_path", "reached"]
     with pytest.raises(rg.InputError, match="drive = 'uniform'"):
         rg.plan(rg.read_scene(file))
 

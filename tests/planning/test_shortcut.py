@@ -138,8 +138,8 @@ def test_certified_polylines_never_join_cells_without_a_common_face(seed: int, n
     way, passed = [cell + 0.5], 0
     for _ in range(12):
         way.append(cell + rng.choice([0.0, 0.5, 1.0], ndim, p=[0.4, 0.2, 0.4]))
-        beside = np.array([c for c in np.ndindex(*shape) if region[c] and np.all(np.abs(way[-1] - c - 0.5) <= 0.5)])
-        cell = beside[rng.integers(len(beside))] if len(beside) else cell
+        adjacent = np.array([c for c in np.ndindex(*shape) if region[c] and np.all(np.abs(way[-1] - c - 0.5) <= 0.5)])
+        cell = adjacent[rng.integers(len(adjacent))] if len(adjacent) else cell
         way.append(cell + 0.5)
         try:
             rg.certify_collision_free(rg.Polyline(way, space))

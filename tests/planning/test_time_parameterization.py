@@ -102,10 +102,10 @@ def test_motions_obey_the_limits_within_the_tolerance_of_the_path(seed: int, ndi
     step = np.diff(times)[:, np.newaxis]
     assert np.all(np.abs(np.diff(points, axis=0)) <= velocity * step * (1 + 1e-7) + 1e-9)
     assert np.all(np.abs(np.diff(speeds, axis=0)) <= acceleration * step * (1 + 1e-7) + 1e-7)
-    assert from_polyline(points, corners) <= tolerance + 1e-7
+    assert distance_from_polyline(points, corners) <= tolerance + 1e-7
 
 
-def from_polyline(points: np.ndarray, corners: np.ndarray) -> float:
+def distance_from_polyline(points: np.ndarray, corners: np.ndarray) -> float:
     best = np.linalg.norm(points - corners[0], axis=1)
     for start, end in pairwise(corners):
         share = np.clip((points - start) @ (end - start) / ((end - start) @ (end - start)), 0, 1)

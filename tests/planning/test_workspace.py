@@ -27,7 +27,7 @@ POSES = rg.ConfigurationSpace(
 )
 
 
-def moved_by(robot: rg.Robot, space: rg.ConfigurationSpace = PLANE) -> rg.ConfigurationSpace:
+def with_robot(robot: rg.Robot, space: rg.ConfigurationSpace = PLANE) -> rg.ConfigurationSpace:
     """Return the space with a robot."""
     return rg.ConfigurationSpace(space.axes, space.cell, robot=robot)
 
@@ -68,7 +68,7 @@ def test_the_first_collision_is_reported_with_link_and_obstacle() -> None:
 
 def test_contact_is_not_a_collision() -> None:
     for robot, wall in ((rg.PointRobot(), 2.0), (rg.DiscRobot(0.5), 1.5)):
-        way = rg.Polyline([(0.5, 2.0), (8.0, 2.0)], moved_by(robot))
+        way = rg.Polyline([(0.5, 2.0), (8.0, 2.0)], with_robot(robot))
         for obstacle in (rg.Box((0.0, 0.0), (9.0, wall)), rg.HalfSpace((0.0, 1.0), wall)):
             assert rg.planning.workspace_clearance(way, [obstacle]) == 0.0
             assert rg.check_collisions(way, [obstacle]) is None
@@ -107,7 +107,7 @@ def test_clearances_agree_with_shapely_polygons(seed: int) -> None:
     for robot, space, scale in (
         (ARM, TORUS, 3.0),
         (BAR, POSES, 4.0),
-        (rg.DiscRobot(0.4), moved_by(rg.DiscRobot(0.4)), 5.0),
+        (rg.DiscRobot(0.4), with_robot(rg.DiscRobot(0.4)), 5.0),
     ):
         pose = rng.uniform(-scale, scale, space.ndim)
         near = min(s.distance(to_shapely(o)) for s in robot.shapes_at(pose) for o in obstacles)
@@ -154,7 +154,7 @@ def test_shapes_and_robots_of_other_dimensions_raise_input_error() -> None:
             rg.check_collisions(rg.Polyline([(1.0, 1.0), (2.0, 2.0)], PLANE), [shape])
     for robot in (BAR, rg.Arm((1.0, 1.0, 1.0))):
         with pytest.raises(rg.InputError):
-            rg.check_collisions(rg.Polyline([(1.0, 1.0), (2.0, 2.0)], moved_by(robot)), [])
+            rg.check_collisions(rg.Polyline([(1.0, 1.0), (2.0, 2.0)], with_robot(robot)), [])
 
 
 def test_a_half_plane_inclined_along_a_periodic_axis_raises_input_error() -> None:
@@ -172,7 +172,7 @@ def test_clearance_from_map_cells_includes_seams() -> None:
     space = space_of(cell, periodic=(True, False))
     obstacles = [CellSet(space.axes, space.cell == rg.Cell.OBSTACLE)]
     assert rg.planning.workspace_clearance(
-        rg.Polyline([(0.5, 2.5)], moved_by(rg.PointRobot(0.25), space)), obstacles
+        rg.Polyline([(0.5, 2.5)], with_robot(rg.PointRobot(0.25), space)), obstacles
     ) == pytest.approx(0.25)
     assert rg.planning.workspace_clearance(rg.Polyline([(10.5, 1.0)], space), obstacles) == pytest.approx(
         hypot(0.5, 1.0)
@@ -214,7 +214,7 @@ def test_unknown_robots_invalid_steps_and_3d_paths_raise_input_error() -> None:
         pass
 
     with pytest.raises(rg.InputError, match="Snake"):
-        rg.check_collisions(rg.Polyline([(0, 0), (1, 1)], moved_by(Snake())), [])  # type: ignore[arg-type]
+        rg.check_collisions(rg.Polyline([(0, 0), (1, 1)], with_robot(Snake())), [])  # type: ignore[arg-type]
     for step in (0.0, -1.0, float("nan"), 1e-12):
         with pytest.raises(rg.InputError, match="step"):
             rg.check_collisions(rg.Polyline([(0, 0), (9, 9)], PLANE), [], step=step)

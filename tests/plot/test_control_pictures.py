@@ -101,7 +101,7 @@ def test_an_animation_of_a_run_contains_its_first_and_last_frame(run: rg.control
     assert changed[:, :middle].any() and changed[:, middle:].any()
     near_blue = np.abs(first[:, :middle].astype(int) - [0, 114, 178]).sum(axis=2) < 120
     assert near_blue.sum() > 40  # the robot, in addition to its mark in the legend
-    np.testing.assert_array_equal(first[[0, -1]], 255)  # nothing is cut at the border
+    np.testing.assert_array_equal(first[[0, -1]], 255)  # no content touches the border
     np.testing.assert_array_equal(first[:, [0, -1]], 255)
     with pytest.raises(rg.InputError, match="frames"):
         rg.animate(run, tmp_path / "b.gif", count=1)

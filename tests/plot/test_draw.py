@@ -41,7 +41,7 @@ def small_planner() -> rg.planning.Planner:
     return rg.plan(small_space(), k=0.5)
 
 
-def of_chip(what: str) -> Any:
+def chip_result(what: str) -> Any:
     netlist = rg.chip.build_chip(rg.study(small_space(), CHIP).ideal, CHIP)
     match what:
         case "yield":
@@ -87,9 +87,9 @@ ALBUM: dict[str, Callable[[rg.control.Run], Any]] = {
     "adc_resolution": lambda _: rg.draw(rg.study(small_op()).adc_resolution()),
     "precisions": lambda _: rg.draw({"Dirichlet": rg.study(small_op()).adc_resolution()}, title="Precision"),
     "sensitivity": lambda _: rg.draw(rg.study(small_op()).sensitivity((5, 5)), drift=0.8),
-    "yield": lambda _: rg.draw(of_chip("yield")),
-    "faults": lambda _: rg.draw(of_chip("faults"), fault="short"),
-    "sweep": lambda _: rg.draw(of_chip("sweep"), share=0.9),
+    "yield": lambda _: rg.draw(chip_result("yield")),
+    "faults": lambda _: rg.draw(chip_result("faults"), fault="short"),
+    "sweep": lambda _: rg.draw(chip_result("sweep"), share=0.9),
 }
 
 

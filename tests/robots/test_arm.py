@@ -53,7 +53,7 @@ def collides(arm, configurations, obstacles=GEOMETRY):
     return hit
 
 
-def drawn(axes, cells, count, rng):
+def random_configurations(axes, cells, count, rng):
     """Random configurations in random cells, a quarter of them on borders."""
     chosen = cells[rng.integers(len(cells), size=count)]
     share = rng.random(chosen.shape)
@@ -68,7 +68,7 @@ def test_no_configuration_in_a_free_cell_collides(which, count):
     axes = arm.axes(CELLS[arm.ndim])
     blocked = arm.occupancy(axes, OBSTACLES, "conservative")
     assert 0.05 < blocked.mean() < 0.96
-    inside = drawn(axes, np.argwhere(~blocked), count, np.random.default_rng(1))
+    inside = random_configurations(axes, np.argwhere(~blocked), count, np.random.default_rng(1))
     assert not collides(arm, inside).any()
 
 
@@ -174,7 +174,7 @@ GOAL_ARMS = [
 GOAL_GRIDS = {1: (23,), 2: (17, 20), 3: (9, 8, 7), 4: (5, 4, 5, 4)}
 
 
-def own_tip(arm, configurations):
+def forward_kinematics(arm, configurations):
     """Forward kinematics, link by link, independent of `Arm.tip`."""
     place, turned = np.array(arm.base), arm.base_angle
     for joint, length in enumerate(arm.lengths):
@@ -183,7 +183,7 @@ def own_tip(arm, configurations):
     return place
 
 
-def from_region(region, points):
+def distance_from_region(region, points):
     """Exact distance of points from a region."""
     match region:
         case rg.HalfSpace(normal, offset):
@@ -200,11 +200,11 @@ def check_goal(arm, axes, region):
     cells, points = arm.goal_cells(axes, region)
     lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
     assert (np.abs((points - lower) / spacing - np.argwhere(cells) - 0.5) <= 0.5 + 1e-9).all()
-    assert (from_region(region, own_tip(arm, points)) <= 2e-9 * arm.reach).all()
+    assert (distance_from_region(region, forward_kinematics(arm, points)) <= 2e-9 * arm.reach).all()
     return cells
 
 
-def goals_at(place, size):
+def goals_containing(place, size):
     """Goals of all kinds that contain a place."""
     x, y = place
     ring = np.array([(0, 0), (2, -1), (1.2, 0.3), (1.5, 1.4), (-0.4, 1.1)]) * size + place
@@ -228,10 +228,12 @@ def test_goal_cells_are_exactly_the_cells_with_solutions(which, share):
     within = {"inside": rng.random(arm.ndim), "centre": 0.5, "corner": rng.integers(2, size=arm.ndim)}[share]
     anywhere = lower + rng.random((4000, arm.ndim)) * size * spacing
     their_cells = tuple(((anywhere - lower) / spacing).astype(int).T)
-    for region in goals_at(own_tip(arm, lower + (cell + within) * spacing).tolist(), 0.2):
+    for region in goals_containing(forward_kinematics(arm, lower + (cell + within) * spacing).tolist(), 0.2):
         cells = check_goal(arm, axes, region)
         assert cells[tuple(cell)], region
-        assert cells[tuple(each[from_region(region, own_tip(arm, anywhere)) == 0] for each in their_cells)].all()
+        assert cells[
+            tuple(each[distance_from_region(region, forward_kinematics(arm, anywhere)) == 0] for each in their_cells)
+        ].all()
 
 
 @pytest.mark.parametrize("arm", GOAL_ARMS[3:6])
@@ -241,12 +243,14 @@ def test_least_squares_finds_no_solution_outside_goal_cells(arm):
     lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
     cells = check_goal(arm, axes, point)
     grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1)
-    near = np.linalg.norm(own_tip(arm, grid) - point, axis=-1) < tip_travel(arm._links, axes)
+    near = np.linalg.norm(forward_kinematics(arm, grid) - point, axis=-1) < tip_travel(arm._links, axes)
     assert near[cells].all()
     for cell in rng.permutation(np.argwhere(near & ~cells))[:25]:
         ends = lower + cell * spacing, lower + (cell + 1) * spacing
         starts = rng.uniform(*ends, (4, arm.ndim))
-        rest = [least_squares(lambda q: own_tip(arm, q) - point, start, bounds=ends).cost for start in starts]
+        rest = [
+            least_squares(lambda q: forward_kinematics(arm, q) - point, start, bounds=ends).cost for start in starts
+        ]
         assert min(rest) > 1e-12
 
 
@@ -456,7 +460,7 @@ def test_free_cells_contain_no_self_collision(angles):
     blocked = arm.occupancy(axes, [], "conservative")
     centre = arm.occupancy(axes, [], "centre")
     assert 0 < centre.sum() < blocked.sum() < 0.7 * blocked.size
-    inside = drawn(axes, np.argwhere(~blocked), 60_000, np.random.default_rng(3))
+    inside = random_configurations(axes, np.argwhere(~blocked), 60_000, np.random.default_rng(3))
     assert not collides(arm, inside, FAR).any()
     grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1).reshape(-1, 3)
     assert (centre.ravel() == collides(arm, grid, FAR)).all()

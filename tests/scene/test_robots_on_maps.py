@@ -38,7 +38,7 @@ def turned(tmp_path: Path) -> Path:
     return ros_map(tmp_path, f"[3.0, -2.0, {YAW}]")
 
 
-def walls_of(scene: rg.Scene) -> shapely.Geometry:
+def walls_in_world(scene: rg.Scene) -> shapely.Geometry:
     """Obstacle cells of the map, in world coordinates."""
     assert scene.map is not None
     cells = [shapely.box(x / 10, y / 10, (x + 1) / 10, (y + 1) / 10) for x, y in np.argwhere(scene.map.cell == 1)]
@@ -55,7 +55,7 @@ def test_a_footprint_on_a_turned_map_passes_a_gap_without_collision(turned: Path
     assert path.outcome == "reached"
     assert np.allclose(path.points[0], (*start, YAW + 1.2))
     assert np.allclose(path.points[-1][:2], goal)
-    walls = walls_of(scene)
+    walls = walls_in_world(scene)
     assert max(scene.robot.shapes_at(pose)[0].intersection(walls).area for pose in path.points[::3]) < 1e-12
     narrow = scene.replace(robot=rg.PolygonRobot(tuple((2 * x, 4 * y) for x, y in FOOTPRINT)))
     assert rg.plan(narrow).path(scene.starts[0]).outcome == "no_path"
@@ -69,7 +69,7 @@ def test_a_user_defined_robot_turns_by_its_turning_length(turned: Path) -> None:
     assert scene.axes[2] == rg.Axis("theta", 0.0, 0.7 * np.pi, 24, periodic=True)
     path = rg.plan(scene).path(scene.starts[0])
     assert path.outcome == "reached"
-    walls = walls_of(scene)
+    walls = walls_in_world(scene)
     assert max(part.intersection(walls).area for pose in path.points[::3] for part in robot.shapes_at(pose)) < 1e-12
     with pytest.raises(rg.InputError, match="a robot that turns needs 3 axes"):
         rg.Scene(scene.axes[:2], robot=robot)
@@ -118,7 +118,7 @@ def test_an_arm_uses_a_map_as_its_workspace(tmp_path: Path) -> None:
     scene = rg.parse_scene(text + "[grid]\ncells = 48\n", folder=tmp_path)
     space = rg.build_space(scene)
     free = space.axis_centre(np.argwhere(space.cell != rg.Cell.OBSTACLE))
-    walls = walls_of(scene)
+    walls = walls_in_world(scene)
     poses = np.concatenate([free, space.goal_points])
     assert not any(shapely.intersects(walls, scene.robot.shapes_at(pose)).any() for pose in poses)
     assert 0 < (space.cell == rg.Cell.OBSTACLE).sum() < space.cell.size

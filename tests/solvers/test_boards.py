@@ -32,7 +32,9 @@ from resgrid.solvers.multigrid.levels import Finest, Levels
 BOUNDARIES = st.sampled_from(["dirichlet", "neumann"])
 
 
-def laid_out(space: rg.ConfigurationSpace, boundary: str, spread: float, seed: int) -> tuple[Equations, Level] | None:
+def system_and_level(
+    space: rg.ConfigurationSpace, boundary: str, spread: float, seed: int
+) -> tuple[Equations, Level] | None:
     """System and stencil of a space with random conductances; None for undriven spaces or without a stencil."""
     try:
         netlist = rg.compile_space(space, boundary=boundary)
@@ -51,7 +53,7 @@ def laid_out(space: rg.ConfigurationSpace, boundary: str, spread: float, seed: i
     return None if made is None else (system, made[0])
 
 
-def down(level: Level, split: bool) -> list[Level]:
+def coarse_levels(level: Level, split: bool) -> list[Level]:
     """Return a level and all coarser levels."""
     levels = [level]
     while levels[-1].size > 3 and min(levels[-1].lattice.shape) > 1:
@@ -62,7 +64,7 @@ def down(level: Level, split: bool) -> list[Level]:
     return levels
 
 
-def above_one_node(finest: Finest) -> GridProblem:
+def problem_above_one_node(finest: Finest) -> GridProblem:
     """A finest level with one coarse node, whose voltage is 1."""
     alone = Graph(np.zeros(2, np.int32), np.empty(0, np.int32), np.empty(0), np.ones(1))
     room = np.zeros((2, 2, len(finest.aggregate)))
@@ -72,7 +74,7 @@ def above_one_node(finest: Finest) -> GridProblem:
 
 
 @njit
-def finished(table: NDArray[Any], state: NDArray[np.int64]) -> tuple[float, float, float]:
+def ascend(table: NDArray[Any], state: NDArray[np.int64]) -> tuple[float, float, float]:
     """Ascend to the finest level."""
     return cycle.ascend_grid(table, state, ZERO, ZERO)
 
@@ -82,10 +84,10 @@ def finished(table: NDArray[Any], state: NDArray[np.int64]) -> tuple[float, floa
 def test_schur_complements_equal_those_of_dense_elimination(
     space: rg.ConfigurationSpace, boundary: str, block: int, seed: int
 ) -> None:
-    made = laid_out(space, boundary, 0.3, seed)
+    made = system_and_level(space, boundary, 0.3, seed)
     if made is None:
         return
-    for level in down(made[1], split=False):
+    for level in coarse_levels(made[1], split=False):
         matrix, used = matrix_of(level)
         slots = level.lattice.slots
         red, black = used < slots, used >= slots
@@ -104,11 +106,11 @@ def test_schur_complements_equal_those_of_dense_elimination(
         to_one = np.zeros(slots, dtype=np.int32)
         to_one[here] = 1
         finest = Finest(stencil_of(level), stencil, to_one)
-        problem = above_one_node(finest)
+        problem = problem_above_one_node(finest)
         v, w = problem.vectors, problem.vectors.w
         v.before[:], v.r[:], v.s[:] = z, r, s
         problem.set_output(z)
-        zr, zw, zs = finished(problem.table, problem.state)
+        zr, zw, zs = ascend(problem.table, problem.state)
         size = np.abs(schur).sum(axis=1).max() * np.abs(z).max()
         degree = matrix.diagonal()[black]
         relaxed += (r[here] - schur @ relaxed) / degree
@@ -125,10 +127,10 @@ def test_schur_complements_equal_those_of_dense_elimination(
 def test_products_of_a_constant_equal_the_leak_despite_rounding(
     space: rg.ConfigurationSpace, boundary: str, seed: int
 ) -> None:
-    made = laid_out(space, boundary, 1.0, seed)
+    made = system_and_level(space, boundary, 1.0, seed)
     if made is None:
         return
-    for level in down(made[1], split=False):
+    for level in coarse_levels(made[1], split=False):
         matrix, used = matrix_of(level)
         slots, ends = level.lattice.slots, (level.edges.off_red, level.edges.off_black)
         black = used >= slots
@@ -155,10 +157,10 @@ def test_products_of_a_constant_equal_the_leak_despite_rounding(
 def test_residuals_equal_those_of_the_dense_matrix(
     space: rg.ConfigurationSpace, boundary: str, block: int, seed: int
 ) -> None:
-    made = laid_out(space, boundary, 1.0, seed)
+    made = system_and_level(space, boundary, 1.0, seed)
     if made is None:
         return
-    for level in down(made[1], split=False):
+    for level in coarse_levels(made[1], split=False):
         matrix, used = matrix_of(level)
         slots = level.lattice.slots
         rng = np.random.default_rng(seed)
@@ -194,7 +196,7 @@ def test_components_on_a_ring_of_two_blocks_are_not_merged() -> None:
 
 
 def check_aggregates(space: rg.ConfigurationSpace, boundary: str, seed: int) -> None:
-    made = laid_out(space, boundary, 0.0, seed)
+    made = system_and_level(space, boundary, 0.0, seed)
     if made is None:
         return
     level = made[1]
@@ -223,7 +225,7 @@ def check_aggregates(space: rg.ConfigurationSpace, boundary: str, seed: int) -> 
 def test_coarse_levels_have_the_couplings_of_their_resistors_only(
     space: rg.ConfigurationSpace, boundary: str, seed: int
 ) -> None:
-    made = laid_out(space, boundary, 0.0, seed)
+    made = system_and_level(space, boundary, 0.0, seed)
     result = None if made is None else coarsen(made[1], split=False)
     if made is None or result is None:
         return
@@ -243,10 +245,10 @@ def test_coarse_levels_have_the_couplings_of_their_resistors_only(
 def test_coarse_levels_of_an_open_grid_keep_the_conductance() -> None:
     cell = np.zeros((64, 64), dtype=np.uint8)
     cell[0, 0] = 2
-    made = laid_out(space_of(cell), "neumann", 0.0, 1)
+    made = system_and_level(space_of(cell), "neumann", 0.0, 1)
     assert made is not None
     unit = made[0].netlist.conductance.mean()
-    for level in down(made[1], split=False)[:4]:
+    for level in coarse_levels(made[1], split=False)[:4]:
         inner = level.edges.faces[level.edges.faces > 0] / unit
         assert np.median(inner) == pytest.approx(1.0, rel=1e-6)
 

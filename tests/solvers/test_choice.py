@@ -12,7 +12,7 @@ from resgrid.circuit.equations import assemble
 from resgrid.solvers.method_choice import choose_method
 
 
-def patched(size: int, block: int, decades: float) -> rg.ConfigurationSpace:
+def checkerboard(size: int, block: int, decades: float) -> rg.ConfigurationSpace:
     """A checkerboard of blocks with conductivities `decades` orders of magnitude apart; the goal in a corner."""
     odd = (np.indices((size, size)) // block).sum(axis=0) % 2
     cell = np.zeros((size, size), dtype=np.uint8)
@@ -24,7 +24,7 @@ def patched(size: int, block: int, decades: float) -> rg.ConfigurationSpace:
 @pytest.mark.parametrize("accuracy", ["direction", "normwise"])
 def test_planes_with_strong_contrast_are_solved_directly(size: int, block: int, decades: float, accuracy: str) -> None:
     for boundary in ("dirichlet", "neumann"):
-        netlist = rg.compile_space(patched(size, block, decades), boundary=boundary)
+        netlist = rg.compile_space(checkerboard(size, block, decades), boundary=boundary)
         point = rg.solve(netlist, accuracy=accuracy)
         assert point.method == "direct"
         assert point.backward_error < 1e-10
@@ -32,7 +32,7 @@ def test_planes_with_strong_contrast_are_solved_directly(size: int, block: int, 
 
 def test_planes_with_weak_contrast_are_solved_by_multigrid() -> None:
     for block, decades in ((16, 2.0), (1, 1.0)):
-        system = assemble(rg.compile_space(patched(300, block, decades)))
+        system = assemble(rg.compile_space(checkerboard(300, block, decades)))
         assert (
             choose_method(system.laplacian).method
             == choose_method(system.laplacian, accuracy="normwise").method

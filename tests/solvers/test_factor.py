@@ -17,16 +17,16 @@ from resgrid.solvers.factors import Factor
 from resgrid.solvers.scaled import Scaled
 
 
-def room(*shape: int) -> rg.Netlist:
+def open_netlist(*shape: int) -> rg.Netlist:
     cell = np.zeros(shape, dtype=np.uint8)
     cell[0, 0], cell[-1, -1] = 2, 1
     return rg.compile_space(space_of(cell))
 
 
 FACTORS = {
-    "direct": lambda: rg.factorize(room(24, 30), method="direct"),
-    "direct, in space": lambda: rg.factorize(room(12, 13, 14), method="direct"),
-    "multigrid": lambda: rg.factorize(room(24, 30), method="multigrid"),
+    "direct": lambda: rg.factorize(open_netlist(24, 30), method="direct"),
+    "direct, in space": lambda: rg.factorize(open_netlist(12, 13, 14), method="direct"),
+    "multigrid": lambda: rg.factorize(open_netlist(24, 30), method="multigrid"),
     "direct, in a corridor": lambda: rg.factorize(rg.compile_space(space_of(serpentine(3, 30, 1)))),
 }
 
@@ -109,7 +109,7 @@ def test_pickled_factors_give_the_same_results(method: str, density: float) -> N
         np.testing.assert_allclose(pickle.loads(pickle.dumps(factors)).solve(rhs), factors.solve(rhs), atol=1e-8)
 
 
-def wild_network(nodes: int, seed: int) -> rg.Netlist:
+def irregular_network(nodes: int, seed: int) -> rg.Netlist:
     """A chain with random resistors across it over twelve orders of magnitude, two current and two voltage sources."""
     rng = np.random.default_rng(seed)
     chain = np.stack([np.arange(nodes - 1), np.arange(1, nodes)], axis=1)
@@ -123,7 +123,7 @@ def wild_network(nodes: int, seed: int) -> rg.Netlist:
 
 @pytest.mark.parametrize("method", ["direct", "multigrid"])
 def test_results_do_not_depend_on_earlier_solves(method: str) -> None:
-    factors = rg.factorize(wild_network(600, 1), method=method)
+    factors = rg.factorize(irregular_network(600, 1), method=method)
     rhs = np.ones(factors.system.size)
     first = factors.solve(rhs)
     factors.factors.solve_nonnegative(rhs)
@@ -135,7 +135,7 @@ def test_factors_and_systems_have_no_hidden_attributes(method: str) -> None:
     """Frozen dataclasses must not store caches outside their fields."""
     corridor = np.zeros((60, 8), dtype=np.uint8)
     corridor[0, 0] = 2
-    for netlist in (rg.compile_space(space_of(corridor)), wild_network(600, 0)):
+    for netlist in (rg.compile_space(space_of(corridor)), irregular_network(600, 0)):
         factors = rg.factorize(netlist, method=method)
         rhs = np.ones(factors.system.size)
         factors.solve(rhs)

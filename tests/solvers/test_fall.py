@@ -18,7 +18,7 @@ RATE, WALL = np.pi, 0.3
 LN10 = np.log(10.0)
 
 
-def railed(space: rg.ConfigurationSpace, boundary: str) -> Equations | None:
+def system_between_rails(space: rg.ConfigurationSpace, boundary: str) -> Equations | None:
     """The equations of a space between two rails; None for undriven or other spaces."""
     try:
         system = assemble(rg.compile_space(space, boundary=boundary))
@@ -30,7 +30,7 @@ def railed(space: rg.ConfigurationSpace, boundary: str) -> Equations | None:
 @settings(max_examples=80)
 @given(spaces(), st.floats(0.0, 1.0))
 def test_the_decay_along_shortest_paths_equals_networkx(space, share):
-    system = railed(space, "dirichlet")
+    system = system_between_rails(space, "dirichlet")
     if system is None:
         return
     low, high = system.rails.to_low > 0, system.rails.to_high > 0

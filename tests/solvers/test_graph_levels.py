@@ -152,12 +152,12 @@ def test_ascend_graph_returns_the_product_and_energies_of_the_matrix() -> None:
     rng = np.random.default_rng(0)
     work.b[1 : n + 1], work.x[:] = rng.random(n), rng.random(len(work.x))
     given = work.b[1 : n + 1].copy()
-    fed, energy, along = ascend_graph(packed, 0, work.b[1:], work.x[1:], given, work.change, work.v[:n])
+    injected, energy, along = ascend_graph(packed, 0, work.b[1:], work.x[1:], given, work.change, work.v[:n])
     x = work.x[1 : n + 1]
     true = dense(graph)[np.ix_(order, order)] @ x
     assert np.allclose(work.v[:n], true, atol=1e-4 * np.abs(true).max())
     assert energy == pytest.approx(float(x @ true), rel=1e-4)
-    assert fed == along == pytest.approx(float(x @ given), rel=1e-5)
+    assert injected == along == pytest.approx(float(x @ given), rel=1e-5)
 
 
 def test_inverse_matrix_equals_numpy() -> None:

@@ -22,7 +22,7 @@ def halved(x):
 
 
 @njit
-def halved_within(values):
+def halved_with_flushing(values):
     """Return halves computed while subnormal numbers are flushed to zero, and one half computed afterwards."""
     flags = flush_subnormals()
     within = np.empty_like(values)
@@ -34,7 +34,7 @@ def halved_within(values):
 
 def test_subnormals_are_flushed_only_between_flush_and_restore() -> None:
     tiny = np.array([SMALLEST_NORMAL, 2.0 * SMALLEST_NORMAL], dtype=np.float32)
-    within, after = halved_within(tiny)
+    within, after = halved_with_flushing(tiny)
     assert (within[0] == 0.0) == IS_X86
     assert within[1] == SMALLEST_NORMAL
     assert after > 0.0

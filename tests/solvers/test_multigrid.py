@@ -24,12 +24,12 @@ from resgrid.solvers.symbolic import order_by_distance
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
 
 
-def foreseen_decades(system: Equations) -> float:
+def estimated_decades(system: Equations) -> float:
     """Estimated orders of magnitude of the potential's decay."""
     return estimate_decades(system.laplacian, conductance_statistics(system.laplacian))
 
 
-def blocks(shape: tuple[int, ...], seed: int, share: float = 0.2) -> np.ndarray:
+def space_with_boxes(shape: tuple[int, ...], seed: int, share: float = 0.2) -> np.ndarray:
     """Cells with random boxes as obstacles and a goal in the first corner."""
     rng = np.random.default_rng(seed)
     cell = np.zeros(shape, dtype=np.uint8)
@@ -72,7 +72,7 @@ def test_multigrid_and_direct_agree_on_small_spaces(space: object, options: dict
 def test_multigrid_agrees_with_direct_entry_by_entry_on_larger_grids(
     shape: tuple[int, ...], options: dict[str, object]
 ) -> None:
-    netlist = rg.compile_space(space_of(blocks(shape, seed=len(shape))), **options)
+    netlist = rg.compile_space(space_of(space_with_boxes(shape, seed=len(shape))), **options)
     direct, multigrid = rg.solve(netlist, method="direct"), rg.solve(netlist, method="multigrid")
     assert multigrid.method == "multigrid"
     assert multigrid.kcl_residual < 1e-6
@@ -128,15 +128,18 @@ def test_aggregates_do_not_cross_walls() -> None:
 
 
 def test_auto_selects_multigrid_unless_a_system_is_small_or_rough() -> None:
-    little = assemble(rg.compile_space(space_of(blocks((40, 40), 1))))
+    little = assemble(rg.compile_space(space_of(space_with_boxes((40, 40), 1))))
     assert methods.choose_method(little.laplacian).method == "direct"
-    plane = assemble(rg.compile_space(space_of(blocks((160, 160), 1)), boundary="neumann"))
+    plane = assemble(rg.compile_space(space_of(space_with_boxes((160, 160), 1)), boundary="neumann"))
     assert methods.choose_method(plane.laplacian).method == "multigrid"
     assert methods.choose_method(plane.laplacian, accuracy="normwise").method == "multigrid"
-    volume = assemble(rg.compile_space(space_of(blocks((32, 32, 32), 1))))
+    volume = assemble(rg.compile_space(space_of(space_with_boxes((32, 32, 32), 1))))
     assert methods.choose_method(volume.laplacian).method == "multigrid"
     rough = rg.compile_space(
-        space_of(blocks((32, 32, 32), 1), conductivity=10.0 ** np.random.default_rng(0).uniform(-3, 3, (32, 32, 32)))
+        space_of(
+            space_with_boxes((32, 32, 32), 1),
+            conductivity=10.0 ** np.random.default_rng(0).uniform(-3, 3, (32, 32, 32)),
+        )
     )
     assert methods.choose_method(assemble(rough).laplacian).method == "direct"
 
@@ -166,7 +169,7 @@ def test_the_estimated_decay_agrees_for_all_wall_resistances(width: int, wall: f
     netlist = rg.compile_space(space_of(corridor), boundary="wall", resistance=1.0, wall_resistance=wall)
     log_drop = rg.solve(netlist, method="direct").log_drop
     decades = -log_drop[np.isfinite(log_drop)].min() / np.log(10.0)
-    assert 0.7 < foreseen_decades(assemble(netlist)) / STRAIGHTNESS / decades < 1.8
+    assert 0.7 < estimated_decades(assemble(netlist)) / STRAIGHTNESS / decades < 1.8
 
 
 def test_auto_selects_multigrid_behind_high_wall_resistances() -> None:
@@ -206,7 +209,7 @@ def test_multigrid_agrees_with_direct_over_100_orders_of_magnitude() -> None:
 
 def test_balancing_makes_currents_of_rough_conductivities_accurate() -> None:
     rng = np.random.default_rng(5)
-    space = space_of(blocks((80, 80), 2), conductivity=10.0 ** rng.uniform(-9, 9, (80, 80)))
+    space = space_of(space_with_boxes((80, 80), 2), conductivity=10.0 ** rng.uniform(-9, 9, (80, 80)))
     netlist = rg.compile_space(space, boundary="neumann")
     direct, multigrid = rg.solve(netlist, method="direct"), rg.solve(netlist, method="multigrid")
     assert "balance" in multigrid.seconds
@@ -215,7 +218,7 @@ def test_balancing_makes_currents_of_rough_conductivities_accurate() -> None:
 
 
 def test_a_factor_solves_several_right_hand_sides() -> None:
-    netlist = rg.compile_space(space_of(blocks((40, 30), 3)))
+    netlist = rg.compile_space(space_of(space_with_boxes((40, 30), 3)))
     direct, multigrid = rg.factorize(netlist, method="direct"), rg.factorize(netlist, method="multigrid")
     rng = np.random.default_rng(1)
     for _ in range(3):
@@ -224,7 +227,7 @@ def test_a_factor_solves_several_right_hand_sides() -> None:
 
 
 def test_unknown_methods_and_excessive_memory_raise(monkeypatch: pytest.MonkeyPatch) -> None:
-    netlist = rg.compile_space(space_of(blocks((20, 20), 1)))
+    netlist = rg.compile_space(space_of(space_with_boxes((20, 20), 1)))
     with pytest.raises(rg.InputError, match="direct, multigrid"):
         rg.solve(netlist, method="cholesky")
     monkeypatch.setattr("resgrid._internal.memory.available_memory", lambda: 1000)
@@ -255,7 +258,7 @@ def test_leaks_larger_than_conductances_converge_in_12_iterations(boundary: str,
 
 
 def test_factorize_builds_the_multigrid_hierarchy(monkeypatch: pytest.MonkeyPatch) -> None:
-    plane = rg.compile_space(space_of(blocks((160, 160), 1)), boundary="neumann")
+    plane = rg.compile_space(space_of(space_with_boxes((160, 160), 1)), boundary="neumann")
     factors = rg.factorize(plane, method="multigrid").factors
     monkeypatch.setattr("resgrid.solvers.multigrid.hierarchy.build_hierarchy", lambda _: pytest.fail("coarsened late"))
     assert np.isfinite(factors.solve(np.ones(factors.laplacian.size))).all()

@@ -40,7 +40,7 @@ def violations(system: Equations, rhs: np.ndarray, value: list[Fraction]) -> lis
     return found
 
 
-def exactly(found: Scaled) -> list[Fraction]:
+def to_fractions(found: Scaled) -> list[Fraction]:
     return [
         (Fraction(float(hi)) + Fraction(float(lo))) * Fraction(2) ** (256 * int(e))
         for hi, lo, e in zip(found.hi, found.lo, found.exponent, strict=True)
@@ -55,7 +55,7 @@ def test_currents_balance_at_every_node_in_exact_arithmetic(shape: tuple[int, ..
     system = assemble(rg.compile_space(scattered(shape, 3), boundary=boundary, **options))
     rhs, watch = system.rails.to_low if system.rails is not None else system.injected, ProgressMonitor()
     found, _ = factor_laplacian(system.laplacian, method).solve_nonnegative(rhs, watch=watch)
-    violated = violations(system, rhs, exactly(found))
+    violated = violations(system, rhs, to_fractions(found))
     assert 2 * float(sum(violated)) <= watch.bound < 4.1e-9
     assert max(violated) < 2e-9
     exact, _ = factor_laplacian(system.laplacian, "direct").solve_nonnegative(rhs)
@@ -67,7 +67,7 @@ def test_currents_balance_for_potentials_below_the_range_of_doubles() -> None:
     assert system.rails is not None
     found, _ = factor_laplacian(system.laplacian, "multigrid").solve_nonnegative(system.rails.to_low, watch=watch)
     assert found.log.min() / np.log(10) < -330
-    assert 2 * float(sum(violations(system, system.rails.to_low, exactly(found)))) <= watch.bound < 4.1e-9
+    assert 2 * float(sum(violations(system, system.rails.to_low, to_fractions(found)))) <= watch.bound < 4.1e-9
 
 
 @settings(max_examples=80)

@@ -26,7 +26,7 @@ def netlist_of(pairs: NDArray[np.int64], conductance: NDArray[np.float64], nodes
     )
 
 
-def summed(system: Equations) -> NDArray[np.float64]:
+def summed_by_scipy(system: Equations) -> NDArray[np.float64]:
     """Coupling matrix of the conductances between rows, summed by scipy."""
     row, g = system.unknown[system.netlist.resistor_nodes], system.netlist.conductance
     a, b = row[np.all(row >= 0, axis=1) & (row[:, 0] != row[:, 1])].T
@@ -42,7 +42,7 @@ def test_compressed_rows_are_sorted_and_equal_scipys_sums(nodes: int, seed: int,
     pairs = np.concatenate([line, rng.integers(0, nodes, (crowd * nodes, 2))])
     pairs = rng.permutation(pairs[pairs[:, 0] != pairs[:, 1]])
     system = assemble(netlist_of(pairs, rng.uniform(0.5, 2.0, len(pairs)), nodes))
-    held, expected = system.laplacian.with_rows(), summed(system)
+    held, expected = system.laplacian.with_rows(), summed_by_scipy(system)
     coupling = held.edges
     assert not coupling.nnz or np.shares_memory(held.as_rows().indices, coupling.indices)
     assert coupling.has_canonical_format
@@ -60,4 +60,4 @@ def test_rows_of_a_grid_share_memory_with_the_edges(shape: tuple[int, ...]) -> N
     system = assemble(rg.compile_space(space_of(cell)))
     held = system.laplacian.with_rows()
     assert np.shares_memory(held.edges.data, held.as_rows().data)
-    np.testing.assert_allclose(system.laplacian.edges.toarray(), summed(system), rtol=1e-14)
+    np.testing.assert_allclose(system.laplacian.edges.toarray(), summed_by_scipy(system), rtol=1e-14)

@@ -31,7 +31,7 @@ ORDERS = pytest.mark.parametrize("order", [order_by_distance, order_by_fill])
 Order = Callable[[Laplacian], Symbolic | None]
 
 
-def wild_system(size: int, seed: int) -> Equations:
+def irregular_system(size: int, seed: int) -> Equations:
     """A tree with some loops and conductances over 24 orders of magnitude, between two rails."""
     rng = np.random.default_rng(seed)
     tree = [(int(rng.integers(max(1, k - 3), k)), k) for k in range(2, size)]
@@ -55,7 +55,7 @@ def exact_solution(system: Equations, rhs: np.ndarray | list[mpmath.mpf], digits
 @settings(max_examples=60)
 @given(st.integers(3, 24), st.integers(0, 2**32 - 1))
 def test_solutions_are_accurate_for_all_conductances(order: Order, size: int, seed: int) -> None:
-    system = wild_system(size, seed)
+    system = irregular_system(size, seed)
     factors = factor_supernodes(system.laplacian, order(system.laplacian))
     rhs = np.random.default_rng(seed).random(system.size)
     m, e = factors.substitute(rhs, np.zeros(system.size, dtype=np.int64))
@@ -79,14 +79,14 @@ def test_solutions_do_not_depend_on_the_unit_of_conductance(order: Order, unit: 
 @settings(max_examples=60)
 @given(st.integers(3, 24), st.integers(0, 2**32 - 1))
 def test_solutions_are_accurate_for_extremely_different_right_hand_sides(order: Order, size: int, seed: int) -> None:
-    system = wild_system(size, seed)
+    system = irregular_system(size, seed)
     rng = np.random.default_rng(seed)
     m, e = np.where(rng.random(system.size) < 0.3, 0.0, rng.random(system.size)), rng.integers(-40, 1, system.size)
     m[rng.integers(system.size)] = 1.0
     solution, scale = factor_supernodes(system.laplacian, order(system.laplacian)).substitute(m, e)
     with mpmath.workdps(4000):
-        fed = [mpmath.ldexp(mpmath.mpf(float(a)), 256 * int(b)) for a, b in zip(m, e, strict=True)]
-    for value, exponent, expected in zip(solution, scale, exact_solution(system, fed, 4000), strict=True):
+        injected = [mpmath.ldexp(mpmath.mpf(float(a)), 256 * int(b)) for a, b in zip(m, e, strict=True)]
+    for value, exponent, expected in zip(solution, scale, exact_solution(system, injected, 4000), strict=True):
         with mpmath.workdps(80):
             error = abs(mpmath.ldexp(mpmath.mpf(float(value)), 256 * int(exponent)) / expected - 1)
         assert error < 1e-15 * (20 + 5 * size)
@@ -159,7 +159,7 @@ def schur_complement(system: Equations, gone: np.ndarray, kept: np.ndarray) -> n
 @settings(max_examples=60)
 @given(st.integers(3, 60), st.integers(0, 2**32 - 1))
 def test_factors_reproduce_the_matrix_with_the_fill_of_elimination(order: Order, size: int, seed: int) -> None:
-    system = wild_system(size, seed)
+    system = irregular_system(size, seed)
     symbolic = order(system.laplacian)
     assert symbolic is not None
     kept, gone = np.split(symbolic.order, [symbolic.kept])
@@ -181,7 +181,7 @@ def test_factors_reproduce_the_matrix_with_the_fill_of_elimination(order: Order,
 
 
 def test_factors_do_not_depend_on_the_length_of_elimination_stretches(monkeypatch: pytest.MonkeyPatch) -> None:
-    system = wild_system(200, 7)
+    system = irregular_system(200, 7)
     whole = factor_supernodes(system.laplacian)
     monkeypatch.setattr("resgrid.solvers.supernodal._STRETCH", 3)
     parts = factor_supernodes(system.laplacian)
@@ -233,7 +233,7 @@ def test_potentials_below_the_range_of_doubles_need_no_refinement() -> None:
 
 
 def test_a_part_without_ground_raises_accuracy_error() -> None:
-    system = wild_system(8, 1)
+    system = irregular_system(8, 1)
     system.laplacian.ground[:] = 0.0
     with pytest.raises(rg.AccuracyError, match="orders of magnitude"):
         factor_direct(system.laplacian)
@@ -270,7 +270,7 @@ def test_the_order_by_fill_meets_nested_dissection_bounds(shape: tuple[int, ...]
 
 @given(st.integers(3, 400), st.integers(0, 2**32 - 1))
 def test_elimination_steps_are_consecutive(size: int, seed: int) -> None:
-    laplacian = wild_system(size, seed).laplacian
+    laplacian = irregular_system(size, seed).laplacian
     symbolic = order_by_fill(laplacian)
     assert symbolic is not None
     rows, n, kept = laplacian.graph, laplacian.size, symbolic.kept

@@ -233,7 +233,7 @@ def lead(state: NDArray[np.int64], jobs: int, parts: int, done: NDArray[np.int64
 
 
 @njit(nogil=True)
-def helping(state: NDArray[np.int64], done: NDArray[np.int64]) -> int:
+def help_with_jobs(state: NDArray[np.int64], done: NDArray[np.int64]) -> int:
     """Execute parts until the jobs end; return their number."""
     count = 0
     part = llvm_intrinsics.await_part(state)
@@ -249,7 +249,7 @@ def test_every_part_is_executed_once_before_the_next_job_begins() -> None:
     state, done = np.zeros(llvm_intrinsics.PLACES, dtype=np.int64), np.zeros((300, 7), dtype=np.int64)
     llvm_intrinsics.begin_jobs(state)
     with ThreadPoolExecutor(3) as pool:
-        helpers = [pool.submit(helping, state, done) for _ in range(3)]
+        helpers = [pool.submit(help_with_jobs, state, done) for _ in range(3)]
         lead(state, *done.shape, done)
         for helper in helpers:
             helper.result()
@@ -259,4 +259,4 @@ def test_every_part_is_executed_once_before_the_next_job_begins() -> None:
 def test_a_helper_returns_without_a_leader() -> None:
     state = np.zeros(llvm_intrinsics.PLACES, dtype=np.int64)
     llvm_intrinsics.begin_jobs(state)
-    assert helping(state, np.zeros((1, 1), dtype=np.int64)) == 0
+    assert help_with_jobs(state, np.zeros((1, 1), dtype=np.int64)) == 0

@@ -1,4 +1,4 @@
-"""`rg.check_deck`: agreement of ngspice with dense solutions and own solutions, and detection of every kind of change.
+"""`rg.check_deck`: agreement of ngspice with dense and with resgrid's solutions, and detection of changes.
 
 Tests internals: `resgrid.spice.check.agreement`, `resgrid.spice.check.kcl_location`, `resgrid.spice.run.ngspice`,
 `resgrid.spice.write.flat`, `resgrid.spice.write.sidecar`.

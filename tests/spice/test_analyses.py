@@ -50,7 +50,7 @@ def tiles(blocked: tuple[int, int] = (2, 3), **options: object) -> tuple[rg.Netl
     return tiled(space(blocked), chip, **options)
 
 
-def whole(deck: Any) -> str:
+def deck_text(deck: Any) -> str:
     files = [deck.path, deck.commands, deck.chip, deck.pattern]
     return "".join(file.read_text() for file in files if file is not None)
 
@@ -75,7 +75,7 @@ def test_decks_conform_to_the_grammar_of_their_simulator(
             continue
         netlist, chip = tiles(**options) if form == "cells" else (scene(**options), None)
         written = rg.write_spice(netlist, tmp_path / "a.cir", dialect, form=form, chip=chip, analyses=asked)
-        assert strangers(whole(written), dialect) == []
+        assert strangers(deck_text(written), dialect) == []
 
 
 def test_the_grammar_reports_foreign_lines() -> None:
@@ -114,11 +114,11 @@ def test_measures_of_ngspice_agree_with_its_waveforms(tmp_path: Path) -> None:
     said = run(written.commands).stdout
     measured = {name: float(value) for name, value in re.findall(r"^(\w+) += +(\S+)", said, re.MULTILINE)}
     found = waves(tmp_path / "out.raw", "Transient Analysis")
-    time, corner, beside = (np.array(found[name]) for name in ("time", "n_0_0", "n_0_1"))
+    time, corner, second = (np.array(found[name]) for name in ("time", "n_0_0", "n_0_1"))
     assert measured["top"] == pytest.approx(corner.max(), rel=1e-5)
     assert measured["low"] == pytest.approx(corner.min(), rel=1e-5)
-    assert measured["late"] == pytest.approx(np.interp(1e-6, time, beside), rel=1e-4)
-    assert np.interp(measured["passed"], time, beside) == pytest.approx(middle, rel=1e-3)
+    assert measured["late"] == pytest.approx(np.interp(1e-6, time, second), rel=1e-4)
+    assert np.interp(measured["passed"], time, second) == pytest.approx(middle, rel=1e-3)
 
 
 def test_a_transient_between_uniform_drives_ends_at_the_second_one(tmp_path: Path) -> None:
@@ -223,7 +223,7 @@ def test_saturating_resistors_agree_with_behavioural_sources_of_ngspice(tmp_path
             assert found[netlist.node_name(node)][0] == pytest.approx(voltage[node], rel=0, abs=1e-9)
     assert verdict(rg.write_spice(netlist, tmp_path / "a.cir").companion) == (0, "PASS")
     for dialect in ("xyce", "spectre"):
-        assert strangers(whole(rg.write_spice(netlist, tmp_path / "b.cir", dialect)), dialect) == []
+        assert strangers(deck_text(rg.write_spice(netlist, tmp_path / "b.cir", dialect)), dialect) == []
 
 
 def test_the_sidecar_contains_analyses_and_expected_values(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ def verdict_of(circuit: object, simulator: str = "ngspice") -> rg.spice.Predicti
 
 
 def measured_error(text: str, deck: rg.spice.Circuit) -> float:
-    """Largest difference in volts between ngspice and the own solution of a deck."""
+    """Largest difference in volts between ngspice and resgrid's solution of a deck."""
     from resgrid.circuit.solve import solve
 
     simulation = simulate(text.encode(), direct=True)

@@ -18,7 +18,7 @@ from resgrid.spice.check.connectivity import loop_voltages
 BASE = ladder(3)  # nodes 0 to 4
 
 
-def with_more(**changes: object) -> rg.Netlist:
+def with_two_more_nodes(**changes: object) -> rg.Netlist:
     return BASE.replace(node_count=7, **changes)
 
 
@@ -30,9 +30,9 @@ def test_sound_circuits_have_no_findings() -> None:
 @pytest.mark.parametrize(
     ("netlist", "rule", "severity", "place"),
     [
-        (with_more(), "floating", "warning", "node_5, node_6"),
+        (with_two_more_nodes(), "floating", "warning", "node_5, node_6"),
         (
-            with_more(current_nodes=[[0, 5]], current_amps=[1e-6]),
+            with_two_more_nodes(current_nodes=[[0, 5]], current_amps=[1e-6]),
             "trapped current",
             "error",
             "0, node_5",
@@ -62,7 +62,9 @@ def test_each_rule_reports_its_fault_with_severity_and_place(
 
 
 def test_errors_come_first() -> None:
-    severities = [finding.severity for finding in rg.check_erc(with_more(current_nodes=[[0, 5]], current_amps=[1e-6]))]
+    severities = [
+        finding.severity for finding in rg.check_erc(with_two_more_nodes(current_nodes=[[0, 5]], current_amps=[1e-6]))
+    ]
     assert severities == ["error", "warning"]
 
 

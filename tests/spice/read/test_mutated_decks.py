@@ -81,7 +81,7 @@ def remove(draw: st.DrawFn, data: bytes) -> bytes:
     return data[:at] + data[at + draw(st.integers(1, 30)) :]
 
 
-def stuff(draw: st.DrawFn, data: bytes) -> bytes:
+def insert_words(draw: st.DrawFn, data: bytes) -> bytes:
     at = place(draw, data)
     return data[:at] + words(draw) * draw(st.sampled_from((1, 1, 1, 2, 50))) + data[at:]
 
@@ -108,7 +108,7 @@ def change_word(draw: st.DrawFn, data: bytes) -> bytes:
 
 
 MUTATIONS: tuple[Callable[[st.DrawFn, bytes], bytes], ...] = (
-    overwrite, cut, remove, stuff, drop_line, repeat_line, change_word,
+    overwrite, cut, remove, insert_words, drop_line, repeat_line, change_word,
 )  # fmt: skip
 
 
@@ -124,7 +124,7 @@ def mutated_decks(draw: st.DrawFn) -> bytes:
 SEEDS = seeds()
 
 
-def furnish(folder: Path) -> Path:
+def make_root(folder: Path) -> Path:
     """Create a root folder with files to include and secret files outside; return the root."""
     root, outside = folder / "root", folder / "outside"
     root.mkdir()
@@ -163,7 +163,7 @@ def opened_files() -> Iterator[list[str]]:
 
 
 def test_mutated_decks_are_read_or_rejected(tmp_path: Path) -> None:
-    root = furnish(tmp_path)
+    root = make_root(tmp_path)
     path = root / "deck.cir"
     path.write_text(SEEDS[0])
     outcome(path, 0)  # load and compile all modules before files are recorded
@@ -187,7 +187,7 @@ def test_mutated_decks_are_read_or_rejected(tmp_path: Path) -> None:
 
 
 def test_opened_files_records_included_files(tmp_path: Path) -> None:
-    root = furnish(tmp_path)
+    root = make_root(tmp_path)
     (root / "deck.cir").write_text("t\n.include ../outside/secret.inc\nV1 leaked 0 1\n")
     with opened_files() as opened:
         deck = rg.read_spice(root / "deck.cir", root=tmp_path)

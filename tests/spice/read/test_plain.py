@@ -26,7 +26,7 @@ floats = st.one_of(
 ).filter(lambda x: np.isfinite(x) and x != 0)
 
 
-def cut(text: str) -> tuple[list[str], list[float]]:
+def read_plain_resistors(text: str) -> tuple[list[str], list[float]]:
     """Return names and values of the plain resistors in a text."""
     cards = PlainCards(SourceFile(0, "deck", None, text.encode()), 0, DIALECTS["ngspice"].reading)
     elements = Elements(NodeTable(frozenset({"0"})), 27.0)
@@ -44,7 +44,7 @@ spellings = st.sampled_from(("%r", "%.17g", "%.3e", "%.20f", "%.25e", "%g", "%.1
 @given(st.lists(st.tuples(floats, spellings), min_size=1, max_size=50))
 def test_numbers_are_read_as_the_nearest_doubles(wanted: list[tuple[float, str]]) -> None:
     words = [spelling % value for value, spelling in wanted]
-    kept = dict(zip(*cut("".join(f"R{i} a b {word}\n" for i, word in enumerate(words))), strict=True))
+    kept = dict(zip(*read_plain_resistors("".join(f"R{i} a b {word}\n" for i, word in enumerate(words))), strict=True))
     for i, word in enumerate(words):
         if f"R{i}" in kept:
             assert kept[f"R{i}"] == float(word), word
@@ -59,7 +59,7 @@ def test_halfway_cases_round_to_even() -> None:
         mantissa = pick.randrange(2**52, 2**53)
         words.append(f"{2 * mantissa + 1}e{pick.randrange(-20, 20)}")
         words.append(repr(pick.uniform(0, 1) * 10.0 ** pick.randrange(-60, 60)))
-    _, found = cut("".join(f"R{i} a b {word}\n" for i, word in enumerate(words)))
+    _, found = read_plain_resistors("".join(f"R{i} a b {word}\n" for i, word in enumerate(words)))
     assert found == [float(word) for word in words]
 
 
