@@ -6,20 +6,20 @@ from hypothesis import HealthCheck, settings
 
 PROJECT = Path(__file__).resolve().parents[1]
 
-# The duration of an example decides no test.  'make test' draws the same examples everywhere, 'make fuzz' takes
+# No test depends on the duration of an example.  'make test' draws equal examples everywhere; 'make fuzz' uses
 # --hypothesis-profile=fuzz and a seed.
 _UNTIMED = {"deadline": None, "database": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("fixed", derandomize=True, **_UNTIMED)
 settings.register_profile("fuzz", derandomize=False, print_blob=True, **_UNTIMED)
 settings.load_profile("fixed")
 
-# A shell starts what runs in the background with interrupts ignored, and all that it starts.
+# Background processes of a shell and their children ignore interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
 def cases() -> Path:
-    """Real inputs that do not belong to the project; tests that need them skip where they are absent."""
+    """Real inputs outside the project; tests that need them are skipped without them."""
     folder = PROJECT / ".." / "shared" / "cases"
     if not folder.is_dir():
         pytest.skip(f"the folder of real cases {folder} is absent")

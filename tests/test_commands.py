@@ -1,4 +1,4 @@
-"""Every command that pages, docstrings, help, scenes and the live page show runs, as it is shown, in this process.
+"""Commands shown in pages, docstrings, help, scenes and the live page, run as shown in this process.
 
 Tests internals: `resgrid.cli`, `resgrid.cli.entry`, `resgrid.live_page.launch`, `resgrid.scene.overrides`.
 """
@@ -43,7 +43,7 @@ ELSEWHERE = {
     'resgrid solve map.yaml --goal 5,0 --method petsc --launcher "srun -n 64" -o field.npz':
         "needs PETSc and Slurm; tests/planning/test_petsc.py runs another launcher",
 }  # fmt: skip
-"""Shown commands that are not run here, and why."""
+"""Shown commands that are not run here, with the reason."""
 
 ALSO = {
     "run": ["--no-check"],
@@ -53,7 +53,7 @@ ALSO = {
 """Options that make a command shorter and leave the simulator, the browser and fixed ports alone."""
 
 CODES = {"resgrid chip examples/scenes/chip.toml --only yield -o report": (0, 1)}
-"""Exit codes of shown commands, where they are not 0; after ``||`` any code will do."""
+"""Exit codes of shown commands, if not 0; any code is accepted in lines with ``||``."""
 
 STANDS_FOR = {"SCENE": "lesson.toml", "MAP": "map.yaml", "DECK": "theirs.sp", "FILE": "file.npz"}
 DECK = "a ladder\nv1 vdd 0 1.8\nr1 vdd a 10\nr2 a b 10\nrload b 0 1k\n.op\n.end\n"
@@ -67,7 +67,7 @@ def _link() -> str:
 
 
 def _map(folder: Path) -> None:
-    """Write a person's ROS map: a room of 14 x 10 m around the origin, with a wall."""
+    """Write a ROS map: a room of 14 x 10 m around the origin, with a wall."""
     rows = np.full((20, 28), 254, dtype=np.uint8)
     rows[5:15, 12:14] = 0
     Image.fromarray(rows).save(folder / "map.png")
@@ -77,7 +77,7 @@ def _map(folder: Path) -> None:
 
 @pytest.fixture
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a person's files; scenes that are shipped are found by name."""
+    """A folder with the files of the shown commands; shipped scenes are found by name."""
     _map(tmp_path)
     (tmp_path / "examples").symlink_to(PROJECT / "examples")
     for name in ("theirs.sp", "power_grid.sp"):
@@ -90,7 +90,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("SLURM_ARRAY_TASK_ID", "3")
     monkeypatch.setattr("resgrid.cli.control.FRAMES", 6)
     monkeypatch.setattr(LivePage, "wait", lambda _page: None)
-    monkeypatch.setattr("resgrid.cli.live.is_computing", lambda **_words: False)  # it would end this process
+    monkeypatch.setattr("resgrid.cli.live.is_computing", lambda **_words: False)  # the interrupt would end this process
     return tmp_path
 
 
@@ -101,29 +101,29 @@ def _run(piece: Piece, line: str) -> Result | None:
         text = re.sub(rf"\b{word}\b(?!\.)", file, text)
     if "LINK" in text:
         text = text.replace("LINK", _link())
-    verb, *words = words_of(text)
-    command = main.get_command(click.Context(main), verb)  # type: ignore[attr-defined]
-    assert command is not None, f"{piece.place}: {line}: there is no {verb}"
+    subcommand, *words = words_of(text)
+    command = main.get_command(click.Context(main), subcommand)  # type: ignore[attr-defined]
+    assert command is not None, f"{piece.place}: {line}: there is no {subcommand}"
     known = {name for option in command.params for name in (*option.opts, *option.secondary_opts)} | {"--help", "-h"}
     given = [word.partition("=")[0] for word in words if re.match(r"--?[a-z]", word)]
     unknown = [word for word in given if word not in known]
-    assert not unknown, f"{piece.place}: {line}: {verb} has no {unknown}"
-    if _is_mention(command, verb, words):
+    assert not unknown, f"{piece.place}: {line}: {subcommand} has no {unknown}"
+    if _is_mention(command, subcommand, words):
         return None
-    also = [option for option in ALSO.get(verb, []) if option.partition("=")[0] not in given]
-    result = call(verb, *words, *also)
+    also = [option for option in ALSO.get(subcommand, []) if option.partition("=")[0] not in given]
+    result = call(subcommand, *words, *also)
     codes = CODES.get(line, (0,))
     assert "||" in line or result.exit_code in codes, f"{piece.place}: {line}: {result.stdout[-500:]}{result.stderr}"
     return result
 
 
-def _is_mention(command: click.Command, verb: str, words: list[str]) -> bool:
-    """Return whether a command of running text only names a verb or an option."""
-    if verb == "live" or (verb == "info" and words):
+def _is_mention(command: click.Command, subcommand: str, words: list[str]) -> bool:
+    """Return whether a command in running text only names a subcommand or an option."""
+    if subcommand == "live" or (subcommand == "info" and words):
         return False
     try:
-        with command.make_context(verb, list(words)):
-            return verb == "info"
+        with command.make_context(subcommand, list(words)):
+            return subcommand == "info"
     except click.MissingParameter:
         return True
     except click.BadOptionUsage:  # an option whose value is not shown
@@ -137,7 +137,7 @@ def _lines(piece: Piece) -> Iterator[tuple[str, bool]]:
 
 
 def _run_all(pieces: list[Piece]) -> None:
-    """Run pieces in their order: commands here, other lines of the shell in a shell."""
+    """Run pieces in order: commands in this process, other lines in a shell."""
     for piece in pieces:
         if piece.kind == "python":
             if re.search(r"write_text\(|\.save\(|np\.save", piece.text):
@@ -162,33 +162,33 @@ PAGES = pages()
 
 
 @pytest.mark.parametrize("place", PAGES)
-def test_the_commands_of_a_page_run_in_their_order(place: str, desk: Path) -> None:
+def test_commands_of_a_page_run_in_order(place: str, desk: Path) -> None:
     last = max(number for number, piece in enumerate(PAGES[place]) if piece.kind != "python")
     _run_all(PAGES[place][: last + 1])
 
 
-def test_the_commands_of_docstrings_scenes_and_the_live_page_run(desk: Path) -> None:
+def test_commands_of_docstrings_scenes_and_the_live_page_run(desk: Path) -> None:
     _run_all(sources())
 
 
-@pytest.mark.parametrize("verb", SUBCOMMANDS)
-def test_the_examples_of_help_run(verb: str, desk: Path) -> None:
-    if verb == "check":  # decks that the examples of other commands write
+@pytest.mark.parametrize("subcommand", SUBCOMMANDS)
+def test_examples_of_help_run(subcommand: str, desk: Path) -> None:
+    if subcommand == "check":  # decks that the examples of other commands write
         for name in ("rooms.cir", "ours.cir"):
             assert call("compile", "rooms.toml", "--boundary=dirichlet", "-o", name).exit_code == 0
-    _run_all(helps(verb))
+    _run_all(helps(subcommand))
 
 
-def test_no_exception_is_stale() -> None:
+def test_every_exempted_command_is_still_shown() -> None:
     shown = [piece for pieces in PAGES.values() for piece in pieces] + sources()
-    shown += [piece for verb in SUBCOMMANDS for piece in helps(verb)]
+    shown += [piece for subcommand in SUBCOMMANDS for piece in helps(subcommand)]
     lines = {line for piece in shown if piece.kind != "python" for line, _ in _lines(piece)}
     assert set(ELSEWHERE) | set(CODES) <= lines
 
 
 @pytest.mark.parametrize("place", sorted({place for place, _ in fragments()}))
 def test_options_in_running_text_exist(place: str) -> None:
-    commands = [main.get_command(click.Context(main), verb) for verb in SUBCOMMANDS]  # type: ignore[attr-defined]
+    commands = [main.get_command(click.Context(main), subcommand) for subcommand in SUBCOMMANDS]  # type: ignore[attr-defined]
     known = {
         name for command in commands for option in command.params for name in (*option.opts, *option.secondary_opts)
     }

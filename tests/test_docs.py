@@ -1,4 +1,4 @@
-"""The reference lists exactly what is public, and its sessions run as they are printed."""
+"""The API reference: completeness compared with ``__all__``, and its sessions as doctests."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ NAMESPACES = ("chip", "circuit", "control", "maps", "planning", "plot", "spice")
 
 
 def public_names() -> set[str]:
-    """Dotted names below ``rg``: those at the top level, and those of its packages."""
+    """Dotted public names of ``rg`` and of its packages."""
     own = set(rg.__all__) - set(NAMESPACES)
     return own | {f"{package}.{name}" for package in NAMESPACES for name in getattr(rg, package).__all__}
 
 
-def listed(page: Path) -> list[str]:
+def listed_names(page: Path) -> list[str]:
     """Dotted names in the tables of a page."""
     tables = page.read_text().split("\nExamples\n")[0]
     return re.findall(r"^(?:   ~|\.\. py:data:: )resgrid\.([\w.]+)$", tables, re.MULTILINE)
 
 
 def test_the_reference_lists_every_public_name_once() -> None:
-    names = [name for page in PAGES for name in listed(page)]
+    names = [name for page in PAGES for name in listed_names(page)]
     assert len(names) == len(set(names))
     assert public_names() - set(names) == set()
     for name in names:
@@ -48,7 +48,9 @@ def test_every_function_of_a_page_is_used_in_its_session() -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_the_session_of_a_page_runs_as_printed(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sessions_of_a_page_have_the_printed_output(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     shutil.copytree(PROJECT / "examples" / "scenes", tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     failed, tried = doctest.testfile(str(page), module_relative=False, optionflags=doctest.NORMALIZE_WHITESPACE)

@@ -1,4 +1,4 @@
-"""Every example runs on its own without warnings, satisfies its assertions, and saves a picture."""
+"""The example scripts: each runs without warnings and writes a picture; the lesson compared with known values."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ EXAMPLES = sorted((PROJECT / "examples").glob("*/*.py"))
 
 
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda script: f"{script.parent.name}/{script.stem}")
-def test_an_example_stands_alone(
+def test_every_example_runs_alone_and_writes_a_picture(
     script: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -24,7 +24,7 @@ def test_an_example_stands_alone(
     assert "assert " in script.read_text()
 
 
-def test_there_are_nineteen_figures_of_1992() -> None:
+def test_examples_cover_the_19_figures_of_1992() -> None:
     names = " ".join(file.read_text() for file in EXAMPLES if file.parent.name == "figures_1992")
     titles = [line for line in names.splitlines() if line.startswith("Figure")]
     numbers: set[int] = set()
@@ -36,7 +36,7 @@ def test_there_are_nineteen_figures_of_1992() -> None:
     assert numbers == set(range(1, 20))
 
 
-def test_the_lesson_counts_right(
+def test_the_lesson_prints_the_expected_counts_and_potential(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -46,8 +46,8 @@ def test_the_lesson_counts_right(
     assert known["above_goal"] == pytest.approx(0.573718, abs=1e-6)
 
 
-def test_the_random_walk_of_the_lesson_reaches_the_goal_with_probability_1_minus_v() -> None:
-    """Solve for the hitting probability of the random walk by fixed-point iteration, without a circuit."""
+def test_the_lessons_random_walk_has_the_stated_probability() -> None:
+    """The grid of Tarassenko & Blake as a random walk, solved by iteration without a circuit."""
     import numpy as np
 
     space = rg.build_space(rg.read_scene(PROJECT / "examples" / "scenes" / "lesson.toml"))

@@ -1,4 +1,4 @@
-"""What `resgrid` offers: five tasks typed as a user types them, and every name in use."""
+"""The public interface of `resgrid`: typical tasks of users, names, and short representations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PROJECT = Path(__file__).resolve().parents[1]
 
 @pytest.fixture
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a turned ROS map, somebody's deck, a scene with a hidden obstacle, and one of a real chip."""
+    """A folder with a turned ROS map, a deck of another program, a scene with a hidden obstacle, and a chip."""
     from PIL import Image
 
     monkeypatch.chdir(tmp_path)
@@ -32,7 +32,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_path_on_my_map(desk: Path) -> None:
+def test_a_path_is_planned_on_a_ros_map_and_saved(desk: Path) -> None:
     scene = rg.read_scene("map.yaml", goal=(5, 0))
     path = rg.plan(scene).path((-5, -4))
     rg.save(path, "path.yaml")
@@ -42,7 +42,7 @@ def test_a_path_on_my_map(desk: Path) -> None:
     np.testing.assert_allclose(path.points[0], (-5, -4))
 
 
-def test_a_chip_and_its_deck(desk: Path) -> None:
+def test_a_chip_is_written_as_a_deck_and_checked(desk: Path) -> None:
     space = rg.build_space(rg.read_scene("map.yaml", goal=(5, 0)))
     netlist = rg.compile_space(space, boundary="neumann")
     op = rg.solve(netlist)
@@ -52,7 +52,7 @@ def test_a_chip_and_its_deck(desk: Path) -> None:
     assert netlist.cells.space is space
 
 
-def test_somebody_s_deck(desk: Path) -> None:
+def test_a_deck_of_another_program_is_read_checked_and_solved(desk: Path) -> None:
     deck = rg.read_spice("theirs.sp")
     assert deck.notes[0].severity == "info"
     assert {violation.severity for violation in rg.check_erc(deck)} <= {"info", "warning"}
@@ -62,7 +62,7 @@ def test_somebody_s_deck(desk: Path) -> None:
     assert drop.drop.max() == pytest.approx(0.6) and balance.delivered == pytest.approx(1.8**2 / 3000)
 
 
-def test_is_this_chip_good_enough(desk: Path) -> None:
+def test_a_study_evaluates_a_chip(desk: Path) -> None:
     study = rg.study(rg.read_scene("chip.toml"))
     found = study.settling(), study.noise(), study.sensitivity(), study.yields(trials=64)
     for result in found:
@@ -71,7 +71,7 @@ def test_is_this_chip_good_enough(desk: Path) -> None:
     assert study.faults(seconds=1.0).examined > 0
 
 
-def test_the_robot_moving(desk: Path) -> None:
+def test_a_simulated_robot_arrives_after_learning(desk: Path) -> None:
     scene = rg.read_scene("room.toml")
     sim = rg.simulation(scene, k=0.98)
     run = sim.run()
@@ -83,7 +83,7 @@ def test_the_robot_moving(desk: Path) -> None:
     assert np.hypot(*turned) == pytest.approx(1.0)
 
 
-def test_what_a_field_tells_of_all_starts(desk: Path) -> None:
+def test_streamlines_basins_and_random_walks_use_one_field(desk: Path) -> None:
     field = rg.plan(rg.read_scene("room.toml")).field
     path = rg.streamline(field, (0.5, 0.5))
     short = rg.shortcut(path)
@@ -98,7 +98,7 @@ def test_what_a_field_tells_of_all_starts(desk: Path) -> None:
     assert all(chance is not None for chance in chances)
 
 
-def test_circuits_in_time(desk: Path) -> None:
+def test_a_transient_of_an_rc_circuit_has_its_closed_form(desk: Path) -> None:
     netlist = rg.Netlist(
         2, [[0, 1]], [1e-3], current_nodes=[[0, 1]], current_amps=[1e-3], capacitor_nodes=[[1, 0]], capacitance=[1e-9]
     )
@@ -108,7 +108,7 @@ def test_circuits_in_time(desk: Path) -> None:
     assert rg.factorize(netlist).solve([1e-3]) == pytest.approx(1.0)
 
 
-def test_what_benchmarks_and_engineers_write_is_read(tmp_path: Path) -> None:
+def test_scenario_files_and_engineering_notation_are_read(tmp_path: Path) -> None:
     (tmp_path / "a.scen").write_text("version 1\n0\ta.map\t4\t2\t0\t0\t1\t1\t1.4\n")
     (query,) = rg.maps.read_movingai_scenarios(tmp_path / "a.scen")
     assert query.goal == (1, 0)
@@ -116,7 +116,7 @@ def test_what_benchmarks_and_engineers_write_is_read(tmp_path: Path) -> None:
     assert issubclass(rg.CertificateError, rg.ResgridError) and issubclass(rg.ToolMissingError, rg.ResgridError)
 
 
-def test_every_name_stands_in_an_example_a_page_or_a_test() -> None:
+def test_every_public_name_is_used_in_an_example_a_page_or_a_test() -> None:
     patterns = ("examples/**/*.py", "README.md", "docs/**/*.md", "docs/**/*.rst", "tests/**/*.py")
     text = "\n".join(file.read_text() for pattern in patterns for file in sorted(PROJECT.glob(pattern)))
     used = set(re.findall(r"\brg\.(\w+)", text))
@@ -125,7 +125,7 @@ def test_every_name_stands_in_an_example_a_page_or_a_test() -> None:
     assert re.fullmatch(r"\d+\.\d+.*", rg.__version__)
 
 
-def test_an_unknown_name_is_told_the_nearest_ones() -> None:
+def test_an_unknown_name_raises_attribute_error_with_a_suggestion() -> None:
     with pytest.raises(AttributeError) as caught:
         rg.write_spic  # noqa: B018
     assert "did you mean 'write_spice'" in str(caught.value) and len(str(caught.value)) < 200
@@ -133,8 +133,8 @@ def test_an_unknown_name_is_told_the_nearest_ones() -> None:
         rg.xyzzy  # noqa: B018
 
 
-def test_a_repr_is_a_short_line() -> None:
-    """It says what differs from the defaults; long lists are counted."""
+def test_representations_are_one_short_line() -> None:
+    """Only values that differ from the defaults appear; long lists are replaced by their length."""
     assert (
         repr(rg.Chip(mismatch=0.02, readout=rg.chip.Readout(bits=8))) == "Chip(mismatch=0.02, readout=Readout(bits=8))"
     )

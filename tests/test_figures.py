@@ -1,4 +1,4 @@
-"""The scenes of Connolly & Grupen (1992), and those in three dimensions: the robots themselves stay clear.
+"""Scenes of Connolly & Grupen (1992) and in three dimensions: exact collision tests along the paths.
 
 The figures' own numbers are asserted by `examples/figures_1992`.
 """
@@ -14,8 +14,8 @@ import resgrid as rg
 
 
 @pytest.mark.parametrize("k", [0.0, 0.01, 0.5, 0.99, 1.0])
-def test_from_every_start_of_problem_a_the_links_themselves_stay_clear(scenes: Path, planner, k: float) -> None:
-    """All cells reach a goal; of a spread of them the arm is driven along the path with exact geometry."""
+def test_paths_of_problem_a_have_no_collision_for_every_k(scenes: Path, planner, k: float) -> None:
+    """All connected cells reach a goal; paths of a sample of cells are tested with exact geometry."""
     scene = rg.read_scene(scenes / "problem_a.toml")
     space, at = planner.space, planner.at(k)
     everywhere = space.centre(np.argwhere(space.goal_connected))
@@ -34,7 +34,7 @@ def planner(scenes: Path):
 
 
 @pytest.mark.parametrize("name", ["three_link", "turning"])
-def test_robots_in_three_dimensions_drive_without_a_collision(scenes: Path, name: str) -> None:
+def test_paths_and_motions_in_three_dimensions_have_no_collision(scenes: Path, name: str) -> None:
     scene = rg.read_scene(scenes / f"{name}.toml")
     planner = rg.plan(scene)
     paths = [path for path in planner.paths() if path.outcome == rg.Outcome.REACHED]

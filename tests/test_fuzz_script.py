@@ -1,4 +1,4 @@
-"""``make fuzz`` prints its seed, repeats the tests of laws with it, and fails if a part fails."""
+"""The script of ``make fuzz``, run with a substitute for Python: seeds, options and exit status."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ case "$*" in *{failing}*) exit 1;; esac
 
 
 def fuzz(folder: Path, failing: str = "nothing", **given: str) -> tuple[int, str, list[str]]:
-    """Return the exit code, the output, and the calls of Python, for a stand-in of Python."""
+    """Return exit code, output, and the recorded calls of a substitute for Python."""
     python, log = folder / "python", folder / "log"
     python.write_text(PYTHON.format(log=log, failing=failing))
     python.chmod(0o755)
@@ -30,7 +30,7 @@ def fuzz(folder: Path, failing: str = "nothing", **given: str) -> tuple[int, str
 
 
 @pytest.mark.parametrize(("given", "seed"), [({}, 4711), ({"SEED": "12"}, 12), ({"SEED": ""}, 4711)])
-def test_every_part_has_the_printed_seed(given: dict[str, str], seed: int, tmp_path: Path) -> None:
+def test_every_part_uses_the_printed_seed(given: dict[str, str], seed: int, tmp_path: Path) -> None:
     code, said, calls = fuzz(tmp_path, **given, ROUNDS="2", COUNT="50")
     assert code == 0 and said.startswith(f"seed {seed} ")
     assert [f"--hypothesis-seed={seed + number}" in call for number, call in enumerate(calls[:2])] == [True, True]
@@ -41,6 +41,6 @@ def test_every_part_has_the_printed_seed(given: dict[str, str], seed: int, tmp_p
 
 
 @pytest.mark.parametrize("failing", ["-m hypothesis", "test_mutated_decks", "test_fuzzing", "test_cancellation"])
-def test_a_part_that_fails_stops_no_other(failing: str, tmp_path: Path) -> None:
+def test_a_failed_part_does_not_stop_other_parts(failing: str, tmp_path: Path) -> None:
     code, _, calls = fuzz(tmp_path, failing, ROUNDS="2")
     assert code == 1 and len(calls) == 5

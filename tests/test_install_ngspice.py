@@ -1,4 +1,4 @@
-"""The script that gets ngspice, in a world of stand-in programs."""
+"""The installation script of ngspice, run with substitutes for the system's programs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ case "$*" in *install*) echo "#!/bin/sh" > {bin}/ngspice; /bin/chmod +x {bin}/ng
 
 
 def run_script(folder: Path, programs: dict[str, str], **environment: str) -> tuple[int, str, str]:
-    """Exit status, messages, and what the installers were asked, with only the given programs on PATH."""
+    """Exit status, messages and recorded installer calls, with only the given programs on PATH."""
     bin_, log = folder / "bin", folder / "log"
     bin_.mkdir()
     log.touch()
@@ -51,7 +51,7 @@ USER = {"id": "echo 1000", "env": ENV, "apt-get": INSTALLS}
     ],
     ids=["present", "root", "root without sudo", "passwordless sudo", "brew"],
 )
-def test_it_is_installed(tmp_path: Path, programs: dict[str, str], asked: str) -> None:
+def test_ngspice_is_installed_by_the_available_installer(tmp_path: Path, programs: dict[str, str], asked: str) -> None:
     status, messages, log = run_script(tmp_path, programs)
     assert (status, messages) == (0, "")
     assert log == asked
@@ -69,7 +69,7 @@ def test_it_is_installed(tmp_path: Path, programs: dict[str, str], asked: str) -
         (ROOT, {"RESGRID_NGSPICE": "/nowhere/ngspice"}, "correct or unset it"),
     ],
 )
-def test_it_stops_with_the_command_to_type(
+def test_a_failed_installation_prints_the_command_to_use(
     tmp_path: Path, programs: dict[str, str], environment: dict[str, str], command: str
 ) -> None:
     status, messages, _ = run_script(tmp_path, programs, **environment)
@@ -85,7 +85,7 @@ case "$*" in *install*) printf '#!/bin/sh\\necho "** ngspice-%s : Circuit"\\n' $
 TOOLS = {name: f'exec /bin/{name} "$@"' for name in ("mktemp", "mkdir", "chmod", "rm")}
 
 
-def test_another_version_comes_from_the_backports_by_a_list_of_its_own(tmp_path: Path) -> None:
+def test_another_version_is_installed_from_backports(tmp_path: Path) -> None:
     (tmp_path / "release").write_text("VERSION_CODENAME=bookworm\n")
     programs = {**ROOT, **TOOLS, "apt-get": OF_VERSION, "ngspice": "echo '** ngspice-39 : Circuit'"}
     environment = {"NGSPICE_VERSION": "46", "OS_RELEASE": str(tmp_path / "release"), "TMPDIR": str(tmp_path)}
@@ -96,7 +96,7 @@ def test_another_version_comes_from_the_backports_by_a_list_of_its_own(tmp_path:
 
 
 @pytest.mark.parametrize(("version", "status"), [("39", 0), ("46", 0), ("3", 1), ("45", 1)])
-def test_the_version_that_was_asked_for_is_there_in_the_end(tmp_path: Path, version: str, status: int) -> None:
+def test_the_status_depends_on_the_requested_version(tmp_path: Path, version: str, status: int) -> None:
     (tmp_path / "release").write_text("VERSION_CODENAME=bookworm\n")
     programs = {**ROOT, **TOOLS, "apt-get": OF_VERSION}
     environment = {"NGSPICE_VERSION": version, "OS_RELEASE": str(tmp_path / "release"), "TMPDIR": str(tmp_path)}

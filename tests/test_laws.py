@@ -1,4 +1,4 @@
-"""Laws of the physics, on random scenes."""
+"""Physical laws on random spaces; networkx, dense solutions and harmonic polynomials as references."""
 
 import networkx as nx
 import numpy as np
@@ -21,7 +21,7 @@ def solved(space: rg.ConfigurationSpace, **options: object) -> rg.OperatingPoint
 
 @pytest.mark.parametrize("shape", [(20, 17), (6, 7, 5)])
 def test_a_harmonic_polynomial_is_reproduced(shape: tuple[int, ...]) -> None:
-    """x^2 - y^2 is harmonic on the grid as well: pinned on the border it comes back everywhere."""
+    """x^2 - y^2 is harmonic also on the grid, so that its boundary values determine it everywhere."""
     index = np.indices(shape)
     value = (index[0] ** 2 - index[1] ** 2).astype(float)
     border = np.zeros(shape, dtype=bool)
@@ -47,7 +47,9 @@ def test_a_harmonic_polynomial_is_reproduced(shape: tuple[int, ...]) -> None:
 
 @settings(max_examples=60)
 @given(spaces(), st.sampled_from(BOUNDARIES))
-def test_maximum_principle_and_no_local_minimum(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
+def test_potentials_obey_the_maximum_principle_without_local_minima(
+    space: rg.ConfigurationSpace, options: dict[str, object]
+) -> None:
     point = solved(space, **options)
     volts = point.voltage
     assert np.nanmin(volts) >= 0.0
@@ -66,7 +68,7 @@ def test_maximum_principle_and_no_local_minimum(space: rg.ConfigurationSpace, op
 
 @settings(max_examples=40)
 @given(spaces(), st.sampled_from(BOUNDARIES), st.floats(1e-3, 1e6))
-def test_scaling_every_resistance_leaves_voltages_alone(
+def test_scaling_all_resistances_keeps_voltages(
     space: rg.ConfigurationSpace, options: dict[str, object], factor_: float
 ) -> None:
     one = solved(space, **options)
@@ -80,7 +82,7 @@ def test_scaling_every_resistance_leaves_voltages_alone(
 
 @settings(max_examples=40)
 @given(spaces(), st.integers(0, 2**32 - 1))
-def test_superposition(space: rg.ConfigurationSpace, seed: int) -> None:
+def test_solutions_obey_superposition(space: rg.ConfigurationSpace, seed: int) -> None:
     netlist = rg.compile_space(space, resistance=1.0)
     try:
         factors = rg.factorize(netlist)
@@ -100,8 +102,8 @@ def test_currents_into_all_rails_sum_to_the_drive_and_power_balances(
 ) -> None:
     point = solved(space, **options)
     netlist = point.netlist
-    fed = netlist.current_amps.sum()
-    assert point.source_current.sum() == pytest.approx(fed, abs=1e-12 * (1 + np.abs(point.source_current).max()))
+    injected = netlist.current_amps.sum()
+    assert point.source_current.sum() == pytest.approx(injected, abs=1e-12 * (1 + np.abs(point.source_current).max()))
     delivered = -np.sum(netlist.source_volts * point.source_current)
     delivered += np.sum(netlist.current_amps * point.voltage[netlist.current_nodes[:, 1]])
     assert point.power == pytest.approx(delivered, rel=1e-9)
@@ -109,7 +111,7 @@ def test_currents_into_all_rails_sum_to_the_drive_and_power_balances(
 
 @settings(max_examples=25)
 @given(st.integers(2, 25), st.integers(0, 2**32 - 1))
-def test_networkx_resistance_distance_agrees(count: int, seed: int) -> None:
+def test_voltages_agree_with_networkx_resistance_distance(count: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     graph = nx.gnp_random_graph(count, 0.4, seed=int(seed % 2**31))
     graph.add_edges_from((i, i + 1) for i in range(count - 1))
@@ -123,7 +125,7 @@ def test_networkx_resistance_distance_agrees(count: int, seed: int) -> None:
 
 @settings(max_examples=30)
 @given(spaces(), st.sampled_from(BOUNDARIES))
-def test_merged_and_single_rails_are_the_same_circuit(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
+def test_merged_and_cell_rails_give_equal_voltages(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
     merged = solved(space, **options)
     single = solved(space, rails="cells", **options)
     first, second = merged.netlist.cells.node, single.netlist.cells.node
@@ -141,7 +143,7 @@ def test_both_accuracies_agree_with_a_dense_solution(space: rg.ConfigurationSpac
 
 
 def dense(netlist: rg.Netlist, voltage: np.ndarray) -> np.ndarray:
-    """Modified nodal analysis with a dense matrix, floating nodes left out."""
+    """Modified nodal analysis with a dense matrix, without floating nodes."""
     keep = np.flatnonzero(~np.isnan(voltage) & (np.arange(len(voltage)) > 0))
     place = np.full(len(voltage), -1)
     place[keep] = np.arange(len(keep))
@@ -171,7 +173,7 @@ def dense(netlist: rg.Netlist, voltage: np.ndarray) -> np.ndarray:
     return full
 
 
-def test_the_drive_scales_to_the_supply() -> None:
+def test_normalize_drive_scales_to_the_supply() -> None:
     from resgrid.circuit.solve import normalize_drive
 
     cell = np.zeros((9, 5))
@@ -182,7 +184,7 @@ def test_the_drive_scales_to_the_supply() -> None:
 
 
 @pytest.mark.parametrize("supply", [1.0, -2.0])
-def test_a_normwise_answer_has_a_field_too(supply: float) -> None:
+def test_a_normwise_solution_has_the_same_field(supply: float) -> None:
 
     cell = np.zeros((7, 6))
     cell[1, 1], cell[4, 2:5] = 2, 1

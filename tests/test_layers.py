@@ -1,4 +1,4 @@
-"""Imports only point downwards."""
+"""Layers of the package: import directions, and declared imports of internals in tests."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def test_imports_only_point_downwards(tmp_path: Path) -> None:
 
 def test_every_module_has_its_layer() -> None:
     settings = tomllib.loads((PROJECT / "pyproject.toml").read_text())
-    house = next(c for c in settings["tool"]["importlinter"]["contracts"] if c["type"] == "layers")
-    listed = {name.strip(" ()") for layer in house["layers"] for name in layer.split("|")}
+    contract = next(c for c in settings["tool"]["importlinter"]["contracts"] if c["type"] == "layers")
+    listed = {name.strip(" ()") for layer in contract["layers"] for name in layer.split("|")}
     modules = {
         f"resgrid.{path.stem}"
         for path in (PROJECT / "resgrid").iterdir()
@@ -32,7 +32,7 @@ def test_every_module_has_its_layer() -> None:
     assert modules <= listed
 
 
-def test_tests_that_import_internals_say_so() -> None:
+def test_tests_that_import_internals_declare_them() -> None:
     for file in sorted((PROJECT / "tests").rglob("test_*.py")):
         tree = ast.parse(file.read_text())
         imports = [node for node in tree.body if isinstance(node, ast.ImportFrom) and node.module]

@@ -14,8 +14,8 @@ PROJECT = Path(__file__).resolve().parents[1]
 pytestmark = pytest.mark.skipif(shutil.which("make") is None, reason="there is no make")
 
 
-def printed(*targets: str, **options: int) -> str:
-    """Return the commands of targets, as if nothing had been made."""
+def commands_of(*targets: str, **options: int) -> str:
+    """Return the commands of targets, as if no target were up to date."""
     environment = {key: value for key, value in os.environ.items() if key not in ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")}
     words = ["make", "-n", "-B", *targets]
     options = {"stderr": subprocess.DEVNULL, **options}
@@ -23,28 +23,28 @@ def printed(*targets: str, **options: int) -> str:
     return done.stdout
 
 
-def test_the_demo_installs_the_live_page_and_compiles_no_kernel_beforehand() -> None:
-    commands = printed("demo")
+def test_the_demo_installs_the_live_page_without_compiling_kernels() -> None:
+    commands = commands_of("demo")
     assert "--editable '.[live]'" in commands
     assert "resgrid run examples/scenes/rooms.toml" in commands
     assert "resgrid.cli.warm" not in commands
 
 
-def test_all_kernels_are_compiled_before_the_tests_and_by_a_target_of_its_own() -> None:
-    assert printed("test").index("-m resgrid.cli.warm") < printed("test").index("-m pytest")
-    assert "-m resgrid.cli.warm" in printed("warm")
+def test_kernels_are_compiled_before_tests_and_by_make_warm() -> None:
+    assert commands_of("test").index("-m resgrid.cli.warm") < commands_of("test").index("-m pytest")
+    assert "-m resgrid.cli.warm" in commands_of("warm")
 
 
-def test_pip_shows_its_work_on_a_terminal_only() -> None:
+def test_pip_prints_progress_on_a_terminal_only() -> None:
     leader, follower = pty.openpty()
     try:
-        assert "--quiet" not in printed(".venv/.installed", stderr=follower)
+        assert "--quiet" not in commands_of(".venv/.installed", stderr=follower)
     finally:
         os.close(leader)
         os.close(follower)
-    assert "--quiet" in printed(".venv/.installed")
+    assert "--quiet" in commands_of(".venv/.installed")
 
 
 @pytest.mark.parametrize(("given", "seed"), [((), "SEED= "), (("SEED=7",), "SEED=7 ")])
 def test_fuzzing_has_a_random_seed_unless_one_is_given(given: tuple[str, ...], seed: str) -> None:
-    assert seed in printed("fuzz", *given)
+    assert seed in commands_of("fuzz", *given)

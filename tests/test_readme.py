@@ -1,4 +1,4 @@
-"""The README's Python runs as written, and prints what the README says; its commands: test_commands.py."""
+"""The Python code of the README, compared with its stated output; test_commands.py runs the commands."""
 
 import re
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 README = Path(__file__).resolve().parents[1] / "README.md"
 
 
-def test_the_ten_lines_print_what_is_promised(
+def test_the_readme_code_prints_the_stated_output(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = README.read_text()

@@ -1,4 +1,4 @@
-"""Real maps that no one in this project wrote: every promise, on every cell."""
+"""Published maps (nav2, MovingAI, EPIC): paths, potentials and KCL of all cells, compared with flood fills."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -28,7 +28,7 @@ SCENARIOS_EVEN = ["maze-32-32-2", "random-32-32-20", "room-32-32-4"]
 
 
 def with_goal(path: Path, **options: str) -> rg.ConfigurationSpace:
-    """The map's own goals, or a goal in the far corner of its largest free part."""
+    """Space with the goals of the map, or with a goal in a corner of the largest free region."""
     scene = rg.read_scene(path, **options)
     space = rg.build_space(scene, require_goal=False)
     if space.goal_count:
@@ -41,7 +41,7 @@ def with_goal(path: Path, **options: str) -> rg.ConfigurationSpace:
 
 
 def connected(space: rg.ConfigurationSpace) -> np.ndarray:
-    """Free cells joined to a goal, by flooding from the goals."""
+    """Free cells connected to a goal, by flood fill."""
     free = space.cell != rg.Cell.OBSTACLE
     return ndimage.binary_propagation(space.cell == rg.Cell.GOAL, mask=free) & (space.cell == rg.Cell.FREE)
 
@@ -73,7 +73,7 @@ def kcl_violation(field: rg.Field, cells: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 @pytest.mark.parametrize("name", MAPS)
-def test_every_cell_leads_to_a_goal(cases: Path, name: str, boundary: str) -> None:
+def test_every_connected_cell_reaches_a_goal_by_descent(cases: Path, name: str, boundary: str) -> None:
     space = with_goal(cases / name, **MAPS[name])
     field = rg.field(rg.solve(rg.compile_space(space, boundary=boundary)))
     served = connected(space)
@@ -105,7 +105,7 @@ def _scenario(folder: Path, name: str) -> tuple[Path, Path]:
 
 
 @pytest.mark.parametrize("name", SCENARIOS + SCENARIOS_EVEN)
-def test_scenario_ends_are_reachable_and_no_path_is_too_short(cases: Path, name: str) -> None:
+def test_scenario_goals_are_reachable_by_paths_of_at_least_optimal_length(cases: Path, name: str) -> None:
     map_file, scenario = _scenario(cases / "movingai", name)
     queries = rg.maps.read_movingai_scenarios(scenario)
     scene = rg.read_scene(map_file)

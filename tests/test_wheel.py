@@ -1,4 +1,4 @@
-"""The wheel, installed into an empty environment, declares all that it imports and runs a shipped scene by its name."""
+"""The wheel in an empty environment: declared requirements, files, and runs of shipped scenes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PROJECT = Path(__file__).resolve().parents[1]
 DECLARED = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]
 SCENES = sorted(file.stem for file in (PROJECT / "examples" / "scenes").glob("*.toml"))
 FOREIGN = {"petsc4py": "comes with the system", "IPython": "is there in a notebook"}
-"""Packages that no requirement names, and why."""
+"""Packages without a requirement, with the reason."""
 
 COMPILED = """
 import sys
@@ -39,7 +39,7 @@ print(len(recorder.buffer))
 
 @pytest.fixture(scope="session")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel of this checkout."""
+    """The wheel built from this checkout."""
     pytest.importorskip("hatchling", reason="hatchling builds the wheel; it is in the extra 'dev'")
     folder = tmp_path_factory.mktemp("wheel")
     words = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder]
@@ -50,7 +50,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def program(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The Python of an environment with the wheel; what the wheel needs is borrowed from this one."""
+    """Python of an environment with the wheel; its dependencies come from the current environment."""
     folder = tmp_path_factory.mktemp("empty") / "env"
     venv.create(folder, symlinks=True)
     python = folder / "bin" / "python"
@@ -63,7 +63,7 @@ def program(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(program: Path, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """Run the environment's Python in an empty folder, without anything of the checkout."""
+    """Run the environment's Python in an empty folder, isolated from the checkout."""
     environment = {
         "PATH": str(program.parent),
         "HOME": str(program.parents[1]),
@@ -75,7 +75,7 @@ def run(program: Path, folder: Path, *words: str) -> subprocess.CompletedProcess
     )
 
 
-def test_it_declares_what_the_project_declares(wheel: Path) -> None:
+def test_the_wheel_declares_the_projects_requirements(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
         head = Parser().parsestr(archive.read(name).decode())
@@ -88,7 +88,7 @@ def test_it_declares_what_the_project_declares(wheel: Path) -> None:
             assert each.specifier.contains(metadata.version(each.name), prereleases=True), each
 
 
-def test_it_declares_what_it_imports() -> None:
+def test_requirements_cover_all_imports() -> None:
     extras = ("dask", "live", "mpi", "notebook", "parsl")
     texts = [*DECLARED["dependencies"], *(text for name in extras for text in DECLARED["optional-dependencies"][name])]
     direct = {Requirement(text).name for text in texts}
@@ -101,7 +101,7 @@ def test_it_declares_what_it_imports() -> None:
 
 
 def _plain(name: str) -> str:
-    """Return the name of a distribution as all spellings of it have it."""
+    """Return the normalized name of a distribution."""
     return name.lower().replace("-", "_").replace(".", "_")
 
 
@@ -116,7 +116,7 @@ def _imported(file: Path) -> set[str]:
     return {name.partition(".")[0] for name in names}
 
 
-def test_it_holds_every_file_of_the_package(wheel: Path) -> None:
+def test_the_wheel_contains_every_file_of_the_package(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         held = set(archive.namelist())
     package = [file for file in (PROJECT / "resgrid").rglob("*.*") if "__pycache__" not in file.parts]
@@ -124,7 +124,7 @@ def test_it_holds_every_file_of_the_package(wheel: Path) -> None:
     assert {f"resgrid/scene/examples/{name}.toml" for name in SCENES} <= held
 
 
-def test_it_runs_a_shipped_scene_by_name_from_an_empty_folder(program: Path, tmp_path: Path) -> None:
+def test_the_wheel_runs_a_shipped_scene_in_an_empty_folder(program: Path, tmp_path: Path) -> None:
     words = ("run", "lesson", "--no-check")
     done = run(program, tmp_path, str(program.with_name("resgrid")), *words, "--json")
     assert done.returncode == 0, done.stderr
@@ -133,11 +133,11 @@ def test_it_runs_a_shipped_scene_by_name_from_an_empty_folder(program: Path, tmp
     assert "site-packages" in done.stderr and str(PROJECT) not in done.stderr
     assert (tmp_path / "out" / "lesson" / "paths.csv").is_file()
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
-    again = run(program, tmp_path, "-c", COMPILED, *words)  # which finds the kernels that the first run compiled
+    again = run(program, tmp_path, "-c", COMPILED, *words)  # uses the kernels compiled by the first run
     assert (again.returncode, again.stdout.splitlines()[-1]) == (0, "0"), again.stderr
 
 
-def test_it_is_a_module_of_python(program: Path, tmp_path: Path) -> None:
+def test_python_m_resgrid_runs_the_command_line(program: Path, tmp_path: Path) -> None:
     done = run(program, tmp_path, "-m", "resgrid", "--version")
     assert (done.returncode, done.stdout.split()[-1]) == (0, DECLARED["version"])
     listed = run(program, tmp_path, "-m", "resgrid", "info", "--examples", "--json")
@@ -148,7 +148,7 @@ def test_it_is_a_module_of_python(program: Path, tmp_path: Path) -> None:
     assert wrong.returncode == 2 and "run rooms" in wrong.stderr
 
 
-def test_what_an_extra_lacks_is_named_with_a_command_for_this_environment(program: Path, tmp_path: Path) -> None:
+def test_a_missing_extra_is_named_with_the_command_for_its_environment(program: Path, tmp_path: Path) -> None:
     code = "import sys; sys.modules['uvicorn'] = None; from resgrid.cli import main; main(['live', '--no-browser'])"
     done = run(program, tmp_path, "-c", code)
     assert done.returncode == 3

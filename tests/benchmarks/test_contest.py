@@ -1,4 +1,4 @@
-"""Contenders in processes of their own: what they measure, how they fail, how they are ended."""
+"""Contenders in separate processes: measurements, failures, time limits."""
 
 from __future__ import annotations
 
@@ -35,30 +35,30 @@ def test_resgrid_and_a_peer_solve_the_same_equations() -> None:
     assert {row.unit for row in rows} >= {RATIO, "products", "x solve phase"}
 
 
-def test_a_peer_that_takes_too_long_is_ended() -> None:
+def test_a_peer_beyond_the_time_limit_is_terminated() -> None:
     with arena(PROBLEM, ["superlu"]) as ring:
         run = run_once(ring, "superlu", rtol=RTOL, limit=1e-6)
         assert "not done after" in run.failure
         assert "ended" in run_once(ring, "superlu", rtol=RTOL, limit=60.0).failure
 
 
-def test_what_is_not_installed_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_missing_library_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def absent(_: peers.Matrix) -> peers.Setup:
         raise ImportError("no module of that name")
 
     monkeypatch.setitem(peers.PEERS, "absent", peers.Peer("absent", absent, True, "absent"))
-    lay_out(tmp_path)
+    write_equations(tmp_path)
     assert "ImportError: no module of that name" in answers("absent", tmp_path, 1)[0]["failure"]
 
 
-def test_a_worker_answers_every_order(tmp_path: Path) -> None:
-    lay_out(tmp_path)
+def test_a_worker_answers_every_request(tmp_path: Path) -> None:
+    write_equations(tmp_path)
     first, second = answers("superlu", tmp_path, 2)
     assert first["seconds"].keys() == second["seconds"].keys() == {"setup", "solve"}
     np.testing.assert_allclose(np.load(tmp_path / "superlu.npy"), [1.0, 2.0])
 
 
-def test_a_contender_of_no_name_fails_alone() -> None:
+def test_an_unknown_contender_reports_a_failure() -> None:
     contender = Contender("nobody")
     try:
         assert "failure" in contender.ask({"folder": "nowhere", "rtol": 1e-8}, 60.0)
@@ -74,7 +74,7 @@ def test_a_failed_preparation_leaves_one_failed_run() -> None:
     assert [run.failure[:17] for run in runs["superlu"]] == ["FileNotFoundError"]
 
 
-def test_ratios_are_taken_round_by_round() -> None:
+def test_ratios_are_computed_per_round() -> None:
     own = [Run({"substitute": 1.0}, residual=0.0), Run({"substitute": 2.0}, residual=0.0)]
     peer = [Run({"setup": 1.0, "solve": 2.0}, residual=0.0), Run({"setup": 1.0, "solve": 1.0}, residual=0.0)]
     missed = [Run({"setup": 0.1, "solve": 0.1}, residual=1e-3)] * 2
@@ -96,8 +96,8 @@ def test_work_is_counted_in_products_of_the_solve_phase() -> None:
     assert rows["x solve phase"].median == 0.5
 
 
-def lay_out(folder: Path) -> None:
-    """The equations 2 x = 2, 3 y = 6."""
+def write_equations(folder: Path) -> None:
+    """Write the equations 2 x = 2, 3 y = 6."""
     (folder / "problem.json").write_text(json.dumps(asdict(PROBLEM)))
     arrays = {"indptr": np.arange(3, dtype=np.int32), "indices": np.arange(2, dtype=np.int32)}
     for name, array in {**arrays, "data": np.array([2.0, 3.0]), "rhs": np.array([2.0, 6.0])}.items():

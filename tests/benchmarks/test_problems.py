@@ -1,4 +1,4 @@
-"""The circuits of the benchmarks, and their equations, which other libraries are given."""
+"""Circuits of the benchmarks and their equations, compared with scipy's solutions."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def test_equations_hold_for_the_operating_point(problem: Problem) -> None:
     np.testing.assert_allclose(voltage, spsolve(system.matrix, system.rhs), rtol=1e-7, atol=1e-12)
 
 
-def test_equations_leave_out_what_carries_nothing() -> None:
-    """1 V - a - 0 V; b hangs on the 1 V rail alone, c on nothing, d on 0 V and a current source."""
+def test_equations_contain_only_nodes_with_current() -> None:
+    """1 V - a - 0 V; b is connected to 1 V only, c to no element, d to 0 V and a current source."""
     netlist = rg.Netlist(
         node_count=6,
         resistor_nodes=[[1, 2], [2, 0], [1, 3], [5, 0]],
@@ -44,13 +44,13 @@ def test_equations_leave_out_what_carries_nothing() -> None:
     assert spsolve(system.matrix, system.rhs).tolist() == [0.25, 2.0]
 
 
-def test_the_same_values_make_the_same_circuit() -> None:
+def test_equal_parameters_give_equal_circuits() -> None:
     first, second = (Problem("rectangles", 24, seed=5).netlist() for _ in range(2))
     assert first.conductance.tolist() == second.conductance.tolist()
     assert first.resistor_nodes.tolist() == second.resistor_nodes.tolist()
 
 
-def test_resistors_are_off_by_the_mismatch() -> None:
+def test_resistances_deviate_by_the_mismatch() -> None:
     netlist = Problem("rectangles", 24).netlist()
     ratio = 1.0 / (10e3 * netlist.conductance)
     assert 0.9 <= ratio.min() < 0.91
@@ -73,6 +73,6 @@ def test_a_maze_is_a_tree_of_rooms() -> None:
     assert connected_components(graph, directed=False, return_labels=False) == 1
 
 
-def test_every_corridor_of_a_maze_leads_to_the_goal() -> None:
+def test_every_free_cell_of_a_maze_is_connected_to_the_goal() -> None:
     space = maze(40, 3, seed=1)
     assert space.goal_connected.sum() == np.count_nonzero(space.cell == 0)

@@ -1,4 +1,4 @@
-"""Which simulators the benchmarks find, and how they are told to use their fastest solver."""
+"""Simulators found by the benchmarks, and the option that selects their fastest solver."""
 
 from pathlib import Path
 
@@ -7,22 +7,24 @@ import pytest
 from benchmarks import simulators
 
 
-def pretend(path: Path, said: str) -> Path:
+def fake_simulator(path: Path, said: str) -> Path:
     path.write_text(f"#!/bin/sh\necho '{said}'\n")
     path.chmod(0o755)
     return path
 
 
-def test_the_best_comes_last_and_klu_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(simulators, "UNPACKED", pretend(tmp_path / "new", "** ngspice-46 **\n** Compiled with KLU"))
-    monkeypatch.setenv("RESGRID_NGSPICE", str(pretend(tmp_path / "old", "** ngspice-39 **")))
+def test_the_newest_simulator_is_last_and_uses_klu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        simulators, "UNPACKED", fake_simulator(tmp_path / "new", "** ngspice-46 **\n** Compiled with KLU")
+    )
+    monkeypatch.setenv("RESGRID_NGSPICE", str(fake_simulator(tmp_path / "old", "** ngspice-39 **")))
     old, new = simulators.simulators()
     assert (old.name, new.name) == ("ngspice 39, Sparse 1.3", "ngspice 46, KLU")
     assert old.with_cards("* deck\n.op\n.end\n") == "* deck\n.op\n.end\n"
     assert new.with_cards("* deck\n.op\n.end\n") == "* deck\n.op\n.options klu\n.end\n"
 
 
-def test_there_may_be_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_simulators_the_list_is_empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulators, "UNPACKED", tmp_path / "none")
     monkeypatch.setenv("RESGRID_NGSPICE", str(tmp_path / "none"))
     assert simulators.simulators() == []

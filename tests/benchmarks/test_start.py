@@ -1,4 +1,4 @@
-"""What the first command and the first solution cost."""
+"""Times of the first command and the first solution."""
 
 import pytest
 
@@ -6,13 +6,13 @@ from benchmarks import start
 from benchmarks.rows import Scale
 
 
-def test_a_first_solution_tells_its_time_and_method() -> None:
+def test_a_first_solution_reports_time_and_method() -> None:
     seconds, method = start._python(start.FIRST.format(kind="maze", size=24, seed=3, accuracy="direction")).split()
     assert float(seconds) > 0.0
     assert method in {"direct", "elimination", "multigrid"}
 
 
-def test_caches_are_empty_for_every_first_solution(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_first_solution_has_its_own_empty_cache(monkeypatch: pytest.MonkeyPatch) -> None:
     caches = []
 
     def python(_: str, **environment: str) -> str:

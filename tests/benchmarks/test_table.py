@@ -1,4 +1,4 @@
-"""The table, the figures that are kept, and the picture."""
+"""The table, stored results and the picture of the benchmarks, compared with literals."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROWS = [
 ]
 
 
-def test_the_table_has_a_line_a_row_with_the_value_kept_before() -> None:
+def test_the_table_has_one_line_per_row_with_the_previous_value() -> None:
     lines = table.format_rows(ROWS, {("64^3 neumann", "PETSc GAMG + CG"): 6.0}).splitlines()
     words = [" ".join(line.split()) for line in lines]
     assert len(lines) == len(ROWS)
@@ -31,7 +31,7 @@ def test_the_table_has_a_line_a_row_with_the_value_kept_before() -> None:
     assert table.format_rows([], {}) == ""
 
 
-def test_what_is_kept_can_be_read_back(tmp_path: Path) -> None:
+def test_stored_results_read_back_as_equal_rows(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
     assert table.read_results(path) == {}
     table.write_results(path, {"volume": table.section_record(ROWS, Scale("full", seed=3))})
@@ -43,12 +43,12 @@ def test_what_is_kept_can_be_read_back(tmp_path: Path) -> None:
     assert "NaN" not in path.read_text()
 
 
-def test_figures_of_another_schema_are_not_compared_with(tmp_path: Path) -> None:
+def test_results_of_another_schema_are_ignored(tmp_path: Path) -> None:
     (tmp_path / "results.json").write_text(json.dumps({"schema": 1, "rows": []}))
     assert table.read_results(tmp_path / "results.json") == {}
 
 
-def test_the_picture_has_a_panel_a_problem_and_a_line_a_contender(tmp_path: Path) -> None:
+def test_the_picture_has_one_panel_per_problem(tmp_path: Path) -> None:
     assert list(panels(ROWS)) == ["64^3 neumann"]
     figure = draw(ROWS)
     assert figure is not None
@@ -60,7 +60,7 @@ def test_the_picture_has_a_panel_a_problem_and_a_line_a_contender(tmp_path: Path
     assert (tmp_path / "results.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_nothing_to_compare_makes_no_picture(tmp_path: Path) -> None:
+def test_rows_without_ratios_make_no_picture(tmp_path: Path) -> None:
     assert not write_picture(tmp_path / "results.png", {"growth": ROWS[3:]})
     assert not (tmp_path / "results.png").exists()
 
@@ -72,7 +72,7 @@ def test_jobs_alternate() -> None:
     assert spread([3.0, 1.0, 2.0]) == Spread(2.0, 1.0, 3.0)
 
 
-def test_a_section_keeps_its_rows_and_a_broken_one_says_so(
+def test_a_failed_section_is_reported_and_others_keep_their_rows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def broken(_: Scale) -> list[Row]:
@@ -86,7 +86,7 @@ def test_a_section_keeps_its_rows_and_a_broken_one_says_so(
     assert "32^2 neumann: time per unknown" in capsys.readouterr().out
 
 
-def test_sections_that_do_not_exist_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_sections_are_rejected(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         benchmarks_main.arguments(["plan"])
     assert "there is no section 'plan'" in capsys.readouterr().err

@@ -15,7 +15,7 @@ from resgrid.live_page.solving import solve_drawing
 
 @pytest.fixture(scope="module")
 def served() -> Iterator[LivePage]:
-    """A page with an empty square; its loops are compiled already."""
+    """A page with an empty square, served after its kernels are compiled."""
     for exact in (True, False):
         for k in (0.0, 1.0):
             solve_drawing(replace(blank(), k=k), exact=exact)
@@ -25,7 +25,7 @@ def served() -> Iterator[LivePage]:
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Browser]:
-    """A browser."""
+    """Chromium, started once per file."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=browser_program(), args=OPTIONS)
         yield browser
@@ -34,7 +34,7 @@ def chromium() -> Iterator[Browser]:
 
 @pytest.fixture
 def shown(served: LivePage, chromium: Browser) -> Iterator[Page]:
-    """The page in a browser of its own, solved; no error may come to its console."""
+    """The solved page in a browser context of its own; console errors fail the test."""
     context = chromium.new_context(viewport={"width": 1280, "height": 720})
     page = context.new_page()
     wrong: list[str] = []

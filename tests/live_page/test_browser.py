@@ -1,4 +1,4 @@
-"""The page in a real browser: drawn on with mouse, finger and keys.
+"""The live page in Chromium, operated by mouse, touch and keyboard; paths agree with ``resgrid path``.
 
 Tests internals: `resgrid._internal.colours`, `resgrid.live_page`, `resgrid.plot.style`.
 """
@@ -25,14 +25,14 @@ PIXELS = "live.view.canvas.toDataURL()"
 WALL = "live.model.scene.cells.reduce((sum, byte) => sum + (byte & 1), 0)"
 
 
-def still(page: Page) -> None:
-    """Let nothing move on a page, and let it be painted."""
+def stop_motion(page: Page) -> None:
+    """Stop the animation of a page and wait until it is painted."""
     page.mouse.move(1, 1)
     page.evaluate("live.view.shows.dots = false; live.view.pinned = null")
     page.wait_for_timeout(200)
 
 
-def test_a_wall_is_drawn_and_undone_byte_for_byte(shown: Page):
+def test_undo_restores_the_drawing_byte_for_byte(shown: Page):
     first = kept(shown)
     shown.locator("#brush").fill("1")
     drag(shown, [(40, 20), (40, 70)])
@@ -59,7 +59,7 @@ def test_a_wall_is_drawn_and_undone_byte_for_byte(shown: Page):
     assert kept(shown) == drawn
 
 
-def test_goals_and_starts_are_dragged_added_and_removed(shown: Page):
+def test_goals_and_starts_are_dragged_added_and_removed_by_mouse(shown: Page):
     drag(shown, [(72, 72), (20, 72)])
     settle(shown)
     assert shown.evaluate("live.model.scene.goals") == [[20 * 96 + 72]]
@@ -79,7 +79,7 @@ def test_goals_and_starts_are_dragged_added_and_removed(shown: Page):
     until(shown, "document.getElementById('quality').textContent.includes('no goal')")
 
 
-def test_k_and_walls_and_borders_change_the_field(shown: Page):
+def test_controls_for_k_wall_and_edge_change_the_field(shown: Page):
     drag(shown, [(30, 10), (30, 60)])
     settle(shown)
     repelled = lines(shown)[0]
@@ -96,7 +96,7 @@ def test_k_and_walls_and_borders_change_the_field(shown: Page):
     assert shown.locator("#k").is_disabled()
 
 
-def test_both_ends_of_k_are_shown(shown: Page):
+def test_paths_of_k_0_and_k_1_are_shown_on_request(shown: Page):
     shown.locator("#brush").fill("1")
     drag(shown, [(30, 10), (30, 60)])
     settle(shown)
@@ -116,7 +116,7 @@ def test_both_ends_of_k_are_shown(shown: Page):
     until(shown, "live.view.others.length === 0")
 
 
-def test_the_path_shown_is_that_of_the_shared_link(shown: Page):
+def test_the_path_shown_equals_the_path_of_the_shared_link(shown: Page):
     rng = random.Random(7)
     for _ in range(20):
         cells = np.zeros((96, 96), np.uint8)
@@ -142,7 +142,7 @@ def test_the_path_shown_is_that_of_the_shared_link(shown: Page):
             assert {tuple(cell) for cell in inner.tolist()} <= {tuple(cell) for cell in paths[0]["cells"]}
 
 
-def test_flaws_are_shown_beside_the_ideal_path(shown: Page):
+def test_a_defective_chip_is_shown_with_the_ideal_path(shown: Page):
     shown.get_by_role("button", name="Break").click()
     before = lines(shown)[0]
     middle = before[len(before) // 2]
@@ -167,11 +167,11 @@ def test_flaws_are_shown_beside_the_ideal_path(shown: Page):
     until(shown, "live.model.before === null")
 
 
-def test_the_grid_settles(shown: Page):
+def test_the_transient_plays_to_the_steady_field_and_ends_at_an_edit(shown: Page):
     shown.locator("#k").fill("0")
     settle(shown)
     legend = shown.inner_text("#legend")
-    still(shown)
+    stop_motion(shown)
     field = shown.evaluate(PIXELS)
     shown.get_by_role("button", name="Show transient").click()
     until(shown, "!document.getElementById('film').hidden")
@@ -189,7 +189,7 @@ def test_the_grid_settles(shown: Page):
     shown.mouse.move(*point_on(shown, (50.5, 50.6)))
     until(shown, "document.getElementById('card').textContent.includes('V at')")
     assert shown.inner_text("#card") != early
-    still(shown)
+    stop_motion(shown)
     moment, light = shown.evaluate(PIXELS), shown.evaluate("document.getElementById('scope').toDataURL()")
     shown.get_by_role("button", name="Dark or light").click()
     assert shown.evaluate("document.getElementById('scope').toDataURL()") != light
@@ -201,7 +201,7 @@ def test_the_grid_settles(shown: Page):
     until(shown, "document.getElementById('card').textContent.includes('converter bits')")
     shown.mouse.click(*point_on(shown, (50.5, 50.5)))
     assert shown.evaluate("live.view.pinned") == [50, 50]
-    assert shown.locator("#film").is_visible()  # a look changes nothing
+    assert shown.locator("#film").is_visible()  # inspecting a cell is no edit
     shown.get_by_role("button", name="Wall", exact=True).click()
     drag(shown, [(30, 30), (30, 40)])
     settle(shown)
@@ -211,11 +211,11 @@ def test_the_grid_settles(shown: Page):
     shown.mouse.click(*point_on(shown, (50.5, 50.5)))
     shown.get_by_role("button", name="Undo").click()
     settle(shown)
-    still(shown)
+    stop_motion(shown)
     assert shown.evaluate(PIXELS) == field
 
 
-def test_what_draws_nothing_changes_nothing(shown: Page):
+def test_actions_without_an_edit_keep_history_frames_and_transient(shown: Page):
     shown.select_option("#examples", "ring")
     until(shown, "live.model.scene.title === 'Ring'")
     settle(shown)
@@ -226,7 +226,7 @@ def test_what_draws_nothing_changes_nothing(shown: Page):
         shown.locator("#tools").get_by_role("button", name=tool).click()
         drag(shown, [(5, 20), (8, 20)])
     start = shown.evaluate("live.view.startPoint(live.model.scene.starts[0]).map(Math.floor)")
-    drag(shown, [tuple(start)])  # a start that is pressed and not moved
+    drag(shown, [tuple(start)])  # a start pressed without a move
     shown.locator("#k").evaluate(
         "(k) => { k.dispatchEvent(new Event('input')); k.dispatchEvent(new Event('change')); }"
     )
@@ -238,7 +238,7 @@ def test_what_draws_nothing_changes_nothing(shown: Page):
     assert shown.evaluate("live.model.before === null")
 
 
-def test_the_chooser_shows_what_is_on_the_page(shown: Page):
+def test_the_example_menu_shows_the_current_scene_and_its_changes(shown: Page):
     chosen = "document.getElementById('examples').selectedOptions[0].textContent"
     assert shown.evaluate(chosen) == "Drawing"
     shown.select_option("#examples", "chair")
@@ -259,7 +259,7 @@ def test_the_chooser_shows_what_is_on_the_page(shown: Page):
     settle(shown)
 
 
-def test_angles_and_greek_letters_are_written_as_such(shown: Page):
+def test_angles_and_greek_axis_names_are_typeset(shown: Page):
     names = shown.evaluate(
         """import('/static/names.js').then(({ nameOf, tickOf, placeOf }) => {
             const angle = { name: "theta_1", unit: "rad" }, length = { name: "x", unit: "m" };
@@ -271,7 +271,7 @@ def test_angles_and_greek_letters_are_written_as_such(shown: Page):
     assert names == ["θ₁", "θ₁₂", "x", "width_2", "π", "−π/2", "4π/3", "0", "1", "3.142", "θ₁ −45.0°, x 1.5 m"]
 
 
-def test_cells_that_are_cut_off_have_a_legend(shown: Page):
+def test_cells_without_a_path_to_a_goal_have_a_legend(shown: Page):
     assert shown.locator("#legend-cut").is_hidden()
     shown.locator("#brush").fill("1")
     drag(shown, [(2, 2), (8, 2), (8, 8), (2, 8), (2, 2)])
@@ -279,14 +279,14 @@ def test_cells_that_are_cut_off_have_a_legend(shown: Page):
     assert shown.inner_text("#legend-cut") == "no path to a goal"
 
 
-def test_the_card_hides_nothing_of_the_grid(shown: Page):
+def test_the_cell_card_does_not_cover_the_grid(shown: Page):
     shown.mouse.move(*point_on(shown, (90.5, 90.5)))
     until(shown, "!document.getElementById('card').hidden")
     card, grid = (shown.locator(part).bounding_box() for part in ("#card", "#canvas"))
     assert card and grid and card["x"] >= grid["x"] + grid["width"]
 
 
-def test_a_link_is_the_same_page_in_another_browser(served: LivePage, chromium: Browser, shown: Page):
+def test_a_link_opens_the_same_drawing_and_paths_in_another_browser(served: LivePage, chromium: Browser, shown: Page):
     shown.select_option("#examples", "ring")
     until(shown, "live.model.scene.title === 'Ring'")
     flaws = "broken: [[3, 4, 0], [5, 5, 1]], wall: 2000, chip: { mismatch: 0.1, seed: 7 }"
@@ -302,7 +302,7 @@ def test_a_link_is_the_same_page_in_another_browser(served: LivePage, chromium: 
     other.context.close()
 
 
-def test_what_was_drawn_is_there_after_the_page_was_left(shown: Page):
+def test_the_drawing_survives_a_reload_of_the_page(shown: Page):
     drag(shown, [(30, 30), (30, 50)])
     drawn = kept(shown)
     until(shown, f"JSON.parse(localStorage.getItem('resgrid drawing') ?? '{{}}').scene === {json.dumps(drawn)}")
@@ -311,7 +311,7 @@ def test_what_was_drawn_is_there_after_the_page_was_left(shown: Page):
     assert kept(shown) == drawn
 
 
-def test_every_example_opens(shown: Page):
+def test_every_example_opens_with_a_certified_path(shown: Page):
     names = shown.locator("#examples option").evaluate_all("options => options.map(o => o.value).filter(Boolean)")
     assert "rooms" in names
     for name in names:
@@ -322,7 +322,7 @@ def test_every_example_opens(shown: Page):
         assert "✓ certified" in shown.inner_text("#quality"), name
 
 
-def test_a_map_that_is_dropped_is_opened(shown: Page):
+def test_a_benchmark_map_file_opens_and_a_wrong_scene_file_is_reported(shown: Page):
     rows = ["..@..", ".....", "@@@..", "....."]
     text = f"type octile\nheight {len(rows)}\nwidth 5\nmap\n" + "\n".join(rows) + "\n"
     shown.locator("#file").set_input_files({"name": "m.map", "mimeType": "text/plain", "buffer": text.encode()})
@@ -333,7 +333,7 @@ def test_a_map_that_is_dropped_is_opened(shown: Page):
     assert "m.toml" in shown.inner_text("#toast")
 
 
-def test_pictures_and_ros_maps_that_are_dropped_are_opened(shown: Page):
+def test_dropped_images_and_ros_maps_are_opened(shown: Page):
     image, content = np.full((20, 30), 255, np.uint8), io.BytesIO()
     image[5:10, 5:10] = 0
     Image.fromarray(image).save(content, "PNG")
@@ -354,7 +354,7 @@ def test_pictures_and_ros_maps_that_are_dropped_are_opened(shown: Page):
         assert shown.evaluate(WALL) == 25
 
 
-def test_files_are_saved(shown: Page):
+def test_every_save_button_downloads_its_file(shown: Page):
     for label, name in (
         ("Scene", "scene.toml"),
         ("Picture", "resgrid.png"),
@@ -368,7 +368,7 @@ def test_files_are_saved(shown: Page):
         assert download.value.suggested_filename == name
 
 
-def test_keys_alone_draw_and_drag(shown: Page):
+def test_the_keyboard_draws_walls_and_moves_goals(shown: Page):
     shown.locator("#canvas").focus()
     shown.evaluate("live.view.cursor = [30, 30]")
     shown.keyboard.press("w")
@@ -389,7 +389,7 @@ def test_keys_alone_draw_and_drag(shown: Page):
     assert shown.evaluate("live.model.scene.goals.length") == 2
 
 
-def test_a_finger_draws(served: LivePage, chromium: Browser):
+def test_a_tap_draws_a_wall_on_a_phone(served: LivePage, chromium: Browser):
     context = chromium.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
     page = context.new_page()
     page.goto(f"{served.url}?tour=0")
@@ -401,14 +401,14 @@ def test_a_finger_draws(served: LivePage, chromium: Browser):
     context.close()
 
 
-def test_a_hovered_cell_is_described(shown: Page):
+def test_the_cell_card_shows_index_current_and_converter_bits(shown: Page):
     shown.mouse.move(*point_on(shown, (50.5, 50.5)))
     until(shown, "!document.getElementById('card').hidden")
     card = shown.inner_text("#card")
     assert "50, 50" in card and "converter bits" in card and "A" in card
 
 
-def test_the_certificate_names_the_path_through_a_cell(shown: Page):
+def test_the_cell_card_names_the_certified_path_through_the_cell(shown: Page):
     middle = lines(shown)[0][len(lines(shown)[0]) // 2]
     shown.mouse.move(*point_on(shown, tuple(np.floor(middle) + 0.5)))
     until(shown, "!document.getElementById('card').hidden")
@@ -416,7 +416,7 @@ def test_the_certificate_names_the_path_through_a_cell(shown: Page):
     assert "✓ path 1 passes here, certified to goal 0" in card and "✓ Kirchhoff" in card
 
 
-def test_a_small_circuit_is_drawn_resistor_by_resistor(shown: Page):
+def test_a_small_circuit_is_drawn_with_every_resistor(shown: Page):
     shown.get_by_role("button", name="New").click()
     shown.locator("#saving").get_by_role("button", name="10 × 10").click()
     until(shown, "live.model.scene.axes[0].cells === 10")
@@ -437,7 +437,7 @@ def test_a_small_circuit_is_drawn_resistor_by_resistor(shown: Page):
     assert shown.evaluate("live.view.circuit") is None
 
 
-def test_readers_cannot_draw(chromium: Browser):
+def test_a_read_only_page_rejects_strokes(chromium: Browser):
     with rg.live(read_only=True, browser=False) as reading:
         context = chromium.new_context()
         page = context.new_page()
@@ -450,7 +450,7 @@ def test_readers_cannot_draw(chromium: Browser):
         context.close()
 
 
-def test_what_stands_around_an_arm_is_dragged(shown: Page):
+def test_workspace_obstacles_of_an_arm_are_dragged_by_mouse(shown: Page):
     shown.select_option("#examples", "chair")
     until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")
     settle(shown)
@@ -477,7 +477,7 @@ def test_what_stands_around_an_arm_is_dragged(shown: Page):
     assert kept(shown) == first
 
 
-def test_cells_of_an_arm_that_was_left_are_not_put_on_another_scene(shown: Page):
+def test_late_cells_of_an_arm_do_not_change_a_newer_scene(shown: Page):
     shown.select_option("#examples", "chair")
     until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")
     settle(shown)
@@ -485,7 +485,7 @@ def test_cells_of_an_arm_that_was_left_are_not_put_on_another_scene(shown: Page)
         """async () => {
             const { wire, world, model } = live, ask = wire.ask.bind(wire), chair = model.scene;
             let answer = () => {};
-            wire.ask = (head, scene) => head.type === "world" ? new Promise((told) => answer = told) : ask(head, scene);
+            wire.ask = (head, scene) => head.type === "world" ? new Promise((done) => answer = done) : ask(head, scene);
             const asked = world.resample();
             const axes = chair.axes.map((axis) => ({ ...axis }));
             model.reset({ ...chair, axes, cells: new Uint8Array(chair.cells.length) });
@@ -497,7 +497,7 @@ def test_cells_of_an_arm_that_was_left_are_not_put_on_another_scene(shown: Page)
     assert (left, now) == (True, False)
 
 
-def test_what_stands_around_an_arm_is_moved_by_keys(shown: Page):
+def test_workspace_obstacles_of_an_arm_are_moved_by_keys(shown: Page):
     shown.select_option("#examples", "chair")
     until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")
     settle(shown)
@@ -511,7 +511,7 @@ def test_what_stands_around_an_arm_is_moved_by_keys(shown: Page):
     assert shown.evaluate(lower) > before
 
 
-def test_a_finger_drags_a_stroke(served: LivePage, chromium: Browser):
+def test_a_touch_drag_draws_a_stroke(served: LivePage, chromium: Browser):
     context = chromium.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
     page = context.new_page()
     page.goto(f"{served.url}?tour=0")
@@ -527,7 +527,7 @@ def test_a_finger_drags_a_stroke(served: LivePage, chromium: Browser):
     context.close()
 
 
-def test_a_link_with_a_broken_resistor_shows_the_ideal_path_too(shown: Page, served: LivePage, chromium: Browser):
+def test_a_link_with_a_broken_resistor_also_shows_the_ideal_path(shown: Page, served: LivePage, chromium: Browser):
     whole = lines(shown)[0]
     middle = np.floor(whole[len(whole) // 2]).astype(int).tolist()
     shown.evaluate(f"live.model.replace({{ broken: [[{middle[0] + 1}, {middle[1]}, 0]] }})")
@@ -540,7 +540,7 @@ def test_a_link_with_a_broken_resistor_shows_the_ideal_path_too(shown: Page, ser
     other.context.close()
 
 
-def test_switches_behind_the_address(served: LivePage, chromium: Browser):
+def test_url_parameters_hide_panels_forbid_edits_and_set_the_theme(served: LivePage, chromium: Browser):
     context = chromium.new_context()
     page = context.new_page()
     page.goto(f"{served.url}?tour=0&panel=0&edit=0&theme=dark")
@@ -555,7 +555,7 @@ def test_switches_behind_the_address(served: LivePage, chromium: Browser):
     context.close()
 
 
-def test_the_tour_is_shown_once_and_the_theme_is_kept(served: LivePage, chromium: Browser):
+def test_the_tour_is_shown_once_and_the_theme_survives_a_reload(served: LivePage, chromium: Browser):
     context = chromium.new_context(color_scheme="light")
     page = context.new_page()
     page.goto(served.url)
@@ -571,18 +571,18 @@ def test_the_tour_is_shown_once_and_the_theme_is_kept(served: LivePage, chromium
     context.close()
 
 
-def test_colours_are_those_of_the_pictures_and_yellow_is_the_goal(shown: Page):
+def test_colours_equal_those_of_resgrid_plot_and_goals_are_yellow(shown: Page):
     colours = "import('/static/colours.js').then(({ colours }) => [Array.from(colours.ramp), colours.goal])"
     ramp, goal = shown.evaluate(colours)
     values = np.array(ramp, dtype=np.uint32)
     shades = np.stack([values & 255, values >> 8 & 255, values >> 16 & 255], axis=1) / 255.0
     np.testing.assert_allclose(shades, height_map()(np.linspace(0.0, 1.0, 1024))[:, :3], atol=0.012)
     assert goal == GOAL
-    drop = "live.view.frame.picture[72 * 96 + 71]"  # a cell beside the goal has the top of the scale
+    drop = "live.view.frame.picture[72 * 96 + 71]"  # a neighbour of the goal has the top of the scale
     assert shown.evaluate(drop) > 0.9 * 65534
 
 
-def test_goals_and_broken_resistors_are_made_by_keys_alone(shown: Page):
+def test_the_keyboard_breaks_resistors_and_adds_starts(shown: Page):
     for _ in range(40):
         if shown.evaluate("document.activeElement.id") == "canvas":
             break
@@ -598,7 +598,7 @@ def test_goals_and_broken_resistors_are_made_by_keys_alone(shown: Page):
     settle(shown)
 
 
-def test_a_stopped_server_is_said_and_the_page_goes_on(chromium: Browser):
+def test_a_stopped_server_is_reported_and_the_page_reconnects(chromium: Browser):
     before = rg.live(browser=False)
     context = chromium.new_context()
     page = context.new_page()

@@ -1,4 +1,4 @@
-"""A drawing and the scene that says the same.
+"""Drawings of the live page, compared with their scenes, saved files and messages, and with ``rg.plan``.
 
 Tests internals: `resgrid.live_page.drawing`, `resgrid.live_page.frames`, `resgrid.live_page.messages`,
 `resgrid.live_page.opening`, `resgrid.live_page.saving`, `resgrid.live_page.solving`.
@@ -24,7 +24,7 @@ from resgrid.live_page.saving import save
 from resgrid.live_page.solving import WarmFields, solve_drawing
 
 
-def same(one: Drawing, other: Drawing) -> None:
+def assert_same_drawing(one: Drawing, other: Drawing) -> None:
     for name in ("axes", "edge", "k", "wall", "driven", "title", "palette"):
         assert getattr(one, name) == getattr(other, name), name
     for name in ("cell", "level"):
@@ -41,16 +41,16 @@ def test_boxes_cover_every_cell_once(mask):
 
 
 @pytest.mark.parametrize("name", examples())
-def test_an_example_is_the_same_scene_after_it_was_saved(name, tmp_path):
+def test_a_saved_example_reads_back_as_the_same_drawing(name, tmp_path):
     drawing = drawing_of(open_example(name))
     file = tmp_path / "scene.toml"
     file.write_bytes(save(drawing, "toml")[1])
-    same(drawing_of(rg.read_scene(file)), drawing)
+    assert_same_drawing(drawing_of(rg.read_scene(file)), drawing)
 
 
 @pytest.mark.parametrize("name", examples())
-def test_the_page_and_the_command_line_follow_the_same_path(name, tmp_path):
-    """A path goes on to the point that solves the goal, on the page, in the file that it saves, and in the scene."""
+def test_the_page_and_rg_plan_return_the_same_paths(name, tmp_path):
+    """Paths end at the goal points on the page, in the saved file and in the scene."""
     scene = open_example(name)
     if scene.drive == "start":
         return
@@ -69,7 +69,7 @@ def test_the_page_and_the_command_line_follow_the_same_path(name, tmp_path):
             )
 
 
-def test_a_goal_that_is_painted_over_keeps_the_points_of_its_other_cells():
+def test_goal_cells_that_stay_keep_their_goal_points():
     drawing = drawing_of(open_example("rooms"))
     numbers = [number for number, *_ in drawing.goal_points]
     assert numbers == np.flatnonzero(drawing.cell == rg.Cell.GOAL).tolist()
@@ -81,19 +81,19 @@ def test_a_goal_that_is_painted_over_keeps_the_points_of_its_other_cells():
     )
 
 
-def test_there_are_examples_and_each_is_a_plane():
+def test_examples_have_two_axes():
     assert {"rooms", "lesson", "ring"} <= set(examples())
     assert "voxels" not in examples()
 
 
 @given(arrays(np.uint8, (7, 5), elements=st.integers(0, 2)), arrays(np.uint8, (7, 5), elements=st.integers(0, 2)))
-def test_any_drawing_is_the_same_scene_after_it_was_saved_or_sent(cell, level):
+def test_random_drawings_survive_messages_and_scenes(cell, level):
     axes = (rg.Axis("x", -1.0, 2.5, 7, unit="m"), rg.Axis("a", 0.0, 6.0, 5, periodic=True, unit="rad"))
     starts = np.array([[0.1, 0.2]])
     palette = (1.0, 0.1, 3.0)
     drawing = Drawing("any", axes, ("open", "periodic"), cell, level, palette, starts, k=0.25, wall=2e4)
     head, body = write_drawing(drawing)
-    same(read_drawing(DrawingHead.model_validate(head["drawing"]), body), drawing)
+    assert_same_drawing(read_drawing(DrawingHead.model_validate(head["drawing"]), body), drawing)
     if (cell == 2).any():
         again = drawing_of(drawing.scene())
         np.testing.assert_array_equal(again.cell, cell)
@@ -102,7 +102,7 @@ def test_any_drawing_is_the_same_scene_after_it_was_saved_or_sent(cell, level):
         assert (again.k, again.wall, again.edge) == (0.25, 2e4, ("open", "periodic"))
 
 
-def test_a_drawing_is_solved_as_its_scene():
+def test_the_path_of_a_drawing_equals_the_path_of_its_scene():
     drawing = blank(24)
     cell = drawing.cell.copy()
     cell[10, 3:20] = 1
@@ -118,7 +118,7 @@ def test_a_drawing_is_solved_as_its_scene():
         np.testing.assert_allclose(frame.paths[0].points, path.points)
 
 
-def test_a_hasty_frame_claims_nothing_that_was_not_certified():
+def test_an_inexact_frame_is_marked_as_not_exact():
     drawing = blank(48)
     hasty = solve_drawing(drawing, exact=False)
     assert not hasty.exact
@@ -126,7 +126,7 @@ def test_a_hasty_frame_claims_nothing_that_was_not_certified():
 
 
 @pytest.mark.parametrize(("k", "wall"), [(0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (1.0, 1e4)])
-def test_while_somebody_draws_fields_are_those_of_the_circuit(k, wall):
+def test_warm_started_fields_equal_those_of_the_circuit(k, wall):
     drawing, warm = replace(blank(64), k=k, wall=wall), WarmFields()
     cell = drawing.cell.copy()
     for column in range(20, 40, 4):
@@ -142,14 +142,14 @@ def test_while_somebody_draws_fields_are_those_of_the_circuit(k, wall):
         assert head["scale"]["kind"] == expected["scale"]["kind"] == ("decades" if k else "height")
 
 
-def test_where_nothing_can_be_solved_in_haste_the_plain_way_is_taken():
-    drawing = replace(blank(8), edge=("open", "open"), k=0.5)  # whose Dirichlet half is flat
+def test_a_flat_dirichlet_half_falls_back_to_the_plain_solver():
+    drawing = replace(blank(8), edge=("open", "open"), k=0.5)  # the Dirichlet half of the blend is flat
     frame = solve_drawing(drawing, exact=False, warm=WarmFields())
     assert frame.solution.flat == ("dirichlet",)
 
 
 @pytest.mark.parametrize("k", [0.0, 0.5, 1.0])
-def test_a_broken_resistor_carries_nothing_and_the_path_goes_round(k):
+def test_a_broken_resistor_carries_no_current_and_the_path_avoids_it(k):
     drawing = replace(blank(16), k=k)
     path = solve_drawing(drawing, exact=True).paths[0]
     before, after = path.cells[3], path.cells[4]
@@ -162,7 +162,7 @@ def test_a_broken_resistor_carries_nothing_and_the_path_goes_round(k):
     assert (before.tolist(), after.tolist()) not in list(pairwise(cells))
 
 
-def test_a_resistor_on_a_seam_is_one():
+def test_both_indices_of_a_resistor_on_a_seam_break_the_same_resistor():
     axes = (rg.Axis("a", 0.0, 8.0, 8, periodic=True), rg.Axis("b", 0.0, 4.0, 4))
     cell = np.zeros((8, 4), np.uint8)
     cell[4, 2] = 2
@@ -172,7 +172,7 @@ def test_a_resistor_on_a_seam_is_one():
     assert faces[0][0, 1] == faces[0][8, 1] == 0
 
 
-def test_the_number_of_a_chip_draws_its_mismatch():
+def test_equal_chip_seeds_give_equal_mismatch():
     drawing = blank(16)
     fields = [
         solve_drawing(replace(drawing, chip={"mismatch": 0.2, "seed": seed}), exact=True).field.potential
@@ -182,7 +182,7 @@ def test_the_number_of_a_chip_draws_its_mismatch():
     assert not np.array_equal(fields[0], fields[2])
 
 
-def test_what_cannot_be_drawn_is_refused(scenes: Path):
+def test_spaces_that_cannot_be_drawn_raise_input_error(scenes: Path):
     with pytest.raises(rg.InputError, match="3 axes"):
         drawing_of(rg.read_scene(scenes / "voxels.toml"))
     with pytest.raises(rg.InputError, match="too many to draw"):
@@ -196,14 +196,12 @@ def test_what_cannot_be_drawn_is_refused(scenes: Path):
 @pytest.mark.parametrize(
     ("values", "shown"), [([0, 0.5, 1], 1.0), ([0.98, 0.5, 1], 0.98), ([0], 0.0), ([0.3], 0.3), ([], 1.0)]
 )
-def test_a_scene_opens_with_obstacles_on_their_rail_where_it_offers_that(
-    scenes: Path, values: list[float], shown: float
-) -> None:
+def test_a_scene_opens_at_its_largest_k_or_at_1(scenes: Path, values: list[float], shown: float) -> None:
     scene = rg.read_scene(scenes / "lesson.toml", **({"k": values} if values else {}))
     assert drawing_of(scene).k == shown
 
 
-def test_drawings_of_one_circuit_are_known() -> None:
+def test_is_same_circuit_ignores_titles_starts_and_unused_costs() -> None:
     first = blank(12)
     walled = first.cell.copy()
     walled[3, 3] = rg.Cell.OBSTACLE

@@ -1,4 +1,4 @@
-"""Random actions leave no error in either console, and memory as it was; `make fuzz` does ten thousand."""
+"""Random actions in Chromium: no error in page or server, and no memory growth; `make fuzz` runs ten thousand."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ ACTIONS = int(os.environ.get("RESGRID_PAGE_ACTIONS", "300"))
 SEED = int(os.environ.get("RESGRID_PAGE_SEED", "1"))
 PARTS = 5
 MOST_BYTES = 3e6, 8e6, 80e6
-"""By how much the page's objects and buffers and the server may have grown since the first part, which warms up."""
+"""Largest growth in bytes of the page's objects, its buffers and the server, relative to the first (warm-up) part."""
 _log = logging.getLogger(__name__)
 
 
 @pytest.fixture
 def server(tmp_path) -> Iterator[tuple[psutil.Process, str]]:
-    """A server of its own, that says nothing of faults."""
+    """A server process and its URL; text on its standard error fails the test."""
     with (tmp_path / "errors").open("w+") as errors:
         command = [*COMMAND, "live", "--no-browser", "--port", "0"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True) as process:
@@ -38,7 +38,7 @@ def server(tmp_path) -> Iterator[tuple[psutil.Process, str]]:
 
 
 def measured(page: Page, developer: CDPSession, process: psutil.Process, first: str) -> tuple[float, float, float]:
-    """Bytes of the page's objects and buffers and of the server, with the first scene shown and nothing to undo."""
+    """Bytes of the page's objects, its buffers and the server, at the first scene with an empty history."""
     rest(page, first)
     settle(page)
     for _ in range(2):
@@ -48,7 +48,7 @@ def measured(page: Page, developer: CDPSession, process: psutil.Process, first: 
     return heap["usedSize"], heap["backingStorageSize"], process.memory_info().rss
 
 
-def test_random_actions_leave_neither_errors_nor_memory(server: tuple[psutil.Process, str], chromium: Browser):
+def test_random_actions_cause_no_errors_and_no_memory_growth(server: tuple[psutil.Process, str], chromium: Browser):
     process, url = server
     context = chromium.new_context(viewport={"width": 1280, "height": 720}, has_touch=True)
     page = context.new_page()

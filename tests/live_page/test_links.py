@@ -1,4 +1,4 @@
-"""Links hold a whole scene, and the command line takes them.
+"""Links that contain a whole scene: reading them back, damaged links, and links as arguments of the command line.
 
 Tests internals: `resgrid.live_page.drawing`, `resgrid.live_page.opening`, `resgrid.live_page.solving`,
 `resgrid.scene.overrides`, `resgrid.scene.reading`.
@@ -28,14 +28,14 @@ def link(document: object) -> str:
     return f"http://127.0.0.1:8017/#s={base64.urlsafe_b64encode(content).decode().rstrip('=')}"
 
 
-def test_a_link_is_its_scene():
+def test_a_link_reads_back_as_its_scene():
     drawing = blank(12)
     address = link(drawing.document())
     assert is_link(address) and not is_link("http://127.0.0.1/") and not is_link("rooms.toml")
     np.testing.assert_array_equal(drawing_of(read_link(address)).cell, drawing.cell)
 
 
-def test_the_command_line_takes_links(tmp_path, monkeypatch):
+def test_path_and_run_accept_a_link_instead_of_a_scene_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     address = link(blank(12).document())
     assert answer("path", address)["paths"][0]["outcome"] == "reached"
@@ -48,13 +48,13 @@ def test_the_command_line_takes_links(tmp_path, monkeypatch):
     "address",
     [link({"schema": 1})[:-9], "http://x/#s=@@", "http://x/#s=AAAA", link([1]), link({"map": {"file": "/etc/passwd"}})],
 )
-def test_a_damaged_link_says_so(address):
+def test_a_damaged_link_raises_input_error(address):
     with pytest.raises(rg.InputError, match="link"):
         read_link(address)
 
 
-def test_a_link_with_another_letter_is_no_other_scene():
-    """Its checksum tells; only letters whose last bits are not used may change."""
+def test_a_link_with_a_changed_letter_is_rejected_or_the_same_scene():
+    """The checksum detects the change, except in unused last bits of a letter."""
     drawing = replace(blank(12), broken=((3, 4, 0),), chip={"mismatch": 0.1, "seed": 7})
     address = link(drawing.document())
     document, first, rng = document_of(read_link(address)), address.index("#s=") + 3, np.random.default_rng(0)
@@ -68,7 +68,7 @@ def test_a_link_with_another_letter_is_no_other_scene():
         assert document_of(scene) == document
 
 
-def test_a_link_holds_broken_resistors_mismatch_and_walls():
+def test_links_contain_broken_resistors_mismatch_and_wall_resistance():
     chip = {"mismatch": 0.1, "seed": 7, "defects": {"open_density": 0.01}}
     drawing = replace(blank(12), broken=((3, 4, 0), (12, 4, 0)), wall=2e3, chip=chip)
     again = drawing_of(read_link(link(drawing.document())))
@@ -79,8 +79,8 @@ def test_a_link_holds_broken_resistors_mismatch_and_walls():
     assert whole.broken == ()
 
 
-def test_every_verb_takes_the_chip_with_the_resistors_broken_on_the_page(tmp_path):
-    """What the page solves is `resgrid.chip.build_chip` of the link's own description."""
+def test_resistors_broken_on_the_page_are_open_in_build_chip(tmp_path):
+    """The page solves the circuit of `resgrid.chip.build_chip` for the chip description in the link."""
     drawing = replace(blank(12), broken=((3, 4, 0), (5, 2, 1)), chip={"mismatch": 0.1, "seed": 7})
     scene = read_link(link(drawing.document()))
     ideal = rg.compile_space(rg.build_space(scene))
@@ -91,7 +91,7 @@ def test_every_verb_takes_the_chip_with_the_resistors_broken_on_the_page(tmp_pat
     assert "chip.defects.open_at" in answer("path", link(drawing.document()))["ignored"]
 
 
-def test_an_arm_stays_an_arm_until_its_cells_are_painted_over():
+def test_a_link_keeps_the_arm_until_its_cells_are_painted_over():
     drawing = drawing_of(open_example("chair"))
     moved = replace(drawing, k=0.5, starts=np.array([[1.0, -1.0]]), broken=((3, 4, 0),))
     scene = read_link(link(moved.document()))

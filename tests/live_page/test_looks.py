@@ -1,6 +1,6 @@
-"""What the page looks like: nothing overlaps, nothing is cut off, at a desk and on a phone.
+"""Layout of the page in Chromium on desktop and phone screens: no overlapping and no truncated controls.
 
-With ``RESGRID_PICTURES=FOLDER`` every state is also photographed, in both themes, to be looked at.
+With ``RESGRID_PICTURES=FOLDER`` a screenshot of every state is also written, in both themes, for inspection.
 
 Tests internals: `resgrid.live_page`.
 """
@@ -20,7 +20,7 @@ from resgrid.live_page import LivePage
 SIZES = {"desk": (1280, 720), "phone": (390, 844)}
 PICTURES = os.environ.get("RESGRID_PICTURES", "")
 
-# Pairs of visible controls and texts that intersect though neither holds the other, within what scrolling shows.
+# Pairs of visible controls and texts that intersect although neither contains the other, clipped to the scroll area.
 OVERLAPS = """() => {
     const dialog = document.querySelector("dialog[open]");
     const shown = (element) => {
@@ -55,7 +55,7 @@ OVERLAPS = """() => {
 }"""
 
 
-def example(name: str) -> Callable[[Page], None]:
+def open_example(name: str) -> Callable[[Page], None]:
     def bring(page: Page) -> None:
         past = page.evaluate("live.model.past.length")
         page.select_option("#examples", name)
@@ -65,7 +65,7 @@ def example(name: str) -> Callable[[Page], None]:
     return bring
 
 
-def tool(label: str) -> Callable[[Page], None]:
+def use_tool(label: str) -> Callable[[Page], None]:
     def bring(page: Page) -> None:
         page.locator("#tools").get_by_role("button", name=label, exact=True).click()
         drag(page, [(30, 30), (45, 45)])
@@ -75,7 +75,7 @@ def tool(label: str) -> Callable[[Page], None]:
     return bring
 
 
-def press(name: str) -> Callable[[Page], None]:
+def press_button(name: str) -> Callable[[Page], None]:
     def bring(page: Page) -> None:
         page.locator("header").get_by_role("button", name=name, exact=True).click()
         until(page, "document.querySelector('dialog[open]')")
@@ -89,7 +89,7 @@ def hover(page: Page) -> None:
 
 
 def film(page: Page) -> None:
-    example("lesson")(page)  # the film of a small grid shows the same controls after a tenth of the time
+    open_example("lesson")(page)  # the transient of a small grid shows the same controls in a tenth of the time
     page.get_by_role("button", name="Show transient").click()
     until(page, "document.getElementById('moment').value === document.getElementById('moment').max")
 
@@ -130,15 +130,15 @@ def keys(page: Page) -> None:
 
 TOOLS = ("Wall", "Erase", "Box", "Fill", "Mud", "Goal", "Start", "Break", "Look")
 STATES: dict[str, Callable[[Page], None]] = {
-    "first": settle, "tour": press("Help"),
-    "new": press("New"), "save": press("Save"), "link": press("Link"), "hover": hover,
+    "first": settle, "tour": press_button("Help"),
+    "new": press_button("New"), "save": press_button("Save"), "link": press_button("Link"), "hover": hover,
     "film": film, "complaint": complaint, "scrolled": scrolled, "arrows": arrows, "flawed": flawed, "keys": keys,
     "ends": ends,
-    **{f"tool-{label.lower()}": tool(label) for label in TOOLS},
+    **{f"tool-{label.lower()}": use_tool(label) for label in TOOLS},
 }  # fmt: skip
 
 
-AFRESH = """() => {
+RESET = """() => {
     document.querySelector("dialog[open]")?.close();
     document.getElementById("toast").hidden = true;
     document.getElementById("panel").scrollTo(0, 0);
@@ -154,7 +154,9 @@ AFRESH = """() => {
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("theme", ["light", "dark"] if PICTURES else ["light"])
-def test_nothing_overlaps(served: LivePage, chromium: Browser, size: str, theme: str):
+def test_controls_and_texts_neither_overlap_nor_exceed_the_screen(
+    served: LivePage, chromium: Browser, size: str, theme: str
+):
     width, height = SIZES[size]
     context = chromium.new_context(viewport={"width": width, "height": height}, has_touch=size == "phone")
     page = context.new_page()
@@ -162,9 +164,9 @@ def test_nothing_overlaps(served: LivePage, chromium: Browser, size: str, theme:
     settle(page)
     names = page.locator("#examples option").evaluate_all("options => options.map(o => o.value).filter(Boolean)")
     wrong = {}
-    for name, bring in (STATES | {f"example-{name}": example(name) for name in names}).items():
+    for name, bring in (STATES | {f"example-{name}": open_example(name) for name in names}).items():
         page.mouse.move(1, 1)
-        page.evaluate(AFRESH)
+        page.evaluate(RESET)
         bring(page)
         if PICTURES:
             page.screenshot(path=Path(PICTURES) / f"{name}.{size}.{theme}.png")

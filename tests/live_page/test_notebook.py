@@ -1,4 +1,4 @@
-"""The page in a notebook: over the comm of a real kernel, and its module in a real browser.
+"""The page in a notebook: the comm of a real Jupyter kernel, and the widget's module in Chromium.
 
 Tests internals: `resgrid.live_page.drawing`, `resgrid.live_page.notebook`, `resgrid.live_page.session`.
 """
@@ -24,7 +24,7 @@ from resgrid.live_page.session import Session
 
 @pytest.fixture(scope="module")
 def kernel() -> Iterator[BlockingKernelClient]:
-    """A kernel in which a page was made."""
+    """A client of a running Jupyter kernel."""
     manager, client = start_new_kernel(startup_timeout=PATIENCE)
     yield client
     client.stop_channels()
@@ -32,7 +32,7 @@ def kernel() -> Iterator[BlockingKernelClient]:
 
 
 def output(client: BlockingKernelClient, kind: str) -> dict[str, Any]:
-    """The next message of a kind that a kernel publishes."""
+    """Return the next published message of a kind; fail on an error message."""
     while True:
         message = client.get_iopub_msg(timeout=PATIENCE)
         assert message["msg_type"] != "error", message["content"]
@@ -40,7 +40,7 @@ def output(client: BlockingKernelClient, kind: str) -> dict[str, Any]:
             return dict(message)
 
 
-def test_a_cell_shows_the_page_and_its_kernel_answers(kernel: BlockingKernelClient):
+def test_rg_live_displays_a_widget_and_the_kernel_answers_requests(kernel: BlockingKernelClient):
     kernel.execute("import resgrid as rg\nrg.live()")
     opened = output(kernel, "comm_open")
     while "_esm" not in opened["content"]["data"].get("state", {}):
@@ -62,7 +62,7 @@ def test_a_cell_shows_the_page_and_its_kernel_answers(kernel: BlockingKernelClie
     assert head["exact"] and head["paths"][0]["outcome"] == "reached"
 
 
-def test_the_module_draws_the_page_for_a_comm(chromium: Browser):
+def test_the_widget_module_renders_the_page_and_solves_over_a_comm(chromium: Browser):
     context = chromium.new_context(viewport={"width": 1000, "height": 700})
     page, session = context.new_page(), Session(blank(16), read_only=False)
     wrong: list[str] = []
@@ -105,7 +105,7 @@ def test_the_module_draws_the_page_for_a_comm(chromium: Browser):
     context.close()
 
 
-def test_without_its_extra_it_says_what_to_type(monkeypatch):
+def test_without_anywidget_rg_live_raises_tool_missing_error(monkeypatch):
     monkeypatch.setitem(sys.modules, "resgrid.live_page.notebook", None)
     with pytest.raises(rg.ToolMissingError, match="anywidget"):
         rg.live(widget=True)

@@ -1,4 +1,4 @@
-"""What the server answers, and what it refuses.
+"""Answers and errors of the live page's server, compared with the planner, transient analysis and Kirchhoff's law.
 
 Tests internals: `resgrid.live_page`, `resgrid.live_page.drawing`, `resgrid.live_page.frames`,
 `resgrid.live_page.messages`, `resgrid.live_page.server`, `resgrid.live_page.solving`.
@@ -42,20 +42,20 @@ def fetch(served: LivePage, path: str, **headers: str) -> tuple[int, bytes]:
             return response.status, response.read()
 
 
-def test_a_drawing_is_answered_by_a_certified_frame(served):
+def test_solve_returns_a_certified_frame_and_probe_a_cell(served):
     with dial(served) as socket:
         hello, _ = read(socket.recv(timeout=PATIENCE))
         assert "rooms" in hello["hello"]["examples"]
         head, body = ask(socket, *about("solve", blank(16), exact=True))
         assert head["exact"] and head["paths"][0]["outcome"] == "reached"
         assert len(body) == 8 * head["paths"][0]["points"] + 256 * (2 + 4 + 1)
-        told, _ = ask(socket, {"type": "probe", "cell": [3, 4]})
-        assert told["probe"]["kind"] == "free" and len(told["probe"]["amperes"]) == 4
-        assert told["probe"]["bits"] > 0
+        reply, _ = ask(socket, {"type": "probe", "cell": [3, 4]})
+        assert reply["probe"]["kind"] == "free" and len(reply["probe"]["amperes"]) == 4
+        assert reply["probe"]["bits"] > 0
 
 
 @pytest.mark.parametrize("k", [0.0, 1.0])
-def test_a_grid_settles_to_its_field(served, k):
+def test_settle_agrees_with_transient_analysis_and_ends_at_the_field(served, k):
     drawing = replace(blank(16), k=k)
     with dial(served) as socket:
         socket.recv(timeout=PATIENCE)
@@ -80,7 +80,7 @@ def test_a_grid_settles_to_its_field(served, k):
         assert "blend" in ask(socket, *about("settle", replace(drawing, k=0.5)))[0]["error"]
 
 
-def test_a_grid_settles_from_the_last_field_of_another_circuit(served):
+def test_settle_starts_at_the_last_exact_field_of_another_circuit(served):
     first = replace(blank(16), k=1.0)
     walled = first.cell.copy()
     walled[5:9, 4] = rg.Cell.OBSTACLE
@@ -88,9 +88,9 @@ def test_a_grid_settles_from_the_last_field_of_another_circuit(served):
     moved = replace(second, starts=second.starts + 2.0, title="Other starts")
     with dial(served) as socket:
         socket.recv(timeout=PATIENCE)
-        for drawing in (first, second, moved, moved):  # starts and repeated requests change no circuit
+        for drawing in (first, second, moved, moved):  # neither starts nor repeated requests change the circuit
             ask(socket, *about("solve", drawing, exact=True))
-        ask(socket, *about("solve", first, exact=False))  # nor does a gesture under way
+        ask(socket, *about("solve", first, exact=False))  # nor does an inexact frame during a stroke
         ask(socket, *about("solve", moved, exact=True))
         head, body = ask(socket, *about("settle", moved))
         assert not head["from_rest"] and len(head["times"]) > 3
@@ -100,18 +100,18 @@ def test_a_grid_settles_from_the_last_field_of_another_circuit(served):
 
 
 @pytest.mark.parametrize("name", ["problem_b", "rooms"])
-def test_failed_paths_have_the_reasons_of_the_command_line(scenes, name):
+def test_failed_paths_have_the_reasons_of_rg_plan(scenes, name):
     scene = rg.read_scene(scenes / f"{name}.toml")
     if name == "rooms":
         scene = scene.replace(starts=((1.5, 5.0),))
     drawing = drawing_of(scene)
     reasons = [path.reason for path in solve_drawing(drawing, exact=True).paths if path.reason]
     full = [path.reason for path in rg.plan(scene, k=drawing.k).paths() if path.reason]
-    radius = "; make the robot's radius smaller" if name == "rooms" else ""  # a drawing holds cells, not the radius
+    radius = "; make the robot's radius smaller" if name == "rooms" else ""  # a drawing contains cells, not the radius
     assert [reason + radius for reason in reasons] == full != []
 
 
-def test_a_change_of_the_drawing_does_not_wait_for_a_film(served):
+def test_a_changed_drawing_cancels_a_running_settle_request(served):
     first, other = blank(96), replace(blank(96), k=0.0)
     with dial(served) as socket:
         socket.recv(timeout=PATIENCE)
@@ -121,7 +121,9 @@ def test_a_change_of_the_drawing_does_not_wait_for_a_film(served):
         solved, ended = (read(socket.recv(timeout=PATIENCE))[0] for _ in range(2))
         assert solved["seq"] == 2 and solved["exact"]
         assert ended["seq"] == 1 and "the drawing has changed" in ended["error"]
-        moved = replace(other, starts=other.starts + 2.0)  # starts change no circuit, and end no film
+        moved = replace(
+            other, starts=other.starts + 2.0
+        )  # starts do not change the circuit, so the transient continues
         for number, request in enumerate((about("settle", other), about("solve", moved, exact=True)), 3):
             head, body = request
             socket.send(written({**head, "seq": number}, body))
@@ -129,7 +131,7 @@ def test_a_change_of_the_drawing_does_not_wait_for_a_film(served):
         assert len(answers[3]["times"]) > 5 and answers[4]["exact"]
 
 
-def test_what_does_not_move_from_the_last_field_settles_from_rest(served):
+def test_a_field_equal_to_the_last_one_settles_from_rest(served):
     first = replace(blank(16), k=1.0)
     walled = first.cell.copy()
     walled[0:4, 0:4] = rg.Cell.OBSTACLE
@@ -144,7 +146,7 @@ def test_what_does_not_move_from_the_last_field_settles_from_rest(served):
         assert head["from_rest"] and len(head["times"]) > 5
 
 
-def test_currents_that_are_told_keep_kirchhoff_s_law(served):
+def test_currents_of_probe_obey_kirchhoff_s_current_law(served):
     with dial(served) as socket:
         socket.recv(timeout=PATIENCE)
         ask(socket, *about("solve", blank(16), exact=True))
@@ -170,7 +172,7 @@ def test_currents_that_are_told_keep_kirchhoff_s_law(served):
         (files("x.yaml", b"image: /etc/passwd"), "drop both files"),
     ],
 )  # fmt: skip
-def test_nonsense_gets_a_clear_answer_and_harms_nothing(served, head, said):
+def test_invalid_requests_are_answered_with_an_error(served, head, said):
     with dial(served) as socket:
         socket.recv(timeout=PATIENCE)
         answer, _ = ask(socket, head)
@@ -192,7 +194,7 @@ def test_nonsense_gets_a_clear_answer_and_harms_nothing(served, head, said):
         (lambda head, body: (head | {"goal_points": [[54, 0.5, 0.5]]}, body), "does not lie in its cell"),
     ],
 )
-def test_a_wrong_drawing_gets_a_clear_answer(served, change, said):
+def test_invalid_drawings_are_answered_with_an_error(served, change, said):
     request, body = about("solve", blank(8))
     drawing, body = change(request["drawing"], body)
     with dial(served) as socket:
@@ -201,8 +203,8 @@ def test_a_wrong_drawing_gets_a_clear_answer(served, change, said):
         assert said in answer["error"] and answer["kind"] != "fault"
 
 
-def test_a_grid_that_nothing_drives_has_an_outcome(served):
-    """Without an obstacle and with open edges nothing flows at k = 1; the message names what helps."""
+def test_an_undriven_grid_has_the_outcome_no_current(served):
+    """Without obstacles and with open edges no current flows at k = 1; the message proposes k = 0."""
     request, body = about("solve", blank(8))
     drawing = request["drawing"] | {"edge": ["open", "open"]}
     with dial(served) as socket:
@@ -213,7 +215,7 @@ def test_a_grid_that_nothing_drives_has_an_outcome(served):
         assert path["outcome"] == "reached"
 
 
-def test_a_huge_message_is_refused_and_others_are_served(served):
+def test_an_oversized_message_closes_its_connection_only(served):
     with dial(served) as socket:
         socket.recv(timeout=PATIENCE)
         with pytest.raises(ConnectionClosed) as closed:
@@ -227,23 +229,23 @@ def test_a_huge_message_is_refused_and_others_are_served(served):
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "http://127.0.0.1:1", None])
-def test_a_foreign_origin_is_refused(served, origin):
+def test_a_foreign_origin_gets_status_403(served, origin):
     with pytest.raises(InvalidStatus, match="403"), dial(served, origin=origin):
         pass
 
 
-def test_a_foreign_host_is_refused(served):
+def test_a_foreign_host_header_gets_status_400(served):
     assert fetch(served, "/", Host="evil.example")[0] == 400
     assert fetch(served, "/")[0] == 200
 
 
 @pytest.mark.parametrize("path", ["/static/../server.py", "/static/..%2fserver.py", "/server.py", "//etc/passwd"])
-def test_no_other_file_is_reachable(served, path):
+def test_files_outside_static_get_status_404(served, path):
     status, content = fetch(served, path)
     assert status == 404 and b"import" not in content
 
 
-def test_one_that_listens_everywhere_answers_by_its_address_and_by_no_foreign_name():
+def test_a_server_on_all_interfaces_accepts_its_addresses_only():
     with rg.live(host="0.0.0.0", browser=False) as page:
         port = urlsplit(page.url).port
         assert page.url == f"http://127.0.0.1:{port}/"
@@ -262,7 +264,7 @@ def test_one_that_listens_everywhere_answers_by_its_address_and_by_no_foreign_na
 
 
 def admitted(served: LivePage) -> ClientConnection:
-    """A connection, also where others have just left."""
+    """Return a connection, with retries while closed ones are still counted."""
     until = time.monotonic() + 60.0
     while True:
         try:
@@ -274,7 +276,7 @@ def admitted(served: LivePage) -> ClientConnection:
 
 @pytest.mark.parametrize("way", [socket.SHUT_WR, socket.SHUT_RD, socket.SHUT_RDWR])
 @pytest.mark.parametrize("sent", [b"", b"\x82\xfe\x01", b"\x82\x84\0\0\0\0\xff\0\0\0"])
-def test_a_socket_that_is_half_closed_harms_nobody(served, way, sent):
+def test_half_closed_sockets_do_not_block_other_browsers(served, way, sent):
     address = urlsplit(served.url)
     greeting = (
         f"GET /ws HTTP/1.1\r\nHost: {address.netloc}\r\nOrigin: http://{address.netloc}\r\nUpgrade: websocket\r\n"
@@ -292,7 +294,7 @@ def test_a_socket_that_is_half_closed_harms_nobody(served, way, sent):
         assert ask(other, *about("solve", blank(8)))[0]["exact"]
 
 
-def test_more_browsers_than_are_served_are_turned_away(served):
+def test_browsers_beyond_the_limit_get_status_403(served):
     with ExitStack() as stack:
         for _ in range(MAX_BROWSERS):
             stack.enter_context(admitted(served)).recv(timeout=PATIENCE)
@@ -302,8 +304,8 @@ def test_more_browsers_than_are_served_are_turned_away(served):
         assert "hello" in read(later.recv(timeout=PATIENCE))[0]
 
 
-def test_a_browser_that_does_not_read_or_asks_much_keeps_no_other_waiting(served):
-    """Each of many small requests is answered before one large grid is: browsers share the cores."""
+def test_slow_and_busy_browsers_do_not_delay_other_browsers(served):
+    """Small requests are answered before the request of another browser for a large grid."""
     large, small = about("solve", blank(768), exact=True), about("solve", blank(24), exact=True)
     with dial(served) as deaf, dial(served) as busy, dial(served) as quick:
         for each in (busy, quick):
@@ -319,7 +321,7 @@ def test_a_browser_that_does_not_read_or_asks_much_keeps_no_other_waiting(served
         assert read(busy.recv(timeout=PATIENCE))[0]["exact"]
 
 
-def test_answers_do_not_depend_on_who_else_asks(served):
+def test_concurrent_answers_equal_those_of_solve_drawing(served):
     drawings = [replace(blank(cells), k=k) for cells in (96, 64) for k in (0.0, 1.0)]
 
     def picture(drawing: Drawing) -> bytes:
@@ -335,7 +337,7 @@ def test_answers_do_not_depend_on_who_else_asks(served):
     assert answers == [expected(drawing) for drawing in drawings]
 
 
-def test_browsers_do_not_disturb_each_other(served):
+def test_every_browser_has_its_own_drawing(served):
     with dial(served) as one, dial(served) as other:
         one.recv(timeout=PATIENCE)
         other.recv(timeout=PATIENCE)
@@ -346,7 +348,7 @@ def test_browsers_do_not_disturb_each_other(served):
         assert ask(other, {"type": "probe", "cell": [11, 11]})[0]["probe"]["kind"] == "free"
 
 
-def test_readers_see_the_scene_and_no_other():
+def test_a_read_only_page_solves_its_scene_and_rejects_other_examples():
     space = rg.ConfigurationSpace([rg.Axis("x", 0, 8, 8), rg.Axis("y", 0, 8, 8)], np.eye(8, dtype=np.uint8) * 2)
     with rg.live(space, read_only=True, browser=False) as page, dial(page) as socket:
         assert isinstance(page, LivePage)
@@ -356,7 +358,7 @@ def test_readers_see_the_scene_and_no_other():
         assert head["cells"] == 56
 
 
-def test_paths_to_compare_with_are_certified_ones_of_other_drawings(served):
+def test_comparison_paths_equal_those_of_the_ideal_chip_and_of_k_1(served):
     drawing = replace(blank(16), k=0.5, broken=((5, 5, 0),), chip={"mismatch": 0.1, "seed": 3})
     others = replace(drawing, broken=(), chip={}), replace(drawing, k=1.0)
     expected = b"".join(describe(solve_drawing(other, exact=True))[1][0] for other in others)
@@ -369,7 +371,7 @@ def test_paths_to_compare_with_are_certified_ones_of_other_drawings(served):
         assert "paths" in ask(socket, *about("paths", drawing, paths=["worst"]))[0]["error"]
 
 
-def test_saved_files_are_what_they_say(served):
+def test_save_returns_a_scene_a_path_table_or_a_zip_of_decks(served):
     with dial(served) as socket:
         socket.recv(timeout=PATIENCE)
         head, content = ask(socket, *about("save", blank(8), format="toml"))
@@ -383,7 +385,7 @@ def test_saved_files_are_what_they_say(served):
 def test_elements_of_a_small_circuit_obey_ohm_and_kirchhoff():
     drawing = replace(blank(8), chip={"mismatch": 0.2, "seed": 3})
     circuit = describe(solve_drawing(drawing, exact=True))[0]["circuit"]
-    into = np.zeros((10, 10))  # with a rim for the rails
+    into = np.zeros((10, 10))  # padded for the rails
     for axis, i, j, ohms, volts, amperes in circuit["resistors"]:
         assert volts == pytest.approx(ohms * amperes)
         into[i + 1, j + 1] += amperes
@@ -396,7 +398,7 @@ def test_elements_of_a_small_circuit_obey_ohm_and_kirchhoff():
     assert describe(solve_drawing(blank(11), exact=True))[0]["circuit"] is None
 
 
-def test_pictures_are_saved_as_svg(served):
+def test_save_returns_svg_of_the_field_and_of_small_circuits(served):
     with dial(served) as socket:
         socket.recv(timeout=PATIENCE)
         for kind in ("svg", "circuit"):
@@ -405,7 +407,7 @@ def test_pictures_are_saved_as_svg(served):
         assert "up to 10" in ask(socket, *about("save", blank(12), format="circuit"))[0]["error"]
 
 
-def test_a_message_that_is_cut_short_says_so(served):
+def test_truncated_messages_are_answered_with_an_error(served):
     with dial(served) as socket:
         socket.recv(timeout=PATIENCE)
         for message in (b"", b"\xff\xff\xff\xff", b"\x02\0\0\0[]", b"\x02\0\0\0{", written({"seq": 1})):
@@ -413,7 +415,7 @@ def test_a_message_that_is_cut_short_says_so(served):
             assert "error" in read(socket.recv(timeout=PATIENCE))[0]
 
 
-def test_a_taken_port_is_said(served):
+def test_a_port_in_use_raises_input_error(served):
     port = urlsplit(served.url).port
     with pytest.raises(rg.InputError, match="--port"):
         rg.live(port=port, browser=False)

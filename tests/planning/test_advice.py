@@ -1,4 +1,4 @@
-"""Why a path fails, and remedies that work when they are followed."""
+"""Reasons of failed paths and the remedies in their messages, each checked by applying it."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ def ros_map(folder: Path, rows: list[str]) -> Path:
 
 
 def place_in(text: str, before: str) -> str:
-    """The coordinates that follow some words, as an option takes them."""
+    """Return the coordinates after the words `before` in the form of an option."""
     found = re.search(rf"{before} \(([^)]*)\)", text)
     assert found is not None, text
     return found[1].replace(" ", "")
 
 
-def test_unknown_space_is_called_unknown(tmp_path: Path) -> None:
+def test_starts_and_goals_in_unknown_space_are_reported_with_two_remedies(tmp_path: Path) -> None:
     file = ros_map(tmp_path, ["??????", "??????", "......", "......", "...##.", "......"])
     start = call("path", file, "--goal", "0.05,0.05", "--start", "0.25,0.55", "--k", "0,1")
     assert start.exit_code == 1
@@ -54,7 +54,7 @@ def test_unknown_space_is_called_unknown(tmp_path: Path) -> None:
 POCKET = ["........", ".#####..", ".#...#..", ".#.#.#..", ".#...#..", ".#####..", "........", "........"]
 
 
-def test_the_place_that_is_offered_can_be_reached(tmp_path: Path) -> None:
+def test_the_proposed_nearest_place_has_a_path_to_the_goal(tmp_path: Path) -> None:
     """The middle of a closed pocket is nearer to free cells within it than to those outside."""
     file = ros_map(tmp_path, POCKET)
     for words in (("--start", "0.05,0.05"), ()):
@@ -74,8 +74,8 @@ def test_the_place_that_is_offered_can_be_reached(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("radius", "helps"), [("0.12", True), ("0.25", False)])
-def test_only_remedies_that_help_are_offered_on_a_map(tmp_path: Path, radius: str, helps: bool) -> None:
-    """A door of 0.3 m: the middle of its cells is 0.15 m from the walls, their borders 0.1 m."""
+def test_centre_sampling_is_proposed_only_if_it_opens_a_path(tmp_path: Path, radius: str, helps: bool) -> None:
+    """A gap of 0.3 m: the centres of its middle cells are 0.15 m from the walls, their borders 0.1 m."""
     wall, free = "." * 5 + "#" + "." * 5, "." * 11
     file = ros_map(tmp_path, [wall] * 4 + [free] * 3 + [wall] * 4)
     words = ("path", file, "--robot-radius", radius, "--goal", "0.95,0.55", "--start", "0.15,0.55")
@@ -86,8 +86,8 @@ def test_only_remedies_that_help_are_offered_on_a_map(tmp_path: Path, radius: st
     assert (call(*words, "--set", "sampling=centre").exit_code == 0) == helps
 
 
-def test_a_grid_of_a_scene_is_refined_where_that_helps(tmp_path: Path) -> None:
-    """Two walls that leave a gap of one and a half cells: at twice as many cells it is free."""
+def test_refining_the_grid_is_proposed_only_if_it_opens_a_path(tmp_path: Path) -> None:
+    """Two walls leave a gap of one and a half cells, which twice as many cells resolve."""
     text = ROOM.replace("upper = [5, 5]", "upper = [5, 2.75]").replace("[0.5, 0.5], [5.5, 4.5]", "[5.5, 0.5]")
     text += '[[obstacle]]\nshape = "rectangle"\nlower = [4, 3.5]\nupper = [5, 5]\n'
     (tmp_path / "gap.toml").write_text(text)
@@ -100,7 +100,7 @@ def test_a_grid_of_a_scene_is_refined_where_that_helps(tmp_path: Path) -> None:
     assert "refine" not in shut.stdout and "open a passage" in shut.stdout
 
 
-def test_a_path_in_python_knows_the_nearest_place_too() -> None:
+def test_planner_path_reasons_contain_the_nearest_place() -> None:
     cell = np.zeros((6, 3))
     cell[2, :], cell[5, 1] = 1, 2
     space = rg.ConfigurationSpace([rg.Axis("x", 0, 6, 6), rg.Axis("y", 0, 3, 3)], cell)
@@ -111,7 +111,7 @@ def test_a_path_in_python_knows_the_nearest_place_too() -> None:
     assert planner.path((3.5, 0.5)).reason is None
 
 
-def test_several_goals_are_named_by_region_and_place(tmp_path: Path) -> None:
+def test_reached_goals_are_reported_with_region_and_place(tmp_path: Path) -> None:
     file = ros_map(tmp_path, ["......", "......"])
     result = call("path", file, "--goal", "0.05,0.05", "--goal", "0.55,0.15", "--start", "0.45,0.05")
     assert "reached goal 1 (regions count from 0 to 1) at (0.55, 0.15), length" in result.stdout

@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.core.regions`."""
+"""Obstacles between a start and the goals of a space, compared with flood fills over all sets of obstacles.
+
+Tests internals: `resgrid.core.regions`.
+"""
 
 from itertools import combinations, product
 
@@ -15,7 +18,7 @@ Index = tuple[int, ...]
 
 
 def flood(mask: np.ndarray, periodic: np.ndarray, start: Index, corners: bool) -> set[Index]:
-    """Cells of a mask that hang together with one of them, by walking from cell to cell."""
+    """Cells of a mask that are connected to `start`, by flood fill."""
     steps = [s for s in product((-1, 0, 1), repeat=mask.ndim) if any(s) and (corners or np.abs(s).sum() == 1)]
     found, waiting = {start}, [start]
     while waiting:
@@ -39,7 +42,7 @@ def groups_of(mask: np.ndarray, periodic: np.ndarray) -> list[set[Index]]:
     return groups
 
 
-def opens(space: rg.ConfigurationSpace, groups: list[set[Index]], start: Index, goal: int) -> bool:
+def opens_a_path(space: rg.ConfigurationSpace, groups: list[set[Index]], start: Index, goal: int) -> bool:
     passable = space.cell != 1
     for group in groups:
         for cell in group:
@@ -51,7 +54,7 @@ def opens(space: rg.ConfigurationSpace, groups: list[set[Index]], start: Index, 
 
 @settings(max_examples=100)
 @given(spaces(max_cells=7, conductive=False), st.integers(0, 2**32 - 1))
-def test_the_least_set_is_what_trying_all_sets_finds(space: rg.ConfigurationSpace, seed: int) -> None:
+def test_the_least_set_equals_that_of_an_exhaustive_search(space: rg.ConfigurationSpace, seed: int) -> None:
     start = tuple(np.argwhere(space.cell < 2)[seed % int((space.cell < 2).sum())].tolist())
     found = rg.find_blocking_obstacles(space, cell=start)
     groups = groups_of(space.cell == 1, space.periodic)
@@ -62,11 +65,11 @@ def test_the_least_set_is_what_trying_all_sets_finds(space: rg.ConfigurationSpac
     np.testing.assert_array_equal(found.barriers.label, label)
     for goal, item in enumerate(found.obstructions):
         sets = (s for n in range(len(groups) + 1) for s in combinations(range(len(groups)), n))
-        least = next(s for s in sets if opens(space, [groups[g] for g in s], start, goal))
+        least = next(s for s in sets if opens_a_path(space, [groups[g] for g in s], start, goal))
         assert len(item.least) == len(least)
-        assert opens(space, [groups[g] for g in item.least], start, goal)
+        assert opens_a_path(space, [groups[g] for g in item.least], start, goal)
         if len(least) == 1:
-            alone = [g for g in range(len(groups)) if opens(space, [groups[g]], start, goal)]
+            alone = [g for g in range(len(groups)) if opens_a_path(space, [groups[g]], start, goal)]
             assert list(item.alone) == alone and item.least[0] in alone
         else:
             assert item.alone == ()
@@ -79,7 +82,7 @@ def test_the_least_set_is_what_trying_all_sets_finds(space: rg.ConfigurationSpac
 
 @settings(max_examples=60)
 @given(st.integers(1, 3), st.integers(0, 2**32 - 1))
-def test_groups_meet_at_corners_and_across_seams(ndim: int, seed: int) -> None:
+def test_labels_join_cells_at_corners_and_across_seams(ndim: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     mask = rng.random(tuple(rng.integers(1, 7, ndim))) < 0.35
     periodic = rng.random(ndim) < 0.5
@@ -96,8 +99,8 @@ def test_a_diagonal_wall_is_one_obstacle() -> None:
     np.testing.assert_array_equal(found.mask, np.eye(6, dtype=bool))
 
 
-def test_nested_rings_and_two_goals() -> None:
-    """A start inside two rings: one goal between them needs one ring to go, the other needs both."""
+def test_two_goals_within_nested_rings_have_different_least_sets() -> None:
+    """A start within two rings: a goal between them needs one ring removed, a goal outside both."""
     cell = np.zeros((11, 11))
     cell[1:10, 1:10], cell[2:9, 2:9] = 1, 0
     cell[3:8, 3:8], cell[4:7, 4:7] = 1, 0
@@ -110,7 +113,7 @@ def test_nested_rings_and_two_goals() -> None:
     assert found.mask.sum() == 16
 
 
-def test_on_a_ring_either_of_two_walls_would_do() -> None:
+def test_either_of_two_walls_on_a_ring_opens_a_path() -> None:
     cell = np.zeros((12, 4))
     cell[2], cell[7] = 1, 1
     cell[4, 1] = 2
@@ -121,8 +124,8 @@ def test_on_a_ring_either_of_two_walls_would_do() -> None:
     assert len(found.separating) == 1
 
 
-def test_virtual_obstacles_are_told_apart() -> None:
-    """A real block in the middle of a strip: the strip's two ends are groups of their own, and each opens a way."""
+def test_virtual_obstacles_are_groups_of_their_own() -> None:
+    """A strip with a real block in its middle: both ends are separate groups, and each one alone opens a path."""
     cell = np.zeros((7, 9))
     cell[3] = 1
     cell[6, 4] = 2
@@ -145,7 +148,7 @@ def test_a_start_in_an_obstacle_is_separated_by_it() -> None:
     assert found.separating == (0,) and not found.region.any() and found.bounding == ()
 
 
-def test_enclosed_goals_and_free_starts() -> None:
+def test_enclosed_goals_are_goal_blocked_and_free_starts_reach() -> None:
     closed = rg.find_blocking_obstacles(space_of([[0, 1, 2]]), cell=(0, 0))
     assert closed.outcome is rg.Outcome.GOAL_BLOCKED and closed.separating == (0,)
     free = rg.find_blocking_obstacles(space_of([[0, 0, 2]]), cell=(0, 0))
@@ -154,7 +157,7 @@ def test_enclosed_goals_and_free_starts() -> None:
     assert at_goal.outcome is rg.Outcome.REACHED
 
 
-def test_wrong_questions_are_refused() -> None:
+def test_invalid_arguments_raise_input_error() -> None:
     space = space_of([[0, 1, 2]])
     with pytest.raises(rg.InputError, match="outside the grid"):
         rg.find_blocking_obstacles(space, (9.0, 0.0))
@@ -179,7 +182,9 @@ def solved(space: rg.ConfigurationSpace, **options: object) -> rg.Field:
     spaces(),
     st.sampled_from([{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}, {"edge": "open"}]),
 )
-def test_connectivity_field_and_current_agree(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
+def test_outcomes_agree_with_streamlines_for_every_circuit(
+    space: rg.ConfigurationSpace, options: dict[str, object]
+) -> None:
     field = solved(space, **options)
     check_verdicts(field)
     for cell in np.argwhere(space.cell == 0)[:20].tolist():
@@ -190,17 +195,17 @@ def test_connectivity_field_and_current_agree(space: rg.ConfigurationSpace, opti
             assert found.outcome is path.outcome
 
 
-def test_a_field_that_disagrees_is_found() -> None:
+def test_check_verdicts_detects_a_field_of_another_space() -> None:
     cell = np.zeros((5, 5))
     cell[:, 2], cell[2, 4] = 1, 2
     space = space_of(cell)
     field = solved(space)
     other = np.array(space.cell)
     other[0, 2] = 0
-    wrong = rg.Field(**{**vars_of(field), "space": space_of(other)})
+    wrong = rg.Field(**{**fields_of(field), "space": space_of(other)})
     with pytest.raises(AssertionError, match=r"finds a path from cell \(0, 0\)"):
         check_verdicts(wrong)
 
 
-def vars_of(field: rg.Field) -> dict[str, object]:
+def fields_of(field: rg.Field) -> dict[str, object]:
     return {name: getattr(field, name) for name in rg.Field.__dataclass_fields__}

@@ -1,3 +1,5 @@
+"""Blocking obstacles of scenes, compared with sampling the scene without every subset of obstacles."""
+
 from itertools import combinations
 from pathlib import Path
 
@@ -50,8 +52,8 @@ def connected_without(scene: rg.Scene, removed: tuple[int, ...], start: tuple[fl
         [(3, 0, 3.5, 2.9), (3, 3.1, 3.5, 6), (6, 0, 6.5, 3)],
     ],
 )
-def test_the_smallest_set_is_what_sampling_without_it_opens(walls: list[tuple[float, float, float, float]]) -> None:
-    """Walls that overlap block the same cells: both must go.  The gap of 0.2 is too narrow for the robot's cells."""
+def test_the_smallest_set_equals_that_of_sampling_all_subsets(walls: list[tuple[float, float, float, float]]) -> None:
+    """Overlapping walls block the same cells and must both be removed.  A gap of 0.2 is too narrow for the robot."""
     scene = scene_with(*walls)
     found = rg.find_blocking_obstacles(scene, (1.0, 1.0))
     opening = [s for n in range(1, 4) for s in combinations(range(len(walls)), n) if connected_without(scene, s)]
@@ -63,7 +65,7 @@ def test_the_smallest_set_is_what_sampling_without_it_opens(walls: list[tuple[fl
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_obstacles_upon_the_goal_and_upon_borders_are_judged_as_sampling_without_them_does(seed: int) -> None:
+def test_sets_with_obstacles_on_goals_and_cell_borders_equal_those_of_sampling(seed: int) -> None:
     """Walls on quarters of cells cover parts of the goal's region, and the start may lie between two of them."""
     rng = np.random.default_rng(seed)
     lower = rng.integers(0, 24, (5, 2)) / 4
@@ -84,20 +86,20 @@ def test_obstacles_upon_the_goal_and_upon_borders_are_judged_as_sampling_without
         assert tuple(int(name[9:-1]) for name in found.separating) in sets
 
 
-def test_a_crate_upon_half_the_goal_stands_in_the_way_alone() -> None:
-    """The goal goes on beneath the crate; behind it a wall parts off what is left of the goal."""
+def test_a_crate_that_covers_half_the_goal_blocks_alone() -> None:
+    """The goal continues beneath the crate; a wall behind the crate separates the rest of the goal."""
     scene = scene_with((3, 0, 5, 6), (5, 0, 6, 6)).replace(goals=(rg.Box((4.0, 2.0), (7.0, 4.0)),))
     found = rg.find_blocking_obstacles(scene, (1.0, 1.0))
     assert connected_without(scene, (0,)) and not connected_without(scene, (1,))
     assert found.alone == found.separating == ("obstacle[0]",)
 
 
-def test_a_path_needs_nobody_to_go() -> None:
+def test_a_reached_goal_has_no_blocking_obstacles() -> None:
     found = rg.find_blocking_obstacles(scene_with((3, 0, 3.5, 3)), (1.0, 1.0))
     assert found.outcome is rg.Outcome.REACHED and found.separating == found.alone == () and not found.mask.any()
 
 
-def test_more_walls_than_asked_for() -> None:
+def test_a_set_larger_than_most_is_empty_and_bad_limits_raise() -> None:
     scene = scene_with((2.5, 0, 3, 6), (4, 0, 4.5, 6), (5.5, 0, 6, 6))
     assert rg.find_blocking_obstacles(scene, (1.0, 1.0), most=2).separating == ()
     with pytest.raises(rg.InputError, match="most = 0"):
@@ -106,8 +108,8 @@ def test_more_walls_than_asked_for() -> None:
         rg.find_blocking_obstacles(scene_with(*[(3, 0, 3.5, 6)] * 64), (1.0, 1.0))
 
 
-def test_problem_b_is_blocked_by_the_arm_between_two_obstacles(scenes: Path) -> None:
-    """In the configuration space everything melts into one group; in the workspace either rectangle may go."""
+def test_removing_either_obstacle_opens_problem_b(scenes: Path) -> None:
+    """All cells form one group in the configuration space; in the workspace removing either rectangle is enough."""
     scene = rg.read_scene(scenes / "problem_b.toml")
     blocked = [
         start for start in scene.starts if rg.find_blocking_obstacles(scene, start).outcome is rg.Outcome.NO_PATH

@@ -1,4 +1,4 @@
-"""A field straight from the voltages of cells is that of the circuit, face by face."""
+"""Fields of warm-started cell voltages, compared face by face with the field of the solved netlist."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ WIRINGS = (
 @pytest.mark.parametrize("wiring", WIRINGS, ids=lambda wiring: wiring["boundary"])
 @settings(max_examples=40, deadline=None)
 @given(data=st.data(), shape=array_shapes(min_dims=1, max_dims=3, min_side=1, max_side=7))
-def test_currents_of_cells_are_those_of_the_circuit(wiring, data, shape):
+def test_warm_start_currents_equal_those_of_the_netlist(wiring, data, shape):
     cell = data.draw(arrays(np.uint8, shape, elements=st.sampled_from([0, 0, 0, 1, 2])))
     rings = data.draw(st.lists(st.booleans(), min_size=len(shape), max_size=len(shape)))
     cost = data.draw(st.none() | arrays(float, shape, elements=st.floats(0.1, 10.0)))
@@ -39,8 +39,8 @@ def test_currents_of_cells_are_those_of_the_circuit(wiring, data, shape):
         np.testing.assert_allclose(field.face_current(axis), expected.face_current(axis), rtol=0.0, atol=1e-9 * scale)
 
 
-@pytest.mark.parametrize("start", [(0, 3), (7, 3)], ids=["far from the goal", "beside it"])
-def test_a_start_that_drives_is_at_the_high_rail(start: tuple[int, int]):
+@pytest.mark.parametrize("start", [(0, 3), (7, 3)], ids=["far from the goal", "next to the goal"])
+def test_a_driving_start_has_potential_1_and_the_netlists_currents(start: tuple[int, int]):
     cell = np.zeros((9, 7), dtype=np.uint8)
     cell[8, 3] = rg.Cell.GOAL
     space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 9.0, 9), rg.Axis("y", 0.0, 7.0, 7)], cell)

@@ -1,4 +1,4 @@
-"""How far cells are from obstacles, found pair by pair and by a distance transform.
+"""Distances of cells from obstacles: pairwise computation compared with the distance transform.
 
 Tests internals: `resgrid.planning`.
 """
@@ -13,7 +13,7 @@ from resgrid.planning import clearance
 
 
 @given(spaces())
-def test_the_reach_is_the_same_however_it_is_found(space):
+def test_pairwise_distances_equal_the_distance_transform(space):
     found = clearance.obstacle_reach(space)
     with mock.patch.object(clearance, "_FEW_PAIRS", -1):
         transformed = clearance.obstacle_reach(space)

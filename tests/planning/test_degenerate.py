@@ -1,4 +1,4 @@
-"""Degenerate scenes have outcomes: the same for every boundary, drive, edge, blend, method and command.
+"""Outcomes of degenerate spaces, compared with a flood fill for every boundary, drive, edge, blend, method and command.
 
 Tests internals: `resgrid.live_page.drawing`, `resgrid.live_page.messages`, `resgrid.live_page.saving`,
 `resgrid.live_page.session`.
@@ -54,8 +54,8 @@ def cells_of(rows: str) -> np.ndarray:
     return np.array([[int(digit) for digit in row] for row in rows.split("/")], dtype=np.uint8)
 
 
-def flooded(space: rg.ConfigurationSpace, from_codes: tuple[int, ...], through: int) -> set[tuple[int, ...]]:
-    """Cells of a code from which a chain of cells of that code leads to a neighbour of certain others."""
+def flood_fill(space: rg.ConfigurationSpace, from_codes: tuple[int, ...], through: int) -> set[tuple[int, ...]]:
+    """Cells of code `through` that chains of such cells join to a cell of `from_codes`."""
     reached: set[tuple[int, ...]] = set()
     waiting = [cell for cell in np.ndindex(space.shape) if space.cell[cell] in from_codes]
     while waiting:
@@ -67,7 +67,7 @@ def flooded(space: rg.ConfigurationSpace, from_codes: tuple[int, ...], through: 
 
 
 def neighbours(space: rg.ConfigurationSpace, cell: tuple[int, ...]) -> list[tuple[int, ...] | None]:
-    """Neighbours across faces, None beyond an edge; of a ring of one cell none."""
+    """Neighbours across faces, None beyond an edge; the empty list on a ring of one cell."""
     found: list[tuple[int, ...] | None] = []
     for axis, size in enumerate(space.shape):
         for by in (-1, 1):
@@ -80,8 +80,8 @@ def neighbours(space: rg.ConfigurationSpace, cell: tuple[int, ...]) -> list[tupl
 
 
 def expected(space: rg.ConfigurationSpace, *, on_rail: bool, edge: str) -> np.ndarray:
-    """Outcomes of starts in every cell, by plain flood fill; `on_rail`: obstacles alone drive the grid."""
-    connected = flooded(space, (GOAL,), FREE)
+    """Outcomes of starts in every cell, by plain flood fill; `on_rail`: only obstacles drive the grid."""
+    connected = flood_fill(space, (GOAL,), FREE)
     outcome = np.full(space.shape, "start_blocked", dtype="U16")
     for cell in np.ndindex(space.shape):
         if space.cell[cell] == GOAL:
@@ -89,19 +89,19 @@ def expected(space: rg.ConfigurationSpace, *, on_rail: bool, edge: str) -> np.nd
         elif space.cell[cell] == FREE:
             outcome[cell] = "goal_blocked" if not connected else "no_path" if cell not in connected else "reached"
     if on_rail:
-        beside = [
+        adjacent = [
             cell for cell in connected
             for other in neighbours(space, cell)
             if (edge == "obstacle" if other is None else space.cell[other] == OBSTACLE)
         ]  # fmt: skip
-        driven = _spread(space, beside)
+        driven = _connected_cells(space, adjacent)
         for cell in connected - driven:
             outcome[cell] = "no_current"
     return outcome
 
 
-def _spread(space: rg.ConfigurationSpace, cells: list[tuple[int, ...]]) -> set[tuple[int, ...]]:
-    """Free cells that chains of free cells join to some of them."""
+def _connected_cells(space: rg.ConfigurationSpace, cells: list[tuple[int, ...]]) -> set[tuple[int, ...]]:
+    """Free cells that chains of free cells join to one of `cells`."""
     reached, waiting = set(cells), list(cells)
     while waiting:
         for other in neighbours(space, waiting.pop()):
@@ -112,7 +112,7 @@ def _spread(space: rg.ConfigurationSpace, cells: list[tuple[int, ...]]) -> set[t
 
 
 def check_outcomes(planner: rg.Planner, wanted: np.ndarray) -> None:
-    """Every cell as a start: in `streamline`, `streamlines` and `basins`, all certified."""
+    """Compare `streamline`, `streamlines` and `basins` with outcomes for a start in every cell; certify the paths."""
     space = planner.space
     starts = np.argwhere(np.ones(space.shape, dtype=bool))
     np.testing.assert_array_equal(planner.ends(space.centre(starts)).outcome.reshape(space.shape), wanted)
@@ -129,7 +129,7 @@ def check_outcomes(planner: rg.Planner, wanted: np.ndarray) -> None:
 @pytest.mark.parametrize("method", ["auto", "direct", "multigrid"])
 @pytest.mark.parametrize("edge", ["obstacle", "open"])
 @pytest.mark.parametrize("circuit", ["dirichlet", "wall", "neumann", "k = 0", "k = 0.5", "k = 1", "wall, k = 1"])
-def test_every_start_of_a_degenerate_space_has_the_outcome_of_a_flood_fill(circuit, edge, method) -> None:
+def test_every_start_of_a_degenerate_space_has_the_outcome_of_flood_fill(circuit, edge, method) -> None:
     boundary, _, k = circuit.partition("k = ")
     boundary = boundary.strip(", ") or "dirichlet"
     options: dict[str, Any] = {"boundary": boundary, "edge": edge, "method": method}
@@ -161,7 +161,7 @@ EDGES = ["obstacle", "open"]
 
 
 def starts_of(space: rg.ConfigurationSpace) -> list[list[float]]:
-    """One start in every cell, but in obstacles, where a moving robot cannot be set."""
+    """One start in every cell except obstacles, which `control` rejects as starts."""
     return space.centre(np.argwhere(space.cell != OBSTACLE)).tolist()
 
 
@@ -171,7 +171,7 @@ def drawing(rows: str, circuit: str, edge: str) -> Drawing:
     return replace(drawn, title="Tiny")
 
 
-def wanted(drawn: Drawing, circuit: str, edge: str) -> list[str]:
+def expected_outcomes(drawn: Drawing, circuit: str, edge: str) -> list[str]:
     """Outcomes of the starts of a drawing."""
     outcome = expected(drawn.space, on_rail=circuit in ("dirichlet", "wall"), edge=edge)
     return [str(outcome[tuple(drawn.space.locate(start))]) for start in drawn.starts]
@@ -180,14 +180,16 @@ def wanted(drawn: Drawing, circuit: str, edge: str) -> list[str]:
 @pytest.mark.parametrize("edge", EDGES)
 @pytest.mark.parametrize("circuit", CIRCUITS)
 @pytest.mark.parametrize("rows", MAPS.values(), ids=MAPS)
-def test_commands_and_the_page_agree(tmp_path: Path, rows: str, circuit: str, edge: str) -> None:
+def test_commands_and_the_live_page_have_the_outcomes_of_flood_fill(
+    tmp_path: Path, rows: str, circuit: str, edge: str
+) -> None:
     """Outcomes of `path` and the page for every start; some scenes are also drawn by `plot` and moved by `control`."""
     drawn = drawing(rows, circuit, edge)
-    outcomes, file = wanted(drawn, circuit, edge), tmp_path / "tiny.toml"
+    outcomes, file = expected_outcomes(drawn, circuit, edge), tmp_path / "tiny.toml"
     file.write_text(scene_toml(drawn.document()))
     negative = int(set(outcomes) != {"reached"})
-    told = answer("path", file, code=negative)["paths"]
-    assert [path["outcome"] for path in told] == outcomes
+    reply = answer("path", file, code=negative)["paths"]
+    assert [path["outcome"] for path in reply] == outcomes
     assert [path["outcome"] for path in page_frame(drawn)["paths"]] == outcomes
     if rows not in (MAPS["one_goal_cell"], MAPS["goal_walled_in"], MAPS["open"], MAPS["goal_between_parts"]):
         return
@@ -198,42 +200,42 @@ def test_commands_and_the_page_agree(tmp_path: Path, rows: str, circuit: str, ed
 
 
 def page_frame(drawn: Drawing) -> dict[str, Any]:
-    """What the live page is told of a drawing."""
+    """Return the live page's reply to a drawing."""
     head, body = write_drawing(drawn)
     text = json.dumps({"seq": 1, "type": "solve", "drawing": head["drawing"], "exact": True}).encode()
     reply = Session(drawn, read_only=False).answer(len(text).to_bytes(4, "little") + text + body)
-    told: dict[str, Any] = json.loads(reply[4 : 4 + int.from_bytes(reply[:4], "little")])
-    assert "error" not in told, told
-    return told
+    content: dict[str, Any] = json.loads(reply[4 : 4 + int.from_bytes(reply[:4], "little")])
+    assert "error" not in content, content
+    return content
 
 
 @pytest.mark.parametrize("circuit", ["dirichlet", "wall", "neumann"])
 @pytest.mark.parametrize("name", ["goal_walled_in", "all_goals", "open", "row"])
-def test_a_circuit_that_nothing_drives_is_refused_alike(tmp_path: Path, name: str, circuit: str) -> None:
-    """Where one circuit is asked for, every command gives the same message and exit code 2, and `info` describes it."""
+def test_every_command_rejects_an_undriven_circuit_with_one_message(tmp_path: Path, name: str, circuit: str) -> None:
+    """Commands for one circuit give one message and exit code 2; `info` still describes the scene."""
     drawn, file = drawing(MAPS[name], circuit, "open"), tmp_path / "tiny.toml"
     file.write_text(scene_toml(drawn.document()))
     flows = circuit == "neumann" and name in ("open", "row")
     asked = [("compile",), ("compile", "-o", tmp_path / "x.cir"), ("solve",), ("chip", "-o", tmp_path / "chip")]
-    for verb, *options in asked[: len(asked) - flows]:
-        result = call(verb, file, *options)
-        assert result.exit_code == (0 if flows else 2), (verb, result.stderr)
+    for subcommand, *options in asked[: len(asked) - flows]:
+        result = call(subcommand, file, *options)
+        assert result.exit_code == (0 if flows else 2), (subcommand, result.stderr)
         assert flows or ("nothing is driven: no " in result.stderr and not result.stdout)
     assert answer("info", file)["free_cells"] == int((drawn.cell == FREE).sum())
     assert flows or sorted(path.name for path in tmp_path.iterdir()) == ["tiny.toml"]
 
 
 @pytest.mark.parametrize("circuit", CIRCUITS)
-def test_the_main_job_is_done_without_a_circuit(tmp_path: Path, circuit: str) -> None:
+def test_run_reports_outcomes_without_a_circuit(tmp_path: Path, circuit: str) -> None:
     """`run` draws and reports the outcomes, and writes no deck."""
     drawn, file = drawing(MAPS["goal_walled_in"], circuit, "obstacle"), tmp_path / "tiny.toml"
     file.write_text(scene_toml(drawn.document()))
-    told = answer("run", file, "-o", tmp_path / "out", code=1)
-    assert {path["outcome"] for path in told["paths"]} == {"reached", "goal_blocked"}
-    assert told["chips"] == [] and (tmp_path / "out" / "page.png").exists()
+    reply = answer("run", file, "-o", tmp_path / "out", code=1)
+    assert {path["outcome"] for path in reply["paths"]} == {"reached", "goal_blocked"}
+    assert reply["chips"] == [] and (tmp_path / "out" / "page.png").exists()
 
 
-def test_a_clearance_curve_needs_something_to_measure() -> None:
+def test_clearance_curve_raises_without_paths_or_current() -> None:
     open_space, walled_in = space_of(cells_of(MAPS["open"])), space_of(cells_of(MAPS["goal_walled_in"]))
     with pytest.raises(rg.InputError, match="no free cell has a path"):
         rg.planning.clearance_curve(rg.plan(walled_in, k=0.5))
@@ -243,14 +245,14 @@ def test_a_clearance_curve_needs_something_to_measure() -> None:
     assert np.isinf(rg.planning.clearance_curve(flat, ks=[0.0, 0.5]).mean).all()
 
 
-def test_a_robot_on_a_grid_that_settles_ends_where_the_map_has_no_way() -> None:
-    """With and without an announced obstacle that walls the goal in."""
+def test_a_run_on_a_settling_grid_ends_when_no_path_exists() -> None:
+    """Announced obstacles separate the robot from the goal, or enclose the goal."""
     axes = space_of(cells_of(MAPS["open"])).axes
     wall = rg.Box((0.0, 1.0), (2.0, 2.0))
     for boundary in ("dirichlet", "neumann"):
         scene = rg.Scene(axes, goals=(rg.GoalCell((0, 0)),), boundary=boundary, starts=((0.5, 2.5),))
         run = rg.simulation(scene.replace(hidden=(wall,)), announce=True, settle="sor").run()
         assert run.ending is rg.control.TerminationReason.NO_PATH
-        beside = (rg.Box((0.0, 1.0), (1.0, 2.0)), rg.Box((1.0, 0.0), (2.0, 2.0)))
-        run = rg.simulation(scene.replace(hidden=beside), announce=True, settle="sor").run()
+        adjacent = (rg.Box((0.0, 1.0), (1.0, 2.0)), rg.Box((1.0, 0.0), (2.0, 2.0)))
+        run = rg.simulation(scene.replace(hidden=adjacent), announce=True, settle="sor").run()
         assert run.ending is rg.control.TerminationReason.GOAL_BLOCKED

@@ -1,4 +1,4 @@
-"""No path holds a place twice: starts on faces, edges, corners and seams, lines through corners, shortcuts, times.
+"""Distinct points of paths, shortcuts and motions, for starts on faces, edges, corners and seams.
 
 Tests internals: `resgrid.planning.streamline`.
 """
@@ -17,11 +17,11 @@ import resgrid as rg
 from resgrid.planning.streamline import distinct_rows
 
 NEAR = 4.9e-10
-"""Fraction of a cell's width; points nearer than this are one place."""
+"""Fraction of a cell's width below which two points count as equal."""
 
 
 def check_distinct(path: rg.Streamline) -> None:
-    """The points of a path, of its shortcut and of its motion, and their certificates."""
+    """Assert distinct points and valid certificates of a path, its shortcut and its motion."""
     rg.certify(path)
     assert len(path.points) == len(path.line) <= len(path.axis_points)
     for each in (path, rg.shortcut(path, rounds=50)):
@@ -35,7 +35,9 @@ def check_distinct(path: rg.Streamline) -> None:
 
 @settings(max_examples=80, deadline=None)
 @given(spaces(), st.sampled_from(["dirichlet", "neumann"]), st.data())
-def test_a_start_on_a_face_is_one_point(space: rg.ConfigurationSpace, boundary: str, data: st.DataObject) -> None:
+def test_paths_from_faces_edges_and_corners_have_distinct_points(
+    space: rg.ConfigurationSpace, boundary: str, data: st.DataObject
+) -> None:
     planner = rg.plan(space, boundary=boundary)
     places = st.sampled_from([0.0, 1.0, 0.5, 1e-15, 1.0 - 1e-15, 1e-10, 0.3])
     for _ in range(4):
@@ -49,7 +51,7 @@ def test_a_start_on_a_face_is_one_point(space: rg.ConfigurationSpace, boundary: 
 
 
 @pytest.mark.parametrize("shape", [(6, 6), (4, 4, 4)])
-def test_a_line_through_corners_keeps_every_cell(shape: tuple[int, ...]) -> None:
+def test_a_path_through_corners_lists_every_cell(shape: tuple[int, ...]) -> None:
     """By symmetry the path runs along the diagonal: a face of every axis is crossed at every corner."""
     cell = np.zeros(shape, dtype=np.uint8)
     cell[(0,) * len(shape)] = rg.Cell.GOAL
@@ -60,8 +62,8 @@ def test_a_line_through_corners_keeps_every_cell(shape: tuple[int, ...]) -> None
     assert len(path.points) <= shape[0] + 1 < len(path.cells)
 
 
-def test_the_first_pose_looks_along_the_path() -> None:
-    """A start on a corner of cells whose width has no exact double: the direction is that of the path."""
+def test_the_first_segment_has_the_direction_of_the_path() -> None:
+    """A start on a corner of cells whose width is not exactly representable."""
     cell = np.zeros((30, 20), dtype=np.uint8)
     cell[25, 12] = rg.Cell.GOAL
     space = space_of(cell, spacing=(0.05, 0.05))
@@ -74,12 +76,12 @@ def test_the_first_pose_looks_along_the_path() -> None:
 
 @settings(max_examples=200)
 @given(st.lists(st.sampled_from([0.0, 0.4, 0.8, 1.2, 3.0]), min_size=1, max_size=12))
-def test_rows_within_a_tolerance_are_one(values: list[float]) -> None:
+def test_distinct_rows_merges_rows_within_a_tolerance(values: list[float]) -> None:
     points: Any = np.array(values)[:, np.newaxis]
     rows = distinct_rows(points, np.array([0.5]))
     assert rows[0] == 0 and np.all(np.diff(rows) > 0)
     assert len(rows) == 1 or rows[-1] == len(values) - 1
     kept = points[rows]
     assert np.all(np.abs(np.diff(kept[:-1], axis=0)) > 0.5)
-    # Every row left out lies within the tolerance of one that is kept, or of the last one's place.
+    # Every dropped row lies within the tolerance of a kept row, or of the last row.
     assert all(np.abs(point - kept).min() <= 1.0 for point in points)

@@ -1,4 +1,4 @@
-"""Fields of normwise answers say where they are direction-safe, and every path on them can be certified.
+"""Direction-safe cells of fields with normwise accuracy, compared with entrywise solutions; all paths certify.
 
 Tests internals: `resgrid.planning.fields`.
 """
@@ -14,7 +14,7 @@ from resgrid.planning.fields import read_cells
 
 
 def meander() -> rg.ConfigurationSpace:
-    """Corridors one cell wide, whose drop falls far below what a norm sees."""
+    """Corridors one cell wide, whose drop falls far below a normwise tolerance."""
     cell = np.zeros((30, 30), dtype=np.uint8)
     cell[1::2, :] = rg.Cell.OBSTACLE
     cell[1::4, 0] = cell[3::4, -1] = rg.Cell.FREE
@@ -47,7 +47,7 @@ WIRINGS = (
 
 @pytest.mark.parametrize("read", [read_warm, read_normwise])
 @pytest.mark.parametrize("wiring", WIRINGS)
-def test_streamlines_are_certified_or_end_where_the_field_is_not_safe(read, wiring) -> None:
+def test_streamlines_certify_or_end_in_cells_that_are_not_direction_safe(read, wiring) -> None:
     for space in (meander(), room(0), room(1)):
         field = read(space, **wiring)
         assert field.safe is not None and not field.safe[space.cell != rg.Cell.FREE].any()
@@ -64,7 +64,7 @@ def test_streamlines_are_certified_or_end_where_the_field_is_not_safe(read, wiri
         assert reached or space.shape == (30, 30)
 
 
-def test_what_a_norm_does_not_tell_is_not_safe() -> None:
+def test_cells_below_the_normwise_tolerance_are_not_direction_safe() -> None:
     """The drop at the far end is far below 1e-16."""
     for read in (read_warm, read_normwise):
         safe = read(meander(), boundary="dirichlet").safe
@@ -72,7 +72,7 @@ def test_what_a_norm_does_not_tell_is_not_safe() -> None:
     assert rg.field(rg.solve(rg.compile_space(meander()))).safe is None
 
 
-def test_a_voltage_beyond_the_rail_of_an_obstacle_is_not_safe() -> None:
+def test_a_voltage_beyond_the_obstacle_rail_is_not_direction_safe() -> None:
     """Current would flow from the last free cell into the obstacle, though Kirchhoff's law holds there."""
     space = space_of(np.array([2, 0, 0, 0, 1], dtype=np.uint8))
     for last, safe in ((1.2, False), (0.8, True)):

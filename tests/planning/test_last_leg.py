@@ -1,4 +1,4 @@
-"""The leg from the face of a goal cell to the configuration within it that solves the goal.
+"""The last segment of a path, from the face of a goal cell to its goal point, compared with spaces without goal points.
 
 Tests internals: `resgrid.io.paths`, `resgrid.planning.fields`, `resgrid.planning.streamline`, `resgrid.plot.paths`,
 `resgrid.robots`.
@@ -24,8 +24,10 @@ from resgrid.plot.paths import seam_pieces
 from resgrid.robots import CellSet
 
 
-def aimed(space: rg.ConfigurationSpace, rng: np.random.Generator, whole: float = 0.3) -> rg.ConfigurationSpace:
-    """The same space with goal points, corners and faces among them; some cells are goals as a whole."""
+def with_goal_points(
+    space: rg.ConfigurationSpace, rng: np.random.Generator, whole: float = 0.3
+) -> rg.ConfigurationSpace:
+    """Return a space with goal points, some on corners and faces; a fraction `whole` of goal cells has none."""
     goals = np.argwhere(space.cell == rg.Cell.GOAL)
     inside = np.where(rng.random(goals.shape) < 0.3, rng.integers(0, 2, goals.shape), rng.random(goals.shape))
     points = space.lower + (goals + inside) * space.spacing
@@ -37,20 +39,20 @@ def open_field(space: rg.ConfigurationSpace) -> rg.Field:
     return rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
 
 
-def bare(space: rg.ConfigurationSpace) -> rg.ConfigurationSpace:
+def without_goal_points(space: rg.ConfigurationSpace) -> rg.ConfigurationSpace:
     return rg.ConfigurationSpace(space.axes, space.cell, space.conductivity)
 
 
 @settings(max_examples=40)
 @given(spaces(max_cells=7), st.integers(0, 2**32 - 1))
-def test_a_path_goes_on_from_the_face_straight_to_the_goal_point(space: rg.ConfigurationSpace, seed: int) -> None:
-    """All before the face is as without goal points; rings of one and two cells are among the spaces."""
+def test_a_path_continues_straight_from_the_face_to_the_goal_point(space: rg.ConfigurationSpace, seed: int) -> None:
+    """Points before the face equal those without goal points; spaces include rings of one and two cells."""
     rng = np.random.default_rng(seed)
-    space = aimed(space, rng)
+    space = with_goal_points(space, rng)
     starts = np.argwhere(space.cell == rg.Cell.GOAL)[:2].tolist() + np.argwhere(space.goal_connected)[::9].tolist()
     if not space.goal_connected.any():
         return
-    field, plain = open_field(space), open_field(bare(space))
+    field, plain = open_field(space), open_field(without_goal_points(space))
     places = space.lower + (np.array(starts) + rng.random((len(starts), space.ndim))) * space.spacing
     many = rg.streamlines(field, places)
     for number, place in enumerate(places):
@@ -81,42 +83,47 @@ def test_a_path_goes_on_from_the_face_straight_to_the_goal_point(space: rg.Confi
         np.testing.assert_array_equal(motion.positions[-1], way[-1])
 
 
-def corner_room() -> rg.ConfigurationSpace:
-    """The goal point lies in the corner of its cell, nearer to the pillar than anything before it."""
+def space_with_goal_in_a_corner() -> rg.ConfigurationSpace:
+    """A space whose goal point lies in a corner of its cell, nearer to the pillar than the rest of the path."""
     cell = np.zeros((12, 9))
     cell[9, 6] = 1
     cell[8, 5] = 2
     return rg.ConfigurationSpace(space_of(cell).axes, cell, goal_points=[(8.9, 5.9)])
 
 
-def test_the_clearance_counts_the_leg() -> None:
-    space = corner_room()
+def test_clearance_includes_the_last_segment() -> None:
+    space = space_with_goal_in_a_corner()
     field = rg.field(rg.solve(rg.compile_space(space, edge="open")))
     path = rg.streamline(field, (2.0, 2.0))
     exact = shapely.distance(shapely.LineString(path.points), shapely.box(9, 6, 10, 7))
     assert path.clearance == pytest.approx(exact) == pytest.approx(np.hypot(0.1, 0.1))
-    assert rg.streamline(rg.field(rg.solve(rg.compile_space(bare(space), edge="open"))), (2.0, 2.0)).clearance > 0.2
+    assert (
+        rg.streamline(
+            rg.field(rg.solve(rg.compile_space(without_goal_points(space), edge="open"))), (2.0, 2.0)
+        ).clearance
+        > 0.2
+    )
 
 
-def test_a_certificate_asks_for_the_leg() -> None:
-    space = corner_room()
+def test_a_path_without_its_last_segment_fails_the_certificate() -> None:
+    space = space_with_goal_in_a_corner()
     field = open_field(space)
     path = rg.streamline(field, (2.0, 2.0))
     assert len(path.points) == len(path.cells) + 1
-    beside = path.points.copy()
-    beside[-1] -= 1e-6
+    moved = path.points.copy()
+    moved[-1] -= 1e-6
     face = path.points[:-1].copy()
-    for changes in ({"axis_points": beside}, {"axis_points": face}, {"axis_points": face, "length": length_of(face)}):
+    for changes in ({"axis_points": moved}, {"axis_points": face}, {"axis_points": face, "length": length_of(face)}):
         with pytest.raises(rg.CertificateError):
             rg.certify(replace(path, **changes))
     with pytest.raises(rg.CertificateError):
-        rg.certify(replace(path, field=open_field(bare(space))))
+        rg.certify(replace(path, field=open_field(without_goal_points(space))))
     with pytest.raises(rg.CertificateError, match="shape"):
         rg.certify(replace(path, axis_points=np.concatenate([path.points, path.points])))
 
 
-def test_a_start_in_the_goal_cell_has_but_the_leg_to_go() -> None:
-    space = corner_room()
+def test_a_path_from_the_goal_cell_is_the_last_segment_only() -> None:
+    space = space_with_goal_in_a_corner()
     undriven = undriven_field(space, rg.Wiring("neumann"))
     for path in (rg.streamline(open_field(space), (8.2, 5.5)), rg.streamline(undriven, (8.2, 5.5))):
         assert (path.outcome, path.goal, len(path.cells)) == (rg.Outcome.REACHED, 0, 1)
@@ -129,8 +136,8 @@ def test_a_start_in_the_goal_cell_has_but_the_leg_to_go() -> None:
     assert rg.streamline(undriven, (1.0, 1.0)).outcome is rg.Outcome.NO_CURRENT
 
 
-def test_what_uses_paths_goes_all_the_way(tmp_path: Path) -> None:
-    """Files, tables, pictures and the robot itself, across a seam."""
+def test_exports_pictures_and_unwrap_end_at_the_goal_point(tmp_path: Path) -> None:
+    """The goal lies across a seam."""
     cell = np.zeros((10, 6))
     cell[5, :], cell[9, 2] = 1, 2
     axes = space_of(cell, periodic=(True, False)).axes

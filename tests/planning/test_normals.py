@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.planning.normals`."""
+"""Surface normals of pixelised models, compared with true normals of balls and a dense Laplacian.
+
+Tests internals: `resgrid.planning.normals`.
+"""
 
 import numpy as np
 import pytest
@@ -10,7 +13,7 @@ from resgrid.planning.normals import octree_voxels
 
 
 def ball(radius: float, ndim: int, margin: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A pixelised ball off the cell centres: the model, distances of cell centres, and true normals."""
+    """Model of an off-centre pixelised ball, distances of cell centres and true normals."""
     n = int(2 * radius) + 2 * margin
     centre = n / 2 + np.array([0.13, 0.29, 0.41])[:ndim]
     away = np.moveaxis(np.indices((n,) * ndim), 0, -1) + 0.5 - centre
@@ -18,48 +21,48 @@ def ball(radius: float, ndim: int, margin: int = 4) -> tuple[np.ndarray, np.ndar
     return distance < radius, distance, away / distance[..., np.newaxis]
 
 
-def degrees_off(normals: np.ndarray, true: np.ndarray) -> np.ndarray:
+def angle_errors(normals: np.ndarray, true: np.ndarray) -> np.ndarray:
     return np.degrees(np.arccos(np.clip(np.sum(normals * true, axis=-1), -1.0, 1.0)))
 
 
 @pytest.mark.parametrize("radius", [8, 16, 32, 64])
-def test_the_honest_limits_on_a_disc(radius: int) -> None:
+def test_errors_of_normals_on_a_disc_lie_within_the_documented_limits(radius: int) -> None:
     """5 degrees in the cells that touch the disc, at any resolution; 1 degree 2.5 cells out."""
     model, distance, true = ball(radius, 2)
-    off = degrees_off(rg.planning.surface_normals(model), true)
+    off = angle_errors(rg.planning.surface_normals(model), true)
     touching = binary_dilation(model) & ~model
     assert 4.4 < off[touching].mean() < 5.2
     assert 10.0 < off[touching].max() < 25.0
     assert 0.6 < off[~model & (np.abs(distance - radius - 2.5) < 0.5)].mean() < 1.2
 
 
-def test_the_edge_is_felt_without_padding() -> None:
+def test_padding_reduces_the_error_near_the_edge() -> None:
     model, distance, true = ball(16, 2)
     ring = ~model & (np.abs(distance - 19.5) < 0.5)
-    near = degrees_off(rg.planning.surface_normals(model, padding=0), true)[ring].mean()
-    far = degrees_off(rg.planning.surface_normals(model, padding=40), true)[ring].mean()
+    near = angle_errors(rg.planning.surface_normals(model, padding=0), true)[ring].mean()
+    far = angle_errors(rg.planning.surface_normals(model, padding=40), true)[ring].mean()
     assert far < 0.6 and near > 2.0
 
 
-def test_a_ball_of_voxels() -> None:
+def test_errors_of_normals_on_a_voxel_ball_decrease_with_distance() -> None:
     model, distance, true = ball(6, 3, margin=3)
-    off = degrees_off(rg.planning.surface_normals(model), true)
+    off = angle_errors(rg.planning.surface_normals(model), true)
     assert 3.0 < off[binary_dilation(model) & ~model].mean() < 7.0
     assert off[~model & (np.abs(distance - 8.5) < 0.5)].mean() < 2.0
 
 
 @pytest.mark.parametrize(("radius", "mean"), [(5, 8.0), (9, 7.3), (12.5, 6.5)])
-def test_the_honest_limits_on_a_ball(radius: float, mean: float) -> None:
-    """As documented: 6 to 8 degrees on average beside a ball, single cells up to 31, and 1 to 2 degrees farther out."""
+def test_errors_of_normals_on_a_ball_lie_within_the_documented_limits(radius: float, mean: float) -> None:
+    """As documented: 6 to 8 degrees on average in cells that touch, at most 31, and 1 to 2 degrees 2.5 cells out."""
     model, distance, true = ball(radius, 3, margin=3)
-    off = degrees_off(rg.planning.surface_normals(model), true)
-    beside = off[binary_dilation(model) & ~model]
-    assert 6.0 < beside.mean() < mean and 15.0 < beside.max() < 31.0
+    off = angle_errors(rg.planning.surface_normals(model), true)
+    adjacent = off[binary_dilation(model) & ~model]
+    assert 6.0 < adjacent.mean() < mean and 15.0 < adjacent.max() < 31.0
     assert 0.5 < off[~model & (np.abs(distance - radius - 2.5) < 0.5)].mean() < 1.9
 
 
-def test_the_gradient_is_that_of_a_dense_laplacian() -> None:
-    """Central differences of a potential found with no code of the package, on cells twice as long as wide."""
+def test_normals_equal_the_gradient_of_a_dense_laplacian() -> None:
+    """Central differences of a potential computed by numpy alone, on cells twice as long as wide."""
     rng = np.random.default_rng(3)
     model = rng.random((9, 7)) < 0.15
     hx, hy = 2.0, 1.0
@@ -86,7 +89,7 @@ def test_the_gradient_is_that_of_a_dense_laplacian() -> None:
     assert np.isnan(found[model]).all()
 
 
-def test_flat_surfaces_are_exact_and_points_agree_with_cells() -> None:
+def test_flat_surfaces_have_exact_normals_and_points_agree_with_cells() -> None:
     slab = np.zeros((9, 6))
     slab[3:5] = 1
     space = space_of(slab, periodic=(False, True), spacing=(0.5, 2.0))
@@ -101,7 +104,7 @@ def test_flat_surfaces_are_exact_and_points_agree_with_cells() -> None:
     assert rg.planning.surface_normals(model, (0.2, 0.7)).shape == (2,)
 
 
-def test_far_corners_of_a_deep_gap_keep_their_normals() -> None:
+def test_normals_at_the_bottom_of_a_deep_slot_are_exact() -> None:
     """At the bottom of a slot the potential underflows towards the model; ratios of currents do not."""
     model = np.ones((5, 500), dtype=bool)
     model[2, 1:] = False
@@ -109,7 +112,7 @@ def test_far_corners_of_a_deep_gap_keep_their_normals() -> None:
     np.testing.assert_allclose(normal, [0.0, 1.0], atol=1e-9)
 
 
-def test_octrees_become_voxels() -> None:
+def test_octree_voxels_fills_leaves_and_rejects_invalid_ones() -> None:
     rng = np.random.default_rng(0)
     coarse = rng.random((4, 4, 4)) < 0.3
     leaves = np.column_stack([2 * np.argwhere(coarse), np.full(coarse.sum(), 2)])
@@ -138,12 +141,12 @@ def test_octrees_become_voxels() -> None:
         ({"model": space_of(np.eye(3), periodic=(True, True))}, "all axes"),
     ],
 )
-def test_wrong_questions_are_refused(arguments: dict[str, object], message: str) -> None:
+def test_invalid_arguments_raise_input_error(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(rg.InputError, match=message):
         rg.planning.surface_normals(**arguments)
 
 
-def test_a_cavity_and_a_symmetric_gap_have_no_normal() -> None:
+def test_cavities_and_symmetric_gaps_have_no_normal() -> None:
     ring = np.ones((3, 3), dtype=bool)
     ring[1, 1] = False
     with pytest.raises(rg.InputError, match="encloses the cell"):

@@ -1,4 +1,4 @@
-"""Method petsc against the engine: same fields, direction-safe where it says so, and no process or file left behind.
+"""Method petsc, compared with the built-in solver; launchers, missing tools, and no remaining processes or files.
 
 Tests internals: `resgrid.planning.petsc_fields`, `resgrid.solvers`.
 """
@@ -38,7 +38,7 @@ CASES: list[tuple[tuple[int, ...], tuple[int, ...], dict[str, Any]]] = [
 ]
 
 
-def scatter(shape: tuple[int, ...], rings: tuple[int, ...], seed: int) -> rg.ConfigurationSpace:
+def scattered_space(shape: tuple[int, ...], rings: tuple[int, ...], seed: int) -> rg.ConfigurationSpace:
     """A grid with scattered obstacles, two goals, a conductivity, and cells that are not square."""
     rng = np.random.default_rng(seed)
     cell = (rng.random(shape) < 0.2).astype(np.uint8)
@@ -55,9 +55,9 @@ def processes() -> str:
 
 @pytest.mark.filterwarnings("ignore:more ranks")
 @pytest.mark.parametrize("number", range(len(CASES)))
-def test_it_agrees_with_the_engine_and_is_safe_where_it_says_so(number: int) -> None:
+def test_petsc_agrees_with_the_built_in_solver_and_safe_paths_certify(number: int) -> None:
     shape, rings, options = CASES[number]
-    space = scatter(shape, rings, number)
+    space = scattered_space(shape, rings, number)
     ours, theirs = (
         rg.plan(space, **options).field,
         rg.plan(space, method="petsc", ranks=number % 3 + 1, **options).field,
@@ -76,8 +76,8 @@ def test_it_agrees_with_the_engine_and_is_safe_where_it_says_so(number: int) -> 
         assert (path.reason is None) == (path.outcome is rg.Outcome.REACHED)
 
 
-def test_safe_cells_obey_kirchhoff_by_the_fields_own_currents() -> None:
-    space = scatter((40, 30), (0,), 7)
+def test_direction_safe_cells_obey_kirchhoffs_current_law() -> None:
+    space = scattered_space((40, 30), (0,), 7)
     field = rg.plan(space, method="petsc", boundary="dirichlet", ranks=2).field
     net, through = np.zeros(space.shape), np.zeros(space.shape)
     for axis in range(2):
@@ -88,7 +88,7 @@ def test_safe_cells_obey_kirchhoff_by_the_fields_own_currents() -> None:
     assert np.all(np.abs(net)[field.safe] <= 1.01e-6 * through[field.safe])
 
 
-def test_streamlines_end_where_the_field_is_not_safe() -> None:
+def test_streamlines_end_in_cells_that_are_not_direction_safe() -> None:
     cell = np.zeros((200, 3), dtype=np.uint8)  # a corridor in which the drop falls below any norm
     cell[0, 1] = rg.Cell.GOAL
     space = rg.ConfigurationSpace([rg.Axis("x", 0, 200, 200), rg.Axis("y", 0, 3, 3)], cell)
@@ -104,8 +104,8 @@ def test_streamlines_end_where_the_field_is_not_safe() -> None:
     assert rg.basins(field)[tuple(beyond)] == -1
 
 
-def test_a_start_that_drives_is_served() -> None:
-    space = scatter((20, 20), (), 3)
+def test_a_driving_start_agrees_with_the_built_in_solver() -> None:
+    space = scattered_space((20, 20), (), 3)
     start = tuple(np.argwhere(space.goal_connected)[100].tolist())
     from resgrid.core.wiring import Wiring
 
@@ -118,7 +118,7 @@ def test_a_start_that_drives_is_served() -> None:
     rg.certify(path)
 
 
-def test_the_command_line_solves_and_plans(tmp_path: Path) -> None:
+def test_solve_and_path_accept_method_petsc(tmp_path: Path) -> None:
     scene = tmp_path / "room.toml"
     scene.write_text(ROOM)
     result = call("solve", scene, "--method", "petsc", "--ranks", 2, "-o", tmp_path / "field.npz")
@@ -137,7 +137,7 @@ def test_a_launcher_replaces_mpiexec_and_sets_the_number_of_ranks(tmp_path: Path
     assert result.exit_code == 0, result.stderr
     data = json.loads(result.stdout)
     assert data["ranks"] == len(data["peak_bytes"]) == 2
-    space = scatter((12, 10), (), 4)
+    space = scattered_space((12, 10), (), 4)
     by_launcher, by_ranks = (
         rg.plan(space, method="petsc", **options).field for options in ({"launcher": "mpiexec -n 2"}, {"ranks": 2})
     )
@@ -152,7 +152,7 @@ def test_a_launcher_replaces_mpiexec_and_sets_the_number_of_ranks(tmp_path: Path
         ("mpiexec -n '2", 2, "is not a command (No closing quotation); correct its quotes"),
     ],
 )
-def test_a_launcher_that_cannot_start_is_one_message(launcher: str, status: int, message: str, tmp_path: Path) -> None:
+def test_an_invalid_launcher_gives_a_one_line_message(launcher: str, status: int, message: str, tmp_path: Path) -> None:
     scene = tmp_path / "room.toml"
     scene.write_text(ROOM)
     result = call("solve", scene, "--method", "petsc", "--launcher", launcher)
@@ -160,16 +160,16 @@ def test_a_launcher_that_cannot_start_is_one_message(launcher: str, status: int,
     assert result.stderr.count("\n") == 1 and message in result.stderr and not result.stdout
 
 
-def test_a_launcher_excludes_ranks_and_other_methods() -> None:
-    space = scatter((5, 5), (), 0)
+def test_a_launcher_with_ranks_or_another_method_raises_input_error() -> None:
+    space = scattered_space((5, 5), (), 0)
     with pytest.raises(rg.InputError, match="the launcher sets the number of ranks; leave out ranks"):
         rg.plan(space, method="petsc", ranks=2, launcher="mpiexec -n 2")
     with pytest.raises(rg.InputError, match="belongs to method = 'petsc', not to 'auto'"):
         rg.plan(space, launcher="mpiexec -n 2")
 
 
-def test_a_launcher_that_is_no_program_or_starts_nothing_is_reported(tmp_path: Path) -> None:
-    space = scatter((5, 5), (), 0)
+def test_a_broken_launcher_and_one_without_effect_are_reported(tmp_path: Path) -> None:
+    space = scattered_space((5, 5), (), 0)
     launcher = tmp_path / "launcher"
     launcher.write_bytes(b"\0")
     launcher.chmod(0o755)
@@ -186,10 +186,10 @@ def test_a_launcher_of_another_mpi_is_rejected(tmp_path: Path) -> None:
     launcher.write_text('#!/bin/sh\n"$@"\n"$@"\n')
     launcher.chmod(0o755)
     with pytest.raises(rg.InputError, match=r"another MPI than PETSc \(two of its processes are rank 0 of 1\)"):
-        rg.plan(scatter((5, 5), (), 0), method="petsc", launcher=str(launcher))
+        rg.plan(scattered_space((5, 5), (), 0), method="petsc", launcher=str(launcher))
 
 
-def test_where_it_is_missing_one_sentence_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_petsc_exits_with_3_and_the_install_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = tmp_path / "room.toml"
     scene.write_text(ROOM)
     monkeypatch.setenv("RESGRID_PETSC_PYTHON", str(tmp_path / "python3"))
@@ -198,7 +198,7 @@ def test_where_it_is_missing_one_sentence_says_how_to_get_it(tmp_path: Path, mon
     assert "apt-get install python3-petsc4py" in result.stderr
 
 
-def test_what_a_python_that_cannot_import_it_says_is_passed_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_import_error_of_petsc4py_is_part_of_the_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, says in (("python3", "OSError: libpetsc.so: cannot open shared object file"), ("mpiexec", "")):
         (tmp_path / name).write_text(f"#!/bin/sh\necho '{says}' >&2\nexit 1\n")
         (tmp_path / name).chmod(0o755)
@@ -215,7 +215,7 @@ def test_what_a_python_that_cannot_import_it_says_is_passed_on(tmp_path: Path, m
         ("-options_file /nowhere", "-options_file /nowhere: "),
     ],
 )
-def test_an_option_that_petsc_refuses_is_named(
+def test_an_option_that_petsc_rejects_is_named(
     options: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = tmp_path / "room.toml"
@@ -226,17 +226,17 @@ def test_an_option_that_petsc_refuses_is_named(
     assert f"PETSc refuses an option of PETSC_OPTIONS: {said}" in result.stderr
 
 
-def test_what_does_not_help_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_excess_ranks_and_unused_petsc_options_cause_warnings(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.cpu_count", lambda: 1)
     monkeypatch.setenv("PETSC_OPTIONS", "-pc_typ gamg")
     with pytest.warns(UserWarning) as caught:
-        rg.plan(scatter((9, 9), (), 1), method="petsc", ranks=2)
+        rg.plan(scattered_space((9, 9), (), 1), method="petsc", ranks=2)
     said = " ".join(str(warning.message) for warning in caught)
     assert "more ranks (2) than cores (1)" in said and "no use for -pc_typ of PETSC_OPTIONS" in said
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_a_walled_in_goal_is_refused(boundary: str) -> None:
+def test_an_enclosed_goal_raises_circuit_error_and_blocks_paths(boundary: str) -> None:
     cell = np.zeros((9, 9), dtype=np.uint8)
     cell[3:6, 3:6], cell[4, 4] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     with pytest.raises(rg.CircuitError, match="no free cell is connected to a goal; move the goal"):
@@ -245,7 +245,7 @@ def test_a_walled_in_goal_is_refused(boundary: str) -> None:
 
 
 @pytest.mark.parametrize("method", ["auto", "petsc"])
-def test_obstacles_that_touch_no_cell_with_a_way_to_the_goal_drive_nothing(method: str) -> None:
+def test_obstacles_without_contact_to_the_goals_component_drive_no_current(method: str) -> None:
     cell = np.array([[1, 0, 1, 2, 0]], dtype=np.uint8).T
     planner = rg.plan(space_of(cell), method=method, edge="open")
     assert not planner.field.is_flowing
@@ -254,21 +254,21 @@ def test_obstacles_that_touch_no_cell_with_a_way_to_the_goal_drive_nothing(metho
         solve_ranked(space_of(cell), rg.Wiring(edge="open"), ranks=1)
 
 
-def test_ranks_that_memory_has_no_room_for_are_refused() -> None:
+def test_ranks_beyond_the_memory_raise_budget_error() -> None:
     with (
         pytest.warns(UserWarning, match="wait for one another"),
         pytest.raises(rg.BudgetError, match=r"on 100000 ranks needs about .* take fewer ranks"),
     ):
-        rg.plan(scatter((9, 9), (), 1), method="petsc", ranks=100_000)
+        rg.plan(scattered_space((9, 9), (), 1), method="petsc", ranks=100_000)
 
 
-def test_a_netlist_is_sent_to_plan() -> None:
-    netlist = rg.compile_space(scatter((5, 5), (), 0))
+def test_rg_solve_with_petsc_names_rg_plan_instead() -> None:
+    netlist = rg.compile_space(scattered_space((5, 5), (), 0))
     with pytest.raises(rg.InputError, match=r"rg\.plan\(space, method='petsc'"):
         rg.solve(netlist, method="petsc")
 
 
-def test_a_rank_that_dies_is_reported_and_ends_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_killed_rank_is_reported_and_ends_the_other_ranks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     dying = "import os, signal, sys, time\n"
     dying += "os.environ['OMPI_COMM_WORLD_RANK'] == '1' and os.kill(os.getpid(), signal.SIGKILL)\ntime.sleep(600)\n"
     worker = tmp_path / "dying_worker.py"
@@ -276,7 +276,7 @@ def test_a_rank_that_dies_is_reported_and_ends_the_others(tmp_path: Path, monkey
     monkeypatch.setattr(petsc, "_WORKER", worker)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with pytest.raises(rg.AccuracyError, match="signal 9"):
-        rg.plan(scatter((9, 9), (), 1), method="petsc", ranks=2)
+        rg.plan(scattered_space((9, 9), (), 1), method="petsc", ranks=2)
     assert str(worker) not in processes()
     assert not list(tmp_path.glob("resgrid-*"))
 

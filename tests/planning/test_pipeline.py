@@ -1,4 +1,4 @@
-"""One road: the planner, control and the command line ask for the same fields and get the same.
+"""The solve pipeline: planner, control and command line, compared with fields solved and blended by hand.
 
 Tests internals: `resgrid.planning.pipeline`.
 """
@@ -17,7 +17,7 @@ def scene(text: str = "", **changes: object) -> rg.Scene:
     return rg.parse_scene(ROOM.replace("[grid]", f"{text}\n[grid]", 1), "room").replace(**changes)
 
 
-def same(first: rg.Field, second: rg.Field) -> None:
+def assert_same_field(first: rg.Field, second: rg.Field) -> None:
     np.testing.assert_allclose(first.potential, second.potential, rtol=1e-9)
     for one, other in zip(first.face_direction, second.face_direction, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -25,8 +25,8 @@ def same(first: rg.Field, second: rg.Field) -> None:
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann", "wall"])
 @pytest.mark.parametrize("k", [None, 0.0, 0.3, 1.0])
-def test_every_door_gives_the_same_field(boundary: str, k: float | None) -> None:
-    """At k = 1 obstacles are a rail, behind the wall of the chip where the scene has one; at 0 they are open."""
+def test_every_entry_point_gives_the_same_field(boundary: str, k: float | None) -> None:
+    """At k = 1 obstacles are a rail (behind the wall resistance, if any); at k = 0 they are open."""
     chip = rg.Chip(wall_resistance=2e4) if boundary == "wall" else rg.Chip()
     room = scene(boundary=boundary, k=() if k is None else (k,), chip=chip)
     space = rg.build_space(room)
@@ -42,10 +42,10 @@ def test_every_door_gives_the_same_field(boundary: str, k: float | None) -> None
         solve_field(space, problem_of(room).wiring, k),
         rg.simulation(room).controller.field,
     ):
-        same(field, expected)
+        assert_same_field(field, expected)
 
 
-def test_a_scaled_drive_is_that_of_scale_drive() -> None:
+def test_a_scaled_drive_equals_normalize_drive() -> None:
     room = scene(boundary="neumann", chip=rg.Chip(supply=2.5))
     op = solve_problem(problem_of(room), scaled=True).operating_points["neumann"]
     netlist = rg.compile_space(rg.build_space(room), boundary="neumann", supply=2.5)
@@ -54,20 +54,20 @@ def test_a_scaled_drive_is_that_of_scale_drive() -> None:
     assert np.nanmax(op.voltage) == pytest.approx(2.5)
 
 
-def test_starts_that_drive_have_a_circuit_each_and_the_blocked_one_none(tmp_path: Path) -> None:
+def test_every_driving_start_has_its_own_circuit_unless_blocked(tmp_path: Path) -> None:
     file = tmp_path / "room.toml"
     starts = "boundary = 'neumann'\ndrive = 'start'\n[grid]"
     file.write_text(ROOM.replace("[grid]", starts, 1).replace("[5.5, 4.5]", "[4.5, 4.5], [5.5, 4.5], [2.5, 0.5]"))
     solution = solve_problem(problem_of(rg.read_scene(file)))
     assert list(solution.operating_points) == ["neumann_start_0", "neumann_start_3"]
     assert [field.is_flowing for field in solution.fields] == [True, False, False, True]
-    told = answer("path", file, code=1)["paths"]
-    assert [path["outcome"] for path in told] == ["reached", "start_blocked", "no_path", "reached"]
+    reply = answer("path", file, code=1)["paths"]
+    assert [path["outcome"] for path in reply] == ["reached", "start_blocked", "no_path", "reached"]
     with pytest.raises(rg.InputError, match="drive = 'uniform'"):
         rg.plan(rg.read_scene(file))
 
 
-def test_the_flat_half_of_a_blend_is_named_and_k_1_is_an_outcome(tmp_path: Path) -> None:
+def test_a_flat_dirichlet_half_is_reported_and_k_1_has_no_current(tmp_path: Path) -> None:
     """Without an obstacle, or an edge that counts as one, the Dirichlet half is flat; the other half flows."""
     file = tmp_path / "open.toml"
     begin, _, end = ROOM.partition("[[obstacle]]")

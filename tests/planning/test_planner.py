@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.planning`."""
+"""The planner, compared with its stages: compile, solve, blend, streamline; clearance as a function of k.
+
+Tests internals: `resgrid.planning`.
+"""
 
 import pickle
 from pathlib import Path
@@ -19,7 +22,7 @@ def two_goal_room() -> rg.ConfigurationSpace:
     return space_of(cell, spacing=(0.5, 0.5))
 
 
-def test_a_planner_gives_what_the_stages_give() -> None:
+def test_a_planner_agrees_with_its_stages() -> None:
     space = two_goal_room()
     first = rg.field(rg.solve(rg.compile_space(space)))
     second = rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
@@ -40,7 +43,7 @@ def test_a_planner_gives_what_the_stages_give() -> None:
     assert rg.find_blocking_obstacles(planner.space, cell=(0, 0)).separating == ()
 
 
-def test_blends_share_two_solves(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_blends_of_a_planner_need_two_solves(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
     solve = pipeline.SolveOptions.solve
 
@@ -57,7 +60,7 @@ def test_blends_share_two_solves(monkeypatch: pytest.MonkeyPatch) -> None:
     assert calls[2:] == ["dirichlet"]
 
 
-def test_a_scene_says_what_options_leave_out(scenes: Path) -> None:
+def test_scene_values_replace_omitted_options(scenes: Path) -> None:
     scene = rg.read_scene(scenes / "rooms.toml")
     planner = rg.plan(scene)
     assert planner.k == scene.k[0] and len(planner.scene_starts) == len(scene.starts)
@@ -67,8 +70,8 @@ def test_a_scene_says_what_options_leave_out(scenes: Path) -> None:
     assert walled.field.boundary == "wall" and len(walled.solution.pure) == 1
 
 
-def test_clearance_grows_with_k() -> None:
-    """It does not fall by more than half a cell, and the ends of the curve are far apart."""
+def test_mean_clearance_grows_with_k() -> None:
+    """No step decreases by more than half a cell, and the ends of the curve differ clearly."""
     space = two_goal_room()
     curve = rg.planning.clearance_curve(rg.plan(space, k=1.0), (0.0, 0.01, 0.1, 0.5, 0.9, 0.99, 1.0))
     assert np.all(np.diff(curve.mean) > -0.25)
@@ -78,7 +81,7 @@ def test_clearance_grows_with_k() -> None:
 
 
 @pytest.mark.parametrize("name", ["problem_a", "problem_b"])
-def test_the_arms_of_1992_keep_away_as_k_grows(name: str, scenes: Path) -> None:
+def test_mean_clearance_of_the_1992_arms_grows_with_k(name: str, scenes: Path) -> None:
     """Section 3.3 of the paper on its own problems: mean clearance must not fall by more than half a cell."""
     scene = rg.read_scene(scenes / f"{name}.toml")
     planner = rg.plan(scene, k=1.0)
@@ -92,8 +95,8 @@ def test_the_arms_of_1992_keep_away_as_k_grows(name: str, scenes: Path) -> None:
         check_verdicts(planner.at(k).field)
 
 
-def test_the_wall_resistance_is_the_knob_of_one_chip() -> None:
-    """From Dirichlet to Neumann, whose ends both knobs share."""
+def test_wall_resistance_0_and_infinity_equal_k_1_and_k_0() -> None:
+    """The wall resistance interpolates between Dirichlet and Neumann conditions, as k does."""
     space = two_goal_room()
     starts = [(1.0, 14.0), (8.0, 7.0), (19.0, 1.0), (9.0, 12.0)]
     walls = rg.planning.clearance_curve(rg.plan(space), starts=starts, wall_resistances=(0.0, 1e4, 1e5, 1e6, np.inf))
@@ -103,7 +106,7 @@ def test_the_wall_resistance_is_the_knob_of_one_chip() -> None:
     assert np.all(np.diff(walls.mean) < 0.25)
 
 
-def test_starts_without_a_path_do_not_count() -> None:
+def test_starts_without_a_path_are_not_counted() -> None:
     cell = np.zeros((9, 9))
     cell[4], cell[1, 1] = 1, 2
     space = space_of(cell)
@@ -114,7 +117,7 @@ def test_starts_without_a_path_do_not_count() -> None:
         rg.planning.clearance_curve(rg.plan(space, k=0.5), (0.0, 1.0), [(7.0, 1.0)])
 
 
-def test_wrong_questions_are_refused() -> None:
+def test_invalid_arguments_raise_input_error() -> None:
     space = two_goal_room()
     with pytest.raises(rg.InputError, match=r"k = 1\.5"):
         rg.plan(space, k=1.5)
@@ -140,7 +143,7 @@ def test_wrong_questions_are_refused() -> None:
     assert planner.paths([]) == [] and len(planner.ends([]).goal) == 0
 
 
-def test_many_paths_share_one_field_in_memory_and_on_their_way_elsewhere() -> None:
+def test_paths_share_one_field_in_memory_and_when_pickled() -> None:
     planner = rg.plan(two_goal_room())
     paths = planner.paths(planner.space.centre(np.argwhere(planner.space.goal_connected)[:300]))
     assert all(path.field is planner.field for path in paths)

@@ -1,3 +1,5 @@
+"""Hitting probabilities and times of random walks: Markov chains, gambler's ruin, simulation, mpmath."""
+
 import mpmath
 import numpy as np
 import pytest
@@ -20,7 +22,7 @@ def compiled(space: rg.ConfigurationSpace, **options: object) -> rg.Netlist:
 
 
 def transitions(netlist: rg.Netlist) -> tuple[np.ndarray, np.ndarray]:
-    """Conductances between all nodes as a dense matrix, and the free nodes: nothing of the solver's assembly."""
+    """Dense conductance matrix of all nodes, assembled independently of the solver, and the free nodes."""
     W = np.zeros((netlist.node_count, netlist.node_count))
     for (i, j), g in zip(netlist.resistor_nodes, netlist.conductance, strict=True):
         W[i, j] += g
@@ -30,7 +32,9 @@ def transitions(netlist: rg.Netlist) -> tuple[np.ndarray, np.ndarray]:
 
 @settings(max_examples=80)
 @given(spaces(max_cells=7), st.sampled_from(BOUNDARIES))
-def test_an_absorbing_markov_chain_agrees(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
+def test_random_walk_results_equal_those_of_an_absorbing_markov_chain(
+    space: rg.ConfigurationSpace, options: dict[str, object]
+) -> None:
     """The fundamental matrix of Kemeny & Snell (1960), and Doob's transform for walks that succeed."""
     netlist = compiled(space, **options)
     W, free = transitions(netlist)
@@ -50,7 +54,7 @@ def test_an_absorbing_markov_chain_agrees(space: rg.ConfigurationSpace, options:
     np.testing.assert_allclose(found.success[at], u, rtol=1e-7, atol=1e-12)
     np.testing.assert_allclose(found.steps[at], fundamental.sum(axis=1), rtol=1e-7)
     np.testing.assert_allclose(found.time[at], fundamental @ (1 / degree), rtol=1e-7)
-    # Of walks that succeed, a step from i to j is u_j / u_i as likely; u has just been checked.
+    # Given success, the probability of a step from i to j changes by u_j / u_i; u was checked above.
     can = space.goal_connected[at]
     log_u = found.log_success[at][can]
     transformed = P[np.ix_(can, can)] * np.exp(log_u - log_u[:, None])
@@ -60,8 +64,8 @@ def test_an_absorbing_markov_chain_agrees(space: rg.ConfigurationSpace, options:
     assert np.array_equal(np.isnan(found.time_given_success[at]), ~space.goal_connected[at])
 
 
-def test_gamblers_ruin() -> None:
-    """Feller (1968), XIV.2-3: u = i / N, i (N - i) steps, and (N**2 - i**2) / 3 of them for those who win."""
+def test_random_walk_results_equal_gamblers_ruin() -> None:
+    """Feller (1968), XIV.2-3: u = i / N, i (N - i) steps, and (N**2 - i**2) / 3 steps given success."""
     N = 40
     found = rg.planning.collision_probability(rg.compile_space(space_of([1] + [0] * (N - 1) + [2])))
     i = np.arange(1, N)
@@ -73,7 +77,7 @@ def test_gamblers_ruin() -> None:
     assert (found.success[0], found.time[0]) == (0.0, 0.0) and np.isnan(found.time_given_success[0])
 
 
-def test_a_walk_that_is_simulated_agrees() -> None:
+def test_random_walk_results_agree_with_a_simulation() -> None:
     cell = np.zeros((7, 6), dtype=np.uint8)
     cell[3, :4] = 1
     cell[1, 1], cell[5, 4] = 2, 2
@@ -99,7 +103,7 @@ def test_a_walk_that_is_simulated_agrees() -> None:
         assert abs((node == goal_node).mean() - absorbed.probability[goal][start]) < 4 * np.sqrt(0.25 / walks)
 
 
-def test_what_underflows_keeps_its_digits() -> None:
+def test_log_success_is_accurate_where_success_underflows() -> None:
     """A corridor one cell wide, u = 1e-858 at its end, against tridiagonal elimination with forty digits."""
     n = 1500
     cell = np.zeros((n + 1, 1), dtype=np.uint8)
@@ -128,7 +132,7 @@ def _tridiagonal(rhs: list[mpmath.mpf]) -> list[mpmath.mpf]:
     return x[::-1]
 
 
-def test_open_obstacles_make_the_uniform_drive_a_clock() -> None:
+def test_expected_times_are_proportional_to_the_neumann_potential() -> None:
     cell = np.zeros((9, 9), dtype=np.uint8)
     cell[4, 1:8], cell[0, 0] = 1, 2
     cell[0, 8], cell[1, 8], cell[1, 7], cell[0, 7] = 0, 1, 1, 1
@@ -141,8 +145,8 @@ def test_open_obstacles_make_the_uniform_drive_a_clock() -> None:
     assert (found.success[0, 8], found.time[0, 8]) == (0.0, np.inf)
 
 
-def test_parts_that_touch_one_rail_only_are_served() -> None:
-    """A closed room without a goal, and one whose only contact is the goal."""
+def test_components_with_a_single_rail_have_probabilities() -> None:
+    """A closed component without a goal, and one whose only contact is the goal."""
     cell = np.array([[0, 1, 0, 1], [2, 1, 1, 0], [0, 1, 0, 2]])
     found = rg.planning.collision_probability(rg.compile_space(space_of(cell), edge="open"))
     assert found.success[0, 2] == 0.0 and found.steps[0, 2] == 1.0 and np.isnan(found.time_given_success[0, 2])
@@ -154,7 +158,7 @@ def test_parts_that_touch_one_rail_only_are_served() -> None:
     assert 0 < closed.success[0, 0] < 1
 
 
-def test_one_factorisation_serves_all_questions() -> None:
+def test_a_random_walk_object_is_reused() -> None:
     walk = rg.planning.random_walk(rg.compile_space(space_of([[0, 0, 2], [0, 1, 0]])))
     assert rg.planning.random_walk(walk) is walk
     np.testing.assert_array_equal(
@@ -162,8 +166,8 @@ def test_one_factorisation_serves_all_questions() -> None:
     )
 
 
-def test_the_basins_of_streamlines_and_of_walks() -> None:
-    """By symmetry each half belongs to its own goal; the wall's two sides are told apart by both meanings."""
+def test_basins_and_likeliest_goals_follow_the_symmetry() -> None:
+    """By symmetry each half belongs to its own goal, for streamlines and for random walks."""
     cell = np.zeros((12, 5), dtype=np.uint8)
     cell[1, 2], cell[10, 2] = 2, 2
     space = space_of(cell)
@@ -177,7 +181,7 @@ def test_the_basins_of_streamlines_and_of_walks() -> None:
 
 @settings(max_examples=100)
 @given(spaces(max_cells=8), st.sampled_from(BOUNDARIES))
-def test_a_basin_is_what_the_streamline_says(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
+def test_basins_equal_the_goals_of_streamlines(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
     assume(space.goal_connected.any())
     try:
         field = rg.field(rg.solve(compiled(space, **options)))
@@ -195,7 +199,7 @@ def test_a_basin_is_what_the_streamline_says(space: rg.ConfigurationSpace, optio
     )
 
 
-def test_circuits_without_a_walk_are_refused() -> None:
+def test_circuits_without_a_random_walk_raise_input_error() -> None:
     with pytest.raises(rg.InputError, match="not compiled from a space"):
         rg.planning.collision_probability(rg.Netlist(2, [[0, 1]], [1.0]))
     space = space_of([[0, 0, 2]])

@@ -1,4 +1,4 @@
-"""Shortcuts against brute force: rational arithmetic over every cell, and thousands of points along the way.
+"""Shortcuts, compared with rational arithmetic over every cell and with dense points along each segment.
 
 Tests internals: `resgrid.core.regions`, `resgrid.planning`, `resgrid.planning.streamline`.
 """
@@ -21,7 +21,7 @@ from resgrid.planning.streamline import length_of
 
 
 def touched_exactly(start: list[float], end: list[float], shape: tuple[int, ...]) -> set[tuple[int, ...]]:
-    """Closed cells that meet a closed segment, by clipping in rational arithmetic; every cell near is tried."""
+    """Closed cells that meet a closed segment, by clipping against every cell in rational arithmetic."""
     cells = set()
     for cell in product(*(range(-1, n + 1) for n in shape)):
         low, high = Fraction(0), Fraction(1)
@@ -47,8 +47,8 @@ def segments(draw: st.DrawFn) -> tuple[list[float], list[float], tuple[int, ...]
 
 @given(segments(), st.data())
 @settings(max_examples=150)
-def test_a_line_is_free_exactly_if_all_cells_it_touches_are(case, data: st.DataObject) -> None:
-    """Ends on quarters of cells: corners and borders are hit all the time."""
+def test_a_segment_is_free_exactly_if_all_touched_cells_are_free(case, data: st.DataObject) -> None:
+    """Ends lie on quarters of cells, so that segments often meet corners and borders."""
     start, end, shape = case
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
     touched = touched_exactly(start, end, shape)
@@ -74,7 +74,7 @@ def points_along(points: NDArray[np.float64], count: int) -> NDArray[np.float64]
 
 @given(spaces(max_cells=12, conductive=False), st.data())
 @settings(max_examples=40)
-def test_short_paths_are_free_shorter_and_join_the_same_ends(space: rg.ConfigurationSpace, data: st.DataObject) -> None:
+def test_shortcuts_are_free_shorter_and_keep_both_ends(space: rg.ConfigurationSpace, data: st.DataObject) -> None:
     reachable = np.argwhere(space.goal_connected)
     if not len(reachable):
         return
@@ -95,7 +95,7 @@ def test_short_paths_are_free_shorter_and_join_the_same_ends(space: rg.Configura
     assert np.all((space.cell[tuple(cells.T)] != rg.Cell.OBSTACLE) | on_border)
 
 
-def test_an_open_room_is_crossed_in_one_line() -> None:
+def test_a_shortcut_without_obstacles_is_one_segment() -> None:
     cell = np.zeros((30, 20), dtype=np.uint8)
     cell[28, 18] = rg.Cell.GOAL
     field = dirichlet(space_of(cell))
@@ -106,7 +106,7 @@ def test_an_open_room_is_crossed_in_one_line() -> None:
     assert short.original is path
 
 
-def test_a_corner_is_not_cut_even_by_a_touch() -> None:
+def test_segments_that_touch_a_corner_of_an_obstacle_are_rejected() -> None:
     cell = np.zeros((4, 4), dtype=np.uint8)
     cell[1, 1] = rg.Cell.OBSTACLE
     space = space_of(cell)
@@ -125,7 +125,7 @@ def test_a_corner_is_not_cut_even_by_a_touch() -> None:
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 4))
 @settings(max_examples=40)
-def test_a_free_way_never_joins_what_faces_do_not(seed: int, ndim: int) -> None:
+def test_certified_polylines_never_join_cells_without_a_common_face(seed: int, ndim: int) -> None:
     """Walks over centres, faces, edges and corners of cells, each step within one closed free cell."""
     rng = np.random.default_rng(seed)
     shape = (4,) * ndim if ndim < 4 else (3,) * 4
@@ -138,8 +138,8 @@ def test_a_free_way_never_joins_what_faces_do_not(seed: int, ndim: int) -> None:
     way, passed = [cell + 0.5], 0
     for _ in range(12):
         way.append(cell + rng.choice([0.0, 0.5, 1.0], ndim, p=[0.4, 0.2, 0.4]))
-        beside = np.array([c for c in np.ndindex(*shape) if region[c] and np.all(np.abs(way[-1] - c - 0.5) <= 0.5)])
-        cell = beside[rng.integers(len(beside))] if len(beside) else cell
+        adjacent = np.array([c for c in np.ndindex(*shape) if region[c] and np.all(np.abs(way[-1] - c - 0.5) <= 0.5)])
+        cell = adjacent[rng.integers(len(adjacent))] if len(adjacent) else cell
         way.append(cell + 0.5)
         try:
             rg.certify_collision_free(rg.Polyline(way, space))
@@ -153,8 +153,8 @@ def test_a_free_way_never_joins_what_faces_do_not(seed: int, ndim: int) -> None:
 
 
 @pytest.mark.parametrize("knot", [(2.0, 2.0, 1.5), (2.0, 2.0, 1.0)], ids=["edge", "corner"])
-def test_nothing_slips_through_an_edge_where_two_blocks_meet(knot: tuple[float, float, float]) -> None:
-    """Two blocks that share an edge only: the free quarters beside it are two regions, and no knot on it joins them."""
+def test_polylines_through_the_common_edge_of_two_blocks_are_rejected(knot: tuple[float, float, float]) -> None:
+    """Two blocks with one common edge: the two free quarters at the edge are different regions."""
     cell = np.zeros((4, 4, 4), dtype=np.uint8)
     cell[:2, 2:], cell[2:, :2] = rg.Cell.OBSTACLE, rg.Cell.OBSTACLE
     space = space_of(cell)
@@ -166,8 +166,8 @@ def test_nothing_slips_through_an_edge_where_two_blocks_meet(knot: tuple[float, 
         rg.certify_collision_free(rg.Polyline([(1.5, 1.5, 1.5), knot, along, (2.5, 2.5, 1.5)], space))
 
 
-def test_a_corner_of_three_free_cells_may_be_passed() -> None:
-    """Around the inner corner of an L the way leads through the faces of its third cell."""
+def test_a_polyline_through_a_corner_of_three_free_cells_is_valid() -> None:
+    """At the inner corner of an L the third cell connects both neighbours through faces."""
     rg.certify_collision_free(rg.Polyline([(0.5, 0.5), (1.0, 1.0), (1.5, 1.5)], space_of([[0, 0], [1, 0]])))
     with pytest.raises(rg.CertificateError, match="corner or edge"):
         rg.certify_collision_free(rg.Polyline([(0.5, 0.5), (1.0, 1.0), (1.5, 1.5)], space_of([[0, 1], [1, 0]])))
@@ -176,7 +176,7 @@ def test_a_corner_of_three_free_cells_may_be_passed() -> None:
         rg.certify_collision_free(rg.Polyline([(0.5, 0.5), (0.0, 0.0), (-0.5, -0.5)], ring))
 
 
-def test_ways_that_leave_the_grid_or_never_end_are_refused_at_once() -> None:
+def test_polylines_outside_the_grid_or_of_excessive_length_are_rejected() -> None:
     space = space_of(np.zeros((3, 3)), periodic=(True, False))
     rg.certify_collision_free(rg.Polyline([(-40.0, 1.0), (80.0, 2.0)], space))
     with pytest.raises(rg.CertificateError, match="point 1 lies outside"):
@@ -191,7 +191,7 @@ def replace_cell(space: rg.ConfigurationSpace, cell: tuple[int, int]) -> rg.Conf
     return rg.ConfigurationSpace(space.axes, code)
 
 
-def test_the_clearance_asked_for_is_kept() -> None:
+def test_a_shortcut_keeps_the_requested_clearance() -> None:
     cell = np.zeros((40, 30), dtype=np.uint8)
     cell[20, :22], cell[38, 2] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     field = dirichlet(space_of(cell))
@@ -205,7 +205,7 @@ def test_the_clearance_asked_for_is_kept() -> None:
 
 @given(spaces(), st.integers(0, 2**32 - 1))
 @settings(max_examples=40)
-def test_half_of_the_clearance_is_kept_by_default(space: rg.ConfigurationSpace, pick: int) -> None:
+def test_a_shortcut_keeps_half_of_the_clearance_by_default(space: rg.ConfigurationSpace, pick: int) -> None:
     free = np.argwhere(space.goal_connected)
     if not len(free):
         return
@@ -216,7 +216,7 @@ def test_half_of_the_clearance_is_kept_by_default(space: rg.ConfigurationSpace, 
     assert short.clearance >= path.clearance / 2 * (1 - 1e-9) or np.isinf(path.clearance)
 
 
-def test_a_maze_keeps_its_way_and_the_seed_its_path() -> None:
+def test_equal_seeds_give_equal_shortcuts_in_a_maze() -> None:
     space = space_of(serpentine(6, 14, 2))
     field = dirichlet(space)
     free = np.argwhere(space.goal_connected)
@@ -227,7 +227,7 @@ def test_a_maze_keeps_its_way_and_the_seed_its_path() -> None:
     rg.certify_collision_free(first)
 
 
-def test_lines_cross_seams() -> None:
+def test_shortcuts_cross_seams() -> None:
     cell = np.zeros((20, 12), dtype=np.uint8)
     cell[10, :], cell[2, 6] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     space = space_of(cell, periodic=(True, False))
@@ -238,7 +238,7 @@ def test_lines_cross_seams() -> None:
     rg.certify_collision_free(short)
 
 
-def test_only_what_reached_a_goal_is_shortened() -> None:
+def test_shortcuts_of_failed_paths_and_invalid_options_raise() -> None:
     cell = np.zeros((3, 3), dtype=np.uint8)
     cell[1, :], cell[2, 2] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     field = dirichlet(space_of(cell))

@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.planning.blend`, `resgrid.planning.fields`."""
+"""Streamlines and blends of fields, compared with closed forms, brute-force clearance and finite differences.
+
+Tests internals: `resgrid.planning.blend`, `resgrid.planning.fields`.
+"""
 
 import numpy as np
 import pytest
@@ -29,7 +32,7 @@ def room() -> rg.ConfigurationSpace:
 
 @settings(max_examples=80)
 @given(spaces(), st.sampled_from(BOUNDARIES), st.integers(0, 2**32 - 1))
-def test_every_start_arrives_certified_or_says_why(
+def test_every_streamline_certifies_and_has_the_outcome_of_its_cell(
     space: rg.ConfigurationSpace, options: dict[str, object], seed: int
 ) -> None:
     flow = field(space, **options)
@@ -52,7 +55,7 @@ def test_every_start_arrives_certified_or_says_why(
 
 @settings(max_examples=60)
 @given(spaces(), st.sampled_from([0.0, 0.01, 0.5, 0.99, 1.0]))
-def test_blends_arrive_from_everywhere(space: rg.ConfigurationSpace, k: float) -> None:
+def test_blends_reach_a_goal_from_every_connected_cell(space: rg.ConfigurationSpace, k: float) -> None:
     dirichlet, neumann = field(space), field(space, boundary="neumann")
     mixed = rg.blend(dirichlet, neumann, k)
     starts = np.argwhere(space.goal_connected)[:60]
@@ -63,7 +66,7 @@ def test_blends_arrive_from_everywhere(space: rg.ConfigurationSpace, k: float) -
             assert path.outcome is rg.Outcome.REACHED
 
 
-def test_an_open_channel_runs_straight() -> None:
+def test_a_streamline_in_an_open_channel_is_straight() -> None:
     """Between a driven and a goal end the field is uniform: the streamline is a straight line of known duration."""
     cell = np.zeros((11, 3))
     cell[-1] = 2
@@ -80,7 +83,7 @@ def test_an_open_channel_runs_straight() -> None:
     assert path.goal == 0
 
 
-def test_many_starts_are_the_single_ones() -> None:
+def test_streamlines_agrees_with_streamline() -> None:
     space = room()
     flow = field(space)
     rng = np.random.default_rng(0)
@@ -129,7 +132,7 @@ def _outside(offset: np.ndarray, size: np.ndarray) -> np.ndarray:
     return np.minimum(offset, 0) + np.maximum(offset - size, 0)
 
 
-def test_outcomes_are_typed() -> None:
+def test_outcomes_are_members_of_outcome_and_bad_starts_raise() -> None:
     cell = np.zeros((7, 7))
     cell[1, 1] = 2
     cell[4, :] = 1
@@ -145,19 +148,19 @@ def test_outcomes_are_typed() -> None:
         rg.streamline(flow)
 
 
-def test_a_walled_goal_is_blocked() -> None:
+def test_an_enclosed_goal_has_the_outcome_goal_blocked() -> None:
     cell = np.zeros((7, 7))
     cell[1:4, 1:4] = 1
     cell[2, 2] = 2
     space = space_of(cell)
-    # Nothing flows in such a circuit, so there is no field to read: the outcome rests on the cells alone.
+    # No current flows in such a circuit, so that the outcome depends on the cells only.
     silent = undriven_field(space, rg.Wiring())
     path = rg.streamline(silent, cell=(0, 0))
     assert path.outcome is rg.Outcome.GOAL_BLOCKED
     rg.certify(path)
 
 
-def test_the_start_drive_serves_its_start_and_names_the_rest() -> None:
+def test_only_starts_on_the_driven_current_reach_the_goal() -> None:
     cell = np.zeros((9, 9))
     cell[0, 4] = 2
     cell[4, :] = 1
@@ -174,7 +177,7 @@ def test_the_start_drive_serves_its_start_and_names_the_rest() -> None:
     rg.certify(side)
 
 
-def test_a_forged_path_is_refused() -> None:
+def test_an_altered_path_fails_the_certificate() -> None:
     space = room()
     flow = field(space)
     path = rg.streamline(flow, cell=(9, 7))
@@ -203,7 +206,7 @@ def test_a_forged_path_is_refused() -> None:
             rg.certify(forged(**broken))
 
 
-def test_blends_that_do_not_go_together_are_refused() -> None:
+def test_blends_of_incompatible_fields_raise_input_error() -> None:
     space = room()
     dirichlet, neumann = field(space), field(space, boundary="neumann")
     started = field(space, boundary="neumann", drive="start", start=(9, 7))
@@ -223,7 +226,7 @@ def test_blends_that_do_not_go_together_are_refused() -> None:
         rg.blend(dirichlet, field(space, boundary="neumann", edge="open"), 0.5)
 
 
-def test_blended_currents_are_the_sum_on_the_grid() -> None:
+def test_blended_currents_are_the_weighted_sum() -> None:
     space = room()
     dirichlet, neumann = field(space), field(space, boundary="neumann")
     mixed = rg.blend(dirichlet, neumann, 0.3)
@@ -240,7 +243,7 @@ def test_blended_currents_are_the_sum_on_the_grid() -> None:
 
 
 @pytest.mark.parametrize("spacing", [(1.0, 1.0), (1.0, 3.0), (4.0, 1.0), (0.5, 0.5)])
-def test_shares_of_a_blend_are_those_of_the_potentials_differences(spacing: tuple[float, float]) -> None:
+def test_dirichlet_share_equals_that_of_central_differences(spacing: tuple[float, float]) -> None:
     """Central differences of the two potentials, where all four neighbours have one."""
     cell = np.zeros((24, 20))
     cell[8:12, 4:14] = 1
@@ -262,14 +265,14 @@ def test_shares_of_a_blend_are_those_of_the_potentials_differences(spacing: tupl
 @pytest.mark.parametrize(
     "cell", [[2, 0, 2, 1, 0, 1], [[2, 0, 2, 1], [2, 2, 2, 1], [1, 1, 1, 1]]], ids=["line", "plane"]
 )
-def test_free_cells_that_are_not_between_rails_have_no_field(cell: list[object], rails: str) -> None:
-    """Goals beside obstacles are rails cell by cell: currents flow between their sources, but through no free cell."""
+def test_cells_without_contact_to_two_rails_raise_circuit_error(cell: list[object], rails: str) -> None:
+    """Adjacent goals and obstacles are rails: currents flow between their sources, but through no free cell."""
     with pytest.raises(rg.CircuitError, match="nothing is driven"):
         rg.field(rg.solve(rg.compile_space(space_of(cell), edge="open", rails=rails)))
 
 
-def test_a_start_on_a_wall_may_creep_for_ages() -> None:
-    """Beside the wall the flow along it is 1e4 times slower than that away from it, which never begins."""
+def test_a_start_on_a_wall_follows_the_wall() -> None:
+    """At the wall the velocity along it is 1e4 times smaller than the one away from it, which is zero on the wall."""
     space = space_of([[0, 0], [2, 2]], spacing=(1.0, 100.0), conductivity=[[1.0, 2.0], [1.0, 1.0]])
     flow = field(space, boundary="neumann")
     path = rg.streamline(flow, (0.0, 50.0))

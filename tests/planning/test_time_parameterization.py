@@ -1,4 +1,4 @@
-"""Timing against closed forms, and limits against differences of fine samples."""
+"""Time parameterization, compared with closed forms; limits compared with differences of dense samples."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import resgrid as rg
 PLANE = space_of(np.zeros((20, 20)))
 
 
-def test_velocity_alone_is_a_sum_of_quotients() -> None:
+def test_with_velocity_limits_only_the_duration_is_a_sum_of_quotients() -> None:
     motion = rg.time_parameterize(rg.Polyline([(0, 0), (3, 1), (3, 1), (3, 5)], PLANE), velocity_limits=(1.0, 0.5))
     assert motion.duration == 3.0 + 8.0
     np.testing.assert_allclose(motion.velocities, [(1, 1 / 3), (0, 0.5), (0, 0)])
@@ -25,7 +25,7 @@ def test_velocity_alone_is_a_sum_of_quotients() -> None:
     ("length", "seconds"),
     [(8.0, 8 / 2 + 2 / 1), (1.0, 2.0), (4.0, 4.0)],  # trapezium s/v + v/a; triangle 2 sqrt(s/a); just both
 )
-def test_a_straight_line_takes_the_textbooks_time(length: float, seconds: float) -> None:
+def test_a_straight_line_has_the_duration_of_the_trapezoidal_profile(length: float, seconds: float) -> None:
     motion = rg.time_parameterize(
         rg.Polyline([(0, 0), (length, 0)], PLANE), velocity_limits=2.0, acceleration_limits=1.0
     )
@@ -33,7 +33,7 @@ def test_a_straight_line_takes_the_textbooks_time(length: float, seconds: float)
     np.testing.assert_allclose(motion.at(seconds / 2)[0], [(length / 2, 0)])
 
 
-def test_corners_without_tolerance_are_taken_at_rest() -> None:
+def test_corners_without_tolerance_have_zero_velocity() -> None:
     motion = rg.time_parameterize(
         rg.Polyline([(0, 0), (1, 0), (1, 1)], PLANE), velocity_limits=9.0, acceleration_limits=1.0
     )
@@ -42,7 +42,7 @@ def test_corners_without_tolerance_are_taken_at_rest() -> None:
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, -1.2])
-def test_rounding_of_coordinates_far_from_the_origin_is_no_corner_to_rest_at(yaw: float) -> None:
+def test_rounding_errors_far_from_the_origin_are_not_corners(yaw: float) -> None:
     along = np.linspace(0.0, 8.0, 161)[:, np.newaxis] * (np.cos(yaw), np.sin(yaw))
     corner = np.concatenate(
         [along, along[-1] + np.linspace(0.0, 1.0, 20)[1:, np.newaxis] * (-np.sin(yaw), np.cos(yaw))]
@@ -50,7 +50,7 @@ def test_rounding_of_coordinates_far_from_the_origin_is_no_corner_to_rest_at(yaw
     far = rg.time_parameterize(
         rg.Polyline(np.add(corner, (500000.0, 5400000.0)), PLANE), velocity_limits=2.0, acceleration_limits=1.0
     )
-    assert far.duration == pytest.approx((8 / 2 + 2) + 2, rel=1e-6)  # rests at the one true corner
+    assert far.duration == pytest.approx((8 / 2 + 2) + 2, rel=1e-6)  # at rest only at the corner
 
 
 @pytest.mark.parametrize(("limit", "turn"), [((1.0, 1.0), 1.0), (1.0, np.sqrt(2))])  # of each axis, of the robot
@@ -72,7 +72,7 @@ def test_a_right_angle_is_rounded_within_half_the_tolerance(limit: object, turn:
 
 
 @pytest.mark.parametrize("robot", [None, rg.PointRobot(), rg.DiscRobot(0.1)])
-def test_one_number_limits_the_speed_of_a_robot_that_is_a_place(robot: object) -> None:
+def test_a_scalar_limit_applies_to_the_norm_for_point_and_disc_robots(robot: object) -> None:
     way = rg.Polyline([(0, 0), (3, 4), (3, 9)], rg.ConfigurationSpace(PLANE.axes, PLANE.cell, robot=robot))
     assert rg.time_parameterize(way, velocity_limits=1.0).duration == pytest.approx(5 + 5)
     motion = rg.time_parameterize(way, velocity_limits=0.5, acceleration_limits=0.3, tolerance=0.2)
@@ -80,7 +80,7 @@ def test_one_number_limits_the_speed_of_a_robot_that_is_a_place(robot: object) -
     assert np.linalg.norm(motion.accelerations, axis=1).max() == pytest.approx(0.3)
 
 
-def test_one_number_limits_every_joint_of_an_arm() -> None:
+def test_a_scalar_limit_applies_to_every_joint_of_an_arm() -> None:
     space = rg.ConfigurationSpace(PLANE.axes, PLANE.cell, robot=rg.Arm((1.0, 1.0)))
     assert rg.time_parameterize(rg.Polyline([(0, 0), (3, 4)], space), velocity_limits=1.0).duration == pytest.approx(
         4.0
@@ -89,7 +89,7 @@ def test_one_number_limits_every_joint_of_an_arm() -> None:
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.sampled_from([0.0, 0.01, 0.5]))
 @settings(max_examples=40)
-def test_limits_hold_and_the_path_is_kept(seed: int, ndim: int, tolerance: float) -> None:
+def test_motions_obey_the_limits_within_the_tolerance_of_the_path(seed: int, ndim: int, tolerance: float) -> None:
     rng = np.random.default_rng(seed)
     space = space_of(np.zeros((10,) * ndim))
     corners = rng.uniform(0, 10, (int(rng.integers(1, 8)), ndim))
@@ -102,10 +102,10 @@ def test_limits_hold_and_the_path_is_kept(seed: int, ndim: int, tolerance: float
     step = np.diff(times)[:, np.newaxis]
     assert np.all(np.abs(np.diff(points, axis=0)) <= velocity * step * (1 + 1e-7) + 1e-9)
     assert np.all(np.abs(np.diff(speeds, axis=0)) <= acceleration * step * (1 + 1e-7) + 1e-7)
-    assert from_polyline(points, corners) <= tolerance + 1e-7
+    assert distance_from_polyline(points, corners) <= tolerance + 1e-7
 
 
-def from_polyline(points: np.ndarray, corners: np.ndarray) -> float:
+def distance_from_polyline(points: np.ndarray, corners: np.ndarray) -> float:
     best = np.linalg.norm(points - corners[0], axis=1)
     for start, end in pairwise(corners):
         share = np.clip((points - start) @ (end - start) / ((end - start) @ (end - start)), 0, 1)
@@ -113,7 +113,7 @@ def from_polyline(points: np.ndarray, corners: np.ndarray) -> float:
     return float(best.max())
 
 
-def test_the_default_tolerance_stays_clear_of_obstacles() -> None:
+def test_the_default_tolerance_keeps_motions_collision_free() -> None:
     space = space_of(serpentine(4, 10, 2))
     field = rg.field(rg.solve(rg.compile_space(space)))
     path = rg.streamline(field, cell=np.argwhere(space.goal_connected)[-1].tolist())
@@ -125,7 +125,7 @@ def test_the_default_tolerance_stays_clear_of_obstacles() -> None:
     assert slow.duration > rg.time_parameterize(path, velocity_limits=1.0, acceleration_limits=1.0).duration
 
 
-def test_a_single_point_takes_no_time() -> None:
+def test_a_single_point_has_duration_0() -> None:
     for acceleration in (None, 1.0):
         motion = rg.time_parameterize(
             rg.Polyline([(1, 2), (1, 2)], PLANE), velocity_limits=1, acceleration_limits=acceleration
@@ -147,15 +147,15 @@ def test_a_single_point_takes_no_time() -> None:
         ({"velocity_limits": 1, "acceleration_limits": 1, "tolerance": -1}, "tolerance = -1"),
     ],
 )
-def test_bad_limits_are_named(options: dict, message: str) -> None:
+def test_invalid_limits_raise_input_error(options: dict, message: str) -> None:
     with pytest.raises(rg.InputError, match=message):
         rg.time_parameterize(rg.Polyline([(0, 0), (1, 1)], PLANE), **options)
 
 
 @pytest.mark.parametrize("acceleration", [None, 0.5], ids=["velocities", "accelerations"])
 @pytest.mark.parametrize("rate", [0.5, 2.0, 10.0])
-def test_a_resampled_motion_is_the_same_motion(acceleration: float | None, rate: float) -> None:
-    """At the knots, which files hold, and at every time between: positions never jump."""
+def test_resampled_motions_have_equal_positions_and_velocities(acceleration: float | None, rate: float) -> None:
+    """At the knots, which are written to files, and at all times between them."""
     options = {} if acceleration is None else {"acceleration_limits": acceleration, "tolerance": 0.1}
     motion = rg.time_parameterize(rg.Polyline([(1, 1), (9, 1), (9, 9)], PLANE), velocity_limits=1.0, **options)
     again = motion.resampled(rate)
@@ -168,8 +168,8 @@ def test_a_resampled_motion_is_the_same_motion(acceleration: float | None, rate:
 
 
 @pytest.mark.parametrize("acceleration", [None, 1.0], ids=["velocities", "accelerations"])
-def test_samples_do_not_repeat_the_end(acceleration: float | None) -> None:
-    """Durations such as 0.351 s are a whole number of periods but for rounding."""
+def test_the_last_sample_is_not_repeated(acceleration: float | None) -> None:
+    """Durations such as 0.351 s are a whole number of periods up to rounding errors."""
     for thousandths in range(1, 400):
         line = rg.Polyline([(0.05, 1), (0.05 + thousandths / 1000, 1)], PLANE)
         motion = rg.time_parameterize(line, velocity_limits=1.0, acceleration_limits=acceleration)
@@ -182,7 +182,7 @@ def test_samples_do_not_repeat_the_end(acceleration: float | None) -> None:
             assert (np.diff(again.positions[:, 0]) > 0).all()
 
 
-def test_absurd_rates_are_refused() -> None:
+def test_invalid_rates_and_times_raise_input_error() -> None:
     motion = rg.time_parameterize(rg.Polyline([(0, 0), (1, 1)], PLANE), velocity_limits=1)
     for rate in (0, -1, float("nan"), float("inf"), 1e30):
         with pytest.raises(rg.InputError, match=r"rate|samples"):

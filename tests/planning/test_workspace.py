@@ -1,4 +1,4 @@
-"""Robots replayed in their workspace, against closed forms, finer steps and shapely's own polygons.
+"""Workspace paths, clearance and collisions of robots, compared with closed forms, finer steps and shapely polygons.
 
 Tests internals: `resgrid.planning.clearance`, `resgrid.planning.workspace`, `resgrid.robots`.
 """
@@ -27,12 +27,12 @@ POSES = rg.ConfigurationSpace(
 )
 
 
-def moved_by(robot: rg.Robot, space: rg.ConfigurationSpace = PLANE) -> rg.ConfigurationSpace:
-    """The same space with a robot in it."""
+def with_robot(robot: rg.Robot, space: rg.ConfigurationSpace = PLANE) -> rg.ConfigurationSpace:
+    """Return the space with a robot."""
     return rg.ConfigurationSpace(space.axes, space.cell, robot=robot)
 
 
-def test_the_tip_and_the_reference_point() -> None:
+def test_workspace_paths_are_those_of_the_tip_or_the_reference_point() -> None:
     np.testing.assert_allclose(
         rg.planning.workspace_path(rg.Polyline([(0, pi / 2), (pi, 0)], TORUS)), [(1, 1), (-2, 0)], atol=1e-12
     )
@@ -41,7 +41,7 @@ def test_the_tip_and_the_reference_point() -> None:
     np.testing.assert_array_equal(rg.planning.workspace_path(rg.Polyline([(1, 2, 3)], cube)), [(1, 2, 3)])
 
 
-def test_an_arm_sweeping_past_a_disc_comes_as_near_as_geometry_says() -> None:
+def test_the_clearance_of_a_sweeping_arm_has_its_closed_form() -> None:
     """The stretched arm turns by a quarter; the disc at 45 degrees lies beyond its round tip."""
     disc = rg.Ball((2.5 * cos(pi / 4), 2.5 * sin(pi / 4)), 0.2)
     sweep = rg.Polyline([(0.0, 0.0), (pi / 2, 0.0)], TORUS)
@@ -54,8 +54,8 @@ def test_an_arm_sweeping_past_a_disc_comes_as_near_as_geometry_says() -> None:
     assert rg.check_collisions(sweep, [disc, wall]) is None
 
 
-def test_the_first_collision_is_told_with_link_and_obstacle() -> None:
-    """The second link, at rest straight on, meets a disc on the circle of its middle."""
+def test_the_first_collision_is_reported_with_link_and_obstacle() -> None:
+    """The second link of the stretched arm meets a disc on the circle of its centre."""
     angle = 1.0
     obstacles = [rg.Ball((9.0, 9.0), 1.0), rg.Ball((1.5 * cos(angle), 1.5 * sin(angle)), 0.1)]
     hit = rg.check_collisions(rg.Polyline([(0.0, 0.0), (0.5, 0.0), (1.5, 0.0)], TORUS), obstacles, step=1e-3)
@@ -66,9 +66,9 @@ def test_the_first_collision_is_told_with_link_and_obstacle() -> None:
     assert rg.planning.workspace_clearance(rg.Polyline([(0.0, 0.0), (1.5, 0.0)], TORUS), obstacles) == 0.0
 
 
-def test_to_touch_is_not_to_enter() -> None:
+def test_contact_is_not_a_collision() -> None:
     for robot, wall in ((rg.PointRobot(), 2.0), (rg.DiscRobot(0.5), 1.5)):
-        way = rg.Polyline([(0.5, 2.0), (8.0, 2.0)], moved_by(robot))
+        way = rg.Polyline([(0.5, 2.0), (8.0, 2.0)], with_robot(robot))
         for obstacle in (rg.Box((0.0, 0.0), (9.0, wall)), rg.HalfSpace((0.0, 1.0), wall)):
             assert rg.planning.workspace_clearance(way, [obstacle]) == 0.0
             assert rg.check_collisions(way, [obstacle]) is None
@@ -78,7 +78,7 @@ def test_to_touch_is_not_to_enter() -> None:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25)
-def test_no_point_of_a_robot_moves_farther_than_its_bound(seed: int) -> None:
+def test_robot_travel_bounds_the_motion_of_every_point(seed: int) -> None:
     rng = np.random.default_rng(seed)
     robots = [
         (rg.Arm((1.0, 0.5, 0.7), widths=(0.2, 0.1, 0.4)), 3),
@@ -96,8 +96,8 @@ def test_no_point_of_a_robot_moves_farther_than_its_bound(seed: int) -> None:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25)
-def test_exact_distances_agree_with_shapelys_polygons(seed: int) -> None:
-    """Circles as polygons of 64 and more edges: near enough to see any mistake."""
+def test_clearances_agree_with_shapely_polygons(seed: int) -> None:
+    """Circles are polygons of at least 64 edges, accurate enough to detect errors."""
     rng = np.random.default_rng(seed)
     corners = rng.uniform(0.5, 2.0, 5)[:, np.newaxis] * np.array([(cos(a), sin(a)) for a in np.arange(5) * tau / 5])
     obstacles = [
@@ -107,7 +107,7 @@ def test_exact_distances_agree_with_shapelys_polygons(seed: int) -> None:
     for robot, space, scale in (
         (ARM, TORUS, 3.0),
         (BAR, POSES, 4.0),
-        (rg.DiscRobot(0.4), moved_by(rg.DiscRobot(0.4)), 5.0),
+        (rg.DiscRobot(0.4), with_robot(rg.DiscRobot(0.4)), 5.0),
     ):
         pose = rng.uniform(-scale, scale, space.ndim)
         near = min(s.distance(to_shapely(o)) for s in robot.shapes_at(pose) for o in obstacles)
@@ -116,8 +116,8 @@ def test_exact_distances_agree_with_shapelys_polygons(seed: int) -> None:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25)
-def test_obstacles_described_turns_away_are_where_sampling_puts_them(seed: int) -> None:
-    """Distances to every image within nine turns, by shapely; sampling and replay agree on what is entered."""
+def test_clearances_of_obstacles_shifted_by_periods_agree_with_sampling(seed: int) -> None:
+    """Distances to every image within nine periods, by shapely; sampling and collision tests agree."""
     rng = np.random.default_rng(seed)
     axes = [rg.Axis("x", -1.0, 5.0, 12, True), rg.Axis("y", 2.0, 6.0, 8, bool(rng.integers(2)))]
     period = np.array([axis.upper - axis.lower if axis.periodic else 0.0 for axis in axes])
@@ -142,8 +142,8 @@ def test_obstacles_described_turns_away_are_where_sampling_puts_them(seed: int) 
         assert space.cell[tuple(space.locate(hit.configuration))] == rg.Cell.OBSTACLE
 
 
-def test_shapes_and_robots_of_other_dimensions_are_refused() -> None:
-    """A ball in space has a disc's centre as its first two coordinates, which it is not."""
+def test_shapes_and_robots_of_other_dimensions_raise_input_error() -> None:
+    """The first two coordinates of a ball's centre must not be taken for those of a disc."""
     for shape in (
         rg.Ball((0.0, 0.0, 0.0), 1.0),
         rg.Box((0, 0, 0), (1, 1, 1)),
@@ -154,10 +154,10 @@ def test_shapes_and_robots_of_other_dimensions_are_refused() -> None:
             rg.check_collisions(rg.Polyline([(1.0, 1.0), (2.0, 2.0)], PLANE), [shape])
     for robot in (BAR, rg.Arm((1.0, 1.0, 1.0))):
         with pytest.raises(rg.InputError):
-            rg.check_collisions(rg.Polyline([(1.0, 1.0), (2.0, 2.0)], moved_by(robot)), [])
+            rg.check_collisions(rg.Polyline([(1.0, 1.0), (2.0, 2.0)], with_robot(robot)), [])
 
 
-def test_a_half_plane_that_leans_along_a_ring_is_refused_as_in_sampling() -> None:
+def test_a_half_plane_inclined_along_a_periodic_axis_raises_input_error() -> None:
     ring = space_of(np.zeros((4, 4)), periodic=(True, False))
     assert rg.planning.workspace_clearance(
         rg.Polyline([(1.0, 3.0)], ring), [rg.HalfSpace((0.0, 1.0), 1.0)]
@@ -166,13 +166,13 @@ def test_a_half_plane_that_leans_along_a_ring_is_refused_as_in_sampling() -> Non
         rg.check_collisions(rg.Polyline([(1.0, 3.0)], ring), [rg.HalfSpace((1.0, 1.0), 1.0)])
 
 
-def test_cells_of_a_map_are_obstacles_too_across_seams() -> None:
+def test_clearance_from_map_cells_includes_seams() -> None:
     cell = np.zeros((10, 6), dtype=np.uint8)
     cell[9, 2:4], cell[4, 3] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     space = space_of(cell, periodic=(True, False))
     obstacles = [CellSet(space.axes, space.cell == rg.Cell.OBSTACLE)]
     assert rg.planning.workspace_clearance(
-        rg.Polyline([(0.5, 2.5)], moved_by(rg.PointRobot(0.25), space)), obstacles
+        rg.Polyline([(0.5, 2.5)], with_robot(rg.PointRobot(0.25), space)), obstacles
     ) == pytest.approx(0.25)
     assert rg.planning.workspace_clearance(rg.Polyline([(10.5, 1.0)], space), obstacles) == pytest.approx(
         hypot(0.5, 1.0)
@@ -184,8 +184,8 @@ def test_cells_of_a_map_are_obstacles_too_across_seams() -> None:
     assert rg.check_collisions(rg.Polyline([(0.5, 2.5), (-0.5, 2.5)], space), obstacles) is not None
 
 
-def test_an_arm_plans_and_drives_without_a_collision() -> None:
-    """From scene to workspace: conservative cells, a streamline, its shortcut, all replayed with exact geometry."""
+def test_paths_of_an_arm_have_no_collision_in_the_workspace() -> None:
+    """Conservative cells, a streamline and its shortcut, tested with exact geometry."""
     obstacles = [rg.Box((1.0, 1.0), (1.3, 1.2)), rg.Ball((-1.3, 0.9), 0.2)]
     axes = ARM.axes(60)
     cell = ARM.occupancy(axes, obstacles, "conservative").astype(np.uint8)
@@ -200,7 +200,7 @@ def test_an_arm_plans_and_drives_without_a_collision() -> None:
     assert rg.planning.workspace_clearance(path, obstacles) > 0
 
 
-def test_dense_steps_are_as_short_as_asked() -> None:
+def test_sample_path_limits_the_step_length() -> None:
     way = [(0.0, 0.0), (1.0, 2.0), (1.0, 2.0), (-1.0, 0.5)]
     configurations, segment = sample_path(rg.Polyline(way, TORUS), 0.05)
     assert ARM.travel(configurations[:-1], configurations[1:]).max() <= 0.05 * (1 + 1e-9)
@@ -209,12 +209,12 @@ def test_dense_steps_are_as_short_as_asked() -> None:
     np.testing.assert_array_equal(configurations[[0, -1]], [way[0], way[-1]])
 
 
-def test_what_cannot_be_answered_is_refused() -> None:
+def test_unknown_robots_invalid_steps_and_3d_paths_raise_input_error() -> None:
     class Snake:
         pass
 
     with pytest.raises(rg.InputError, match="Snake"):
-        rg.check_collisions(rg.Polyline([(0, 0), (1, 1)], moved_by(Snake())), [])  # type: ignore[arg-type]
+        rg.check_collisions(rg.Polyline([(0, 0), (1, 1)], with_robot(Snake())), [])  # type: ignore[arg-type]
     for step in (0.0, -1.0, float("nan"), 1e-12):
         with pytest.raises(rg.InputError, match="step"):
             rg.check_collisions(rg.Polyline([(0, 0), (9, 9)], PLANE), [], step=step)

@@ -8,7 +8,7 @@ import resgrid as rg
 
 @pytest.fixture(scope="session")
 def space() -> rg.ConfigurationSpace:
-    """7 x 5 cells of 0.5 m x 0.25 m: a wall, a walled-in pocket, a goal; nothing symmetric."""
+    """7 x 5 cells of 0.5 m x 0.25 m: a wall, an enclosed pocket and a goal, without symmetry."""
     cell = np.zeros((7, 5), dtype=np.uint8)
     cell[2, 1:4] = rg.Cell.OBSTACLE
     cell[4:7, 2:5] = rg.Cell.OBSTACLE

@@ -1,4 +1,4 @@
-"""Pictures of a chip: what is drawn is what was computed."""
+"""Pictures of chip results, compared with the values in the results."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def pixels(axes) -> np.ndarray:
     return np.ma.filled(axes.images[0].get_array().astype(float), np.nan).T
 
 
-def test_a_map_shows_when_each_cell_settles(settled: rg.chip.Settling) -> None:
+def test_the_settling_map_shows_the_settling_times_of_cells(settled: rg.chip.Settling) -> None:
     axes = rg.draw(settled)
     cell_map = settled.netlist.cells
     shown = pixels(axes)
@@ -55,7 +55,7 @@ def test_a_map_shows_when_each_cell_settles(settled: rg.chip.Settling) -> None:
     assert "(ns)" in axes.child_axes[0].get_ylabel()
 
 
-def test_the_curve_crosses_the_band_where_it_has_settled(settled: rg.chip.Settling) -> None:
+def test_the_settling_curve_crosses_the_band_at_the_settling_time(settled: rg.chip.Settling) -> None:
     axes = rg.draw(settled, quantity="curve")
     curve = axes.lines[0]
     band = settled.span / 2**9
@@ -65,7 +65,7 @@ def test_the_curve_crosses_the_band_where_it_has_settled(settled: rg.chip.Settli
 
 
 @pytest.mark.parametrize("quantity", ["total", "limit", "resistance"])
-def test_a_map_shows_the_noise(noise: rg.chip.Noise, quantity: str) -> None:
+def test_noise_maps_are_proportional_to_the_noise_of_nodes(noise: rg.chip.Noise, quantity: str) -> None:
     axes = rg.draw(noise, quantity=quantity)
     cell_map = noise.netlist.cells
     shown, free = pixels(axes), cell_map.space.cell == 0
@@ -74,7 +74,7 @@ def test_a_map_shows_the_noise(noise: rg.chip.Noise, quantity: str) -> None:
     assert round(np.log10(ratio[0])) % 3 == 0
 
 
-def test_heat_and_its_ten_hottest_resistors(power: rg.chip.Power) -> None:
+def test_the_power_map_shows_cell_heat_and_ten_resistors(power: rg.chip.Power) -> None:
     axes = rg.draw(power)
     assert len(axes.collections[0].get_segments()) == 10
     heat = pixels(axes)
@@ -83,7 +83,7 @@ def test_heat_and_its_ten_hottest_resistors(power: rg.chip.Power) -> None:
     assert np.abs(axes.collections[0].get_segments()[0] - goal).max() <= 1.5
 
 
-def test_droop_lies_on_rail_cells() -> None:
+def test_the_droop_map_has_values_on_rail_cells_only() -> None:
     netlist = small_scene(rails="cells")
     power = rg.study(rg.solve(netlist)).power()
     axes = rg.draw(power, quantity="droop")
@@ -92,7 +92,7 @@ def test_droop_lies_on_rail_cells() -> None:
     assert np.isnan(shown[netlist.cells.space.cell == 0]).all()
 
 
-def test_resistors_that_decide_are_drawn_where_they_are(op: rg.OperatingPoint) -> None:
+def test_resistors_that_flip_a_start_are_drawn_between_their_cells(op: rg.OperatingPoint) -> None:
     result = rg.study(op).sensitivity((5, 5))
     axes = rg.draw(result, drift=0.8)
     flips = result.flips(0.8)
@@ -106,7 +106,7 @@ def test_resistors_that_decide_are_drawn_where_they_are(op: rg.OperatingPoint) -
             assert np.sort(segment, axis=0) == pytest.approx(np.sort(centres, axis=0))
 
 
-def test_maps_of_bits(bits: dict[str, rg.chip.ADCResolution]) -> None:
+def test_resolution_maps_show_the_bits_of_starts_or_cells(bits: dict[str, rg.chip.ADCResolution]) -> None:
     result = bits["Dirichlet"]
     for starts in (True, False):
         axes = rg.draw(result, starts=starts)
@@ -115,7 +115,7 @@ def test_maps_of_bits(bits: dict[str, rg.chip.ADCResolution]) -> None:
     assert axes.get_title() == result.sentence()
 
 
-def test_starts_that_no_bits_serve_are_named() -> None:
+def test_starts_beyond_any_resolution_have_a_legend() -> None:
     cell = np.zeros((6, 5), dtype=np.uint8)
     cell[0, 0] = 2
     cell[3:5, 1:] = 1
@@ -124,7 +124,7 @@ def test_starts_that_no_bits_serve_are_named() -> None:
     assert "no resolution suffices" in [text.get_text() for text in axes.get_legend().get_texts()]
 
 
-def test_the_share_served_rises_to_one(bits: dict[str, rg.chip.ADCResolution]) -> None:
+def test_the_fraction_of_served_starts_rises_to_1(bits: dict[str, rg.chip.ADCResolution]) -> None:
     axes = rg.draw(bits, quantity="served")
     for line, result in zip(axes.lines, bits.values(), strict=False):
         share = line.get_ydata()
@@ -133,14 +133,14 @@ def test_the_share_served_rises_to_one(bits: dict[str, rg.chip.ADCResolution]) -
         assert np.interp(10, line.get_xdata(), share) == pytest.approx(result.served(10), abs=0.02)
 
 
-def test_the_page_has_a_map_each_with_one_scale(bits: dict[str, rg.chip.ADCResolution]) -> None:
+def test_a_figure_of_several_results_has_one_colour_scale(bits: dict[str, rg.chip.ADCResolution]) -> None:
     figure = rg.draw(bits, title="Precision")
     maps = [axes for axes in figure.findobj(lambda artist: hasattr(artist, "images")) if axes.images]
     assert [axes.get_title() for axes in maps] == list(bits)
     assert len({axes.images[0].get_clim() for axes in maps}) == 1
 
 
-def test_what_cannot_be_drawn_is_refused(
+def test_unknown_quantities_and_unsuitable_results_raise_input_error(
     noise: rg.chip.Noise, power: rg.chip.Power, bits: dict[str, rg.chip.ADCResolution]
 ) -> None:
     for value in (noise, power, bits):
@@ -167,7 +167,7 @@ def plain_space() -> rg.ConfigurationSpace:
 CHIP = rg.Chip(mismatch=0.05, goal_switch_on=200.0, readout=rg.chip.Readout(bits=7))
 
 
-def test_yield_is_drawn_by_start() -> None:
+def test_the_yield_map_shows_percentages_and_the_number_of_chips() -> None:
     result = rg.study(plain_space(), CHIP).yields(trials=32, batch=32)
     axes = rg.draw(result)
     shown = pixels(axes)
@@ -176,7 +176,7 @@ def test_yield_is_drawn_by_start() -> None:
     assert "32 chips" in axes.get_title()
 
 
-def test_sweep_marks_the_cheapest_points() -> None:
+def test_the_sweep_picture_marks_the_cheapest_points() -> None:
     result = rg.study(plain_space(), CHIP).sweep(("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8, 16]), trials=8)
     axes = rg.draw(result, share=0.9)
     np.testing.assert_allclose(axes.images[0].get_array(), 100 * result.share.T)
@@ -189,7 +189,7 @@ def test_sweep_marks_the_cheapest_points() -> None:
 
 
 @pytest.mark.parametrize("chip", [CHIP, rg.Chip(saturation_voltage=0.5)])
-def test_faults_draws_the_elements_that_cost_starts(chip: rg.Chip) -> None:
+def test_the_fault_picture_shows_elements_whose_faults_lose_starts(chip: rg.Chip) -> None:
     netlist = rg.chip.build_chip(rg.study(plain_space(), chip).ideal, chip)
     result = rg.study(netlist).faults(readout=rg.chip.Readout(bits=7), seconds=5.0)
     for fault in ("open", "short"):

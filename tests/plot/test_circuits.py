@@ -1,4 +1,4 @@
-"""Circuits are drawn with every element once, where it is, and with its values.
+"""Drawings of circuits, compared with the netlist: elements, positions, values, and texts without overlaps.
 
 Tests internals: `resgrid.plot.circuits`.
 """
@@ -57,7 +57,7 @@ def test_every_resistor_is_drawn_once_between_its_nodes(options: dict, periodic:
     assert len({tuple(np.round(middle, 6)) for _, middle, _ in drawn}) == len(drawn)
 
 
-def test_voltages_and_names_are_written_beside_their_nodes() -> None:
+def test_voltages_and_names_are_written_next_to_their_nodes() -> None:
     netlist = rg.compile_space(space_of(SMALL))
     point = rg.solve(netlist)
     axes = rg.draw(point)
@@ -72,8 +72,8 @@ def test_voltages_and_names_are_written_beside_their_nodes() -> None:
     assert any(text.startswith("goal_0\n0 V\ntakes") for text in texts(axes))
 
 
-def test_no_two_texts_overlap() -> None:
-    """The largest circuit that is drawn."""
+def test_texts_of_the_largest_circuit_do_not_overlap() -> None:
+    """The grid has the largest size that `rg.draw` accepts."""
     cell = np.zeros((10, 10), dtype=int)
     cell[3, 2:8], cell[7, 7] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     netlist = rg.compile_space(space_of(cell))
@@ -86,13 +86,13 @@ def test_no_two_texts_overlap() -> None:
     assert all(box.x0 >= 0 and box.x1 <= figure.bbox.width for box in boxes)
 
 
-def test_a_circuit_without_an_operating_point_has_names_only() -> None:
+def test_a_netlist_is_drawn_with_names_but_without_voltages() -> None:
     axes = rg.draw(rg.compile_space(space_of(SMALL)))
     assert "n_0_0" in texts(axes)
     assert not any(text.get_text() for text in axes.texts if text.get_gid() == "volts")
 
 
-def test_uniform_drive_is_drawn_as_arrows() -> None:
+def test_every_source_of_a_uniform_drive_is_drawn_as_an_arrow() -> None:
     netlist = rg.compile_space(space_of(SMALL), boundary="neumann")
     axes = rg.draw(rg.solve(netlist))
     arrows = [text for text in axes.texts if getattr(text, "arrow_patch", None) is not None]
@@ -101,7 +101,7 @@ def test_uniform_drive_is_drawn_as_arrows() -> None:
     assert tips == {tuple(map(float, cell)) for cell in np.argwhere(np.array(SMALL) == 0)}
 
 
-def test_the_rail_is_drawn_around_an_obstacle_edge_only() -> None:
+def test_the_obstacle_rail_is_drawn_around_obstacle_edges_only() -> None:
     for edge, bounds in (("obstacle", (-HALF, -HALF, 4 + HALF, 3 + HALF)), ("open", (1.2, 1.2, 2.8, 2.8))):
         rail, *_ = rail_areas(rg.compile_space(space_of(SMALL), edge=edge).cells)
         assert rail.bounds == pytest.approx(bounds)
@@ -115,7 +115,7 @@ def test_one_axis_is_drawn_in_a_row() -> None:
     assert len(drawn_resistors(rg.draw(netlist))) == len(netlist.conductance)
 
 
-def test_large_and_deep_circuits_are_refused() -> None:
+def test_large_circuits_and_those_of_three_axes_raise_input_error() -> None:
     cell = np.zeros((11, 3), dtype=int)
     cell[0, 0] = rg.Cell.GOAL
     with pytest.raises(rg.InputError, match=r"11 x 3 cells is not legible; at most 10 per axis"):
@@ -131,7 +131,7 @@ def test_large_and_deep_circuits_are_refused() -> None:
         rg.draw(netlist, op=rg.solve(rg.compile_space(space_of(cell))))
 
 
-def test_a_netlist_without_cells_is_placed_by_its_graph() -> None:
+def test_a_netlist_without_cells_is_drawn_with_a_graph_layout() -> None:
     netlist = rg.Netlist(
         5,
         [[1, 2], [2, 3], [2, 3], [3, 4], [4, 0], [1, 4]],
@@ -165,7 +165,7 @@ RANDOM = [[1, 2], [1, 3], [2, 4], [4, 5], [5, 6], [3, 7], [2, 8], [7, 9], [7, 9]
     ],
     ids=["bridge", "ladder", "star", "ring", "parallel", "apart", "random"],
 )
-def test_values_names_and_symbols_of_a_graph_lie_apart(resistors, sources, currents, capacitors) -> None:
+def test_texts_and_symbols_of_a_graph_layout_do_not_overlap(resistors, sources, currents, capacitors) -> None:
     elements = []
     for nodes, value in ((resistors, 1e-3), (sources, 5.0), (currents, 1e-3), (capacitors, 1e-7)):
         elements += [np.array(nodes, dtype=int).reshape(-1, 2), np.full(len(nodes), value)]
@@ -201,7 +201,7 @@ def test_voltages_have_a_fitting_unit(largest: float, text: str, unit: str) -> N
     assert voltage_texts(rg.solve(netlist), np.array([netlist.cells.obstacle_node])) == ([text], unit)
 
 
-def test_a_real_chip_is_drawn_without_what_is_not_on_its_grid() -> None:
+def test_the_legend_of_a_chip_counts_resistors_outside_the_grid() -> None:
     chip = rg.study(space_of(SMALL), rg.Chip(goal_switch_on=50.0, rail_resistance=1.0)).netlist
     notes = [text.get_text() for text in rg.draw(rg.solve(chip)).get_legend().get_texts()]
     hidden = int((chip.cells.resistor_face < 0).sum())
@@ -210,7 +210,7 @@ def test_a_real_chip_is_drawn_without_what_is_not_on_its_grid() -> None:
         rg.draw(rg.study(space_of(SMALL), rg.Chip(saturation_voltage=0.1)).netlist)
 
 
-def test_elements_from_a_node_to_itself_are_loops_beside_it() -> None:
+def test_elements_with_both_terminals_on_one_node_are_drawn() -> None:
     graph = nx.MultiGraph()
     for first, second, kind, values in (
         (1, 0, "voltage source", {"volts": 5.0}), (1, 2, "resistor", {"conductance": 1e-3}),

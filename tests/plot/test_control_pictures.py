@@ -1,4 +1,4 @@
-"""Pictures and animations of control: what is on them, and that files are whole or not there.
+"""Pictures and animations of control, compared with the run; files are complete or absent.
 
 Tests internals: `resgrid.plot.animations`.
 """
@@ -23,7 +23,7 @@ def labels(axes) -> set[str]:
     return {text.get_text() for text in axes.get_legend().get_texts()}
 
 
-def test_a_run_shows_forces_modes_and_lessons(run: rg.control.Run) -> None:
+def test_a_run_is_drawn_with_forces_modes_and_learnt_cells(run: rg.control.Run) -> None:
     left, right = rg.draw(run, title="t", caption="c").axes
     assert {"hidden obstacle", "contact force"} <= labels(left)
     named = {rg.control.ControlMode(mode).name.lower() for mode in set(run.mode)} - {"arrived", "dithering"}
@@ -38,12 +38,12 @@ def test_a_run_shows_forces_modes_and_lessons(run: rg.control.Run) -> None:
         assert np.all(np.sum(drawn * felt, axis=1) > 0)
 
 
-def test_runs_at_several_k_share_a_picture(run: rg.control.Run) -> None:
+def test_runs_at_several_k_are_drawn_in_one_figure(run: rg.control.Run) -> None:
     figure = rg.draw([run, replace(run, field=replace(run.field, k=0.5))])
     assert {"k = 0.98", "k = 0.5"} <= labels(figure.axes[0]) & labels(figure.axes[1])
 
 
-def test_the_velocity_diagram_adds_up(field) -> None:
+def test_arrows_of_the_velocity_diagram_satisfy_its_equation(field) -> None:
     axes = rg.plot.draw_velocities(field, (2.0, 0.0), (0.3, 1.0), 0.1)
     arrows = {c.get_label(): np.array([c.U[0], c.V[0]]) for c in axes.collections if isinstance(c, Quiver)}
     nominal = arrows["nominal velocity $V_0$"]
@@ -54,7 +54,7 @@ def test_the_velocity_diagram_adds_up(field) -> None:
     assert {"equipotential of the robot", "streamline"} <= labels(axes)
 
 
-def test_the_share_of_dirichlet_lies_between_none_and_all(space, field, neumann) -> None:
+def test_the_dirichlet_fraction_lies_between_0_and_1(space, field, neumann) -> None:
     planner = rg.plan(space, k=0.98)
     share = planner.dirichlet_share()
     assert np.nanmin(share) >= 0 and np.nanmax(share) <= 1
@@ -70,7 +70,7 @@ def front(scene: rg.Scene) -> rg.control.Wavefront:
     return rg.control.wavefront(rg.simulation(scene, announce=True, pace=2.0), np.array([0.0, 1, 5]))
 
 
-def test_a_wavefront_is_a_row_of_pictures_and_an_animation(
+def test_a_wavefront_is_drawn_as_panels_and_as_an_animation(
     front: rg.control.Wavefront, run: rg.control.Run, tmp_path
 ) -> None:
     figure = rg.draw(front)
@@ -88,7 +88,7 @@ def frames_of(file) -> list[np.ndarray]:
         return [np.asarray((picture.seek(number), picture.convert("RGB"))[1]) for number in range(picture.n_frames)]
 
 
-def test_an_animation_of_a_run_holds_its_lessons_and_its_end(run: rg.control.Run, tmp_path) -> None:
+def test_an_animation_of_a_run_contains_its_first_and_last_frame(run: rg.control.Run, tmp_path) -> None:
     assert {0, len(run.time) - 1} <= set(frame_rows(run, 6).tolist())
     drawn: list[int] = []
     first, *_, last = frames_of(rg.animate(run, tmp_path / "run.gif", count=3, progress=drawn.append))
@@ -100,15 +100,15 @@ def test_an_animation_of_a_run_holds_its_lessons_and_its_end(run: rg.control.Run
     changed = (first != last).any(axis=2)
     assert changed[:, :middle].any() and changed[:, middle:].any()
     near_blue = np.abs(first[:, :middle].astype(int) - [0, 114, 178]).sum(axis=2) < 120
-    assert near_blue.sum() > 40  # the robot, besides its mark in the legend
-    np.testing.assert_array_equal(first[[0, -1]], 255)  # nothing is cut at the border
+    assert near_blue.sum() > 40  # the robot, in addition to its mark in the legend
+    np.testing.assert_array_equal(first[[0, -1]], 255)  # no content touches the border
     np.testing.assert_array_equal(first[:, [0, -1]], 255)
     with pytest.raises(rg.InputError, match="frames"):
         rg.animate(run, tmp_path / "b.gif", count=1)
 
 
-def test_a_colour_is_the_same_in_every_frame(front: rg.control.Wavefront, monkeypatch, tmp_path) -> None:
-    """A patch keeps its colour to the bit, whatever gradients come and go around it in 300 other colours."""
+def test_a_patch_has_the_same_colour_in_every_frame(front: rg.control.Wavefront, monkeypatch, tmp_path) -> None:
+    """The colour is exact although gradients of 300 other colours change around the patch."""
     ramp = np.linspace(0, 255, 90).astype(np.uint8)
     images = []
     for number in range(5):
@@ -130,7 +130,7 @@ def test_a_colour_is_the_same_in_every_frame(front: rg.control.Wavefront, monkey
         assert np.abs(drawn.astype(int) - expected).max() <= 24
 
 
-def test_an_animation_that_is_interrupted_leaves_nothing(front: rg.control.Wavefront, tmp_path, monkeypatch) -> None:
+def test_an_interrupted_or_invalid_animation_leaves_no_file(front: rg.control.Wavefront, tmp_path, monkeypatch) -> None:
     def interrupt(_number: int) -> None:
         raise KeyboardInterrupt
 
@@ -154,8 +154,10 @@ open(sys.argv[-1], "wb").write(sys.argv[sys.argv.index("-s") + 1].encode() + b" 
 """
 
 
-def test_mp4_goes_through_ffmpeg(front: rg.control.Wavefront, tmp_path, monkeypatch) -> None:
-    """A stand-in for ffmpeg that keeps what it is fed; and one that fails."""
+def test_mp4_frames_are_piped_to_ffmpeg_and_its_errors_are_reported(
+    front: rg.control.Wavefront, tmp_path, monkeypatch
+) -> None:
+    """Substitutes for ffmpeg: one writes its input to the file, one fails."""
     tool = tmp_path / "bin" / "ffmpeg"
     tool.parent.mkdir()
     monkeypatch.setenv("PATH", str(tool.parent))

@@ -1,4 +1,4 @@
-"""Every value has its picture: with data, axes that say what they show, legible text, the same bytes every time.
+"""`rg.draw` for every type: data, labels, legible text and reproducible bytes; registration, options and notebooks.
 
 Tests internals: `resgrid.plot`, `resgrid.plot.figures`.
 """
@@ -41,7 +41,7 @@ def small_planner() -> rg.planning.Planner:
     return rg.plan(small_space(), k=0.5)
 
 
-def of_chip(what: str) -> Any:
+def chip_result(what: str) -> Any:
     netlist = rg.chip.build_chip(rg.study(small_space(), CHIP).ideal, CHIP)
     match what:
         case "yield":
@@ -87,14 +87,14 @@ ALBUM: dict[str, Callable[[rg.control.Run], Any]] = {
     "adc_resolution": lambda _: rg.draw(rg.study(small_op()).adc_resolution()),
     "precisions": lambda _: rg.draw({"Dirichlet": rg.study(small_op()).adc_resolution()}, title="Precision"),
     "sensitivity": lambda _: rg.draw(rg.study(small_op()).sensitivity((5, 5)), drift=0.8),
-    "yield": lambda _: rg.draw(of_chip("yield")),
-    "faults": lambda _: rg.draw(of_chip("faults"), fault="short"),
-    "sweep": lambda _: rg.draw(of_chip("sweep"), share=0.9),
+    "yield": lambda _: rg.draw(chip_result("yield")),
+    "faults": lambda _: rg.draw(chip_result("faults"), fault="short"),
+    "sweep": lambda _: rg.draw(chip_result("sweep"), share=0.9),
 }
 
 
 @pytest.mark.parametrize("name", ALBUM)
-def test_every_picture_has_data_units_legible_text_and_the_same_bytes_twice(name: str, run: rg.control.Run) -> None:
+def test_every_picture_has_data_labels_legible_text_and_reproducible_bytes(name: str, run: rg.control.Run) -> None:
     first, second = (figure_of(ALBUM[name](run)) for _ in range(2))
     assert render_figure(first, "png", dpi=60) == render_figure(second, "png", dpi=60)
     drawn = [axes for axes in first.findobj(Axes) if axes.axison]
@@ -120,7 +120,7 @@ def test_a_registered_picture_without_a_default_ax_gets_the_axes_of_a_new_figure
     assert len(rg.draw(Level(1.0)).lines) == 1
 
 
-def test_a_decorator_registers_the_picture_of_a_type_and_its_subclasses() -> None:
+def test_draw_register_adds_pictures_of_a_type_and_its_subclasses() -> None:
     class Reading:
         value = 3.0
 
@@ -150,7 +150,7 @@ def test_a_decorator_registers_the_picture_of_a_type_and_its_subclasses() -> Non
 
 
 @pytest.mark.parametrize("table", [pictures.PICTURES, pictures.PICTURES_OF_SEVERAL, pictures.SHOWN_PARTS])
-def test_the_tables_of_pictures_name_types_and_functions_that_exist(table: dict[str, Any]) -> None:
+def test_tables_of_pictures_name_existing_types_and_functions(table: dict[str, Any]) -> None:
     for kind, picture in table.items():
         module, name = kind.split(":")
         assert isinstance(getattr(import_module(module), name), type)
@@ -159,7 +159,7 @@ def test_the_tables_of_pictures_name_types_and_functions_that_exist(table: dict[
             assert callable(getattr(import_module(f"resgrid.plot.{module}"), name))
 
 
-def test_a_users_picture_takes_precedence_over_a_built_in_one(monkeypatch) -> None:
+def test_a_registered_picture_takes_precedence_over_a_built_in_one(monkeypatch) -> None:
     class Wall(rg.ConfigurationSpace):
         pass
 
@@ -174,9 +174,7 @@ def test_a_users_picture_takes_precedence_over_a_built_in_one(monkeypatch) -> No
     assert rg.draw(space).get_title() == ""
 
 
-def test_what_has_no_picture_and_options_that_do_not_belong_are_refused(
-    run: rg.control.Run, space, field, cube
-) -> None:
+def test_types_without_a_picture_and_unknown_options_raise_input_error(run: rg.control.Run, space, field, cube) -> None:
     with pytest.raises(rg.InputError, match=r"a dict has no picture; there are pictures of .*Field"):
         rg.draw({})
     with pytest.raises(rg.InputError, match=r"colour is not an option of a picture of a ConfigurationSpace; .*virtual"):
@@ -193,7 +191,7 @@ def test_what_has_no_picture_and_options_that_do_not_belong_are_refused(
         rg.draw(cube.space, indices=[0])
 
 
-def test_what_has_parts_is_drawn_by_the_part_that_shows_it(tmp_path) -> None:
+def test_decks_planners_and_studies_are_drawn_as_their_main_part(tmp_path) -> None:
     (tmp_path / "a.cir").write_text("* divider\nv1 a 0 5\nr1 a b 1k\nr2 b 0 1k\n.end\n")
     deck = rg.draw(rg.read_spice(tmp_path / "a.cir"))
     assert {"5 V", "1 kΩ"} <= {text.get_text() for text in deck.texts}
@@ -201,7 +199,7 @@ def test_what_has_parts_is_drawn_by_the_part_that_shows_it(tmp_path) -> None:
         assert render_figure(rg.draw(whole), "png") == render_figure(rg.draw(part), "png")
 
 
-def test_a_trajectory_is_drawn_by_speed_and_position_in_the_units_of_its_axes() -> None:
+def test_a_trajectory_is_drawn_as_speed_and_position_with_units() -> None:
     timed = trajectory()
     figure = rg.draw(timed)
     speed, position = figure.axes
@@ -215,7 +213,7 @@ def test_a_trajectory_is_drawn_by_speed_and_position_in_the_units_of_its_axes() 
         rg.draw(timed, ax, quantity="page")
 
 
-def test_axes_of_different_units_have_panels_of_their_own() -> None:
+def test_axes_of_different_units_have_separate_panels() -> None:
     space = space_of(np.array([[0, 0, 2]] * 3))
     mixed = rg.ConfigurationSpace([space.axes[0], rg.Axis("theta", 0, 3, 3, unit="rad")], space.cell)
     timed = rg.time_parameterize(rg.Polyline([(0.5, 0.5), (2.5, 1.5)], mixed), velocity_limits=[1.0, 2.0])
@@ -235,7 +233,7 @@ def spaces_of_one_and_three_axes() -> dict[int, rg.ConfigurationSpace]:
 
 
 @pytest.mark.parametrize("ndim", [1, 3])
-def test_spaces_paths_and_separations_of_one_and_three_axes_have_pictures(ndim: int) -> None:
+def test_spaces_paths_and_blocking_obstacles_of_1_and_3_axes_are_drawn(ndim: int) -> None:
     space = spaces_of_one_and_three_axes()[ndim]
     path = rg.plan(space).path((0.5,) * ndim)
     walled = space_of(np.where(np.arange(space.shape[0]).reshape(-1, *(1,) * (ndim - 1)) == 1, 1, space.cell))
@@ -258,7 +256,7 @@ def test_spaces_paths_and_separations_of_one_and_three_axes_have_pictures(ndim: 
                 rg.draw(value, panels[0])
 
 
-def test_slices_of_a_turned_map_say_whose_axes_they_show() -> None:
+def test_labels_of_slices_name_the_axes_of_a_turned_map() -> None:
     space = spaces_of_one_and_three_axes()[3]
     turned = rg.ConfigurationSpace(space.axes, space.cell, frame=rg.Frame(1.0, 2.0, 0.3, turning_length=1.0))
     first, own = figure_of(rg.draw(turned)).axes[0], figure_of(rg.draw(space)).axes[0]
@@ -267,20 +265,18 @@ def test_slices_of_a_turned_map_say_whose_axes_they_show() -> None:
     assert (own.get_xlabel(), own.get_title()) == ("x (m)", "z = 3.5 m (through a goal)")
 
 
-def test_an_axes_given_is_used_and_returned(field: rg.Field) -> None:
+def test_draw_uses_and_returns_the_given_axes(field: rg.Field) -> None:
     axes = rg.draw(field.space)
     assert rg.draw(field, axes) is axes
     assert [text.get_text() for text in axes.get_legend().get_texts()].count("obstacle") == 1
 
 
-def test_a_notebook_shows_what_was_drawn(field: rg.Field, cube: rg.Field) -> None:
+def test_png_representations_equal_the_rendered_figure(field: rg.Field, cube: rg.Field) -> None:
     for draw in (lambda: rg.draw(field), lambda: rg.draw(field).figure, lambda: rg.draw(cube)):
         assert draw()._repr_png_() == render_figure(draw(), "png", dpi=100)
 
 
-def test_central_values_have_a_repr_of_one_line_and_a_picture_in_a_notebook(
-    run: rg.control.Run, field: rg.Field
-) -> None:
+def test_central_types_have_a_one_line_repr_and_an_html_picture(run: rg.control.Run, field: rg.Field) -> None:
     op = rg.solve(rg.compile_space(small_space()))
     pictured = (run.scene, field.space, field, op, small_op(), run, rg.study(small_op()).power())
     for value in (*pictured, op.netlist, op.netlist.cells, rg.streamline(field, cell=(0, 4)), run.contacts):

@@ -1,4 +1,4 @@
-"""What is drawn of spaces and fields is what they hold, where it is.
+"""Pictures of spaces and fields, compared with their arrays: pixels, colours, contours, arrows, slices.
 
 Tests internals: `resgrid._internal.colours`, `resgrid.plot.fields`, `resgrid.plot.plane`, `resgrid.plot.shading`.
 """
@@ -41,7 +41,7 @@ def solved(space: rg.ConfigurationSpace, **options) -> rg.Field:
     return rg.field(rg.solve(rg.compile_space(space, **options)))
 
 
-def test_the_image_is_the_potential_first_axis_right_second_up(field: rg.Field) -> None:
+def test_the_image_equals_the_potential_with_the_first_axis_horizontal(field: rg.Field) -> None:
     axes = rg.draw(field, scale="linear")
     assert np.array_equal(shown(axes), field.potential)
     assert axes.images[0].origin == "lower"
@@ -51,7 +51,7 @@ def test_the_image_is_the_potential_first_axis_right_second_up(field: rg.Field) 
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (m)", "y (m)")
 
 
-def test_dots_on_paper_lie_where_the_cells_are(space: rg.ConfigurationSpace) -> None:
+def test_rendered_colours_are_those_of_the_cells_at_their_centres(space: rg.ConfigurationSpace) -> None:
     virtual = np.zeros(space.shape, dtype=bool)
     virtual[2, 3] = True
     axes = rg.draw(space, virtual=virtual)
@@ -60,7 +60,7 @@ def test_dots_on_paper_lie_where_the_cells_are(space: rg.ConfigurationSpace) -> 
     assert legend_of(axes) == ["free", "obstacle", "goal", "no path to a goal", "virtual obstacle"]
 
 
-def test_a_frame_turns_the_picture(space: rg.ConfigurationSpace) -> None:
+def test_a_frame_rotates_the_picture(space: rg.ConfigurationSpace) -> None:
     turned = rg.ConfigurationSpace(space.axes, space.cell, frame=rg.Frame(10.0, -5.0, np.pi / 6))
     axes = rg.draw(turned)
     for index, colour in {(2, 1): 0x3D, (6, 0): 0xE8, (0, 4): 255}.items():
@@ -69,14 +69,14 @@ def test_a_frame_turns_the_picture(space: rg.ConfigurationSpace) -> None:
 
 
 @pytest.mark.parametrize(("radius", "name"), [(0.0, "obstacle"), (0.2, "obstacle, grown by the robot")])
-def test_the_legend_says_where_obstacles_are_larger_than_they_are(radius: float, name: str) -> None:
+def test_the_legend_names_obstacles_grown_by_the_robot(radius: float, name: str) -> None:
     axes = [rg.Axis(name, 0, 6, 6) for name in "xy"]
     wall, goal = rg.Box((4, 0), (5, 1)), rg.GoalCell((0, 0))
     scene = rg.Scene(axes, robot=rg.PointRobot(radius), obstacles=[wall], goals=[goal])
     assert legend_of(rg.draw(rg.build_space(scene))) == ["free", name, "goal"]
 
 
-def test_unknown_cells_have_a_colour_of_their_own(space: rg.ConfigurationSpace) -> None:
+def test_unknown_obstacle_cells_have_their_own_colour(space: rg.ConfigurationSpace) -> None:
     unknown = np.ones(space.shape, dtype=bool)  # only obstacle cells are painted
     unknown[2, 3] = False
     axes = rg.draw(space, unknown=unknown)
@@ -86,13 +86,13 @@ def test_unknown_cells_have_a_colour_of_their_own(space: rg.ConfigurationSpace) 
 
 
 @pytest.mark.parametrize("scale", ["linear", "log"])
-def test_yellow_is_the_goal_on_every_scale(field: rg.Field, scale: str) -> None:
+def test_the_goal_has_the_yellow_end_of_every_scale(field: rg.Field, scale: str) -> None:
     image = rg.draw(field, scale=scale).images[0]
     goal, far = image.get_clim() if scale == "linear" else image.get_clim()[::-1]
     assert [to_hex(image.to_rgba(value)) for value in (goal, far)] == [HEIGHT[0], HEIGHT[-1]]
 
 
-def test_the_colours_of_heights_are_uniform_to_the_eye() -> None:
+def test_height_colours_are_equidistant_in_viridis() -> None:
     stops = np.array([to_rgb(stop) for stop in HEIGHT])
     distance = np.abs(stops[:, np.newaxis] - colormaps["viridis"].colors).sum(axis=2)
     numbers = distance.argmin(axis=1)
@@ -100,14 +100,14 @@ def test_the_colours_of_heights_are_uniform_to_the_eye() -> None:
     assert numbers[0] == 255 and np.ptp(np.diff(numbers)) <= 2  # equidistant in viridis, from its yellow end
 
 
-def test_decades_are_shown_where_the_drop_spans_them(field: rg.Field) -> None:
+def test_the_logarithmic_image_equals_the_logarithm_of_the_drop(field: rg.Field) -> None:
     drop = shown(rg.draw(field, scale="log"))
     free = field.space.goal_connected | (field.space.cell == rg.Cell.GOAL)
     assert np.allclose(drop[free], np.log10(1.0 - field.potential[free]), atol=1e-9)
     assert np.isnan(drop[~free]).all()
 
 
-def test_auto_takes_decades_only_for_a_wide_span(field: rg.Field, neumann: rg.Field) -> None:
+def test_scale_auto_is_logarithmic_only_for_a_wide_span(field: rg.Field, neumann: rg.Field) -> None:
     narrow = replace(field, log_drop=np.maximum(field.log_drop, np.log(0.05)))
     wide = replace(field, log_drop=np.where(np.isfinite(field.log_drop), field.log_drop * 300, -np.inf))
     assert not shading_of(narrow).is_log
@@ -120,7 +120,7 @@ def test_auto_takes_decades_only_for_a_wide_span(field: rg.Field, neumann: rg.Fi
         rg.draw(field, scale="logarithmic")
 
 
-def test_a_drop_far_below_float64_is_drawn(field: rg.Field) -> None:
+def test_a_drop_below_the_range_of_float64_is_drawn(field: rg.Field) -> None:
     deep = replace(field, log_drop=np.where(np.isfinite(field.log_drop), field.log_drop * 1000, -np.inf))
     levels = next(artist for artist in rg.draw(deep).collections if isinstance(artist, ContourSet)).levels
     assert levels.min() < -400
@@ -133,8 +133,8 @@ def test_cells_at_the_high_rail_have_their_own_legend_entry(space: rg.Configurat
     assert "at the high rail" not in legend_of(rg.draw(driven, scale="linear"))
 
 
-def test_equipotentials_lie_where_the_potential_says() -> None:
-    """Between plates the potential is linear: the line phi = 0.5 lies half-way, up to both edges."""
+def test_equipotentials_of_a_plate_capacitor_are_straight_lines() -> None:
+    """Between plates the potential is linear: the line phi = 0.5 lies half-way and ends at both edges."""
     cell = np.zeros((11, 4), dtype=np.uint8)
     cell[0], cell[10] = rg.Cell.GOAL, rg.Cell.OBSTACLE
     axes = rg.draw(solved(space_of(cell), edge="open"), scale="linear")
@@ -145,7 +145,7 @@ def test_equipotentials_lie_where_the_potential_says() -> None:
     assert line[:, 1].max() >= 4
 
 
-def test_arrows_point_along_the_current(field: rg.Field) -> None:
+def test_arrows_have_the_direction_and_magnitude_of_the_current(field: rg.Field) -> None:
     arrows = current_arrows(field, 1)
     assert len(arrows.tail) == field.space.goal_connected.sum()
     for (i, j), vector, decades in zip(arrows.tail, arrows.vector, arrows.decades, strict=True):
@@ -163,7 +163,7 @@ def test_arrows_point_along_the_current(field: rg.Field) -> None:
     assert np.allclose(arrows.decades - 2000 / np.log(10), weak.decades)
 
 
-def test_each_block_shows_the_eligible_cell_nearest_to_its_middle() -> None:
+def test_each_block_has_an_arrow_at_the_cell_nearest_to_its_centre() -> None:
     eligible = np.random.default_rng(3).random((17, 11)) < 0.2
     chosen = {tuple(cell) for cell in nearest_to_middles(eligible, 4).tolist()}
     expected = 0
@@ -177,7 +177,7 @@ def test_each_block_shows_the_eligible_cell_nearest_to_its_middle() -> None:
     assert len(chosen) == expected
 
 
-def test_means_over_blocks() -> None:
+def test_block_means_and_colours_skip_missing_values() -> None:
     values = np.array([[1.0, 3.0, 5.0], [np.nan, 2.0, np.nan], [np.nan, np.nan, 7.0]])
     assert np.array_equal(block_means(values, 2), [[2.0, 5.0], [np.nan, 7.0]], equal_nan=True)
     colours = np.zeros((2, 2, 4), dtype=np.uint8)
@@ -185,7 +185,7 @@ def test_means_over_blocks() -> None:
     assert block_colours(colours, 2).tolist() == [[[200, 100, 0, 64]]]
 
 
-def test_what_lies_beyond_the_walls_follows_the_edges() -> None:
+def test_values_beyond_the_grid_follow_the_edge_conditions() -> None:
     values = np.array([[1.0, 2.0], [3.0, 4.0]])
     assert add_border(values, ("periodic", "open"), 9.0)[:, 1].tolist() == [3.0, 1.0, 3.0, 1.0]
     assert add_border(values, ("obstacle", "open"), 9.0)[0].tolist() == [9.0] * 4
@@ -196,18 +196,18 @@ def test_what_lies_beyond_the_walls_follows_the_edges() -> None:
 
 
 @pytest.mark.parametrize(("smallest", "step"), [(0.011, 0.02), (0.5, 0.5), (1.0, 1.0), (2.1, 5.0), (7.0, 10.0)])
-def test_steps_between_lines_are_round(smallest: float, step: float) -> None:
+def test_contour_steps_are_round_numbers(smallest: float, step: float) -> None:
     assert nice_step(smallest) == pytest.approx(step)
 
 
-def test_a_thin_tail_does_not_swallow_the_colours() -> None:
+def test_the_colour_range_ignores_rare_outliers() -> None:
     values = np.append(np.linspace(-3.0, 0.0, 1000), [-900.0, np.nan])
     assert span(values)[0] == pytest.approx(-2.94, abs=0.01)
     assert span(values[:1000]) == (-3.0, 0.0)
     assert span(np.array([2.0])) == (2.0, 2.0)
 
 
-def test_conductivity_and_units_that_differ(space: rg.ConfigurationSpace) -> None:
+def test_the_picture_of_a_conductivity_has_its_values_and_labels(space: rg.ConfigurationSpace) -> None:
     turning = [replace(space.axes[0], unit="rad", name="theta_1"), space.axes[1]]
     costly = rg.ConfigurationSpace(turning, space.cell, np.linspace(0.1, 10.0, 35).reshape(7, 5))
     axes = rg.draw(costly)
@@ -226,14 +226,14 @@ def test_a_large_map_is_drawn_from_block_means() -> None:
     assert coloured(axes, (750.0, 50.0)) == (255, 255, 255)
 
 
-def test_a_small_room_in_a_large_map_fills_the_picture() -> None:
+def test_the_picture_is_cropped_to_free_cells_and_paths() -> None:
     cell = np.full((100, 80), rg.Cell.OBSTACLE, dtype=np.uint8)
     cell[40:64, 20:32], cell[50, 25] = rg.Cell.FREE, rg.Cell.GOAL
     space = space_of(cell)
     axes = rg.draw(space)
     assert (*axes.get_xlim(), *axes.get_ylim()) == (38, 66, 18, 34)
     assert coloured(axes, (50.5, 25.5)) == (0xE8, 0x49, 0x1D)
-    blocked = rg.streamline(solved(space), cell=(90, 70))  # outside the room, and still shown
+    blocked = rg.streamline(solved(space), cell=(90, 70))  # a start outside the free cells is still shown
     axes = rg.draw(blocked)
     assert (*axes.get_xlim(), *axes.get_ylim()) == (38, 90.5, 18, 70.5)
 
@@ -242,7 +242,7 @@ def panels(figure) -> list:
     return [axes for axes in figure.axes if axes.images]
 
 
-def test_slices_show_what_is_cut(cube: rg.Field) -> None:
+def test_slices_equal_the_potential_in_their_planes(cube: rg.Field) -> None:
     drawn = panels(rg.draw(cube, scale="linear"))
     assert [axes.get_title() for axes in drawn] == [
         "z = 3.5 m (through a goal)", "y = 4.5 m (through a goal)", "x = 5.5 m (through a goal)",
@@ -267,12 +267,12 @@ def test_slices_show_what_is_cut(cube: rg.Field) -> None:
         ({"quantity": "sound"}, "'potential' or 'currents'"),
     ],
 )
-def test_wrong_slices_are_refused(cube: rg.Field, options: dict, message: str) -> None:
+def test_invalid_slices_raise_input_error(cube: rg.Field, options: dict, message: str) -> None:
     with pytest.raises(rg.InputError, match=message):
         rg.draw(cube, **options)
 
 
-def test_a_profile_is_the_potential_over_the_coordinate(line: rg.Field) -> None:
+def test_the_profile_of_one_axis_equals_the_potential_at_cell_centres(line: rg.Field) -> None:
     paths = [rg.streamline(line, start=[0.25]), rg.streamline(line, start=[6.5])]
     (axes,) = rg.plot.draw_summary(line, paths, scale="linear").axes
     curve = next(artist for artist in axes.lines if artist.get_label() == "cells")

@@ -1,4 +1,4 @@
-"""Files of pictures: whole, without dates, the same bytes every time; and what is imported for them.
+"""Picture files: complete, without dates, reproducible bytes; and the imports they need.
 
 Tests internals: `resgrid.plot.figures`.
 """
@@ -15,7 +15,9 @@ from resgrid.plot.figures import render_figure
 
 
 @pytest.mark.parametrize(("name", "first"), [("a.png", b"\x89PNG"), ("a.PDF", b"%PDF"), ("a.svg", b"<?xml")])
-def test_the_suffix_says_the_format_and_the_bytes_repeat(field, tmp_path: Path, name: str, first: bytes) -> None:
+def test_the_suffix_determines_the_format_and_bytes_are_reproducible(
+    field, tmp_path: Path, name: str, first: bytes
+) -> None:
     contents = []
     for folder in ("one", "two"):
         (tmp_path / folder).mkdir()
@@ -29,13 +31,13 @@ def test_the_suffix_says_the_format_and_the_bytes_repeat(field, tmp_path: Path, 
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "a", "a.png.txt"])
-def test_an_unknown_suffix_is_refused_and_nothing_written(field, tmp_path: Path, name: str) -> None:
+def test_an_unknown_suffix_raises_input_error_and_writes_no_file(field, tmp_path: Path, name: str) -> None:
     with pytest.raises(rg.InputError, match=r"suffix must be one of \.png, \.pdf, \.svg"):
         rg.plot.save_figure(rg.draw(field), tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 
-def test_wrong_formats_folders_and_resolutions_are_input_errors(field, tmp_path: Path) -> None:
+def test_invalid_formats_folders_and_resolutions_raise_input_error(field, tmp_path: Path) -> None:
     axes = rg.draw(field)
     with pytest.raises(rg.InputError, match="'gif' is unknown"):
         render_figure(axes.figure, "gif")
@@ -46,7 +48,7 @@ def test_wrong_formats_folders_and_resolutions_are_input_errors(field, tmp_path:
             render_figure(axes.figure, "png", dpi=dpi)
 
 
-def test_computing_never_imports_matplotlib_and_drawing_never_pyplot() -> None:
+def test_computations_import_no_matplotlib_and_pictures_no_pyplot() -> None:
     code = (
         "import sys, resgrid.planning.trace, resgrid.planning.blend, resgrid.circuit.solve, resgrid.core.compiler\n"
         "import resgrid.scene, resgrid.spice\n"
@@ -57,7 +59,7 @@ def test_computing_never_imports_matplotlib_and_drawing_never_pyplot() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_the_pictures_that_the_guide_keeps_are_small_and_drawn_by_a_script() -> None:
+def test_pictures_in_docs_are_small_and_generated_by_the_script() -> None:
     docs = Path(__file__).parents[2] / "docs"
     script = runpy.run_path(str(docs / "pictures.py"))
     drawn = {"rooms.png", "blend_k.png", "motion.webp", *(f"live_{name}.webp" for name in script["PAGES"])}

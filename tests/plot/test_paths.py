@@ -1,4 +1,4 @@
-"""Paths are drawn as they are, broken at seams; and pages hold everything.
+"""Pictures of paths, compared with their points, with breaks at seams; summary figures of every field.
 
 Tests internals: `resgrid.plot.paths`.
 """
@@ -25,7 +25,7 @@ def marks_of(axes) -> dict[str, np.ndarray]:
     return {c.get_label(): np.asarray(c.get_offsets()) for c in axes.collections if isinstance(c, PathCollection)}
 
 
-def test_a_path_is_drawn_as_it_is(field: rg.Field) -> None:
+def test_a_path_is_drawn_with_its_points_start_and_goal(field: rg.Field) -> None:
     path = rg.streamline(field, cell=(0, 4))
     axes = rg.draw(path)
     (line,) = lines_of(axes)["path"]
@@ -34,7 +34,7 @@ def test_a_path_is_drawn_as_it_is(field: rg.Field) -> None:
     assert np.allclose(marks_of(axes)["goal reached"], path.points[-1:])
 
 
-def test_paths_of_one_blend_share_a_colour(field: rg.Field, neumann: rg.Field) -> None:
+def test_paths_of_one_k_have_one_colour_and_one_legend_entry(field: rg.Field, neumann: rg.Field) -> None:
     paths = [rg.streamline(each, cell=cell) for each in (neumann, field) for cell in [(0, 4), (3, 2)]]
     axes = rg.draw(paths, k=[0.0, 0.0, 1.0, 1.0])
     assert {label: len(lines) for label, lines in lines_of(axes).items()} == {
@@ -47,7 +47,7 @@ def test_paths_of_one_blend_share_a_colour(field: rg.Field, neumann: rg.Field) -
         rg.draw(paths, k=[1.0])
 
 
-def test_no_blend_hides_another_and_the_legend_is_in_order_of_k(field: rg.Field) -> None:
+def test_line_widths_decrease_and_the_legend_is_in_order_of_k(field: rg.Field) -> None:
     paths = [rg.streamline(field, cell=(0, 4))] * 4
     axes = rg.draw(paths, k=[0.98, 0.0, 0.5, 1.0])
     lines = [c for c in axes.collections if isinstance(c, LineCollection)]
@@ -59,7 +59,7 @@ def test_no_blend_hides_another_and_the_legend_is_in_order_of_k(field: rg.Field)
     assert named == ["$k$ = 0 (Neumann)", "$k$ = 0.5", "$k$ = 0.98", "$k$ = 1 (Dirichlet)"]
 
 
-def test_an_end_lies_in_the_ring_of_a_small_goal() -> None:
+def test_ends_at_a_small_goal_are_marked_at_its_centre() -> None:
     cell = np.zeros((180, 60), dtype=np.uint8)
     cell[40:42, 30] = rg.Cell.GOAL
     field = rg.field(rg.solve(rg.compile_space(space_of(cell))))
@@ -68,12 +68,12 @@ def test_an_end_lies_in_the_ring_of_a_small_goal() -> None:
     np.testing.assert_allclose(marks["goal reached"], [[41.0, 30.5]])
 
 
-def test_ends_of_many_paths_do_not_hide_the_goals(field: rg.Field) -> None:
+def test_ends_of_many_paths_are_not_marked(field: rg.Field) -> None:
     paths = [rg.streamline(field, cell=cell) for cell in np.argwhere(field.space.goal_connected)]
     assert len(paths) > 12 and "goal reached" not in marks_of(rg.draw(paths))
 
 
-def test_failures_are_crosses_that_name_their_outcome(field: rg.Field) -> None:
+def test_failed_starts_are_marked_with_their_outcome(field: rg.Field) -> None:
     paths = [rg.streamline(field, cell=cell) for cell in [(5, 3), (2, 2), (2, 1), (0, 0)]]
     marks = marks_of(rg.draw(paths))
     assert np.allclose(marks["no path (1 start)"], [field.space.centre((5, 3))])
@@ -83,7 +83,7 @@ def test_failures_are_crosses_that_name_their_outcome(field: rg.Field) -> None:
 
 @pytest.mark.parametrize("cells", [2, 3, 9])
 def test_lines_break_at_seams_and_keep_their_length(cells: int) -> None:
-    """On a ring of any size no segment is longer than its cell, and the pieces add up to the path."""
+    """On a ring of any size no segment is longer than its cell, and the lengths of the pieces add up."""
     cell = np.zeros((cells, 6), dtype=np.uint8)
     cell[0, 0] = rg.Cell.GOAL
     if cells > 3:
@@ -103,7 +103,7 @@ def test_lines_break_at_seams_and_keep_their_length(cells: int) -> None:
     assert crossed > 0
 
 
-def test_a_page_has_its_panels_side_by_side_or_stacked(field: rg.Field) -> None:
+def test_summary_panels_are_side_by_side_or_stacked(field: rg.Field) -> None:
     figure = rg.plot.draw_summary(field, [rg.streamline(field, cell=(0, 4))], title="Title")
     assert [axes.get_title() for axes in figure.axes[:2]] == ["Potential and paths", "Current"]
     assert figure.get_suptitle() == "Title"
@@ -119,7 +119,7 @@ def test_a_page_has_its_panels_side_by_side_or_stacked(field: rg.Field) -> None:
     assert left.x1 < right.x0
 
 
-def test_a_path_is_bold_only_in_its_slice(cube: rg.Field) -> None:
+def test_a_path_is_bold_only_within_its_slice(cube: rg.Field) -> None:
     path = rg.streamline(cube, cell=(0, 0, 0))
     labelled = [line for axes in rg.plot.draw_summary(cube, [path]).axes for line in axes.lines]
     bold = [line.get_xydata() for line in labelled if line.get_label() == "path in the slice"]
@@ -128,7 +128,7 @@ def test_a_path_is_bold_only_in_its_slice(cube: rg.Field) -> None:
     assert np.allclose(bold[0][~np.isnan(bold[0][:, 0])], inside)
 
 
-def test_paths_of_other_spaces_are_refused(field: rg.Field, cube: rg.Field, line: rg.Field) -> None:
+def test_paths_of_other_spaces_raise_input_error(field: rg.Field, cube: rg.Field, line: rg.Field) -> None:
     for each, other in ((field, cube), (cube, line), (line, field)):
         path = rg.streamline(other, cell=(0,) * other.space.ndim)
         with pytest.raises(rg.InputError, match="coordinates, but the space"):
@@ -137,8 +137,8 @@ def test_paths_of_other_spaces_are_refused(field: rg.Field, cube: rg.Field, line
 
 @settings(max_examples=12)
 @given(spaces(), st.sampled_from(["dirichlet", "neumann", "wall"]), st.booleans())
-def test_every_field_has_a_page(space: rg.ConfigurationSpace, boundary: str, periodic: bool) -> None:
-    """Whatever the shape: thin, tiny, without obstacles, all of one value."""
+def test_every_field_has_a_summary(space: rg.ConfigurationSpace, boundary: str, periodic: bool) -> None:
+    """Random spaces: thin, tiny, without obstacles, with constant values."""
     assume(space.ndim < 4)
     axes = [replace(axis, periodic=periodic and number == 0) for number, axis in enumerate(space.axes)]
     space = rg.ConfigurationSpace(axes, space.cell, space.conductivity)

@@ -1,4 +1,4 @@
-"""What is drawn of robots is where the robots are.
+"""Pictures of robots, compared with their joints and corners; pairs of workspace and configuration space.
 
 Tests internals: `resgrid.plot.panels`, `resgrid.plot.style`.
 """
@@ -45,7 +45,7 @@ def colour_at(axes, point: tuple[float, float]) -> tuple[int, ...]:
     return tuple(int(part) for part in image[len(image) - 1 - int(row), int(column), :3])
 
 
-def test_links_are_drawn_where_the_joints_are(arm, planner) -> None:
+def test_links_are_drawn_between_their_joints(arm, planner) -> None:
     path = planner.path((-0.5, 0.6))
     axes = rg.plot.draw_robot(path, arm, ghosts=5)
     lines = lines_of(axes)
@@ -60,13 +60,13 @@ def test_links_are_drawn_where_the_joints_are(arm, planner) -> None:
     assert bottom < -1.5 < 1.5 < top
 
 
-def test_a_pose_alone_has_no_path(arm) -> None:
+def test_a_single_pose_is_drawn_without_a_path(arm) -> None:
     lines = lines_of(rg.plot.draw_robot([(0.0, pi / 2)], arm))
     assert "path of the tip" not in lines
     np.testing.assert_allclose(lines["robot at the start"], [(0, 0), (1, 0), (1, 0.5)], atol=1e-12)
 
 
-def test_polygons_and_discs_are_filled_where_they_are() -> None:
+def test_polygon_and_disc_robots_are_drawn_at_their_poses() -> None:
     bar = rg.PolygonRobot(((-0.2, -0.1), (0.2, -0.1), (0.0, 0.3)))
     turning = rg.Scene((*PLANE, bar.turning_axis(4)), robot=bar)
     axes = rg.plot.draw_robot([(1, 1, 0), (3, 2, pi)], turning, ghosts=3)
@@ -80,7 +80,7 @@ def test_polygons_and_discs_are_filled_where_they_are() -> None:
         rg.plot.draw_robot([(1, 1)], disc, ghosts=0)
 
 
-def test_a_scene_shows_shapes_of_all_kinds_with_their_holes() -> None:
+def test_a_scene_is_drawn_with_shapes_of_all_kinds_and_holes() -> None:
     ring = rg.Polygon(((0, 0), (3, 0), (3, 3), (0, 3)), (((1, 1), (2, 1), (2, 2), (1, 2)),))
     axes = [rg.Axis(name, -4, 8, 12) for name in "xy"]
     shapes = (ring, rg.Box((4, 0), (5, 1)), rg.Ball((6, 0), 1), rg.HalfSpace((0, 1), -2))
@@ -95,7 +95,7 @@ def test_a_scene_shows_shapes_of_all_kinds_with_their_holes() -> None:
         rg.plot.draw_robot([(1, 1, 1)], rg.Scene([rg.Axis(name, 0, 4, 4) for name in "xyz"]))
 
 
-def test_a_pair_has_the_workspace_left_and_the_configurations_right(arm, planner) -> None:
+def test_the_workspace_is_drawn_left_of_the_configuration_space(arm, planner) -> None:
     path = planner.path((-0.5, 0.6))
     virtual = np.zeros(planner.space.shape, dtype=bool)
     virtual[3, 3] = True
@@ -110,7 +110,7 @@ def test_a_pair_has_the_workspace_left_and_the_configurations_right(arm, planner
     assert (pixels[..., 3] > 0).sum() == 1
 
 
-def test_titles_panels_and_legends_of_pairs_lie_below_each_other_on_the_page(arm, planner, run) -> None:
+def test_titles_panels_and_legends_of_pairs_do_not_overlap(arm, planner, run) -> None:
     path = planner.path((-0.5, 0.6))
     runs = [run, replace(run, field=replace(run.field, k=0.5)), replace(run, field=replace(run.field, k=0.0))]
     for figure in (
@@ -126,7 +126,7 @@ def test_titles_panels_and_legends_of_pairs_lie_below_each_other_on_the_page(arm
             assert 0 < gap < 40  # pixels at 200 dots per inch
 
 
-def test_what_separates_is_red_in_both_halves() -> None:
+def test_blocking_obstacles_are_red_in_both_panels() -> None:
     cell = np.zeros((8, 6), dtype=np.uint8)
     cell[4, :], cell[7, 0] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     space = space_of(cell)
@@ -148,7 +148,7 @@ def test_what_separates_is_red_in_both_halves() -> None:
         rg.plot.draw_workspace_and_space(path, scene, verdict=rg.find_blocking_obstacles(cube, cell=(1, 1, 0)))
 
 
-def test_many_paths_are_those_of_the_tip(arm, planner) -> None:
+def test_paths_of_an_arm_are_drawn_as_paths_of_the_tip(arm, planner) -> None:
     paths = planner.paths([(-0.5, 0.6), (1.0, 0.2)])
     axes = rg.plot.draw_tip_paths(paths, arm)
     (lines,) = (c.get_segments() for c in axes.collections if isinstance(c, LineCollection))
@@ -156,7 +156,7 @@ def test_many_paths_are_those_of_the_tip(arm, planner) -> None:
         np.testing.assert_allclose(line[[0, -1]], ARM.tip(path.points[[0, -1]]))
 
 
-def test_the_curve_shows_its_means() -> None:
+def test_the_clearance_curve_shows_the_means() -> None:
     cell = np.zeros((12, 9), dtype=np.uint8)
     cell[5, 2:], cell[11, 8] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     curve = rg.planning.clearance_curve(rg.plan(space_of(cell), k=0.5), (0.0, 0.5, 1.0), [(1.5, 7.5), (2.5, 4.5)])
@@ -165,7 +165,7 @@ def test_the_curve_shows_its_means() -> None:
     assert axes.get_ylabel().endswith("(m)")
 
 
-def test_short_paths_and_separations_of_scenes_have_pictures() -> None:
+def test_shortcuts_and_blocking_obstacles_of_scenes_are_drawn() -> None:
     scene = rg.parse_scene(ROOM, "room")
     short = rg.shortcut(rg.plan(scene).path((0.5, 0.5)))
     for path in (short, rg.Polyline(short.points, short.space)):

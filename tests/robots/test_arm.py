@@ -1,4 +1,4 @@
-"""The arm against shapely, finite differences and brute force.
+"""Arms: occupancy, kinematics and goal cells, compared with shapely, finite differences and exhaustive search.
 
 Tests internals: `resgrid.core.regions`, `resgrid.robots`, `resgrid.robots.arm_cells`.
 """
@@ -42,7 +42,7 @@ def links(arm, configurations):
 
 
 def collides(arm, configurations, obstacles=GEOMETRY):
-    """Exact collisions: the spine of a capsule within half its width of something."""
+    """Exact collisions: a capsule's axis lies within half its width of an obstacle or another link."""
     spines = links(arm, configurations)
     radii = np.array(arm.widths) / 2
     hit = (shapely.distance(spines, obstacles) <= radii).any(axis=1)
@@ -53,8 +53,8 @@ def collides(arm, configurations, obstacles=GEOMETRY):
     return hit
 
 
-def drawn(axes, cells, count, rng):
-    """Random configurations in random ones of these cells, borders included."""
+def random_configurations(axes, cells, count, rng):
+    """Random configurations in random cells, a quarter of them on borders."""
     chosen = cells[rng.integers(len(cells), size=count)]
     share = rng.random(chosen.shape)
     share[: count // 4] = np.round(share[: count // 4])
@@ -68,12 +68,12 @@ def test_no_configuration_in_a_free_cell_collides(which, count):
     axes = arm.axes(CELLS[arm.ndim])
     blocked = arm.occupancy(axes, OBSTACLES, "conservative")
     assert 0.05 < blocked.mean() < 0.96
-    inside = drawn(axes, np.argwhere(~blocked), count, np.random.default_rng(1))
+    inside = random_configurations(axes, np.argwhere(~blocked), count, np.random.default_rng(1))
     assert not collides(arm, inside).any()
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_centre_rule_is_brute_force_at_the_centre(arm):
+def test_the_centre_rule_equals_exact_collision_tests_at_cell_centres(arm):
     axes = arm.axes(CELLS[arm.ndim])
     blocked = arm.occupancy(axes, OBSTACLES, "centre")
     grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1).reshape(-1, arm.ndim)
@@ -87,7 +87,7 @@ def test_the_centre_rule_is_brute_force_at_the_centre(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS[:2])
-def test_a_blocked_cell_is_seldom_free_throughout(arm):
+def test_few_blocked_cells_are_entirely_free(arm):
     """The over-approximation: cells lost although no sampled configuration in them collides."""
     axes = arm.axes(120)
     blocked = arm.occupancy(axes, OBSTACLES, "conservative")
@@ -100,7 +100,7 @@ def test_a_blocked_cell_is_seldom_free_throughout(arm):
     assert lost < 0.015, f"{lost:.2%} of the free volume is lost"
 
 
-def test_refined_grids_lose_less_and_less_volume():
+def test_the_lost_volume_decreases_with_the_cell_size():
     arm, lost = ARMS[0], []
     for cells in (30, 120, 480):
         axes = arm.axes(cells)
@@ -111,7 +111,7 @@ def test_refined_grids_lose_less_and_less_volume():
 
 @settings(max_examples=50)
 @given(st.integers(0, 4), st.lists(st.floats(-7, 7), min_size=4, max_size=4))
-def test_kinematics(which, angles):
+def test_joints_jacobian_and_shapes_agree_with_forward_kinematics(which, angles):
     arm = ARMS[which]
     q = np.array(angles[: arm.ndim])
     places = arm.joints(q)
@@ -130,7 +130,7 @@ def test_kinematics(which, angles):
 
 
 @given(st.integers(0, 1), st.floats(-3, 3), st.floats(-3, 3))
-def test_inverse_kinematics_of_two_links(which, first, second):
+def test_inverse_kinematics_of_two_links_returns_all_solutions(which, first, second):
     arm = ARMS[which]
     point = arm.tip((first, second))
     solutions = arm.inverse(point)
@@ -143,7 +143,7 @@ def test_inverse_kinematics_of_two_links(which, first, second):
     assert len(arm.inverse((5.0, 0.0))) == 0
 
 
-def test_inverse_by_hand():
+def test_inverse_equals_solutions_computed_by_hand():
     arm = rg.Arm((1.0, 1.0), angles="absolute")
     assert np.allclose(arm.inverse((1.0, 1.0)), [[0, np.pi / 2], [np.pi / 2, 0]])
     assert np.allclose(arm.inverse((2.0, 0.0)), [[0, 0]])
@@ -151,7 +151,7 @@ def test_inverse_by_hand():
     assert np.allclose(arm.tip(arm.inverse((0.0, 0.0))), 0)
 
 
-def test_inverse_counts_every_turn_that_the_limits_leave():
+def test_inverse_returns_every_full_turn_within_the_limits():
     wide = (-2 * np.pi, 2 * np.pi)
     once = rg.Arm((1.0, 0.8)).inverse((0.7, -0.9))
     found = rg.Arm((1.0, 0.8), limits=(wide, (-5.0, 2.0))).inverse((0.7, -0.9))
@@ -174,8 +174,8 @@ GOAL_ARMS = [
 GOAL_GRIDS = {1: (23,), 2: (17, 20), 3: (9, 8, 7), 4: (5, 4, 5, 4)}
 
 
-def own_tip(arm, configurations):
-    """Forward kinematics, one link after the other."""
+def forward_kinematics(arm, configurations):
+    """Forward kinematics, link by link, independent of `Arm.tip`."""
     place, turned = np.array(arm.base), arm.base_angle
     for joint, length in enumerate(arm.lengths):
         turned = configurations[..., joint] + (turned if arm.angles == "relative" else arm.base_angle)
@@ -183,7 +183,7 @@ def own_tip(arm, configurations):
     return place
 
 
-def from_region(region, points):
+def distance_from_region(region, points):
     """Exact distance of points from a region."""
     match region:
         case rg.HalfSpace(normal, offset):
@@ -196,16 +196,16 @@ def from_region(region, points):
 
 
 def check_goal(arm, axes, region):
-    """Every goal cell says a solution within it; the mask is given back."""
+    """Assert that the point of every goal cell is a solution in that cell; return the mask."""
     cells, points = arm.goal_cells(axes, region)
     lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
     assert (np.abs((points - lower) / spacing - np.argwhere(cells) - 0.5) <= 0.5 + 1e-9).all()
-    assert (from_region(region, own_tip(arm, points)) <= 2e-9 * arm.reach).all()
+    assert (distance_from_region(region, forward_kinematics(arm, points)) <= 2e-9 * arm.reach).all()
     return cells
 
 
-def goals_at(place, size):
-    """Goals of all kinds that hold a place."""
+def goals_containing(place, size):
+    """Goals of all kinds that contain a place."""
     x, y = place
     ring = np.array([(0, 0), (2, -1), (1.2, 0.3), (1.5, 1.4), (-0.4, 1.1)]) * size + place
     yield x, y
@@ -219,7 +219,7 @@ def goals_at(place, size):
 
 @pytest.mark.parametrize("which", range(len(GOAL_ARMS)))
 @pytest.mark.parametrize("share", ["inside", "centre", "corner"])
-def test_every_solution_has_its_cell_and_every_goal_cell_a_solution(which, share):
+def test_goal_cells_are_exactly_the_cells_with_solutions(which, share):
     arm, rng = GOAL_ARMS[which], np.random.default_rng(which)
     axes = arm.axes(GOAL_GRIDS[arm.ndim])
     lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
@@ -228,30 +228,34 @@ def test_every_solution_has_its_cell_and_every_goal_cell_a_solution(which, share
     within = {"inside": rng.random(arm.ndim), "centre": 0.5, "corner": rng.integers(2, size=arm.ndim)}[share]
     anywhere = lower + rng.random((4000, arm.ndim)) * size * spacing
     their_cells = tuple(((anywhere - lower) / spacing).astype(int).T)
-    for region in goals_at(own_tip(arm, lower + (cell + within) * spacing).tolist(), 0.2):
+    for region in goals_containing(forward_kinematics(arm, lower + (cell + within) * spacing).tolist(), 0.2):
         cells = check_goal(arm, axes, region)
         assert cells[tuple(cell)], region
-        assert cells[tuple(each[from_region(region, own_tip(arm, anywhere)) == 0] for each in their_cells)].all()
+        assert cells[
+            tuple(each[distance_from_region(region, forward_kinematics(arm, anywhere)) == 0] for each in their_cells)
+        ].all()
 
 
 @pytest.mark.parametrize("arm", GOAL_ARMS[3:6])
-def test_cells_that_are_no_goal_hold_no_solution_by_least_squares(arm):
+def test_least_squares_finds_no_solution_outside_goal_cells(arm):
     point, rng = (0.6, 0.7), np.random.default_rng(5)
     axes = arm.axes((8,) * arm.ndim)
     lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
     cells = check_goal(arm, axes, point)
     grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1)
-    near = np.linalg.norm(own_tip(arm, grid) - point, axis=-1) < tip_travel(arm._links, axes)
+    near = np.linalg.norm(forward_kinematics(arm, grid) - point, axis=-1) < tip_travel(arm._links, axes)
     assert near[cells].all()
     for cell in rng.permutation(np.argwhere(near & ~cells))[:25]:
         ends = lower + cell * spacing, lower + (cell + 1) * spacing
         starts = rng.uniform(*ends, (4, arm.ndim))
-        rest = [least_squares(lambda q: own_tip(arm, q) - point, start, bounds=ends).cost for start in starts]
+        rest = [
+            least_squares(lambda q: forward_kinematics(arm, q) - point, start, bounds=ends).cost for start in starts
+        ]
         assert min(rest) > 1e-12
 
 
 @pytest.mark.parametrize("arm", [GOAL_ARMS[1], GOAL_ARMS[3], GOAL_ARMS[4], GOAL_ARMS[6]])
-def test_a_smaller_goal_has_no_other_cells(arm):
+def test_goal_cells_of_a_smaller_goal_are_a_subset(arm):
     axes = arm.axes(GOAL_GRIDS[arm.ndim])
     regions = [rg.Ball((0.9, 0.5), radius) for radius in (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.0)]
     masks = [check_goal(arm, axes, region) for region in (*regions, (0.9, 0.5))]
@@ -275,15 +279,13 @@ def test_a_smaller_goal_has_no_other_cells(arm):
         ),
     ],
 )  # fmt: skip
-def test_smaller_goals_have_no_other_cells_where_cells_are_wide_and_solutions_sit_in_their_corners(
-    arm, cells, centre, radii
-):
+def test_goal_cells_of_smaller_goals_are_subsets_on_coarse_grids(arm, cells, centre, radii):
     masks = [arm.goal_cells(arm.axes(cells), rg.Ball(centre, radius)).cells for radius in radii]
     for smaller, larger in itertools.pairwise(masks):
         assert not (smaller & ~larger).any()
 
 
-def test_both_elbows_have_a_cell_though_the_centre_of_one_alone_lies_in_the_goal():
+def test_both_elbow_configurations_have_goal_cells():
     arm = rg.Arm((1.0, 1.0))
     axes = arm.axes(40)
     rng = np.random.default_rng(0)
@@ -294,7 +296,7 @@ def test_both_elbows_have_a_cell_though_the_centre_of_one_alone_lies_in_the_goal
         assert (elbows < 0).any()
 
 
-def test_every_inverse_solution_has_its_cell_on_any_axes():
+def test_every_inverse_solution_lies_in_a_goal_cell_on_any_axes():
     wide = rg.Arm((1.0, 1.0), limits=((-2 * np.pi, 2 * np.pi),) * 2)
     cells = check_goal(wide, wide.axes(120), (1.2, -1.0))
     solutions = wide.inverse((1.2, -1.0))
@@ -307,13 +309,13 @@ def test_every_inverse_solution_has_its_cell_on_any_axes():
     assert cells.sum() == 2
 
 
-def test_half_planes_have_no_end():
+def test_goal_cells_of_a_half_plane_do_not_depend_on_the_arms_position():
     far, near = (rg.Arm((4000.0, 3000.0), base=(x, 0.0)) for x in (9e6, 0.0))
     goal = rg.HalfSpace((0.0, 1.0), -500.0)
     assert (check_goal(far, far.axes(40), goal) == check_goal(near, near.axes(40), goal)).all()
 
 
-def test_equal_links_that_fold_onto_the_base_solve_it_in_every_direction():
+def test_folded_equal_links_reach_the_base_in_every_direction():
     arm = rg.Arm((1.0, 1.0))
     cells = check_goal(arm, arm.axes(24), (0.0, 0.0))
     assert cells.sum() == 48
@@ -331,7 +333,7 @@ def test_equal_links_that_fold_onto_the_base_solve_it_in_every_direction():
         rg.Ball((1.0, 1.0), 1e-300),
     ],
 )
-def test_goals_without_area_are_found_too(region):
+def test_goals_without_area_have_goal_cells(region):
     arm = rg.Arm((1.0, 1.0))
     axes = arm.axes(40)
     found = check_goal(arm, axes, region)
@@ -342,7 +344,7 @@ def test_goals_without_area_are_found_too(region):
 
 @pytest.mark.parametrize("cells", [60, 61, (60, 75)])
 @pytest.mark.parametrize("angles", ["relative", "absolute"])
-def test_the_virtual_obstacle_parts_elbow_left_from_elbow_right(cells, angles):
+def test_the_virtual_obstacle_separates_both_elbow_configurations(cells, angles):
     arm = rg.Arm((1.0, 0.7), angles=angles, singularity_cells=1)
     axes = arm.axes(cells)
     blocked = arm.occupancy(axes, [], "conservative")
@@ -357,7 +359,7 @@ def test_the_virtual_obstacle_parts_elbow_left_from_elbow_right(cells, angles):
     assert not rg.Arm((1.0, 0.7), angles=angles).occupancy(axes, [], "conservative").any()
 
 
-def test_the_virtual_obstacle_has_the_width_asked_for():
+def test_the_virtual_obstacle_has_the_requested_width():
     axes = rg.Arm((1.0, 1.0), angles="absolute").axes(120)
     count = {
         width: int(rg.Arm((1.0, 1.0), angles="absolute", singularity_cells=width).singular_cells(axes)[0].sum())
@@ -374,11 +376,11 @@ def test_the_virtual_obstacle_has_the_width_asked_for():
 
 @pytest.mark.parametrize("angles", ["relative", "absolute"])
 @pytest.mark.parametrize("cells", [40, 41])
-def test_the_virtual_obstacle_has_at_least_so_many_cells_evenly_about_the_singularity(angles, cells):
+def test_the_virtual_obstacle_is_symmetric_about_the_singularity(angles, cells):
     for width in range(1, 8):
         arm = rg.Arm((1.0, 1.0), angles=angles, singularity_cells=width)
         blocked = np.broadcast_to(arm.singular_cells(arm.axes(cells)), (cells, cells))
-        if angles == "absolute":  # theta_2 - theta_1, as the other count it
+        if angles == "absolute":  # theta_2 - theta_1 is the relative angle
             blocked = np.array([np.roll(row, cells // 2 - number) for number, row in enumerate(blocked)])
             about = blocked[:, np.arange(cells // 2 - 10, cells // 2 + 11)]
         else:
@@ -387,13 +389,13 @@ def test_the_virtual_obstacle_has_at_least_so_many_cells_evenly_about_the_singul
         assert (np.isin(about.sum(axis=1), (width, width + 1))).all()
 
 
-def test_progress_is_told_up_to_the_end():
-    told = []
-    ARMS[2].occupancy(ARMS[2].axes(56), OBSTACLES, "centre", lambda done, total: told.append((done, total)))
-    done = [each[0] for each in told]
-    assert len(told) > 3
+def test_progress_is_reported_up_to_the_total():
+    reported = []
+    ARMS[2].occupancy(ARMS[2].axes(56), OBSTACLES, "centre", lambda done, total: reported.append((done, total)))
+    done = [each[0] for each in reported]
+    assert len(reported) > 3
     assert done == sorted(done)
-    assert told[-1][0] == told[-1][1] == 56 + 56**2 + 56**3
+    assert reported[-1][0] == reported[-1][1] == 56 + 56**2 + 56**3
 
 
 @pytest.mark.parametrize(
@@ -423,18 +425,18 @@ def test_progress_is_told_up_to_the_end():
         (lambda: rg.Arm((1.0, 1.0)).inverse((1.0, float("nan"))), "finite"),
     ],
 )  # fmt: skip
-def test_bad_arms_get_one_clear_message(make, expected):
+def test_invalid_arms_raise_input_error_with_a_remedy(make, expected):
     with pytest.raises(rg.InputError, match=expected):
         make()
 
 
-def test_the_protocol_fits():
+def test_arms_implement_the_robot_protocol():
     assert all(isinstance(arm, rg.Robot) for arm in ARMS)
 
 
 @settings(max_examples=60)
 @given(st.integers(0, 4), st.integers(0, 2**32 - 1), st.sampled_from([0.05, 0.4, 2.0]))
-def test_no_point_of_a_link_moves_farther_than_the_bound(which, seed, width):
+def test_the_displacement_bound_holds_for_every_link(which, seed, width):
     from resgrid.robots.kernels import _displacement_bound
 
     arm, rng = ARMS[which], np.random.default_rng(seed)
@@ -452,20 +454,20 @@ def test_no_point_of_a_link_moves_farther_than_the_bound(which, seed, width):
 
 
 @pytest.mark.parametrize("angles", ["relative", "absolute"])
-def test_no_configuration_in_a_free_cell_meets_itself(angles):
+def test_free_cells_contain_no_self_collision(angles):
     arm = rg.Arm((0.6, 0.3, 0.7), (0.04, 0.04, 0.04), angles=angles, self_collision=True)
     axes = arm.axes(20)
     blocked = arm.occupancy(axes, [], "conservative")
     centre = arm.occupancy(axes, [], "centre")
     assert 0 < centre.sum() < blocked.sum() < 0.7 * blocked.size
-    inside = drawn(axes, np.argwhere(~blocked), 60_000, np.random.default_rng(3))
+    inside = random_configurations(axes, np.argwhere(~blocked), 60_000, np.random.default_rng(3))
     assert not collides(arm, inside, FAR).any()
     grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1).reshape(-1, 3)
     assert (centre.ravel() == collides(arm, grid, FAR)).all()
     assert not rg.Arm((0.6, 0.3, 0.7), (0.04, 0.04, 0.04), angles=angles).occupancy(axes, [], "conservative").any()
 
 
-def test_an_arm_inside_an_obstacle_collides_and_one_in_its_hole_does_not():
+def test_an_arm_within_an_obstacle_collides_but_not_within_its_hole():
     arm = rg.Arm((0.2, 0.1), (0.01, 0.01))
     around = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
     hole = tuple((0.5 * x, 0.5 * y) for x, y in around)

@@ -1,4 +1,4 @@
-"""A robot of one's own: one class, and everything else works with it.
+"""A user-defined robot class: occupancy compared with shapely, planning, control, pictures and the command line.
 
 Tests internals: `resgrid.robots`.
 """
@@ -47,8 +47,8 @@ def test_no_configuration_in_a_free_cell_collides() -> None:
 
 
 @pytest.mark.parametrize("far", [1e3, 1e15, 3e15])
-def test_corners_far_away_hide_no_collision(far: float) -> None:
-    """Against whole numbers: an edge through the grid whose corners are so far away that distances from it round."""
+def test_distant_corners_of_obstacles_hide_no_collision(far: float) -> None:
+    """Compared with exact fractions: the corners of the edge are so distant that floating-point distances round."""
     below = rg.Polygon(((-far, -far / 2 + 0.3), (2.7 * far, 1.35 * far + 0.3), (2.7 * far, -3 * far)))
     free = np.argwhere(~ROBOT.occupancy(AXES, [below], "conservative"))
     assert len(free) or far > 1e9
@@ -58,7 +58,7 @@ def test_corners_far_away_hide_no_collision(far: float) -> None:
         assert height > 0 and height**2 > Fraction(ROBOT.radius) ** 2 * ((bx - ax) ** 2 + (by - ay) ** 2)
 
 
-def test_it_is_planned_for_replayed_drawn_and_controlled() -> None:
+def test_a_user_defined_robot_is_planned_drawn_and_controlled() -> None:
     planner = rg.plan(SCENE)
     path = planner.path(SCENE.starts[0])
     assert path.outcome is rg.Outcome.REACHED
@@ -71,7 +71,7 @@ def test_it_is_planned_for_replayed_drawn_and_controlled() -> None:
     assert rg.draw(run)
 
 
-def test_it_feels_and_learns_what_the_map_does_not_show() -> None:
+def test_a_user_defined_robot_learns_hidden_obstacles() -> None:
     scene = replace(SCENE, obstacles=OBSTACLES[:1], hidden=OBSTACLES[1:2])
     run = rg.simulation(scene).run()
     assert run.lessons
@@ -79,7 +79,7 @@ def test_it_feels_and_learns_what_the_map_does_not_show() -> None:
     assert run.penetration == 0.0
 
 
-def test_what_a_robot_does_not_say_is_named() -> None:
+def test_a_missing_method_of_a_robot_is_named() -> None:
     class Ghost(rg.Robot):
         def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:
             return [RigidPart(np.asarray(shapely.points(configurations[:, :2])), 0.1)]
@@ -127,7 +127,7 @@ print(json.dumps([[result.exit_code, result.stdout, result.stderr] for result in
 """
 
 
-def test_one_line_in_the_registry_takes_it_through_the_command_line(tmp_path: Path) -> None:
+def test_a_registered_robot_is_available_on_the_command_line(tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text(SCENE_FILE)
     (tmp_path / "wrong.toml").write_text(SCENE_FILE.replace("radius = 0.12", "radiu = 0.12"))
     lines = [
@@ -141,9 +141,9 @@ def test_one_line_in_the_registry_takes_it_through_the_command_line(tmp_path: Pa
     environment = os.environ | {"PYTHONPATH": path}
     done = subprocess.run(command, check=False, cwd=tmp_path, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
-    ran, plotted, moved, refused = json.loads(done.stdout)
-    assert [ran[0], plotted[0], moved[0], refused[0]] == [0, 0, 0, 2]
+    ran, plotted, moved, rejected = json.loads(done.stdout)
+    assert [ran[0], plotted[0], moved[0], rejected[0]] == [0, 0, 0, 2]
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["schema"] == 1
     assert (tmp_path / "robot.png").exists()
     assert len(json.loads(moved[1])["runs"]) == 1
-    assert "did you mean 'radius'?" in refused[2]
+    assert "did you mean 'radius'?" in rejected[2]

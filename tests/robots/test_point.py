@@ -1,4 +1,4 @@
-"""Occupancy against brute force: points drawn in cells, distances by shapely and by enumeration.
+"""Occupancy and goals of point robots, compared with random points in cells, shapely distances and enumeration.
 
 Tests internals: `resgrid.core.space`, `resgrid.robots`.
 """
@@ -27,7 +27,7 @@ def boxes(axes):
 
 
 def inside(shape, points, reach):
-    """Whether points lie within a distance of a shape, written for points alone."""
+    """Return whether points lie within a distance of a shape, independent of occupancy code."""
     match shape:
         case rg.Box(lower, upper):
             return np.linalg.norm(points - np.clip(points, lower, upper), axis=1) <= reach
@@ -68,7 +68,7 @@ def shapes(draw, ndim=2):
 
 @settings(max_examples=150)
 @given(shape=shapes(), reach=radius, seed=st.integers(0, 1000))
-def test_no_point_of_a_free_cell_lies_in_a_grown_obstacle(shape, reach, seed):
+def test_free_cells_contain_no_point_of_a_grown_obstacle(shape, reach, seed):
     blocked = rg.PointRobot(reach).occupancy(AXES, [shape], "conservative")
     rng = np.random.default_rng(seed)
     for cell, lower, upper in boxes(AXES):
@@ -81,7 +81,7 @@ def test_no_point_of_a_free_cell_lies_in_a_grown_obstacle(shape, reach, seed):
 
 @settings(max_examples=100)
 @given(shape=shapes(), reach=radius)
-def test_a_blocked_cell_comes_within_reach_by_shapely(shape, reach):
+def test_blocked_cells_lie_within_the_radius_by_shapely(shape, reach):
     if isinstance(shape, rg.Ball):
         geometry, within = shapely.Point(shape.centre), reach + shape.radius
     elif isinstance(shape, rg.Box):
@@ -99,7 +99,7 @@ def test_a_blocked_cell_comes_within_reach_by_shapely(shape, reach):
 
 @settings(max_examples=60)
 @given(shape=shapes(), reach=radius)
-def test_centre_rule_judges_the_centre_alone(shape, reach):
+def test_the_centre_rule_depends_on_cell_centres_only(shape, reach):
     blocked = rg.PointRobot(reach).occupancy(AXES, [shape], "centre")
     centres = np.array([(lower + upper) / 2 for _, lower, upper in boxes(AXES)])
     sure = inside(shape, centres, max(reach - 1e-9, 0.0))
@@ -110,7 +110,7 @@ def test_centre_rule_judges_the_centre_alone(shape, reach):
 
 @settings(max_examples=40)
 @given(shape=shapes(ndim=3), reach=radius)
-def test_three_dimensions(shape, reach):
+def test_occupancy_in_three_dimensions_agrees_with_points(shape, reach):
     axes = (rg.Axis("x", -1, 2, 4), rg.Axis("y", -1, 2, 5), rg.Axis("z", 0, 1, 3))
     blocked = rg.PointRobot(reach).occupancy(axes, [shape], "conservative")
     rng = np.random.default_rng(0)
@@ -122,7 +122,7 @@ def test_three_dimensions(shape, reach):
             assert inside(shape, dense, reach + 0.1).any()
 
 
-def test_an_edge_on_a_border_does_not_block_the_neighbour():
+def test_an_edge_on_a_cell_border_does_not_block_the_neighbour():
     axes = (rg.Axis("x", 0, 1, 10), rg.Axis("y", 0, 1, 10))
     blocked = rg.PointRobot().occupancy(axes, [rg.Box((0.3, 0.1), (0.6, 0.7))], "conservative")
     expected = np.zeros((10, 10), dtype=bool)
@@ -136,7 +136,7 @@ def test_an_edge_on_a_border_does_not_block_the_neighbour():
 @pytest.mark.parametrize("at", [5.0, 5.1, 3.0000000000000004, 0.0, 10.0])
 @pytest.mark.parametrize("width", [0.0, 1e-13, 1e-10])
 @pytest.mark.parametrize("along", [0, 1])
-def test_a_wall_without_thickness_parts_the_grid_even_on_a_border_of_cells(at, width, along):
+def test_a_wall_without_thickness_separates_the_grid(at, width, along):
     axes = (rg.Axis("x", 0, 10, 20), rg.Axis("y", 0, 10, 20))
     lower, upper = [(at, 0.0), (at + width, 10.0)] if along else [(0.0, at), (10.0, at + width)]
     ring = (lower, (upper[0], lower[1]), upper, (lower[0], upper[1]))
@@ -150,7 +150,7 @@ def test_a_wall_without_thickness_parts_the_grid_even_on_a_border_of_cells(at, w
         assert blocked.any(axis=along).sum() <= 2
 
 
-def test_a_point_on_a_corner_blocks_the_cells_that_meet_there():
+def test_a_point_on_a_corner_blocks_all_adjacent_cells():
     axes = (rg.Axis("x", 0, 10, 20), rg.Axis("y", 0, 10, 20))
     for shape in (rg.Ball((5.0, 5.0), 0.0), rg.Ball((5.0, 5.0), 1e-12), rg.Box((5.0, 5.0), (5.0, 5.0))):
         blocked = rg.PointRobot().occupancy(axes, [shape], "conservative")
@@ -158,7 +158,7 @@ def test_a_point_on_a_corner_blocks_the_cells_that_meet_there():
 
 
 @pytest.mark.parametrize("wide", [1e4, 1e10, 1e-6])
-def test_the_rim_of_a_cell_follows_its_own_width(wide):
+def test_the_tolerance_of_a_cell_is_relative_to_its_width(wide):
     axes = (rg.Axis("x", 0, wide, 10), rg.Axis("y", 0, 1e-5, 10))
     for shape in (rg.Box((0, 2.1e-6), (wide, 2.4e-6)), rg.Polygon(((0, 2.1e-6), (wide, 2.1e-6), (wide, 2.4e-6)))):
         blocked = rg.PointRobot().occupancy(axes, [shape], "conservative")
@@ -166,7 +166,7 @@ def test_the_rim_of_a_cell_follows_its_own_width(wide):
 
 
 @pytest.mark.parametrize("size", [1e-300, 1e-12, 1e-10, 5e-10])
-def test_a_tiny_radius_takes_no_obstacle_away(size):
+def test_a_tiny_radius_keeps_all_obstacles(size):
     axes = (rg.Axis("x", 0, 10, 10), rg.Axis("y", 0, 10, 10))
     mask = np.zeros((10, 10), dtype=bool)
     mask[5, 2:8] = True
@@ -175,7 +175,7 @@ def test_a_tiny_radius_takes_no_obstacle_away(size):
 
 
 @pytest.mark.parametrize("size", [1e16, 1e30, 1e59])
-def test_edges_that_end_far_away_are_exact(size):
+def test_edges_with_distant_ends_are_exact(size):
     axes = (rg.Axis("x", 0, 10, 20), rg.Axis("y", 0, 10, 20))
     diagonal = rg.Polygon(((-size, -size), (size, size), (size, -size)))
     x, y = np.indices((20, 20))
@@ -198,7 +198,7 @@ def test_a_polygon_with_a_hole_leaves_the_hole_free():
     assert rg.PointRobot(1.0).occupancy(axes, [ring], "conservative")[3:6, 3:6].sum() == 8
 
 
-def test_long_edges_cut_into_pieces_agree_with_shapely():
+def test_long_edges_agree_with_shapely():
     axes = (rg.Axis("x", 0, 1, 300), rg.Axis("y", 0, 2, 200))
     polygon = rg.Polygon(((-3.0, -0.1), (0.9, 0.2), (5.0, 9.0), (0.4, 1.7)))
     blocked = rg.PointRobot(0.013).occupancy(axes, [polygon], "conservative")
@@ -213,7 +213,7 @@ def test_long_edges_cut_into_pieces_agree_with_shapely():
 @pytest.mark.parametrize("rule", ["conservative", "centre"])
 @pytest.mark.parametrize("periodic", [False, True])
 @pytest.mark.parametrize("reach", [0.0, 0.2, 0.55, 1.0, 1.7])
-def test_cells_of_a_map_grow_by_the_exact_distance_between_boxes(rule, periodic, reach):
+def test_map_cells_grow_by_the_exact_distance_between_boxes(rule, periodic, reach):
     axes = (rg.Axis("x", 0, 5.0, 10, periodic), rg.Axis("y", 0, 4.2, 14))
     mask = np.random.default_rng(3).random((10, 14)) < 0.03
     blocked = rg.PointRobot(reach).occupancy(axes, [CellSet(axes, mask)], rule)
@@ -237,7 +237,7 @@ def test_shapes_wrap_around_periodic_axes():
     assert rg.PointRobot().occupancy(axes, [rg.Box((-3, 0), (40, 2))], "conservative").all()
 
 
-def test_impossible_shapes_are_refused():
+def test_invalid_shapes_raise_input_error():
     ring = (rg.Axis("x", 0, 8, 8, periodic=True), rg.Axis("y", 0, 2, 2))
     with pytest.raises(rg.InputError, match="periodic axis 'x'"):
         rg.PointRobot().occupancy(ring, [rg.HalfSpace((1, 0), 3)], "conservative")
@@ -257,13 +257,13 @@ def test_impossible_shapes_are_refused():
     assert rg.PointRobot().occupancy(ring, [rg.HalfSpace((0, 1), 1)], "conservative")[:, 0].all()
 
 
-def test_the_protocol_fits():
+def test_point_robots_implement_the_robot_protocol():
     assert isinstance(rg.PointRobot(), rg.Robot)
 
 
 @settings(max_examples=120)
 @given(shape=shapes())
-def test_a_goal_has_the_cells_it_meets_and_its_point_nearest_to_each_centre(shape):
+def test_goal_points_are_the_nearest_to_cell_centres(shape):
     cells, points = rg.PointRobot().goal_cells(AXES, shape)
     here = dict(zip(map(tuple, np.argwhere(cells).tolist()), points, strict=True))
     for cell, lower, upper in boxes(AXES):
@@ -283,7 +283,7 @@ def test_a_goal_has_the_cells_it_meets_and_its_point_nearest_to_each_centre(shap
 
 @settings(max_examples=60)
 @given(shape=shapes(ndim=3))
-def test_goals_in_space_say_a_point_of_theirs_in_every_cell(shape):
+def test_goals_in_three_dimensions_have_a_point_in_every_cell(shape):
     axes = (rg.Axis("x", -1, 2, 4), rg.Axis("y", -1, 2, 5), rg.Axis("z", 0, 1, 3))
     cells, points = rg.PointRobot().goal_cells(axes, shape)
     lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
@@ -291,7 +291,7 @@ def test_goals_in_space_say_a_point_of_theirs_in_every_cell(shape):
     assert inside(shape, points, 1e-9).all()
 
 
-def test_goals_with_far_or_repeated_corners_say_their_points():
+def test_goals_with_distant_or_repeated_corners_have_goal_points():
     axes = (rg.Axis("x", 0, 10, 20), rg.Axis("y", 0, 10, 20))
     far = rg.Polygon(((-1e30, -1e30), (-1e30, -1e30), (1e30, 1e30), (1e30, -1e30)))
     near = rg.Polygon(((-30, -30), (-30, -30), (30, 30), (30, -30)))
@@ -302,7 +302,7 @@ def test_goals_with_far_or_repeated_corners_say_their_points():
         assert np.allclose(points, (np.argwhere(cells) + 0.5) / 2)
 
 
-def test_goals_wrap_around_periodic_axes_and_shrink_without_gaining_cells():
+def test_goals_wrap_around_periodic_axes_and_smaller_goals_are_subsets():
     axes = (rg.Axis("x", 0, 8, 8, periodic=True), rg.Axis("y", 0, 2, 2))
     cells, points = rg.PointRobot().goal_cells(axes, rg.Box((7.5, 0), (8.2, 1)))
     assert np.argwhere(cells).tolist() == [[0, 0], [7, 0]]
@@ -318,7 +318,7 @@ def test_goals_wrap_around_periodic_axes_and_shrink_without_gaining_cells():
         assert not (smaller & ~larger).any()
 
 
-def test_a_disc_is_given_its_radius():
+def test_a_disc_robot_requires_a_radius():
     with pytest.raises(TypeError, match="radius"):
         rg.DiscRobot()
     with pytest.raises(rg.InputError, match="radius: this key is missing"):

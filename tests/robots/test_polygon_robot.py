@@ -1,4 +1,4 @@
-"""The turning polygon and the disc against shapely.
+"""Polygon and disc robots: occupancy, Minkowski sums and goals, compared with shapely.
 
 Tests internals: `resgrid.robots`, `resgrid.scene.overrides`.
 """
@@ -48,7 +48,7 @@ def test_no_configuration_in_a_free_cell_collides(robot):
 
 
 @pytest.mark.parametrize("robot", [ELL, KITE])
-def test_the_centre_rule_is_brute_force_at_the_centre(robot):
+def test_the_centre_rule_equals_exact_collision_tests_at_cell_centres(robot):
     axes = axes_of(robot)
     blocked = robot.occupancy(axes, OBSTACLES, "centre")
     grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1)
@@ -62,7 +62,7 @@ def test_the_centre_rule_is_brute_force_at_the_centre(robot):
     assert 0 < lost < 0.2, f"{lost:.2%} of the volume is lost to the conservative rule at this coarse grid"
 
 
-def test_thin_turns_lose_little_more_than_the_cells_the_obstacle_touches():
+def test_few_blocked_cells_are_entirely_free_at_fine_headings():
     axes = axes_of(KITE, (30, 20, 64))
     blocked = KITE.occupancy(axes, OBSTACLES, "conservative")
     cells = np.argwhere(blocked)
@@ -75,7 +75,7 @@ def test_thin_turns_lose_little_more_than_the_cells_the_obstacle_touches():
 
 WALLS = [
     rg.Box((0.9, 0.5), (1.0, 1.2)),  # as long as the bar
-    rg.Box((1.0, 0.5), (1.7, 0.62)),  # as long and as thick, and beside the other
+    rg.Box((1.0, 0.5), (1.7, 0.62)),  # as long and as thick as the bar, adjacent to the first box
     rg.Polygon(((2.0, 1.0), (2.35, 1.0), (2.7, 1.0), (2.7, 1.7), (2.35, 1.7), (2.0, 1.7)),
             (((2.12, 1.12), (2.12, 1.58), (2.35, 1.58), (2.58, 1.58), (2.58, 1.12)),)),
     rg.Polygon(((0.3, 1.5), (1.0, 1.5), (1.0, 1.62), (0.42, 1.62), (0.42, 1.82), (0.3, 1.82))),  # the robot itself
@@ -86,7 +86,7 @@ CORNER = rg.PolygonRobot(((-0.35, -0.06), (0.35, -0.06), (0.35, 0.06), (-0.23, 0
 
 
 def overlaps(robot, configurations, obstacles):
-    """For sure, and perhaps: an overlap that has an area, and a distance that rounding could make."""
+    """Masks of certain overlaps (with an area) and of possible ones (within rounding errors)."""
     shapes = shapely.polygons(robot.corners(configurations))
     geometries = [to_shapely(shape) for shape in obstacles]
     sure = np.zeros(shapes.shape, dtype=bool)
@@ -101,7 +101,7 @@ def overlaps(robot, configurations, obstacles):
 
 @pytest.mark.parametrize("robot", [BAR, CORNER, rg.PolygonRobot(BAR.vertices[::-1])])
 @pytest.mark.parametrize("turns", [4, 12, 36])
-def test_edges_that_coincide_hide_no_collision(robot, turns):
+def test_coincident_edges_hide_no_collision(robot, turns):
     axes = axes_of(robot, (30, 20, turns))
     grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1)
     sure, perhaps = overlaps(robot, grid, WALLS)
@@ -117,7 +117,7 @@ def test_edges_that_coincide_hide_no_collision(robot, turns):
 
 
 @pytest.mark.parametrize("turns", [5, 24, 36, 64, 72])
-def test_the_shipped_scene_can_be_turned_by_any_number_of_cells(scenes, turns):
+def test_the_shipped_scene_has_no_collision_at_any_number_of_headings(scenes, turns):
     scene = apply_overrides(rg.read_scene(scenes / "turning.toml"), {"grid.axes.2.cells": str(turns)})
     space = rg.build_space(scene)
     free = np.argwhere(space.cell != rg.Cell.OBSTACLE)
@@ -127,8 +127,8 @@ def test_the_shipped_scene_can_be_turned_by_any_number_of_cells(scenes, turns):
 
 
 @pytest.mark.parametrize("robot", [BAR, ELL])
-def test_cells_of_a_map_are_obstacles(robot):
-    """Ragged walls, single cells, a ring with something inside it, and cells that the robot covers whole."""
+def test_map_cells_are_obstacles_of_turning_robots(robot):
+    """Irregular walls, single cells, a ring around a cell, and cells smaller than the robot."""
     rng = np.random.default_rng(1)
     mask = rng.random((30, 20)) < 0.03
     mask[10:20, 4:14], mask[11:19, 5:13], mask[15, 9] = True, False, True
@@ -156,7 +156,7 @@ simple = st.sampled_from(
 
 @settings(max_examples=40)
 @given(simple, st.floats(0, 6.3), st.integers(0, 2), st.integers(0, 99))
-def test_minkowski_sums(vertices, turn, which, seed):
+def test_layers_equal_minkowski_sums(vertices, turn, which, seed):
     polygon = rg.Polygon(((0.5, 0.2), (0.7, 0.2), (0.7, 1.1), (0.5, 1.1))) if which == 0 else OBSTACLES[which]
     robot = rg.PolygonRobot(tuple((float(x), float(y)) for x, y in vertices))
     low = np.random.default_rng(seed).uniform(-1, 0, 2).tolist()
@@ -173,7 +173,7 @@ def test_minkowski_sums(vertices, turn, which, seed):
     assert (layer.ravel() == meets)[sure].all()
 
 
-def test_a_turn_is_weighed_as_an_arc():
+def test_headings_are_measured_as_arc_lengths():
     assert np.isclose(ELL.turning_axis(16).upper, 2 * np.pi * 0.3)
     quarter = ELL.corners((1.0, 2.0, 0.3 * np.pi / 2))
     assert np.allclose(quarter, [(1.0 - y, 2.0 + x) for x, y in ELL.vertices])
@@ -181,7 +181,7 @@ def test_a_turn_is_weighed_as_an_arc():
     assert np.isclose(shape.area, shapely.Polygon(ELL.vertices).area)
 
 
-def test_goals_are_places_at_any_angle_or_configurations():
+def test_goals_are_places_at_any_heading_or_configurations():
     axes = axes_of(ELL, (6, 4, 8))
     place, points = ELL.goal_cells(axes, rg.Box((0.6, 1.0), (1.1, 1.4)))
     assert np.argwhere(place[:, :, 0]).tolist() == [[1, 2], [2, 2]]
@@ -194,7 +194,7 @@ def test_goals_are_places_at_any_angle_or_configurations():
     assert ELL.goal_cells(axes, (0.6, 1.2)).cells.sum() == 8
 
 
-def test_a_disc_is_a_point_with_a_radius():
+def test_a_disc_robot_equals_a_point_robot_with_a_radius():
     axes = (rg.Axis("x", 0, 3, 30), rg.Axis("y", 0, 2, 20))
     for rule in ("conservative", "centre"):
         assert (
@@ -220,11 +220,11 @@ def test_a_disc_is_a_point_with_a_radius():
         (lambda: rg.PointRobot().shapes_at((1, 2, 3)), "2 coordinates"),
     ],
 )
-def test_bad_robots_get_one_clear_message(make, expected):
+def test_invalid_robots_raise_input_error_with_a_remedy(make, expected):
     with pytest.raises(rg.InputError, match=expected):
         make()
 
 
-def test_the_protocol_fits():
+def test_polygon_and_disc_robots_implement_the_robot_protocol():
     assert isinstance(ELL, rg.Robot)
     assert isinstance(rg.DiscRobot(1.0), rg.Robot)

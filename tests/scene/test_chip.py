@@ -1,4 +1,4 @@
-"""The [chip] table: what it may say, and one clear message for every chip that cannot be.
+"""The [chip] table of scenes and the classes `Chip`, `Readout` and `Defects`: values, units and messages.
 
 Tests internals: `resgrid.scene.overrides`.
 """
@@ -31,7 +31,7 @@ def test_a_chip_is_ideal_by_default() -> None:
     assert chip_of("") == rg.Chip()
 
 
-def test_everything_can_be_said_in_engineering_values() -> None:
+def test_all_values_accept_engineering_notation() -> None:
     chip = chip_of(
         """
         resistance = "4k7"
@@ -70,7 +70,7 @@ def test_everything_can_be_said_in_engineering_values() -> None:
 
 @pytest.mark.parametrize("value", [0, -0.0, 5e-324, 1e-200, 1e200, 1.7e308, -1e308, 10**400, math.nan, math.inf, True,
                                    "1e308", [1e308, -1e308]])  # fmt: skip
-def test_a_value_of_any_size_makes_a_chip_or_a_message(value: object) -> None:
+def test_extreme_values_give_a_chip_or_an_input_error(value: object) -> None:
     for kind in (rg.Chip, rg.chip.Readout, rg.chip.Defects):
         for item in fields(kind):
             try:
@@ -83,7 +83,7 @@ def test_a_value_of_any_size_makes_a_chip_or_a_message(value: object) -> None:
 
 @pytest.mark.parametrize("key", ["temperature", "resistance", "capacitance", "readout.offset", "readout.range"])
 @pytest.mark.parametrize("value", ["1e308", "1e-308", "1e309", "nan"])
-def test_a_scene_with_a_value_of_any_size_is_read_or_refused_by_name(key: str, value: str) -> None:
+def test_extreme_values_in_a_scene_are_read_or_rejected_by_name(key: str, value: str) -> None:
     text = SCENE + f"{key} = [{value}, 1]" if key.endswith("range") else SCENE + f"{key} = {value}"
     try:
         chip_of(text.removeprefix(SCENE))
@@ -93,13 +93,13 @@ def test_a_scene_with_a_value_of_any_size_is_read_or_refused_by_name(key: str, v
         assert (key, value) in {("temperature", "1e-308"), ("readout.range", "1e-308")}
 
 
-def test_a_share_and_a_percentage_mean_the_same() -> None:
+def test_fractions_and_percentages_are_equivalent() -> None:
     for text in ("0.1", '"10 %"', '"10%"', '"0.1"', '"100m"'):
         assert chip_of(f"mismatch = {text}").mismatch == 0.1
     assert chip_of('gradient = "7 %"').gradient == (0.07,)
 
 
-def test_a_chip_survives_the_way_through_a_document() -> None:
+def test_a_chip_reads_back_from_its_document() -> None:
     scene = rg.parse_scene(
         SCENE + 'mismatch = "3 %"\ngradient = [0.1]\n[chip.readout]\nbits = 8\nrange = [0, 1]', "a.toml"
     )
@@ -147,7 +147,7 @@ def test_a_chip_survives_the_way_through_a_document() -> None:
         ("[chip.defects]\nshort_resistance = 0", "must be greater than 0"),
     ],
 )
-def test_absurd_chips_get_one_clear_message(text: str, message: str) -> None:
+def test_invalid_chip_tables_give_a_one_line_message(text: str, message: str) -> None:
     with pytest.raises(rg.InputError, match=message) as caught:
         chip_of(text)
     assert "\n" not in str(caught.value)
@@ -163,7 +163,7 @@ def test_absurd_chips_get_one_clear_message(text: str, message: str) -> None:
         ({"preferred": "E7"}, "it may be E6 or E12"),
     ],
 )
-def test_chips_made_in_python_are_checked_too(values: dict[str, object], message: str) -> None:
+def test_chips_made_in_python_are_checked(values: dict[str, object], message: str) -> None:
     with pytest.raises(rg.InputError, match=message):
         rg.Chip(**values)
 

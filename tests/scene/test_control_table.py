@@ -1,4 +1,4 @@
-"""The [control] table: what stands in the scene is what Python and the command line do, unless they say otherwise."""
+"""The [control] table of scenes: defaults of `rg.simulation`, and messages for invalid values."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ seed = 3
 """
 
 
-def test_a_simulation_is_as_the_scene_says_unless_it_is_told_otherwise() -> None:
+def test_arguments_override_the_control_table_and_its_defaults() -> None:
     scene = rg.parse_scene(SCENE + TABLE)
     world = rg.simulation(scene)
     controller = world.controller
@@ -76,20 +76,20 @@ def test_a_simulation_is_as_the_scene_says_unless_it_is_told_otherwise() -> None
         ("push = [[0, 0, 1, 1]]", "line 17: control.push[0][1]: a push lasts longer than 0 s, got 0"),
     ],
 )
-def test_one_clear_message(text: str, message: str) -> None:
+def test_invalid_control_values_are_reported_with_line_and_key(text: str, message: str) -> None:
     with pytest.raises(rg.InputError) as caught:
         rg.parse_scene(f"{SCENE}[control]\n{text}\n")
     assert message in str(caught.value)
 
 
-def test_a_file_with_a_wrong_table_is_named(tmp_path: Path) -> None:
+def test_errors_of_a_file_are_reported_with_its_name_and_lines(tmp_path: Path) -> None:
     file = tmp_path / "shaken.toml"
     file.write_text(f"{SCENE}[control]\nbias = [1, 2, 3]\npush = [[0, 0, 1, 1]]\n")
     with pytest.raises(rg.InputError, match=r"shaken.toml: 2 errors\n  line 17: control.bias.*\n  line 18: control"):
         rg.read_scene(file)
 
 
-def test_tables_made_in_python_are_checked() -> None:
+def test_control_tables_made_in_python_are_checked() -> None:
     assert rg.control.Control(admittance=0.5).admittance == (0.5,)
     with pytest.raises(rg.InputError, match="friction: must be at least 0"):
         rg.control.Control(friction=-0.1)

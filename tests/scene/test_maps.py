@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.scene.maps.formats`, `resgrid.scene.maps.pictures`, `resgrid.scene.maps.pnm`."""
+"""Map formats (MovingAI, voxels, images, anymaps, NumPy): cells compared with literal arrays and Pillow; damaged files.
+
+Tests internals: `resgrid.scene.maps.formats`, `resgrid.scene.maps.pictures`, `resgrid.scene.maps.pnm`.
+"""
 
 import io
 import struct
@@ -33,7 +36,7 @@ def png(pixels, mode="L"):
     return stream.getvalue()
 
 
-def test_movingai_letters(tmp_path):
+def test_letters_of_movingai_maps_are_free_or_obstacle(tmp_path):
     file = write(tmp_path / "a.map", MAP)
     assert cells(file).T[::-1].tolist() == [[0, 0, 1, 1], [1, 0, 1, 0], [0, 0, 0, 0]]
     assert cells(file, passable=".").T[::-1].tolist() == [[0, 1, 1, 1], [1, 1, 1, 0], [0, 0, 0, 0]]
@@ -68,12 +71,12 @@ def test_movingai_errors_name_the_line(tmp_path, text, expected):
         rg.read_scene(write(tmp_path / "a.map", text))
 
 
-def test_movingai_options(tmp_path):
+def test_an_unknown_passable_letter_raises_input_error(tmp_path):
     with pytest.raises(rg.InputError, match="'x' is not a letter of terrain"):
         rg.read_scene(write(tmp_path / "a.map", MAP), passable=".x")
 
 
-def test_queries(tmp_path):
+def test_scenario_files_are_read_and_errors_name_the_line(tmp_path):
     text = "version 1\n0\ta b.map\t4\t3\t0\t0\t3\t2\t3.82842712\n\n3 c.map 4 3 1 1 2 2 1.5\n"
     first, second = rg.maps.read_movingai_scenarios(write(tmp_path / "a.scen", text))
     assert (first.map, first.start, first.goal, first.optimal_length) == ("a b.map", (0, 2), (3, 0), 3.82842712)
@@ -92,7 +95,7 @@ def test_queries(tmp_path):
 
 
 @pytest.mark.parametrize("first", ["", "version 0\n", "version 0.0\n"])
-def test_queries_of_version_0_have_the_size_of_their_map(tmp_path, first):
+def test_scenarios_of_version_0_have_the_size_of_their_map(tmp_path, first):
     write(tmp_path / "a.map", MAP)
     file = write(tmp_path / "a.scen", f"{first}0\tmaps/dao/a.map\t0\t0\t3\t2\t3.8\n1 a.map 1 1 2 2 1.5\n")
     one, other = rg.maps.read_movingai_scenarios(file)
@@ -102,17 +105,17 @@ def test_queries_of_version_0_have_the_size_of_their_map(tmp_path, first):
         rg.maps.read_movingai_scenarios(write(tmp_path / "a.scen", "0 a.map 0 0 3 3 1\n"))
 
 
-def test_queries_of_version_1_need_no_line_that_says_so(tmp_path):
+def test_scenarios_of_version_1_need_no_version_line(tmp_path):
     (query,) = rg.maps.read_movingai_scenarios(write(tmp_path / "a.scen", "0\ta b.map\t4\t3\t0\t0\t3\t2\t3.8\n"))
     assert (query.map, query.start, query.goal) == ("a b.map", (0, 2), (3, 0))
 
 
-def test_letters_of_warehouses(tmp_path):
+def test_letters_of_warehouse_maps_are_free(tmp_path):
     file = write(tmp_path / "w.map", "type octile\nheight 1\nwidth 4\nmap\nE.S@\n")
     assert cells(file)[:, 0].tolist() == [0, 0, 0, 1]
 
 
-def test_voxel_maps(tmp_path):
+def test_voxel_maps_are_read_with_axes_in_cells(tmp_path):
     file = write(tmp_path / "v.3dmap", "voxel 4 3 2\n1 2 0\n\n1 2 1\n3 0 0\n1 2 0\n")
     space = rg.build_space(rg.read_scene(file, goal=(0.5, 0.5, 1.5)))
     assert np.argwhere(space.cell == 1).tolist() == [[1, 2, 0], [1, 2, 1], [3, 0, 0]]
@@ -140,13 +143,13 @@ def test_voxel_maps(tmp_path):
         ("voxel 4 3 2\n0 0 99999999999999999999\n", "line 2"),
     ],
 )
-def test_voxel_maps_that_are_wrong(tmp_path, text, expected):
+def test_errors_of_voxel_maps_name_the_line(tmp_path, text, expected):
     with pytest.raises(rg.ResgridError, match=expected):
         rg.read_scene(write(tmp_path / "v.3dmap", text))
 
 
 @pytest.mark.parametrize("name", ["arena", "den312d", "random-32-32-20", "room-32-32-4", "maze-32-32-2"])
-def test_the_ends_of_every_query_are_free_and_joined(cases, name):
+def test_starts_and_goals_of_every_scenario_are_connected(cases, name):
     from resgrid.core.regions import label_regions
 
     folder = cases / "movingai"
@@ -168,12 +171,12 @@ def test_the_ends_of_every_query_are_free_and_joined(cases, name):
         b"P5#x\n3#y\n2#z\n255\n" + bytes([0, 1, 2, 3, 4, 255]) + b"P5 trailing",
     ],
 )
-def test_pgm_to_the_letter(tmp_path, data):
+def test_pgm_headers_with_comments_and_blanks_are_read(tmp_path, data):
     values, maxval = read_pnm(data, tmp_path)
     assert (values[..., 0].tolist(), maxval) == ([[0, 1, 2], [3, 4, 255]], 255)
 
 
-def test_pgm_with_two_bytes_a_value(tmp_path):
+def test_pgm_values_of_two_bytes_are_read(tmp_path):
     assert read_pnm(b"P5 2 1 65535\n\x01\x02\xff\xff", tmp_path)[0].tolist() == [[[258], [65535]]]
     assert read_pnm(b"P2 2 1 1000\n7 1000", tmp_path)[0].tolist() == [[[7], [1000]]]
     # a raster that starts with bytes that look like a comment or a blank
@@ -212,13 +215,13 @@ def test_pgm_with_two_bytes_a_value(tmp_path):
         bytes(100),
     ],
 )
-def test_damaged_pictures_are_refused(tmp_path, data):
+def test_damaged_images_raise_input_error(tmp_path, data):
     file = write(tmp_path / "a.pgm", data)
     with pytest.raises(rg.InputError, match=r"a\.pgm"):
         rg.read_scene(file)
 
 
-def test_pictures_of_absurd_size_are_refused(tmp_path):
+def test_images_beyond_the_memory_raise_an_error(tmp_path):
     data = bytearray(png([[1]]))
     data[16:24] = (60000).to_bytes(4) + (60000).to_bytes(4)
     data[29:33] = zlib.crc32(bytes(data[12:29])).to_bytes(4)
@@ -226,7 +229,7 @@ def test_pictures_of_absurd_size_are_refused(tmp_path):
         rg.read_scene(write(tmp_path / "a.png", bytes(data)))
 
 
-def test_thresholds_of_plain_pictures(tmp_path):
+def test_plain_images_have_threshold_spacing_and_origin(tmp_path):
     file = write(tmp_path / "a.png", png([[0, 127, 128, 255]]))
     assert cells(file)[:, 0].tolist() == [1, 1, 0, 0]
     assert cells(file, threshold=1)[:, 0].tolist() == [1, 0, 0, 0]
@@ -242,7 +245,7 @@ def test_thresholds_of_plain_pictures(tmp_path):
             rg.read_scene(file, **options)
 
 
-def test_epic_pictures(tmp_path):
+def test_epic_colours_are_obstacles_goals_or_free(tmp_path):
     colours = [[[0, 0, 0], [255, 255, 255], [150, 150, 150], [255, 0, 0], [0, 0, 1], [0, 0, 9]]]
     file = write(tmp_path / "a.png", png(colours, "RGB"))
     assert cells(file, format="epic")[:, 0].tolist() == [1, 2, 0, 0, 1, 0]
@@ -250,7 +253,7 @@ def test_epic_pictures(tmp_path):
     assert cells(transparent, format="epic")[:, 0].tolist() == [1, 2, 0]
 
 
-def test_deep_and_paletted_pictures(tmp_path):
+def test_images_of_16_bits_1_bit_and_palettes_are_read(tmp_path):
     stream = io.BytesIO()
     Image.fromarray(np.array([[0, 32767, 32896, 65535]], dtype=np.uint16)).save(stream, "png")
     assert cells(write(tmp_path / "deep.png", stream.getvalue()))[:, 0].tolist() == [1, 1, 0, 0]
@@ -263,7 +266,7 @@ def chunk(kind, data):
 
 
 def raw_png(size, depth, colour, rows, key=None):
-    """A PNG to the letter; `rows`: bytes of each row; `key`: the transparent colour."""
+    """Bytes of a PNG file; `rows`: bytes of each row; `key`: the transparent colour."""
     header = struct.pack(">IIBBBBB", *size, depth, colour, 0, 0, 0)
     transparent = b"" if key is None else chunk(b"tRNS", key)
     data = zlib.compress(b"".join(b"\0" + row for row in rows))
@@ -271,9 +274,9 @@ def raw_png(size, depth, colour, rows, key=None):
 
 
 @pytest.mark.parametrize(("colour", "channels"), [(0, 1), (2, 3), (4, 2), (6, 4)])
-def test_pngs_of_16_bits_a_channel_are_read_without_loss(tmp_path, colour, channels):
+def test_pngs_of_16_bits_per_channel_are_read_exactly(tmp_path, colour, channels):
     values = (np.arange(5 * 3 * channels).reshape(3, 5, channels) * 1093 % 65536).astype(np.uint16)
-    values[0, 0, -1] = 65534  # nearly opaque, and the lower byte says so
+    values[0, 0, -1] = 65534  # nearly opaque, which is visible in the lower byte only
     rows = [row.astype(">u2").tobytes() for row in values]
     raster = read_raster(write(tmp_path / "a.png", raw_png((5, 3), 16, colour, rows)))
     assert raster.maxval == 65535 and raster.values.tolist() == values.tolist()
@@ -291,7 +294,7 @@ def test_pngs_of_16_bits_a_channel_are_read_without_loss(tmp_path, colour, chann
         (1, 0, b"\xa0", b"\0\x01", [0, 1, 0]),
     ],
 )
-def test_the_transparent_colour_of_a_png(tmp_path, depth, colour, row, key, opacity):
+def test_the_transparent_colour_of_a_png_becomes_an_alpha_channel(tmp_path, depth, colour, row, key, opacity):
     raster = read_raster(write(tmp_path / "a.png", raw_png((3, 1), depth, colour, [row], key)))
     assert raster.has_alpha and (raster.values[0, :, -1] // raster.maxval).tolist() == opacity
 
@@ -307,7 +310,7 @@ def test_the_transparent_colour_of_a_png(tmp_path, depth, colour, row, key, opac
         (b"P6 1 1 300\n\0\1\0\2\1\0", [[[1, 2, 256]]], 300),
     ],
 )
-def test_anymaps_to_the_letter(tmp_path, data, expected, white):
+def test_anymaps_of_all_types_are_read_exactly(tmp_path, data, expected, white):
     values, maxval = read_pnm(data, tmp_path)
     assert (values.tolist(), maxval) == (expected, white)
     assert read_raster(write(tmp_path / "a.ppm", data)).values.tolist() == expected
@@ -317,13 +320,13 @@ def test_anymaps_to_the_letter(tmp_path, data, expected, white):
     "data",
     [b"P1 3 2 01110", b"P1 3 2 011102", b"P4 9 2\n\0\0\0", b"P3 1 1 9\n1 2", b"P6 1 1 9\n\1\2", b"P6 1 1 9\n\1\2\x0a"],
 )
-def test_damaged_anymaps(tmp_path, data):
+def test_damaged_anymaps_raise_input_error(tmp_path, data):
     with pytest.raises(rg.InputError, match=r"a\.ppm: .*(cut short|raster|above)"):
         rg.read_scene(write(tmp_path / "a.ppm", data))
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "jpeg", "JPG", "dat"])
-def test_jpeg_maps(tmp_path, suffix):
+def test_jpeg_images_are_read_as_maps(tmp_path, suffix):
     stream = io.BytesIO()
     Image.fromarray(np.repeat(np.array([[0, 255]], dtype=np.uint8), 8, axis=1)).save(stream, "jpeg", quality=95)
     file = write(tmp_path / f"a.{suffix}", stream.getvalue())
@@ -333,13 +336,13 @@ def test_jpeg_maps(tmp_path, suffix):
     assert cells(tmp_path / "a.yaml")[:, 0].tolist() == [1] * 8 + [0] * 8
 
 
-def test_free_memory_decides_the_size_of_pictures_and_no_fixed_limit(tmp_path, monkeypatch):
+def test_image_sizes_are_limited_by_memory_only(tmp_path, monkeypatch):
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 3)
     assert cells(write(tmp_path / "a.png", png([[0, 255] * 20]))).shape == (40, 1)
     assert Image.MAX_IMAGE_PIXELS == 3
 
 
-def test_memory_that_gives_out_is_one_message(tmp_path, monkeypatch):
+def test_exhausted_memory_raises_budget_error(tmp_path, monkeypatch):
     def read(path):
         raise MemoryError("Unable to allocate 1.00 TiB for an array with shape (1,)")
 
@@ -348,7 +351,7 @@ def test_memory_that_gives_out_is_one_message(tmp_path, monkeypatch):
         rg.read_scene(write(tmp_path / "a.npy", b""))
 
 
-def test_a_picture_beside_its_header_is_read_with_a_warning(tmp_path):
+def test_a_plain_image_with_a_ros_header_in_its_folder_causes_a_warning(tmp_path):
     file = write(tmp_path / "a.png", png([[0, 205, 255]]))
     assert cells(file)[:, 0].tolist() == [1, 0, 0]
     write(tmp_path / "a.yaml", "image: other.png\n")
@@ -360,7 +363,7 @@ def test_a_picture_beside_its_header_is_read_with_a_warning(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["maze_1", "umass_lpr", "c_space"])
-def test_real_epic_pictures(cases, name):
+def test_real_epic_images_agree_with_pillow(cases, name):
     grey = np.asarray(Image.open(cases / "epic" / f"{name}.png").convert("L"))
     cell = cells(cases / "epic" / f"{name}.png", format="epic")
     assert ((cell == 1) == (grey == 0)[::-1].T).all()
@@ -368,7 +371,7 @@ def test_real_epic_pictures(cases, name):
     assert (cell == 2).any()
 
 
-def test_arrays(tmp_path):
+def test_numpy_files_of_all_versions_and_orders_are_read(tmp_path):
     codes = np.array([[0, 1, 2], [0, 0, 1]])
     for array in (codes, codes.astype(np.uint8), np.asfortranarray(codes)):
         np.save(tmp_path / "a.npy", array)
@@ -396,13 +399,13 @@ def test_arrays(tmp_path):
         np.array([{}], dtype=object),
     ],
 )
-def test_arrays_that_are_no_cells(tmp_path, array):
+def test_arrays_of_other_values_types_or_shapes_raise_input_error(tmp_path, array):
     np.save(tmp_path / "a.npy", array)
     with pytest.raises(rg.InputError, match=r"a\.npy"):
         rg.read_scene(tmp_path / "a.npy")
 
 
-def test_damaged_arrays(tmp_path):
+def test_damaged_numpy_files_raise_an_error(tmp_path):
     stream = io.BytesIO()
     np.save(stream, np.zeros((20, 20), dtype=np.uint8))
     whole = stream.getvalue()
@@ -412,7 +415,7 @@ def test_damaged_arrays(tmp_path):
             rg.read_scene(write(tmp_path / "a.npy", data))
 
 
-def test_a_scene_may_stand_on_a_map(tmp_path):
+def test_a_scene_with_a_map_file_adds_obstacles_and_goals(tmp_path):
     write(tmp_path / "floor.map", MAP)
     scene = write(
         tmp_path / "s.toml",
@@ -436,7 +439,7 @@ def test_a_scene_may_stand_on_a_map(tmp_path):
         rg.read_scene(tmp_path / "t.toml")
 
 
-def test_goals_of_a_map_survive_the_radius_or_are_reported(tmp_path):
+def test_goal_cells_covered_by_grown_obstacles_are_reported(tmp_path):
     codes = np.array([[1, 2, 2, 2]])
     np.save(tmp_path / "a.npy", codes)
     assert cells(tmp_path / "a.npy", robot=rg.PointRobot(0.5)).tolist() == [[1, 1, 2, 2]]
@@ -444,7 +447,7 @@ def test_goals_of_a_map_survive_the_radius_or_are_reported(tmp_path):
         cells(tmp_path / "a.npy", robot=rg.PointRobot(5.0))
 
 
-def test_a_format_of_ones_own_is_a_reader_and_a_line(tmp_path, monkeypatch):
+def test_a_registered_format_is_read_by_its_suffix(tmp_path, monkeypatch):
     def read_csv(path):
         return np.loadtxt(path, delimiter=",", dtype=np.uint8)
 
@@ -477,7 +480,7 @@ print(rg.scene_schema()["$defs"]["Map"]["properties"]["delimiter"]["description"
 '''
 
 
-def test_options_of_a_reader_are_keys_of_the_map(tmp_path):
+def test_options_of_a_registered_reader_are_keys_of_the_map_table(tmp_path):
     write(tmp_path / "a.csv", "0;1\n0;0\n")
     write(tmp_path / "a.toml", 'schema = 1\n[map]\nfile = "a.csv"\ndelimiter = ";"\n')
     done = subprocess.run(
@@ -488,8 +491,8 @@ def test_options_of_a_reader_are_keys_of_the_map(tmp_path):
 
 @pytest.mark.parametrize("mode", ["L", "RGBA"])
 @pytest.mark.parametrize("kind", ["image", "epic", "ros", "costs"])
-def test_reading_a_picture_takes_no_more_memory_than_it_asks_for(tmp_path, monkeypatch, mode, kind):
-    """The estimate, by which maps are refused beforehand, against what is truly taken."""
+def test_reading_an_image_stays_within_the_memory_estimate(tmp_path, monkeypatch, mode, kind):
+    """The estimate that rejects large maps, compared with the traced peak."""
     import tracemalloc
 
     from resgrid._internal import memory
@@ -504,7 +507,7 @@ def test_reading_a_picture_takes_no_more_memory_than_it_asks_for(tmp_path, monke
         keys = "resolution: 1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\nmode: scale\n"
         file = tmp_path / "map.yaml"
         file.write_text(f"image: map.png\n{keys}")
-    rg.read_scene(file, **options)  # once, so that nothing is imported while memory is counted
+    rg.read_scene(file, **options)  # complete all imports before memory is traced
     tracemalloc.start()
     rg.read_scene(file, **options)
     peak = tracemalloc.get_traced_memory()[1]

@@ -1,4 +1,4 @@
-"""Changed keys of a scene: their order has no effect, and what they change together is checked together.
+"""Overrides of scene keys: independent of their order, checked together, contradictions reported.
 
 Tests internals: `resgrid.scene.overrides`, `resgrid.scene.reading`.
 """
@@ -52,7 +52,7 @@ SETS = (
     ("--k=0.5",),
     ("--edge=open,obstacle",),
 )
-"""Options for `ROOM` that all fit each other; cells beyond 8 need a finer grid."""
+"""Consistent options for `ROOM`; cells beyond 8 need a finer grid."""
 ON_MAP = (
     ("--set", f"robot.footprint={PLATE}"),
     ("--start=-3.3,-1.7,1.57",),
@@ -70,7 +70,7 @@ ON_MAP = (
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A scene, and a picture of a map."""
+    """A folder with a scene file and an image of a map."""
     folder = tmp_path_factory.mktemp("overrides")
     (folder / "room.toml").write_text(ROOM.replace("center", "centre"))
     rows = np.full((20, 28), 254, dtype=np.uint8)
@@ -79,14 +79,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def described(file: Path, options: tuple[tuple[str, ...], ...], verb: str = "info") -> dict[str, Any]:
+def described(file: Path, options: tuple[tuple[str, ...], ...], subcommand: str = "info") -> dict[str, Any]:
     """Return the description of a scene under options."""
-    result = answer(verb, file, *(word for option in options for word in option))
+    result = answer(subcommand, file, *(word for option in options for word in option))
     return {key: value for key, value in result.items() if key != "seconds"}
 
 
 @pytest.mark.parametrize(("name", "options"), [("room.toml", SETS), ("room.png", ON_MAP)])
-def test_options_in_any_order_describe_one_scene(name: str, options: tuple[tuple[str, ...], ...], folder: Path) -> None:
+def test_options_in_any_order_describe_the_same_scene(
+    name: str, options: tuple[tuple[str, ...], ...], folder: Path
+) -> None:
     expected = described(folder / name, options)
     assert expected["shape"] == ([16, 12] if name == "room.toml" else [28, 20, 8])
     for seed in range(12):
@@ -115,7 +117,7 @@ CHANGES: dict[str, Any] = {
 
 
 @given(st.permutations(list(CHANGES)), st.integers(1, len(CHANGES)))
-def test_changes_in_any_order_make_one_scene(keys: list[str], count: int) -> None:
+def test_overrides_in_any_order_give_the_same_scene_or_error(keys: list[str], count: int) -> None:
     text = ROOM.replace("center", "centre")
     chosen = keys[:count]
 
@@ -133,21 +135,23 @@ def test_changes_in_any_order_make_one_scene(keys: list[str], count: int) -> Non
         assert outcome(chosen, of_scene=of_scene) == outcome(sorted(chosen), of_scene=of_scene)
 
 
-@pytest.mark.parametrize("verb", ["info", "path", "plot", "compile", "solve", "control", "convert"])
-def test_a_footprint_and_a_start_with_a_heading_may_stand_together(verb: str, folder: Path, tmp_path: Path) -> None:
-    """Another robot needs starts of three coordinates, which the old one would refuse."""
-    output = {"plot": "page.png", "convert": "room.cir", "control": "run.csv"}.get(verb)
+@pytest.mark.parametrize("subcommand", ["info", "path", "plot", "compile", "solve", "control", "convert"])
+def test_a_footprint_and_a_start_with_a_heading_are_checked_together(
+    subcommand: str, folder: Path, tmp_path: Path
+) -> None:
+    """The new robot needs starts of three coordinates, which the old one would reject."""
+    output = {"plot": "page.png", "convert": "room.cir", "control": "run.csv"}.get(subcommand)
     words = [
-        verb, folder / "room.png", "--spacing=0.5", "--origin=-7,-5", "--set", "map.headings=8", "--goal=1.2,3.8",
+        subcommand, folder / "room.png", "--spacing=0.5", "--origin=-7,-5", "--set", "map.headings=8", "--goal=1.2,3.8",
         "--set", f"robot.footprint={PLATE}", "--set", "sampling=centre", "--start=-3.3,-1.7,1.57",
     ]  # fmt: skip
     result = call(*words, *(["-o", tmp_path / output] if output else []))
     assert result.exit_code == 0, result.stderr
 
 
-@pytest.mark.parametrize("verb", ["info", "path", "solve"])
-def test_cells_are_those_of_the_grid_that_options_make(verb: str, lesson: Path) -> None:
-    result = call(verb, lesson, "--set", "grid.cells=16", "--start=1,13", "--cells")
+@pytest.mark.parametrize("subcommand", ["info", "path", "solve"])
+def test_cell_options_refer_to_the_overridden_grid(subcommand: str, lesson: Path) -> None:
+    result = call(subcommand, lesson, "--set", "grid.cells=16", "--start=1,13", "--cells")
     assert result.exit_code == 0, result.stderr
 
 
@@ -167,27 +171,27 @@ def lesson(scenes: Path) -> Path:
         (("--robot-radius", "0.1", "--set", "radius=0.2"), "robot.radius"),
     ],
 )
-def test_options_that_contradict_each_other_are_refused(options: tuple[str, ...], names: str, lesson: Path) -> None:
+def test_contradictory_options_exit_with_2(options: tuple[str, ...], names: str, lesson: Path) -> None:
     result = call("info", lesson, *options)
     assert result.exit_code == 2
     assert names in result.stderr and "leave one of them out" in result.stderr
 
 
-def test_the_width_and_the_number_of_cells_contradict_each_other(lesson: Path) -> None:
+def test_spacing_and_number_of_cells_exclude_each_other(lesson: Path) -> None:
     result = call("info", lesson, "--set", "grid.axes.0.cells=16", "--set", "grid.axes.0.spacing=0.5")
     assert result.exit_code == 2 and "not both" in result.stderr
 
 
-def test_lines_are_those_of_keys_that_the_file_holds(tmp_path: Path) -> None:
+def test_errors_have_line_numbers_only_for_keys_of_the_file(tmp_path: Path) -> None:
     file = tmp_path / "wrong.toml"
     file.write_text(ROOM)  # 'center' is unknown
-    with pytest.raises(rg.InputError) as told:
+    with pytest.raises(rg.InputError) as caught:
         build_changed(read_document(file, {}), {"start": [(1, 2, 3)], "k": 2})
-    places = [line.strip().rpartition(": ")[0] for line in str(told.value).splitlines()[1:]]
+    places = [line.strip().rpartition(": ")[0] for line in str(caught.value).splitlines()[1:]]
     assert places == ["k", "start[0].point", "line 10: obstacle[0].centre", "line 12: obstacle[0].center"]
 
 
-def test_a_start_that_fits_the_file_alone_needs_no_change(scenes: Path) -> None:
+def test_build_changed_does_not_modify_the_document(scenes: Path) -> None:
     document = read_document(scenes / "lesson.toml", {})
     assert document_of(build_changed(document, {})) == document_of(rg.read_scene(scenes / "lesson.toml"))
     raw = parse_document((scenes / "lesson.toml").read_text(), "lesson").raw

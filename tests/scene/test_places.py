@@ -1,4 +1,4 @@
-"""Nearest cells against brute force.
+"""Nearest allowed cells on grids with periodic axes, compared with exhaustive search.
 
 Tests internals: `resgrid.scene.nearest_place`.
 """
@@ -14,7 +14,7 @@ from resgrid.scene.nearest_place import nearest_cell
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))
 @settings(max_examples=150)
-def test_the_nearest_cell_is_that_of_brute_force(seed: int, ndim: int) -> None:
+def test_the_nearest_cell_equals_that_of_exhaustive_search(seed: int, ndim: int) -> None:
     rng = np.random.default_rng(seed)
     axes = [
         rg.Axis(

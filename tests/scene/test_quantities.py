@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.scene.quantities`."""
+"""Numbers with engineering suffixes: parsed and formatted values compared with literals.
+
+Tests internals: `resgrid.scene.quantities`.
+"""
 
 import pytest
 from hypothesis import given, strategies as st
@@ -27,7 +30,7 @@ from resgrid.scene.quantities import format_quantity, parse_quantity
         (0.25, 0.25),
     ],
 )
-def test_values(text, value):
+def test_engineering_suffixes_are_parsed(text, value):
     assert parse_quantity(text) == value
 
 
@@ -59,7 +62,7 @@ def test_values(text, value):
         "1" * 100,
     ],
 )
-def test_everything_else_is_refused_with_a_remedy(text):
+def test_invalid_quantities_raise_input_error_with_an_example(text):
     with pytest.raises(rg.InputError, match="4k7"):
         parse_quantity(text)
 
@@ -69,7 +72,7 @@ def test_a_suffix_in_the_middle_is_the_decimal_point(whole, part):
     assert parse_quantity(f"{whole}k{part}") == float(f"{whole}.{part}e3")
 
 
-def test_shares_are_read_as_percentages_and_values_are_shown_with_a_prefix():
+def test_percentages_are_parsed_and_values_formatted_with_prefixes():
     assert [rg.Chip(mismatch=share).mismatch for share in ("10 %", "2.5%", 0.1)] == [0.1, 0.025, 0.1]
     values = (38.123e-6, "A", 3), (10e3, "Ω"), (4700.0,)
     assert [format_quantity(*value) for value in values] == ["38.1 µA", "10 kΩ", "4.7k"]

@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.scene.overrides`."""
+"""Scene files: values and messages compared with literals, for every kind of error with line, key and remedy.
+
+Tests internals: `resgrid.scene.overrides`.
+"""
 
 import json
 import os
@@ -26,7 +29,7 @@ def message(text, **options):
     return str(caught.value)
 
 
-def test_all_errors_at_once_each_with_line_key_and_remedy():
+def test_all_errors_of_a_scene_are_reported_with_line_key_and_remedy():
     text = """schema = 1
 boundry = "wall"
 boundary = "dirichlett"
@@ -138,24 +141,24 @@ resistance = "10kohm"
         (GRID + '[[obstacle]]\nshape="rectangle"\nlower=[1,1]\nupper=[0,2]', "lower <= upper"),
     ],
 )
-def test_one_clear_message(text, expected):
+def test_each_error_has_its_message(text, expected):
     assert expected in message(text)
 
 
-def test_shapes_of_the_plane_need_two_axes():
+def test_plane_shapes_need_two_axes():
     text = GRID.replace("]\n", '  { name = "z", lower = 0, upper = 1, cells = 1 },\n]\n')
     assert "use sphere instead" in message(text + '[[obstacle]]\nshape="circle"\ncentre=[1,1]\nradius=1')
     ring = GRID.replace("cells = 4", "cells = 4, periodic = true")
     assert "0 along a periodic axis" in message(ring + '[[obstacle]]\nshape="half_plane"\nnormal=[1, 0]\noffset=1')
 
 
-def test_huge_grids_are_refused_before_anything_is_allocated():
+def test_huge_grids_raise_budget_error_before_allocation():
     scene = rg.parse_scene(GRID.replace("cells = 4", "cells = 1_000_000_000_000") + GOAL)
     with pytest.raises(rg.BudgetError, match=r"3e\+12 cells needs about 4.47e\+04 GiB"):
         rg.build_space(scene)
 
 
-def test_files_that_cannot_be_read(tmp_path):
+def test_unreadable_files_raise_input_error(tmp_path):
     with pytest.raises(rg.InputError, match="there is no such file"):
         rg.read_scene(tmp_path / "absent.toml")
     with pytest.raises(rg.InputError, match="is a directory"):
@@ -176,7 +179,7 @@ def test_files_that_cannot_be_read(tmp_path):
         rg.read_scene("/dev/zero", format="image")
 
 
-def test_of_a_file_of_unknown_kind_the_first_bytes_are_read_alone(tmp_path):
+def test_only_the_first_bytes_of_an_unknown_file_are_read(tmp_path):
     file = tmp_path / "huge.unknown"
     with file.open("wb") as opened:
         opened.truncate(1 << 40)
@@ -194,7 +197,7 @@ def _written(path, data):
     return path
 
 
-def test_goals_take_the_cells_they_overlap():
+def test_goal_cells_are_the_cells_a_goal_overlaps():
     big = rg.build_space(rg.parse_scene(GRID + '[[goal]]\nshape="rectangle"\nlower=[0.4, 0.4]\nupper=[2.6, 1.0]'))
     assert np.argwhere(big.cell == 2).tolist() == [[0, 0], [1, 0], [2, 0]]
     small = rg.build_space(rg.parse_scene(GRID + '[[goal]]\nshape="circle"\ncentre=[1.9, 1.9]\nradius=0.2'))
@@ -204,7 +207,7 @@ def test_goals_take_the_cells_they_overlap():
     assert np.argwhere(part.cell == 2).tolist() == [[1, 0]]
 
 
-def test_areas_change_the_conductivity():
+def test_areas_set_the_conductivity_of_cells():
     space = rg.build_space(
         rg.parse_scene(GRID + GOAL + '[[area]]\nshape="rectangle"\nlower=[0, 0]\nupper=[2, 3]\nconductivity=0.1')
     )
@@ -212,7 +215,7 @@ def test_areas_change_the_conductivity():
     assert rg.build_space(rg.parse_scene(GRID + GOAL)).conductivity is None
 
 
-def test_overrides_are_checked_like_the_file():
+def test_overrides_are_converted_and_checked_like_file_keys():
     scene = rg.parse_scene(GRID + GOAL)
     changed = apply_overrides(
         scene,
@@ -246,7 +249,7 @@ def test_overrides_are_checked_like_the_file():
         assert expected in str(caught.value)
 
 
-def test_replace_checks_and_leaves_the_original_alone():
+def test_replace_checks_values_and_keeps_the_original():
     scene = rg.parse_scene(GRID + GOAL)
     assert scene.replace(boundary="neumann", starts=((1.0, 1.0),)).boundary == "neumann"
     assert scene.boundary == "dirichlet"
@@ -256,7 +259,7 @@ def test_replace_checks_and_leaves_the_original_alone():
         scene.replace(boundary="nonsense")
 
 
-def test_the_schema_is_json_and_names_every_key():
+def test_the_scene_schema_is_json_and_contains_every_key():
     schema = json.loads(json.dumps(rg.scene_schema()))
     assert {"schema", "title", "grid", "map", "obstacle", "goal", "chip", "k", "edge"} <= set(schema["properties"])
     assert schema["required"] == ["schema"]
@@ -264,7 +267,7 @@ def test_the_schema_is_json_and_names_every_key():
 
 
 @pytest.mark.parametrize("name", ["lesson", "rooms", "voxels", "ring"])
-def test_shipped_scenes_have_a_way_from_every_start(scenes, name):
+def test_shipped_scenes_have_a_path_from_every_start(scenes, name):
     scene = rg.read_scene(scenes / f"{name}.toml")
     space = rg.build_space(scene)
     assert scene.title

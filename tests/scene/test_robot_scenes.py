@@ -1,4 +1,4 @@
-"""Scenes with arms, discs and turning polygons, and the shipped ones of the 1992 paper.
+"""Scenes with arms, discs and turning polygons, and the scenes of the 1992 paper: axes, goals, cells, outcomes.
 
 Tests internals: `resgrid.core.regions`, `resgrid.scene.overrides`, `resgrid.scene.reading`.
 """
@@ -31,7 +31,7 @@ axes = [{ lower = 0, upper = 2, cells = 10 }, { lower = 0, upper = 2, cells = 10
 """
 
 
-def test_an_arm_brings_its_axes_along():
+def test_the_axes_of_an_arm_scene_are_those_of_its_joints():
     scene = rg.parse_scene(ARM + GOAL)
     assert isinstance(scene.robot, rg.Arm)
     assert scene.axes == scene.robot.axes((24, 20))
@@ -47,7 +47,7 @@ def test_an_arm_brings_its_axes_along():
     assert not half.axes[0].periodic
 
 
-def test_goals_in_joint_space():
+def test_goals_in_joint_space_have_the_expected_cells():
     box = rg.parse_scene(ARM + "[[goal]]\njoints_lower = [-0.5, -0.5]\njoints_upper = [0.5, 0.5]\n")
     assert box.goals == (rg.GoalJoints((-0.5, -0.5), (0.5, 0.5)),)
     cells = rg.build_space(box).centre(np.argwhere(rg.build_space(box).cell == 2))
@@ -77,7 +77,7 @@ def test_documents_of_all_robots_round_trip():
     assert isinstance(rg.parse_scene(POLYGON + "[[goal]]\npoint = [1.2, 1.3]\n").robot, rg.PolygonRobot)
 
 
-def test_overrides_reach_robots_and_cells():
+def test_overrides_change_robots_and_cells():
     scene = apply_overrides(
         rg.parse_scene(ARM + GOAL), {"grid.cells": "8", "robot.links[0].length": "1.5", "goal": "1.5,1.2"}
     )
@@ -86,10 +86,10 @@ def test_overrides_reach_robots_and_cells():
     assert rg.build_space(scene).goal_count >= 1
 
 
-def test_progress_is_passed_on():
-    told = []
-    rg.build_space(rg.parse_scene(ARM + GOAL), progress=lambda done, total: told.append((done, total)))
-    assert told[-1] == (24 + 480, 24 + 480)
+def test_build_space_reports_progress_up_to_the_total():
+    reported = []
+    rg.build_space(rg.parse_scene(ARM + GOAL), progress=lambda done, total: reported.append((done, total)))
+    assert reported[-1] == (24 + 480, 24 + 480)
 
 
 @pytest.mark.parametrize(
@@ -125,18 +125,18 @@ def test_progress_is_passed_on():
         (POLYGON.replace("0.5", "-0.5") + "[[goal]]\npoint = [1, 1]\n", "robot.turning_length: must be greater than 0"),
     ],
 )  # fmt: skip
-def test_one_clear_message(text, expected):
+def test_each_error_has_its_message(text, expected):
     with pytest.raises(rg.InputError) as caught:
         rg.build_space(rg.parse_scene(text, "s.toml"))
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value) or "errors" in str(caught.value)
 
 
-def test_problem_a_has_a_goal_in_both_bands_and_no_isolated_cell(scenes):
+def test_problem_a_has_goal_cells_in_two_connected_regions(scenes):
     scene = rg.read_scene(scenes / "problem_a.toml")
     space = rg.build_space(scene)
     region = label_regions(space.cell != rg.Cell.OBSTACLE, space.periodic)
-    assert region.max() == 2  # elbow left and elbow right: no isolated cell either
+    assert region.max() == 2  # elbow left and elbow right, without isolated cells
     assert sorted(region[space.cell == rg.Cell.GOAL].tolist()) == [1] * 19 + [2] * 19
     turn = np.sign(np.sin(np.diff(space.centre(np.argwhere(region == 1)), axis=1)))
     assert (turn == turn[0]).all()
@@ -147,7 +147,7 @@ def test_problem_a_has_a_goal_in_both_bands_and_no_isolated_cell(scenes):
 
 
 def volume_lost(scene):
-    """Share of the volume, free by cell centres, that the conservative rule takes away."""
+    """Fraction of the volume free by cell centres that the conservative rule blocks."""
     sure, centres = (
         rg.build_space(scene.replace(sampling=rule), require_goal=False).cell == rg.Cell.OBSTACLE
         for rule in ("conservative", "centre")
@@ -155,13 +155,13 @@ def volume_lost(scene):
     return (sure & ~centres).sum() / (~centres).sum()
 
 
-def test_the_conservative_rule_costs_little_volume(scenes):
+def test_the_conservative_rule_blocks_little_additional_volume(scenes):
     assert 0.002 < volume_lost(rg.read_scene(scenes / "problem_a.toml")) < 0.01
     assert 0.03 < volume_lost(rg.read_scene(scenes / "problem_b.toml")) < 0.06
     assert volume_lost(rg.read_scene(scenes / "voxel_maze.toml")) == 0  # every wall ends on a border of cells
 
 
-def test_problem_b_cuts_off_a_sixth_of_the_free_cells(scenes):
+def test_problem_b_separates_a_sixth_of_the_free_cells(scenes):
     scene = rg.read_scene(scenes / "problem_b.toml")
     space = rg.build_space(scene)
     free = space.cell == rg.Cell.FREE
@@ -187,7 +187,7 @@ def test_shipped_robot_scenes_plan_from_every_connected_start(scenes, name):
         assert len({rg.streamline(field, start).goal for start in scene.starts}) == 3
 
 
-def test_a_space_says_where_in_each_goal_cell_the_goal_is():
+def test_goal_points_lie_in_the_goal_and_in_their_cells():
     text = DISC.replace("point = [1, 1]", "cell = [7, 7]") + (
         '[[goal]]\nshape = "circle"\ncentre = [1.0, 1.0]\nradius = 0.25\n[[goal]]\npoint = [0.5, 2.0]\n'
         '[[obstacle]]\nshape = "rectangle"\nlower = [1.6, 0.5]\nupper = [2, 1]\n'
@@ -203,7 +203,7 @@ def test_a_space_says_where_in_each_goal_cell_the_goal_is():
         assert (np.abs((point - space.centre(cell)) / space.spacing) <= 0.5 + 1e-9).all()
 
 
-def test_a_goal_given_in_the_world_says_its_place_in_the_space(tmp_path):
+def test_goals_in_world_coordinates_are_transformed_to_the_map(tmp_path):
     (tmp_path / "map.pgm").write_bytes(b"P5 20 10 255 " + bytes([255]) * 200)
     (tmp_path / "map.yaml").write_text(
         "image: map.pgm\nresolution: 0.5\norigin: [3.0, -2.0, 0.7]\nnegate: 0\n"
@@ -221,14 +221,14 @@ def test_a_goal_given_in_the_world_says_its_place_in_the_space(tmp_path):
 
 
 @pytest.mark.parametrize("at", ["centre = [1.5, 1.5]\nradius = 0", "centre = [1.2, 1.5]\nradius = 0"])
-def test_a_goal_without_area_on_a_border_of_cells_lies_in_the_grid(at):
+def test_a_goal_without_area_on_a_cell_border_has_one_region(at):
     text = DISC.replace("cells = 9", "cells = 10").replace("cells = 8", "cells = 10")
     space = rg.build_space(rg.parse_scene(text.replace("point = [1, 1]", f'shape = "circle"\n{at}')))
     assert space.goal_count == 1
     assert np.allclose(space.goal_points[:, 1], 1.5)
 
 
-def test_a_start_or_goal_on_the_upper_end_of_an_axis_lies_in_the_grid():
+def test_a_goal_at_the_upper_end_of_an_axis_lies_in_the_last_cell():
     for cells in (49, 98, 103, 107):
         text = DISC.replace("upper = 3", "upper = 1").replace("radius = 0.2", "radius = 0.002")
         text = text.replace("cells = 9", f"cells = {cells}").replace(", cells = 8", "").replace("[1, 1]", "[1.0, 1.0]")

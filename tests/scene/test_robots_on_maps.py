@@ -1,4 +1,4 @@
-"""Any robot on any map, and scenes made in Python alone.
+"""All kinds of robots on ROS maps, compared with shapely intersections, and scenes made in Python.
 
 Tests internals: `resgrid.scene.overrides`.
 """
@@ -22,7 +22,7 @@ YAW = 0.7
 
 
 def ros_map(folder: Path, origin: str, mode: str = "trinary") -> Path:
-    """Two rooms of 2.8 x 4 m with a door of 1.1 m; the upper half of the second is grey."""
+    """Two rooms of 2.8 x 4 m joined by a gap of 1.1 m; in scale mode the upper quarter of the second is grey."""
     rows = np.full((40, 60), 255, dtype=np.uint8)
     rows[:, 28:31] = 0
     rows[15:26, 28:31] = 255
@@ -38,15 +38,15 @@ def turned(tmp_path: Path) -> Path:
     return ros_map(tmp_path, f"[3.0, -2.0, {YAW}]")
 
 
-def walls_of(scene: rg.Scene) -> shapely.Geometry:
-    """Obstacle cells of the map, in the world."""
+def walls_in_world(scene: rg.Scene) -> shapely.Geometry:
+    """Obstacle cells of the map, in world coordinates."""
     assert scene.map is not None
     cells = [shapely.box(x / 10, y / 10, (x + 1) / 10, (y + 1) / 10) for x, y in np.argwhere(scene.map.cell == 1)]
     inside = affinity.rotate(shapely.unary_union(cells), scene.frame.yaw, origin=(0, 0), use_radians=True)
     return affinity.translate(inside, scene.frame.x, scene.frame.y)
 
 
-def test_a_footprint_on_a_turned_map_goes_through_a_door(turned: Path) -> None:
+def test_a_footprint_on_a_turned_map_passes_a_gap_without_collision(turned: Path) -> None:
     frame = rg.read_scene(turned).frame
     goal, start = (tuple(map(float, frame.to_world(place))) for place in ((5.0, 2.0), (1.0, 2.0)))
     scene = rg.read_scene(turned, robot=rg.PolygonRobot(FOOTPRINT), headings=24, goal=goal, start=(*start, YAW + 1.2))
@@ -55,13 +55,13 @@ def test_a_footprint_on_a_turned_map_goes_through_a_door(turned: Path) -> None:
     assert path.outcome == "reached"
     assert np.allclose(path.points[0], (*start, YAW + 1.2))
     assert np.allclose(path.points[-1][:2], goal)
-    walls = walls_of(scene)
+    walls = walls_in_world(scene)
     assert max(scene.robot.shapes_at(pose)[0].intersection(walls).area for pose in path.points[::3]) < 1e-12
     narrow = scene.replace(robot=rg.PolygonRobot(tuple((2 * x, 4 * y) for x, y in FOOTPRINT)))
     assert rg.plan(narrow).path(scene.starts[0]).outcome == "no_path"
 
 
-def test_a_robot_of_one_s_own_turns_on_a_turned_map_by_its_turning_length(turned: Path) -> None:
+def test_a_user_defined_robot_turns_by_its_turning_length(turned: Path) -> None:
     robot = Dumbbell(0.7, 0.15)
     frame = rg.read_scene(turned).frame
     goal, start = (tuple(map(float, frame.to_world(place))) for place in ((5.0, 2.0), (1.0, 2.0)))
@@ -69,13 +69,13 @@ def test_a_robot_of_one_s_own_turns_on_a_turned_map_by_its_turning_length(turned
     assert scene.axes[2] == rg.Axis("theta", 0.0, 0.7 * np.pi, 24, periodic=True)
     path = rg.plan(scene).path(scene.starts[0])
     assert path.outcome == "reached"
-    walls = walls_of(scene)
+    walls = walls_in_world(scene)
     assert max(part.intersection(walls).area for pose in path.points[::3] for part in robot.shapes_at(pose)) < 1e-12
     with pytest.raises(rg.InputError, match="a robot that turns needs 3 axes"):
         rg.Scene(scene.axes[:2], robot=robot)
 
 
-def test_a_map_lies_where_its_scene_says(turned: Path) -> None:
+def test_the_frame_of_a_scene_moves_its_map(turned: Path) -> None:
     frame = rg.Frame(5.0, 6.0, 0.3)
     moved = rg.read_scene(turned).replace(frame=frame)
     assert moved.map is not None
@@ -84,7 +84,7 @@ def test_a_map_lies_where_its_scene_says(turned: Path) -> None:
     assert apply_overrides(moved, {"title": "moved"}).frame == frame
 
 
-def test_a_footprint_in_a_file_has_a_goal_with_a_heading(turned: Path) -> None:
+def test_a_footprint_in_a_file_has_headings_of_start_and_goal(turned: Path) -> None:
     x, y = rg.read_scene(turned).frame.to_world((5.05, 2.05))
     file = turned.with_name("scene.toml")
     file.write_text(
@@ -107,7 +107,7 @@ def test_a_footprint_in_a_file_has_a_goal_with_a_heading(turned: Path) -> None:
     assert disc.shape == (60, 40)
 
 
-def test_an_arm_has_a_map_for_its_workspace(tmp_path: Path) -> None:
+def test_an_arm_uses_a_map_as_its_workspace(tmp_path: Path) -> None:
     ros_map(tmp_path, "[0, 0, 0]")
     text = (
         "schema = 1\n[robot]\ntype = 'arm'\nbase = [1.5, 2.0]\nlinks = [{ length = 1.0 }, { length = 0.9 }]\n"
@@ -118,7 +118,7 @@ def test_an_arm_has_a_map_for_its_workspace(tmp_path: Path) -> None:
     scene = rg.parse_scene(text + "[grid]\ncells = 48\n", folder=tmp_path)
     space = rg.build_space(scene)
     free = space.axis_centre(np.argwhere(space.cell != rg.Cell.OBSTACLE))
-    walls = walls_of(scene)
+    walls = walls_in_world(scene)
     poses = np.concatenate([free, space.goal_points])
     assert not any(shapely.intersects(walls, scene.robot.shapes_at(pose)).any() for pose in poses)
     assert 0 < (space.cell == rg.Cell.OBSTACLE).sum() < space.cell.size
@@ -126,7 +126,7 @@ def test_an_arm_has_a_map_for_its_workspace(tmp_path: Path) -> None:
     assert scene.replace(robot=longer, start=(0, 0)).axes == apply_overrides(scene, {"title": "x"}).axes == scene.axes
 
 
-def test_axes_of_a_map_may_be_rings(tmp_path: Path) -> None:
+def test_axes_of_a_map_may_be_periodic(tmp_path: Path) -> None:
     file = ros_map(tmp_path, "[0, 0, 0]")
     scene = rg.read_scene(file, periodic="y", goal=(5, 2))
     assert [axis.periodic for axis in scene.axes] == [False, True]
@@ -135,7 +135,7 @@ def test_axes_of_a_map_may_be_rings(tmp_path: Path) -> None:
         rg.read_scene(file, periodic=["z"])
 
 
-def test_occupancies_between_free_and_lethal_are_costs_when_asked(tmp_path: Path) -> None:
+def test_occupancies_below_lethal_become_conductivities_on_request(tmp_path: Path) -> None:
     file = ros_map(tmp_path, "[0, 0, 0]", "scale")
     assert rg.build_space(rg.read_scene(file, goal=(5, 2))).conductivity is None
     space = rg.build_space(rg.read_scene(file, goal=(5, 2), least_conductivity=0.01))
@@ -147,7 +147,7 @@ def test_occupancies_between_free_and_lethal_are_costs_when_asked(tmp_path: Path
     assert np.array_equal(rg.build_space(turning).conductivity[..., 3], space.conductivity)
 
 
-def test_a_whole_scene_is_made_without_a_file() -> None:
+def test_a_complete_scene_is_made_in_python() -> None:
     axes = (rg.Axis("x", 0.0, 4.0, 20), rg.Axis("y", 0.0, 3.0, 15))
     scene = rg.Scene(
         axes=axes,

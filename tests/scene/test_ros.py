@@ -1,4 +1,4 @@
-"""ROS maps: the published expectations of both readers' own tests, and pixels worked out by hand.
+"""ROS maps, compared with the published tests of map_server and nav2_map_server and a pixel-by-pixel reference.
 
 Tests internals: `resgrid.scene.maps.ros`, `resgrid.scene.maps.ros_header`, `resgrid.scene.nearest_place`,
 `resgrid.scene.world_coordinates`.
@@ -43,19 +43,19 @@ def write_yaml(folder, **changes):
 
 @pytest.mark.parametrize("dialect", ["nav2", "nav2-jazzy", "ros1"])
 @pytest.mark.parametrize("name", ["nav2/testmap.yaml", "ros1/testmap.yaml"])
-def test_published_occupancy(cases, name, dialect):
+def test_occupancy_equals_the_published_test_maps(cases, name, dialect):
     assert rg.maps.from_occupancy_grid(cases / name, dialect).tolist() == EXPECTED
 
 
-def test_published_spectrum(cases, tmp_path):
+def test_occupancy_equals_the_published_spectrum(cases, tmp_path):
     image = (cases / "ros1" / "spectrum.png").resolve()
     file = write_yaml(tmp_path, image=image, occupied_thresh=0.65, free_thresh=0.1)
     values, counts = np.unique(rg.maps.from_occupancy_grid(file, "ros1"), return_counts=True)
     assert dict(zip(values.tolist(), counts.tolist(), strict=True)) == {-1: 140, 0: 26, 100: 90}
 
 
-def test_every_grey_value_in_every_mode(tmp_path):
-    """The three readers' arithmetic, pixel by pixel, in plain Python."""
+def test_every_grey_value_equals_the_reference_in_every_mode(tmp_path):
+    """The references repeat the arithmetic of the three readers in plain Python."""
     greys = list(range(256))
     for negate in (0, 1):
         for mode in ("trinary", "scale", "raw"):
@@ -107,7 +107,7 @@ def jazzy_pixel(grey, negate, mode):
     return -1 if mode == "trinary" else round((p - 0.196) / (0.65 - 0.196) * 100)
 
 
-def test_thresholds_are_strict_in_the_older_readers(tmp_path):
+def test_thresholds_are_strict_in_older_readers_only(tmp_path):
     # (255 - 204) / 255 is exactly the double 0.2; 1 - 204 / 255 lies below it
     file = write(tmp_path, [[204, 51]], free_thresh=0.2, occupied_thresh=0.8)
     assert rg.maps.from_occupancy_grid(file, "ros1").tolist() == [[-1, -1]]
@@ -124,13 +124,13 @@ def test_thresholds_are_strict_in_the_older_readers(tmp_path):
     ],
 )
 @pytest.mark.parametrize("mode", ["trinary", "scale"])
-def test_thresholds_in_any_order(tmp_path, mode, free, occupied, expected):
+def test_thresholds_in_reversed_order_are_applied_in_reader_order(tmp_path, mode, free, occupied, expected):
     file = write(tmp_path, [[0, 120, 130, 255]], free_thresh=free, occupied_thresh=occupied, mode=mode)
     assert {name: rg.maps.from_occupancy_grid(file, name)[0].tolist() for name in expected} == expected
 
 
 @pytest.mark.parametrize("unknown", ["free", "obstacle"])
-def test_raw_values_above_100_are_what_the_costmap_makes_of_what_the_server_sends(tmp_path, unknown):
+def test_raw_values_above_100_follow_the_costmap_of_each_dialect(tmp_path, unknown):
     file = write(tmp_path, [[0, 64, 65, 100, 101, 127, 128, 254, 255]], mode="raw")
     open_ = unknown == "free"
 
@@ -146,7 +146,7 @@ def test_raw_values_above_100_are_what_the_costmap_makes_of_what_the_server_send
     }
 
 
-def test_alpha(tmp_path):
+def test_alpha_channels_follow_each_dialect(tmp_path):
     pixels = [[[128, 128, 128, 255], [128, 128, 128, 0], [0, 0, 0, 0], [255, 255, 255, 1], [0, 0, 0, 128]]]
     file = write(tmp_path, pixels, mode="trinary")
     # means with alpha: 159.75, 96, 0, 191.5, 32
@@ -163,15 +163,15 @@ def test_alpha(tmp_path):
     assert rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist() == [[-1, -1, 0, -1, 0]]
 
 
-def test_an_opaque_wall_is_a_wall_though_the_picture_has_opacity(tmp_path):
+def test_opaque_pixels_are_walls_despite_an_alpha_channel(tmp_path):
     pixels = [[[255, 255, 255, 255], [0, 0, 0, 255], [255, 255, 255, 255]]]
     file = write(tmp_path, pixels, free_thresh=0.2, occupied_thresh=0.9)
     assert rg.maps.from_occupancy_grid(file).tolist() == [[0, 100, 0]]
     assert rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist() == [[0, -1, 0]]
 
 
-def test_colours_are_weighed_by_their_luma_since_2025(tmp_path):
-    # 255 times .299, .587 and .114, cut off: 76, 149 (150 from 16 bits, less the cut), 29
+def test_nav2_weights_colours_by_luma(tmp_path):
+    # 255 times .299, .587 and .114, truncated: 76, 149, 29
     file = write(tmp_path, [[[255, 0, 0], [0, 255, 0], [0, 0, 255]]], mode="raw")
     assert rg.maps.from_occupancy_grid(file).tolist() == [[76, -1, 29]]
     assert rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist() == [[85, 85, 85]]
@@ -179,7 +179,7 @@ def test_colours_are_weighed_by_their_luma_since_2025(tmp_path):
     assert rg.maps.from_occupancy_grid(file).tolist() == [[100, -1, 100]]
 
 
-def test_colours_were_averaged_without_weights(tmp_path):
+def test_older_dialects_average_colours_without_weights(tmp_path):
     file = write(tmp_path, [[[255, 0, 0], [0, 255, 255], [200, 200, 0]]], mode="scale")
     # means 85, 170, 400/3; in ROS 1 a third channel of 0 counts as transparent between the thresholds
     p = [(255 - m) / 255 for m in (85, 170, 400 / 3)]
@@ -190,7 +190,7 @@ def test_colours_were_averaged_without_weights(tmp_path):
     ]
 
 
-def test_palettes(tmp_path):
+def test_palette_images_are_read_as_colours_except_in_ros_1(tmp_path):
     picture = Image.fromarray(np.array([[0, 1, 2]], dtype=np.uint8), "P")
     picture.putpalette([255, 255, 255, 0, 0, 0, 254, 254, 254])
     file = write(tmp_path, [[0]])
@@ -212,7 +212,7 @@ def test_palettes(tmp_path):
     assert rg.maps.from_occupancy_grid(file, "ros1").tolist() == [[0, 100, -1]]
 
 
-def test_cells_lie_where_the_origin_says(tmp_path):
+def test_cells_are_placed_by_the_origin(tmp_path):
     file = write(tmp_path, [[0, 254, 254], [254, 254, 205]], origin="[-1.5, 2, 0]")
     scene = rg.read_scene(file)
     assert scene.frame.is_world
@@ -225,7 +225,7 @@ def test_cells_lie_where_the_origin_says(tmp_path):
     assert rg.build_space(rg.read_scene(file, goal=(-0.1, 2.9))).cell[2, 1] == 2
 
 
-def test_a_turned_origin(tmp_path):
+def test_a_turned_origin_turns_cells_starts_and_shapes(tmp_path):
     file = write(tmp_path, [[254] * 4] * 2, origin=f"[10, 20, {np.pi / 2}]")
     scene = rg.read_scene(file, goal=(9.25, 21.75), start=(9.75, 20.25))
     space = rg.build_space(scene)
@@ -241,7 +241,7 @@ def test_a_turned_origin(tmp_path):
         rg.build_space(rg.read_scene(file, goal=(9.25, 21.75), start=(10.5, 20)))
 
 
-def test_lethal_decides_in_scale_mode(tmp_path):
+def test_lethal_is_the_threshold_in_scale_mode(tmp_path):
     file = write(tmp_path, [[255, 170, 120, 0]], mode="scale")
     assert rg.maps.from_occupancy_grid(file).tolist() == [[0, 30, 73, 100]]
     assert rg.build_space(rg.read_scene(file), require_goal=False).cell[:, 0].tolist() == [0, 0, 1, 1]
@@ -276,13 +276,13 @@ def test_lethal_decides_in_scale_mode(tmp_path):
         ({"image": "map.png\nx: [1"}, "not YAML"),
     ],
 )
-def test_one_clear_message(tmp_path, changes, expected):
+def test_each_header_error_has_its_message(tmp_path, changes, expected):
     write(tmp_path, [[0, 254]])
     with pytest.raises(rg.InputError, match=expected):
         rg.maps.from_occupancy_grid(write_yaml(tmp_path, **changes))
 
 
-def test_yaml_that_is_no_mapping(tmp_path):
+def test_invalid_yaml_dialects_and_options_raise_input_error(tmp_path):
     for text in ("- a\n- b\n", "", "42", "[" * 3000):
         (tmp_path / "map.yaml").write_text(text)
         with pytest.raises(rg.InputError, match=r"map\.yaml"):
@@ -290,7 +290,7 @@ def test_yaml_that_is_no_mapping(tmp_path):
     for dialect in ("ros2", "ros3", "nav3"):
         with pytest.raises(rg.InputError, match=f"dialect: '{dialect}' is unknown: it may be nav2.*jazzy.*ros1$"):
             rg.read_scene(write(tmp_path, [[0]]), dialect=dialect)
-        with pytest.raises(rg.InputError, match=f"dialect: '{dialect}' is unknown: it may be nav2, nav2-jazzy, ros1$"):
+        with pytest.raises(rg.InputError, match=f"dialect = '{dialect}' must be 'nav2' or 'nav2-jazzy' or 'ros1'"):
             rg.maps.from_occupancy_grid(tmp_path / "map.yaml", dialect)
     with pytest.raises(rg.InputError, match="did you mean 'nav2-jazzy'"):
         rg.read_scene(tmp_path / "map.yaml", dialect="nav2-jazy")
@@ -298,14 +298,14 @@ def test_yaml_that_is_no_mapping(tmp_path):
         rg.read_scene(write(tmp_path, [[0]]), passable=".")
 
 
-def test_negate_takes_words_in_nav2_only(tmp_path):
+def test_negate_accepts_words_in_nav2_only(tmp_path):
     write(tmp_path, [[0, 255]])
     assert rg.maps.from_occupancy_grid(write_yaml(tmp_path, negate="yes")).tolist() == [[0, 100]]
     with pytest.raises(rg.InputError, match="negate: must be 0 or 1"):
         rg.maps.from_occupancy_grid(write_yaml(tmp_path, negate="yes"), "ros1")
 
 
-def test_the_robots_radius_grows_map_obstacles(tmp_path):
+def test_map_obstacles_grow_by_the_radius_of_the_robot(tmp_path):
     pixels = np.full((9, 9), 254)
     pixels[4, 4] = 0
     file = write(tmp_path, pixels)
@@ -313,7 +313,7 @@ def test_the_robots_radius_grows_map_obstacles(tmp_path):
     assert rg.build_space(rg.read_scene(file, robot=rg.PointRobot(0.51)), require_goal=False).cell.sum() == 21
 
 
-def test_aliases_are_read_and_never_merged(tmp_path):
+def test_yaml_aliases_are_read_but_merge_keys_are_ignored(tmp_path):
     write(tmp_path, [[0, 254]], resolution="&r 0.5", x="[*r, *r]", free_thresh="*r")
     assert rg.read_scene(tmp_path / "map.yaml").axes[0].spacing == 0.5
     bomb = "&a0 {k: 1}"
@@ -350,7 +350,7 @@ SCALARS = [
 
 
 @pytest.mark.parametrize(("key", "text", "expected"), SCALARS)
-def test_scalars_are_converted_as_yaml_cpp_converts_them(tmp_path, key, text, expected):
+def test_scalars_are_converted_like_in_yaml_cpp(tmp_path, key, text, expected):
     assert getattr(read_header(write_yaml(tmp_path, **{key: text}), "nav2"), key) == expected
 
 
@@ -371,7 +371,7 @@ def test_scalars_are_converted_as_yaml_cpp_converts_them(tmp_path, key, text, ex
     ],
 )
 @pytest.mark.parametrize("encoding", ["latin-1", "utf-8", "utf-16"])
-def test_headers_that_other_programs_write(tmp_path, change, encoding):
+def test_headers_in_other_encodings_and_styles_are_equivalent(tmp_path, change, encoding):
     file = write_yaml(tmp_path)
     plain = read_header(file, "nav2")
     text = change(file.read_text())
@@ -382,8 +382,8 @@ def test_headers_that_other_programs_write(tmp_path, change, encoding):
     assert read_header(file, "ros1") == plain
 
 
-def test_the_header_of_ros_1(tmp_path):
-    for mode in ("[1]", "~"):  # a mode that is no text stands for none
+def test_ros_1_headers_have_their_own_rules(tmp_path):
+    for mode in ("[1]", "~"):  # a mode that is not text is ignored
         assert read_header(write_yaml(tmp_path, mode=mode), "ros1").mode == "trinary"
     with pytest.raises(rg.InputError, match="mode: 'Scale' is unknown"):
         read_header(write_yaml(tmp_path, mode="Scale"), "ros1")
@@ -393,13 +393,13 @@ def test_the_header_of_ros_1(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["/home/ann/maps/map.png", "maps\\map.png", "C:\\maps\\map.png", "../maps/map.png"])
-def test_a_picture_beside_the_header_stands_for_one_that_is_gone(tmp_path, name):
+def test_a_missing_image_is_replaced_by_one_in_the_headers_folder(tmp_path, name):
     file = write(tmp_path, [[0, 254]], image=name)
     with pytest.warns(UserWarning, match=r"image: the file .*map\.png is read instead"):
         assert rg.maps.from_occupancy_grid(file).tolist() == [[100, 0]]
 
 
-def test_backslashes_name_folders(tmp_path):
+def test_backslashes_separate_folders(tmp_path):
     (tmp_path / "maps").mkdir()
     Image.fromarray(np.array([[254, 0]], dtype=np.uint8)).save(tmp_path / "maps" / "map.png")
     file = write(tmp_path, [[0, 254]], image="maps\\map.png")
@@ -407,7 +407,7 @@ def test_backslashes_name_folders(tmp_path):
         assert rg.maps.from_occupancy_grid(file).tolist() == [[0, 100]]
 
 
-def test_names_of_pictures_in_other_encodings(tmp_path):
+def test_image_names_in_other_encodings_are_found(tmp_path):
     raw = bytes(tmp_path) + b"/caf\xe9.png"
     Image.fromarray(np.array([[0, 254]], dtype=np.uint8)).save(tmp_path / "map.png")
     (tmp_path / "map.png").rename(os.fsdecode(raw))
@@ -416,7 +416,7 @@ def test_names_of_pictures_in_other_encodings(tmp_path):
     assert rg.maps.from_occupancy_grid(file).tolist() == [[100, 0]]
 
 
-def test_unknown_cells_are_kept_in_the_map(tmp_path):
+def test_unknown_cells_are_stored_in_the_map(tmp_path):
     file = write(tmp_path, [[0, 205, 254], [254, 205, 254]], origin=f"[10, 20, {np.pi / 2}]")
     scene = rg.read_scene(file)
     assert scene.map.unknown.tolist() == [[False, False], [True, True], [False, False]]
@@ -436,7 +436,7 @@ def test_unknown_cells_are_kept_in_the_map(tmp_path):
     assert unknown_cells(None, scene.axes) is None and unknown_cells(scene.map, scene.axes[:1]) is None
 
 
-def test_goals_in_unknown_space_are_called_so(tmp_path):
+def test_goals_in_unknown_space_are_reported_as_unknown(tmp_path):
     pixels = np.full((4, 6), 254)
     pixels[:, 3] = 205
     pixels[:, 4] = 0
@@ -458,8 +458,8 @@ def test_goals_in_unknown_space_are_called_so(tmp_path):
 
 
 @pytest.mark.parametrize("top_down", [False, True])
-def test_the_fourth_byte_of_a_bmp_without_masks_is_opacity(tmp_path, top_down):
-    """GraphicsMagick takes it so; Pillow writes it from RGBA, and drops it when it reads."""
+def test_the_fourth_byte_of_a_bmp_without_masks_is_alpha(tmp_path, top_down):
+    """GraphicsMagick reads the byte as alpha; Pillow writes it from RGBA but ignores it when reading."""
     pixels = [[[0, 0, 0, 255], [255, 255, 255, 255]], [[255, 255, 255, 0], [0, 0, 0, 0]]]
     Image.fromarray(np.array(pixels, np.uint8), "RGBA").save(tmp_path / "map.bmp")
     if top_down:
@@ -477,8 +477,8 @@ def test_the_fourth_byte_of_a_bmp_without_masks_is_opacity(tmp_path, top_down):
     assert rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist() == [[-1, -1], [100, 0]]
 
 
-def test_the_opacity_of_grey_pngs_was_not_read_up_to_jazzy(tmp_path):
-    """As GraphicsMagick 1.3.40 answers: the fourth value of a mean is 255, and no cell of mode scale is transparent."""
+def test_grey_pngs_have_no_alpha_up_to_jazzy(tmp_path):
+    """As in GraphicsMagick 1.3.40: the fourth value of a mean is 255; no cell of mode scale is transparent."""
     pixels = np.array([[[253, 124], [0, 56], [255, 0], [128, 10]]], np.uint8)
     file = write_yaml(tmp_path, free_thresh=0.05, occupied_thresh=0.5)
     Image.fromarray(pixels, "LA").save(tmp_path / "map.png")

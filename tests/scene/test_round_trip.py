@@ -1,4 +1,4 @@
-"""A scene written as a document and read again is the same scene.
+"""Round trips of random scenes through documents and of points through frames.
 
 Tests internals: `resgrid.scene.overrides`, `resgrid.scene.reading`.
 """
@@ -50,14 +50,14 @@ def scenes(draw):
 
 @settings(max_examples=100)
 @given(scenes())
-def test_documents_round_trip(scene):
+def test_scenes_round_trip_through_documents(scene):
     again = build_scene(document_of(scene), "s", None)
     for name in scene.__dataclass_fields__:
         assert getattr(again, name) == getattr(scene, name), name
 
 
 @given(number, number, st.floats(-10, 10), st.lists(st.tuples(number, number), min_size=1))
-def test_frames_round_trip(x, y, yaw, points):
+def test_points_round_trip_through_frames(x, y, yaw, points):
     frame = rg.Frame(x, y, yaw)
     assert np.allclose(frame.to_world(frame.from_world(points)), points, rtol=0, atol=1e-8)
     assert np.allclose(frame.from_world(frame.to_world(points)), points, rtol=0, atol=1e-8)

@@ -1,4 +1,4 @@
-"""Lines of keys, against a document whose comments say them.
+"""Line numbers of TOML keys, compared with the positions of their text and with tomllib.
 
 Tests internals: `resgrid.scene.toml_lines`.
 """
@@ -45,11 +45,11 @@ def numbered(path):
     return line_of(key_lines(TEXT), path)
 
 
-def test_the_text_is_toml():
+def test_the_example_document_is_valid_toml():
     tomllib.loads(TEXT)
 
 
-def test_every_kind_of_key():
+def test_every_kind_of_key_has_its_line_number():
     lines = TEXT.split("\n")
 
     def at(start):
@@ -70,14 +70,14 @@ def test_every_kind_of_key():
     assert numbered(("list", 1, "deep", 1, "v")) == at("v = 2")
 
 
-def test_what_is_missing_stands_at_what_is_around_it():
+def test_missing_keys_have_the_line_of_the_enclosing_table():
     assert numbered(("table", "missing")) == TEXT.split("\n").index("[table]") + 1
     assert numbered(("list", 0, "missing", 3)) == TEXT.split("\n").index("[[list]]") + 1
     assert numbered(("nowhere",)) is None
 
 
 @given(st.recursive(st.integers(0, 9), lambda inner: st.lists(inner, max_size=4), max_leaves=20))
-def test_every_element_of_nested_lists_is_found(value):
+def test_every_element_of_nested_lists_has_its_line_number(value):
     def write(node):
         return "[\n" + "".join(write(entry) + ",\n" for entry in node) + "]" if isinstance(node, list) else str(node)
 

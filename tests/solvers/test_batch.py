@@ -1,4 +1,4 @@
-"""Many chips at once, against dense solutions of every chip.
+"""Batches of chips, compared with modified nodal analysis and single solutions of every chip.
 
 Tests internals: `resgrid.circuit.batch`, `resgrid.circuit.equations`, `resgrid.solvers.hierarchy_reuse`.
 """
@@ -31,7 +31,7 @@ def samples(netlist: rg.Netlist, chips: int, spread: float = 0.05) -> np.ndarray
 
 
 def exact(netlist: rg.Netlist, conductance: np.ndarray) -> np.ndarray:
-    """Node voltages by modified nodal analysis (Ho, Ruehli & Brennan 1975), all sources kept."""
+    """Node voltages by modified nodal analysis (Ho, Ruehli & Brennan 1975), with all source currents."""
     n, s = netlist.node_count, len(netlist.source_volts)
     a, b = netlist.resistor_nodes.T
     row, column = np.concatenate([a, b, a, b]), np.concatenate([a, b, b, a])
@@ -65,7 +65,7 @@ GRIDS = {
 
 
 @pytest.mark.parametrize("name", GRIDS)
-def test_every_chip_is_that_of_nodal_analysis(name: str) -> None:
+def test_every_chip_agrees_with_modified_nodal_analysis(name: str) -> None:
     shape, periodic, options = GRIDS[name]
     netlist = open_grid(shape, periodic, **options)
     batch = prepare_batch(netlist)
@@ -82,7 +82,7 @@ def test_every_chip_is_that_of_nodal_analysis(name: str) -> None:
             np.testing.assert_allclose(volts, exact(netlist, chip), rtol=0, atol=2e-8 * scale)
 
 
-def test_floating_sources_and_parallel_resistors_follow_their_conductances() -> None:
+def test_floating_sources_and_parallel_resistors_agree_with_nodal_analysis() -> None:
     netlist = rg.Netlist(
         6,
         [[0, 1], [1, 2], [1, 2], [2, 3], [4, 5], [5, 0], [3, 0], [2, 4]],
@@ -97,7 +97,7 @@ def test_floating_sources_and_parallel_resistors_follow_their_conductances() -> 
         np.testing.assert_allclose(volts, exact(netlist, chip), rtol=1e-12)
 
 
-def test_chips_do_not_depend_on_their_company_nor_on_the_executor() -> None:
+def test_results_do_not_depend_on_the_batch_or_the_executor() -> None:
     netlist = open_grid((40, 50))
     conductance = samples(netlist, 20)
     together = rg.circuit.solve_many(netlist, conductance)
@@ -108,13 +108,13 @@ def test_chips_do_not_depend_on_their_company_nor_on_the_executor() -> None:
         np.testing.assert_array_equal(rg.circuit.solve_many(netlist, conductance, executor=processes), together)
 
 
-def test_nothing_to_solve_and_no_chips() -> None:
+def test_netlists_of_rails_and_empty_batches_are_accepted() -> None:
     rails = rg.Netlist(2, [[0, 1]], [1.0], source_nodes=[[1, 0]], source_volts=[2.0])
     np.testing.assert_array_equal(rg.circuit.solve_many(rails, [[3.0], [4.0]]), [[0, 2], [0, 2]])
     assert rg.circuit.solve_many(open_grid((9, 9)), np.empty((0, len(open_grid((9, 9)).conductance)))).shape[0] == 0
 
 
-def test_wrong_conductances_are_refused() -> None:
+def test_invalid_conductances_raise_input_error() -> None:
     netlist = open_grid((9, 9))
     good = samples(netlist, 2)
     bad = good.copy()
@@ -130,7 +130,7 @@ def test_wrong_conductances_are_refused() -> None:
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_chips_far_from_the_nominal_one_keep_the_residual_they_promise(boundary: str) -> None:
+def test_chips_far_from_the_nominal_one_meet_the_tolerance(boundary: str) -> None:
     netlist = open_grid((40, 50), boundary=boundary)
     far = samples(netlist, 6, 1.5)
     for volts, chip in zip(rg.circuit.solve_many(netlist, far, rtol=1e-8), far, strict=True):
@@ -145,8 +145,8 @@ def test_chips_far_from_the_nominal_one_keep_the_residual_they_promise(boundary:
 @pytest.mark.parametrize("shape", [(40, 50), (9, 9)], ids=["multigrid", "factors"])
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 @pytest.mark.parametrize("spread", [0.3, 3.0])
-def test_a_chip_is_the_same_as_alone_however_far_it_is(shape: tuple[int, int], boundary: str, spread: float) -> None:
-    """Open obstacles leave currents a millionth of what the matrix makes of voltages: small residuals tell little."""
+def test_chips_of_any_spread_agree_with_single_solutions(shape: tuple[int, int], boundary: str, spread: float) -> None:
+    """With open obstacles currents are a millionth of matrix times voltage: a small residual is weak evidence."""
     netlist = open_grid(shape, boundary=boundary)
     for rtol in (1e-6, 1e-10):
         chips = samples(netlist, 2, spread)
@@ -158,8 +158,8 @@ def test_a_chip_is_the_same_as_alone_however_far_it_is(shape: tuple[int, int], b
 @pytest.mark.parametrize("shape", [(40, 50), (20, 24)], ids=["multigrid", "factors"])
 @pytest.mark.parametrize("where", ["contact", "inside", "contacts"])
 @pytest.mark.parametrize("times", [1e4, 1e6, 1e9])
-def test_shorts_hide_nothing(shape: tuple[int, int], where: str, times: float) -> None:
-    """What stiff contacts drive in is so much that residuals beside it seem small."""
+def test_short_circuits_do_not_hide_errors_of_other_nodes(shape: tuple[int, int], where: str, times: float) -> None:
+    """Relative to the large currents of stiff contacts, other residuals appear small."""
     netlist = open_grid(shape)
     (chip,) = samples(netlist, 1)
     contact = np.flatnonzero((netlist.resistor_nodes == netlist.cells.obstacle_node).any(axis=1))
@@ -169,7 +169,7 @@ def test_shorts_hide_nothing(shape: tuple[int, int], where: str, times: float) -
     np.testing.assert_allclose(volts, rg.solve(netlist.replace(conductance=chip)).voltage, rtol=0, atol=2e-8)
 
 
-def test_weak_parts_beside_stiff_ones_are_solved_too() -> None:
+def test_weak_branches_parallel_to_stiff_ones_are_accurate() -> None:
     netlist = rg.Netlist(
         4, [[1, 2], [2, 0], [1, 3], [3, 0]], [1.0, 1.0, 1e-11, 1e-11], source_nodes=[[1, 0]], source_volts=[1.0]
     )
@@ -179,7 +179,7 @@ def test_weak_parts_beside_stiff_ones_are_solved_too() -> None:
 
 @pytest.mark.parametrize("shape", [(40, 50), (9, 9)], ids=["multigrid", "factors"])
 @pytest.mark.parametrize("scale", [1e-160, 1e-20, 1e20, 1e150])
-def test_units_make_no_difference(shape: tuple[int, int], scale: float) -> None:
+def test_results_do_not_depend_on_the_unit_of_conductance(shape: tuple[int, int], scale: float) -> None:
     netlist = open_grid(shape)
     chips = samples(netlist, 2)
     expected = rg.circuit.solve_many(netlist, chips)
@@ -189,8 +189,8 @@ def test_units_make_no_difference(shape: tuple[int, int], scale: float) -> None:
 
 
 @pytest.mark.parametrize("on", [100.0, 1.0, 1e-3, 1e-6])
-def test_switches_as_good_as_wires_hide_nothing(on: float) -> None:
-    """The nominal chip has them too."""
+def test_switches_of_low_resistance_do_not_hide_errors(on: float) -> None:
+    """The nominal chip contains the same switches."""
     netlist = open_grid((40, 50), rails="cells")
     chip = rg.Chip(mismatch=0.2, obstacle_switch_on=on, goal_switch_on=on)
     built, chips = rg.study(netlist, chip).conductances([1, 2])
@@ -199,8 +199,8 @@ def test_switches_as_good_as_wires_hide_nothing(on: float) -> None:
         np.testing.assert_allclose(volts, alone, rtol=0, atol=2e-8)
 
 
-def test_stiff_parts_of_a_chip_do_not_hide_what_weak_ones_hold_them_by() -> None:
-    """Two nodes that are one, to the last digits, and weakly tied to the rails: rounding hides their residual."""
+def test_nodes_joined_by_stiff_resistors_are_accurate() -> None:
+    """Two nodes with almost equal voltages are weakly connected to the rails: rounding errors hide their residual."""
     ends = [[1, 0], [2, 0], [3, 2], [4, 2], [5, 4], [6, 5], [7, 5], [8, 6], [9, 7], [10, 9], [7, 6]]
     nominal = [
         242.94735833203677, 8.156223174342891, 0.27470256639614615, 1.5564604637947583, 0.028363311037768485,
@@ -213,11 +213,11 @@ def test_stiff_parts_of_a_chip_do_not_hide_what_weak_ones_hold_them_by() -> None
         180.29309761650362,
     ]  # fmt: skip
     netlist = rg.Netlist(11, ends, nominal, source_nodes=[[0, 9]], source_volts=[-5.0])
-    up, down = wild[5] + wild[6], wild[3]  # nodes 2 and 6, 7 are at the rails, but for some 1e-7
+    up, down = wild[5] + wild[6], wild[3]  # nodes 2, 6 and 7 are at the rails, up to about 1e-7
     assert rg.circuit.solve_many(netlist, [wild])[0, 4] == pytest.approx(5.0 * up / (up + down), rel=1e-6)
 
 
-def test_products_of_residuals_may_underflow() -> None:
+def test_underflowing_products_of_residuals_are_handled() -> None:
     netlist = rg.Netlist(
         4, [[1, 0], [2, 0], [3, 1], [1, 3]], [1e-12, 1e12, 1e-12, 1e12],
         source_nodes=[[3, 0], [2, 0]], source_volts=[-1.0, -1.0],

@@ -1,4 +1,4 @@
-"""Stencils against dense algebra and brute force: what the passes form, and how blocks fall apart.
+"""Stencils of grid levels, compared with dense algebra: residuals, Schur complements, aggregates, coarse levels.
 
 Tests internals: `resgrid._internal.jit`, `resgrid.circuit.equations`, `resgrid.solvers.laplacian`,
 `resgrid.solvers.multigrid`, `resgrid.solvers.multigrid.graph_coarsening`,
@@ -32,8 +32,10 @@ from resgrid.solvers.multigrid.levels import Finest, Levels
 BOUNDARIES = st.sampled_from(["dirichlet", "neumann"])
 
 
-def laid_out(space: rg.ConfigurationSpace, boundary: str, spread: float, seed: int) -> tuple[Equations, Level] | None:
-    """A space as a stencil, its conductances spread by factors; None where nothing is driven or no stencil fits."""
+def system_and_level(
+    space: rg.ConfigurationSpace, boundary: str, spread: float, seed: int
+) -> tuple[Equations, Level] | None:
+    """System and stencil of a space with random conductances; None for undriven spaces or without a stencil."""
     try:
         netlist = rg.compile_space(space, boundary=boundary)
         factors = np.exp(np.random.default_rng(seed).normal(0.0, spread, len(netlist.conductance)))
@@ -51,8 +53,8 @@ def laid_out(space: rg.ConfigurationSpace, boundary: str, spread: float, seed: i
     return None if made is None else (system, made[0])
 
 
-def down(level: Level, split: bool) -> list[Level]:
-    """A level and the coarse ones below it."""
+def coarse_levels(level: Level, split: bool) -> list[Level]:
+    """Return a level and all coarser levels."""
     levels = [level]
     while levels[-1].size > 3 and min(levels[-1].lattice.shape) > 1:
         made = coarsen(levels[-1], split=split)
@@ -62,8 +64,8 @@ def down(level: Level, split: bool) -> list[Level]:
     return levels
 
 
-def above_one_node(finest: Finest) -> GridProblem:
-    """A finest level above a single node, whose voltage is 1."""
+def problem_above_one_node(finest: Finest) -> GridProblem:
+    """A finest level with one coarse node, whose voltage is 1."""
     alone = Graph(np.zeros(2, np.int32), np.empty(0, np.int32), np.empty(0), np.ones(1))
     room = np.zeros((2, 2, len(finest.aggregate)))
     problem = GridProblem(finest, Levels((), pack_graphs([alone], [])[0]), *room)
@@ -72,20 +74,20 @@ def above_one_node(finest: Finest) -> GridProblem:
 
 
 @njit
-def finished(table: NDArray[Any], state: NDArray[np.int64]) -> tuple[float, float, float]:
-    """The way up to the finest level."""
+def ascend(table: NDArray[Any], state: NDArray[np.int64]) -> tuple[float, float, float]:
+    """Ascend to the finest level."""
     return cycle.ascend_grid(table, state, ZERO, ZERO)
 
 
 @settings(max_examples=60)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(1, 40), st.integers(0, 2**16))
-def test_the_schur_complement_is_that_of_dense_elimination(
+def test_schur_complements_equal_those_of_dense_elimination(
     space: rg.ConfigurationSpace, boundary: str, block: int, seed: int
 ) -> None:
-    made = laid_out(space, boundary, 0.3, seed)
+    made = system_and_level(space, boundary, 0.3, seed)
     if made is None:
         return
-    for level in down(made[1], split=False):
+    for level in coarse_levels(made[1], split=False):
         matrix, used = matrix_of(level)
         slots = level.lattice.slots
         red, black = used < slots, used >= slots
@@ -104,11 +106,11 @@ def test_the_schur_complement_is_that_of_dense_elimination(
         to_one = np.zeros(slots, dtype=np.int32)
         to_one[here] = 1
         finest = Finest(stencil_of(level), stencil, to_one)
-        problem = above_one_node(finest)
+        problem = problem_above_one_node(finest)
         v, w = problem.vectors, problem.vectors.w
         v.before[:], v.r[:], v.s[:] = z, r, s
         problem.set_output(z)
-        zr, zw, zs = finished(problem.table, problem.state)
+        zr, zw, zs = ascend(problem.table, problem.state)
         size = np.abs(schur).sum(axis=1).max() * np.abs(z).max()
         degree = matrix.diagonal()[black]
         relaxed += (r[here] - schur @ relaxed) / degree
@@ -122,11 +124,13 @@ def test_the_schur_complement_is_that_of_dense_elimination(
 
 @settings(max_examples=60)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(0, 2**16))
-def test_rounded_products_of_a_constant_are_what_leaks(space: rg.ConfigurationSpace, boundary: str, seed: int) -> None:
-    made = laid_out(space, boundary, 1.0, seed)
+def test_products_of_a_constant_equal_the_leak_despite_rounding(
+    space: rg.ConfigurationSpace, boundary: str, seed: int
+) -> None:
+    made = system_and_level(space, boundary, 1.0, seed)
     if made is None:
         return
-    for level in down(made[1], split=False):
+    for level in coarse_levels(made[1], split=False):
         matrix, used = matrix_of(level)
         slots, ends = level.lattice.slots, (level.edges.off_red, level.edges.off_black)
         black = used >= slots
@@ -150,13 +154,13 @@ def test_rounded_products_of_a_constant_are_what_leaks(space: rg.ConfigurationSp
 
 @settings(max_examples=60)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(1, 40), st.integers(0, 2**16))
-def test_the_residual_is_that_of_the_netlist(
+def test_residuals_equal_those_of_the_dense_matrix(
     space: rg.ConfigurationSpace, boundary: str, block: int, seed: int
 ) -> None:
-    made = laid_out(space, boundary, 1.0, seed)
+    made = system_and_level(space, boundary, 1.0, seed)
     if made is None:
         return
-    for level in down(made[1], split=False):
+    for level in coarse_levels(made[1], split=False):
         matrix, used = matrix_of(level)
         slots = level.lattice.slots
         rng = np.random.default_rng(seed)
@@ -177,12 +181,14 @@ def test_the_residual_is_that_of_the_netlist(
 
 @settings(max_examples=60)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(0, 2**16))
-def test_aggregates_are_the_connected_parts_of_blocks(space: rg.ConfigurationSpace, boundary: str, seed: int) -> None:
+def test_aggregates_are_the_connected_components_of_blocks(
+    space: rg.ConfigurationSpace, boundary: str, seed: int
+) -> None:
     check_aggregates(space, boundary, seed)
 
 
-def test_parts_of_a_ring_of_two_blocks_stay_apart() -> None:
-    """Across the ring of two blocks two conductances join the same cells: no reason to take four cells for one part."""
+def test_components_on_a_ring_of_two_blocks_are_not_merged() -> None:
+    """On a ring of two blocks two conductances join the same cells, which must not merge four cells."""
     walls = "002000020100 000010110100 000110010000 100100010000"
     cell = np.array([list(row) for row in walls.split()], dtype=np.uint8).reshape(4, 4, 3)
     axes = [rg.Axis("x", 0.0, 2.0, 4, periodic=True), rg.Axis("y", 0.0, 8.0, 4), rg.Axis("z", 0.0, 1.5, 3)]
@@ -190,7 +196,7 @@ def test_parts_of_a_ring_of_two_blocks_stay_apart() -> None:
 
 
 def check_aggregates(space: rg.ConfigurationSpace, boundary: str, seed: int) -> None:
-    made = laid_out(space, boundary, 0.0, seed)
+    made = system_and_level(space, boundary, 0.0, seed)
     if made is None:
         return
     level = made[1]
@@ -216,10 +222,10 @@ def check_aggregates(space: rg.ConfigurationSpace, boundary: str, seed: int) -> 
 
 @settings(max_examples=40)
 @given(spaces(max_cells=14), BOUNDARIES, st.integers(0, 2**16))
-def test_coarse_levels_join_what_resistors_join_and_nothing_else(
+def test_coarse_levels_have_the_couplings_of_their_resistors_only(
     space: rg.ConfigurationSpace, boundary: str, seed: int
 ) -> None:
-    made = laid_out(space, boundary, 0.0, seed)
+    made = system_and_level(space, boundary, 0.0, seed)
     result = None if made is None else coarsen(made[1], split=False)
     if made is None or result is None:
         return
@@ -236,19 +242,19 @@ def test_coarse_levels_join_what_resistors_join_and_nothing_else(
     assert np.all(small.leak[tied] <= np.bincount(node, fine.leak, small.size)[tied] * (1 + 1e-12))
 
 
-def test_a_room_without_obstacles_keeps_its_resistance_from_level_to_level() -> None:
+def test_coarse_levels_of_an_open_grid_keep_the_conductance() -> None:
     cell = np.zeros((64, 64), dtype=np.uint8)
     cell[0, 0] = 2
-    made = laid_out(space_of(cell), "neumann", 0.0, 1)
+    made = system_and_level(space_of(cell), "neumann", 0.0, 1)
     assert made is not None
     unit = made[0].netlist.conductance.mean()
-    for level in down(made[1], split=False)[:4]:
+    for level in coarse_levels(made[1], split=False)[:4]:
         inner = level.edges.faces[level.edges.faces > 0] / unit
         assert np.median(inner) == pytest.approx(1.0, rel=1e-6)
 
 
 @pytest.mark.parametrize("shape", [(40, 40), (40, 64), (12, 13, 14)])
-def test_a_step_of_the_cycle_is_symmetric_where_it_is_linear(shape: tuple[int, ...]) -> None:
+def test_the_preconditioner_is_symmetric_and_positive(shape: tuple[int, ...]) -> None:
     cell = (np.random.default_rng(7).random(shape) < 0.2).astype(np.uint8)
     cell[(0,) * len(shape)] = 2
     system = assemble(rg.compile_space(space_of(cell), boundary="neumann"))
@@ -262,7 +268,7 @@ def test_a_step_of_the_cycle_is_symmetric_where_it_is_linear(shape: tuple[int, .
     assert a @ preconditioned(hierarchy, a) > 0
 
 
-def test_work_space_is_not_shared_but_conductances_are() -> None:
+def test_problems_share_conductances_but_not_work_arrays() -> None:
     cell = np.zeros((40, 40), dtype=np.uint8)
     cell[0, 0] = 2
     hierarchy = build_hierarchy(assemble(rg.compile_space(space_of(cell), boundary="neumann")).laplacian)

@@ -1,4 +1,4 @@
-"""Entries of inverses in positive numbers alone, against exact fractions.
+"""Entries of inverses computed without subtraction, compared with exact fractions and numpy.
 
 Tests internals: `resgrid.solvers.laplacian`, `resgrid.solvers.selected_inverse`, `resgrid.solvers.supernodal`,
 `resgrid.solvers.symbolic`.
@@ -21,7 +21,7 @@ from resgrid.solvers.symbolic import Symbolic, order_by_distance, order_by_fill
 
 
 def exact_inverse(coupling: np.ndarray, excess: np.ndarray) -> list[list[Fraction]]:
-    """Inverse of an M-matrix by Gauss and Jordan, in fractions."""
+    """Inverse of an M-matrix by Gauss-Jordan elimination in fractions."""
     n = len(excess)
     rows = [[Fraction(0)] * n + [Fraction(int(i == j)) for j in range(n)] for i in range(n)]
     for i in range(n):
@@ -41,7 +41,7 @@ def exact_inverse(coupling: np.ndarray, excess: np.ndarray) -> list[list[Fractio
 @pytest.mark.parametrize("order", [order_by_distance, order_by_fill])
 @settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), decades=st.sampled_from([0, 4, 24]), size=st.integers(1, 9))
-def test_every_entry_is_right_whatever_the_conductances_are(
+def test_inverse_entries_are_accurate_for_all_conductances(
     order: Callable[[Laplacian], Symbolic], seed: int, decades: int, size: int
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -60,7 +60,7 @@ def test_every_entry_is_right_whatever_the_conductances_are(
     assert factors.solve(rhs) == pytest.approx([float(row[seed % size]) for row in wanted], rel=1e-14)
 
 
-def test_the_inverse_of_an_admittance_has_the_diagonal_of_the_dense_one() -> None:
+def test_the_inverse_diagonal_of_an_admittance_equals_numpy() -> None:
     rng = np.random.default_rng(3)
     coupling = sparse.random_array((40, 40), density=0.08, rng=rng)
     coupling = sparse.csr_array(coupling + coupling.T)

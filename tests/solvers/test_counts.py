@@ -1,4 +1,4 @@
-"""Counts beyond 2^31, by stand-ins that take no memory: shapes alone, and arrays that repeat one value.
+"""Counts beyond 2^31, with substitutes that need no memory: shapes without data and broadcast arrays.
 
 Tests internals: `resgrid.circuit.equations`, `resgrid.core.regions`, `resgrid.planning.petsc_fields`,
 `resgrid.solvers`, `resgrid.solvers.laplacian`, `resgrid.solvers.multigrid.grid_level`,
@@ -31,7 +31,7 @@ from resgrid.solvers.supernodal import factor_supernodes
 HUGE = [(2**17, 2**16), (2048, 2048, 2049), (300, 300, 300, 300)]
 
 
-def test_a_matrix_of_more_entries_than_rows_can_number_is_refused() -> None:
+def test_a_matrix_with_too_many_entries_raises_budget_error() -> None:
     pairs = np.broadcast_to(np.array([[0, 1]], dtype=np.int32), (2**30, 2))
     ones = np.broadcast_to(1.0, len(pairs))
     laplacian = Laplacian(np.ones(2), EdgeList(pairs, ones, np.arange(2, dtype=np.int32)))
@@ -39,14 +39,14 @@ def test_a_matrix_of_more_entries_than_rows_can_number_is_refused() -> None:
         _ = laplacian.edges
 
 
-def test_a_grid_of_more_slots_than_can_be_numbered_is_not_laid_out_by_colour() -> None:
-    shape = (2, 2, 2, 2**27)  # as many cells as can be numbered twice over; odd strides leave gaps between them
+def test_a_grid_with_too_many_slots_has_no_red_black_layout() -> None:
+    shape = (2, 2, 2, 2**27)  # odd strides leave gaps, so that slots exceed 2^31 although cells do not
     assert 2 * Lattice(shape).slots > 2**31 > np.prod(shape, dtype=np.int64)
     pairs, row, node = np.array([[0, 1]], dtype=np.int32), np.arange(2, dtype=np.int32), np.broadcast_to(-1, shape)
     assert lay_out(pairs, np.ones(1), row, cast(Any, node), np.ones(2), 1.0) is None
 
 
-def test_such_a_grid_is_solved_as_a_graph(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_grid_with_too_many_slots_is_solved_as_a_graph(monkeypatch: pytest.MonkeyPatch) -> None:
     netlist = rg.compile_space(scattered((30, 40)))
     by_colour = rg.solve(netlist, method="multigrid")
     monkeypatch.setattr("resgrid.solvers.multigrid.grid_level.MOST_NUMBERED", 1200)
@@ -54,10 +54,10 @@ def test_such_a_grid_is_solved_as_a_graph(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.parametrize(("shape", "most"), [((90, 100), 13_000), ((30, 30, 30), 200_000)])
-def test_factors_of_more_rows_than_can_be_numbered_are_refused(
+def test_factors_with_too_many_rows_raise_budget_error(
     shape: tuple[int, ...], most: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The rows of supernodes by distance, and the quotient graph's members."""
+    """The limits apply to the rows of supernodes by distance and to the members of the quotient graph."""
     netlist = rg.compile_space(scattered(shape))
     expected = rg.solve(netlist)
     monkeypatch.setattr("resgrid.solvers.symbolic.MOST_NUMBERED", most)
@@ -66,7 +66,7 @@ def test_factors_of_more_rows_than_can_be_numbered_are_refused(
     np.testing.assert_allclose(rg.solve(netlist).log_drop, expected.log_drop, rtol=1e-9)
 
 
-def test_the_columns_of_large_factors_are_numbered_with_64_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_columns_of_large_factors_have_64_bit_indices(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[tuple[np.ndarray, np.ndarray]] = []
     monkeypatch.setattr(selected_inverse, "selected_inverse", lambda starts, rows, *_: seen.append((starts, rows)))
     selected_inverse.positive_inverse_diagonal(
@@ -78,20 +78,20 @@ def test_the_columns_of_large_factors_are_numbered_with_64_bits(monkeypatch: pyt
 
 
 def scattered(shape: tuple[int, ...]) -> rg.ConfigurationSpace:
-    """A fifth of the cells are obstacles, one is a goal."""
+    """Space with a fifth of the cells as obstacles and one goal cell."""
     cell = (np.random.default_rng(0).random(shape) < 0.2).astype(np.uint8)
     cell[(0,) * len(shape)] = rg.Cell.GOAL
     return space_of(cell)
 
 
 @pytest.mark.parametrize("shape", HUGE)
-def test_faces_are_counted_in_whole_numbers_without_end(shape: tuple[int, ...]) -> None:
+def test_face_counts_beyond_2_to_31_do_not_overflow(shape: tuple[int, ...]) -> None:
     cells = int(np.prod([float(size) for size in shape]))
     assert sum(face_counts(shape)) > len(shape) * cells > 2**31
 
 
 @given(st.sampled_from(HUGE), st.integers(0, 2**63 - 1))
-def test_ranks_find_the_neighbours_of_cells_beyond(shape: tuple[int, ...], seed: int) -> None:
+def test_neighbours_of_cells_beyond_2_to_31_are_correct(shape: tuple[int, ...], seed: int) -> None:
     place = np.random.default_rng(seed).integers(0, shape, (20, len(shape)))
     place[0], place[1] = 0, np.array(shape) - 1
 
@@ -109,7 +109,7 @@ def test_ranks_find_the_neighbours_of_cells_beyond(shape: tuple[int, ...], seed:
 
 @pytest.mark.parametrize("shape", HUGE)
 @pytest.mark.parametrize("ranks", [1, 3, 7])
-def test_slabs_and_ranks_leave_no_row_out(shape: tuple[int, ...], ranks: int) -> None:
+def test_slabs_and_ranks_cover_every_row(shape: tuple[int, ...], ranks: int) -> None:
     cells = int(np.prod(shape, dtype=np.int64))
     for pieces, whole in (
         ([rows_of(rank, ranks, cells) for rank in range(ranks)], cells),
@@ -119,7 +119,7 @@ def test_slabs_and_ranks_leave_no_row_out(shape: tuple[int, ...], ranks: int) ->
         assert all(one[1] == other[0] for one, other in pairwise(pieces))
 
 
-def test_a_rank_of_more_entries_than_petsc_can_number_says_so(tmp_path: Path) -> None:
+def test_a_rank_with_too_many_entries_raises_overflow_error(tmp_path: Path) -> None:
     for name in ("ahead_0", "ahead_1", "ground"):
         np.save(tmp_path / f"{name}.npy", np.ones((6, 6)))
     with pytest.raises(OverflowError, match="180 entries in one rank exceed PETSc's int8: use more ranks"):

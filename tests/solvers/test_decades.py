@@ -1,4 +1,4 @@
-"""Potentials that fall by many decades, by multigrid and directly: entry by entry the same, slits and all."""
+"""Potentials over many orders of magnitude: entries by multigrid compared with those by the direct method."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ import resgrid as rg
 
 
 def rooms(size: int = 200) -> NDArray[np.uint8]:
-    """Rectangles in a room, its goal in a corner."""
+    """Rectangular obstacles on a square grid with the goal in a corner."""
     rng, cell = np.random.default_rng(5), np.zeros((size, size), dtype=np.uint8)
     for _ in range(size**2 // 300):
         i, j = rng.integers(8, size, 2)
@@ -20,7 +20,7 @@ def rooms(size: int = 200) -> NDArray[np.uint8]:
 
 
 def with_slits() -> NDArray[np.uint8]:
-    """Two rooms joined by a slit of 30 cells, and another slit of 160 that leads out of the first into nowhere."""
+    """Two rooms joined by a slit of 30 cells, and a dead-end slit of 160 cells."""
     cell = np.ones((63, 172), dtype=np.uint8)
     cell[1:59, 1:60] = cell[1:59, 90:170] = 0
     cell[20, 60:90] = cell[59:61, 10] = cell[61, 10:170] = 0
@@ -29,7 +29,7 @@ def with_slits() -> NDArray[np.uint8]:
 
 
 def volume_maze() -> NDArray[np.uint8]:
-    """A corridor ten cells high and wide, and three hundred long: some sixty decades."""
+    """A corridor of 10 x 10 x 300 cells, over about sixty orders of magnitude."""
     plane = np.pad(serpentine(5, 60, 10), 1, constant_values=1)
     cell = np.pad(np.repeat(np.minimum(plane, 1)[None], 10, axis=0), ((1, 1), (0, 0), (0, 0)), constant_values=1)
     cell[(5, *np.argwhere(plane == 2)[0])] = 2
@@ -39,8 +39,8 @@ def volume_maze() -> NDArray[np.uint8]:
 @pytest.mark.parametrize(
     ("cell", "decades"), [(rooms(), 15), (rooms(400), 15), (with_slits(), 90), (volume_maze(), 30)]
 )
-def test_rooms_slits_and_mazes_in_volumes(cell: NDArray[np.uint8], decades: float) -> None:
-    fallen = assert_the_same_by_both_methods(rg.compile_space(space_of(cell), boundary="dirichlet"))
+def test_methods_agree_on_rooms_slits_and_mazes(cell: NDArray[np.uint8], decades: float) -> None:
+    fallen = assert_methods_agree(rg.compile_space(space_of(cell), boundary="dirichlet"))
     assert fallen > decades
 
 
@@ -49,17 +49,17 @@ def test_rooms_slits_and_mazes_in_volumes(cell: NDArray[np.uint8], decades: floa
     st.one_of(spaces(max_cells=30, dimensions=(2, 2)), spaces(max_cells=10, dimensions=(3, 3))),
     st.sampled_from([{"boundary": "dirichlet"}, {"boundary": "wall", "wall_resistance": 30.0}]),
 )
-def test_spaces_of_planes_and_volumes(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
+def test_methods_agree_on_random_planes_and_volumes(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
     try:
         netlist = rg.compile_space(space, **options)  # type: ignore[arg-type]
         rg.solve(netlist, method="direct")
     except rg.CircuitError:
         return
-    assert_the_same_by_both_methods(netlist)
+    assert_methods_agree(netlist)
 
 
-def assert_the_same_by_both_methods(netlist: rg.Netlist) -> float:
-    """Compare all logarithms of potentials; returns by how many decades the lowest one falls."""
+def assert_methods_agree(netlist: rg.Netlist) -> float:
+    """Assert equal logarithms of potentials; return the orders of magnitude of the smallest one."""
     one, other = (rg.solve(netlist, method=method).log_drop for method in ("multigrid", "direct"))
     assert one is not None
     assert other is not None

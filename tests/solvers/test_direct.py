@@ -1,4 +1,4 @@
-"""The direct method on chains, trees and what is wild, against exact fractions and dense matrices.
+"""The direct method on chains, trees and irregular networks, compared with exact fractions and dense matrices.
 
 Tests internals: `resgrid.circuit.equations`, `resgrid.solvers.factors`, `resgrid.solvers.method_choice`,
 `resgrid.solvers.progress`, `resgrid.solvers.scaled`, `resgrid.solvers.symbolic`.
@@ -28,7 +28,7 @@ def grounded(pairs: np.ndarray, conductance: np.ndarray) -> Equations:
 
 
 def exact(system: Equations, rhs: np.ndarray) -> list[Fraction]:
-    """The solution in fractions, by elimination of the dense matrix."""
+    """The solution in fractions, by dense elimination."""
     n = system.size
     A = [[-Fraction(float(g)) for g in row] for row in system.laplacian.edges.toarray()]
     for i in range(n):
@@ -46,7 +46,7 @@ def exact(system: Equations, rhs: np.ndarray) -> list[Fraction]:
 
 
 def largest_error(found: Scaled, expected: list[Fraction]) -> float:
-    """Largest relative error; values within the range of fractions of integers, which is all."""
+    """Largest relative error of scaled values, computed in fractions."""
     error = Fraction(0)
     for hi, lo, e, x in zip(found.hi, found.lo, found.exponent, expected, strict=True):
         value = (Fraction(float(hi)) + Fraction(float(lo))) * Fraction(2) ** (256 * int(e))
@@ -56,7 +56,7 @@ def largest_error(found: Scaled, expected: list[Fraction]) -> float:
 
 @st.composite
 def series_parallel(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
-    """A tree with doubled, subdivided and parallel resistors over 24 decades, grounded somewhere."""
+    """A grounded tree with doubled, subdivided and parallel resistors over 24 orders of magnitude."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     pairs = [(1, int(rng.integers(0, 1)))]
     for node in range(2, draw(st.integers(2, 14))):
@@ -76,8 +76,10 @@ def series_parallel(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
 
 @settings(max_examples=150)
 @given(series_parallel(), st.integers(0, 99))
-def test_series_parallel_circuits_keep_their_digits(circuit: tuple[np.ndarray, np.ndarray], seed: int) -> None:
-    """Those that refinement in double-double would lose, too: its residuals know voltages to 1e-32 of themselves."""
+def test_series_parallel_circuits_are_accurate_entry_by_entry(
+    circuit: tuple[np.ndarray, np.ndarray], seed: int
+) -> None:
+    """Includes circuits for which refinement in double-double fails, whose residuals are accurate to 1e-32."""
     system = grounded(*circuit)
     rng = np.random.default_rng(seed)
     rhs = 10.0 ** rng.uniform(-30, 30, system.size) * (rng.random(system.size) < 0.5)
@@ -89,7 +91,7 @@ def test_series_parallel_circuits_keep_their_digits(circuit: tuple[np.ndarray, n
 
 @settings(max_examples=80)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1.0, 4.0]))
-def test_what_has_loops_is_right_entry_by_entry(seed: int, decades: float) -> None:
+def test_circuits_with_loops_are_accurate_entry_by_entry(seed: int, decades: float) -> None:
     rng = np.random.default_rng(seed)
     count = int(rng.integers(4, 14))
     pairs = [(node, int(rng.integers(0, node))) for node in range(1, count)]
@@ -108,7 +110,7 @@ def test_what_has_loops_is_right_entry_by_entry(seed: int, decades: float) -> No
 
 @settings(max_examples=60)
 @given(spaces(), st.sampled_from(["dirichlet", "neumann", "wall"]))
-def test_both_methods_agree_on_spaces(space: object, boundary: str) -> None:
+def test_direct_and_multigrid_agree_on_random_spaces(space: object, boundary: str) -> None:
     options = {"wall_resistance": 3.0} if boundary == "wall" else {}
     try:
         system = assemble(rg.compile_space(space, boundary=boundary, **options))
@@ -121,19 +123,19 @@ def test_both_methods_agree_on_spaces(space: object, boundary: str) -> None:
     watch = ProgressMonitor()
     found, error = factor_laplacian(system.laplacian, "multigrid").solve_nonnegative(rhs, watch=watch)
     assert np.allclose(found.log, direct.log, rtol=0, atol=min(watch.bound, 1e-8) + 1e-13 * system.size)
-    # Nothing is proved where no current flows.
+    # There is no error bound where no current flows.
     assert watch.bound < 1e-8 or error < 1e-13
 
 
 @pytest.mark.parametrize("make", [ladder, lambda: random_grid(3), lambda: random_grid(4, side=9, drive=False)])
-def test_operating_points_agree_with_the_dense_reference(make: object) -> None:
+def test_operating_points_agree_with_dense_solutions(make: object) -> None:
     netlist = make()
     point, dense = rg.solve(netlist), dense_solution(netlist)
     assert np.allclose(point.voltage, dense.voltage, rtol=1e-11)
     assert np.allclose(point.source_current, dense.source_current, rtol=1e-9, atol=1e-15)
 
 
-def test_a_chain_of_a_hundred_thousand_resistors_is_right_entry_by_entry() -> None:
+def test_a_chain_of_100000_resistors_equals_its_closed_form() -> None:
     """With 1 A into every node of a chain of 1 S, the node at distance k of n is at k (2 n + 1 - k) / 2 volts."""
     n = 100_000
     pairs = np.stack([np.arange(1, n + 1), np.arange(n)], axis=1)
@@ -146,7 +148,7 @@ def test_a_chain_of_a_hundred_thousand_resistors_is_right_entry_by_entry() -> No
     np.testing.assert_allclose(found.plain, expected, rtol=watch.bound, atol=0)
 
 
-def test_corridors_of_width_one_and_two_are_solved_directly() -> None:
+def test_corridors_of_width_1_and_2_are_solved_directly() -> None:
     for width in (1, 2):
         for boundary in ("dirichlet", "neumann"):
             system = assemble(rg.compile_space(space_of(serpentine(61, 120, width)), boundary=boundary))
@@ -155,7 +157,7 @@ def test_corridors_of_width_one_and_two_are_solved_directly() -> None:
                 assert factor_laplacian(system.laplacian, "auto", accuracy=accuracy).name == "direct"
 
 
-def test_two_hubs_joined_a_hundred_thousand_times() -> None:
+def test_two_hubs_with_100000_common_neighbours_are_accurate() -> None:
     count = 100_000
     middle = np.arange(3, count + 3)
     pairs = np.concatenate([np.stack([middle, hub + 0 * middle], axis=1) for hub in (1, 2)] + [[[2, 0]]])
@@ -165,8 +167,8 @@ def test_two_hubs_joined_a_hundred_thousand_times() -> None:
     assert found.plain[1] == pytest.approx(1.0, rel=4e-9)
 
 
-def test_hubs_within_hubs() -> None:
-    """Chains of chains: bundles of 60 parallel paths of two resistors replace every resistor, twice over."""
+def test_nested_parallel_bundles_are_accurate() -> None:
+    """In two rounds, bundles of 60 parallel paths of two resistors replace every resistor."""
     pairs = np.array([[1, 0]])
     for _ in range(2):
         first = int(pairs.max()) + 1
@@ -178,8 +180,8 @@ def test_hubs_within_hubs() -> None:
     assert found.plain[0] == pytest.approx(1 / 900, rel=1e-15)
 
 
-def test_a_long_leaking_chain_between_two_meshes() -> None:
-    """Two rooms at the ends of a corridor along which the potential falls by 1,000 decades."""
+def test_both_orderings_agree_over_1000_orders_of_magnitude() -> None:
+    """Two rooms at the ends of a corridor along which the potential decreases by 1,000 orders of magnitude."""
     cell = np.ones((1800, 7), dtype=np.uint8)
     cell[:12, :] = cell[-12:, :] = cell[:, 3] = 0
     cell[5, 5] = 2
@@ -196,8 +198,8 @@ def test_a_long_leaking_chain_between_two_meshes() -> None:
 
 
 @pytest.mark.parametrize("decades", [16, 20, 24])
-def test_a_triangle_of_strong_resistors_on_a_weak_one_keeps_its_currents(decades: int) -> None:
-    """Equal resistors, fed at two corners, and tied to ground at one of them: divided by symmetry, whatever the tie."""
+def test_a_triangle_of_stiff_resistors_has_accurate_currents(decades: int) -> None:
+    """Equal resistors with currents injected at two corners, one grounded: currents divide by symmetry."""
     strong, weak = 10.0 ** (decades / 2), 10.0 ** (-decades / 2)
     amps = np.array([3.386e-4, 1.898e-5])
     netlist = rg.Netlist(
@@ -207,6 +209,6 @@ def test_a_triangle_of_strong_resistors_on_a_weak_one_keeps_its_currents(decades
         current_nodes=np.array([[0, 1], [0, 2]]),
         current_amps=amps,
     )
-    # All of it leaves at corner 1; what is fed at 2 comes through the two parallel resistors, and on through one.
+    # The total leaves at corner 1; the current injected at 2 divides between the two parallel resistors.
     expected = [amps[1] / 2, amps[1], -amps[1] / 2, amps.sum()]
     np.testing.assert_allclose(rg.solve(netlist).resistor_current, expected, rtol=1e-6)

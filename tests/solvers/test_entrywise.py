@@ -1,4 +1,4 @@
-"""Entrywise accuracy, against arithmetic of sixty digits.
+"""Entrywise accuracy of potentials, compared with mpmath arithmetic of sixty digits.
 
 Tests internals: `resgrid.circuit.equations`, `resgrid.solvers.method_choice`, `resgrid.solvers.selected_inverse`.
 """
@@ -17,7 +17,7 @@ from resgrid.solvers.selected_inverse import symmetric_factors
 
 
 def reference_log(system: Equations, rhs: np.ndarray) -> np.ndarray:
-    """Logarithms of the solution, by elimination in 60 digits along the corridor."""
+    """Logarithms of the solution, by elimination along the corridor in 60 digits."""
     order = breadth_first_order(
         system.laplacian.edges, int(np.argmax(rhs > 0)), directed=False, return_predecessors=False
     )
@@ -48,7 +48,7 @@ def reference_log(system: Equations, rhs: np.ndarray) -> np.ndarray:
     ("legs", "leg", "width", "decades"),
     [(4, 60, 5, -50), (27, 120, 3, -1000), (20, 120, 2, -900), (30, 120, 1, -2000)],
 )
-def test_the_drop_along_a_serpentine_is_right_to_the_last_digits(legs: int, leg: int, width: int, decades: int) -> None:
+def test_the_drop_along_a_serpentine_agrees_with_mpmath(legs: int, leg: int, width: int, decades: int) -> None:
     netlist = rg.compile_space(space_of(serpentine(legs, leg, width)))
     system = assemble(netlist)
     assert system.rails is not None
@@ -57,10 +57,10 @@ def test_the_drop_along_a_serpentine_is_right_to_the_last_digits(legs: int, leg:
     assert point.log_drop is not None
     solved = system.unknown >= 0
     assert expected.min() / np.log(10) < decades
-    _assert_as_right_as_told(point, point.log_drop[solved], expected[system.unknown[solved]])
+    _assert_entry_error_holds(point, point.log_drop[solved], expected[system.unknown[solved]])
 
 
-def test_multigrid_is_as_right_along_a_serpentine() -> None:
+def test_the_drop_by_multigrid_along_a_serpentine_agrees_with_mpmath() -> None:
     netlist = rg.compile_space(space_of(serpentine(6, 80, 4)))
     system = assemble(netlist)
     assert system.rails is not None
@@ -70,18 +70,18 @@ def test_multigrid_is_as_right_along_a_serpentine() -> None:
     assert point.log_drop is not None
     solved = system.unknown >= 0
     assert expected.min() / np.log(10) < -120
-    _assert_as_right_as_told(point, point.log_drop[solved], expected[system.unknown[solved]])
+    _assert_entry_error_holds(point, point.log_drop[solved], expected[system.unknown[solved]])
 
 
-def _assert_as_right_as_told(point: rg.OperatingPoint, log: np.ndarray, exact: np.ndarray) -> None:
-    """The promise of `OperatingPoint.entry_error`: it holds for every entry, and is some 1e-8 at most."""
+def _assert_entry_error_holds(point: rg.OperatingPoint, log: np.ndarray, exact: np.ndarray) -> None:
+    """Assert that `OperatingPoint.entry_error` bounds the error of every entry and is at most 1e-8."""
     assert point.entry_error <= 1e-8
-    rounding = 2 * np.spacing(np.abs(exact))  # of either logarithm, which the promise leaves out
+    rounding = 2 * np.spacing(np.abs(exact))  # of both logarithms, which entry_error excludes
     assert np.all(np.abs(log - exact) <= point.entry_error + rounding)
 
 
-def test_a_goal_all_around_keeps_the_small_potential() -> None:
-    """The mirror image: far from the obstacle it is phi that underflows, and u that rounds to 1."""
+def test_a_surrounding_goal_keeps_small_potentials_accurate() -> None:
+    """The mirror image: far from the obstacle phi underflows and u rounds to 1."""
     cell = np.full((5, 1500), 2)
     cell[1:4, 1:-1] = 0
     cell[1:4, 0] = 1
@@ -96,8 +96,8 @@ def test_a_goal_all_around_keeps_the_small_potential() -> None:
 
 @pytest.mark.parametrize("method", ["direct", "multigrid"])
 @pytest.mark.parametrize("width", [3, 6])
-def test_parts_that_carry_no_current_do_not_blur_the_kcl_residual(method: str, width: int) -> None:
-    """Behind a start drive all currents are noise, whatever they violate KCL by."""
+def test_the_kcl_residual_ignores_parts_without_current(method: str, width: int) -> None:
+    """Beyond a driving start all currents are rounding errors, which may violate KCL."""
     space = space_of(serpentine(7, 60, width))
     free = np.argwhere(space.cell == 0)
     netlist = rg.compile_space(space, boundary="neumann", drive="start", start=free[len(free) // 2].tolist())
@@ -107,7 +107,7 @@ def test_parts_that_carry_no_current_do_not_blur_the_kcl_residual(method: str, w
     assert point.backward_error <= 1e-12
 
 
-def test_an_operating_point_is_that_of_its_own_circuit() -> None:
+def test_an_operating_point_belongs_to_its_own_circuit() -> None:
     def netlist(column: int) -> rg.Netlist:
         cell = np.zeros((10, 10), dtype=np.uint8)
         cell[4, column] = 2
@@ -123,7 +123,7 @@ def test_an_operating_point_is_that_of_its_own_circuit() -> None:
         rg.normalize_drive(other, point)
 
 
-def test_conductances_of_24_decades_in_one_circuit() -> None:
+def test_conductances_over_24_orders_of_magnitude_give_exact_results() -> None:
     count = 50
     pairs = np.array([(i, i + 1) for i in range(1, count)] + [(count, 0)])
     conductance = np.append(np.full(count - 1, 1e12), 1e-12)
@@ -132,8 +132,8 @@ def test_conductances_of_24_decades_in_one_circuit() -> None:
     assert point.resistor_current[-1] == pytest.approx(1e-12, rel=1e-14)
 
 
-def test_a_chain_of_1e12_siemens_fed_through_1e_minus_12() -> None:
-    """Factors in positive numbers keep every digit; differences lose them all and say so."""
+def test_stiff_chains_on_a_weak_ground_are_exact_without_subtraction() -> None:
+    """Factors without subtraction are exact; symmetric factors lose all digits and raise AccuracyError."""
     count = 50
     pairs = np.array([(i, i + 1) for i in range(1, count)] + [(count, 0)])
     netlist = rg.Netlist(

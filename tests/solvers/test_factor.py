@@ -1,4 +1,4 @@
-"""What a factor is given: one finite number per row, whatever solves.
+"""Arguments of factors: shapes, finite numbers, tolerances; pickling and independence of earlier solves.
 
 Tests internals: `resgrid.solvers.factors`, `resgrid.solvers.scaled`.
 """
@@ -17,16 +17,16 @@ from resgrid.solvers.factors import Factor
 from resgrid.solvers.scaled import Scaled
 
 
-def room(*shape: int) -> rg.Netlist:
+def open_netlist(*shape: int) -> rg.Netlist:
     cell = np.zeros(shape, dtype=np.uint8)
     cell[0, 0], cell[-1, -1] = 2, 1
     return rg.compile_space(space_of(cell))
 
 
 FACTORS = {
-    "direct": lambda: rg.factorize(room(24, 30), method="direct"),
-    "direct, in space": lambda: rg.factorize(room(12, 13, 14), method="direct"),
-    "multigrid": lambda: rg.factorize(room(24, 30), method="multigrid"),
+    "direct": lambda: rg.factorize(open_netlist(24, 30), method="direct"),
+    "direct, in space": lambda: rg.factorize(open_netlist(12, 13, 14), method="direct"),
+    "multigrid": lambda: rg.factorize(open_netlist(24, 30), method="multigrid"),
     "direct, in a corridor": lambda: rg.factorize(rg.compile_space(space_of(serpentine(3, 30, 1)))),
 }
 
@@ -37,7 +37,7 @@ def factors(request: pytest.FixtureRequest) -> Factor:
 
 
 @pytest.mark.parametrize("shape", [7, 10_000, "2d"])
-def test_right_hand_sides_and_guesses_of_a_wrong_shape_are_refused(factors: Factor, shape: int | str) -> None:
+def test_right_hand_sides_and_guesses_of_a_wrong_shape_raise_input_error(factors: Factor, shape: int | str) -> None:
     n = factors.system.size
     wrong = np.ones((n, 1)) if shape == "2d" else np.ones(shape)
     with pytest.raises(rg.InputError, match=rf"rhs has shape .*, but there are {n} rows"):
@@ -48,7 +48,7 @@ def test_right_hand_sides_and_guesses_of_a_wrong_shape_are_refused(factors: Fact
         factors.factors.solve_nonnegative(wrong)
 
 
-def test_what_is_no_current_is_refused(factors: Factor) -> None:
+def test_invalid_right_hand_sides_and_tolerances_raise_input_error(factors: Factor) -> None:
     n = factors.system.size
     for wrong in (["one"] * n, np.ones(n) + 1j, None):
         with pytest.raises(rg.InputError, match=r"rhs (must be an array of real numbers|has shape)"):
@@ -70,7 +70,7 @@ def test_what_is_no_current_is_refused(factors: Factor) -> None:
             factors.factors.solve_nonnegative(rhs)
 
 
-def test_any_array_of_numbers_will_do(factors: Factor) -> None:
+def test_lists_integers_and_strided_arrays_are_accepted(factors: Factor) -> None:
     n = factors.system.size
     amps = np.arange(2.0 * n)[::2]
     x = factors.solve(np.ascontiguousarray(amps))
@@ -80,7 +80,7 @@ def test_any_array_of_numbers_will_do(factors: Factor) -> None:
     np.testing.assert_allclose(entrywise.plain, x, rtol=1e-8, atol=1e-8 * x.max())
 
 
-def test_the_best_answer_has_all_rows_and_all_nodes() -> None:
+def test_the_best_result_of_accuracy_error_is_complete() -> None:
     maze = np.pad(np.zeros((20, 20), dtype=np.uint8), ((0, 0), (0, 60)), constant_values=1)
     maze[10, 20:], maze[0, 0] = 0, 2
     netlist = rg.compile_space(
@@ -98,7 +98,7 @@ def test_the_best_answer_has_all_rows_and_all_nodes() -> None:
 
 @pytest.mark.parametrize("method", ["direct", "multigrid"])
 @pytest.mark.parametrize("density", [0.1, 0.38])
-def test_factors_go_to_other_processes(method: str, density: float) -> None:
+def test_pickled_factors_give_the_same_results(method: str, density: float) -> None:
     cell = (np.random.default_rng(1).random((60, 60)) < density).astype(np.uint8)
     cell[20:22, 20:22] = 2, 0
     factors = rg.factorize(rg.compile_space(space_of(cell)), method=method)
@@ -109,8 +109,8 @@ def test_factors_go_to_other_processes(method: str, density: float) -> None:
         np.testing.assert_allclose(pickle.loads(pickle.dumps(factors)).solve(rhs), factors.solve(rhs), atol=1e-8)
 
 
-def wild_network(nodes: int, seed: int) -> rg.Netlist:
-    """A chain of resistors, and others across it, over twelve decades; fed at two nodes and held at two."""
+def irregular_network(nodes: int, seed: int) -> rg.Netlist:
+    """A chain with random resistors across it over twelve orders of magnitude, two current and two voltage sources."""
     rng = np.random.default_rng(seed)
     chain = np.stack([np.arange(nodes - 1), np.arange(1, nodes)], axis=1)
     across = rng.integers(0, nodes, (3 * nodes, 2))
@@ -122,8 +122,8 @@ def wild_network(nodes: int, seed: int) -> rg.Netlist:
 
 
 @pytest.mark.parametrize("method", ["direct", "multigrid"])
-def test_an_answer_does_not_depend_on_what_was_asked_before(method: str) -> None:
-    factors = rg.factorize(wild_network(600, 1), method=method)
+def test_results_do_not_depend_on_earlier_solves(method: str) -> None:
+    factors = rg.factorize(irregular_network(600, 1), method=method)
     rhs = np.ones(factors.system.size)
     first = factors.solve(rhs)
     factors.factors.solve_nonnegative(rhs)
@@ -131,11 +131,11 @@ def test_an_answer_does_not_depend_on_what_was_asked_before(method: str) -> None
 
 
 @pytest.mark.parametrize("method", ["direct", "multigrid"])
-def test_values_hold_their_fields_alone(method: str) -> None:
-    """Nothing is remembered behind a frozen value's back."""
+def test_factors_and_systems_have_no_hidden_attributes(method: str) -> None:
+    """Frozen dataclasses must not store caches outside their fields."""
     corridor = np.zeros((60, 8), dtype=np.uint8)
     corridor[0, 0] = 2
-    for netlist in (rg.compile_space(space_of(corridor)), wild_network(600, 0)):
+    for netlist in (rg.compile_space(space_of(corridor)), irregular_network(600, 0)):
         factors = rg.factorize(netlist, method=method)
         rhs = np.ones(factors.system.size)
         factors.solve(rhs)

@@ -1,4 +1,4 @@
-"""By how many decades a potential falls, against networkx.
+"""Estimated orders of magnitude of the potential's decay, compared with networkx and with solutions.
 
 Tests internals: `resgrid.circuit.equations`, `resgrid.solvers.decay_estimate`, `resgrid.solvers.laplacian`.
 """
@@ -18,8 +18,8 @@ RATE, WALL = np.pi, 0.3
 LN10 = np.log(10.0)
 
 
-def railed(space: rg.ConfigurationSpace, boundary: str) -> Equations | None:
-    """The system of a space between two rails; None where nothing is driven, or otherwise."""
+def system_between_rails(space: rg.ConfigurationSpace, boundary: str) -> Equations | None:
+    """The equations of a space between two rails; None for undriven or other spaces."""
     try:
         system = assemble(rg.compile_space(space, boundary=boundary))
     except rg.CircuitError:
@@ -29,8 +29,8 @@ def railed(space: rg.ConfigurationSpace, boundary: str) -> Equations | None:
 
 @settings(max_examples=80)
 @given(spaces(), st.floats(0.0, 1.0))
-def test_the_best_way_is_that_of_networkx_to_all_but_the_lowest(space, share):
-    system = railed(space, "dirichlet")
+def test_the_decay_along_shortest_paths_equals_networkx(space, share):
+    system = system_between_rails(space, "dirichlet")
     if system is None:
         return
     low, high = system.rails.to_low > 0, system.rails.to_high > 0
@@ -47,7 +47,7 @@ def test_the_best_way_is_that_of_networkx_to_all_but_the_lowest(space, share):
 
 
 @pytest.mark.parametrize("width", [1, 3, 8])
-def test_corridors_fall_as_foreseen(width):
+def test_the_estimated_decay_agrees_with_solutions_of_corridors(width):
     netlist = rg.compile_space(space_of(serpentine(6, 60, width)))
     drop = rg.solve(netlist).log_drop
     truth = -np.quantile(drop[np.isfinite(drop)], 0.02) / LN10

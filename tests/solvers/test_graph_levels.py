@@ -1,4 +1,4 @@
-"""The levels of netlists that are no grids: aggregates, orders of rows, and the cycle over them.
+"""Multigrid levels of general netlists, compared with dense matrices: aggregates, row orders, and the cycle.
 
 Tests internals: `resgrid.circuit.equations`, `resgrid.solvers`, `resgrid.solvers.laplacian`,
 `resgrid.solvers.multigrid`, `resgrid.solvers.multigrid.conjugate_gradients`,
@@ -27,7 +27,7 @@ GRAPHS = {"nodes": st.integers(2, 60), "per_node": st.floats(0.6, 8.0), "seed": 
 
 
 def random_graph(nodes: int, per_node: float, seed: int, decades: float = 2.0) -> Graph:
-    """Random conductances, some in parallel, and a few leaks; parts may be apart."""
+    """Random conductances, some parallel, with a few leaks; the graph may be disconnected."""
     rng = np.random.default_rng(seed)
     ends = rng.integers(0, nodes, (max(int(nodes * per_node), 1), 2))
     ends = ends[ends[:, 0] != ends[:, 1]]
@@ -51,9 +51,7 @@ def dense(graph: Graph) -> NDArray[np.float64]:
 
 @settings(max_examples=60)
 @given(**GRAPHS, window=st.integers(1, 80))
-def test_rows_stand_by_colour_and_no_two_neighbours_share_one(
-    nodes: int, per_node: float, seed: int, window: int
-) -> None:
+def test_rows_are_ordered_by_a_proper_colouring(nodes: int, per_node: float, seed: int, window: int) -> None:
     graph = random_graph(nodes, per_node, seed)
     order = graph_coarsening.order_by_colour(graph.indptr, graph.indices, window)
     assert np.array_equal(np.sort(order), np.arange(nodes))
@@ -63,7 +61,7 @@ def test_rows_stand_by_colour_and_no_two_neighbours_share_one(
     assert not np.any(colour[row] == colour[graph.indices])
 
 
-def test_rows_of_a_window_stand_by_length() -> None:
+def test_rows_of_a_window_are_ordered_by_length() -> None:
     graph = random_graph(500, 4.0, 3)
     order = graph_coarsening.order_by_colour(graph.indptr, graph.indices, 10**6)
     colour, _ = graph_coarsening._colours(graph.indptr, graph.indices)
@@ -93,7 +91,7 @@ def test_aggregates_are_connected_and_their_sums_conserve_conductance(
 
 @settings(max_examples=40)
 @given(**GRAPHS)
-def test_a_renumbered_graph_is_the_same(nodes: int, per_node: float, seed: int) -> None:
+def test_a_renumbered_graph_has_the_same_matrix(nodes: int, per_node: float, seed: int) -> None:
     graph = random_graph(nodes, per_node, seed)
     graph = graph._replace(conductance=graph.conductance.astype(np.float32))
     moved, number = ordering.renumber(*graph)
@@ -101,7 +99,7 @@ def test_a_renumbered_graph_is_the_same(nodes: int, per_node: float, seed: int) 
     np.testing.assert_allclose(dense(Graph(*moved))[np.ix_(number, number)], dense(graph), rtol=1e-6, atol=1e-6)
 
 
-def test_renumbering_brings_neighbours_together() -> None:
+def test_renumbering_reduces_the_distance_of_neighbours() -> None:
     side = 40
     mesh = np.random.default_rng(0).permutation(side * side).reshape(side, side)
     ends = np.concatenate([np.stack([mesh[1:].ravel(), mesh[:-1].ravel()]),
@@ -115,7 +113,7 @@ def test_renumbering_brings_neighbours_together() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_levels_are_packed_in_an_order_of_their_own(seed: int) -> None:
+def test_packed_levels_contain_the_permuted_matrix(seed: int) -> None:
     graph = random_graph(2000, 4.0, seed)
     levels, slot = packed_netlist(graph)
     n, order = graph.size, np.argsort(slot)
@@ -147,29 +145,29 @@ def test_one_cycle_without_inner_steps_is_symmetric_and_positive(seed: int) -> N
     assert np.linalg.eigvalsh(0.5 * (columns + columns.T)).min() > 0
 
 
-def test_half_a_product_after_the_way_up_is_the_whole_one() -> None:
+def test_ascend_graph_returns_the_product_and_energies_of_the_matrix() -> None:
     graph = random_graph(600, 4.0, 1)
     packed, slot = packed_netlist(graph)
     work, n, order = work_space(packed), graph.size, np.argsort(slot)
     rng = np.random.default_rng(0)
     work.b[1 : n + 1], work.x[:] = rng.random(n), rng.random(len(work.x))
     given = work.b[1 : n + 1].copy()
-    fed, energy, along = ascend_graph(packed, 0, work.b[1:], work.x[1:], given, work.change, work.v[:n])
+    injected, energy, along = ascend_graph(packed, 0, work.b[1:], work.x[1:], given, work.change, work.v[:n])
     x = work.x[1 : n + 1]
     true = dense(graph)[np.ix_(order, order)] @ x
     assert np.allclose(work.v[:n], true, atol=1e-4 * np.abs(true).max())
     assert energy == pytest.approx(float(x @ true), rel=1e-4)
-    assert fed == along == pytest.approx(float(x @ given), rel=1e-5)
+    assert injected == along == pytest.approx(float(x @ given), rel=1e-5)
 
 
-def test_the_coarsest_inverse() -> None:
+def test_inverse_matrix_equals_numpy() -> None:
     graph = random_graph(50, 3.0, 2)
     graph.leak[:] += 0.1
     assert np.allclose(graph_coarsening.inverse_matrix(graph), np.linalg.inv(dense(graph)), rtol=1e-4, atol=1e-6)
 
 
-def test_a_graph_of_many_small_parts_needs_no_large_inverse() -> None:
-    """Five thousand cliques of five: coarse levels are nodes without neighbours, and do not shrink."""
+def test_a_graph_of_5000_components_agrees_with_direct() -> None:
+    """Coarse levels of 5000 cliques are nodes without neighbours and do not shrink."""
     corner = np.arange(5)
     pairs = np.stack(np.triu_indices(5, 1), axis=1)
     nodes = 1 + (5 * np.arange(5000)[:, None] + corner).ravel()
@@ -188,7 +186,7 @@ def test_a_graph_of_many_small_parts_needs_no_large_inverse() -> None:
 
 
 def hubs(seed: int) -> rg.Netlist:
-    """A few nodes joined to hundreds of others, which hang together by weaker and stronger conductances."""
+    """A few nodes with hundreds of neighbours, which are connected by random conductances."""
     rng = np.random.default_rng(seed)
     ends = np.concatenate([rng.integers(1, 4000, (9000, 2)),
                            np.stack([rng.integers(1, 6, 3000), rng.integers(6, 4000, 3000)], axis=1)])  # fmt: skip
@@ -212,13 +210,13 @@ def test_netlists_with_hubs_agree_with_direct(seed: int, monkeypatch: pytest.Mon
         assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-9, atol=1e-15, equal_nan=True)
 
 
-def test_the_same_netlist_gives_the_same_bits() -> None:
+def test_results_are_reproducible_to_the_bit() -> None:
     netlist = hubs(9)
     first, second = (rg.solve(netlist, method="multigrid", accuracy="normwise") for _ in range(2))
     assert np.array_equal(first.voltage, second.voltage, equal_nan=True)
 
 
-def test_a_guess_spares_steps() -> None:
+def test_a_guess_reduces_the_number_of_iterations() -> None:
     system = assemble(hubs(2))
     hierarchy = build_hierarchy(system.laplacian)
     b = system.feed + system.injected

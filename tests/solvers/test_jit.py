@@ -1,4 +1,4 @@
-"""Kernels that numba compiles and caches on disk."""
+"""Compiled numba kernels: interrupts, recompilation after source changes, and the cache on disk."""
 
 import os
 import re

@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.solvers.llvm_intrinsics`."""
+"""Flushing of subnormal numbers in single precision: limited to the code that requests it.
+
+Tests internals: `resgrid.solvers.llvm_intrinsics`.
+"""
 
 import platform
 
@@ -19,8 +22,8 @@ def halved(x):
 
 
 @njit
-def halved_within(values):
-    """Halves, while subnormal numbers count as zero, and afterwards."""
+def halved_with_flushing(values):
+    """Return halves computed while subnormal numbers are flushed to zero, and one half computed afterwards."""
     flags = flush_subnormals()
     within = np.empty_like(values)
     for k in range(len(values)):
@@ -29,16 +32,16 @@ def halved_within(values):
     return within, halved(values[0])
 
 
-def test_subnormals_are_zero_inside_alone() -> None:
+def test_subnormals_are_flushed_only_between_flush_and_restore() -> None:
     tiny = np.array([SMALLEST_NORMAL, 2.0 * SMALLEST_NORMAL], dtype=np.float32)
-    within, after = halved_within(tiny)
+    within, after = halved_with_flushing(tiny)
     assert (within[0] == 0.0) == IS_X86
     assert within[1] == SMALLEST_NORMAL
     assert after > 0.0
     assert halved(SMALLEST_NORMAL) > 0.0
 
 
-def test_who_watches_a_solution_keeps_them() -> None:
+def test_progress_callbacks_keep_subnormals() -> None:
     cell = np.zeros((60, 60))
     cell[0, 0] = rg.Cell.GOAL
     seen = []

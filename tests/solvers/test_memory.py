@@ -1,4 +1,4 @@
-"""The estimate of memory against what a solution takes.
+"""Memory estimates, compared with the peak traced during a solution.
 
 Tests internals: `resgrid.circuit.equations`, `resgrid.solvers.method_choice`, `resgrid.solvers.symbolic`.
 """
@@ -15,7 +15,7 @@ from resgrid.solvers.symbolic import order_by_distance
 
 
 def boxes(shape: tuple[int, ...]) -> rg.ConfigurationSpace:
-    """A tenth of the cells in boxes, the goal in a corner."""
+    """Space with a tenth of the cells in boxes and the goal in a corner."""
     rng, cell = np.random.default_rng(3), np.zeros(shape, dtype=np.uint8)
     while np.mean(cell) < 0.1:
         low = rng.integers(2, shape)
@@ -25,12 +25,12 @@ def boxes(shape: tuple[int, ...]) -> rg.ConfigurationSpace:
 
 
 def without_layout(netlist: rg.Netlist) -> rg.Netlist:
-    """The same circuit as a netlist that comes from no space."""
+    """Return the circuit as a netlist without its cells."""
     return netlist.replace(cell_map=None)
 
 
 @pytest.mark.parametrize("shape", [(12, 3000), (1500, 5, 5)])
-def test_factors_along_a_corridor_take_what_the_estimate_says(shape: tuple[int, ...]) -> None:
+def test_the_estimate_for_factors_of_corridors_bounds_the_peak(shape: tuple[int, ...]) -> None:
     cell = np.zeros(shape, dtype=np.uint8)
     cell[(0,) * len(shape)] = rg.Cell.GOAL
     netlist = rg.compile_space(rg.ConfigurationSpace([rg.Axis("xyz"[k], 0, n, n) for k, n in enumerate(shape)], cell))
@@ -45,7 +45,7 @@ def test_factors_along_a_corridor_take_what_the_estimate_says(shape: tuple[int, 
     assert taken < estimate < 2.5 * taken
 
 
-def test_a_winding_volume_needs_no_more_memory_than_its_corridor() -> None:
+def test_the_estimate_for_a_long_shaft_is_linear_in_its_size() -> None:
     """Factors of an open volume of as many cells take ten times as much."""
     shaft = np.zeros((6000, 5, 5), dtype=np.uint8)
     shaft[0, 2, 2] = rg.Cell.GOAL
@@ -57,7 +57,7 @@ def test_a_winding_volume_needs_no_more_memory_than_its_corridor() -> None:
 @pytest.mark.parametrize("accuracy", ["normwise", "direction"])
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 @pytest.mark.parametrize("shape", [(200, 220), (36, 34, 40)])
-def test_multigrid_takes_what_the_estimate_says(shape: tuple[int, ...], boundary: str, accuracy: str) -> None:
+def test_the_estimate_for_multigrid_bounds_the_peak(shape: tuple[int, ...], boundary: str, accuracy: str) -> None:
     netlist = rg.compile_space(boxes(shape), boundary=boundary)
     for circuit in (netlist, without_layout(netlist)):
         estimate = choose_method(assemble(circuit).laplacian, "multigrid", accuracy).memory

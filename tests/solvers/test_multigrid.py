@@ -1,6 +1,9 @@
-"""Tests internals: `resgrid.circuit.dynamics`, `resgrid.circuit.equations`, `resgrid.solvers`,
+"""Multigrid, compared with the direct method and numpy, and the automatic choice between both methods.
+
+Tests internals: `resgrid.circuit.dynamics`, `resgrid.circuit.equations`, `resgrid.solvers`,
 `resgrid.solvers.decay_estimate`, `resgrid.solvers.factors`, `resgrid.solvers.laplacian`, `resgrid.solvers.multigrid`,
-`resgrid.solvers.progress`, `resgrid.solvers.symbolic`."""
+`resgrid.solvers.progress`, `resgrid.solvers.symbolic`.
+"""
 
 import numpy as np
 import pytest
@@ -21,12 +24,12 @@ from resgrid.solvers.symbolic import order_by_distance
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
 
 
-def foreseen_decades(system: Equations) -> float:
-    """By how many decades the potential of a circuit falls, about."""
+def estimated_decades(system: Equations) -> float:
+    """Estimated orders of magnitude of the potential's decay."""
     return estimate_decades(system.laplacian, conductance_statistics(system.laplacian))
 
 
-def blocks(shape: tuple[int, ...], seed: int, share: float = 0.2) -> np.ndarray:
+def space_with_boxes(shape: tuple[int, ...], seed: int, share: float = 0.2) -> np.ndarray:
     """Cells with random boxes as obstacles and a goal in the first corner."""
     rng = np.random.default_rng(seed)
     cell = np.zeros(shape, dtype=np.uint8)
@@ -40,7 +43,7 @@ def blocks(shape: tuple[int, ...], seed: int, share: float = 0.2) -> np.ndarray:
 
 
 def random_netlist(count: int, seed: int) -> rg.Netlist:
-    """A connected random graph whose resistors span two decades, held at two nodes."""
+    """A connected random graph with resistors over two orders of magnitude and two voltage sources."""
     rng = np.random.default_rng(seed)
     tree = np.stack([np.arange(2, count), rng.integers(1, np.arange(2, count))], axis=1)
     extra = rng.integers(1, count, (2 * count, 2))
@@ -66,21 +69,23 @@ def test_multigrid_and_direct_agree_on_small_spaces(space: object, options: dict
 
 @pytest.mark.parametrize("shape", [(90, 70), (24, 20, 22), (9, 9, 8, 9)])
 @pytest.mark.parametrize("options", BOUNDARIES)
-def test_multigrid_is_entrywise_right_on_larger_grids(shape: tuple[int, ...], options: dict[str, object]) -> None:
-    netlist = rg.compile_space(space_of(blocks(shape, seed=len(shape))), **options)
+def test_multigrid_agrees_with_direct_entry_by_entry_on_larger_grids(
+    shape: tuple[int, ...], options: dict[str, object]
+) -> None:
+    netlist = rg.compile_space(space_of(space_with_boxes(shape, seed=len(shape))), **options)
     direct, multigrid = rg.solve(netlist, method="direct"), rg.solve(netlist, method="multigrid")
     assert multigrid.method == "multigrid"
     assert multigrid.kcl_residual < 1e-6
-    told = direct.entry_error + multigrid.entry_error
-    assert told <= 2e-8
-    assert np.allclose(direct.voltage, multigrid.voltage, rtol=told + 1e-15, atol=0, equal_nan=True)
+    bound = direct.entry_error + multigrid.entry_error
+    assert bound <= 2e-8
+    assert np.allclose(direct.voltage, multigrid.voltage, rtol=bound + 1e-15, atol=0, equal_nan=True)
     if direct.log_drop is not None:
         assert np.nanmin(np.where(np.isfinite(direct.log_drop), direct.log_drop, 0)) < -5
-        assert np.allclose(direct.log_drop, multigrid.log_drop, rtol=1e-15, atol=told, equal_nan=True)
+        assert np.allclose(direct.log_drop, multigrid.log_drop, rtol=1e-15, atol=bound, equal_nan=True)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_multigrid_solves_netlists_without_a_grid(seed: int) -> None:
+def test_multigrid_agrees_with_direct_on_netlists_without_a_grid(seed: int) -> None:
     netlist = random_netlist(3000, seed)
     direct, multigrid = rg.solve(netlist, method="direct"), rg.solve(netlist, method="multigrid")
     assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-9, atol=1e-15, equal_nan=True)
@@ -91,8 +96,8 @@ def test_multigrid_solves_netlists_without_a_grid(seed: int) -> None:
 @settings(max_examples=60)
 @example(134)
 @given(st.integers(0, 2**32 - 1))
-def test_small_netlists_are_solved_as_far_as_rounding_lets(seed: int) -> None:
-    """Where a burst ends in rounding, the next one begins with a residual that has nothing to do with the last step."""
+def test_small_netlists_are_solved_to_rounding_accuracy(seed: int) -> None:
+    """After a burst that ends in rounding errors, the next one starts with an unrelated residual."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(4, 40))
     tree = [(int(rng.integers(0, k)), k) for k in range(1, count + 1)]
@@ -105,8 +110,8 @@ def test_small_netlists_are_solved_as_far_as_rounding_lets(seed: int) -> None:
     np.testing.assert_allclose(x, exact, rtol=0, atol=1e-6)
 
 
-def test_aggregates_never_join_across_a_wall() -> None:
-    """Two corridors side by side, joined at one end only: no coarse node holds cells of both until the end is near."""
+def test_aggregates_do_not_cross_walls() -> None:
+    """Two parallel corridors joined at one end: every aggregate is connected."""
     wall = np.zeros((64, 3), dtype=np.uint8)
     wall[:-1, 1] = 1
     wall[0, 0] = 2
@@ -122,21 +127,24 @@ def test_aggregates_never_join_across_a_wall() -> None:
         assert np.all(reach > 0)
 
 
-def test_auto_takes_multigrid_unless_a_system_is_small_or_rough() -> None:
-    little = assemble(rg.compile_space(space_of(blocks((40, 40), 1))))
+def test_auto_selects_multigrid_unless_a_system_is_small_or_rough() -> None:
+    little = assemble(rg.compile_space(space_of(space_with_boxes((40, 40), 1))))
     assert methods.choose_method(little.laplacian).method == "direct"
-    plane = assemble(rg.compile_space(space_of(blocks((160, 160), 1)), boundary="neumann"))
+    plane = assemble(rg.compile_space(space_of(space_with_boxes((160, 160), 1)), boundary="neumann"))
     assert methods.choose_method(plane.laplacian).method == "multigrid"
     assert methods.choose_method(plane.laplacian, accuracy="normwise").method == "multigrid"
-    volume = assemble(rg.compile_space(space_of(blocks((32, 32, 32), 1))))
+    volume = assemble(rg.compile_space(space_of(space_with_boxes((32, 32, 32), 1))))
     assert methods.choose_method(volume.laplacian).method == "multigrid"
     rough = rg.compile_space(
-        space_of(blocks((32, 32, 32), 1), conductivity=10.0 ** np.random.default_rng(0).uniform(-3, 3, (32, 32, 32)))
+        space_of(
+            space_with_boxes((32, 32, 32), 1),
+            conductivity=10.0 ** np.random.default_rng(0).uniform(-3, 3, (32, 32, 32)),
+        )
     )
     assert methods.choose_method(assemble(rough).laplacian).method == "direct"
 
 
-def test_auto_takes_direct_where_refinement_would_have_to_win_too_many_decades() -> None:
+def test_auto_selects_direct_for_potentials_that_decay_too_far() -> None:
     shaft = np.zeros((1300, 6, 6), dtype=np.uint8)
     shaft[0, 1, 1] = 2
     assert methods.choose_method(assemble(rg.compile_space(space_of(shaft))).laplacian).method == "direct"
@@ -147,7 +155,7 @@ def test_auto_takes_direct_where_refinement_would_have_to_win_too_many_decades()
 
 
 @pytest.mark.parametrize(("length", "method"), [(300, "multigrid"), (1600, "direct")])
-def test_wide_corridors_take_multigrid_where_potentials_do_not_fall_far(length: int, method: str) -> None:
+def test_auto_depends_on_the_length_of_wide_corridors(length: int, method: str) -> None:
     corridor = np.zeros((14, 14, length), dtype=np.uint8)
     corridor[5, 5, 0] = 2
     assert methods.choose_method(assemble(rg.compile_space(space_of(corridor))).laplacian).method == method
@@ -155,16 +163,16 @@ def test_wide_corridors_take_multigrid_where_potentials_do_not_fall_far(length: 
 
 @pytest.mark.parametrize("width", [3, 8, 21])
 @pytest.mark.parametrize("wall", [0.0, 1.0, 30.0, 1e3])
-def test_decades_are_foreseen_along_corridors_behind_walls_of_any_resistance(width: int, wall: float) -> None:
+def test_the_estimated_decay_agrees_for_all_wall_resistances(width: int, wall: float) -> None:
     corridor = np.zeros((width, 40 * width), dtype=np.uint8)
     corridor[:, 0] = 2
     netlist = rg.compile_space(space_of(corridor), boundary="wall", resistance=1.0, wall_resistance=wall)
     log_drop = rg.solve(netlist, method="direct").log_drop
     decades = -log_drop[np.isfinite(log_drop)].min() / np.log(10.0)
-    assert 0.7 < foreseen_decades(assemble(netlist)) / STRAIGHTNESS / decades < 1.8
+    assert 0.7 < estimated_decades(assemble(netlist)) / STRAIGHTNESS / decades < 1.8
 
 
-def test_potentials_that_walls_hold_up_take_multigrid() -> None:
+def test_auto_selects_multigrid_behind_high_wall_resistances() -> None:
     corridor = np.zeros((48, 8000), dtype=np.uint8)
     corridor[:, 0] = 2
     options = {"boundary": "wall", "resistance": 1.0}
@@ -175,7 +183,7 @@ def test_potentials_that_walls_hold_up_take_multigrid() -> None:
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_mazes_are_solved_directly_and_halls_by_multigrid(boundary: str) -> None:
+def test_auto_selects_direct_for_mazes_and_multigrid_for_halls(boundary: str) -> None:
     narrow = assemble(rg.compile_space(space_of(serpentine(40, 120, 4)), boundary=boundary))
     assert methods.choose_method(narrow.laplacian).method == "direct"
     assert order_by_distance(narrow.laplacian) is not None
@@ -187,21 +195,21 @@ def test_mazes_are_solved_directly_and_halls_by_multigrid(boundary: str) -> None
     )
 
 
-def test_refinement_carries_multigrid_down_a_shaft_of_a_hundred_decades() -> None:
+def test_multigrid_agrees_with_direct_over_100_orders_of_magnitude() -> None:
     shaft = np.zeros((420, 6, 5), dtype=np.uint8)
     shaft[0, 2, 2] = 2
     netlist = rg.compile_space(space_of(shaft))
     direct, multigrid = rg.solve(netlist, method="direct"), rg.solve(netlist, method="multigrid")
     assert np.nanmin(np.where(np.isfinite(direct.log_drop), direct.log_drop, 0)) < -100 * np.log(10)
-    told = direct.entry_error + multigrid.entry_error
-    assert told <= 2e-8
-    assert np.allclose(direct.log_drop, multigrid.log_drop, rtol=1e-15, atol=told, equal_nan=True)
+    bound = direct.entry_error + multigrid.entry_error
+    assert bound <= 2e-8
+    assert np.allclose(direct.log_drop, multigrid.log_drop, rtol=1e-15, atol=bound, equal_nan=True)
     assert multigrid.kcl_residual < 1e-6
 
 
-def test_what_multigrid_cannot_reach_is_balanced() -> None:
+def test_balancing_makes_currents_of_rough_conductivities_accurate() -> None:
     rng = np.random.default_rng(5)
-    space = space_of(blocks((80, 80), 2), conductivity=10.0 ** rng.uniform(-9, 9, (80, 80)))
+    space = space_of(space_with_boxes((80, 80), 2), conductivity=10.0 ** rng.uniform(-9, 9, (80, 80)))
     netlist = rg.compile_space(space, boundary="neumann")
     direct, multigrid = rg.solve(netlist, method="direct"), rg.solve(netlist, method="multigrid")
     assert "balance" in multigrid.seconds
@@ -209,8 +217,8 @@ def test_what_multigrid_cannot_reach_is_balanced() -> None:
     np.testing.assert_allclose(multigrid.potential, direct.potential, rtol=1e-6)
 
 
-def test_a_factor_serves_many_right_hand_sides() -> None:
-    netlist = rg.compile_space(space_of(blocks((40, 30), 3)))
+def test_a_factor_solves_several_right_hand_sides() -> None:
+    netlist = rg.compile_space(space_of(space_with_boxes((40, 30), 3)))
     direct, multigrid = rg.factorize(netlist, method="direct"), rg.factorize(netlist, method="multigrid")
     rng = np.random.default_rng(1)
     for _ in range(3):
@@ -218,8 +226,8 @@ def test_a_factor_serves_many_right_hand_sides() -> None:
         assert np.allclose(direct.solve(rhs), multigrid.solve(rhs, rtol=1e-12), rtol=1e-6, atol=1e-6 * 1e4)
 
 
-def test_unknown_methods_and_jobs_beyond_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    netlist = rg.compile_space(space_of(blocks((20, 20), 1)))
+def test_unknown_methods_and_excessive_memory_raise(monkeypatch: pytest.MonkeyPatch) -> None:
+    netlist = rg.compile_space(space_of(space_with_boxes((20, 20), 1)))
     with pytest.raises(rg.InputError, match="direct, multigrid"):
         rg.solve(netlist, method="cholesky")
     monkeypatch.setattr("resgrid._internal.memory.available_memory", lambda: 1000)
@@ -229,8 +237,8 @@ def test_unknown_methods_and_jobs_beyond_memory_are_refused(monkeypatch: pytest.
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 @pytest.mark.parametrize("leak", [1e2, 1e3, 1e4, 1e5, 1e6])
-def test_leaks_that_outweigh_the_grid_are_no_harder(boundary: str, leak: float) -> None:
-    """Steps in time lead to such circuits; the first iteration gains more digits than single precision has."""
+def test_leaks_larger_than_conductances_converge_in_12_iterations(boundary: str, leak: float) -> None:
+    """Time steps lead to such circuits; the first iteration gains more digits than single precision has."""
     cell = np.zeros((64, 64), dtype=np.uint8)
     cell[16:32, 21], cell[61, 2] = 1, 2
     netlist = rg.compile_space(space_of(cell), boundary=boundary)
@@ -249,8 +257,8 @@ def test_leaks_that_outweigh_the_grid_are_no_harder(boundary: str, leak: float) 
     np.testing.assert_allclose(x, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
-def test_the_stage_called_factor_coarsens(monkeypatch: pytest.MonkeyPatch) -> None:
-    plane = rg.compile_space(space_of(blocks((160, 160), 1)), boundary="neumann")
+def test_factorize_builds_the_multigrid_hierarchy(monkeypatch: pytest.MonkeyPatch) -> None:
+    plane = rg.compile_space(space_of(space_with_boxes((160, 160), 1)), boundary="neumann")
     factors = rg.factorize(plane, method="multigrid").factors
     monkeypatch.setattr("resgrid.solvers.multigrid.hierarchy.build_hierarchy", lambda _: pytest.fail("coarsened late"))
     assert np.isfinite(factors.solve(np.ones(factors.laplacian.size))).all()

@@ -1,4 +1,4 @@
-"""Rows that are left at the end of refinement, solved directly with what surrounds them.
+"""Direct solution of the remaining rows at the end of refinement, compared with the direct method.
 
 Tests internals: `resgrid.circuit.equations`, `resgrid.solvers`, `resgrid.solvers.method_choice`,
 `resgrid.solvers.scaled`.
@@ -18,7 +18,7 @@ from resgrid.solvers.scaled import Scaled
 
 
 def rooms_on_a_corridor(count: int = 40) -> rg.ConfigurationSpace:
-    """Rooms of three cells, far from each other, behind slits of five cells."""
+    """A corridor with distant small pockets behind slits of five cells."""
     cell = np.full((11, 20 * count), rg.Cell.OBSTACLE, dtype=np.uint8)
     cell[1:3, 1:-1] = rg.Cell.FREE
     for k in range(count):
@@ -32,8 +32,8 @@ def system_of(space: rg.ConfigurationSpace) -> Equations:
     return assemble(rg.compile_space(space, boundary="dirichlet"))
 
 
-def test_a_goal_in_a_slit() -> None:
-    """Some twelve decades from the goal to the room."""
+def test_multigrid_agrees_with_direct_for_a_goal_in_a_slit() -> None:
+    """The potential decreases by about twelve orders of magnitude along the slit."""
     cell = np.full((200, 315), rg.Cell.OBSTACLE, dtype=np.uint8)
     cell[6, 1:15] = cell[1:-1, 15:-1] = rg.Cell.FREE
     cell[6, 1] = rg.Cell.GOAL
@@ -43,7 +43,7 @@ def test_a_goal_in_a_slit() -> None:
     np.testing.assert_allclose(point.log_drop, direct.log_drop, rtol=0, atol=point.entry_error, equal_nan=True)
 
 
-def test_pockets_behind_slits() -> None:
+def test_multigrid_agrees_with_direct_in_pockets_behind_slits() -> None:
     netlist = rg.compile_space(rooms_on_a_corridor(), boundary="dirichlet")
     point, direct = (rg.solve(netlist, method=method) for method in ("multigrid", "direct"))
     assert point.log_drop is not None
@@ -51,8 +51,8 @@ def test_pockets_behind_slits() -> None:
 
 
 @pytest.mark.parametrize("length", [60, 600])
-def test_what_lies_along_a_slit_is_found_from_what_flows_in(length: int) -> None:
-    """Half a decade a cell: beyond what a double spans after some five hundred cells."""
+def test_rows_along_a_slit_are_resolved_from_their_neighbours(length: int) -> None:
+    """The potential decreases by about half an order of magnitude per cell, below the double range after 500 cells."""
     cell = np.full((120, 120 + length), rg.Cell.OBSTACLE, dtype=np.uint8)
     cell[1:-1, 1:115] = cell[6, 115:-1] = cell[20, 115 : 115 + length // 2] = rg.Cell.FREE
     cell[6, 4] = rg.Cell.GOAL
@@ -71,8 +71,8 @@ def test_what_lies_along_a_slit_is_found_from_what_flows_in(length: int) -> None
     np.testing.assert_allclose(found.log, exact.log, rtol=0, atol=1e-11)
 
 
-def test_rows_without_a_digit_are_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Some two hundred decades, a room at the end of a slit, and a pass over the whole that gains twelve at a time."""
+def test_resolving_rows_halves_the_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A slit over about two hundred orders of magnitude, of which one iteration of all rows gains twelve."""
     cell = np.full((120, 420), rg.Cell.OBSTACLE, dtype=np.uint8)
     cell[1:-1, 1:115] = cell[6, 115:400] = cell[3:9, 400:406] = cell[40, 115:160] = rg.Cell.FREE
     cell[6, 4] = rg.Cell.GOAL

@@ -1,4 +1,4 @@
-"""Refinement and read-off: every node is judged by its own currents, whatever its size beside others.
+"""Refinement and currents, compared with exact fractions: KCL at every node relative to its own currents.
 
 Tests internals: `resgrid.circuit.equations`, `resgrid.solvers`, `resgrid.solvers.laplacian`,
 `resgrid.solvers.method_choice`, `resgrid.solvers.progress`, `resgrid.solvers.scaled`.
@@ -22,7 +22,7 @@ from resgrid.solvers.scaled import Scaled, power
 
 
 def scattered(shape: tuple[int, ...], seed: int) -> rg.ConfigurationSpace:
-    """Single obstacle cells here and there, the goal in the middle."""
+    """Random single obstacle cells with the goal in the middle."""
     cell = (np.random.default_rng(seed).random(shape) < 0.08).astype(np.uint8)
     cell[tuple(size // 2 for size in shape)] = 2
     return space_of(cell)
@@ -40,7 +40,7 @@ def violations(system: Equations, rhs: np.ndarray, value: list[Fraction]) -> lis
     return found
 
 
-def exactly(found: Scaled) -> list[Fraction]:
+def to_fractions(found: Scaled) -> list[Fraction]:
     return [
         (Fraction(float(hi)) + Fraction(float(lo))) * Fraction(2) ** (256 * int(e))
         for hi, lo, e in zip(found.hi, found.lo, found.exponent, strict=True)
@@ -55,27 +55,25 @@ def test_currents_balance_at_every_node_in_exact_arithmetic(shape: tuple[int, ..
     system = assemble(rg.compile_space(scattered(shape, 3), boundary=boundary, **options))
     rhs, watch = system.rails.to_low if system.rails is not None else system.injected, ProgressMonitor()
     found, _ = factor_laplacian(system.laplacian, method).solve_nonnegative(rhs, watch=watch)
-    violated = violations(system, rhs, exactly(found))
+    violated = violations(system, rhs, to_fractions(found))
     assert 2 * float(sum(violated)) <= watch.bound < 4.1e-9
     assert max(violated) < 2e-9
     exact, _ = factor_laplacian(system.laplacian, "direct").solve_nonnegative(rhs)
     assert np.abs(found.log - exact.log).max() <= watch.bound + 1e-15
 
 
-def test_currents_balance_where_potentials_leave_the_range_of_a_double() -> None:
+def test_currents_balance_for_potentials_below_the_range_of_doubles() -> None:
     system, watch = assemble(rg.compile_space(space_of(serpentine(9, 120, 3)))), ProgressMonitor()
     assert system.rails is not None
     found, _ = factor_laplacian(system.laplacian, "multigrid").solve_nonnegative(system.rails.to_low, watch=watch)
     assert found.log.min() / np.log(10) < -330
-    assert 2 * float(sum(violations(system, system.rails.to_low, exactly(found)))) <= watch.bound < 4.1e-9
+    assert 2 * float(sum(violations(system, system.rails.to_low, to_fractions(found)))) <= watch.bound < 4.1e-9
 
 
 @settings(max_examples=80)
 @given(spaces(max_cells=4, dimensions=(2, 3)), st.integers(0, 2**16), st.floats(-6.0, -1.5))
-def test_no_entry_is_off_by_more_than_the_violations_of_kcl_prove(
-    space: rg.ConfigurationSpace, seed: int, decades: float
-) -> None:
-    """Wrong answers of small circuits whose conductances differ by twelve decades, and the exact ones."""
+def test_entry_bound_is_an_upper_bound_of_the_error(space: rg.ConfigurationSpace, seed: int, decades: float) -> None:
+    """Perturbed and exact solutions of small circuits with conductances over twelve orders of magnitude."""
     rng = np.random.default_rng(seed)
     try:
         netlist = rg.compile_space(space, boundary="wall", wall_resistance=30.0)
@@ -94,7 +92,7 @@ def test_no_entry_is_off_by_more_than_the_violations_of_kcl_prove(
 
 
 def rational_solution(system: Equations, rhs: np.ndarray) -> list[Fraction]:
-    """By elimination in exact arithmetic, the diagonal being the sum of conductances."""
+    """Return the solution by elimination in exact arithmetic, with row sums as the diagonal."""
     n, coupling = system.size, system.laplacian.edges.toarray()
     a = [[-Fraction(float(g)) for g in row] for row in coupling]
     for i in range(n):
@@ -102,8 +100,8 @@ def rational_solution(system: Equations, rhs: np.ndarray) -> list[Fraction]:
     return eliminated(a, [Fraction(float(current)) for current in rhs])
 
 
-def test_a_start_behind_which_nothing_flows() -> None:
-    """Where no current flows its rounding is no scale: there voltages are equal to thirty digits."""
+def test_both_methods_agree_on_parts_without_current() -> None:
+    """Where no current flows, rounding errors define no scale: voltages are equal to thirty digits."""
     space = space_of(serpentine(7, 60, 3))
     netlist = rg.compile_space(space, boundary="neumann", drive="start", start=(9, 30))
     direct, multigrid = (rg.solve(netlist, method=method) for method in ("direct", "multigrid"))
@@ -112,7 +110,7 @@ def test_a_start_behind_which_nothing_flows() -> None:
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann", "wall"])
-def test_currents_near_the_end_of_the_range_of_doubles_are_those_of_larger_sources(boundary: str) -> None:
+def test_currents_near_the_smallest_double_scale_with_the_sources(boundary: str) -> None:
     options = {"wall_resistance": 1e5} if boundary == "wall" else {}
     netlist = rg.compile_space(scattered((50, 40), 4), boundary=boundary, **options)
     plain = rg.solve(netlist)
@@ -127,14 +125,14 @@ def test_currents_near_the_end_of_the_range_of_doubles_are_those_of_larger_sourc
     assert plain.kcl_residual < 1e-12
 
 
-def test_powers_are_those_of_two() -> None:
+def test_power_returns_powers_of_2_to_256() -> None:
     exponent = np.array([-100, -5, -4, -3, -1, 0, 1, 3])
     assert np.array_equal(power(exponent), np.exp2(256.0 * exponent))
     assert np.all(np.isinf(power(np.array([4, 5, 99]))))
 
 
-def test_what_lower_parts_leave_of_values_that_are_gone_is_right() -> None:
-    """Two nodes, joined and held by 1 S each, whose values have cancelled but for the last bits of a double."""
+def test_cancelled_values_in_lower_parts_have_no_imbalance() -> None:
+    """Two nodes, joined and grounded by 1 S each, whose values cancel up to the smallest double."""
     indptr, indices, one = np.array([0, 1, 2], np.int32), np.array([1, 0], np.int32), np.ones(2)
     none, hi, lo, left = np.zeros(2, np.int64), np.zeros(2), np.array([0.0, 5e-324]), np.ones(2)
     matrix = Graph(indptr, indices, one, one)

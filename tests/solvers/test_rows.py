@@ -1,4 +1,4 @@
-"""Compressed rows against scipy's sums of the same resistors.
+"""Compressed rows of the Laplacian, compared with sums of the resistors by scipy.
 
 Tests internals: `resgrid.circuit.equations`, `resgrid.core.netlist`.
 """
@@ -16,7 +16,7 @@ from resgrid.core.netlist import GROUND
 
 
 def netlist_of(pairs: NDArray[np.int64], conductance: NDArray[np.float64], nodes: int) -> rg.Netlist:
-    """A circuit whose first node is held at 1 V, its last one at 0 V, and no others."""
+    """A circuit with the first node at 1 V and the last node at 0 V."""
     return rg.Netlist(
         node_count=nodes,
         resistor_nodes=pairs,
@@ -26,8 +26,8 @@ def netlist_of(pairs: NDArray[np.int64], conductance: NDArray[np.float64], nodes
     )
 
 
-def summed(system: Equations) -> NDArray[np.float64]:
-    """What scipy makes of the conductances between rows."""
+def summed_by_scipy(system: Equations) -> NDArray[np.float64]:
+    """Coupling matrix of the conductances between rows, summed by scipy."""
     row, g = system.unknown[system.netlist.resistor_nodes], system.netlist.conductance
     a, b = row[np.all(row >= 0, axis=1) & (row[:, 0] != row[:, 1])].T
     g = g[np.all(row >= 0, axis=1) & (row[:, 0] != row[:, 1])]
@@ -36,13 +36,13 @@ def summed(system: Equations) -> NDArray[np.float64]:
 
 
 @given(st.integers(4, 40), st.integers(0, 2**32 - 1), st.sampled_from([1, 3, 12]))
-def test_rows_are_the_coupling_in_order(nodes: int, seed: int, crowd: int) -> None:
+def test_compressed_rows_are_sorted_and_equal_scipys_sums(nodes: int, seed: int, crowd: int) -> None:
     rng = np.random.default_rng(seed)
     line = np.stack([np.arange(1, nodes - 1), np.arange(2, nodes)], axis=1)
     pairs = np.concatenate([line, rng.integers(0, nodes, (crowd * nodes, 2))])
     pairs = rng.permutation(pairs[pairs[:, 0] != pairs[:, 1]])
     system = assemble(netlist_of(pairs, rng.uniform(0.5, 2.0, len(pairs)), nodes))
-    held, expected = system.laplacian.with_rows(), summed(system)
+    held, expected = system.laplacian.with_rows(), summed_by_scipy(system)
     coupling = held.edges
     assert not coupling.nnz or np.shares_memory(held.as_rows().indices, coupling.indices)
     assert coupling.has_canonical_format
@@ -54,10 +54,10 @@ def test_rows_are_the_coupling_in_order(nodes: int, seed: int, crowd: int) -> No
 
 
 @pytest.mark.parametrize("shape", [(9, 8), (6, 5, 7), (4, 3, 4, 5)])
-def test_those_of_a_grid_are_made_once(shape: tuple[int, ...]) -> None:
+def test_rows_of_a_grid_share_memory_with_the_edges(shape: tuple[int, ...]) -> None:
     cell = (np.random.default_rng(2).random(shape) < 0.1).astype(np.uint8)
     cell[(0,) * len(shape)] = 2
     system = assemble(rg.compile_space(space_of(cell)))
     held = system.laplacian.with_rows()
     assert np.shares_memory(held.edges.data, held.as_rows().data)
-    np.testing.assert_allclose(system.laplacian.edges.toarray(), summed(system), rtol=1e-14)
+    np.testing.assert_allclose(system.laplacian.edges.toarray(), summed_by_scipy(system), rtol=1e-14)

@@ -1,4 +1,4 @@
-"""Supernodal factors: their order, their pattern, and every digit of what they give.
+"""Supernodal factors: order, pattern and accuracy of solutions, compared with mpmath, numpy and dense elimination.
 
 Tests internals: `resgrid.circuit.equations`, `resgrid.solvers.factors`, `resgrid.solvers.laplacian`,
 `resgrid.solvers.method_choice`, `resgrid.solvers.ordering_kernels`, `resgrid.solvers.supernodal`,
@@ -31,8 +31,8 @@ ORDERS = pytest.mark.parametrize("order", [order_by_distance, order_by_fill])
 Order = Callable[[Laplacian], Symbolic | None]
 
 
-def wild_system(size: int, seed: int) -> Equations:
-    """A tree with some loops, its conductances spread over 24 decades, between two rails."""
+def irregular_system(size: int, seed: int) -> Equations:
+    """A tree with some loops and conductances over 24 orders of magnitude, between two rails."""
     rng = np.random.default_rng(seed)
     tree = [(int(rng.integers(max(1, k - 3), k)), k) for k in range(2, size)]
     loops = [(k, k + 2) for k in range(2, size - 2) if rng.random() < 0.3]
@@ -43,7 +43,7 @@ def wild_system(size: int, seed: int) -> Equations:
 
 
 def exact_solution(system: Equations, rhs: np.ndarray | list[mpmath.mpf], digits: int = 80) -> list[mpmath.mpf]:
-    """The solution, in so many digits."""
+    """The solution by mpmath, in the given number of digits."""
     with mpmath.workdps(digits):
         matrix = mpmath.matrix(-system.laplacian.edges.toarray())
         for i in range(system.size):
@@ -54,8 +54,8 @@ def exact_solution(system: Equations, rhs: np.ndarray | list[mpmath.mpf], digits
 @ORDERS
 @settings(max_examples=60)
 @given(st.integers(3, 24), st.integers(0, 2**32 - 1))
-def test_every_digit_is_right_whatever_the_conductances(order: Order, size: int, seed: int) -> None:
-    system = wild_system(size, seed)
+def test_solutions_are_accurate_for_all_conductances(order: Order, size: int, seed: int) -> None:
+    system = irregular_system(size, seed)
     factors = factor_supernodes(system.laplacian, order(system.laplacian))
     rhs = np.random.default_rng(seed).random(system.size)
     m, e = factors.substitute(rhs, np.zeros(system.size, dtype=np.int64))
@@ -67,7 +67,7 @@ def test_every_digit_is_right_whatever_the_conductances(order: Order, size: int,
 
 @ORDERS
 @pytest.mark.parametrize("unit", [2.0**-530, 2.0**500, 2.0**900])
-def test_units_change_no_digit(order: Order, unit: float) -> None:
+def test_solutions_do_not_depend_on_the_unit_of_conductance(order: Order, unit: float) -> None:
     system = assemble(rg.compile_space(space_of(serpentine(5, 20, 2))))
     plain, rhs = system.laplacian, system.laplacian.ground
     scaled = Laplacian(plain.ground * unit, compressed=Rows.of(plain.edges * unit))
@@ -78,15 +78,15 @@ def test_units_change_no_digit(order: Order, unit: float) -> None:
 @ORDERS
 @settings(max_examples=60)
 @given(st.integers(3, 24), st.integers(0, 2**32 - 1))
-def test_currents_may_differ_by_thousands_of_decades_from_row_to_row(order: Order, size: int, seed: int) -> None:
-    system = wild_system(size, seed)
+def test_solutions_are_accurate_for_extremely_different_right_hand_sides(order: Order, size: int, seed: int) -> None:
+    system = irregular_system(size, seed)
     rng = np.random.default_rng(seed)
     m, e = np.where(rng.random(system.size) < 0.3, 0.0, rng.random(system.size)), rng.integers(-40, 1, system.size)
     m[rng.integers(system.size)] = 1.0
     solution, scale = factor_supernodes(system.laplacian, order(system.laplacian)).substitute(m, e)
     with mpmath.workdps(4000):
-        fed = [mpmath.ldexp(mpmath.mpf(float(a)), 256 * int(b)) for a, b in zip(m, e, strict=True)]
-    for value, exponent, expected in zip(solution, scale, exact_solution(system, fed, 4000), strict=True):
+        injected = [mpmath.ldexp(mpmath.mpf(float(a)), 256 * int(b)) for a, b in zip(m, e, strict=True)]
+    for value, exponent, expected in zip(solution, scale, exact_solution(system, injected, 4000), strict=True):
         with mpmath.workdps(80):
             error = abs(mpmath.ldexp(mpmath.mpf(float(value)), 256 * int(exponent)) / expected - 1)
         assert error < 1e-15 * (20 + 5 * size)
@@ -94,7 +94,7 @@ def test_currents_may_differ_by_thousands_of_decades_from_row_to_row(order: Orde
 
 @ORDERS
 @pytest.mark.parametrize("alone", [[], [3], [7, 8], [0, 4, 8]])
-def test_rows_may_be_tied_to_the_ground_and_joined_to_no_other(order: Order, alone: list[int]) -> None:
+def test_isolated_grounded_rows_agree_with_numpy(order: Order, alone: list[int]) -> None:
     rng = np.random.default_rng(5)
     coupling = np.triu(rng.random((9, 9)), 1)
     coupling[alone] = coupling[:, alone] = 0.0
@@ -106,8 +106,8 @@ def test_rows_may_be_tied_to_the_ground_and_joined_to_no_other(order: Order, alo
     np.testing.assert_allclose(factor_supernodes(laplacian, order(laplacian)).solve(rhs), expected, rtol=1e-13)
 
 
-def test_a_potential_may_fall_by_hundreds_of_decades_from_column_to_column_of_a_supernode() -> None:
-    """Every node is held by 1e20 S and fed through 1e-20 S: it has 1e-40 of the potential before it."""
+def test_solutions_that_underflow_within_a_supernode_are_accurate() -> None:
+    """Every node is grounded by 1e20 S and coupled by 1e-20 S, so that each potential is 1e-40 of the preceding one."""
     size = 40
     along, held = np.stack([np.arange(1, size + 1), np.arange(2, size + 2)], axis=1), np.zeros((size, 2), dtype=int)
     held[:, 1] = np.arange(1, size + 1)
@@ -128,7 +128,7 @@ def test_a_potential_may_fall_by_hundreds_of_decades_from_column_to_column_of_a_
 
 
 def dense_factor(factors: SupernodalFactors) -> np.ndarray:
-    """The unit lower triangular factor, and NaN where no supernode has an entry."""
+    """The unit lower triangular factor, NaN outside the pattern of the supernodes."""
     first, start, rows, offset = factors.symbolic.nodes
     lower = np.full((first[-1], first[-1]), np.nan)
     for node in range(len(first) - 1):
@@ -144,7 +144,7 @@ def dense_factor(factors: SupernodalFactors) -> np.ndarray:
 
 
 def schur_complement(system: Equations, gone: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """What is left of the matrix over the rows kept once the others, no two of them neighbours, are eliminated."""
+    """Schur complement of the kept rows after elimination of the others, no two of which are neighbours."""
     coupling = system.laplacian.edges.toarray()
     assert not coupling[np.ix_(gone, gone)].any()
     pivot = system.laplacian.ground[gone] + coupling[gone].sum(axis=1)
@@ -158,8 +158,8 @@ def schur_complement(system: Equations, gone: np.ndarray, kept: np.ndarray) -> n
 @ORDERS
 @settings(max_examples=60)
 @given(st.integers(3, 60), st.integers(0, 2**32 - 1))
-def test_factors_are_those_of_the_matrix_and_fill_where_elimination_does(order: Order, size: int, seed: int) -> None:
-    system = wild_system(size, seed)
+def test_factors_reproduce_the_matrix_with_the_fill_of_elimination(order: Order, size: int, seed: int) -> None:
+    system = irregular_system(size, seed)
     symbolic = order(system.laplacian)
     assert symbolic is not None
     kept, gone = np.split(symbolic.order, [symbolic.kept])
@@ -180,8 +180,8 @@ def test_factors_are_those_of_the_matrix_and_fill_where_elimination_does(order: 
     assert symbolic.entries - above.sum() <= 1.25 * np.tril(filled).sum() + 25 * len(symbolic.widths)
 
 
-def test_it_makes_no_difference_where_elimination_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
-    system = wild_system(200, 7)
+def test_factors_do_not_depend_on_the_length_of_elimination_stretches(monkeypatch: pytest.MonkeyPatch) -> None:
+    system = irregular_system(200, 7)
     whole = factor_supernodes(system.laplacian)
     monkeypatch.setattr("resgrid.solvers.supernodal._STRETCH", 3)
     parts = factor_supernodes(system.laplacian)
@@ -189,7 +189,7 @@ def test_it_makes_no_difference_where_elimination_pauses(monkeypatch: pytest.Mon
     assert np.array_equal(whole.pivot, parts.pivot)
 
 
-def test_a_corridor_fills_as_wide_as_it_is_and_a_plane_or_a_tangle_is_not_narrow() -> None:
+def test_only_corridors_are_ordered_by_distance() -> None:
     corridor = assemble(rg.compile_space(space_of(serpentine(9, 60, 3)), boundary="neumann"))
     narrow = order_by_distance(corridor.laplacian)
     assert narrow is not None
@@ -204,8 +204,8 @@ def test_a_corridor_fills_as_wide_as_it_is_and_a_plane_or_a_tangle_is_not_narrow
     assert factor_direct(tangle.laplacian).factors.symbolic.entries > 60 * tangle.size
 
 
-def test_a_hub_is_kept_when_every_other_row_is_eliminated() -> None:
-    """Its neighbours, were they joined to each other, would take 80 GB."""
+def test_a_hub_is_not_eliminated_first() -> None:
+    """Elimination of the hub would couple all its neighbours, which needs 80 GB."""
     leaves = np.arange(2, 100_002)
     spokes, ring = np.stack([np.ones_like(leaves), leaves], axis=1), np.stack([leaves[:-1], leaves[1:]], axis=1)
     pairs = np.concatenate([spokes, ring, [[0, 2]]])
@@ -232,15 +232,15 @@ def test_potentials_below_the_range_of_doubles_need_no_refinement() -> None:
     assert error < 1e-25
 
 
-def test_a_part_that_nothing_holds_is_refused() -> None:
-    system = wild_system(8, 1)
+def test_a_part_without_ground_raises_accuracy_error() -> None:
+    system = irregular_system(8, 1)
     system.laplacian.ground[:] = 0.0
     with pytest.raises(rg.AccuracyError, match="orders of magnitude"):
         factor_direct(system.laplacian)
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_a_large_maze_has_one_answer_whatever_the_order(boundary: str) -> None:
+def test_solutions_of_a_large_maze_do_not_depend_on_the_order(boundary: str) -> None:
     system = assemble(rg.compile_space(space_of(serpentine(61, 400, 1)), boundary=boundary))
     for accuracy in ("direction", "normwise"):
         assert factor_laplacian(system.laplacian, "auto", accuracy=accuracy).name == "direct"
@@ -255,7 +255,7 @@ def test_a_large_maze_has_one_answer_whatever_the_order(boundary: str) -> None:
 
 
 @pytest.mark.parametrize("shape", [(150, 160), (20, 20, 20)])
-def test_the_order_by_fill_fills_as_little_as_nested_dissection_would(shape: tuple[int, ...]) -> None:
+def test_the_order_by_fill_meets_nested_dissection_bounds(shape: tuple[int, ...]) -> None:
     """George & Liu (1981): ``n log n`` entries of planes, ``n^(4/3)`` of volumes, a few times."""
     cell = np.zeros(shape, dtype=np.uint8)
     cell[(0,) * len(shape)] = 2
@@ -269,8 +269,8 @@ def test_the_order_by_fill_fills_as_little_as_nested_dissection_would(shape: tup
 
 
 @given(st.integers(3, 400), st.integers(0, 2**32 - 1))
-def test_rows_are_eliminated_in_steps_without_a_gap(size: int, seed: int) -> None:
-    laplacian = wild_system(size, seed).laplacian
+def test_elimination_steps_are_consecutive(size: int, seed: int) -> None:
+    laplacian = irregular_system(size, seed).laplacian
     symbolic = order_by_fill(laplacian)
     assert symbolic is not None
     rows, n, kept = laplacian.graph, laplacian.size, symbolic.kept
@@ -280,8 +280,8 @@ def test_rows_are_eliminated_in_steps_without_a_gap(size: int, seed: int) -> Non
     assert np.array_equal(np.sort(step[symbolic.order[kept:]]), np.arange(n - kept))
 
 
-def test_an_order_takes_as_much_room_as_its_elements_do() -> None:
-    """Of a graph without good separators these have many times the members that there are rows."""
+def test_an_order_with_many_element_members_gives_accurate_factors() -> None:
+    """On a graph without good separators the elements have many more members than there are rows."""
     size = 3000
     ends = np.random.default_rng(5).integers(1, size + 1, (3 * size, 2))
     pairs = np.concatenate([ends[ends[:, 0] != ends[:, 1]], [[0, 1]]])

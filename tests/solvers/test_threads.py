@@ -1,4 +1,4 @@
-"""Threads inside one solve: the same digits, whatever their number, and nothing left behind when it ends early.
+"""Threads within one solve: results equal to those of one thread to the bit, and no threads left after errors.
 
 Tests internals: `resgrid.solvers`, `resgrid.solvers.multigrid`, `resgrid.solvers.multigrid.levels`,
 `resgrid.solvers.threads`.
@@ -30,14 +30,14 @@ ROWS = dict(method_choice.THREADED_ROWS)
 
 @pytest.fixture(autouse=True, scope="module")
 def small_problems_use_threads() -> Iterator[None]:
-    """Use several threads for small problems, too."""
+    """Use several threads also for small problems."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(method_choice, "THREADED_ROWS", dict.fromkeys(ROWS, 0))
         yield
 
 
 def room(shape: tuple[int, ...], seed: int, *, rings: bool = False) -> rg.ConfigurationSpace:
-    """Random boxes, a goal in the first corner."""
+    """Space with random boxes and a goal in the first corner."""
     rng = np.random.default_rng(seed)
     cell = np.zeros(shape, dtype=np.uint8)
     while np.mean(cell) < 0.2:
@@ -50,7 +50,7 @@ def room(shape: tuple[int, ...], seed: int, *, rings: bool = False) -> rg.Config
 
 
 def maze(width: int, size: int) -> rg.ConfigurationSpace:
-    """Walls with random gaps, corridors between them: coarse grids have nodes beside the lattice."""
+    """Walls with random gaps: coarse grids have additional nodes outside the lattice."""
     rng = np.random.default_rng(width)
     cell = np.zeros((size, size), dtype=np.uint8)
     cell[width :: width + 1] = 1
@@ -62,7 +62,7 @@ def maze(width: int, size: int) -> rg.ConfigurationSpace:
 
 
 def assert_same(one: rg.OperatingPoint, other: rg.OperatingPoint) -> None:
-    """The same bits everywhere."""
+    """Assert that all results are equal to the bit."""
     assert one.iterations == other.iterations
     np.testing.assert_array_equal(one.voltage, other.voltage)
     np.testing.assert_array_equal(one.resistor_current, other.resistor_current)
@@ -72,7 +72,7 @@ def assert_same(one: rg.OperatingPoint, other: rg.OperatingPoint) -> None:
 
 @pytest.fixture
 def cuts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Slabs of every level that is cut, solve by solve."""
+    """Record the number of slabs of every level."""
     noted: list[int] = []
     cut = hierarchy.slabs_of
 
@@ -89,7 +89,7 @@ def cuts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 @pytest.mark.parametrize("rings", [False, True])
 @pytest.mark.parametrize("wiring", WIRINGS)
 @pytest.mark.parametrize("shape", SHAPES)
-def test_digits_do_not_depend_on_threads(
+def test_results_do_not_depend_on_the_number_of_threads(
     shape: tuple[int, ...], wiring: dict[str, object], rings: bool, accuracy: str, cuts: list[int]
 ) -> None:
     netlist = rg.compile_space(room(shape, 11, rings=rings), **wiring)
@@ -102,7 +102,7 @@ def test_digits_do_not_depend_on_threads(
 
 
 @pytest.mark.parametrize("width", [3, 9])
-def test_digits_do_not_depend_on_threads_where_blocks_fall_apart(width: int, cuts: list[int]) -> None:
+def test_results_with_disconnected_blocks_do_not_depend_on_threads(width: int, cuts: list[int]) -> None:
     netlist = rg.compile_space(maze(width, 501), boundary="neumann")
     one, *others = (
         rg.solve(netlist, accuracy="normwise", method="multigrid", rtol=1e-8, threads=threads) for threads in (1, 2, 5)
@@ -120,7 +120,7 @@ def test_digits_do_not_depend_on_threads_where_blocks_fall_apart(width: int, cut
     st.sampled_from(WIRINGS),
     st.sampled_from([2, 3, 5]),
 )
-def test_thin_slabs_leave_the_same_digits(
+def test_results_with_thin_slabs_do_not_depend_on_threads(
     shape: tuple[int, ...], seed: int, rings: bool, wiring: dict[str, object], threads: int
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
@@ -132,7 +132,7 @@ def test_thin_slabs_leave_the_same_digits(
         assert_same(one, other)
 
 
-def test_many_solves_at_a_time_share_one_computer() -> None:
+def test_concurrent_solves_give_the_results_of_a_single_one() -> None:
     netlist = rg.compile_space(room((420, 380), 3), boundary="neumann")
     alone = rg.solve(netlist, accuracy="normwise", method="multigrid")
     with ThreadPoolExecutor(4) as pool:
@@ -144,7 +144,9 @@ def test_many_solves_at_a_time_share_one_computer() -> None:
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
-def test_what_is_raised_in_a_slab_ends_the_solve(error: type[BaseException], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_exception_in_a_slab_ends_the_solve_and_its_threads(
+    error: type[BaseException], monkeypatch: pytest.MonkeyPatch
+) -> None:
     netlist = rg.compile_space(room((420, 380), 3), boundary="neumann")
     calls, part = iter(range(10**6)), krylov.sweep_colour
 
@@ -162,7 +164,7 @@ def test_what_is_raised_in_a_slab_ends_the_solve(error: type[BaseException], mon
     assert_same(one, two)
 
 
-def test_a_helper_without_a_core_is_not_waited_for() -> None:
+def test_parts_are_completed_without_a_blocked_helper() -> None:
     with ThreadTeam(2) as team:
         release, done = threading.Event(), []
         assert team._pool is not None
@@ -174,7 +176,7 @@ def test_a_helper_without_a_core_is_not_waited_for() -> None:
 
 
 @pytest.mark.parametrize("shape", [(40, 40), (300, 300), (48, 48, 48)])
-def test_problems_that_threads_do_not_speed_up_use_one(shape: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_small_problems_use_one_thread(shape: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(method_choice, "THREADED_ROWS", ROWS)
     netlist = rg.compile_space(room(shape, 3), boundary="neumann")
     alone, four = (rg.solve(netlist, accuracy="normwise", threads=threads) for threads in (1, 4))
@@ -197,8 +199,8 @@ def test_the_direct_method_uses_one_thread() -> None:
 
 
 @pytest.mark.parametrize("shape", [(26, 25, 24), (40, 41)])
-def test_digits_do_not_depend_on_who_takes_a_job_first(shape: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
-    """On rings of an odd number of cells, which are no grid of two colours: jobs in turn, and the other way round."""
+def test_results_do_not_depend_on_the_order_of_parts(shape: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Periodic axes with an odd number of cells have no two-colouring; parts run in reversed order."""
     rng = np.random.default_rng(3)
     space = room(shape, 3)
     periodic = tuple(n % 2 == 1 for n in shape)
@@ -216,7 +218,7 @@ def test_digits_do_not_depend_on_who_takes_a_job_first(shape: tuple[int, ...], m
 
 @njit(nogil=True)
 def lead(state: NDArray[np.int64], jobs: int, parts: int, done: NDArray[np.int64]) -> None:
-    """Announce one job after the other; notes who has done which part."""
+    """Announce the jobs one by one and count executions of every part."""
     for job in range(jobs):
         llvm_intrinsics.announce(state, 0, job, 0, parts)
         part = llvm_intrinsics.claim(state)
@@ -231,8 +233,8 @@ def lead(state: NDArray[np.int64], jobs: int, parts: int, done: NDArray[np.int64
 
 
 @njit(nogil=True)
-def helping(state: NDArray[np.int64], done: NDArray[np.int64]) -> int:
-    """Do parts until there are no more."""
+def help_with_jobs(state: NDArray[np.int64], done: NDArray[np.int64]) -> int:
+    """Execute parts until the jobs end; return their number."""
     count = 0
     part = llvm_intrinsics.await_part(state)
     while part >= 0:
@@ -243,18 +245,18 @@ def helping(state: NDArray[np.int64], done: NDArray[np.int64]) -> int:
     return count
 
 
-def test_every_part_of_a_job_is_done_once_before_the_next_one_begins() -> None:
+def test_every_part_is_executed_once_before_the_next_job_begins() -> None:
     state, done = np.zeros(llvm_intrinsics.PLACES, dtype=np.int64), np.zeros((300, 7), dtype=np.int64)
     llvm_intrinsics.begin_jobs(state)
     with ThreadPoolExecutor(3) as pool:
-        helpers = [pool.submit(helping, state, done) for _ in range(3)]
+        helpers = [pool.submit(help_with_jobs, state, done) for _ in range(3)]
         lead(state, *done.shape, done)
         for helper in helpers:
             helper.result()
     assert np.all(done == 10)
 
 
-def test_a_helper_leaves_where_nobody_leads() -> None:
+def test_a_helper_returns_without_a_leader() -> None:
     state = np.zeros(llvm_intrinsics.PLACES, dtype=np.int64)
     llvm_intrinsics.begin_jobs(state)
-    assert helping(state, np.zeros((1, 1), dtype=np.int64)) == 0
+    assert help_with_jobs(state, np.zeros((1, 1), dtype=np.int64)) == 0

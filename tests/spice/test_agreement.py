@@ -1,5 +1,8 @@
-"""Tests internals: `resgrid.spice.check.agreement`, `resgrid.spice.check.kcl_location`, `resgrid.spice.run.ngspice`,
-`resgrid.spice.write.flat`, `resgrid.spice.write.sidecar`."""
+"""`rg.check_deck`: agreement of ngspice with dense and with resgrid's solutions, and detection of changes.
+
+Tests internals: `resgrid.spice.check.agreement`, `resgrid.spice.check.kcl_location`, `resgrid.spice.run.ngspice`,
+`resgrid.spice.write.flat`, `resgrid.spice.write.sidecar`.
+"""
 
 from __future__ import annotations
 
@@ -66,7 +69,7 @@ def test_ngspice_agrees_on_compiled_spaces(rules: dict[str, str], seed: int) -> 
     assert agreement.agrees
 
 
-def test_a_wrong_solution_is_told_with_its_worst_node() -> None:
+def test_a_wrong_solution_is_reported_with_its_worst_node() -> None:
     netlist = ladder(4)
     point = dense_solution(netlist)
     voltage = point.voltage.copy()
@@ -88,7 +91,7 @@ def test_an_untouched_deck_agrees(deck: Path) -> None:
 
 @settings(max_examples=25)
 @given(st.data())
-def test_any_byte_that_changes_fails_the_check(original: Path, data: st.DataObject) -> None:
+def test_any_changed_byte_of_a_deck_fails_the_check(original: Path, data: st.DataObject) -> None:
     text = original.read_bytes()
     place = data.draw(st.integers(0, len(text) - 1))
     byte = data.draw(st.integers(0, 255).filter(lambda value: value != text[place]))
@@ -105,14 +108,14 @@ def test_any_byte_that_changes_fails_the_check(original: Path, data: st.DataObje
 
 
 @pytest.mark.parametrize("suffix", [".json", ".verify", ".ngspice"])
-def test_any_byte_that_changes_beside_the_deck_fails_the_check(deck: Path, suffix: str) -> None:
+def test_any_changed_byte_of_companion_files_fails_the_check(deck: Path, suffix: str) -> None:
     file = deck.with_name(deck.name + suffix)
     text = file.read_bytes()
     for place in np.random.default_rng(3).integers(0, len(text), 6).tolist():
         file.write_bytes(text[:place] + bytes([text[place] ^ 1]) + text[place + 1 :])
         try:
             agreement = rg.check_deck(deck)
-        except rg.InputError as error:  # what is left is no sidecar
+        except rg.InputError as error:  # the changed bytes are not a valid sidecar
             assert suffix == ".json" and file.name in str(error)
         else:
             assert not agreement.agrees
@@ -121,7 +124,7 @@ def test_any_byte_that_changes_beside_the_deck_fails_the_check(deck: Path, suffi
     assert rg.check_deck(deck).agrees
 
 
-def test_a_cell_map_that_was_changed_fails_the_check(deck: Path) -> None:
+def test_a_changed_cell_map_fails_the_check(deck: Path) -> None:
     sidecar = deck.with_name("grid.cir.json")
     content = json.loads(sidecar.read_text())
     content["nodes"]["node_12"]["cell"] = [9, 9]
@@ -132,8 +135,8 @@ def test_a_cell_map_that_was_changed_fails_the_check(deck: Path) -> None:
     assert agreement.findings == ("grid.cir.json differs from what resgrid wrote (its own SHA-256)",)
 
 
-def test_files_that_a_kill_left_of_two_decks_are_told(tmp_path: Path) -> None:
-    """Files are renamed one by one, the deck last: whatever the kill leaves contradicts a hash."""
+def test_mixed_files_of_two_decks_fail_the_check(tmp_path: Path) -> None:
+    """Files are renamed one by one, the deck last: any intermediate state contradicts a hash."""
     old, new = tmp_path / "old", tmp_path / "new"
     for folder, seed in ((old, 3), (new, 4)):
         folder.mkdir()
@@ -153,7 +156,7 @@ def test_a_truncated_deck_fails_the_check(deck: Path, cut: int) -> None:
     assert "differ from the deck that resgrid wrote" in agreement.findings[0]
 
 
-def test_a_changed_resistor_is_found_beside_parts_that_carry_no_current() -> None:
+def test_a_changed_resistor_is_found_despite_parts_without_current() -> None:
     space = space_of(serpentine(7, 40, 3))
     free = np.argwhere(space.cell == 0)
     netlist = rg.compile_space(space, boundary="neumann", drive="start", start=free[len(free) // 2].tolist())
@@ -181,7 +184,7 @@ def test_a_changed_resistor_is_found_beside_parts_that_carry_no_current() -> Non
         ("r_x y 0 5", "names the node y"),
     ],
 )
-def test_a_line_that_is_not_ours_is_found_without_the_hash(line: str, message: str) -> None:
+def test_an_added_line_is_found_without_the_hash(line: str, message: str) -> None:
     deck = flatten(
         rg.Netlist(
             3, [[1, 2], [2, 0]], [1e-3, 1e-3], source_nodes=[[1, 0]], source_volts=[1.0], node_names=("0", "n_1", "n_2")
@@ -193,7 +196,7 @@ def test_a_line_that_is_not_ours_is_found_without_the_hash(line: str, message: s
     assert message in "\n".join(inspect_deck(changed, expected, 1e-9))
 
 
-def test_an_operating_point_of_another_circuit_with_as_many_nodes_is_refused() -> None:
+def test_an_operating_point_of_another_circuit_raises_input_error() -> None:
     netlist = random_grid(3)
     other = netlist.replace(conductance=2.0 * netlist.conductance)
     with pytest.raises(rg.InputError, match="another netlist; solve this one first"):
@@ -210,13 +213,13 @@ def test_every_changed_resistor_is_found_without_the_hash(original: Path) -> Non
             name, first, second, value = line.split()
             changed = [*rows[:number], f"{name} {first} {second} {1.01 * float(value)!r}", *rows[number + 1 :]]
             findings = inspect_deck("\n".join(changed).encode(), expected, 1e-9)
-            # The two ends of the changed resistor stick out, unless they are rails.
+            # The two ends of the changed resistor are reported, unless they are rails.
             assert findings, line
             assert all(f"node {first} " in finding or f"node {second} " in finding for finding in findings)
             assert str(number + 1) in findings[0]
 
 
-def test_a_hash_made_to_fit_does_not_hide_a_change(deck: Path) -> None:
+def test_an_adapted_hash_does_not_hide_a_change(deck: Path) -> None:
     import hashlib
 
     rows = lines_of(deck)
@@ -234,7 +237,7 @@ def test_a_hash_made_to_fit_does_not_hide_a_change(deck: Path) -> None:
     assert any(finding.startswith("node ") and "ngspice finds" in finding for finding in agreement.findings)
 
 
-def test_a_floated_node_fails_the_check_and_is_named(deck: Path) -> None:
+def test_a_floating_node_is_named(deck: Path) -> None:
     rows = [line for line in lines_of(deck) if not (line.startswith("r_") and "node_20" in line.split()[1:3])]
     deck.write_text("\n".join(rows).replace("i_node_20 ", "* i_node_20 "))
     findings = rg.check_deck(deck).findings
@@ -242,7 +245,7 @@ def test_a_floated_node_fails_the_check_and_is_named(deck: Path) -> None:
     assert any("absent from the simulation: node_20" in finding for finding in findings)
 
 
-def test_an_island_that_was_added_is_named(deck: Path) -> None:
+def test_an_added_island_is_named(deck: Path) -> None:
     deck.write_text(deck.read_text().replace(".end", "r_x x y 1000.0\n.end"))
     findings = "\n".join(rg.check_deck(deck).findings)
     assert "names the node x, which has no expected voltage" in findings
@@ -250,7 +253,7 @@ def test_an_island_that_was_added_is_named(deck: Path) -> None:
     assert "simulated but not expected: x, y" in findings
 
 
-def test_a_deck_with_commands_fails_without_being_run(deck: Path) -> None:
+def test_a_deck_with_commands_fails_without_execution(deck: Path) -> None:
     deck.write_text(deck.read_text().replace(".end", f".control\nshell touch {deck.parent}/ran\n.endc\n.end"))
     agreement = rg.check_deck(deck)
     assert not agreement.agrees
@@ -260,7 +263,7 @@ def test_a_deck_with_commands_fails_without_being_run(deck: Path) -> None:
     assert not (deck.parent / "ran").exists()
 
 
-def test_a_scene_is_compared_with_a_deck_of_its_own_and_of_another(deck: Path) -> None:
+def test_a_reference_agrees_with_its_own_deck_only(deck: Path) -> None:
     own = rg.check_deck(deck, reference=dense_solution(random_grid(3)))
     assert own.findings == ()
     assert own.reference == "scene"
@@ -305,7 +308,7 @@ def test_nan_is_the_largest_difference() -> None:
         ({"dialect": "verilog"}, "choose one of"),
     ],
 )
-def test_a_damaged_sidecar_is_one_message(deck: Path, change: object, message: str) -> None:
+def test_a_damaged_sidecar_raises_input_error(deck: Path, change: object, message: str) -> None:
     sidecar = deck.with_name("grid.cir.json")
     content = json.loads(sidecar.read_text())
     sidecar.unlink()
@@ -328,19 +331,19 @@ def test_a_changed_voltage_in_the_sidecar_fails_the_check(deck: Path) -> None:
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1.0, float("nan"), 2.0])
-def test_a_tolerance_out_of_range_is_refused(deck: Path, tolerance: float) -> None:
+def test_a_tolerance_out_of_range_raises_input_error(deck: Path, tolerance: float) -> None:
     with pytest.raises(rg.InputError, match="tolerance"):
         rg.check_deck(deck, tolerance=tolerance)
 
 
-def test_a_missing_simulator_is_no_agreement(deck: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_simulator_raises_tool_missing_error(deck: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RESGRID_NGSPICE", "no-such-program")
     with pytest.raises(rg.ToolMissingError):
         rg.check_deck(deck)
 
 
 @pytest.mark.parametrize(("version", "known"), [("39", True), ("46", True), ("44.2", False), ("unknown", False)])
-def test_a_version_that_resgrid_was_not_tried_with_is_told(version: str, known: bool) -> None:
+def test_an_untested_version_of_the_simulator_is_reported(version: str, known: bool) -> None:
     expected = expect(flatten(ladder(2)), dense_solution(ladder(2)))
     current = {name: amps or 0.0 for name, amps in expected.source_current.items()}
     agreement = compare(expected, SimulatorRun(expected.voltage, current, "ngspice", version, ()))
@@ -353,7 +356,7 @@ BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance
 
 @settings(max_examples=30, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
 @given(spaces(), st.sampled_from(BOUNDARIES))
-def test_ngspice_agrees(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
+def test_ngspice_agrees_on_random_spaces(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
     try:
         netlist = rg.compile_space(space, **options)
         point = rg.solve(netlist)
@@ -367,7 +370,7 @@ def test_ngspice_agrees(space: rg.ConfigurationSpace, options: dict[str, object]
     assert agreement.max_relative_error < 1e-9
 
 
-def test_the_supply_of_a_saturating_chip_is_what_its_sources_give(tmp_path: Path) -> None:
+def test_the_sidecar_contains_the_supply_of_a_saturating_chip(tmp_path: Path) -> None:
     cell = np.zeros((5, 5), dtype=np.uint8)
     cell[1, 1], cell[3, 3] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     netlist = rg.compile_space(space_of(cell), rails="cells", supply=5.0)
@@ -377,7 +380,7 @@ def test_the_supply_of_a_saturating_chip_is_what_its_sources_give(tmp_path: Path
     assert rg.check_deck(written.path).agrees
 
 
-def test_a_simulator_without_an_answer_verifies_nothing() -> None:
+def test_a_simulation_without_operating_point_is_not_verified() -> None:
     op = dense_solution(random_grid(3))
     expected = expect(flatten(op.netlist), op)
     silent = SimulatorRun({}, {}, "ngspice", "39", ("no convergence",))
@@ -387,7 +390,7 @@ def test_a_simulator_without_an_answer_verifies_nothing() -> None:
     assert compare(expected, silent, findings=["line 3 was changed"]).agrees is False
 
 
-def test_what_is_no_file_or_no_deck_is_checked_as_it_was_read(tmp_path: Path) -> None:
+def test_streams_and_networks_are_checked_as_read_but_not_verified(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("a ground 1000\n")
     (tmp_path / "amps.txt").write_text("a 1e-3\n")
     network = rg.read_spice(tmp_path / "a.csv", sources=tmp_path / "amps.txt")

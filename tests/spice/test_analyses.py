@@ -1,4 +1,4 @@
-"""Analyses: what ngspice computes from them, what other simulators' grammars allow, and what is refused."""
+"""Analyses in decks, compared with ngspice results and with the grammars of other simulators; invalid ones."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def tiles(blocked: tuple[int, int] = (2, 3), **options: object) -> tuple[rg.Netl
     return tiled(space(blocked), chip, **options)
 
 
-def whole(deck: Any) -> str:
+def deck_text(deck: Any) -> str:
     files = [deck.path, deck.commands, deck.chip, deck.pattern]
     return "".join(file.read_text() for file in files if file is not None)
 
@@ -58,7 +58,9 @@ def whole(deck: Any) -> str:
 @pytest.mark.parametrize("form", ["flat", "cells"])
 @pytest.mark.parametrize("dialect", ["xyce", "spectre"])
 @pytest.mark.parametrize("asked", ALL.values(), ids=ALL)
-def test_decks_keep_the_grammar(tmp_path: Path, dialect: str, form: str, asked: list[object]) -> None:
+def test_decks_conform_to_the_grammar_of_their_simulator(
+    tmp_path: Path, dialect: str, form: str, asked: list[object]
+) -> None:
     after = tiles((1, 1))[0] if form == "cells" else scene(supply=2.0)
     asked = [
         rg.spice.analyses.TransientAnalysis(2e-6, 4e-9, after)
@@ -73,17 +75,17 @@ def test_decks_keep_the_grammar(tmp_path: Path, dialect: str, form: str, asked: 
             continue
         netlist, chip = tiles(**options) if form == "cells" else (scene(**options), None)
         written = rg.write_spice(netlist, tmp_path / "a.cir", dialect, form=form, chip=chip, analyses=asked)
-        assert strangers(whole(written), dialect) == []
+        assert strangers(deck_text(written), dialect) == []
 
 
-def test_the_grammar_can_refuse() -> None:
+def test_the_grammar_reports_foreign_lines() -> None:
     assert strangers("r_1 a b 1k\n", "xyce") == ["r_1 a b 1k"]
     assert strangers("r_1 a b 1.0\n", "spectre") == ["r_1 a b 1.0"]
     assert strangers(".ac dec 10 1 2\n", "xyce") != []
 
 
 @pytest.mark.parametrize("dialect", ["ngspice", "ltspice", "hspice"])
-def test_a_transient_goes_from_scene_to_scene(tmp_path: Path, dialect: str) -> None:
+def test_a_transient_starts_and_ends_at_both_operating_points(tmp_path: Path, dialect: str) -> None:
     (before, chip), (after, _) = tiles(), tiles((1, 1), supply=2.0)
     asked = [rg.spice.analyses.TransientAnalysis(4e-6, 4e-9, after)]
     written = rg.write_spice(before, tmp_path / "a.cir", dialect, form="cells", chip=chip, analyses=asked)
@@ -95,7 +97,7 @@ def test_a_transient_goes_from_scene_to_scene(tmp_path: Path, dialect: str) -> N
             assert found[netlist.node_name(node)][moment] == pytest.approx(voltage[node], rel=0, abs=1e-6)
 
 
-def test_ngspice_measures_what_its_waves_show(tmp_path: Path) -> None:
+def test_measures_of_ngspice_agree_with_its_waveforms(tmp_path: Path) -> None:
     asked = [
         rg.spice.analyses.OperatingAnalysis(),
         *ALL["transient"],
@@ -112,14 +114,14 @@ def test_ngspice_measures_what_its_waves_show(tmp_path: Path) -> None:
     said = run(written.commands).stdout
     measured = {name: float(value) for name, value in re.findall(r"^(\w+) += +(\S+)", said, re.MULTILINE)}
     found = waves(tmp_path / "out.raw", "Transient Analysis")
-    time, corner, beside = (np.array(found[name]) for name in ("time", "n_0_0", "n_0_1"))
+    time, corner, second = (np.array(found[name]) for name in ("time", "n_0_0", "n_0_1"))
     assert measured["top"] == pytest.approx(corner.max(), rel=1e-5)
     assert measured["low"] == pytest.approx(corner.min(), rel=1e-5)
-    assert measured["late"] == pytest.approx(np.interp(1e-6, time, beside), rel=1e-4)
-    assert np.interp(measured["passed"], time, beside) == pytest.approx(middle, rel=1e-3)
+    assert measured["late"] == pytest.approx(np.interp(1e-6, time, second), rel=1e-4)
+    assert np.interp(measured["passed"], time, second) == pytest.approx(middle, rel=1e-3)
 
 
-def test_drives_step_too(tmp_path: Path) -> None:
+def test_a_transient_between_uniform_drives_ends_at_the_second_one(tmp_path: Path) -> None:
     (before, chip), (after, _) = tiles(boundary="neumann"), tiles((1, 1), boundary="neumann")
     asked = [rg.spice.analyses.TransientAnalysis(2e-5, 2e-8, after)]
     written = rg.write_spice(before, tmp_path / "a.cir", form="cells", chip=chip, analyses=asked)
@@ -130,7 +132,7 @@ def test_drives_step_too(tmp_path: Path) -> None:
         assert found[after.node_name(node)][-1] == pytest.approx(voltage[node], rel=1e-3, abs=1e-3)
 
 
-def test_noise_is_that_of_the_resistance_seen(tmp_path: Path) -> None:
+def test_noise_is_the_thermal_noise_of_the_driving_point_resistance(tmp_path: Path) -> None:
     written = rg.write_spice(
         scene(), tmp_path / "a.cir", analyses=[rg.spice.analyses.NoiseAnalysis("n_2_2", 1.0, 10.0)]
     )
@@ -145,7 +147,7 @@ def test_noise_is_that_of_the_resistance_seen(tmp_path: Path) -> None:
     assert density == pytest.approx(math.sqrt(4 * 1.380649e-23 * 300.15 * resistance), rel=1e-4)
 
 
-def test_noise_is_referred_to_a_source_that_the_deck_holds(tmp_path: Path) -> None:
+def test_noise_refers_to_a_grounded_source_of_the_deck(tmp_path: Path) -> None:
     ends, sources = [[1, 2], [2, 0], [3, 4]], [[3, 4], [1, 0]]
     netlist = rg.Netlist(5, ends, [1e-3, 1e-3, 1e-3], source_nodes=sources, source_volts=[1.0, 2.0])
     written = rg.write_spice(
@@ -159,7 +161,7 @@ def test_noise_is_referred_to_a_source_that_the_deck_holds(tmp_path: Path) -> No
         rg.write_spice(without, tmp_path / "b.cir", analyses=[rg.spice.analyses.NoiseAnalysis("node_1")])
 
 
-def test_temperatures_are_swept(tmp_path: Path) -> None:
+def test_temperature_sweeps_agree_with_scaled_conductances(tmp_path: Path) -> None:
     netlist = scene()
     heated = netlist.replace(
         tc1=np.linspace(0, 5e-3, len(netlist.conductance)), tc2=np.full(len(netlist.conductance), 1e-6)
@@ -174,7 +176,7 @@ def test_temperatures_are_swept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", ["flat", "cells"])
-def test_mismatch_has_a_seed(tmp_path: Path, form: str) -> None:
+def test_equal_seeds_give_equal_mismatch(tmp_path: Path, form: str) -> None:
     texts = []
     for i, seed in enumerate((1, 1, 2)):
         netlist, chip = tiles() if form == "cells" else (scene(), None)
@@ -193,7 +195,7 @@ def test_mismatch_has_a_seed(tmp_path: Path, form: str) -> None:
 
 
 @pytest.mark.parametrize("form", ["flat", "cells"])
-def test_ngspice_draws_mismatch(tmp_path: Path, form: str) -> None:
+def test_mismatch_runs_of_ngspice_are_reproducible(tmp_path: Path, form: str) -> None:
     found = []
     for name in ("a.cir", "b.cir"):
         netlist, chip = tiles() if form == "cells" else (scene(), None)
@@ -207,7 +209,7 @@ def test_ngspice_draws_mismatch(tmp_path: Path, form: str) -> None:
     assert np.allclose(found[0], rg.solve(scene()).voltage[scene().cells.node[4, 3]], rtol=0.1)
 
 
-def test_a_saturating_resistor_is_a_behavioural_source(tmp_path: Path) -> None:
+def test_saturating_resistors_agree_with_behavioural_sources_of_ngspice(tmp_path: Path) -> None:
     netlist = ladder(4).replace(
         nonlinear_nodes=[[2, 0], [3, 4]], nonlinear_current=[2e-4, 1e-3], nonlinear_voltage=[0.1, 0.2]
     )
@@ -221,10 +223,10 @@ def test_a_saturating_resistor_is_a_behavioural_source(tmp_path: Path) -> None:
             assert found[netlist.node_name(node)][0] == pytest.approx(voltage[node], rel=0, abs=1e-9)
     assert verdict(rg.write_spice(netlist, tmp_path / "a.cir").companion) == (0, "PASS")
     for dialect in ("xyce", "spectre"):
-        assert strangers(whole(rg.write_spice(netlist, tmp_path / "b.cir", dialect)), dialect) == []
+        assert strangers(deck_text(rg.write_spice(netlist, tmp_path / "b.cir", dialect)), dialect) == []
 
 
-def test_the_sidecar_tells_what_was_asked(tmp_path: Path) -> None:
+def test_the_sidecar_contains_analyses_and_expected_values(tmp_path: Path) -> None:
     asked = [rg.spice.analyses.TransientAnalysis(1e-6, 1e-9), rg.spice.analyses.NoiseAnalysis("n_0_0")]
     expected = {"noise": {"density": 1e-8}}
     netlist, chip = tiles()
@@ -259,7 +261,7 @@ def test_the_sidecar_tells_what_was_asked(tmp_path: Path) -> None:
         ([rg.spice.analyses.TransientAnalysis(1.0, 0.1, scene((1, 1)))], {}, "form='cells'"),
     ],
 )
-def test_what_does_not_fit_is_refused(
+def test_inconsistent_analyses_raise_input_error_and_write_no_file(
     tmp_path: Path, asked: list[object], options: dict[str, str], message: str
 ) -> None:
     with pytest.raises(rg.InputError, match=message):
@@ -283,6 +285,6 @@ def test_what_does_not_fit_is_refused(
         (rg.spice.analyses.Probe, ((),)),
     ],
 )
-def test_analyses_that_cannot_be_are_refused(make: type, values: tuple[object, ...]) -> None:
+def test_invalid_analyses_raise_input_error(make: type, values: tuple[object, ...]) -> None:
     with pytest.raises(rg.InputError):
         make(*values)

@@ -1,4 +1,4 @@
-"""The companion: PASS for what was written, FAIL for anything else."""
+"""The companion file, run by ngspice: PASS for the written deck, FAIL after any change."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def deck(tmp_path: Path):
     return rg.write_spice(rg.solve(netlist), tmp_path / "a.cir")
 
 
-def test_it_passes_what_was_written(deck) -> None:
+def test_the_companion_passes_for_the_written_deck(deck) -> None:
     assert verdict(deck.companion) == (0, "PASS")
 
 
 @pytest.mark.parametrize("number", [0, 40, 80])
-def test_it_fails_when_a_resistor_is_changed(deck, number: int) -> None:
+def test_the_companion_fails_for_a_changed_resistor(deck, number: int) -> None:
     lines = deck.path.read_text().splitlines()
     at = [i for i, line in enumerate(lines) if line.startswith("r_")][number]
     start, value = lines[at].rsplit(" ", 1)
@@ -39,26 +39,26 @@ def test_it_fails_when_a_resistor_is_changed(deck, number: int) -> None:
         (".end", "r_new node_5 node_9 1e4\n.end"),
     ],
 )
-def test_it_fails_when_anything_else_is_changed(deck, old: str, new: str) -> None:
+def test_the_companion_fails_for_other_changes(deck, old: str, new: str) -> None:
     text = deck.path.read_text()
     assert old in text
     deck.path.write_text(text.replace(old, new, 1))
     assert verdict(deck.companion) == (1, "FAIL")
 
 
-def test_it_fails_without_a_deck(deck) -> None:
+def test_the_companion_does_not_pass_without_the_deck(deck) -> None:
     deck.path.unlink()
     assert verdict(deck.companion)[1] != "PASS"
 
 
-def test_it_can_be_left_out(tmp_path: Path) -> None:
+def test_verify_false_and_other_dialects_write_no_companion(tmp_path: Path) -> None:
     written = rg.write_spice(ladder(), tmp_path / "a.cir", verify=False)
     assert written.companion is None and not (tmp_path / "a.cir.verify").exists()
     assert rg.write_spice(ladder(), tmp_path / "b.cir", "xyce").companion is None
 
 
-def test_it_fails_when_a_leak_hides_behind_wide_wires(tmp_path: Path) -> None:
-    """Wires of 0.5 ohm could carry 3.6 A, and the load draws 40 uA: 3 nA more are to be seen."""
+def test_the_companion_fails_for_a_leak_behind_wide_wires(tmp_path: Path) -> None:
+    """Wires of 0.5 ohm could carry 3.6 A and the load draws 40 uA: 3 nA more must be detected."""
     pairs = [[1, 2], [2, 3], [3, 0]]
     netlist = rg.Netlist(4, pairs, [2.0, 2.0, 1 / 45e3], source_nodes=[[1, 0]], source_volts=[1.8])
     deck = rg.write_spice(netlist, tmp_path / "a.cir")

@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.spice.run.ngspice`, `resgrid.spice.write.flat`, `resgrid.spice.write.names`."""
+"""Flat decks and their sidecars: text compared with literals, names, reciprocals compared with exact fractions.
+
+Tests internals: `resgrid.spice.run.ngspice`, `resgrid.spice.write.flat`, `resgrid.spice.write.names`.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ def test_names_that_ngspice_misreads_are_not_written() -> None:
     assert simulate(deck.text.encode()).voltage == pytest.approx({"temper_2": 1.0, "temper_3": 0.5})
 
 
-def test_a_ladder_is_written_as_by_hand() -> None:
+def test_the_deck_of_a_ladder_equals_a_handwritten_one() -> None:
     assert flatten(ladder(3), title="ladder").text == (
         "* ladder\n"
         "* ngspice dialect: 4 nodes besides ground, 1 voltage sources, 1 current sources, 4 resistors\n"
@@ -43,7 +46,7 @@ def test_a_ladder_is_written_as_by_hand() -> None:
     )
 
 
-def test_names_come_from_cells_and_rails() -> None:
+def test_element_names_come_from_cells_and_rails() -> None:
     netlist = rg.compile_space(space_of([[1, 0, 2], [0, 0, 0]]), edge="open", resistance=10e3)
     lines = flatten(netlist).text.splitlines()
     assert lines[0] == "* resistor grid of 2 x 3 cells, dirichlet boundary"
@@ -51,7 +54,7 @@ def test_names_come_from_cells_and_rails() -> None:
     assert any(re.fullmatch(r"r_1_0_1_1 n_1_0 n_1_1 10000\.0", line) for line in lines)
 
 
-def test_the_order_of_elements_does_not_matter() -> None:
+def test_the_deck_does_not_depend_on_the_order_of_elements() -> None:
     netlist = random_grid(1)
     order = np.random.default_rng(0).permutation(len(netlist.conductance))
     shuffled = netlist.replace(
@@ -61,7 +64,7 @@ def test_the_order_of_elements_does_not_matter() -> None:
 
 
 @given(st.lists(st.floats(1e-300, 1e300), min_size=1, max_size=20))
-def test_a_resistance_is_the_best_reciprocal(values: list[float]) -> None:
+def test_resistances_are_the_best_reciprocals_of_conductances(values: list[float]) -> None:
     for conductance, resistance in zip(values, resistances(np.array(values)).tolist(), strict=True):
         error = abs(1 / resistance - conductance)
         neighbours = [np.nextafter(1 / conductance, 0), 1 / conductance, np.nextafter(1 / conductance, np.inf)]
@@ -69,12 +72,12 @@ def test_a_resistance_is_the_best_reciprocal(values: list[float]) -> None:
         assert abs(Fraction(resistance) * Fraction(conductance) - 1) < Fraction(1, 10**15)
 
 
-def test_a_resistance_meant_round_is_written_round() -> None:
+def test_reciprocals_of_round_resistances_are_round() -> None:
     meant = np.array([3300.0, 10e3, 47e3, 1.2345678e5, 99e-3])
     np.testing.assert_array_equal(resistances(1 / meant), meant)
 
 
-def test_temperature_coefficients_and_capacitors() -> None:
+def test_temperature_coefficients_and_capacitors_are_written() -> None:
     netlist = ladder(2).replace(
         tc1=[1e-3, 0.0, -0.0], tc2=[0.0, 1e-6, 0.0], capacitor_nodes=[[2, 0], [2, 3]], capacitance=[1e-12, 2e-12]
     )
@@ -84,7 +87,7 @@ def test_temperature_coefficients_and_capacitors() -> None:
     assert {"c_node_2 node_2 0 1e-12", "c_node_2_node_3 node_2 node_3 2e-12"} <= set(lines)
 
 
-def test_floating_parts_and_closing_sources_are_left_out() -> None:
+def test_floating_parts_and_redundant_sources_are_omitted() -> None:
     netlist = ladder(2).replace(
         node_count=7,
         resistor_nodes=[*ladder(2).resistor_nodes.tolist(), [4, 5]],
@@ -140,19 +143,19 @@ def test_a_title_stays_one_comment_line(title: str) -> None:
         (rg.Netlist(2, [], []), rg.InputError, "no node has a path"),
     ],
 )
-def test_a_netlist_without_a_deck_is_refused(netlist: rg.Netlist, error: type[Exception], message: str) -> None:
+def test_netlists_without_a_valid_deck_raise(netlist: rg.Netlist, error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         flatten(netlist)
 
 
-def test_an_unknown_dialect_is_refused_with_the_nearest_or_the_list() -> None:
+def test_an_unknown_dialect_raises_input_error_with_suggestions() -> None:
     with pytest.raises(rg.InputError, match=r"did you mean 'ngspice'\?"):
         flatten(ladder(), dialect="ngspize")
     with pytest.raises(rg.InputError, match=r"choose one of .*ngspice"):
         flatten(ladder(), dialect="verilog")
 
 
-def test_the_sidecar_holds_cells_voltages_and_no_nan(tmp_path: Path) -> None:
+def test_the_sidecar_contains_cells_and_voltages_without_nan(tmp_path: Path) -> None:
     netlist = rg.compile_space(space_of([[1, 0, 0, 2]]), edge="open", resistance=10e3)
     written = rg.write_spice(netlist, tmp_path / "a.cir", title="t")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.cir", "a.cir.json", "a.cir.ngspice", "a.cir.verify"]
@@ -169,7 +172,7 @@ def test_the_sidecar_holds_cells_voltages_and_no_nan(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", [".", "missing/a.cir", 'a".cir', "/dev/null"])
-def test_a_wrong_place_leaves_nothing(tmp_path: Path, name: str) -> None:
+def test_an_invalid_path_raises_input_error_and_leaves_no_file(tmp_path: Path, name: str) -> None:
     with pytest.raises(rg.InputError, match="cannot write"):
         rg.write_spice(dense_solution(ladder()), tmp_path / name)
     assert list(tmp_path.iterdir()) == []
@@ -186,17 +189,17 @@ def test_names_are_legal_unique_and_stable(wanted: list[str]) -> None:
     assert legal_names(names, "n", ["gnd"]) == names
 
 
-def test_many_equal_names_are_numbered_fast() -> None:
+def test_50000_equal_names_are_numbered() -> None:
     names = legal_names(["a"] * 50_000, "n")
     assert names[:3] == ["a", "a_2", "a_3"]
     assert len(set(names)) == 50_000
 
 
-def test_a_legal_name_keeps_its_place_before_a_mapped_one() -> None:
+def test_a_legal_name_has_precedence_over_a_mapped_one() -> None:
     assert legal_names(["N1", "n1", "n1"], "n") == ["n1_2", "n1", "n1_3"]
 
 
-def test_nodes_of_rails_are_named_by_rail_and_cell(tmp_path: Path, scenes: Path) -> None:
+def test_rail_nodes_are_named_after_rail_and_cell(tmp_path: Path, scenes: Path) -> None:
     scene = rg.read_scene(scenes / "lesson.toml")
     chip = rg.Chip(rail_resistance=0.5, goal_switch_on=10.0, goal_switch_off=1e10, obstacle_switch_on=1e3)
     study = rg.study(rg.build_space(scene), chip)

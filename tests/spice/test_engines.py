@@ -1,4 +1,4 @@
-"""The optional engine, through a program that keeps its protocol: Node and the package need not be there.
+"""The optional engine eecircuit, replaced by a program with the same protocol, so that Node is not needed.
 
 Tests internals: `resgrid.spice.run`, `resgrid.spice.run.eecircuit`.
 """
@@ -32,7 +32,7 @@ print(done.stdout, done.stderr)
 
 @pytest.fixture
 def engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A package that is found, and a Node that does what the script would do."""
+    """A discoverable package and a substitute for Node that runs ngspice."""
     package = tmp_path / "modules" / "eecircuit-engine"
     package.mkdir(parents=True)
     (package / "package.json").write_text(json.dumps({"module": "./engine.mjs"}))
@@ -50,19 +50,19 @@ def fake_node(folder: Path, monkeypatch: pytest.MonkeyPatch, body: str = "") -> 
     return node
 
 
-def test_the_engine_answers_as_ngspice_does(engine: Path) -> None:
+def test_the_engine_gives_the_results_of_ngspice(engine: Path) -> None:
     netlist = random_grid(5)
     agreement = rg.check_deck(netlist, engine="eecircuit")
     assert agreement.agrees, agreement.findings
     assert (agreement.simulator, agreement.version) == ("eecircuit-engine", "45.2")
 
 
-def test_its_complaints_are_heard(engine: Path) -> None:
+def test_complaints_of_the_engine_are_reported(engine: Path) -> None:
     simulation = simulate_eecircuit(b"* t\nv1 a 0 1\nr1 a b 1k\nr2 b 0 1k\nr3 c d 1k\n.end\n")
     assert any("singular" in complaint for complaint in simulation.complaints)
 
 
-def test_an_engine_that_leaves_nothing_is_told_of(
+def test_an_engine_without_output_and_a_slow_one_are_reported(
     engine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fake_node(tmp_path, monkeypatch, "print('Error: circuit not parsed.'); sys.exit(1)")
@@ -83,7 +83,9 @@ def test_decks_with_commands_are_not_run(engine: Path) -> None:
     }
 
 
-def test_what_is_missing_is_named(engine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_node_and_package_raise_tool_missing_error(
+    engine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("RESGRID_NODE", "no-such-node")
     with pytest.raises(rg.ToolMissingError, match="nodejs"):
         simulate_eecircuit(b"* t\n")

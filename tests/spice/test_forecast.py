@@ -1,4 +1,4 @@
-"""The forecast against what was measured of ngspice 39, and against a run of whatever is installed.
+"""Forecast run times of simulators, compared with times measured with ngspice 39; time limits.
 
 Tests internals: `resgrid.spice.run.cost_estimate`.
 """
@@ -56,7 +56,7 @@ def random_graph(size: int, rounds: int) -> rg.Netlist:
         (tree(40_000), 0.18),
     ],
 )
-def test_measured_times_are_foretold_within_a_factor_of_three(netlist: rg.Netlist, seconds: float) -> None:
+def test_forecasts_agree_with_measured_times_within_a_factor_of_3(netlist: rg.Netlist, seconds: float) -> None:
     assert seconds / 3 < forecast(netlist).seconds < seconds * 3
 
 
@@ -66,7 +66,7 @@ def test_trees_and_chains_have_no_core() -> None:
     assert core_of(rg.spice.Circuit.of(rg.Netlist(2, [[1, 0]], [1.0]))) == (0, 0.0)
 
 
-def test_rails_are_no_part_of_the_core() -> None:
+def test_rails_are_not_part_of_the_core() -> None:
     grid = box(30, 30)
     size, width = core_of(rg.spice.Circuit.of(grid))
     rail = grid.node_count
@@ -81,7 +81,7 @@ def test_rails_are_no_part_of_the_core() -> None:
     assert core_of(rg.spice.Circuit.of(tied)) == (size, pytest.approx(width))
 
 
-def test_what_would_not_end_in_time_is_refused_with_advice() -> None:
+def test_a_forecast_beyond_the_time_limit_raises_budget_error() -> None:
     slow = forecast(box(256, 256))
     assert "min" in str(slow)
     with pytest.raises(rg.BudgetError, match=r"4 min.*time limit is 60 s.*--engine eecircuit"):
@@ -105,5 +105,5 @@ def test_what_would_not_end_in_time_is_refused_with_advice() -> None:
         ("eecircuit", "", "eecircuit"),
     ],
 )
-def test_newer_versions_are_known_to_be_faster(engine: str, version: str, costs: str) -> None:
+def test_versions_select_the_cost_model(engine: str, version: str, costs: str) -> None:
     assert forecast(box(4, 4), engine, version).engine == costs

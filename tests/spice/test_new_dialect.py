@@ -1,4 +1,4 @@
-"""A simulator that nobody knew is one page and one line in the table: written, read, checked, asked for analyses.
+"""A user-defined dialect needs one record and one table entry: writing, reading, checks, analyses.
 
 Tests internals: `resgrid.spice.dialects`, `resgrid.spice.dialects.record`.
 """
@@ -64,7 +64,7 @@ def test_a_deck_is_written_and_read_back(tmp_path: Path) -> None:
     assert not agreement.verified and agreement.as_read.agrees and "sparrow" in agreement.remark
 
 
-def test_its_quirks_are_foretold(tmp_path: Path) -> None:
+def test_quirks_of_the_dialect_appear_in_predictions(tmp_path: Path) -> None:
     (tmp_path / "a.cir").write_text("* t\n.option sparrow=1\nv1 a 0 1\nr1 a b 0.5\nr2 b 0 1\nr3 gnd b 1k\n.end\n")
     read = rg.read_spice(tmp_path / "a.cir")
     prediction = next(item for item in rg.spice.check_portability(read) if item.simulator == "sparrow")
@@ -74,7 +74,7 @@ def test_its_quirks_are_foretold(tmp_path: Path) -> None:
     assert any("Sparrow" in violation.message for violation in rg.check_erc(named))
 
 
-def test_analyses_and_tiles_are_in_its_words(tmp_path: Path) -> None:
+def test_analyses_and_tiles_use_its_statements(tmp_path: Path) -> None:
     netlist, chip = tiled(space_of([[0, 1], [0, 2]]), rg.Chip(capacitance=1e-12))
     asked = [
         rg.spice.analyses.TransientAnalysis(1e-6, 1e-9),
@@ -88,6 +88,6 @@ def test_analyses_and_tiles_are_in_its_words(tmp_path: Path) -> None:
     assert "'resistance_0'" in written.chip.read_text()
 
 
-def test_the_command_line_knows_it(scenes: Path) -> None:
+def test_the_command_line_accepts_the_dialect(scenes: Path) -> None:
     result = cli.call("compile", scenes / "lesson.toml", "--dialect", "sparrow")
     assert "* sparrow dialect" in result.stdout and ".option sparrow=1" in result.stdout

@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.spice.run.ngspice`, `resgrid.spice.write.flat`."""
+"""Runs of ngspice: signs, complaints, refusal of commands, time limits, interrupts, and environment.
+
+Tests internals: `resgrid.spice.run.ngspice`, `resgrid.spice.write.flat`.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +27,14 @@ FLOATING = b"* floating\nv_a a 0 1.0\nr_a_b a b 1e8\nr_b b 0 1e8\nr_x_y x y 1e8\
 
 
 def program(folder: Path, body: str) -> Path:
-    """A stand-in for ngspice."""
+    """Write a substitute program for ngspice."""
     path = folder / "fake"
     path.write_text(f"#!{sys.executable}\nimport sys, time, pathlib\n{body}\n")
     path.chmod(path.stat().st_mode | stat.S_IXUSR)
     return path
 
 
-def test_a_current_source_feeds_its_second_node(tmp_path: Path) -> None:
+def test_a_current_source_injects_into_its_second_node(tmp_path: Path) -> None:
     deck = tmp_path / "a deck.cir"
     deck.write_text("* signs\nv_a a 0 1.0\ni_b 0 b 1e-05\nr_a_b a b 10000.0\nr_b b 0 10000.0\n.end\n")
     simulation = simulate(deck.read_bytes())
@@ -41,14 +44,14 @@ def test_a_current_source_feeds_its_second_node(tmp_path: Path) -> None:
     assert simulation.version[0].isdigit()
 
 
-def test_temperature_coefficients_do_nothing_at_the_nominal_temperature() -> None:
+def test_temperature_coefficients_have_no_effect_at_the_nominal_one() -> None:
     netlist = ladder(2).replace(tc1=[1e-2, 0, 0], tc2=[1e-4, 0, 0])
     assert simulate(flatten(netlist).text.encode()).voltage == simulate(flatten(ladder(2)).text.encode()).voltage
 
 
 @pytest.mark.parametrize("volts", [0.2, 0.03])
-def test_the_simulators_way_to_a_saturated_chip_is_no_complaint(volts: float) -> None:
-    """It lowers gmin in steps until it needs none; a floating node is told by what else it says."""
+def test_gmin_stepping_of_saturated_chips_is_not_a_complaint(volts: float) -> None:
+    """ngspice reduces gmin stepwise to zero; floating nodes are detected by its other messages."""
     cell = np.zeros((3, 3), dtype=np.uint8)
     cell[1, 1], cell[2, 2] = rg.Cell.OBSTACLE, rg.Cell.GOAL
     chip = rg.Chip(saturation_voltage=volts, readout=rg.chip.Readout(input_resistance=1e6))
@@ -57,10 +60,10 @@ def test_the_simulators_way_to_a_saturated_chip_is_no_complaint(volts: float) ->
     assert agreement.agrees
 
 
-def test_a_floating_node_poisons_ngspice_and_is_told() -> None:
+def test_a_floating_node_is_reported_as_singular_matrix() -> None:
     simulation = simulate(FLOATING)
     assert any("singular matrix" in line for line in simulation.complaints)
-    assert abs(simulation.voltage["b"] - 0.5) > 1e-6  # what is believed by whoever looks at the exit status, 0
+    assert abs(simulation.voltage["b"] - 0.5) > 1e-6  # wrong, although the exit status is 0
 
 
 @pytest.mark.parametrize(
@@ -73,7 +76,7 @@ def test_a_floating_node_poisons_ngspice_and_is_told() -> None:
         (b"\x00\xff\n" * 50, "found no node"),
     ],
 )
-def test_a_broken_deck_is_complained_about(deck: bytes, message: str) -> None:
+def test_a_broken_deck_causes_a_complaint(deck: bytes, message: str) -> None:
     simulation = simulate(deck)
     assert re.search(message, "\n".join(simulation.complaints))
 
@@ -94,13 +97,13 @@ def test_a_broken_deck_is_complained_about(deck: bytes, message: str) -> None:
         b"*ng_script",
     ],
 )
-def test_a_deck_with_commands_is_not_run(line: bytes) -> None:
+def test_a_deck_with_commands_raises_input_error(line: bytes) -> None:
     for direct in (False, True):
         with pytest.raises(rg.InputError, match=r"line [23].*is not simulated"):
             simulate(b"* a\n" + line + b"\n.end\n", direct=direct)
 
 
-def test_a_script_is_no_deck_and_code_models_are_not_run() -> None:
+def test_scripts_and_code_models_raise_input_error() -> None:
     for deck in (b"*ng_script\nshell ls\n", b"\xef\xbb\xbf.control\n", b"t\n.end\n a1 [b] [c] m\n"):
         with pytest.raises(rg.InputError, match="is not simulated"):
             simulate(deck, direct=True)
@@ -115,7 +118,7 @@ def test_a_script_is_no_deck_and_code_models_are_not_run() -> None:
         ("pathlib.Path('operating_point.raw').mkdir()", "wrote no raw file"),
     ],
 )
-def test_neither_status_nor_silence_is_believed(
+def test_a_missing_or_invalid_raw_file_is_a_complaint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str, message: str
 ) -> None:
     monkeypatch.setenv("RESGRID_NGSPICE", str(program(tmp_path, body)))
@@ -125,7 +128,7 @@ def test_neither_status_nor_silence_is_believed(
     assert re.search(message, "\n".join(simulation.complaints))
 
 
-def test_a_hanging_simulator_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hanging_simulator_is_terminated_after_the_timeout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pid = tmp_path / "pid"
     hang = program(
         tmp_path,
@@ -133,7 +136,7 @@ def test_a_hanging_simulator_is_ended(tmp_path: Path, monkeypatch: pytest.Monkey
         f"pathlib.Path({str(pid)!r}).write_text(str(os.getpid()))\ntime.sleep(600)",
     )
     monkeypatch.setenv("RESGRID_NGSPICE", str(hang))
-    for patience in (1.0, 4.0, 16.0, 64.0):  # on a busy computer it may not even begin within a second
+    for patience in (1.0, 4.0, 16.0, 64.0):  # on a busy computer the start alone may take more than a second
         with pytest.raises(rg.BudgetError, match=f"did not finish deck within {patience:g} s"):
             simulate(FLOATING, timeout=patience)
         if pid.exists() and pid.read_text():
@@ -143,7 +146,7 @@ def test_a_hanging_simulator_is_ended(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="another process is limited on Linux only")
-def test_the_system_ends_a_simulator_whose_parent_was_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_simulator_has_a_cpu_time_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     limit = tmp_path / "limit"
     wait = (
         "import resource\n"
@@ -156,7 +159,7 @@ def test_the_system_ends_a_simulator_whose_parent_was_killed(tmp_path: Path, mon
     assert limit.read_text() == "(92, 92)"
 
 
-def test_ctrl_c_ends_the_simulator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_terminates_the_simulator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pid = tmp_path / "pid"
     hang = program(
         tmp_path,
@@ -178,14 +181,14 @@ def test_ctrl_c_ends_the_simulator(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         os.kill(int(pid.read_text()), 0)
 
 
-def test_a_missing_ngspice_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_ngspice_raises_tool_missing_error(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("/nowhere/ngspice", "no-such-program"):
         monkeypatch.setenv("RESGRID_NGSPICE", name)
         with pytest.raises(rg.ToolMissingError, match=f"{name}.*apt-get install ngspice"):
             simulate(FLOATING)
 
 
-def test_settings_of_the_user_do_not_reach_the_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_user_settings_have_no_effect_on_the_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / ".spiceinit").write_text("set filetype=ascii\nquit\n")
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("SPICE_ASCIIRAWFILE", "1")
@@ -193,6 +196,6 @@ def test_settings_of_the_user_do_not_reach_the_run(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize(("name", "says"), [("missing.cir", "no such file"), (".", "directory"), ("a\0b", "null")])
-def test_an_unreadable_deck_is_one_message(tmp_path: Path, name: str, says: str) -> None:
+def test_an_unreadable_deck_raises_input_error(tmp_path: Path, name: str, says: str) -> None:
     with pytest.raises(rg.InputError, match=says):
         rg.check_deck(f"{tmp_path}/{name}")

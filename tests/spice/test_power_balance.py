@@ -1,3 +1,5 @@
+"""IR drop and power balance of solved circuits, compared with values computed by hand and with the solver's power."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -9,7 +11,7 @@ import resgrid as rg
 
 
 def test_each_net_has_its_own_supply() -> None:
-    """1.8 V - 1 ohm - a (1 A to ground net g); g - 1 ohm - 0 V pad; a 3.3 V net beside, joined by a load only."""
+    """1.8 V - 1 ohm - a (1 A to ground net g); g - 1 ohm - 0 V pad; a 3.3 V net joined by a load only."""
     netlist = rg.Netlist(
         7,
         [[1, 2], [3, 4], [5, 6]],
@@ -27,7 +29,7 @@ def test_each_net_has_its_own_supply() -> None:
     assert len(drops.worst(100)) == 6
 
 
-def test_nodes_that_float_have_no_drop() -> None:
+def test_floating_nodes_have_no_drop() -> None:
     netlist = rg.Netlist(4, [[1, 0]], [1.0], source_nodes=[[1, 0]], source_volts=[1.0])
     drops = rg.spice.ir_drop(rg.solve(netlist))
     assert np.isnan(drops.drop[2:]).all() and drops.worst(10).tolist() == [1]
@@ -35,7 +37,7 @@ def test_nodes_that_float_have_no_drop() -> None:
 
 @given(st.integers(0, 10_000), st.booleans())
 @settings(max_examples=30)
-def test_power_delivered_is_power_dissipated(seed: int, drive: bool) -> None:
+def test_delivered_power_equals_dissipated_power(seed: int, drive: bool) -> None:
     point = rg.solve(random_grid(seed, side=4, drive=drive))
     balance = rg.spice.power_balance(point)
     assert balance.imbalance < 1e-12
@@ -44,7 +46,7 @@ def test_power_delivered_is_power_dissipated(seed: int, drive: bool) -> None:
     assert drops.supply[1] == 1.0 and np.all(drops.supply[4:] == 1.0)
 
 
-def test_nonlinear_resistors_are_weighed() -> None:
+def test_nonlinear_resistors_are_part_of_the_balance() -> None:
     netlist = rg.Netlist(
         3, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0], nonlinear_nodes=[[2, 0], [1, 0]],
         nonlinear_current=[2e-4, 1e-5], nonlinear_voltage=[0.1, 0.3],
@@ -54,7 +56,7 @@ def test_nonlinear_resistors_are_weighed() -> None:
     assert 0 < balance.nonlinear_power.sum() < balance.delivered
 
 
-def test_a_loop_of_sources_leaves_the_balance_open() -> None:
+def test_a_loop_of_sources_has_an_undetermined_balance() -> None:
     pairs = [[1, 0], [1, 0]]
     with pytest.warns(UserWarning, match="loops"):
         open_ = rg.spice.power_balance(

@@ -1,4 +1,4 @@
-"""What is said of ngspice is measured on it: a predicted error has the predicted size, elsewhere there is none.
+"""Predictions of `check_portability`, compared with runs of ngspice: errors of the predicted size, failures.
 
 Tests internals: `resgrid.spice.run.ngspice`, `resgrid.spice.write.flat`.
 """
@@ -28,7 +28,7 @@ def verdict_of(circuit: object, simulator: str = "ngspice") -> rg.spice.Predicti
 
 
 def measured_error(text: str, deck: rg.spice.Circuit) -> float:
-    """How far ngspice is from our solution of the same deck, in volts."""
+    """Largest difference in volts between ngspice and resgrid's solution of a deck."""
     from resgrid.circuit.solve import solve
 
     simulation = simulate(text.encode(), direct=True)
@@ -57,7 +57,7 @@ GRID = "".join(f"r{i} n{i} n{i + 1} 1e8\n" for i in range(20)) + "rl n20 0 1e8\n
         ("no title", "r1 a b 1k\nv1 a 0 1\nr2 b 0 1k\nr3 a b 3k\n.op\n.end\n", "r1 is lost"),
     ],
 )
-def test_predicted_errors_of_ngspice_are_its_errors(tmp_path: Path, name: str, text: str, reason: str) -> None:
+def test_predicted_errors_equal_measured_errors_of_ngspice(tmp_path: Path, name: str, text: str, reason: str) -> None:
     if name == "short" and ngspice_version() != "39":
         pytest.skip("newer versions make 1e-12 ohm of it, and are wrong by rounding")
     deck = deck_of(tmp_path, text)
@@ -69,7 +69,7 @@ def test_predicted_errors_of_ngspice_are_its_errors(tmp_path: Path, name: str, t
     assert verdict.max_error == pytest.approx(error, rel=1e-3)
 
 
-def test_an_island_costs_a_grid_of_100_megohm_a_tenth_of_a_volt(tmp_path: Path) -> None:
+def test_an_island_has_a_large_predicted_error_at_100_megohm(tmp_path: Path) -> None:
     chain = "".join(f"r{i} n{i} n{i + 1} 1e8\n" for i in range(60)) + "rl n60 0 1e8\n"
     text = f"* t\nv1 n0 0 1\n{chain}rx a b 1k\n.op\n.end\n"
     verdict = verdict_of(deck_of(tmp_path, text))
@@ -86,7 +86,7 @@ def test_an_island_costs_a_grid_of_100_megohm_a_tenth_of_a_volt(tmp_path: Path) 
         ("* t\nv1 a 0 1\nv2 b b 0\nr1 a b 1k\nr2 b 0 1k\n.op\n.end\n", "loop"),
     ],
 )
-def test_predicted_failures_of_ngspice_are_failures(tmp_path: Path, text: str, reason: str) -> None:
+def test_decks_predicted_to_fail_have_no_results_in_ngspice(tmp_path: Path, text: str, reason: str) -> None:
     verdict = verdict_of(deck_of(tmp_path, text))
     assert verdict.outcome == "fails" and reason in verdict.reasons[0]
     assert not simulate(text.encode(), direct=True).voltage
@@ -95,7 +95,7 @@ def test_predicted_failures_of_ngspice_are_failures(tmp_path: Path, text: str, r
 DIVIDER = "* t\nv1 in 0 10\nr0 in a 1k\n"
 
 
-def test_a_loop_of_sources_away_from_ground_is_answered_but_not_to_be_trusted(tmp_path: Path) -> None:
+def test_a_loop_of_sources_away_from_ground_is_predicted_as_unsure(tmp_path: Path) -> None:
     text = f"{DIVIDER}v2 a b 1\nv3 a b 1\nr1 b 0 1k\n.op\n.end\n"
     deck = deck_of(tmp_path, text)
     assert verdict_of(deck).outcome == "unsure" and verdict_of(deck, "xyce").outcome == "fails"
@@ -104,7 +104,7 @@ def test_a_loop_of_sources_away_from_ground_is_answered_but_not_to_be_trusted(tm
 
 @pytest.mark.filterwarnings("ignore:.* form loops")
 @pytest.mark.parametrize("henries", ["1", "1u"])
-def test_a_loop_of_inductors_is_answered_but_not_to_be_trusted(tmp_path: Path, henries: str) -> None:
+def test_a_loop_of_inductors_is_predicted_as_unsure(tmp_path: Path, henries: str) -> None:
     text = f"{DIVIDER}l1 a b {henries}\nl2 a b {henries}\nr1 b 0 1k\n.op\n.end\n"
     deck = deck_of(tmp_path, text)
     verdict = verdict_of(deck)
@@ -121,11 +121,13 @@ def test_a_loop_of_inductors_is_answered_but_not_to_be_trusted(tmp_path: Path, h
         ("r1 a b 1e-9\nr2 b 0 5\n", True),
         ("r1 a b 1e-9\nr2 b c 1e-9\nr3 c d 1e-9\nr4 d 0 5\n", True),
         ("r1 a b 1e-2\nr2 b 0 5\n", False),
-        ("r1 in b 1e-9\nr2 b 0 5\nr3 a 0 1\n", False),  # a source holds it
-        ("r1 a b 1e10\nr2 a 0 5\nr3 b 0 1k\n", False),  # weak, but no one needs it
+        ("r1 in b 1e-9\nr2 b 0 5\nr3 a 0 1\n", False),  # held by a source
+        ("r1 a b 1e10\nr2 a 0 5\nr3 b 0 1k\n", False),  # a weak resistor without effect
     ],
 )
-def test_a_resistor_that_drowns_the_others_makes_simulators_err(tmp_path: Path, wires: str, drowned: bool) -> None:
+def test_a_resistor_that_dominates_by_rounding_is_predicted_as_unsure(
+    tmp_path: Path, wires: str, drowned: bool
+) -> None:
     text = f"{DIVIDER}{wires}.op\n.end\n"
     deck = deck_of(tmp_path, text)
     assert (verdict_of(deck).outcome == "unsure") == drowned, verdict_of(deck)
@@ -148,29 +150,29 @@ LADDER = b"* t\nV1 in 0 1\nR1 in a 1k\nR2 a 0 1k\n%s.op\n.end\n"
         (LADDER % b"r1 a 0 1k\n", "a name is given twice"),
     ],
 )
-def test_a_file_that_ngspice_does_not_run_is_predicted_to_fail(tmp_path: Path, content: bytes, reason: str) -> None:
+def test_files_that_ngspice_does_not_run_are_predicted_to_fail(tmp_path: Path, content: bytes, reason: str) -> None:
     path = tmp_path / "deck.cir"
     path.write_bytes(content)
-    for dialect in ("ngspice", "ltspice"):  # the file is judged, not the circuit that was read
+    for dialect in ("ngspice", "ltspice"):  # the prediction depends on the file, not on the read circuit
         verdict = verdict_of(rg.read_spice(path, dialect=dialect))
         assert verdict.outcome == "fails" and reason in " ".join(verdict.reasons), verdict
     try:
         assert not simulate(content, direct=True, timeout=3.0).voltage
     except rg.BudgetError:
-        assert "comma" in reason  # ngspice does not come to an end
+        assert "comma" in reason  # ngspice does not terminate
 
 
 @pytest.mark.parametrize(
     "extra", [b"* \xe4\n", b"R3 a 0 1k ; \xe4\n", b"R\xb53 a 0 1k\n", b'R3 "b" 0 1k\nR4 "b" a 1k\n']
 )
-def test_a_file_with_harmless_oddities_is_predicted_right(tmp_path: Path, extra: bytes) -> None:
+def test_files_with_harmless_oddities_are_predicted_as_right(tmp_path: Path, extra: bytes) -> None:
     path = tmp_path / "deck.cir"
     path.write_bytes(LADDER % extra)
     assert verdict_of(rg.read_spice(path)).outcome == "right"
     assert simulate(LADDER % extra, direct=True).voltage
 
 
-def test_the_file_is_read_by_the_rules_of_every_simulator(tmp_path: Path) -> None:
+def test_predictions_follow_the_rules_of_every_simulator(tmp_path: Path) -> None:
     deck = deck_of(tmp_path, "* t\nv1 in 0 1\nr1 in a '20*temper'\nr2 a gnd 1k\n.op\n.end\n")
     assert verdict_of(deck).outcome == "right"
     assert verdict_of(deck, "hspice").outcome == "wrong"  # 25 degrees there
@@ -181,7 +183,7 @@ def test_the_file_is_read_by_the_rules_of_every_simulator(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("simulator", ["ngspice", "hspice", "spectre", "ltspice", "xyce"])
-def test_no_simulator_is_right_where_no_answer_exists(tmp_path: Path, simulator: str) -> None:
+def test_no_simulator_is_predicted_right_without_an_operating_point(tmp_path: Path, simulator: str) -> None:
     deck = deck_of(tmp_path, "* t\nv1 a 0 1\nr1 a 0 1k\ni1 0 b 1u\nr2 b c 1k\n.op\n.end\n")
     assert verdict_of(deck, simulator).outcome in ("wrong", "unsure")
     assert "no operating point exists" in str(verdict_of(deck, simulator))
@@ -196,7 +198,7 @@ def test_no_simulator_is_right_where_no_answer_exists(tmp_path: Path, simulator:
         ("rx a b 93\nry b c 93\n", "unsure"),
     ],
 )
-def test_rounding_decides_what_floating_nodes_cost(tmp_path: Path, parts: str, outcome: str) -> None:
+def test_rounding_determines_the_error_of_floating_nodes(tmp_path: Path, parts: str, outcome: str) -> None:
     text = f"* t\nv1 n0 0 1\n{GRID}{parts}.op\n.end\n"
     deck = deck_of(tmp_path, text)
     assert verdict_of(deck).outcome == outcome
@@ -206,7 +208,7 @@ def test_rounding_decides_what_floating_nodes_cost(tmp_path: Path, parts: str, o
 
 @given(st.integers(0, 10_000))
 @settings(max_examples=10)
-def test_what_is_predicted_right_is_right(seed: int) -> None:
+def test_decks_predicted_right_have_the_results_of_ngspice(seed: int) -> None:
     netlist = random_grid(seed, side=4)
     assert verdict_of(netlist).outcome == "right"
     import io
@@ -217,9 +219,9 @@ def test_what_is_predicted_right_is_right(seed: int) -> None:
     assert measured_error(text.replace(".end", ".op\n.end"), deck) < 1e-9
 
 
-def test_other_simulators_are_told_from_their_manuals(tmp_path: Path) -> None:
+def test_predictions_for_other_simulators_follow_their_manuals(tmp_path: Path) -> None:
     deck = deck_of(tmp_path, "* t\nv1 a 0 1\nr1 a b 1e-6\nr2 b 0 1e-6\nr3 c d 1k\n.op\n.end\n")
-    assert verdict_of(deck, "hspice").outcome == "right"  # both are raised alike, and the part that floats is alone
+    assert verdict_of(deck, "hspice").outcome == "right"  # both are raised alike, and the floating part is separate
     assert verdict_of(deck, "xyce").outcome == "unsure"
     assert verdict_of(deck, "spectre").outcome == "right"
     assert all(v.basis == "documented" for v in rg.spice.check_portability(deck) if v.simulator != "ngspice")
@@ -228,7 +230,7 @@ def test_other_simulators_are_told_from_their_manuals(tmp_path: Path) -> None:
     assert verdict_of(raised).outcome == "right"
 
 
-def test_what_cannot_be_solved_is_still_judged(tmp_path: Path) -> None:
+def test_unsolvable_decks_have_a_prediction(tmp_path: Path) -> None:
     deck = deck_of(tmp_path, "* t\nv1 a 0 1\nr1 a b -1k\nr2 b 0 3k\n.op\n.end\n")
     assert verdict_of(deck).outcome == "unsure"
     trapped = deck_of(tmp_path, "* t\nv1 a 0 1\nr1 a 0 1k\ni1 0 b 1u\nr2 b c 1k\n.op\n.end\n")

@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.spice.run.rawfile`."""
+"""Raw files: reading compared with literal bytes, damaged files, and written files loaded by ngspice.
+
+Tests internals: `resgrid.spice.run.rawfile`.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ HEAD = (
 GOOD = HEAD + struct.pack("<3d", 1.0, 0.1, -2e-300)
 
 
-def test_a_good_file_is_read_to_the_last_bit() -> None:
+def test_a_valid_file_is_read_exactly() -> None:
     raw = read_rawfile(GOOD)
     assert raw.plot == "Operating Point"
     assert raw.names == ("v(a)", "v(b)", "i(v_a)")
@@ -38,19 +41,19 @@ def test_complex_points_are_read() -> None:
 
 
 @given(st.integers(0, len(GOOD) - 1))
-def test_a_truncated_file_is_refused(length: int) -> None:
+def test_truncated_files_raise_input_error(length: int) -> None:
     with pytest.raises(rg.InputError):
         read_rawfile(GOOD[:length])
 
 
 @given(st.binary(max_size=300))
-def test_garbage_is_refused(data: bytes) -> None:
+def test_random_bytes_raise_input_error(data: bytes) -> None:
     with pytest.raises(rg.InputError):
         read_rawfile(data)
 
 
 @given(st.integers(0, len(HEAD) - 1), st.integers(0, 255))
-def test_a_damaged_header_raises_nothing_else(place: int, byte: int) -> None:
+def test_a_damaged_header_raises_only_input_error(place: int, byte: int) -> None:
     damaged = GOOD[:place] + bytes([byte]) + GOOD[place + 1 :]
     with contextlib.suppress(rg.InputError):
         assert read_rawfile(damaged).values.size == 3
@@ -65,13 +68,13 @@ def test_a_damaged_header_raises_nothing_else(place: int, byte: int) -> None:
         (GOOD.replace(b"\t1\tv(b)", b"\t7\tv(b)"), "out of order"),
     ],
 )
-def test_the_message_says_what_is_wrong(data: bytes, message: str) -> None:
+def test_each_defect_has_its_message(data: bytes, message: str) -> None:
     with pytest.raises(rg.InputError, match=message):
         read_rawfile(data)
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_ngspice_loads_what_is_written(tmp_path: Path, form: str) -> None:
+def test_ngspice_loads_written_files(tmp_path: Path, form: str) -> None:
     point = rg.solve(random_grid(3))
     rg.save(point, tmp_path / "x.raw", form=form, title="a  title\nof two lines")
     deck = tmp_path / "load.cir"
@@ -99,7 +102,7 @@ def test_text_files_keep_every_digit() -> None:
     assert "\tv(bc)\t" in text
 
 
-def test_names_are_those_of_ngspice_and_floating_nodes_are_left_out() -> None:
+def test_vectors_have_ngspice_names_without_floating_nodes() -> None:
     netlist = random_grid(2).replace(
         element_names={"voltage source": ("VDD", "x1.V2", "l7")},
     )
@@ -109,6 +112,6 @@ def test_names_are_those_of_ngspice_and_floating_nodes_are_left_out() -> None:
     assert len(vectors.names) == netlist.node_count - 2 + 3
 
 
-def test_a_wrong_form_is_refused(tmp_path: Path) -> None:
+def test_an_unknown_form_raises_input_error(tmp_path: Path) -> None:
     with pytest.raises(rg.InputError, match="binary or ascii"):
         rg.save(rg.solve(random_grid(1)), tmp_path / "x.raw", form="hex")

@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.spice.check.connectivity`."""
+"""Rules of `rg.check_erc`: every fault with its place; voltage loops compared with linear algebra.
+
+Tests internals: `resgrid.spice.check.connectivity`.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +18,11 @@ from resgrid.spice.check.connectivity import loop_voltages
 BASE = ladder(3)  # nodes 0 to 4
 
 
-def with_more(**changes: object) -> rg.Netlist:
+def with_two_more_nodes(**changes: object) -> rg.Netlist:
     return BASE.replace(node_count=7, **changes)
 
 
-def test_sound_circuits_pass() -> None:
+def test_sound_circuits_have_no_findings() -> None:
     assert rg.check_erc(ladder()) == ()
     assert rg.check_erc(random_grid(0)) == ()
 
@@ -27,9 +30,9 @@ def test_sound_circuits_pass() -> None:
 @pytest.mark.parametrize(
     ("netlist", "rule", "severity", "place"),
     [
-        (with_more(), "floating", "warning", "node_5, node_6"),
+        (with_two_more_nodes(), "floating", "warning", "node_5, node_6"),
         (
-            with_more(current_nodes=[[0, 5]], current_amps=[1e-6]),
+            with_two_more_nodes(current_nodes=[[0, 5]], current_amps=[1e-6]),
             "trapped current",
             "error",
             "0, node_5",
@@ -48,7 +51,9 @@ def test_sound_circuits_pass() -> None:
         (rg.Netlist(3, [[1, 2]], [1.0], source_nodes=[[1, 2]], source_volts=[1.0]), "ground", "error", "0"),
     ],
 )
-def test_each_rule_finds_its_fault(netlist: rg.Netlist, rule: str, severity: str, place: str) -> None:
+def test_each_rule_reports_its_fault_with_severity_and_place(
+    netlist: rg.Netlist, rule: str, severity: str, place: str
+) -> None:
     found = {finding.rule: finding for finding in rg.check_erc(netlist)}
     assert rule in found
     assert (found[rule].severity, found[rule].place) == (severity, place)
@@ -57,7 +62,9 @@ def test_each_rule_finds_its_fault(netlist: rg.Netlist, rule: str, severity: str
 
 
 def test_errors_come_first() -> None:
-    severities = [finding.severity for finding in rg.check_erc(with_more(current_nodes=[[0, 5]], current_amps=[1e-6]))]
+    severities = [
+        finding.severity for finding in rg.check_erc(with_two_more_nodes(current_nodes=[[0, 5]], current_amps=[1e-6]))
+    ]
     assert severities == ["error", "warning"]
 
 
@@ -70,7 +77,7 @@ def findings_of(text: str) -> dict[tuple[str, str], str]:
     }
 
 
-def test_a_sound_deck_passes() -> None:
+def test_a_sound_deck_has_no_findings() -> None:
     assert findings_of(SOUND + ".end\n") == {}
 
 
@@ -94,7 +101,7 @@ def test_a_sound_deck_passes() -> None:
         ("r3 b 0 1e15\n", "extreme value", "info", 5),
     ],
 )
-def test_every_fault_is_found_at_its_line(lines: str, rule: str, severity: str, line: int) -> None:
+def test_every_fault_of_a_deck_is_reported_with_its_line(lines: str, rule: str, severity: str, line: int) -> None:
     found = findings_of(SOUND + lines + ".end\n")
     assert (rule, severity) in found, found
     assert found[rule, severity].endswith(f":{line}")
@@ -104,7 +111,7 @@ def test_a_deck_without_ground_is_an_error() -> None:
     assert ("ground", "error") in findings_of("* t\nv1 a b 1\nr1 a b 1k\n.end\n")
 
 
-def test_islands_are_told_one_by_one_with_their_nodes() -> None:
+def test_islands_are_reported_individually_with_their_nodes() -> None:
     text = SOUND + "".join(f"rx{i} p{i} q{i} 1k\n" for i in range(12)) + ".end\n"
     floating = [f for f in rg.check_erc(rg.read_spice(io.StringIO(text))) if f.rule == "floating"]
     assert len(floating) == 11
@@ -112,7 +119,7 @@ def test_islands_are_told_one_by_one_with_their_nodes() -> None:
     assert "2 more parts, with 4 nodes" in floating[-1].message
 
 
-def test_what_the_reader_noted_is_among_the_findings() -> None:
+def test_notes_of_the_reader_are_findings() -> None:
     found = [f for f in rg.check_erc(rg.read_spice(io.StringIO(SOUND + "r9 b 0 1M\n.end\n"))) if f.rule == "reading"]
     assert any("milli" in finding.message and finding.severity == "warning" for finding in found)
     assert "milli" in str(found[0])
@@ -132,7 +139,7 @@ def test_what_the_reader_noted_is_among_the_findings() -> None:
         ("", "warning", "separate words"),
     ],
 )
-def test_names_that_are_misread_are_told(name: str, severity: str, word: str) -> None:
+def test_misread_node_names_are_reported(name: str, severity: str, word: str) -> None:
     netlist = rg.Netlist(
         3, [[1, 2], [2, 0]], [1.0, 1.0], source_nodes=[[1, 0]], source_volts=[1.0], node_names=("0", "fine", name)
     )
@@ -140,7 +147,7 @@ def test_names_that_are_misread_are_told(name: str, severity: str, word: str) ->
     assert rg.check_erc(netlist.replace(node_names=("0", "fine", "n_12_7"))) == ()
 
 
-def test_places_in_a_scene_are_cells() -> None:
+def test_places_of_compiled_circuits_are_cells() -> None:
     cell = np.zeros((5, 3), dtype=np.uint8)
     cell[2], cell[0, 0] = 1, 2
     space = rg.ConfigurationSpace([rg.Axis("x", 0, 5, 5), rg.Axis("y", 0, 3, 3)], cell)
@@ -153,7 +160,7 @@ def test_places_in_a_scene_are_cells() -> None:
 
 
 @pytest.mark.parametrize(("volts", "contradicts"), [(1.0, False), (1.0 + 1e-13, False), (1.0 + 1e-10, True)])
-def test_a_loop_contradicts_itself_where_it_has_no_solution(volts: float, contradicts: bool) -> None:
+def test_a_loop_without_solution_is_an_error(volts: float, contradicts: bool) -> None:
     netlist = rg.Netlist(2, [[1, 0]], [1.0], source_nodes=[[1, 0], [1, 0]], source_volts=[1.0, volts])
     assert any(violation.severity == "error" for violation in rg.check_erc(netlist)) == contradicts
     if contradicts:
@@ -164,7 +171,7 @@ def test_a_loop_contradicts_itself_where_it_has_no_solution(volts: float, contra
 @pytest.mark.parametrize(
     "loop", [[(2, 2, 1e-9)], [(2, 1, 1e-9), (2, 1, 2e-9)], [(3, 2, 1e-9), (3, 1, 3e-9), (2, 1, 1e-9)]]
 )
-def test_a_large_source_outside_a_loop_hides_no_contradiction(loop: list[tuple[int, int, float]]) -> None:
+def test_a_large_source_outside_a_loop_does_not_hide_a_contradiction(loop: list[tuple[int, int, float]]) -> None:
     sources = [(1, 0, 1e6), *loop]
     netlist = rg.Netlist(
         4,
@@ -178,7 +185,7 @@ def test_a_large_source_outside_a_loop_hides_no_contradiction(loop: list[tuple[i
         rg.solve(netlist)
 
 
-def test_a_small_loop_that_agrees_on_a_large_source_is_solved() -> None:
+def test_a_consistent_small_loop_on_a_large_source_is_solved() -> None:
     sources = [(1, 0, 1e6), (2, 1, 1e-9), (3, 2, 2e-9), (3, 1, 3e-9)]
     netlist = rg.Netlist(
         4,
@@ -193,8 +200,8 @@ def test_a_small_loop_that_agrees_on_a_large_source_is_solved() -> None:
 
 @given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 7), st.integers(-3, 3)), max_size=14))
 @settings(max_examples=200)
-def test_contradictions_are_those_of_linear_algebra(sources: list[tuple[int, int, int]]) -> None:
-    """A source closes a loop if its row depends on those before it, and contradicts if its volts do not."""
+def test_contradictions_agree_with_matrix_ranks(sources: list[tuple[int, int, int]]) -> None:
+    """A source closes a loop if its row depends on earlier rows; it contradicts them if its voltage differs."""
     ends = np.array([(a, b) for a, b, _ in sources], dtype=np.int64).reshape(-1, 2)
     volts = np.array([v for *_, v in sources], dtype=np.float64)
     rest, closing, bad = loop_voltages(ends, volts, 8)

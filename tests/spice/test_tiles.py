@@ -1,4 +1,4 @@
-"""Tiles: the expanded netlist, one chip for many scenes, and what readers and simulators make of the text."""
+"""Decks of tiles, compared with flat netlists, with ngspice, and with the decks read back."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def difference(flat: rg.Netlist, tiled: rg.Netlist) -> float:
 
 @pytest.mark.parametrize("options", BOUNDARIES, ids=str)
 @pytest.mark.parametrize("conductive", [False, True])
-def test_ideal_switches_make_the_flat_netlist(options: dict[str, object], conductive: bool) -> None:
+def test_tiles_with_ideal_switches_equal_the_flat_netlist(options: dict[str, object], conductive: bool) -> None:
     flat = rg.compile_space(room(conductive), **options)
     wall = options.get("wall_resistance")
     errors = [
@@ -60,7 +60,7 @@ def test_paths_on_tiles_are_certified() -> None:
     assert str(path.outcome) == "reached"
 
 
-def test_one_chip_serves_many_scenes(tmp_path: Path) -> None:
+def test_one_chip_file_is_valid_for_several_scenes(tmp_path: Path) -> None:
     other = np.array(ROOM)
     other[0, 3], other[1, 1], other[3, 3] = 1, 0, 2
     scenes = [tiled(space_of(cell, spacing=(1.0, 2.0))) for cell in (ROOM, other)]
@@ -76,7 +76,7 @@ def test_one_chip_serves_many_scenes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("dialect", ["ngspice", "ltspice", "hspice"])
 @pytest.mark.parametrize("options", BOUNDARIES, ids=str)
-def test_ngspice_finds_the_chips_netlist(tmp_path: Path, dialect: str, options: dict[str, object]) -> None:
+def test_ngspice_agrees_with_the_netlist_of_tiles(tmp_path: Path, dialect: str, options: dict[str, object]) -> None:
     described = rg.Chip(
         capacitance=1e-12, mismatch=0.1, gradient=(0.2,), wall_resistance=options.get("wall_resistance")
     )
@@ -100,7 +100,7 @@ def test_ngspice_finds_the_chips_netlist(tmp_path: Path, dialect: str, options: 
     st.sampled_from(["ngspice", "ltspice", "xyce", "hspice", "spectre"]),
     st.sampled_from(["flat", "cells"]),
 )
-def test_what_is_written_is_read_back(
+def test_written_decks_read_back_with_equal_voltages(
     tmp_path_factory: pytest.TempPathFactory,
     space: rg.ConfigurationSpace,
     options: dict[str, object],
@@ -136,7 +136,9 @@ def test_what_is_written_is_read_back(
         ({"wall_resistance": 1.0}, ""),
     ],
 )
-def test_a_chip_that_the_netlist_is_not_of_is_refused(tmp_path: Path, values: dict[str, float], message: str) -> None:
+def test_a_chip_that_does_not_match_the_netlist_raises_input_error(
+    tmp_path: Path, values: dict[str, float], message: str
+) -> None:
     netlist, chip = tiled(room())
     other = dataclasses.replace(chip, **values)
     if not message:
@@ -157,7 +159,7 @@ def test_a_chip_that_the_netlist_is_not_of_is_refused(tmp_path: Path, values: di
     ],
     ids=str,
 )
-def test_what_is_no_part_of_a_tile_is_refused(tmp_path: Path, values: dict[str, Any]) -> None:
+def test_effects_outside_tiles_raise_input_error(tmp_path: Path, values: dict[str, Any]) -> None:
     netlist, chip = tiled(room(), rg.Chip(**values))
     with pytest.raises(rg.InputError, match="write a flat deck"):
         rg.write_spice(netlist, tmp_path / "a.cir", form="cells", chip=chip)
@@ -173,8 +175,8 @@ def test_a_netlist_without_cells_has_no_tiles(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_tiles_in_a_row_keep_the_states_of_their_neighbours_apart(tmp_path):
-    """A parameter of a tile must not share its name with the state of one: ngspice would take the tile's own."""
+def test_tile_parameters_and_states_have_different_names(tmp_path):
+    """If a tile parameter had the name of a state, ngspice would use the parameter instead."""
     space = rg.ConfigurationSpace([rg.Axis("x", 0, 3, 3)], [2, 0, 1])
     netlist, chip = tiled(space)
     written = rg.write_spice(netlist, tmp_path / "row.cir", form="cells", chip=chip)

@@ -1,3 +1,5 @@
+"""Files of decks: includes, library sections, the root folder, dialects, and messages for unreadable files."""
+
 import os
 from pathlib import Path
 
@@ -25,7 +27,7 @@ def write(root: Path, *lines: str) -> Path:
     return path
 
 
-def test_includes_and_sections(root: Path) -> None:
+def test_includes_and_library_sections_are_read(root: Path) -> None:
     deck = rg.read_spice(write(root, ".include 'lib/parts.inc'", ".lib corners.lib ff"))
     assert dict(zip(deck.element_names["resistor"], deck.resistance.tolist(), strict=True)) == {
         "R1": 10.0,
@@ -57,7 +59,7 @@ def test_includes_and_sections(root: Path) -> None:
         (".include binary.inc", "zero byte"),
     ],
 )
-def test_includes_that_are_refused(root: Path, line: str, message: str) -> None:
+def test_invalid_includes_raise_input_error(root: Path, line: str, message: str) -> None:
     (root.parent / "outside.inc").write_text("R5 a 0 1\n")
     (root / "link.inc").symlink_to(root.parent / "outside.inc")
     (root / "lib" / "bad.inc").write_text("R5 a 0 1\nD1 a 0 m\n")
@@ -68,7 +70,7 @@ def test_includes_that_are_refused(root: Path, line: str, message: str) -> None:
     assert message in str(caught.value)
 
 
-def test_a_wider_root_may_be_named(root: Path) -> None:
+def test_root_allows_includes_from_a_parent_folder(root: Path) -> None:
     sub = root / "sub"
     sub.mkdir()
     path = write(sub, ".include ../lib/more.inc", "R4 a b 1")
@@ -78,12 +80,12 @@ def test_a_wider_root_may_be_named(root: Path) -> None:
 
 
 @pytest.mark.parametrize(("name", "says"), [("absent.cir", "no such file"), (".", "directory"), ("nul\0.cir", "null")])
-def test_decks_that_cannot_be_read(root: Path, name: str, says: str) -> None:
+def test_unreadable_decks_raise_input_error(root: Path, name: str, says: str) -> None:
     with pytest.raises(rg.InputError, match=says):
         rg.read_spice(os.fspath(root) + os.sep + name)
 
 
-def test_unknown_dialects_and_roots_are_refused(root: Path) -> None:
+def test_unknown_dialects_and_roots_raise_input_error(root: Path) -> None:
     path = write(root, "R1 a 0 1")
     with pytest.raises(rg.InputError, match="hspice, ltspice, ngspice, spectre, xyce"):
         rg.read_spice(path, dialect="berkeley")

@@ -1,6 +1,6 @@
-"""Decks cut, flipped and stuffed at random: each is read or refused, and nothing outside its root is opened.
+"""Randomly mutated decks: each is read or rejected with InputError, and no file outside the root is opened.
 
-``RESGRID_MUTATED_DECKS`` says how many (`make fuzz`).
+``RESGRID_MUTATED_DECKS`` is the number of decks (`make fuzz`).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _WORDS = (
 
 
 def seeds() -> list[str]:
-    """Decks to begin from, nasty ones among them."""
+    """Decks before mutation, including pathological ones."""
     nested = "".join(f".subckt n{i} a b\nx1 a m n{i + 1}\nx2 m b n{i + 1}\n.ends\n" for i in range(40))
     chain = "".join(f".param c{i}={{c{i + 1}+1}}\n" for i in range(300))
     return [
@@ -81,7 +81,7 @@ def remove(draw: st.DrawFn, data: bytes) -> bytes:
     return data[:at] + data[at + draw(st.integers(1, 30)) :]
 
 
-def stuff(draw: st.DrawFn, data: bytes) -> bytes:
+def insert_words(draw: st.DrawFn, data: bytes) -> bytes:
     at = place(draw, data)
     return data[:at] + words(draw) * draw(st.sampled_from((1, 1, 1, 2, 50))) + data[at:]
 
@@ -108,13 +108,13 @@ def change_word(draw: st.DrawFn, data: bytes) -> bytes:
 
 
 MUTATIONS: tuple[Callable[[st.DrawFn, bytes], bytes], ...] = (
-    overwrite, cut, remove, stuff, drop_line, repeat_line, change_word,
+    overwrite, cut, remove, insert_words, drop_line, repeat_line, change_word,
 )  # fmt: skip
 
 
 @st.composite
 def mutated_decks(draw: st.DrawFn) -> bytes:
-    """Decks changed in a few places."""
+    """Decks with one to five mutations."""
     data = draw(st.sampled_from(SEEDS)).encode()
     for change in draw(st.lists(st.sampled_from(MUTATIONS), min_size=1, max_size=5)):
         data = change(draw, data)
@@ -124,8 +124,8 @@ def mutated_decks(draw: st.DrawFn) -> bytes:
 SEEDS = seeds()
 
 
-def furnish(folder: Path) -> Path:
-    """Make a root to read below, with things to include in it, and secrets outside; returns the root."""
+def make_root(folder: Path) -> Path:
+    """Create a root folder with files to include and secret files outside; return the root."""
     root, outside = folder / "root", folder / "outside"
     root.mkdir()
     outside.mkdir()
@@ -153,7 +153,7 @@ sys.addaudithook(_watch)
 
 @contextmanager
 def opened_files() -> Iterator[list[str]]:
-    """Files that are opened meanwhile."""
+    """Record the real paths of files opened within the context."""
     global _watched  # noqa: PLW0603 - an audit hook cannot be taken away
     _watched = []
     try:
@@ -162,11 +162,11 @@ def opened_files() -> Iterator[list[str]]:
         _watched = None
 
 
-def test_mutated_decks_are_read_or_refused(tmp_path: Path) -> None:
-    root = furnish(tmp_path)
+def test_mutated_decks_are_read_or_rejected(tmp_path: Path) -> None:
+    root = make_root(tmp_path)
     path = root / "deck.cir"
     path.write_text(SEEDS[0])
-    outcome(path, 0)  # what is loaded and compiled once is no stranger
+    outcome(path, 0)  # load and compile all modules before files are recorded
     places = (root, Path(__file__).parents[3], Path(np.__file__).parents[1], sys.prefix, sys.base_prefix)
     own = tuple(os.path.realpath(place) for place in places)
     kinds: Counter[bool] = Counter()
@@ -186,8 +186,8 @@ def test_mutated_decks_are_read_or_refused(tmp_path: Path) -> None:
     assert min(kinds[True], kinds[False]) > COUNT // 20
 
 
-def test_the_watch_sees_files_that_are_opened(tmp_path: Path) -> None:
-    root = furnish(tmp_path)
+def test_opened_files_records_included_files(tmp_path: Path) -> None:
+    root = make_root(tmp_path)
     (root / "deck.cir").write_text("t\n.include ../outside/secret.inc\nV1 leaked 0 1\n")
     with opened_files() as opened:
         deck = rg.read_spice(root / "deck.cir", root=tmp_path)

@@ -1,4 +1,7 @@
-"""Tests internals: `resgrid.spice.networks.circuitscape`."""
+"""Edge lists and Circuitscape jobs, compared with networkx, dense solutions and values computed by hand.
+
+Tests internals: `resgrid.spice.networks.circuitscape`.
+"""
 
 from pathlib import Path
 
@@ -15,7 +18,7 @@ def voltages(netlist: rg.Netlist) -> dict[str, float]:
     return dict(zip(netlist.node_names, rg.solve(netlist).voltage.tolist(), strict=True))
 
 
-def test_edge_lists(tmp_path: Path) -> None:
+def test_an_edge_list_agrees_with_networkx_resistance_distance(tmp_path: Path) -> None:
     graph = nx.random_regular_graph(3, 20, seed=3)
     weight = {edge: 1.0 + i for i, edge in enumerate(graph.edges)}
     (tmp_path / "net.csv").write_text(
@@ -44,14 +47,14 @@ def test_edge_lists(tmp_path: Path) -> None:
         ("a b 1\x00", "zero byte"),
     ],
 )
-def test_edge_lists_that_are_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_invalid_edge_lists_raise_input_error(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "net.csv").write_text(text)
     with pytest.raises(rg.InputError, match=r"net\.csv") as caught:
         rg.read_spice(tmp_path / "net.csv")
     assert message in str(caught.value)
 
 
-def test_nodes_must_be_on_an_edge(tmp_path: Path) -> None:
+def test_sources_at_unknown_nodes_raise_input_error(tmp_path: Path) -> None:
     (tmp_path / "net.txt").write_text("1.000 2.000 5\n")
     (tmp_path / "in.txt").write_text("3 1\n")
     with pytest.raises(rg.InputError, match=r"in.txt:1: the node '3' is on no edge"):
@@ -84,7 +87,7 @@ def configuration(folder: Path, **changes: object) -> Path:
     return path
 
 
-def test_rasters_by_hand(tmp_path: Path) -> None:
+def test_rasters_agree_with_values_computed_by_hand(tmp_path: Path) -> None:
     make_raster(tmp_path, "cells.asc", ["1 3 -9999", "-9999 5 1"])
     make_raster(tmp_path, "in.asc", ["2 -9999 -9999", "-9999 -9999 -9999"])
     make_raster(tmp_path, "out.asc", ["-9999 -9999 -9999", "-9999 -9999 0"])
@@ -134,7 +137,7 @@ def _diagonal_answer(root: float, between: float) -> float:
         ({"ground_file": "short.asc"}, "cells"),
     ],
 )
-def test_configurations_that_are_refused(tmp_path: Path, change: dict[str, object], message: str) -> None:
+def test_invalid_configurations_raise_input_error(tmp_path: Path, change: dict[str, object], message: str) -> None:
     make_raster(tmp_path, "cells.asc", ["1 3", "2 5"])
     make_raster(tmp_path, "in.asc", ["2 -9999", "-9999 -9999"])
     make_raster(tmp_path, "out.asc", ["-9999 -9999", "-9999 0"])
@@ -152,7 +155,7 @@ def test_configurations_that_are_refused(tmp_path: Path, change: dict[str, objec
 @pytest.mark.parametrize(
     ("content", "kind"), [(b"II*\0\x08\0\0\0", "GeoTIFF"), (b"1\t10.5\t20.5\n2\t11.5\t20.5\n", "list of points")]
 )
-def test_maps_in_other_formats_are_named(tmp_path: Path, content: bytes, kind: str) -> None:
+def test_other_file_formats_are_named_in_the_error(tmp_path: Path, content: bytes, kind: str) -> None:
     make_raster(tmp_path, "cells.asc", ["1 3", "2 5"])
     make_raster(tmp_path, "out.asc", ["-9999 -9999", "-9999 0"])
     (tmp_path / "in.asc").write_bytes(content)
@@ -161,7 +164,7 @@ def test_maps_in_other_formats_are_named(tmp_path: Path, content: bytes, kind: s
 
 
 def job(folder: Path, **files_and_keys: object) -> np.ndarray:
-    """Write a raster job and return the voltage of every cell, NaN for none; lists of rows are files."""
+    """Write a raster job and return the voltage of every cell, NaN without a node; lists of rows become files."""
     keys = {}
     for key, value in files_and_keys.items():
         if isinstance(value, list):
@@ -200,12 +203,14 @@ def test_absent_keys_have_the_defaults_of_circuitscape(tmp_path: Path) -> None:
         ("rmvgnd", "-9999 -9999 2 0", [4.0, 3.0, 2.0, 0.0]),
     ],
 )
-def test_sources_at_grounds(tmp_path: Path, policy: str, grounds: str, expected: list[float]) -> None:
+def test_sources_at_grounds_follow_the_removal_policy(
+    tmp_path: Path, policy: str, grounds: str, expected: list[float]
+) -> None:
     cells = {"habitat": ["1 1 1 1"], "source": ["1 -9999 1 -9999"], "ground": [grounds]}
     assert job(tmp_path, remove_src_or_gnd=policy, **cells)[0] == pytest.approx(expected)
 
 
-def test_values_of_cells_are_replaced_before_polygons_merge_them(tmp_path: Path) -> None:
+def test_cell_values_are_replaced_before_polygons_merge_cells(tmp_path: Path) -> None:
     line = {"habitat": ["1 1 1 1"], "ground": ["-9999 -9999 -9999 0"], "source": ["5 7 -9999 -9999"]}
     polygons = {"use_polygons": True, "polygon": ["1 1 -9999 -9999"]}
     assert job(tmp_path, use_unit_currents=True, **line, **polygons)[0] == pytest.approx([4.0, 4.0, 2.0, 0.0])
@@ -227,21 +232,21 @@ def test_empty_cells_of_a_polygon_belong_to_its_node(tmp_path: Path) -> None:
     assert np.isnan(volts[1, 0])
 
 
-def test_a_mask_empties_cells_and_parts_without_ground_lose_their_sources(tmp_path: Path) -> None:
+def test_masked_cells_and_parts_without_ground_have_no_voltage(tmp_path: Path) -> None:
     cells = {"habitat": ["1 1 1 1"], "source": ["1 -9999 -9999 5"], "ground": ["-9999 0 -9999 -9999"]}
     volts = job(tmp_path, use_mask=1, mask=["1 2 0 1"], **cells)[0]
     assert volts[:2] == pytest.approx([1.0, 0.0])
     assert np.isnan(volts[2:]).all()
 
 
-def test_the_last_line_of_a_node_counts_in_a_network(tmp_path: Path) -> None:
+def test_circuitscape_networks_use_the_last_line_of_a_node(tmp_path: Path) -> None:
     (tmp_path / "e.txt").write_text("0 1 1\n1 2 1\n1 2 1\n2 2 7\n")
     (tmp_path / "s.txt").write_text("0 1\n0 2\n")
     (tmp_path / "g.txt").write_text("2 9\n2 0\n")
     keys = "data_type = network\nscenario = advanced\nhabitat_file = e.txt\nsource_file = s.txt\nground_file = g.txt\n"
     (tmp_path / "net.ini").write_text("\ufeff# [x]\n" + keys + "data_type = network\n", encoding="utf-8")
     assert voltages(rg.read_spice(tmp_path / "net.ini").netlist())["0"] == pytest.approx(3.0)
-    summed = {"sources": tmp_path / "s.txt", "grounds": tmp_path / "g.txt"}  # a plain list adds up
+    summed = {"sources": tmp_path / "s.txt", "grounds": tmp_path / "g.txt"}  # a plain edge list sums all lines
     assert voltages(rg.read_spice(tmp_path / "e.txt", **summed).netlist())["0"] == pytest.approx(4.5)
 
 
@@ -252,7 +257,7 @@ def test_the_last_line_of_a_node_counts_in_a_network(tmp_path: Path) -> None:
         "ncols 3\nnrows 1\ndx 2\ndy 2\nnodata -1\n",
     ],
 )
-def test_headers_of_rasters(tmp_path: Path, head: str) -> None:
+def test_raster_headers_of_all_forms_are_read(tmp_path: Path, head: str) -> None:
     (tmp_path / "cells.asc").write_text(head + "1e0 1.0 -1\n")
     make_raster(tmp_path, "in.asc", ["2 -9999 -9999"])
     make_raster(tmp_path, "out.asc", ["-9999 0 -9999"])
@@ -270,14 +275,14 @@ def test_headers_of_rasters(tmp_path: Path, head: str) -> None:
         ("ncols 2\nnrows x\n", "not a number"),
     ],
 )
-def test_headers_that_are_refused(tmp_path: Path, head: str, message: str) -> None:
+def test_invalid_raster_headers_raise_input_error(tmp_path: Path, head: str, message: str) -> None:
     (tmp_path / "cells.asc").write_text(head + "1 1\n")
     with pytest.raises(rg.InputError, match=message):
         rg.read_spice(configuration(tmp_path))
 
 
 @pytest.mark.parametrize("form", ["%d", "%.3f", "%g", "%.18e"])
-def test_node_numbers_that_numpy_prints_as_decimals(tmp_path: Path, form: str) -> None:
+def test_node_numbers_in_numpy_formats_are_read(tmp_path: Path, form: str) -> None:
     np.savetxt(tmp_path / "net.txt", np.array([[0, 1, 100.0], [1, 2000000, 50.0]]), fmt=[form, form, "%.3e"])
     (tmp_path / "in.txt").write_text("0 1\n")
     (tmp_path / "out.txt").write_text("2000000 0\n")
@@ -296,7 +301,7 @@ def test_node_numbers_that_numpy_prints_as_decimals(tmp_path: Path, form: str) -
         ("a b 8 # one of two in parallel\nb a 8\na a 3\n", 4.0),
     ],
 )
-def test_edge_lists_of_other_programs(tmp_path: Path, text: str, ohms: float, encoding: str) -> None:
+def test_edge_lists_of_other_programs_are_read(tmp_path: Path, text: str, ohms: float, encoding: str) -> None:
     (tmp_path / "net.txt").write_text(text, encoding=encoding)
     (tmp_path / "in.txt").write_text("a 1\n")
     other = "1e5" if "1e5" in text else "b"

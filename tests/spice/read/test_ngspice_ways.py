@@ -1,4 +1,4 @@
-"""Where ngspice has ways of its own, a deck read by its rules has its voltages, or is refused by name and place.
+"""Peculiarities of ngspice: decks have the voltages of an ngspice run, or are rejected with name and place.
 
 Tests internals: `resgrid.spice.dialects`, `resgrid.spice.read.expressions`.
 """
@@ -39,7 +39,7 @@ def assert_ngspice_agrees(path: Path) -> None:
         assert volts == pytest.approx(expected[name.lower()][0], rel=1e-6), name
 
 
-def refusal(path: Path, dialect: str = "ngspice") -> str:
+def rejection(path: Path, dialect: str = "ngspice") -> str:
     with pytest.raises(rg.InputError) as caught:
         rg.read_spice(path, dialect=dialect)
     return str(caught.value)
@@ -61,7 +61,7 @@ FOLLOWED = {
         ".func g(x) {f(x)+x}",
         "R1 a 0 {g(20)}",
     ),
-    "a function is that of the place, not of the caller": (
+    "a function of the place of its definition": (
         ".func f(x) {x}",
         ".subckt t p q\nR1 p q {f(500)}\n.ends",
         ".subckt s p q\n.func f(x) {2*x}\nX1 p q t\n.ends",
@@ -84,7 +84,7 @@ FOLLOWED = {
     "no sheet": ("R1 a 0 m l=2u w=1u", ".model m r(rsh=0 r=2k)"),
     "a model with a value": ("R1 a 0 5k m", "R2 a 0 m {5*1k}", ".model m r(r=7 tc1=1e-2)", ".temp 37"),
     "lists with blanks": ("R1 a 0 1k tc=1e-3 1e-5", "R2 a 0 2k tc={1m} {10u}", "R3 a 0 2k tc=1e-3, 1e-5", ".temp 77"),
-    "a delay to come": ("V2 b 0 pulse(1 5 1u)", "R1 a b 1k", "I1 0 a sin(1m 2m 1k 1m 0 30)"),
+    "a positive delay": ("V2 b 0 pulse(1 5 1u)", "R1 a b 1k", "I1 0 a sin(1m 2m 1k 1m 0 30)"),
     "a polygon": ("V2 b 0 pwl(-1u 1 1u 5)", "R1 a b 1k", "V3 c 0 pwl(-2u 1 -1u 4)", "R2 a c 1k"),
     "magnitude of a whole quotient": ("R1 a 0 {1000+(-7)\\2}", "R2 a 0 {1000-7\\2}", "R3 a 0 {1000+1%0.1}"),
     "signs of numbers": ("R1 a 0 {1000*-2+3000}", "R2 a 0 {2>-3?1k:2k}", "R3 a 0 {-(-1k)}"),
@@ -92,11 +92,11 @@ FOLLOWED = {
 
 
 @pytest.mark.parametrize("name", FOLLOWED)
-def test_ngspice_is_followed(tmp_path: Path, name: str) -> None:
+def test_voltages_of_peculiar_decks_equal_those_of_ngspice(tmp_path: Path, name: str) -> None:
     assert_ngspice_agrees(deck_in(tmp_path, *FOLLOWED[name]))
 
 
-def test_an_end_within_an_included_file_ends_nothing(tmp_path: Path) -> None:
+def test_dot_end_within_an_included_file_is_ignored_in_ngspice(tmp_path: Path) -> None:
     path = deck_in(tmp_path, ".include x.inc", "R3 a 0 2k", x="R1 a 0 1k\n.end\nR5 a 0 5\n")
     assert_ngspice_agrees(path)
     assert [(note.file, note.line) for note in rg.read_spice(path).notes if ".end" in note.text] == [
@@ -105,7 +105,7 @@ def test_an_end_within_an_included_file_ends_nothing(tmp_path: Path) -> None:
     assert len(rg.read_spice(path, dialect="xyce").resistance) == 3
 
 
-REFUSED = {
+REJECTED = {
     "a thousandth of an inch in an expression": (("R1 a 0 {1k+6mil}",), ":4:12: '6mil': mil is milli"),
     "a thousandth of an inch given to a subcircuit": ((SUBCIRCUIT.format("r=1"), "X1 a 0 s r=6mil"), "mil is milli"),
     "a thousandth of an inch as a parameter": ((".param l=6mil", "R1 a 0 {l}"), "mil is milli"),
@@ -157,14 +157,14 @@ REFUSED = {
     "the sign of a name": ((".param a=1k", "R1 a 0 {3k+(1?-a:3)}"), ":5:15: ngspice misreads a sign"),
     "the sign of a power": (("R1 a 0 {2k-2*-3**2}",), "misreads a sign"),
     "a plus after an operator": (("R1 a 0 {2k*+3}",), "misreads a sign"),
-    "a power of what is not": (("R1 a 0 {1k+!3**2}",), "applies ! before the power"),
+    "a power of a negation": (("R1 a 0 {1k+!3**2}",), "applies ! before the power"),
 }
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_ngspice_reads_as_nobody_meant_it_is_refused(tmp_path: Path, name: str) -> None:
-    lines, message = REFUSED[name]
-    assert message in refusal(deck_in(tmp_path, *lines))
+@pytest.mark.parametrize("name", REJECTED)
+def test_decks_that_ngspice_misreads_raise_input_error(tmp_path: Path, name: str) -> None:
+    lines, message = REJECTED[name]
+    assert message in rejection(deck_in(tmp_path, *lines))
 
 
 @pytest.mark.parametrize("dialect", SPICES)
@@ -182,24 +182,22 @@ def test_what_ngspice_reads_as_nobody_meant_it_is_refused(tmp_path: Path, name: 
         ("sin(1 2 1k) 7", "DC 7"),
     ],
 )
-def test_a_waveform_that_simulators_begin_differently_needs_a_dc_value(
-    tmp_path: Path, source: str, message: str, dialect: str
-) -> None:
+def test_ambiguous_waveforms_need_a_dc_value(tmp_path: Path, source: str, message: str, dialect: str) -> None:
     head = ("title", f"V1 a 0 {source}", "R1 a 0 1")
-    assert f":2:{8}: " in refusal(deck_in(tmp_path, head=head), dialect) or message == "DC 7"
-    assert message in refusal(deck_in(tmp_path, head=head), dialect)
+    assert f":2:{8}: " in rejection(deck_in(tmp_path, head=head), dialect) or message == "DC 7"
+    assert message in rejection(deck_in(tmp_path, head=head), dialect)
     if message in ("negative delay", "do not increase"):
         with_value = deck_in(tmp_path, head=("title", f"V1 a 0 {source} dc 3", "R1 a 0 1"))
         assert rg.read_spice(with_value, dialect=dialect).source_volts.tolist() == [3.0]
 
 
-def test_a_terminal_that_is_global_is_refused_everywhere(tmp_path: Path) -> None:
+def test_a_global_terminal_raises_input_error_in_every_dialect(tmp_path: Path) -> None:
     path = deck_in(tmp_path, ".global vv", ".subckt s vv\nR1 vv 0 1k\n.ends", "V2 vv 0 3", "X1 a s")
     for dialect in SPICES:
-        assert ":5: vv is a terminal of s and .global" in refusal(path, dialect)
+        assert ":5: vv is a terminal of s and .global" in rejection(path, dialect)
 
 
-def test_other_dialects_keep_their_ways(tmp_path: Path) -> None:
+def test_other_dialects_keep_their_own_rules(tmp_path: Path) -> None:
     def ohms(*lines: str) -> float:
         deck = rg.read_spice(deck_in(tmp_path, *lines, head=("title", "I1 0 a 1")), dialect="hspice")
         return 1.0 / float(deck.netlist().conductance.sum())
@@ -214,20 +212,20 @@ def test_other_dialects_keep_their_ways(tmp_path: Path) -> None:
     assert ohms(".param g=2", ".func f(x) {x*g}", ".subckt s p q g=5\nR1 p q {f(1)}\n.ends", "X1 a 0 s") == 2.0
 
 
-def test_what_ltspice_annotates_is_told_and_ignored(tmp_path: Path) -> None:
+def test_ltspice_annotations_are_ignored_with_a_note(tmp_path: Path) -> None:
     head = ("title", "V1 a 0 SINE(1 2 1k)", "R1 a 0 1k tol=1 pwr=0.1")
     deck = rg.read_spice(deck_in(tmp_path, head=head), dialect="ltspice")
     assert (deck.resistance.tolist(), deck.source_volts.tolist()) == ([1000.0], [1.0])
     assert any("pwr= has no effect" in note.text for note in deck.notes)
-    assert "'tol' is not supported" in refusal(deck_in(tmp_path, head=head))
+    assert "'tol' is not supported" in rejection(deck_in(tmp_path, head=head))
 
 
-def test_shunts_that_are_not_followed_are_told(tmp_path: Path) -> None:
+def test_an_ignored_rshunt_option_causes_a_warning(tmp_path: Path) -> None:
     deck = rg.read_spice(deck_in(tmp_path, "R1 a 0 1k", ".option rshunt=1k"))
     assert [note.line for note in deck.notes if note.severity == "warning" and "rshunt" in note.text] == [5]
 
 
-def test_functions_and_includes_that_double_have_a_budget(tmp_path: Path) -> None:
+def test_exponential_functions_and_includes_raise_budget_error(tmp_path: Path) -> None:
     doubling = "\n".join(f".func f{i}(x) {{f{i - 1}(x)+f{i - 1}(x)}}" for i in range(1, 40))
     with pytest.raises(rg.BudgetError, match=r"deck.cir:\d+:\d+: one value takes more than 10,000 calls"):
         rg.read_spice(deck_in(tmp_path, ".func f0(x) {x}", doubling, "R1 a 0 {f39(1)}"))
@@ -243,7 +241,7 @@ OPERATORS = ("+", "-", "*", "/", "%", "\\", "**", "<", ">=", "==", "&&", "||")
 
 
 def nested(depth):
-    """Expressions of so many levels of operators at most."""
+    """Expressions with at most `depth` levels of operators."""
     if not depth:
         return names | numbers
     inner = nested(depth - 1)
@@ -263,7 +261,7 @@ VALUES = {"a": 3.0, "b": -2.0, "c": 0.0}
 
 @given(st.lists(expressions, min_size=60, max_size=60))
 @settings(max_examples=5)
-def test_expressions_are_worth_what_ngspice_makes_of_them(
+def test_values_of_random_expressions_equal_those_of_ngspice(
     tmp_path_factory: pytest.TempPathFactory, texts: list[str]
 ) -> None:
     worth: dict[str, float] = {}

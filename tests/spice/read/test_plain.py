@@ -1,5 +1,8 @@
-"""Tests internals: `resgrid.spice.dialects`, `resgrid.spice.read.deck`, `resgrid.spice.read.element_tables`,
-`resgrid.spice.read.files`, `resgrid.spice.read.plain_cards`."""
+"""The fast reader of plain cards, compared with Python's float and with the general reader.
+
+Tests internals: `resgrid.spice.dialects`, `resgrid.spice.read.deck`, `resgrid.spice.read.element_tables`,
+`resgrid.spice.read.files`, `resgrid.spice.read.plain_cards`.
+"""
 
 import random
 import struct
@@ -23,8 +26,8 @@ floats = st.one_of(
 ).filter(lambda x: np.isfinite(x) and x != 0)
 
 
-def cut(text: str) -> tuple[list[str], list[float]]:
-    """Names and values of the plain resistors of a text."""
+def read_plain_resistors(text: str) -> tuple[list[str], list[float]]:
+    """Return names and values of the plain resistors in a text."""
     cards = PlainCards(SourceFile(0, "deck", None, text.encode()), 0, DIALECTS["ngspice"].reading)
     elements = Elements(NodeTable(frozenset({"0"})), 27.0)
     elements.nodes.number_of("0", 0)
@@ -39,9 +42,9 @@ spellings = st.sampled_from(("%r", "%.17g", "%.3e", "%.20f", "%.25e", "%g", "%.1
 
 
 @given(st.lists(st.tuples(floats, spellings), min_size=1, max_size=50))
-def test_numbers_are_the_nearest_doubles(wanted: list[tuple[float, str]]) -> None:
+def test_numbers_are_read_as_the_nearest_doubles(wanted: list[tuple[float, str]]) -> None:
     words = [spelling % value for value, spelling in wanted]
-    kept = dict(zip(*cut("".join(f"R{i} a b {word}\n" for i, word in enumerate(words))), strict=True))
+    kept = dict(zip(*read_plain_resistors("".join(f"R{i} a b {word}\n" for i, word in enumerate(words))), strict=True))
     for i, word in enumerate(words):
         if f"R{i}" in kept:
             assert kept[f"R{i}"] == float(word), word
@@ -56,7 +59,7 @@ def test_halfway_cases_round_to_even() -> None:
         mantissa = pick.randrange(2**52, 2**53)
         words.append(f"{2 * mantissa + 1}e{pick.randrange(-20, 20)}")
         words.append(repr(pick.uniform(0, 1) * 10.0 ** pick.randrange(-60, 60)))
-    _, found = cut("".join(f"R{i} a b {word}\n" for i, word in enumerate(words)))
+    _, found = read_plain_resistors("".join(f"R{i} a b {word}\n" for i, word in enumerate(words)))
     assert found == [float(word) for word in words]
 
 
@@ -120,14 +123,14 @@ CARDS = st.sampled_from(
 
 @given(st.sampled_from(("title", "R0 a b 1", ".param y=2", "* t")), st.lists(CARDS, max_size=12))
 @settings(max_examples=300)
-def test_the_short_way_changes_nothing(tmp_path_factory, first: str, cards: list[str]) -> None:
+def test_the_fast_reader_agrees_with_the_general_reader(tmp_path_factory, first: str, cards: list[str]) -> None:
     path = tmp_path_factory.mktemp("deck") / "deck.cir"
     path.write_text("\n".join([first, *cards]))
     assert same(outcome(path, 10**9), outcome(path, 0))
 
 
 @pytest.mark.parametrize("count", [1000, 4000])
-def test_large_decks_are_cut_whole(tmp_path, count: int) -> None:
+def test_large_decks_are_read_completely(tmp_path, count: int) -> None:
     path = tmp_path / "deck.cir"
     chain = "".join(f"R{i} n{i} N{i + 1} {1.0 + i / 7!r}\n" for i in range(count))
     path.write_text(f"chain\nV1 n0 0 1\n{chain}Rend n{count} 0 1k\n.end\n")
@@ -136,7 +139,7 @@ def test_large_decks_are_cut_whole(tmp_path, count: int) -> None:
     assert deck.node_names == ("0", *(f"n{i}" if i == 0 else f"N{i}" for i in range(count)), f"N{count}")
 
 
-def test_reading_and_checking_a_large_deck_does_not_load_numba(tmp_path) -> None:
+def test_reading_and_checking_a_large_deck_do_not_import_numba(tmp_path) -> None:
     path = tmp_path / "deck.cir"
     chain = "".join(f"R{i} n{i} n{i + 1} {i + 1}k\n" for i in range(4000))
     path.write_text(f"chain\nV1 n0 0 1\n{chain}Rend n4000 0 1k\n.end\n")
@@ -149,26 +152,26 @@ def test_reading_and_checking_a_large_deck_does_not_load_numba(tmp_path) -> None
 
 
 @pytest.mark.parametrize("card", ["R2 a b DC 1", "V2 a b R=1", "I2 a b R=1", "C2 a b DC 1", "C2 a b R=1"])
-def test_a_key_of_another_kind_is_left_to_the_general_reader(tmp_path, card: str) -> None:
+def test_cards_with_keys_of_another_element_agree_with_the_general_reader(tmp_path, card: str) -> None:
     path = tmp_path / "deck.cir"
     path.write_text(f"title\nV1 a 0 1\nR1 a b 1\n{card}\nR3 b 0 2\n")
     assert same(outcome(path, 10**9), outcome(path, 0))
 
 
-def test_a_first_line_may_be_joined_with_a_plain_card(tmp_path) -> None:
+def test_a_first_line_joined_with_a_plain_card_is_read_alike(tmp_path) -> None:
     path = tmp_path / "deck.cir"
     path.write_text("R15 a b 1\\\\\nR0 a b 1\n  {{R8 a b 5\n")
     assert same(outcome(path, 10**9), outcome(path, 0))
 
 
-def test_a_node_is_spelt_as_where_it_stands_first_whichever_way_the_file_is_read(tmp_path) -> None:
+def test_node_names_have_the_spelling_of_their_first_occurrence(tmp_path) -> None:
     path = tmp_path / "deck.cir"
     path.write_text("title\nR1 a4 0 {1}\nR2 (A4 0) 2\nI1 a4 0 0.7M\nV1 x A4 1\n")
     for least_bytes in (0, 10**9):
         assert read_with(path, least_bytes=least_bytes).node_names == ("0", "a4", "x")
 
 
-def test_files_that_are_included_are_read_alike(tmp_path) -> None:
+def test_included_files_agree_with_the_general_reader(tmp_path) -> None:
     path = tmp_path / "deck.cir"
     path.write_text("title\nV1 a 0 1\n.include more.inc\nR1 a 0 1\n.include more.inc\nR2 a b 2\n")
     (tmp_path / "more.inc").write_text("R3 a B 1M\n+ m=2\nR4 b 0 5M\n.subckt s p q\nR1 p q 1\n.ends\nR5 b 0 1k\n")

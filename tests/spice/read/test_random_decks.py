@@ -1,4 +1,4 @@
-"""Random decks against ngspice; ``RESGRID_RANDOM_DECKS`` says how many (1000 for the whole lot).
+"""Voltages of random decks, compared with ngspice; ``RESGRID_RANDOM_DECKS`` is their number (default 100).
 
 Tests internals: `resgrid.spice.read.deck`, `resgrid.spice.run.rawfile`.
 """
@@ -19,7 +19,7 @@ COUNT = int(os.environ.get("RESGRID_RANDOM_DECKS", "100"))
 
 
 def simulated(folder: Path, seeds: range) -> list[dict[str, float]]:
-    """Node voltages of random decks by one run of ngspice."""
+    """Return the node voltages of random decks from one run of ngspice."""
     commands = ["* all", ".control"]
     for seed in seeds:
         (folder / f"d{seed}.cir").write_text(random_deck(seed))
@@ -36,7 +36,7 @@ def simulated(folder: Path, seeds: range) -> list[dict[str, float]]:
     return [dict(zip(raw.names, raw.values[0].real.tolist(), strict=True)) for raw in raws]
 
 
-def test_voltages_are_those_of_ngspice(tmp_path: Path) -> None:
+def test_voltages_of_random_decks_equal_those_of_ngspice(tmp_path: Path) -> None:
     seeds = range(COUNT)
     for seed, expected in zip(seeds, simulated(tmp_path, seeds), strict=True):
         deck = read_with(tmp_path / f"d{seed}.cir")
@@ -49,7 +49,7 @@ def test_voltages_are_those_of_ngspice(tmp_path: Path) -> None:
 
 @given(decks())
 @settings(max_examples=60)
-def test_both_ways_of_reading_agree(tmp_path_factory, deck: str) -> None:
+def test_the_fast_reader_agrees_with_the_general_reader(tmp_path_factory, deck: str) -> None:
     path = tmp_path_factory.mktemp("deck") / "deck.cir"
     path.write_text(deck)
     assert same(read_with(path, least_bytes=10**9), read_with(path, least_bytes=0))

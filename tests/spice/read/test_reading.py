@@ -1,6 +1,6 @@
-"""Reading decks: cards, values, parameters, subcircuits and messages, as ngspice reads them.
+"""Decks of all dialects: values of ngspice 39, parameters, models, subcircuits, names, titles, encodings and messages.
 
-Tests internals: `resgrid.spice.dialects.ngspice`.
+Tests internals: `resgrid.check_erc`, `resgrid.factorize`, `resgrid.spice.dialects.ngspice`.
 """
 
 import io
@@ -18,18 +18,18 @@ def deck(*lines: str, dialect: str = "ngspice") -> rg.spice.Circuit:
 
 
 def ohms(card: str, *more: str, dialect: str = "ngspice") -> float:
-    """Resistance of one resistor, at the deck's temperature, by what 1 A makes of it."""
+    """Resistance of R1 at the deck's temperature."""
     found = deck("I1 0 a 1", f"R1 a 0 {card}", *more, dialect=dialect)
     return 1.0 / float(found.netlist().conductance[0])
 
 
-def refusal(*lines: str, dialect: str = "ngspice") -> str:
+def rejection(*lines: str, dialect: str = "ngspice") -> str:
     with pytest.raises(rg.InputError) as caught:
         deck(*lines, dialect=dialect)
     return str(caught.value)
 
 
-# what ngspice 39 makes of these, by experiment
+# values measured with ngspice 39
 @pytest.mark.parametrize(
     ("card", "value"),
     [
@@ -84,7 +84,7 @@ def refusal(*lines: str, dialect: str = "ngspice") -> str:
         ("{asinh(1)}", math.asinh(1)),
     ],
 )
-def test_values_are_those_of_ngspice(card: str, value: float) -> None:
+def test_resistor_values_equal_those_of_ngspice(card: str, value: float) -> None:
     assert ohms(card) == pytest.approx(value, rel=1e-15)
 
 
@@ -112,24 +112,26 @@ def test_values_are_those_of_ngspice(card: str, value: float) -> None:
         ("5\n* between\n\n \t+ m=2", [], 2.5),
     ],
 )
-def test_parameters_models_and_temperatures(card: str, more: list[str], value: float) -> None:
+def test_parameters_models_and_temperatures_give_the_expected_resistance(
+    card: str, more: list[str], value: float
+) -> None:
     assert ohms(card, *more) == pytest.approx(value, rel=1e-12)
 
 
-def test_dialects_read_numbers_their_own_way() -> None:
+def test_numbers_and_comments_follow_the_dialect() -> None:
     assert ohms("1x", dialect="hspice") == ohms("1X", dialect="xyce") == 1e6
     assert ohms("1x", dialect="ltspice") == 1.0
     assert ohms("1a", dialect="hspice") == 1e-18
     assert ohms("4k7", dialect="ltspice") == 4700.0
-    assert "4k7" in refusal("R1 a 0 4k7")
+    assert "4k7" in rejection("R1 a 0 4k7")
     assert ohms("1k $ no comment in LTspice", dialect="hspice") == 1e3
-    assert "'$'" in refusal("R1 a 0 1k $ x", dialect="ltspice")
-    assert "//" in refusal("R1 a 0 1k // x", dialect="xyce")
+    assert "'$'" in rejection("R1 a 0 1k $ x", dialect="ltspice")
+    assert "//" in rejection("R1 a 0 1k // x", dialect="xyce")
     assert ohms("1k tc=0.1, 0.2", ".temp 37", dialect="ltspice") == pytest.approx(22e3)
     assert ohms("1k tc1=0.1", dialect="hspice") == 1e3
     assert ohms("1k tc1=0.1", ".temp 35", dialect="hspice") == pytest.approx(2e3)
-    assert "log" in refusal("R1 a 0 {log(10)}", dialect="xyce")
-    assert "^" in refusal("R1 a 0 {2^3}", dialect="ltspice")
+    assert "log" in rejection("R1 a 0 {log(10)}", dialect="xyce")
+    assert "^" in rejection("R1 a 0 {2^3}", dialect="ltspice")
 
 
 @pytest.mark.parametrize(
@@ -180,18 +182,18 @@ def test_dialects_read_numbers_their_own_way() -> None:
         ("R1 a 0 1k\nX1 a s\nX1 a s\n.subckt s a\nR1 a 0 1\n.ends", "two instances are named X1"),
     ],
 )
-def test_what_is_not_understood_is_refused_with_its_place(card: str, message: str) -> None:
-    assert message in refusal(*card.split("\n"))
+def test_unsupported_cards_raise_input_error_with_their_place(card: str, message: str) -> None:
+    assert message in rejection(*card.split("\n"))
 
 
-def test_errors_are_collected_up_to_twenty() -> None:
-    message = refusal(*(f"D{i} a 0 mod" for i in range(30)))
+def test_at_most_20_errors_are_collected() -> None:
+    message = rejection(*(f"D{i} a 0 mod" for i in range(30)))
     assert len(message.splitlines()) == 21
     assert "<text>:21:1" in message
     assert "after 20 errors" in message
 
 
-def test_sources_have_their_direct_value() -> None:
+def test_sources_have_their_dc_value() -> None:
     found = deck(
         *("V1 a 0 5", "V2 b 0 DC 5", "V3 c 0 dc=5 ac 1 0", "V4 d 0 ac 1 dc 5", "V5 e 0 dc 2 pulse(0 1 1u 2u)"),
         *("V6 f 0 pulse(3 1 1u)", "V7 g 0 sin(1 2 3 0 0 90)", "V8 h 0 pwl(-1 0 1 4)", "V9 i 0 pwl(1 3 2 4)"),
@@ -202,7 +204,7 @@ def test_sources_have_their_direct_value() -> None:
     assert any("time 0" in note.text for note in found.notes)
 
 
-def test_names_and_places_survive() -> None:
+def test_names_and_line_numbers_are_kept() -> None:
     found = deck(
         "Vdd VDD gnd 1",
         "X1 vdd Mid sub",
@@ -225,23 +227,23 @@ def test_names_and_places_survive() -> None:
     assert set(found.subcircuits) == {"Sub", "inner"}
 
 
-def test_multiplied_subcircuits_and_globals() -> None:
+def test_subcircuits_with_m_and_global_nodes_have_the_expected_voltage() -> None:
     found = deck("I1 0 a 1", "X1 a 0 s m=2", ".global rail", "Rg rail 0 1k", ".subckt s p q", "R1 p rail 1k", ".ends")
     voltage = dict(zip(found.node_names, rg.solve(found.netlist()).voltage, strict=True))
     assert voltage["a"] == pytest.approx(1500.0)
     assert "x1.rail" not in voltage
 
 
-def test_parameters_of_subcircuits() -> None:
+def test_subcircuit_parameters_are_overridden_by_instances() -> None:
     found = deck(
         *(".param r=3", "X1 a s params: r={r*2}", "X2 a s", "X3 a s r=1 k=5", "V1 a 0 1"),
         *(".subckt s p params: r=7 k=2", ".param both={r*k}", "R1 p 0 {both}", ".ends"),
     )
     assert found.resistance.tolist() == [12.0, 14.0, 5.0]
-    assert "no parameter 'z'" in refusal("X1 a s z=1", ".subckt s p", "R1 p 0 1", ".ends")
+    assert "no parameter 'z'" in rejection("X1 a s z=1", ".subckt s p", "R1 p 0 1", ".ends")
 
 
-def test_switches_whose_control_is_known() -> None:
+def test_switches_with_a_known_control_become_resistors() -> None:
     lines = (
         "V1 c d 1",
         "V2 d 0 0.5",
@@ -253,7 +255,7 @@ def test_switches_whose_control_is_known() -> None:
     assert deck(*lines).resistance.tolist() == [2.0, 1e6]
     window = ".model sw sw(ron=2 roff=1k vt=1.5 vh=0.2)"
     assert deck(*lines[:2], "S1 a 0 c 0 sw", "S2 a 0 c 0 sw on", window).resistance.tolist() == [1e3, 2.0]
-    assert "neither on nor off" in refusal(*lines[:2], "S1 a 0 c 0 sw", ".model sw sw(vt=1.5)")
+    assert "neither on nor off" in rejection(*lines[:2], "S1 a 0 c 0 sw", ".model sw sw(vt=1.5)")
 
 
 @pytest.mark.parametrize(
@@ -271,7 +273,7 @@ def test_switches_whose_control_is_known() -> None:
     ],
 )
 @pytest.mark.parametrize("least", [0, 10**9])
-def test_first_lines(tmp_path, first: str, title: str | None, resistors: int, least: int) -> None:
+def test_first_lines_are_titles_or_cards(tmp_path, first: str, title: str | None, resistors: int, least: int) -> None:
     from resgrid.spice.read.deck import read_with
 
     path = tmp_path / "deck.cir"
@@ -283,12 +285,12 @@ def test_first_lines(tmp_path, first: str, title: str | None, resistors: int, le
         assert any("no title line" in note.text for note in found.notes)
 
 
-def test_first_line_that_is_continued() -> None:
+def test_a_continued_first_line_is_a_card() -> None:
     found = rg.read_spice(io.StringIO("R1 a 0\n+ 5\nV1 a 0 1\n"))
     assert found.resistance.tolist() == [5.0]
 
 
-def test_zero_and_negative_resistances() -> None:
+def test_zero_resistances_become_sources_and_negative_ones_raise() -> None:
     found = deck("V1 a 0 1", "R1 a b 0", "R2 b 0 10", "R3 b 0 10")
     netlist = found.netlist()
     assert netlist.element_names is not None
@@ -309,13 +311,13 @@ def test_zero_and_negative_resistances() -> None:
         b"t\rV1 a 0 1\rR1 a 0 2\r",
     ],
 )
-def test_encodings_and_line_ends(tmp_path, data: bytes) -> None:
+def test_all_encodings_and_line_ends_are_read(tmp_path, data: bytes) -> None:
     path = tmp_path / "deck.cir"
     path.write_bytes(data)
     assert rg.read_spice(path).resistance.tolist() == [2.0]
 
 
-def test_commands_are_noted() -> None:
+def test_ignored_commands_are_noted() -> None:
     found = deck(
         *("V1 a 0 1", "R1 a 0 1", ".op", ".save all", ".tran 1 2", ".option reltol=1e-6 klu", ".ic v(a)=1"),
         *(".control", "run", "print all", ".endc", ".temp 50", ".end"),
@@ -334,7 +336,7 @@ def test_gnd_is_ground_except_in_xyce() -> None:
     assert len(deck(*lines, ".preprocess replaceground true", dialect="xyce").node_names) == 2
 
 
-def test_expansion_has_a_budget() -> None:
+def test_exponential_expansion_raises_budget_error() -> None:
     levels = [f".subckt n{i} a\nx1 a n{i + 1}\nx2 a n{i + 1}\n.ends" for i in range(30)]
     text = "t\n" + "\n".join([*levels, ".subckt n30 a\nR1 a 0 1\n.ends", "x1 a n0", "V1 a 0 1"]) + "\n"
     with pytest.raises(rg.BudgetError, match="elements"):
@@ -345,7 +347,7 @@ def test_expansion_has_a_budget() -> None:
         rg.read_spice(io.StringIO(small), max_elements=1000)
 
 
-def test_long_chains_of_parameters_either_way() -> None:
+def test_long_chains_of_parameters_are_resolved_in_any_order() -> None:
     forwards = ["V1 a 0 1", ".param c0=1", *(f".param c{i + 1}={{c{i}+1}}" for i in range(500)), "R1 a 0 {c500}"]
     assert deck(*forwards).resistance.tolist() == [501.0]
     assert deck(*reversed(forwards)).resistance.tolist() == [501.0]
@@ -358,7 +360,7 @@ def test_parsed_deck_arrays_are_read_only() -> None:
     assert found.resistor_nodes.dtype == np.int32
 
 
-def test_what_is_read_is_solved_and_checked_as_it_is() -> None:
+def test_solve_factorize_and_check_erc_accept_a_circuit() -> None:
     read = rg.read_spice(io.StringIO("t\nV1 in 0 2\nR1 in out 1k\nR2 out 0 1k\n.end\n"))
     assert rg.check_erc(read) == ()
     assert rg.solve(read).voltage.tolist() == rg.solve(read.netlist()).voltage.tolist() == [0.0, 2.0, 1.0]
@@ -367,13 +369,13 @@ def test_what_is_read_is_solved_and_checked_as_it_is() -> None:
         rg.solve([read])
 
 
-def test_quoted_names_of_nodes_are_names() -> None:
+def test_quoted_node_names_lose_their_quotes() -> None:
     found = deck('R1 "Net-(R1-Pad1)" 0 1k', 'V1 in "Net-(R1-Pad1)" 1', "R2 in 0 1k")
     assert found.node_names == ("0", "Net-(R1-Pad1)", "in")
 
 
-def test_a_voltage_source_of_ltspice_may_have_a_resistance_in_series() -> None:
+def test_rser_of_ltspice_sources_is_a_series_resistor() -> None:
     found = deck("V1 a 0 2 Rser=1k", "R1 a 0 1k", dialect="ltspice")
     voltage = dict(zip(found.node_names, rg.solve(found).voltage.tolist(), strict=True))
     assert voltage == pytest.approx({"0": 0.0, "a": 1.0, "V1.rser": 2.0})
-    assert "not supported" in refusal("V1 a 0 2 Rser=1k")
+    assert "not supported" in rejection("V1 a 0 2 Rser=1k")

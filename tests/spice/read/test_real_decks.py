@@ -1,4 +1,4 @@
-"""Decks and networks that no one here wrote, with the answers they carry.
+"""Published decks and networks (OpenROAD, ICCAD 2023, Circuitscape), compared with their published results.
 
 Tests internals: `resgrid.spice.networks.circuitscape`, `resgrid.spice.read.deck`.
 """
@@ -15,7 +15,7 @@ from resgrid.spice.networks.circuitscape import read_circuitscape
 from resgrid.spice.read.deck import read_with
 
 
-def test_ground_net_of_a_chip(cases: Path) -> None:
+def test_an_openroad_ground_net_has_the_published_voltages(cases: Path) -> None:
     path = cases / "openroad" / "gcd_all_vss.sp"
     deck = rg.read_spice(path)
     assert (len(deck.resistance), len(deck.current_amps), len(deck.source_volts)) == (3371, 510, 3)
@@ -32,7 +32,7 @@ def test_ground_net_of_a_chip(cases: Path) -> None:
 
 
 @pytest.mark.parametrize("least", [0, 10**9])
-def test_power_grid_without_title(cases: Path, least: int) -> None:
+def test_an_iccad_power_grid_without_title_has_the_published_drops(cases: Path, least: int) -> None:
     folder = cases / "iccad23" / "testcase11"
     deck = read_with(folder / "netlist.sp", least_bytes=least)
     assert deck.title is None
@@ -53,7 +53,7 @@ def test_power_grid_without_title(cases: Path, least: int) -> None:
 
 
 @pytest.mark.parametrize("number", [1, 2])
-def test_networks_of_circuitscape(cases: Path, number: int) -> None:
+def test_circuitscape_networks_have_the_published_voltages(cases: Path, number: int) -> None:
     folder = cases / "circuitscape"
     netlist = rg.read_spice(folder / f"mgNetworkVerify{number}.ini").netlist()
     assert netlist.node_names is not None
@@ -64,9 +64,9 @@ def test_networks_of_circuitscape(cases: Path, number: int) -> None:
     assert max(abs(voltage[name] - float(volts)) for name, volts in expected.items()) < 1e-8
 
 
-# the maps were made by conjugate gradients: their own current maps are off by 5e-7 of a source
+# the maps were computed by conjugate gradients: their currents have errors of 5e-7 of a source
 @pytest.mark.parametrize(("number", "error"), [(2, 1e-7), (5, 1e-7)])
-def test_rasters_of_circuitscape(cases: Path, number: int, error: float) -> None:
+def test_circuitscape_rasters_have_the_published_voltages(cases: Path, number: int, error: float) -> None:
     folder = cases / "circuitscape" / f"raster{number}"
     network, node = read_circuitscape(folder / f"mgVerify{number}.ini")
     assert node is not None

@@ -1,4 +1,4 @@
-"""Reserved names, built-in constants, the temperature and unquoted expressions, by the rules of every dialect.
+"""Reserved names, constants, temperature and unquoted expressions in every dialect, compared with ngspice runs.
 
 Tests internals: `resgrid.spice.dialects`, `resgrid.spice.run.ngspice`.
 """
@@ -89,14 +89,14 @@ FOLLOWED = {
 
 
 @pytest.mark.parametrize("name", FOLLOWED)
-def test_ngspice_is_followed(name: str) -> None:
+def test_voltages_of_decks_with_reserved_names_equal_those_of_ngspice(name: str) -> None:
     text = f"{HEAD}{FOLLOWED[name]}{TAIL}"
     measured = ngspice_voltage(text)
     assert measured is not None
     assert our_voltage(read(text)) == pytest.approx(measured, rel=1e-9)
 
 
-REFUSED = {
+REJECTED = {
     "temper as a parameter": (".param temper=50\nR1 in a r='20*temper'", "ngspice takes 'temper' for its temperature"),
     "a function name": (".param max=5\nR1 in a 'max*100'", "'max' is a function of ngspice"),
     "a function name, bare": (".param pow=5\nR1 in a pow", "'pow' is a function of ngspice"),
@@ -156,9 +156,9 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_ngspice_would_misread_is_refused(name: str) -> None:
-    lines, says = REFUSED[name]
+@pytest.mark.parametrize("name", REJECTED)
+def test_decks_that_ngspice_misreads_raise_input_error(name: str) -> None:
+    lines, says = REJECTED[name]
     text = f"{HEAD}{lines}{TAIL}"
     with pytest.raises(rg.InputError, match=re.escape(says)):
         read(text)
@@ -190,7 +190,7 @@ def test_what_ngspice_would_misread_is_refused(name: str) -> None:
     }
 
 
-def test_names_that_ngspice_misreads_are_refused_in_long_decks(tmp_path: Path) -> None:
+def test_names_that_ngspice_misreads_are_rejected_in_long_decks(tmp_path: Path) -> None:
     filler = "".join(f"R{i} n{i} 0 1k\n" for i in range(9, 5000))
     path = tmp_path / "deck.cir"
     path.write_text(f"{HEAD}{filler}R1 in temper 1k{TAIL}")
@@ -198,7 +198,7 @@ def test_names_that_ngspice_misreads_are_refused_in_long_decks(tmp_path: Path) -
         rg.read_spice(path)
 
 
-def test_a_quoted_value_between_others_is_no_quoted_blank() -> None:
+def test_quoted_values_in_sequence_cause_no_note() -> None:
     assert not [note for note in read(f'{HEAD}R1 in a r="1k" m="2"{TAIL}').notes if note.outcome]
 
 
@@ -233,7 +233,7 @@ OTHERS = [
 
 
 @pytest.mark.parametrize(("dialect", "lines", "expected"), OTHERS)
-def test_other_dialects_have_names_of_their_own(dialect: str, lines: str, expected: float | str) -> None:
+def test_other_dialects_have_their_own_reserved_names(dialect: str, lines: str, expected: float | str) -> None:
     text = f"{HEAD}{lines}{TAIL}"
     if isinstance(expected, float):
         assert ohms(text, dialect) == pytest.approx(expected, rel=1e-15)
@@ -257,7 +257,7 @@ def test_other_dialects_have_names_of_their_own(dialect: str, lines: str, expect
         ("parameters max=1\nr1 (a 0) resistor r=2*max", "'max' is a function of Spectre"),
     ],
 )
-def test_spectre_has_names_of_its_own(lines: str, expected: float | str) -> None:
+def test_spectre_has_its_own_reserved_names(lines: str, expected: float | str) -> None:
     text = f"simulator lang=spectre\n{lines}\nv1 (a 0) vsource dc=1\n"
     if isinstance(expected, float):
         assert ohms(text, "spectre") == pytest.approx(expected, rel=1e-15)
@@ -275,7 +275,7 @@ def test_utf_16_is_read_without_a_byte_order_mark(tmp_path: Path) -> None:
         assert [n.outcome for n in rg.read_spice(tmp_path / "deck.net").notes if "UTF-16" in n.text] == ["fails"]
 
 
-def test_a_circle_of_the_temperature_is_refused() -> None:
+def test_a_circular_temperature_raises_input_error() -> None:
     with pytest.raises(rg.InputError, match="is defined by 'temper' itself"):
         read(f"{HEAD}.options temp={{temper+1}}\nR1 in a {{temper}}{TAIL}")
 
@@ -296,7 +296,7 @@ def _expression(rng: random.Random, names: list[str], depth: int = 0) -> str:
 
 
 def _case(rng: random.Random, dialect: str) -> tuple[str, float | None]:
-    """A deck, and the resistance of R1 by the manual; None where a name of it is reserved or has no value."""
+    """A deck and the resistance of R1 by the manual; None if it defines a reserved name."""
     words = DIALECTS[dialect].reading.words
     celsius = rng.choice((DIALECTS[dialect].nominal_temperature, 50.0, 85.0))
     values: dict[str, float] = dict(words.constants) | dict.fromkeys(words.temperature, celsius)
@@ -325,21 +325,21 @@ def _case(rng: random.Random, dialect: str) -> tuple[str, float | None]:
 
 
 @pytest.mark.parametrize("dialect", ["ngspice", "ltspice", "xyce", "hspice"])
-def test_decks_with_reserved_names_have_the_value_of_the_manual_or_are_refused(dialect: str) -> None:
+def test_random_reserved_names_have_the_manuals_value_or_are_rejected(dialect: str) -> None:
     rng = random.Random(1)
-    outcomes = {"right": 0, "refused": 0}
+    outcomes = {"right": 0, "rejected": 0}
     for _ in range(50):
         text, expected = _case(rng, dialect)
         try:
             found = ohms(text, dialect)
         except rg.ResgridError:
-            outcomes["refused"] += 1
+            outcomes["rejected"] += 1
             assert expected is None, text
             continue
         if dialect == "ngspice":
             measured = ngspice_voltage(text)
             assert measured == pytest.approx(our_voltage(read(text)), rel=1e-9), text
-        elif expected is None:  # a reserved name that is defined, but not used
+        elif expected is None:  # a reserved name is defined but not used
             assert not DIALECTS[dialect].reading.words.undefinable & set(re.findall(r"\.param (\w+)=", text)), text
         else:
             assert found == pytest.approx(expected, rel=1e-12), text

@@ -1,4 +1,4 @@
-"""Decks in Spectre's language, and what this package writes for any simulator, read back.
+"""Decks in Spectre's language, compared with literals, and round trips of written decks in every dialect.
 
 Tests internals: `resgrid.spice.dialects`.
 """
@@ -55,7 +55,7 @@ def read(text: str, dialect: str = "auto") -> rg.spice.Circuit:
     return rg.read_spice(io.StringIO(text), dialect=dialect)
 
 
-def test_a_deck_in_both_languages() -> None:
+def test_a_deck_in_spectre_and_spice_language_is_read() -> None:
     deck = read(DECK)
     assert (deck.dialect, deck.title, deck.temperature) == ("spectre", "a divider", 27.0)
     ohms = dict(zip(deck.element_names["resistor"], deck.resistance.tolist(), strict=True))
@@ -93,7 +93,7 @@ def test_a_deck_in_both_languages() -> None:
         ("r1 (a 0) resistor r=1 \\\nsimulator lang=spice", ":4:1: unexpected 'simulator'"),
     ],
 )
-def test_what_is_not_understood_is_refused_with_its_place(line: str, message: str) -> None:
+def test_unsupported_statements_raise_input_error_with_their_place(line: str, message: str) -> None:
     with pytest.raises(rg.InputError, match=message):
         read(f"// title\nsimulator lang=spectre\n{line}\n")
 
@@ -112,7 +112,7 @@ def test_a_section_of_a_library_is_included(tmp_path: Path) -> None:
 
 
 def saturating(seed: int) -> rg.Netlist:
-    """A small circuit of every kind of element that decks hold."""
+    """A small circuit with every kind of element of decks."""
     rng = np.random.default_rng(seed)
     return rg.Netlist(
         5,
@@ -135,7 +135,7 @@ def saturating(seed: int) -> rg.Netlist:
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 @pytest.mark.parametrize("seed", range(3))
-def test_a_deck_is_read_as_it_was_written(tmp_path: Path, dialect: str, seed: int) -> None:
+def test_written_decks_read_back_as_the_same_circuit(tmp_path: Path, dialect: str, seed: int) -> None:
     netlist = saturating(seed)
     path = tmp_path / "deck.cir"
     rg.write_spice(netlist, path, dialect)
@@ -161,13 +161,13 @@ def test_a_deck_is_read_as_it_was_written(tmp_path: Path, dialect: str, seed: in
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 @pytest.mark.parametrize("text", ["b1 a 0 i=1*tanh(v(0,a)/1)", "b1 a 0 i=-1*tanh(v(a,0)/1)", "b1 a 0 i=v(a,0)"])
-def test_other_behavioural_sources_are_refused(dialect: str, text: str) -> None:
+def test_other_behavioural_sources_raise_input_error(dialect: str, text: str) -> None:
     if dialect != "spectre":
         with pytest.raises(rg.InputError, match=r"behavioural|positive|controlled"):
             read(f"t\n{text}\n", dialect)
 
 
-def test_a_line_is_joined_to_the_next_one_alone_though_that_is_blank() -> None:
+def test_a_backslash_joins_one_line_only_even_a_blank_one() -> None:
     lines = ("r1 (a 0) resistor r=1 \\", "", "r2 (a 0) resistor \\", "  r=2", "v (a 0) vsource dc=1", "")
     deck = read("simulator lang=spectre\n" + "\n".join(lines))
     assert dict(zip(deck.element_names["resistor"], deck.resistance.tolist(), strict=True)) == {"r1": 1.0, "r2": 2.0}
@@ -195,21 +195,21 @@ def test_a_line_is_joined_to_the_next_one_alone_though_that_is_blank() -> None:
         ),
     ],
 )
-def test_messages_use_words_of_the_language(text: str, says: str) -> None:
+def test_messages_use_keywords_of_the_language(text: str, says: str) -> None:
     with pytest.raises(rg.InputError) as caught:
         read(f"simulator lang=spectre\n{text}")
     assert says in str(caught.value)
     assert not re.search(r"\.(subckt|ends|model|param|global|include)", str(caught.value))
 
 
-def test_notes_use_words_of_the_language() -> None:
+def test_notes_use_keywords_of_the_language() -> None:
     asked = "statistics {\n}\ns sweep param=temp values=[1 2] {\n o dc\n}\nic a=1\nop dc\n"
     deck = read(f"simulator lang=spectre\nr1 (a 0) resistor r=1\nv (a 0) vsource dc=1\n{asked}")
     assert [note.text.split()[0] for note in deck.notes] == ["statistics", "sweep", "ic", "dc"]
 
 
 @pytest.mark.parametrize(("master", "severity"), [("vsource dc=0", "error"), ("inductor l=1n", "warning")])
-def test_what_an_instance_is_its_master_says_and_not_its_name(master: str, severity: str) -> None:
+def test_the_master_determines_the_kind_of_an_instance(master: str, severity: str) -> None:
     deck = read(f"* loop\nsimulator lang=spectre\nv1 (a 0) vsource dc=1\nlow (a b) {master}\nlate (b a) {master}\n")
     loops = [violation for violation in rg.check_erc(deck) if violation.rule == "voltage loop"]
     assert [violation.severity for violation in loops] == [severity]

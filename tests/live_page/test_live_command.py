@@ -1,4 +1,4 @@
-"""``resgrid live`` at the terminal."""
+"""The subcommand ``resgrid live``, run as a process: output, signals, exit codes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import resgrid as rg
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
-def test_it_says_where_the_page_is_until_it_is_ended(end):
+def test_live_prints_the_address_and_exits_with_0_at_a_signal(end):
     options = ["live", "--no-browser", "--port", "0"]
     with subprocess.Popen([*COMMAND, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -27,7 +27,7 @@ def test_it_says_where_the_page_is_until_it_is_ended(end):
     assert (process.returncode, complaints) == (0, "")
 
 
-def test_it_ends_while_requests_are_being_answered():
+def test_an_interrupt_ends_the_server_while_a_request_is_running():
     program = (
         "import time\nfrom resgrid.live_page.session import Session\nfrom resgrid.cli import main\n"
         "Session.answer = lambda session, message: time.sleep(600)\nmain(prog_name='resgrid')\n"
@@ -46,12 +46,12 @@ def test_it_ends_while_requests_are_being_answered():
     assert (process.returncode, complaints) == (0, "")
 
 
-def test_what_is_no_plane_is_refused(scenes):
+def test_a_scene_of_three_axes_exits_with_2(scenes):
     result = call("live", scenes / "voxels.toml", "--no-browser")
     assert result.exit_code == 2 and "3 axes" in result.stderr
 
 
-def test_without_its_extra_it_says_what_to_type(monkeypatch):
+def test_without_uvicorn_live_raises_tool_missing_error_and_exits_with_3(monkeypatch):
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     with pytest.raises(rg.ToolMissingError, match=r"-m pip install .*starlette.*uvicorn.*websockets"):
         rg.live(browser=False)
