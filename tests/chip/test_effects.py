@@ -95,7 +95,7 @@ def test_a_list_of_effects_survives_a_json_round_trip() -> None:
         ({"pass": "mismatch", "sigma": 0.1, "seed": -3}, "seed = -3 must be a whole number"),
         ({"pass": "temperature"}, "celsius: this key is missing"),
         ({"pass": "gradient", "shares": [0.1, float("nan")]}, r"shares\[1\]: nan is not a number"),
-        ({"pass": "faults", "open_density": 0.7, "short_density": 0.7}, "together at most 1"),
+        ({"pass": "faults", "open_density": 0.7, "short_density": 0.7}, "with a sum of at most 1"),
         ({"pass": "faults", "short_resistance": 0.0}, "short_resistance: must be greater than 0"),
     ],
 )
