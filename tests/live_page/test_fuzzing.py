@@ -15,7 +15,7 @@ from support.cli import COMMAND
 from support.fuzzing import act, rest
 from support.pages import kept, settle
 
-ACTIONS = int(os.environ.get("RESGRID_PAGE_ACTIONS", "300"))
+ACTIONS = int(os.environ.get("RESGRID_PAGE_ACTIONS", "150"))
 SEED = int(os.environ.get("RESGRID_PAGE_SEED", "1"))
 PARTS = 5
 MOST_BYTES = 3e6, 8e6, 80e6

@@ -164,7 +164,7 @@ def test_a_launcher_with_ranks_or_another_method_raises_input_error() -> None:
     space = scattered_space((5, 5), (), 0)
     with pytest.raises(rg.InputError, match="the launcher sets the number of ranks; leave out ranks"):
         rg.plan(space, method="petsc", ranks=2, launcher="mpiexec -n 2")
-    with pytest.raises(rg.InputError, match="belongs to method = 'petsc', not to 'auto'"):
+    with pytest.raises(rg.InputError, match="needs method = 'petsc', not 'auto'"):
         rg.plan(space, launcher="mpiexec -n 2")
 
 

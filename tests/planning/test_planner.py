@@ -125,7 +125,7 @@ def test_invalid_arguments_raise_input_error() -> None:
         rg.plan(space, k=0.5, boundary="neumann")
     with pytest.raises(rg.InputError, match="boundary = 'soft'"):
         rg.plan(space, boundary="soft")
-    with pytest.raises(rg.InputError, match="or a Scene is needed, not a str"):
+    with pytest.raises(rg.InputError, match=r"where = 'rooms\.toml' must be a ConfigurationSpace"):
         rg.plan("rooms.toml")
     planner = rg.plan(space)
     with pytest.raises(rg.InputError, match="one circuit was solved"):
