@@ -263,7 +263,11 @@ def target_of(path: Path) -> Path:
 
 
 def _create_temporary(folder: Path, target: Path, path: Path) -> Path:
-    """Create an empty temporary file in a folder; `path` is for messages."""
+    """Create an empty temporary file in a folder, and return its path.
+
+    `target`: file that the temporary file will replace; its name is part of the temporary name; `path`: name of the
+    target as the caller wrote it, for messages.
+    """
     # tempfile.mkstemp creates private files (0600); results must obey the user's umask.
     temporary = temporary_place(folder, target.stem, target.suffix)
     try:

@@ -92,7 +92,7 @@ class Result:
         raise NotImplementedError
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures as plain values."""
+        """Return the figures of merit by name, each as a dictionary of its fields."""
         return {name: asdict(figure) for name, figure in self.figures.items()}
 
     def __repr__(self) -> str:

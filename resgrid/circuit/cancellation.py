@@ -33,8 +33,8 @@ _GUARD = 300
 the range of the conductances."""
 
 _NEAR_FLOOR = 20
-"""Number of binary digits above the floor up to which KCL is not checked, as other currents at the node may lie below
-the floor."""
+"""Range of currents above the floor, in binary digits.  KCL is not checked at nodes whose total current lies in this
+range or below the floor, because some of their currents may have been set to zero."""
 
 _LEAST_AMPS = -2200
 """Smallest assumed binary logarithm of the largest current in amperes, for circuits without sources; it lies below
@@ -44,6 +44,7 @@ _TINY = float(np.finfo(np.float64).tiny)
 """Smallest normalized double."""
 
 _MOST_STEPS = 200
+"""Maximum number of steps of iterative refinement."""
 
 
 class RecoveredCurrents(NamedTuple):

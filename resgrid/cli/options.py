@@ -100,7 +100,10 @@ class Suggested(_Type):
 
 
 class SceneKey(_Type):
-    """Type of the option ``--set``: ``KEY=VALUE`` with a key path of a scene, which is completed table by table."""
+    """Type of the option ``--set``: ``KEY=VALUE``, where the key is a path in a scene file (``chip.resistance``).
+
+    The shell completes a key path one table at a time.
+    """
 
     name = "text"
 

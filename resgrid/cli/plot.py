@@ -82,7 +82,11 @@ def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | Non
 
 
 def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
-    """Return one of `PICTURES` as axes or a figure, with unknown cells painted."""
+    """Draw one picture, and return its matplotlib axes or figure.
+
+    `what`: name of the picture, one of `PICTURES`; `field`: the field that it shows, None for pictures of a whole plan.
+    In a space of two axes, unknown cells of a map have their own colour.
+    """
     picture = _drawn(what, job, plan, field)
     if what in ("page", "potential", "currents", "paths"):
         from resgrid.plot.panels import paint_unknown

@@ -28,7 +28,7 @@ _AT_STOP = 1e-6
 _LEAST = 1e-3
 """Smallest collision-free fraction of a step that is taken."""
 _POSES = 50
-"""Maximum number of poses along a step."""
+"""Maximum number of collision tests along a step, each at another pose of the robot."""
 _LIFTS = 3
 """Maximum number of moves that lift a robot off an obstacle at the start."""
 _LIFT = 10 * TOUCH

@@ -211,7 +211,11 @@ class Controller:
 
     @cached_property
     def _kernel(self) -> Callable[[NDArray[np.float64], NDArray[np.float64]], tuple[int, float]]:
-        """Function ``(point, velocity)`` that writes the velocity at a point, and returns status and longest step."""
+        """Compiled function ``(point, velocity)``, which writes the unit velocity at a point to `velocity`.
+
+        It returns a status (0: free cell with a path; 1: goal cell; 2: no path or no current; larger: point outside the
+        grid or not finite) and the length of the longest straight step, in axis units.
+        """
         from resgrid.control.kernels import nominal
 
         space, flow = self.field.space, self.field.flow

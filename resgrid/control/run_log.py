@@ -258,7 +258,7 @@ class Run:
 
 
 class Recorder:
-    """Collects the rows of a run, and makes the log."""
+    """Record of the steps of a run, in axis units."""
 
     def __init__(self, ndim: int) -> None:
         self._ndim = ndim
@@ -290,7 +290,12 @@ class Recorder:
         self, end: End, goal: int | None, lessons: tuple[MapUpdate, ...], field: Field, space: ConfigurationSpace,
         plant: Plant, scene: Scene | None,
     ) -> Run:  # fmt: skip
-        """Return the log of all rows, in world coordinates."""
+        """Return the run with all recorded steps, converted to world coordinates.
+
+        `goal`: number of the goal region that the robot reached, or None; `lessons`: updates of the map; `field,
+        space`: state of the map at the end of the run.  If the robot penetrated an obstacle, the run ends with
+        `ENTERED` instead of `end`, unless its start was blocked.
+        """
         frame = space.frame
         time, configuration, believed, velocity, mode, torque, push = zip(*self._rows, strict=True)
         places = np.array(configuration)

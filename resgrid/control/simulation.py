@@ -303,7 +303,7 @@ def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
 def arrival(
     end: End, space: ConfigurationSpace, configuration: NDArray[np.float64], believed: NDArray[np.float64]
 ) -> tuple[End, int | None]:
-    """Return the end of a run that believes to be in a goal, and the number of its true goal region."""
+    """Return the end of a run whose believed configuration is in a goal, and the true goal region's number or None."""
     region = int(space.goal_region[tuple(space.split(configuration)[0])])
     if region >= 0:
         return end, region

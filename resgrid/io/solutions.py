@@ -115,7 +115,11 @@ def _views(op: OperatingPoint | Field, title: str, form: str, about: Mapping[str
 
 
 def _field_arrays(op: OperatingPoint) -> dict[str, NDArray[Any]]:
-    """Return potential, log drop and cell codes of a space's circuit, shapes of the space."""
+    """Return the arrays of a space's circuit by name: potential, logarithm of the drop, and cell codes.
+
+    All have the shape of the space.  The logarithm is left out if the circuit has no high rail.  In cells without a
+    node, the potential and the logarithm are NaN.
+    """
     cell_map = op.netlist.cell_map
     if cell_map is None or op.potential is None:
         raise InputError(

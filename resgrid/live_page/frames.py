@@ -24,13 +24,13 @@ MAX_CIRCUIT_SIDE = 10
 """Largest number of cells per axis of a grid whose circuit is drawn."""
 
 NO_VALUE = 65535
-"""Value in a picture of cells without a value."""
+"""Pixel value of cells without a value, in pictures of 16-bit integers."""
 
 _SPEED_DECADES = 6.0
 """Range of currents over which the speed of dots varies, in orders of magnitude."""
 
 _SMALLEST_DROP = 1e-7
-"""Smallest drop that a normwise solution resolves."""
+"""Smallest drop that a preview (a normwise solution) resolves, as a fraction of the voltage between the rails."""
 
 
 def describe(frame: SolvedDrawing) -> tuple[dict[str, Any], list[bytes]]:

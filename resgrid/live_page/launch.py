@@ -164,7 +164,11 @@ def live(
 def serve(
     where: Scene | ConfigurationSpace | None, *, host: str, port: int, read_only: bool, browser: bool
 ) -> LivePage:
-    """Serve the live page at an address, and open it if `browser` is true; arguments as in `live`."""
+    """Start a server of the live page, and return the page.
+
+    `where`: initial drawing, an empty square for None; `host, port`: address of the server; `read_only`: visitors can
+    only change k and starts; `browser`: open the page in a browser.
+    """
     page = LivePage(_drawing(where), host, port, read_only)
     if browser:
         webbrowser.open(page.url)

@@ -21,7 +21,10 @@ from resgrid.live_page.opening import example_titles, open_document, open_exampl
 from resgrid.live_page.solving import SolvedDrawing, WarmFields, solve_drawing
 
 MAX_EXACT_SECONDS = 0.035
-"""Longest computing time of a direction-safe frame that replaces previews during a gesture, in seconds."""
+"""Limit of the computing time of a frame with full accuracy (a direction-safe field), in seconds.
+
+If the last such frame took less time, frames during a gesture have full accuracy, too; otherwise they are previews.
+"""
 
 _log = logging.getLogger(__name__)
 Reply = tuple[dict[str, Any], list[bytes]]

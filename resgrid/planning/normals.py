@@ -170,7 +170,11 @@ def _places(
 
 
 def _field_around(space: ConfigurationSpace, padding: int) -> tuple[Field, NDArray[np.int64]]:
-    """Return the field between the model and the edge of the padded grid, and the padding per axis, in cells."""
+    """Pad a space with free cells, and return the field between the model and the edge of the padded grid.
+
+    The second return value is the padding at either end of every axis, in cells, shape (ndim,); it is 0 on periodic
+    axes.  `space`: a space whose goal cells are the model.
+    """
     margin = np.where(space.periodic, 0, padding)
     axes = [
         Axis(a.name, a.lower - m * a.spacing, a.upper + m * a.spacing, a.cells + 2 * m, a.periodic, a.unit)

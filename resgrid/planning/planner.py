@@ -68,12 +68,12 @@ class Planner:
 
     @property
     def obstacle_field(self) -> Field:
-        """Field of k = 1: obstacles on the rail, directly or through wall resistances."""
+        """Field with the weight k = 1: obstacles are connected to the rail, directly or through wall resistances."""
         return self.solution.halves[0]
 
     @property
     def open_field(self) -> Field:
-        """Field of k = 0: open obstacles."""
+        """Neumann field, with the weight k = 0: obstacles are open, so that no current flows into them."""
         return self.solution.halves[1]
 
     @property

@@ -29,9 +29,9 @@ from resgrid.plot.style import FAILURE, TEXT, add_colour_bar, add_swatch, refres
 from resgrid.scene.quantities import format_quantity, prefix_of
 
 _UNSERVED = "#e8d3e4"
-"""Colour of starts that no resolution serves."""
+"""Colour of starts for which no resolution of the converter suffices."""
 _HARMLESS = "#c8c8c8"
-"""Colour of resistors whose fault costs no start."""
+"""Colour of resistors whose fault makes no start lose its path."""
 _MOST_DRIFT = 100.0
 """Largest drift of a resistor in the picture, in per cent."""
 

@@ -249,7 +249,10 @@ class Robot(ABC):
         return [part.core[0].buffer(part.radius, quad_segs=16) if part.radius else part.core[0] for part in parts]
 
     def workspace_axes(self, axes: Sequence[Axis]) -> Sequence[Axis]:
-        """Return the axes if they span a plane workspace, in which obstacles repeat periodically; otherwise ()."""
+        """Return the axes along which obstacles can repeat periodically, given the axes of the configuration space.
+
+        These are all axes if the configuration space is also the workspace and a plane, otherwise none.
+        """
         return axes if self.moves_in_workspace and len(axes) == 2 else ()
 
     def within_seams(self, axes: Sequence[Axis], configurations: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -42,7 +42,7 @@ def document_of(scene: Scene) -> dict[str, Any]:
 
 
 def _table(value: Any) -> dict[str, Any]:
-    """Return the table of a shape, a goal or an area."""
+    """Return a shape, a goal or a cost area as a table of a scene file."""
     from resgrid.scene.schema import SHAPES
 
     if isinstance(value, CostArea):

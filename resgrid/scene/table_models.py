@@ -99,7 +99,7 @@ def table_of(value: type, kind: tuple[str, str] | None = None, planar: bool = Fa
 def fields_from(value: Callable[..., Any], names: Sequence[str] = (), *, planar: bool = False) -> dict[str, Any]:
     """Return the fields of a model for a dataclass or a function's options: types, defaults and descriptions.
 
-    `names`: fields to include; empty for all.
+    `names`: fields to include; empty for all; `planar`: points have two coordinates.
     """
     if isinstance(value, type):
         defaults = {item.name: _default(item) for item in dataclasses.fields(value)}

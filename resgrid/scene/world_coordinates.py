@@ -73,7 +73,7 @@ def check_cell(axes: tuple[Axis, ...], cell: tuple[int, ...], key: str) -> None:
 
 
 def to_space(shape: Shape, frame: Frame) -> Shape:
-    """Return a shape in world coordinates in the coordinates of the space."""
+    """Convert a shape from world coordinates to the coordinates of the space; return a `CellSet` unchanged."""
     if frame.is_world or isinstance(shape, CellSet):  # a map's cells have these coordinates already
         return shape
     if shape.ndim != 2:

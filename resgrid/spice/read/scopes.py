@@ -126,7 +126,11 @@ class BuiltIns:
         return self.rules.words
 
     def value(self, name: str, scope: Scope) -> float | None:
-        """Return the value of a built-in name, None for other names; raise ReservedNameError if it has no value."""
+        """Return the value of a built-in constant or temperature; None for other names.
+
+        Constants that `scope` defines are other names, too.  Raises ReservedNameError for a built-in variable or
+        function, for a name that only a sweep defines, and for a temperature that the deck redefines.
+        """
         words = self.words
         if name in words.temperature or name in words.nominal:
             self._refuse_redefined(name, scope, "its temperature")
