@@ -30,7 +30,7 @@ _STALE = 86_400.0
 def temporary_folder() -> Iterator[Path]:
     """Create a folder in the system's temporary folder (``TMPDIR``), and delete it at the end of the block.
 
-    It is deleted twice: if the process ends while another thread deletes the folder, one of both calls succeeds.
+    The folder is deleted twice: if the process ends while another thread deletes it, one of both calls succeeds.
     """
     folder = tempfile.TemporaryDirectory(prefix="resgrid-", ignore_cleanup_errors=True)
     try:

@@ -88,7 +88,7 @@ class _Resistor(NamedTuple):
 def solve_in_integers(system: Equations, columns: list[Column]) -> RecoveredCurrents | None:
     """Solve the equations in integer arithmetic; None if the refinement diverges, e.g. after underflow in the factors.
 
-    `columns`: of the factors of ``system.laplacian``.
+    `columns`: columns of the factors of ``system.laplacian``.
     """
     state = _initial_state(system)
     last = math.inf
@@ -107,7 +107,7 @@ class _State:
     """Voltages and currents in integers, which corrections change in place.
 
     `depth`: binary digits between the largest value and the floor; `unit_volts, unit_amps`: binary logarithms of the
-    units in volts and amperes; `resistors`: those that may carry current; `volts` (nodes,): above ground; `net`
+    units in volts and amperes; `resistors`: resistors that may carry current; `volts` (nodes,): above ground; `net`
     (n + 1,): net current into every row; the last entry is unused.
     """
 

@@ -318,7 +318,7 @@ class Scope:
         return self if self.outer is None else self.outer.outermost
 
     def scope_of(self, block: Block) -> Scope:
-        """Return the scope of this block or an enclosing one."""
+        """Return the scope of `block`, which is the block of this scope or an enclosing one."""
         return self if self.block is block or self.outer is None else self.outer.scope_of(block)
 
     def number(self, card: Card, token: Token, lookup: Lookup | None = None) -> float:
