@@ -48,5 +48,5 @@ def wrong_calls() -> None:
     rg.plan(rg.read_scene("a.toml"), colour="red")  # type: ignore[call-arg]
     rg.compile_space(rg.build_space(rg.read_scene("a.toml")), resistence=1e3)  # type: ignore[call-arg]
     rg.study(rg.read_scene("a.toml")).settling(bit=3)  # type: ignore[call-arg]
-    length: str = rg.Axis("x", 0.0, 1.0, 4).lower  # type: ignore[assignment]
+    _length: str = rg.Axis("x", 0.0, 1.0, 4).lower  # type: ignore[assignment]
     rg.streamlin  # type: ignore[attr-defined]  # noqa: B018
