@@ -36,7 +36,11 @@ NO_EXPONENT = -(2**62)
 _LOG_BASE = BITS * math.log(2.0)
 
 _ROW_ROUNDING = 12.0
-"""Number of rounding errors in a row's sum of currents, in addition to one per conductance, with a margin."""
+"""Bound on the rounding error of a row's sum of currents, in units of 2**-53 of the currents' magnitudes, with a
+margin.
+
+One unit per conductance of the row is added.
+"""
 
 
 @inlined

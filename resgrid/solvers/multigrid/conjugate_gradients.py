@@ -307,7 +307,7 @@ class _Burst:
         self._kept += 1
 
         def move() -> float:
-            """Return the largest change of a voltage in this step."""
+            """Return the largest change of a voltage in this step, in volts."""
             return float(abs(alpha) * unit * krylov.largest_step(v.z[: self._kept], self._on_p, v.p))
 
         self._stop.record(alpha * zr * unit * unit, move)

@@ -12,7 +12,7 @@ from resgrid.solvers.llvm_intrinsics import flush_subnormals, restore_subnormals
 from resgrid.solvers.scaled import Floats, Integers, Singles
 
 Unsigned = NDArray[np.uint32]
-"""Unsigned indices: compiled code does not check for negative ones, which count from the end."""
+"""Array of unsigned indices: compiled code does not check these for negative values, which count from the end."""
 
 
 _MOST_LEVELS = 64

@@ -129,7 +129,7 @@ def take_step(r: Singles, v: Singles, step: np.float32, begin: int, count: int) 
 
 @inner_fast
 def copy(values: Singles, begin: int, count: int, there: Singles) -> None:
-    """Copy ``values[begin:begin + count]`` to the same slots of ``there``."""
+    """Copy ``values[begin:begin + count]`` to ``there[begin:begin + count]``."""
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
