@@ -206,7 +206,7 @@ def with_room(numbers: Indices, size: int, more: int) -> Indices:
 def _gather(q: Quotient, members: Indices, step: Indices, p: int, size: int) -> int:
     """Turn row ``p`` into an element, append its members to ``members`` from index ``size`` on, and return their end.
 
-    The members are the remaining neighbours of ``p`` and the members of its neighbouring elements, which end thereby.
+    The members are the remaining neighbours of ``p`` and the members of its neighbouring elements, which are emptied.
     `q`: quotient graph; `step` (n,): state of every row.
     """
     for s in range(q.start[p], q.start[p] + q.length[p]):

@@ -208,11 +208,12 @@ def _update(factors: SupernodalFactors, work: Workspace, other: int, node: int) 
 def _weigh(
     factors: SupernodalFactors, work: Workspace, first: int, columns: int, here: int, apart: int, row: int
 ) -> None:
-    """Write the conductances from eliminated columns to ``row`` to ``work.weight``; add the row's ground conductance.
+    """Write the conductances from eliminated columns to ``row`` into ``work.weight``.
+
+    The ground conductance that the elimination of the columns gives the row is added to ``work.grounded[row]``.
 
     `first, columns`: first column, and number of columns; `here`: index of the first column's entry in the row among
-    the values; `apart`: increment of this index from a column to the next. The ground conductance that the elimination
-    of the columns gives the row is added to ``work.grounded[row]``.
+    the values; `apart`: increment of this index from a column to the next.
     """
     total = 0.0
     for k in range(columns):
@@ -224,7 +225,10 @@ def _weigh(
 
 @inlined
 def _eliminate_within(factors: SupernodalFactors, work: Workspace, node: int) -> bool:
-    """Eliminate the columns of supernode ``node`` after all updates; return whether the pivots are positive, finite."""
+    """Eliminate the columns of supernode ``node``; return whether all of its pivots are positive and finite.
+
+    All updates by earlier supernodes must have been added before.
+    """
     nodes, values, pivot, grounded = factors.symbolic.nodes, factors.values, factors.pivot, work.grounded
     first, base, width = nodes.first[node], nodes.offset[node], nodes.first[node + 1] - nodes.first[node]
     length = nodes.start[node + 1] - nodes.start[node]

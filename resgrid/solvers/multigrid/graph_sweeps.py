@@ -45,12 +45,12 @@ class Graphs(NamedTuple):
 
 
 class SweepBuffers(NamedTuple):
-    """Work arrays of one solve, over the nodes of all graphs.
+    """Work arrays of one solve, over the nodes of all graphs of a hierarchy.
 
-    `b, x` (1 + nodes,): currents and voltages; entry 0 belongs to no node; `c` (nodes,): first search direction of a
-    K-cycle; `v, w` (nodes,): products of the matrix with the first and the second direction; `change` (nodes,):
-    changes of the voltages by the last sweep; `visits` (levels,): number of visits of every level in a K-cycle;
-    `first_steps` (levels, 2): inner products of the first step of the K-cycle on every level.
+    `b, x` (1 + nodes,): right-hand sides and solutions; entry 0 belongs to no node; `c` (nodes,): first search
+    direction of a K-cycle; `v, w` (nodes,): products of the matrix with the first and the second direction; `change`
+    (nodes,): changes of the solutions by the last sweep; `visits` (levels,): number of visits of every level in the
+    present K-cycle; `first_steps` (levels, 2): inner products of the first step of the K-cycle on every level.
     """
 
     b: Singles

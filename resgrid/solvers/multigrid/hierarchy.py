@@ -234,7 +234,7 @@ class GridProblem:
         self._set_addresses(0, before=v.before, r=v.r, s=v.s, w=v.w, red_double=x[0])
 
     def _describe(self, number: int, of: GridLevel) -> None:
-        """Write the numbers and the array addresses of a grid to record ``number`` of the table."""
+        """Write the numbers and array addresses of the grid ``of`` to record ``number`` of the table."""
         stencil, row = of.stencil, self.table[number]
         sides, slots = stencil.faces.shape
         counts = {
@@ -248,7 +248,10 @@ class GridProblem:
         self._set_addresses(number, degree=stencil.black_degree, aggregate=of.aggregate)
 
     def _set_addresses(self, number: int, **arrays: NDArray[np.generic]) -> None:
-        """Write the addresses of named arrays to record ``number`` of the table, and keep the arrays alive."""
+        """Write addresses of arrays to record ``number`` of the table, and keep the arrays alive.
+
+        `arrays`: array for every field of the record that is to be written.
+        """
         row = self.table[number]
         for name, array in arrays.items():
             assert array.flags.c_contiguous

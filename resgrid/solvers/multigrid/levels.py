@@ -88,7 +88,11 @@ class Finest(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """The coarse grids of a hierarchy, then its graphs; for a netlist no grids, and the netlist as the first graph."""
+    """The levels of a hierarchy below the finest grid, or all levels of a netlist.
+
+    `grids`: coarse grids, finest first; empty for a netlist; `graphs`: graphs below the grids; for a netlist, the
+    netlist is the first graph.
+    """
 
     grids: tuple[GridLevel, ...]
     graphs: Graphs
