@@ -36,10 +36,9 @@ NO_EXPONENT = -(2**62)
 _LOG_BASE = BITS * math.log(2.0)
 
 _ROW_ROUNDING = 12.0
-"""Bound on the rounding error of a row's sum of currents, in units of 2**-53 of the currents' magnitudes, with a
-margin.
+"""Number of rounding errors (2**-53 each) in the sum of a row's currents, with a margin.
 
-One unit per conductance of the row is added.
+One more is added for every conductance of the row.
 """
 
 

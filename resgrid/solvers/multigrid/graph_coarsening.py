@@ -76,13 +76,13 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
 def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int]:
     """Partition the nodes of a graph into aggregates; return the aggregate of every node, shape (n,), and their number.
 
-    `most`: maximum number of nodes of an aggregate, without nodes that join alone; `strict`: whether nodes join along
-    strong conductances only, and whether the number of nodes that join alone is limited to half of `most`.
+    `most`: maximum number of nodes of an aggregate, before single nodes join; `strict`: whether nodes join along strong
+    conductances only, and whether an aggregate has at most 1.5 ``most`` nodes after single nodes have joined.
 
     An aggregate starts with the first node that has no aggregate. It repeatedly takes in the free neighbour with the
     greatest sum of conductances to the aggregate, divided by the square root of the sum of all conductances of the
-    neighbour. A node without such a neighbour joins, alone, the aggregate at the other end of the node's strongest
-    conductance. Unless ``strict``, only nodes without neighbours stay alone.
+    neighbour. A node without such a neighbour joins the aggregate at the other end of the node's strongest conductance.
+    Unless ``strict``, only nodes without neighbours stay alone.
     """
     (indptr, indices, conductance, leak), n = graph, len(graph.leak)
     degree, scale, strongest = _degrees(indptr, conductance, leak)
