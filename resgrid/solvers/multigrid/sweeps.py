@@ -34,16 +34,15 @@ CLEAR, ELIMINATE, RESTRICT, RELAX, PROLONG, COMBINE, BACK_SUBSTITUTE, STEP, MULT
 )
 """The kinds of sweeps; not literals, for which numba would specialize (see `resgrid._internal.jit.ZERO`).
 
-Names in double quotes are fields of the record of a grid (`levels.GRID`). Five kinds sweep from red to black cells.
+The vectors below are fields of the record of a grid (`levels.GRID`). Four kinds sweep from red to black cells.
 `ELIMINATE` eliminates the red cells: it writes the black residual to ``r`` and its relaxation from zero to ``before``.
 `RESTRICT` sums the residual of ``before`` into the next level. `RELAX` relaxes ``before`` into ``z``. `MULTIPLY`
-computes ``S z``, where S is the Schur complement of the black cells with the diagonal ``degree``. `BACK_SUBSTITUTE`
-computes the red cells from ``before``.
+computes ``S z``, where S is the Schur complement of the black cells with the diagonal ``degree``.
 
-The others work cell by cell. `PROLONG` adds the next level's solution to ``before``. `STEP` takes the first step of the
-K-cycle along ``z``, copies this direction to ``c``, and relaxes the residual from zero. `COMBINE` sets ``before`` to
-the combination of both directions by the ``coefficients``. `CLEAR` sets the next level's right-hand side to 0, as do
-`ELIMINATE` and `STEP`.
+`BACK_SUBSTITUTE` computes the red cells from ``before``. The others work cell by cell. `PROLONG` adds the next level's
+solution to ``before``. `STEP` takes the first step of the K-cycle along ``z``, copies this direction to ``c``, and
+relaxes the residual from zero. `COMBINE` sets ``before`` to the combination of both directions by the ``coefficients``.
+`CLEAR` sets the next level's right-hand side to 0, as do `ELIMINATE` and `STEP`.
 """
 
 
