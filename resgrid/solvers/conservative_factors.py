@@ -24,11 +24,11 @@ from resgrid.solvers.supernodal import SupernodalFactors
 _MANTISSA = 53
 
 Fixed = tuple[int, int]
-"""A positive double as an integer and its number of binary places after the point."""
+"""A double as an integer and its number of binary places after the point."""
 
 
 def fixed(value: float) -> Fixed:
-    """Return a double as an integer and a number of binary places."""
+    """Return the double ``value`` as an integer and a number of binary places after the point."""
     fraction, exponent = math.frexp(value)
     return int(fraction * 2.0**_MANTISSA), _MANTISSA - exponent
 
@@ -36,9 +36,10 @@ def fixed(value: float) -> Fixed:
 class Column(NamedTuple):
     """Elimination step of one row.
 
-    `row`; `fractions`: later neighbours and the fractions of the current that they receive, without the neighbour of
-    the largest fraction; `largest`: that neighbour, -1 for the ground; `leak`: fraction that goes to the ground, None
-    if this is the largest one or 0; `resistance`: inverse of the pivot, in ohms.
+    `row`: the eliminated row; `fractions`: later neighbours, and the fractions of the row's current that they receive,
+    without the neighbour of the largest fraction; `largest`: that neighbour, -1 if the ground receives the largest
+    fraction; `leak`: fraction that goes to the ground, None if this is the largest fraction or 0; `resistance`: inverse
+    of the pivot, in ohms. Fractions and the resistance are `Fixed`.
     """
 
     row: int
@@ -49,7 +50,7 @@ class Column(NamedTuple):
 
 
 def columns_of(factors: SupernodalFactors) -> list[Column]:
-    """Return the elimination steps in the order of elimination."""
+    """Return the elimination steps of all rows, in the order of elimination; `factors`: subtraction-free factors."""
     (order, place, nodes), (indptr, indices, edges, ground), values, pivot, _ = factors
     size, kept = len(order), int(nodes.first[-1])
     grounded, columns = ground[order].tolist(), []
@@ -82,9 +83,10 @@ def columns_of(factors: SupernodalFactors) -> list[Column]:
 
 
 def substitute(columns: list[Column], current: list[int], places: int) -> list[int]:
-    """Return the voltages of all rows for the currents into them.
+    """Return the voltages of all rows for the currents into them, both as integers.
 
-    Both are integers. A unit of current through a resistor of one ohm gives ``2**places`` units of voltage.
+    `columns`: elimination steps; `current`: current into every row, in any unit; `places`: a unit of current through a
+    resistor of one ohm gives ``2**places`` units of voltage.
     """
     current, voltage = current.copy(), [0] * len(current)
     for row, fractions, largest, leak, _ in columns:
@@ -110,12 +112,12 @@ def substitute(columns: list[Column], current: list[int], places: int) -> list[i
 
 
 def scaled(value: int, exponent: int) -> int:
-    """Return ``value * 2**exponent``, rounded down."""
+    """Return ``value * 2**exponent`` as an integer, rounded down."""
     return value << exponent if exponent >= 0 else value >> -exponent
 
 
 def nearest(value: int, exponent: int) -> float:
-    """Round ``value * 2**exponent`` to a double."""
+    """Return ``value * 2**exponent`` rounded to the nearest double; infinite beyond the range of doubles."""
     excess = value.bit_length() - 64
     if excess > 0:
         lost = value & ((1 << excess) - 1)

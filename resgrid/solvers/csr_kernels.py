@@ -15,10 +15,13 @@ from resgrid.solvers.scaled import Floats, Indices, Reals
 def conductances_by_row(
     pairs: Indices, conductance: Floats, row: Indices, size: int
 ) -> tuple[Indices, Indices, Floats]:
-    """Return sorted symmetric CSR arrays of the conductances between rows, parallel ones summed, without a diagonal.
+    """Return the conductances between rows as sorted symmetric CSR arrays: begins of rows, columns and conductances.
 
-    Rows are filled with lower neighbours from the front and with upper ones from the back. Resistors of a grid come
-    axis by axis, so that the result is already sorted.
+    Parallel conductances are summed; there is no diagonal. Rows are filled with lower neighbours from the front and
+    with upper ones from the back. Resistors of a grid come axis by axis, so that the result is already sorted.
+
+    `pairs` (m, 2), `conductance` (m,): vertices at the ends of every resistor, and its conductance; `row` (vertices,):
+    row of every vertex, negative for a known voltage; `size`: number of rows.
     """
     indptr = np.zeros(size + 1, np.int32)
     for k in range(len(pairs)):
@@ -55,7 +58,10 @@ def conductances_by_row(
 
 @inner
 def sort(keys: Indices, values: Floats | Indices, begin: int, end: int) -> None:
-    """Sort a slice of `keys` in place and permute that slice of `values` alike; both may be one array (Shell 1959)."""
+    """Sort ``keys[begin:end]`` in place, and permute ``values[begin:end]`` alike (Shell 1959).
+
+    Both arguments may be one array.
+    """
     gap = 1
     while 16 * gap < end - begin:
         gap = 3 * gap + 1
@@ -71,7 +77,7 @@ def sort(keys: Indices, values: Floats | Indices, begin: int, end: int) -> None:
 
 @inner
 def _sum_repeats(indptr: Indices, indices: Indices, data: Floats) -> int:
-    """Sum repeated columns of sorted rows, in place; returns the new number of entries."""
+    """Sum entries of equal column in sorted CSR rows, in place; return the new number of entries."""
     end = 0
     for i in range(len(indptr) - 1):
         begin, indptr[i] = indptr[i], end
@@ -87,7 +93,10 @@ def _sum_repeats(indptr: Indices, indices: Indices, data: Floats) -> int:
 
 @inner
 def find(parent: Indices, node: int) -> int:
-    """Return the root of a node in a union-find, which is the smallest node of its tree; halves the path to it."""
+    """Return the root of the tree of ``node`` in a union-find, and halve the path to the root.
+
+    `parent` (n,): parent of every node; the root of a tree is its smallest node.
+    """
     above = parent[node]
     while above != node:
         top = parent[above]
@@ -99,7 +108,7 @@ def find(parent: Indices, node: int) -> int:
 
 @inner
 def join(parent: Indices, a: int, b: int) -> None:
-    """Merge the trees of nodes ``a`` and ``b`` of a union-find."""
+    """Merge the trees of nodes ``a`` and ``b`` of a union-find; `parent` (n,): parent of every node."""
     a, b = find(parent, a), find(parent, b)
     if a != b:
         parent[max(a, b)] = min(a, b)
@@ -111,9 +120,10 @@ def compare_edges(
 ) -> tuple[int, float, float, float, int]:
     """Return number, minimum, maximum and sum of the conductances between rows, and the number of weak ones.
 
-    Weak conductances are below ``weak`` times the strongest one at either of their rows.
+    A conductance is weak if it is below ``weak`` times the strongest conductance at either of its rows.
 
-    Shapes: `strongest` (n,): work array, 0 on entry.
+    `pairs` (m, 2), `conductance` (m,): vertices at the ends of every resistor, and its conductance; `row` (vertices,):
+    row of every vertex, negative for a known voltage; `strongest` (n,): work array, 0 on entry.
     """
     count, smallest, largest, total, weak_count = 0, np.inf, 0.0, 0.0, 0
     for k in range(len(pairs)):
@@ -135,9 +145,10 @@ def compare_edges(
 def row_residual(
     matrix: tuple[Indices, Indices, Reals, Floats], slot: Indices, b: Floats, x: Floats, r: Floats
 ) -> float:
-    """Compute ``r = b - A x`` from differences of `x`; write row ``i`` to ``r[slot[i]]``; return ``|r|``.
+    """Compute the residual ``b - A x`` from differences of `x`, and return its Euclidean norm.
 
-    Shapes: `slot, b, x` (n,), in the order of rows; `r` (n,).
+    `matrix`: fields of `Graph`; `slot` (n,): index in ``r`` of the residual of every row; `b, x` (n,): right-hand side
+    and solution, in the order of rows; `r` (n,): result.
     """
     indptr, indices, conductance, ground = matrix
     total = 0.0

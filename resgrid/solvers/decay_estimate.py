@@ -19,19 +19,20 @@ STRAIGHTNESS = 0.7
 """Typical ratio of the straight distance, over which the potential decays, to the distance along the grid lines."""
 
 _MOST_EXCLUDED, _EXCLUDED_OF = 5_000, 50
-"""Upper limits on the nodes excluded from the estimate: absolute, and as 1/N of all nodes."""
+"""Largest number of nodes excluded from the estimate, and divisor of the number of nodes for a second limit."""
 
 _PARTS = 64.0
-"""Path costs are integers: this number of units is a decay of the potential by a factor of e."""
+"""Number of units of path cost, which are integers, per decay of the potential by a factor of e."""
 
 _SEEN = -1
-"""End of a list of nodes; smaller values encode the cost of a step to a node that has not been reached."""
+"""End of a linked list of nodes; smaller values encode the cost of a step to a node that has not been reached."""
 
 
 def estimate_decades(laplacian: Laplacian, statistics: ConductanceStatistics) -> float:
-    """Estimate the number of orders of magnitude by which a potential falls between two rails; 0 for other circuits.
+    """Return an estimate of the orders of magnitude by which a potential falls between two rails; 0 for other circuits.
 
-    The lowest nodes are excluded if they are few, since they are solved directly (`resgrid.solvers.refinement`).
+    `laplacian, statistics`: the matrix, and statistics of its conductances. The lowest nodes are excluded if they are
+    few, since they are solved directly (`resgrid.solvers.refinement`).
 
     Along a corridor ``w`` cells wide the potential falls by ``exp(-pi sqrt(d) / w)`` per cell, in ``d = 1`` or 2 cross
     dimensions. With a contact resistance to the obstacles of ``k`` times the resistance between cells the factor is
@@ -57,10 +58,13 @@ def decay(
 ) -> float:
     """Return the approximate natural logarithm of a potential's fall, without the ``excluded`` lowest nodes.
 
-    ``ends``: masks of the nodes that touch the low rail and the high rail. If the nearest contact with the high rail
-    lies ``r`` steps away, the corridor is taken to be ``w = 2 r + 1`` cells wide. The potential then falls by ``((w /
-    rate)**2 + w wall)**(-1/2)`` factors of e per step. The first term is the Dirichlet case; the second term is the
-    leakage through contact resistances, if it is large.
+    `rows`: conductances between nodes; `ends`: masks (n,) of the nodes that touch the low rail and the high rail;
+    `rate`: decay per cell times the width of a corridor in cells; `wall`: contact resistance to obstacles in excess of
+    the resistance between nodes, relative to the latter and divided by twice the number of cross dimensions.
+
+    If the nearest contact with the high rail lies ``r`` steps away, the corridor is taken to be ``w = 2 r + 1`` cells
+    wide. The potential then falls by ``((w / rate)**2 + w wall)**(-1/2)`` factors of e per step. The first term is the
+    Dirichlet case; the second term is the leakage through contact resistances, if it is large.
     """
     (low, high), n = ends, len(ends[0])
     depth, buckets = np.full(n, _SEEN - 2, dtype=np.int32), np.full(int(_PARTS * rate) + 2, _SEEN, dtype=np.int32)
@@ -71,10 +75,10 @@ def decay(
 
 
 def costs_by_depth(deepest: int, rate: float, wall: float) -> Indices:
-    """Return the cost of a step to a node by its depth (steps from the high rail): the decay of the potential.
+    """Return the cost of a step to a node, by the number of steps from the node to the high rail, shape (deepest + 1,).
 
-    The unit is a decay by a factor of ``exp(1 / _PARTS)``; the least cost is 1.
-    Shape (deepest + 1,); the last entry, for nodes without a path to the high rail, is 0.
+    The cost is the decay of the potential, in units of a factor of ``exp(1 / _PARTS)``, and at least 1. The last entry,
+    for nodes without a path to the high rail, is 0. `deepest`: number of nodes; `rate, wall`: parameters of `decay`.
     """
     costs = np.ones(deepest + 1, dtype=np.int32)
     width = 2.0 * np.arange(min(deepest, int(_PARTS * rate))) + 1.0
@@ -87,12 +91,12 @@ def costs_by_depth(deepest: int, rate: float, wall: float) -> Indices:
 def cheapest_paths(rows: Rows, begin: NDArray[np.bool_], cost: Indices, wanted: int, head: Indices) -> int:
     """Return the largest cost of a cheapest path to any of the ``wanted`` nearest nodes (Dial 1969).
 
-    The cost of a step depends only on the node that it leads to, so that the first path found to a node is the
+    The cost of a step depends only on the node that the step leads to. The first path found to a node is therefore the
     cheapest.
 
-    Shapes: `begin` (n,): nodes where paths begin; `cost` (n,): cost of a step to each node, below the number of
-    buckets. On entry it is encoded as ``_SEEN - 1 - cost``; on exit it is the cost of the path to each reached node.
-    `head` (buckets,): -1 on entry.
+    `rows`: neighbours of every node; `begin` (n,): mask of the nodes where paths begin; `cost` (n,): cost of a step to
+    each node, below the number of buckets. On entry it is encoded as ``_SEEN - 1 - cost``; on exit it is the cost of
+    the path to each reached node. `head` (buckets,): -1 on entry.
     """
     # Linked lists of the nodes in the buckets: `head`, and the successor of every node until it is visited.
     after, buckets, waiting, seen = cost, len(head), 0, 0

@@ -33,37 +33,45 @@ if TYPE_CHECKING:
     from resgrid.solvers.symbolic import Symbolic
 
 EXACT_ROWS = 20_000
-"""Number of rows up to which KCL holds to rounding: answers are the nearest doubles, equal on every machine."""
+"""Number of rows up to which the direct method refines answers to the nearest doubles, equal on every machine."""
 
 _REFINED_DIRECTLY, _REFINED = 1e-28, 1e-26
-"""Sufficient componentwise backward errors where no current flows, of the direct method and of multigrid.
+"""Componentwise backward errors at which refinement ends where no current flows: direct method, multigrid.
 
 The first is the rounding error of double-double arithmetic. The second is larger, since multigrid iterates for every
 digit.
 """
 
 _ROUNDINGS = 16.0 * np.finfo(np.float64).eps
-"""Bound on the relative error of an entry per row, due to subtraction-free factors and substitution."""
+"""Bound on the relative error of an entry of a direct solution, divided by the number of rows.
+
+The error is due to rounding in subtraction-free factors and substitution.
+"""
 
 _LEAST_ENTRY = 1e-150
-"""Smallest entry of ``-L`` for which products of two entries are normal numbers."""
+"""Smallest entry of ``-L`` (a fraction) for which products of two entries do not underflow to subnormal numbers."""
 
 _MOST_PASSES = 4
-"""Maximum number of corrections of a direct solution: each one gains most of the digits, or none."""
+"""Maximum number of substitutions in a normwise direct solution: each gains most of the digits, or none."""
 
 
 @dataclass(frozen=True, eq=False)
 class Factor(ABC):
-    """A factorization or preconditioner of the matrix `laplacian`, for many right-hand sides.
+    """A factorization or preconditioner of a Laplacian, to solve for many right-hand sides.
 
-    `threads`: run its solves.
+    Parameters
+    ----------
+    laplacian : Laplacian
+        The matrix, with ``n`` rows.
+    threads : ThreadTeam, optional
+        Threads that share the work of a solve; the calling thread by default.
     """
 
     laplacian: Laplacian
     threads: ThreadTeam = field(default=SINGLE_THREAD, kw_only=True)
 
     name: ClassVar[str]
-    """Name of the method."""
+    """Name of the method, as users choose it."""
 
     def solve(
         self,
@@ -73,7 +81,29 @@ class Factor(ABC):
         guess: ArrayLike | None = None,
         watch: ProgressMonitor | None = None,
     ) -> Floats:
-        """Solve to a normwise backward error of `rtol`. Shapes: `rhs` (n,), `guess` (n,); returns (n,)."""
+        """Solve ``A x = rhs`` to a normwise backward error.
+
+        Parameters
+        ----------
+        rhs : array_like, shape (n,)
+            Right-hand side, in amperes.
+        rtol : float, optional
+            Largest normwise backward error, between 0 and 1.
+        guess : array_like, shape (n,), optional
+            Initial solution in volts, for iterative methods.
+        watch : ProgressMonitor, optional
+            Records iterations and the accuracy, and can cancel the solve.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Solution, in volts.
+
+        Raises
+        ------
+        AccuracyError
+            If the backward error exceeds `rtol`.
+        """
         check_rtol(rtol)
         begin = None if guess is None else self._one_per_row("guess", guess)
         return self._solve(self._one_per_row("rhs", rhs), rtol, begin, watch)
@@ -81,7 +111,22 @@ class Factor(ABC):
     def solve_nonnegative(
         self, rhs: ArrayLike | Scaled, *, watch: ProgressMonitor | None = None
     ) -> tuple[Scaled, float]:
-        """Solve with entrywise accuracy for `rhs` (n,) >= 0; returns the solution (n,) and its backward error."""
+        """Solve ``A x = rhs`` for nonnegative right-hand sides, with a small relative error of every entry.
+
+        Parameters
+        ----------
+        rhs : array_like or Scaled, shape (n,)
+            Right-hand side, in amperes; no entry is negative.
+        watch : ProgressMonitor, optional
+            Records iterations and the accuracy, and can cancel the solve.
+
+        Returns
+        -------
+        solution : Scaled, shape (n,)
+            Solution, in volts.
+        error : float
+            Componentwise backward error of the solution.
+        """
         currents = self._one_per_row("rhs", rhs.hi if isinstance(rhs, Scaled) else rhs)
         if currents.min(initial=0.0) < 0.0:
             row = int(np.argmin(currents))
@@ -95,7 +140,10 @@ class Factor(ABC):
         return found.solution, found.error
 
     def _judged(self, x: Floats, error: float, rtol: float, watch: ProgressMonitor | None) -> Floats:
-        """Return the solution, or raise AccuracyError if its backward error exceeds `rtol`."""
+        """Return the solution `x` (n,) and record it in `watch`; raise AccuracyError if `error` exceeds `rtol`.
+
+        `error`: normwise backward error of the solution; `rtol`: largest error allowed.
+        """
         if not error <= rtol:
             raise AccuracyError(
                 f"method {self.name!r} stagnates at a backward error of {error:.1e}, above rtol = {rtol:.1e}; use "
@@ -108,14 +156,24 @@ class Factor(ABC):
 
     @abstractmethod
     def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: ProgressMonitor | None) -> Floats:
-        """Solve to a normwise backward error of `rtol`; all arrays are contiguous and of shape (n,)."""
+        """Return the solution (n,) in volts, to a normwise backward error of `rtol`, or raise AccuracyError.
+
+        `rhs` (n,): right-hand side in amperes; `guess` (n,): initial solution in volts, or None; `watch`: records
+        iterations, and can cancel them. Arrays are contiguous.
+        """
 
     @abstractmethod
     def _refined(self, rhs: Floats | Scaled, watch: ProgressMonitor | None) -> Refined:
-        """Solve with entrywise accuracy for a nonnegative contiguous right-hand side (n,)."""
+        """Return the solution with a small relative error of every entry, its backward error and its error bound.
+
+        `rhs` (n,): nonnegative contiguous right-hand side in amperes; `watch`: records iterations, and can cancel them.
+        """
 
     def _one_per_row(self, name: str, values: ArrayLike) -> Floats:
-        """Return values as a contiguous array (n,); InputError for a wrong shape or values that are not finite."""
+        """Return `values` as a contiguous array (n,) of doubles; raise InputError for a wrong shape or infinite values.
+
+        `name`: name of the argument in messages. NaN is refused too.
+        """
         array = np.ascontiguousarray(real_numbers(name, values), dtype=np.float64)
         if array.shape != (self.laplacian.size,):
             raise InputError(
@@ -128,20 +186,24 @@ class Factor(ABC):
 
 
 def check_rtol(rtol: float) -> None:
-    """Raise InputError unless 0 < rtol < 1."""
+    """Raise InputError unless ``0 < rtol < 1``; `rtol`: relative tolerance of a solve."""
     check_number("rtol", rtol, "a number between 0 and 1", above=0.0, below=1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class DirectFactor(Factor):
-    """A matrix and its factors ``L D L^T``."""
+    """A Laplacian and its factors ``L D L^T``, in the field `factors`."""
 
     factors: SupernodalFactors
     name: ClassVar[str] = "direct"
     """Name of the method."""
 
     def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: ProgressMonitor | None) -> Floats:
-        """Solve by substitution, with a few steps of iterative refinement (Higham 2002, section 12.1)."""
+        """Return the solution (n,) by substitution, with up to three steps of refinement (Higham 2002, section 12.1).
+
+        `rhs` (n,): right-hand side in amperes; `rtol`: normwise backward error; `guess`: not used; `watch`: records the
+        accuracy.
+        """
         del guess
         from resgrid.solvers.csr_kernels import row_residual
 
@@ -157,7 +219,10 @@ class DirectFactor(Factor):
         return self._judged(x, error, rtol, watch)
 
     def _refined(self, rhs: Floats | Scaled, watch: ProgressMonitor | None) -> Refined:
-        """Solve by substitution in scaled numbers, refined to entrywise accuracy."""
+        """Return the solution by substitution in scaled numbers, refined to a small relative error of every entry.
+
+        `rhs` (n,): nonnegative right-hand side in amperes; `watch`: not used.
+        """
         del watch
         factors, exact = self.factors, self.laplacian.size <= EXACT_ROWS
         bound = self._certainty() if exact else np.inf
@@ -171,14 +236,14 @@ class DirectFactor(Factor):
         )
 
     def _certainty(self) -> float:
-        """Return a relative error bound for entries after substitution; infinite if entries of ``L`` may underflow."""
+        """Return a bound on the relative error of entries after substitution; infinite if ``L`` may underflow."""
         values = self.factors.values
         least = values.min(initial=1.0, where=values > 0.0)
         return _ROUNDINGS * self.laplacian.size if least > _LEAST_ENTRY else np.inf
 
 
 def factor_direct(laplacian: Laplacian, order: Symbolic | None = None) -> DirectFactor:
-    """Factor a matrix, in a given order of elimination or in one that suits it."""
+    """Return the direct factorization of a matrix; `order`: elimination order, None to compute one for this matrix."""
     from resgrid.solvers.supernodal import factor_supernodes
 
     laplacian = laplacian.with_rows()
@@ -187,18 +252,20 @@ def factor_direct(laplacian: Laplacian, order: Symbolic | None = None) -> Direct
 
 @dataclass(frozen=True, eq=False)
 class MultigridFactor(Factor):
-    """A matrix, and the hierarchy that preconditions it."""
+    """A Laplacian, and the multigrid levels that precondition conjugate gradients for it, in the field `hierarchy`."""
 
     hierarchy: Hierarchy
     name: ClassVar[str] = "multigrid"
     """Name of the method."""
 
     def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: ProgressMonitor | None) -> Floats:
-        """Solve by preconditioned conjugate gradients to a residual norm of ``rtol |b|``, as far as rounding allows.
+        """Return the solution (n,) of preconditioned conjugate gradients; raise AccuracyError if it is inaccurate.
+
+        `rhs` (n,): right-hand side in amperes; `rtol`: residual norm relative to ``|rhs|`` at which the iteration ends,
+        and largest backward error; `guess` (n,): initial solution in volts, or None; `watch`: records iterations.
 
         With a guess the iteration also ends if the estimated error of every voltage is at most ``rtol`` of the largest
-        voltage. If all currents meet in a few cells, as at the goal of open obstacles, the residual norm is much
-        stricter than that.
+        voltage. This criterion is much weaker if all currents meet in a few cells, as at the goal of open obstacles.
         """
         from resgrid.solvers.multigrid.conjugate_gradients import iterate
         from resgrid.solvers.multigrid.krylov import norm
@@ -209,7 +276,10 @@ class MultigridFactor(Factor):
         return self._judged(x, error, rtol, watch)
 
     def _refined(self, rhs: Floats | Scaled, watch: ProgressMonitor | None) -> Refined:
-        """Solve by multigrid, refined to entrywise accuracy."""
+        """Return the solution by multigrid, refined to a small relative error of every entry.
+
+        `rhs` (n,): nonnegative right-hand side in amperes; `watch`: records iterations, and can cancel them.
+        """
         from resgrid.solvers.multigrid.conjugate_gradients import approximate
 
         passes = partial(approximate, self.laplacian, self.hierarchy, watch, threads=self.threads)
@@ -217,7 +287,10 @@ class MultigridFactor(Factor):
 
 
 def factor_multigrid(laplacian: Laplacian, *, threads: ThreadTeam = SINGLE_THREAD) -> MultigridFactor:
-    """Build the multigrid hierarchy of a matrix; compressed rows are kept unless the matrix is a two-coloured grid."""
+    """Return the multigrid preconditioner of a matrix; `threads`: share the work of setup and solves.
+
+    Compressed rows are stored unless the matrix is a two-coloured grid.
+    """
     from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
     hierarchy = build_hierarchy(laplacian, threads)

@@ -34,41 +34,47 @@ from resgrid.solvers.supernodal import factor_supernodes
 from resgrid.solvers.symbolic import Symbolic
 
 _FEW = 300
-"""Number of sampled resistors from whose median a chip's unit of conductance is computed."""
+"""Approximate number of sampled resistors from whose median a chip's unit of conductance is computed."""
 
 _LEFT = 16 * ROUNDING
 """Rounding error of a residual norm, as a fraction of the largest conductance times ``|x|``."""
 
 _ROUNDINGS = 1e-13
-"""Relative error of subtraction-free factors due to rounding."""
+"""Relative error of a solution by subtraction-free factors due to rounding."""
 
 _FORBIDDEN = 1e-9
 """Smallest tolerance of the error of voltages, as a fraction of the largest voltage; smaller ones are raised to it."""
 
 _EVEN = 1e4
-"""Largest ratio of the rows' conductances for which the length of the iteration's steps estimates the remaining error.
-With a larger ratio the error at weak conductances may be hidden."""
+"""Largest ratio of the rows' conductances for which the step lengths of the iteration estimate the remaining error.
+
+With a larger ratio the error at weak conductances may be hidden.
+"""
 
 _WINDOW_RTOL = 1e-10
-"""Relative residual of a window's solution.  It is small because the correction outside the window is computed from
-small differences at the window's rim."""
+"""Relative residual norm of a window's solution.
+
+It is small because the correction outside the window is computed from small differences at the window's rim.
+"""
 
 Box = tuple[slice, ...]
 """A box of cells of a grid: one slice per axis."""
 
 Chips = Iterable[tuple[Laplacian, Floats]]
-"""Matrices of chips with the connections of the nominal one, and the currents into their rows."""
+"""Pairs of a matrix and its currents (n,) in amperes, one per chip; all matrices have the nominal chip's connections.
+"""
 
 ChipSolver = Callable[[Chips, float], Iterator[Floats | None]]
-"""Yields the solution (n,) of every chip to a tolerance; None where it fails."""
+"""Function of chips and a relative tolerance: yields the solution (n,) of every chip, or None where it fails."""
 
 
 def solve_by_levels(
     nominal: Laplacian, hierarchy: Hierarchy, start: Floats, chips: Chips, rtol: float
 ) -> Iterator[Floats | None]:
-    """Yield the solution (n,) of every chip, None where it stagnates; coarse levels are those of the nominal chip.
+    """Yield the solution (n,) of every chip in volts, None where it stagnates, with coarse levels of the nominal chip.
 
-    Shapes: `start` (n,): the nominal solution.
+    `nominal, hierarchy`: matrix of the nominal chip, and its levels; `start` (n,): its solution in volts, the initial
+    guess; `chips`: matrices and currents of the chips; `rtol`: relative residual norm.
     """
     grid, listed, ordinary = nominal.grid, nominal.listed, hierarchy.largest_degree / hierarchy.unit
     assert hierarchy.grid is not None and grid is not None and listed is not None
@@ -96,7 +102,10 @@ def solve_by_levels(
 
 
 def solver_by_levels(laplacian: Laplacian, drive: Floats) -> ChipSolver | None:
-    """Return a solver that shares a grid's coarse levels; None unless it has two colours. Shapes: `drive` (n,)."""
+    """Return a solver of chips that shares the coarse levels of the nominal grid; None unless it has two colours.
+
+    `laplacian`: matrix of the nominal chip; `drive` (n,): its currents in amperes.
+    """
     hierarchy = build_hierarchy(laplacian)
     if hierarchy.grid is None:
         return None
@@ -104,9 +113,10 @@ def solver_by_levels(laplacian: Laplacian, drive: Floats) -> ChipSolver | None:
 
 
 def solve_in_order(order: Symbolic, chips: Chips, rtol: float) -> Iterator[Floats | None]:
-    """Yield the solution (n,) of every chip by elimination in a common order; None where it is not accurate.
+    """Yield the solution (n,) of every chip in volts, by elimination in a common order; None where it is not accurate.
 
-    ``rtol`` bounds the error of voltages, relative to the largest.
+    `order`: the elimination order; `chips`: matrices and currents of the chips; `rtol`: largest error of voltages,
+    relative to the largest voltage.
     """
     for chip, drive in chips:
         try:
@@ -125,10 +135,11 @@ def solve_in_order(order: Symbolic, chips: Chips, rtol: float) -> Iterator[Float
 class WarmGrid:
     """The equations ``A x = b`` of a grid that change, and their latest solution.
 
-    `hierarchy`: of a grid of two colours, all of whose rows are cells; `finest`: its finest level, into which changes
-    are written; `lattice`: of that level; `slot`, of the grid's shape: slot of every cell, 0 for none; `flat`: whether
-    the correction of the solution outside a changed window is a multiple of a constant (a single rail) or of ``1 - x``
-    (two rails); `b, x` (2, slots): right-hand side in units of the hierarchy, and solution in volts.
+    `hierarchy`: multigrid levels of a grid of two colours, all of whose rows are cells; `finest`: finest level of the
+    hierarchy, into which changes are written; `lattice`: memory layout of the finest level; `slot`, of the grid's
+    shape: slot of every cell, 0 for none; `flat`: whether the correction of the solution outside a changed window is a
+    multiple of a constant (a single rail) or of ``1 - x`` (two rails); `b, x` (2, slots): right-hand side in amperes
+    divided by the unit of the hierarchy, and solution in volts.
     """
 
     hierarchy: Hierarchy
@@ -141,7 +152,10 @@ class WarmGrid:
 
     @classmethod
     def of(cls, laplacian: Laplacian, drive: Floats, flat: bool) -> WarmGrid | None:
-        """Build the levels of a grid, with solution 0; None unless it has two colours and coarsens by blocks."""
+        """Return the equations of a grid with solution 0; None unless the grid has two colours and coarsens by blocks.
+
+        `laplacian`: the matrix; `drive` (n,): currents in amperes; `flat`: whether there is a single rail.
+        """
         hierarchy, grid = build_hierarchy(laplacian), laplacian.grid
         if hierarchy.grid is None or grid is None:
             return None
@@ -152,7 +166,14 @@ class WarmGrid:
         return cls(hierarchy, hierarchy.grid, lattice, slot, flat, b, x)
 
     def solve(self, rtol: float, watch: ProgressMonitor) -> None:
-        """Iterate from the latest solution.
+        """Iterate from the latest solution to a normwise backward error.
+
+        Parameters
+        ----------
+        rtol : float
+            Largest normwise backward error.
+        watch : ProgressMonitor
+            Records iterations and the accuracy, and can cancel the solve.
 
         Raises
         ------
@@ -178,14 +199,16 @@ class WarmGrid:
 
     @property
     def values(self) -> Floats:
-        """The latest solution in every cell, of the grid's shape; undefined where a cell has no row."""
+        """The latest solution in every cell, in volts, of the grid's shape; undefined where a cell has no row."""
         return self.x.ravel()[self.slot]
 
     def change(self, box: Box, core: Box, laplacian: Laplacian, drive: Floats, *, solve: bool, follow: bool) -> None:
-        """Replace the equations of a box of cells; with `solve` solve them, with `follow` correct the outside too.
+        """Replace the equations of a box of cells, and update the solution there.
 
-        `core`: the cells of the box whose equations are complete; `laplacian` (n, n): on the grid of the box, its rows
-        in C order; `drive` (n,): current into every row, in amperes.
+        `box`: the cells; `core`: the cells of the box, relative to it, whose equations are complete; `laplacian`:
+        matrix on the grid of the box, its rows in C order; `drive` (n,): current into every row of this matrix, in
+        amperes; `solve`: whether to solve the new equations (otherwise only cells with the value 0 are updated, by one
+        relaxation); `follow`: whether to correct the solution outside the box too.
         """
         assert laplacian.grid is not None
         vertex, x = laplacian.grid.vertex, self.x.ravel()
@@ -218,7 +241,11 @@ class WarmGrid:
         x[slot[own]] = after
 
     def _write(self, there: Indices, core: Box, laplacian: Laplacian, drive: Floats) -> None:
-        """Overwrite the level's equations in a window's core, whose cells have the slots `there` (cells,)."""
+        """Overwrite the equations of the finest level in the core of a window.
+
+        `there` (cells,): slots of the cells of the core; `core`: the cells, relative to the window; `laplacian, drive`:
+        matrix on the grid of the window, and currents (n,) in amperes.
+        """
         assert laplacian.listed is not None and laplacian.grid is not None
         finest, vertex, unit = self.finest, laplacian.grid.vertex, self.hierarchy.unit
         cells = laplacian.grid.of_rows(laplacian.listed.row).vertex
@@ -236,7 +263,10 @@ class WarmGrid:
         self._aggregate(to, fresh[1].black_inverse[of] > 0.0)
 
     def _aggregate(self, slot: Indices, present: NDArray[np.bool_]) -> None:
-        """Assign new black slots to the aggregate of a black slot behind their strongest red neighbour."""
+        """Assign new black slots to the aggregate of a black slot behind their strongest red neighbour.
+
+        `slot` (m,): black slots; `present` (m,): whether each has an equation; slots without one get no aggregate.
+        """
         target, faces, distance = self.finest.aggregate, self.finest.true.faces, self.lattice.distance
         target[slot[~present]] = 0
         for k in slot[present & (target[slot] == 0)].tolist():

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from scipy import sparse
 
 MOST_NUMBERED = 2**31 - 1
-"""Largest number of rows, entries or slots, which have 32-bit indices."""
+"""Largest number of rows, entries or slots that 32-bit indices can number."""
 
 VOLUME = 4.2
 """Mean number of neighbours of a row above which corridors are treated as three-dimensional (two dimensions across)."""
@@ -31,8 +31,9 @@ WEAK = 0.1
 class EdgeList(NamedTuple):
     """List of edges: edge ``k`` joins the rows ``row[ends[k]]`` by ``conductance[k]``, in siemens.
 
-    `ends` (m, 2): vertices; `conductance` (m,); `row` (vertices,): row of every vertex, -1 where its voltage is known.
-    Edges within a row, or with an end at a known voltage, are not entries of the matrix.
+    `ends` (m, 2): vertices at both ends of every edge; `conductance` (m,): in siemens; `row` (vertices,): row of every
+    vertex, -1 where the voltage is known. Edges within a row, or with an end at a known voltage, are not entries of the
+    matrix.
     """
 
     ends: Indices
@@ -41,9 +42,10 @@ class EdgeList(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Symmetric CSR arrays of the edges, without a diagonal, as arguments of kernels and without an import of scipy.
+    """Compressed rows (CSR) of the symmetric conductances between rows, without a diagonal, as arguments of kernels.
 
-    `indptr` (n + 1,); `indices, data` (entries,): columns, sorted in every row, and conductances in siemens.
+    `indptr` (n + 1,): begin of every row; `indices, data` (entries,): columns, sorted in every row, and conductances in
+    siemens. The class does not import scipy.
     """
 
     indptr: Indices
@@ -52,13 +54,13 @@ class Rows(NamedTuple):
 
     @classmethod
     def of(cls, array: sparse.csr_array) -> Rows:
-        """Return a view of a CSR array, which is sorted in place."""
+        """Return the arrays of a symmetric CSR array (n, n) as `Rows`; the array is sorted in place."""
         array.sort_indices()
         return cls(array.indptr.astype(np.int32, copy=False), array.indices.astype(np.int32, copy=False), array.data)
 
     @property
     def array(self) -> sparse.csr_array:
-        """View as a scipy array (n, n)."""
+        """View of the rows as a scipy CSR array (n, n)."""
         from scipy import sparse
 
         size = len(self.indptr) - 1
@@ -68,7 +70,7 @@ class Rows(NamedTuple):
 
     @property
     def listed(self) -> EdgeList:
-        """The edges as a list, each one once, lower row first."""
+        """The conductances as a list of edges, each edge once, with its lower row first."""
         each = np.arange(len(self.indptr) - 1, dtype=np.int32)
         row = np.repeat(each, np.diff(self.indptr))
         upper = self.indices > row
@@ -78,7 +80,8 @@ class Rows(NamedTuple):
 class Graph(NamedTuple):
     """A graph as argument of kernels: conductances by rows, in any order, and leaks to nodes of known voltage.
 
-    `indptr` (n + 1,), `indices, conductance` (entries,), `leak` (n,); in siemens, or in a unit.
+    `indptr` (n + 1,): begin of every row; `indices, conductance` (entries,): columns and conductances; `leak` (n,):
+    conductance to nodes of known voltage. Conductances are in siemens, or relative to a common unit.
     """
 
     indptr: Indices
@@ -94,14 +97,17 @@ class Graph(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Positions of vertices in a grid: `vertex`, of the grid's shape, -1 for none; `periodic`: axes that are rings."""
+    """Positions of the vertices of a graph in a grid.
+
+    `vertex`, of the grid's shape: vertex in every cell, -1 for none; `periodic` (ndim,): whether each axis is a ring.
+    """
 
     vertex: Indices
     periodic: tuple[bool, ...]
 
     @property
     def simple(self) -> bool:
-        """Whether no two edges join the same cells, as they do across a ring of two cells."""
+        """Whether no two edges join the same two cells; two edges do so across a ring of two cells."""
         return not any(ring and cells == 2 for ring, cells in zip(self.periodic, self.vertex.shape, strict=True))
 
     @property
@@ -110,17 +116,17 @@ class Grid:
         return sum(cells > 2 for cells in self.vertex.shape)
 
     def of_rows(self, row: Indices) -> Grid:
-        """Return the grid with rows in place of vertices. Shapes: `row` (vertices,)."""
+        """Return the grid with rows in place of vertices; `row` (vertices,): row of every vertex, -1 for none."""
         return Grid(np.append(row, np.int32(-1))[self.vertex], self.periodic)
 
 
 @dataclass(frozen=True, eq=False)
 class Rails:
-    """The two supply voltages of a circuit with two rails.
+    """The two supply voltages of a circuit with two rails, and the conductances to the rails (ties).
 
-    `high, low`: voltages in volts; for a map of cells ``high`` is the obstacle rail (or the driven start); `size`:
-    number of rows; `row, conductance, at_high` (ties,): the row of each tie to a rail, its conductance in siemens, and
-    whether the rail is the high one. A row may have several ties.
+    `high, low`: voltages of the rails, in volts; in a map of cells ``high`` is the obstacle rail (or the driven start);
+    `size`: number of rows of the matrix; `row, conductance, at_high` (ties,): the row of each tie, its conductance in
+    siemens, and whether it leads to the high rail. A row may have several ties.
     """
 
     high: float
@@ -141,7 +147,7 @@ class Rails:
         return self._summed(~self.at_high)
 
     def _summed(self, some: NDArray[np.bool_]) -> Floats:
-        """Sum the conductances of some ties by row, shape (n,)."""
+        """Return the conductance of some ties of every row, in siemens, shape (n,); `some` (ties,): a mask."""
         return np.asarray(np.bincount(self.row[some], self.conductance[some], self.size), dtype=np.float64)
 
 
@@ -150,8 +156,8 @@ class ConductanceStatistics:
     """Statistics of the conductances between rows.
 
     `entries`: number of off-diagonal entries, twice the number of conductances; `weak`: fraction of conductances that
-    are weak relative to the strongest one at either end; `mean`: mean conductance, in siemens, 0 without any;
-    `decades`: ratio of the largest to the smallest one, in orders of magnitude; `smallest, largest`: range of all
+    are below `WEAK` times the strongest one at either end; `mean`: mean conductance in siemens, 0 without conductances;
+    `decades`: orders of magnitude between the smallest and the largest conductance; `smallest, largest`: range of all
     conductances, including those to rails, in siemens.
     """
 
@@ -165,14 +171,15 @@ class ConductanceStatistics:
 
 @dataclass(frozen=True, eq=False)
 class Laplacian:
-    """``(A x)_i = sum_j g_ij (x_i - x_j) + g_i x_i``: edge and ground conductances, never a summed diagonal.
+    """The matrix ``(A x)_i = sum_j g_ij (x_i - x_j) + g_i x_i`` of edge conductances and ground conductances.
 
-    A symmetric positive definite M-matrix if every connected component has a row of positive ground conductance.
+    The diagonal is never stored as a sum. ``A`` is a symmetric positive definite M-matrix if every connected component
+    has a row with a positive ground conductance.
 
-    `ground` (n,): conductance from every row to nodes of known voltage, in siemens; `listed, compressed`: its edges as
-    a list, as rows, or both (`with_rows`); `grid`: positions of the vertices of the list (without a list, of the rows)
-    if they form a grid; `dimensions`: dimensions of its grid; 2 for other graphs; `rails`: how `ground` divides between
-    two rails, if there are exactly two and no other drive.
+    `ground` (n,): conductance ``g_i`` from every row to nodes of known voltage, in siemens; `listed, compressed`: the
+    edges ``g_ij`` as a list, as compressed rows, or both; `grid`: positions of the vertices of the list (without a
+    list, of the rows) if they form a grid; `dimensions`: number of dimensions of the grid, 2 for other graphs; `rails`:
+    ties that make up `ground` if there are exactly two rails and no other drive, else None.
     """
 
     ground: Floats
@@ -188,11 +195,11 @@ class Laplacian:
         return len(self.ground)
 
     def as_rows(self) -> Rows:
-        """Return the edges as compressed rows."""
+        """Return the edges as compressed rows; raise BudgetError for too many entries."""
         return self.compressed or _compress(self.listed, self.size)
 
     def with_rows(self) -> Laplacian:
-        """Return a copy with cached compressed rows."""
+        """Return the matrix with cached compressed rows, a copy unless they are cached already."""
         return self if self.compressed else replace(self, compressed=self.as_rows())
 
     @property
@@ -202,7 +209,7 @@ class Laplacian:
 
     @property
     def graph(self) -> Graph:
-        """The whole matrix as argument of kernels."""
+        """The matrix as an argument of kernels, in siemens."""
         return Graph(*self.as_rows(), self.ground)
 
     @property
@@ -212,16 +219,19 @@ class Laplacian:
 
     @property
     def matrix(self) -> sparse.csr_array:
-        """The whole matrix, in siemens, shape (n, n): for factorizations with rounded pivots only."""
+        """The matrix as a CSR array with rounded diagonal, in siemens, shape (n, n).
+
+        It serves factorizations with subtractions only.
+        """
         from scipy import sparse
 
         return sparse.csr_array(sparse.diags_array(self.diagonal, format="csr") - self.edges)
 
     @property
     def branches(self) -> tuple[sparse.csr_array, Floats]:
-        """The edges as ``B^T diag(value) B``, each one once.
+        """The edges as ``B^T diag(value) B``, each edge once: the incidence matrix ``B`` and the conductances.
 
-        Returns the incidence matrix (m, n) and `value` (m,), in siemens.
+        ``B`` has shape (m, n), with 1 and -1 at the two rows of every edge; `value` (m,) is in siemens.
         """
         from scipy import sparse
 
@@ -232,9 +242,9 @@ class Laplacian:
 
     @property
     def elements(self) -> tuple[sparse.csr_array, Floats]:
-        """The `branches`, followed by the conductances from rows to nodes of known voltage: the whole matrix.
+        """The incidence matrix (m, n) and the conductances (m,), in siemens, of the whole matrix.
 
-        Returns the incidence matrix (m, n) and the conductances (m,), in siemens.
+        The `branches` are followed by the conductances from rows to nodes of known voltage, which have one entry 1.
         """
         from scipy import sparse
 
@@ -243,13 +253,17 @@ class Laplacian:
         return sparse.csr_array(sparse.vstack([incidence, ties])), np.append(value, self.ground[tied])
 
     def within(self, rows: NDArray[np.bool_]) -> Laplacian:
-        """Restrict the matrix to some rows; the others count as nodes of known voltage."""
+        """Return the matrix of the rows in the mask `rows` (n,); the other rows count as nodes of known voltage."""
         from scipy import sparse
 
         return self.grouped(sparse.csr_array(sparse.eye_array(self.size, format="csr")[rows]))
 
     def grouped(self, groups: sparse.csr_array) -> Laplacian:
-        """Merge groups of rows, `groups` (m, n), into one row each; other rows count as nodes of known voltage."""
+        """Return the matrix after groups of rows are merged into one row each.
+
+        `groups` (m, n): entry 1 for every row of each of the m groups. Rows outside all groups count as nodes of known
+        voltage.
+        """
         from scipy import sparse
 
         own = groups @ self.edges
@@ -264,7 +278,10 @@ class Laplacian:
 
 
 def _compress(listed: EdgeList | None, size: int) -> Rows:
-    """Return the CSR arrays of a list of edges; BudgetError for more entries than 32-bit indices can number."""
+    """Return the compressed rows of a list of edges; raise BudgetError for more entries than 32-bit indices can number.
+
+    `listed`: the edges; `size`: number of rows.
+    """
     from resgrid.solvers.csr_kernels import conductances_by_row
 
     assert listed is not None
@@ -278,7 +295,7 @@ def _compress(listed: EdgeList | None, size: int) -> Rows:
 
 
 def conductance_statistics(laplacian: Laplacian) -> ConductanceStatistics:
-    """Compute statistics of the conductances between rows.
+    """Return statistics of the conductances between rows of a matrix.
 
     Resistors are counted one by one, unless some are parallel. On a grid only resistors across a ring of two cells are
     parallel, so that no compressed rows are needed.

@@ -41,7 +41,10 @@ _IS_X86 = platform.machine().lower() in ("x86_64", "amd64")
 
 
 def _generate_view(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    """Generate code for an array view; the arguments are its address and its shape."""
+    """Return the LLVM value of a new array view; `arguments`: LLVM values of an address and of the array's shape.
+
+    `context, builder, signature`: numba's target context, LLVM instruction builder, and types of the intrinsic.
+    """
     view, (address, *shape) = _arrays.make_array(signature.return_type)(context, builder), arguments
     size = context.get_abi_sizeof(context.get_data_type(signature.return_type.dtype))
     strides = [context.get_constant(types.intp, size)]
@@ -53,7 +56,7 @@ def _generate_view(context: Any, builder: Any, signature: Any, arguments: Any) -
 
 
 def _view(number: Any) -> Any:
-    """Return an intrinsic that views an address as a vector of numbers of a type."""
+    """Return an intrinsic that views ``count`` numbers at an address as an array; `number`: numba's type of these."""
 
     def viewing(_typing: Any, _address: Any, _count: Any) -> Any:
         return types.Array(number, 1, "C")(types.int64, types.int64), _generate_view
@@ -62,7 +65,7 @@ def _view(number: Any) -> Any:
 
 
 def _viewing_sides(_typing: Any, _address: Any, _sides: Any, _count: Any) -> Any:
-    """Declare an intrinsic that views an address as a matrix of float32."""
+    """Declare an intrinsic that views an address as a float32 matrix; return numba's signature and the generator."""
     return types.Array(types.float32, 2, "C")(types.int64, types.int64, types.int64), _generate_view
 
 
@@ -71,7 +74,7 @@ singles_by_side: Any = intrinsic(_viewing_sides)
 
 
 def _prefetching(_typing: Any, array: Any, _place: Any) -> Any:
-    """Declare an intrinsic that prefetches an element of an array."""
+    """Declare an intrinsic that prefetches an element of an array; return numba's signature and the generator."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         whole = _arrays.make_array(array)(context, builder, arguments[0])
@@ -85,11 +88,14 @@ def _prefetching(_typing: Any, array: Any, _place: Any) -> Any:
 
 
 prefetch: Any = intrinsic(_prefetching)
-"""Prefetch an element of an array into the cache, for irregular access."""
+"""Function of an array and an index that loads the array's element into the cache, for irregular access."""
 
 
 def _controlling(_typing: Any, _value: Any) -> Any:
-    """Declare an intrinsic that exchanges the control register of the processor."""
+    """Declare an intrinsic that exchanges the processor's control register; return numba's signature and the generator.
+
+    The intrinsic takes the new value and returns the old one; on other processors than x86 it does nothing.
+    """
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         if not _IS_X86:
@@ -109,7 +115,7 @@ _control: Any = intrinsic(_controlling)
 
 @inner
 def flush_subnormals() -> np.uint32:
-    """Treat subnormal numbers as zero in kernels of this thread; returns the state for `restore_subnormals`.
+    """Treat subnormal numbers as zero in kernels of this thread; return the state for `restore_subnormals`.
 
     Does nothing on other processors than x86, which handle subnormal numbers at full speed.
     """
@@ -118,26 +124,31 @@ def flush_subnormals() -> np.uint32:
 
 @inner
 def restore_subnormals(before: np.uint32) -> None:
-    """Restore the treatment of subnormal numbers that `flush_subnormals` returned."""
+    """Restore the treatment of subnormal numbers; `before`: the state that `flush_subnormals` returned."""
     _control(before)
 
 
 _LEFT, _DONE, KIND, LEVEL, VISIT, _OVER = 0, 8, 16, 17, 18, 24
-"""Indices into the shared state: numbers of unclaimed and of finished parts; kind, level and visit of the sweep; end
-flag."""
+"""Indices into the state that threads share: numbers of unclaimed and of finished parts; the sweep; end flag.
+
+The sweep is described by its kind, the index of the level, and the number of the visit.
+"""
 
 PLACES = 32
-"""Length of the shared state; its atomic counters lie in separate cache lines."""
+"""Number of entries of the state that threads share; its atomic counters lie in separate cache lines."""
 
 _SPINS = 32
-"""Reads of the shared state between two yields of the core."""
+"""Number of reads of the shared state after which a waiting thread yields its core."""
 
 _PATIENCE = 50_000
-"""Yields after which a helper without work leaves, since its caller may have been interrupted."""
+"""Number of yields after which a helper without work ends, since its caller may have been interrupted."""
 
 
 def _atomic(operation: str) -> Any:
-    """Return an intrinsic that changes an array element atomically and returns its old value."""
+    """Return an intrinsic that changes an array element atomically and returns the element's old value.
+
+    `operation`: LLVM's name of the change, such as "add".
+    """
 
     def changing(_typing: Any, array: Any, _place: Any, _value: Any) -> Any:
         def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -151,7 +162,7 @@ def _atomic(operation: str) -> Any:
 
 
 def _yielding(_typing: Any) -> Any:
-    """Declare an intrinsic that yields the processor core to other threads."""
+    """Declare an intrinsic that yields the core to other threads; return numba's signature and the generator."""
 
     def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
         if sys.platform != "win32":
@@ -168,7 +179,11 @@ _offer_core: Any = intrinsic(_yielding)
 
 @inner
 def announce(state: Integers, kind: int, level: int, visit: int, parts: int) -> None:
-    """Publish a job of ``parts`` parts; the previous job must be finished.  The other arguments describe the sweep."""
+    """Publish a job of ``parts`` parts to the helper threads; the previous job must be finished.
+
+    `state` (PLACES,): state that the threads share; `kind, level, visit`: kind of the sweep, index of the level, and
+    number of the visit.
+    """
     state[KIND], state[LEVEL], state[VISIT] = kind, level, visit
     _put(state, _DONE, 0)
     _put(state, _LEFT, parts)
@@ -176,19 +191,22 @@ def announce(state: Integers, kind: int, level: int, visit: int, parts: int) -> 
 
 @inner
 def claim(state: Integers) -> int:
-    """Claim a part of the job; returns its number, or a negative number if all parts are claimed."""
+    """Claim a part of the present job; return the number of the part, negative if all parts are claimed.
+
+    `state` (PLACES,): state that the threads share.
+    """
     return int(_add(state, _LEFT, -1) - 1) if _add(state, _LEFT, 0) > 0 else -1
 
 
 @inner
 def finish(state: Integers) -> None:
-    """Atomically increment the number of finished parts of a job."""
+    """Atomically increment the number of finished parts in ``state``."""
     _add(state, _DONE, 1)
 
 
 @inner
 def wait_for(state: Integers, parts: int) -> None:
-    """Wait until a number of parts is finished."""
+    """Wait until ``parts`` parts of the present job are finished; `state` (PLACES,): state that the threads share."""
     spins = 0
     while _add(state, _DONE, 0) < parts:
         spins += 1
@@ -198,13 +216,16 @@ def wait_for(state: Integers, parts: int) -> None:
 
 @inner
 def end_jobs(state: Integers) -> None:
-    """Signal to the helpers that no further job follows."""
+    """Signal to the helper threads, through ``state``, that no further job follows."""
     _put(state, _OVER, 1)
 
 
 @inner
 def await_part(state: Integers) -> int:
-    """Wait for a part of this job or a later one and claim it; returns -1 if no further job follows."""
+    """Wait for a part of the present or a later job, claim it, and return its number; -1 if no further job follows.
+
+    `state` (PLACES,): state that the threads share. The wait also ends after `_PATIENCE` yields.
+    """
     spins = 0
     while _add(state, _OVER, 0) == 0 and spins < _SPINS * _PATIENCE:
         part = claim(state)
@@ -217,5 +238,5 @@ def await_part(state: Integers) -> int:
 
 
 def begin_jobs(state: Integers) -> None:
-    """Clear the end flag before the first job."""
+    """Clear the end flag in ``state`` before the first job."""
     state[_OVER] = 0

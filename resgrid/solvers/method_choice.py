@@ -24,15 +24,20 @@ METHODS = ("direct", "multigrid")
 
 
 class Seconds(NamedTuple):
-    """Measured costs, in seconds per row unless stated otherwise.
+    """Measured costs of the methods, in seconds per row unless stated otherwise.
 
-    `corridor, across`: a direct solution along corridors, and its increase per squared width in cells (plane, volume);
-    `row, exact_row`: direct factors and substitution without their entries, and the same where answers are the nearest
-    doubles; `entry, product`: per entry of the factors, per product; `order`: ordering by minimum fill; `levels`:
-    building levels, in seconds per solve; `open, tortuous`: directions by multigrid on a grid between two rails, with
-    wide and with narrow corridors; `decade`: per order of magnitude that the potential falls (plane, volume); `driven,
-    driven_tortuous, driven_sparse, driven_netlist`: directions with a single rail and driven nodes; `netlist,
-    netlist_decade`: between two rails off grids; `normwise`: voltages of normwise accuracy.
+    Pairs are for planes and for volumes. A grid is tortuous if its corridors are narrower than `OPEN_WIDTH`, and sparse
+    below `SPARSE_WIDTH`. Directions are solutions of accuracy "direction".
+
+    `corridor, across`: direct solution along corridors, and its increase per squared width in cells; `row`: direct
+    solution, without the entries of the factors; `exact_row`: the same quantity if answers are the nearest doubles;
+    `entry, product`: seconds per entry of the factors, and per multiplication of the factorization; `order`: ordering
+    by minimum fill; `levels`: setup of multigrid, in seconds per solve; `open, tortuous`: directions by multigrid on a
+    grid between two rails; `decade`: increase of these two per order of magnitude by which the potential falls;
+    `driven, driven_tortuous, driven_sparse, driven_netlist`: directions by multigrid with a single rail and driven
+    nodes, on open grids, tortuous grids, sparse graphs and other netlists; `netlist, netlist_decade`: directions by
+    multigrid between two rails on a netlist, and increase per order of magnitude; `normwise`: multigrid solution of
+    normwise accuracy.
     """
 
     corridor: tuple[float, float] = (0.5e-6, 0.7e-6)
@@ -58,19 +63,21 @@ class Seconds(NamedTuple):
 SECONDS = Seconds()
 
 OPEN_WIDTH = 20.0
-"""Width of corridors, in cells, from which cycles converge as in open space."""
+"""Width of corridors, in cells, from which multigrid converges as fast as in open space."""
 
 SPARSE_WIDTH = 2.5
-"""Width of corridors, in cells, below which cycles take longest: chains and trees, whose rows have at most three
-neighbours."""
+"""Width of corridors, in cells, below which multigrid takes longest.
+
+Such graphs are chains and trees, whose rows have at most three neighbours.
+"""
 
 
 class MethodChoice(NamedTuple):
     """The chosen method, with the statistics and the ordering computed while choosing.
 
-    `laplacian`: with compressed rows, if they were needed; `accuracy`: of the answers; `statistics`: of its
-    conductances; `method`; `order`: elimination order of the direct method; None if the order by fill is still to be
-    computed.
+    `laplacian`: the matrix, with compressed rows if these were needed; `accuracy`: "direction" for a small relative
+    error of every entry, or "normwise"; `statistics`: statistics of the conductances; `method`: "direct" or
+    "multigrid"; `order`: elimination order of the direct method, None if it is still to be computed (or for multigrid).
     """
 
     laplacian: Laplacian
@@ -111,12 +118,16 @@ The limit of volumes is higher, since their direct factors cost more.
 """
 
 _EVEN, _CONTRAST = 3.0, 0.4
-"""Effect of the range of conductances on the time of multigrid on planes: a range of up to `_EVEN` orders of magnitude
-costs no time; each further one multiplies the time by ``10**_CONTRAST``."""
+"""Effect of the range of conductances on the time of multigrid on planes: free orders of magnitude, and exponent.
+
+A range of up to `_EVEN` orders of magnitude costs no time; each further one multiplies the time by ``10**_CONTRAST``.
+"""
 
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
-"""Orders of magnitude of the decay of the potential: the least that is assumed of any maze, and the decay from which
-iterative refinement takes too long."""
+"""Smallest and largest fall of the potential, in orders of magnitude, for which multigrid is considered.
+
+The first is assumed of any maze. From the second on iterative refinement takes too long.
+"""
 
 _ON_LEVELS = 0.5e6
 """Memory of multigrid that does not depend on the number of rows, in bytes."""
@@ -137,7 +148,10 @@ nodes) and for the direct method (0.86 to 1.0).
 
 
 def threads_for(choice: MethodChoice, threads: ThreadTeam) -> ThreadTeam:
-    """Return the threads, or a single one for a matrix that several threads would not solve faster."""
+    """Return the given threads, or the single calling thread if several would not solve the matrix faster.
+
+    `choice`: matrix and method; `threads`: available threads.
+    """
     laplacian = choice.laplacian
     if choice.method != "multigrid" or laplacian.grid is None:
         return SINGLE_THREAD
@@ -147,10 +161,30 @@ def threads_for(choice: MethodChoice, threads: ThreadTeam) -> ThreadTeam:
 def factor_laplacian(
     laplacian: Laplacian, method: str, *, accuracy: str = "direction", threads: ThreadTeam = SINGLE_THREAD
 ) -> Factor:
-    """Choose a method and factor the matrix with it; BudgetError if the factors do not fit in memory.
+    """Choose a method, factor the matrix with it, and return the factors.
 
-    `accuracy`: "direction" for entrywise accurate answers, "normwise" for answers with a small backward error only;
-    `threads`: are used only if they make the solve faster.
+    Parameters
+    ----------
+    laplacian : Laplacian
+        The matrix.
+    method : {'auto', 'direct', 'multigrid'}
+        Method; ``'auto'`` chooses the faster one.
+    accuracy : {'direction', 'normwise'}, optional
+        ``'direction'`` for a small relative error of every entry, ``'normwise'`` for a small backward error only.
+    threads : ThreadTeam, optional
+        Threads that are used if they make the solve faster.
+
+    Returns
+    -------
+    Factor
+        Factors or preconditioner of the matrix.
+
+    Raises
+    ------
+    InputError
+        For an unknown method.
+    BudgetError
+        If the factors do not fit in memory.
     """
     from resgrid.solvers.symbolic import order_by_fill
 
@@ -167,13 +201,15 @@ def factor_laplacian(
 
 
 def check_method(method: str) -> None:
-    """Raise InputError for an unknown method."""
+    """Raise InputError unless `method` is "auto", "direct" or "multigrid"."""
     if method != "auto" and method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
 
 
 def choose_method(laplacian: Laplacian, method: str = "auto", accuracy: str = "direction") -> MethodChoice:
-    """Choose the faster method by estimated costs, unless one is given.
+    """Return the method with the lowest estimated cost, or the given one, with statistics and ordering.
+
+    `laplacian`: the matrix; `method`: "auto", "direct" or "multigrid"; `accuracy`: "direction" or "normwise".
 
     The direct method is chosen for small or narrow matrices, and if conductances vary so strongly from node to node
     that no coarse grid represents them. Between two rails it is also chosen if the potential falls by more orders of
@@ -200,9 +236,9 @@ def choose_method(laplacian: Laplacian, method: str = "auto", accuracy: str = "d
 class Corridors(NamedTuple):
     """Quantities that determine the costs of a matrix.
 
-    `width`: of its corridors, in cells, estimated from the neighbours that nodes lack; `along`: seconds of a direct
-    solution in the order by distance, estimated from the width; `contrast`: factor on the time of multigrid for planes
-    whose conductances span many orders of magnitude.
+    `width`: width of corridors, in cells, estimated from the neighbours that nodes lack; infinite without missing ones;
+    `along`: seconds of a direct solution in the order by distance, estimated from the width; `contrast`: factor on the
+    time of multigrid for planes whose conductances span many orders of magnitude, 1 for other matrices.
     """
 
     width: float
@@ -211,7 +247,7 @@ class Corridors(NamedTuple):
 
 
 def _corridors_of(laplacian: Laplacian, statistics: ConductanceStatistics) -> Corridors:
-    """Return the quantities that determine the costs of a matrix, from statistics alone."""
+    """Return the quantities that determine the costs of a matrix, estimated from statistics of conductances alone."""
     n, dimensions = laplacian.size, laplacian.dimensions
     volume, missing = dimensions > 2, 2.0 * dimensions - statistics.entries / n
     width = 2.0 * (dimensions - 1) / missing if missing > 0.0 else np.inf
@@ -222,9 +258,10 @@ def _corridors_of(laplacian: Laplacian, statistics: ConductanceStatistics) -> Co
 
 
 def _faster_for_directions(iterative: MethodChoice, corridors: Corridors) -> MethodChoice | None:
-    """Return the faster method for entrywise answers; None if the potential falls too far for multigrid.
+    """Return the faster method for the accuracy "direction"; None if the potential falls too far for multigrid.
 
-    The fall of the potential is estimated only if the order by distance is not faster for the smallest fall already.
+    `iterative`: the choice of multigrid; `corridors`: quantities that determine the costs. The fall of the potential is
+    estimated only if the order by distance is not faster already for the smallest fall.
     """
     from resgrid.solvers.decay_estimate import estimate_decades
 
@@ -244,10 +281,11 @@ def _faster_for_directions(iterative: MethodChoice, corridors: Corridors) -> Met
 
 
 def _faster_for_voltages(iterative: MethodChoice, corridors: Corridors) -> MethodChoice:
-    """Return the faster method for normwise answers.
+    """Return the faster method for normwise accuracy.
 
-    The direct method can be faster in the order by distance along very narrow corridors, chains and trees, and in the
-    order by fill on planes whose conductances span many orders of magnitude.
+    `iterative`: the choice of multigrid; `corridors`: quantities that determine the costs. The direct method can be
+    faster in the order by distance along very narrow corridors, chains and trees, and in the order by fill on planes
+    whose conductances span many orders of magnitude.
     """
     seconds = corridors.contrast * multigrid_seconds(iterative.laplacian, corridors.width, None)
     if corridors.width < SPARSE_WIDTH or corridors.contrast > 1.0:
@@ -259,7 +297,10 @@ def _faster_for_voltages(iterative: MethodChoice, corridors: Corridors) -> Metho
 
 
 def _by_distance(iterative: MethodChoice, seconds: float) -> MethodChoice | None:
-    """Return the direct method in the order by distance if it takes less than `seconds`; else None."""
+    """Return the direct method in the order by distance if it takes less than `seconds`; otherwise None.
+
+    `iterative`: the choice of multigrid for the matrix; `seconds`: time of multigrid.
+    """
     from resgrid.solvers.symbolic import order_by_distance
 
     order = order_by_distance(iterative.laplacian)
@@ -268,7 +309,10 @@ def _by_distance(iterative: MethodChoice, seconds: float) -> MethodChoice | None
 
 
 def _by_fill(iterative: MethodChoice, seconds: float) -> MethodChoice | None:
-    """Return the direct method in the order by fill if it takes less than `seconds`, ordering included; else None."""
+    """Return the direct method in the order by fill if it takes less than `seconds`; otherwise None.
+
+    The time of ordering is included. `iterative`: the choice of multigrid for the matrix; `seconds`: time of multigrid.
+    """
     from resgrid.solvers.symbolic import order_by_fill
 
     laplacian, n = iterative.laplacian, iterative.laplacian.size
@@ -279,16 +323,20 @@ def _by_fill(iterative: MethodChoice, seconds: float) -> MethodChoice | None:
 
 
 def direct_seconds(order: Symbolic) -> float:
-    """Return the estimated seconds of a direct solution in a given order."""
+    """Return the estimated time of a direct solution in the elimination order `order`, in seconds.
+
+    The time of ordering is not included.
+    """
     rows = len(order.order)
     on_rows = (SECONDS.row if rows > EXACT_ROWS else SECONDS.exact_row) * rows
     return on_rows + SECONDS.entry * order.entries + SECONDS.product * order.products
 
 
 def multigrid_seconds(laplacian: Laplacian, width: float, fall: float | None) -> float:
-    """Return the estimated seconds of multigrid, by width of corridors (cells) and fall (orders of magnitude).
+    """Return the estimated time of a multigrid solution, in seconds.
 
-    `fall` is None for normwise accuracy.
+    `width`: width of corridors in cells; `fall`: orders of magnitude by which the potential falls, None for normwise
+    accuracy.
     """
     tortuous = width < OPEN_WIDTH
     if fall is None:

@@ -24,11 +24,14 @@ _WAITS, _JOINS = -1, -2
 newest element of the quotient graph."""
 
 _SAMPLE = 8000
-"""Number of sampled entries from which the distance between the numbers of neighbours is estimated."""
+"""Number of entries of the matrix that `far_fraction` samples."""
 
 
 def far_fraction(indptr: Indices, indices: Indices) -> float:
-    """Return the fraction of sampled neighbours whose numbers differ by more than a sixteenth of all rows."""
+    """Return the fraction of sampled pairs of neighbours whose row numbers differ by more than a sixteenth of all rows.
+
+    `indptr` (n + 1,), `indices` (entries,): compressed rows of the neighbours of every row.
+    """
     some = np.arange(0, len(indices), 1 + len(indices) // _SAMPLE)
     apart = np.abs(indices[some] - (np.searchsorted(indptr, some, side="right") - 1))
     return float(np.count_nonzero(apart > len(indptr) // 16)) / max(len(some), 1)
@@ -39,9 +42,11 @@ def far_fraction(indptr: Indices, indices: Indices) -> float:
 def renumber(
     indptr: Indices, indices: Indices, conductance: Singles, leak: Floats
 ) -> tuple[tuple[Indices, Indices, Singles, Floats], Indices]:
-    """Renumber the nodes of a graph breadth first (Cuthill & McKee 1969); returns the graph and the new numbers (n,).
+    """Return a graph renumbered breadth first (Cuthill & McKee 1969), and the new number of every node, shape (n,).
 
-    Neighbours are then close in memory. Rows are written in the order in which their nodes are reached.
+    `indptr` (n + 1,), `indices, conductance` (entries,), `leak` (n,): compressed rows of the conductances between
+    nodes, and conductances to known voltages. The returned graph has the same four arrays. Neighbours are then close in
+    memory. Rows are written in the order in which their nodes are reached.
     """
     n, entries = len(leak), len(indices)
     number, order = np.full(n, -1, np.int32), np.empty(n + 1, np.int32)
@@ -72,13 +77,16 @@ def renumber(
 
 
 class Quotient(NamedTuple):
-    """The quotient graph, and lists of rows by degree.
+    """The quotient graph of an elimination (George & Liu 1981), and linked lists of its rows by degree.
 
-    `near` (entries,): from `start[i]` on, the neighbours of row ``i``: `elements[i]` elements, then rows; `length[i]`
-    of them altogether; `first, last` (n,): begin and end of the members of an element in the list of members; `degree`
-    (n,): of an element its number of members, of a row twice the square root of its fill; `outside` (n,): of an
-    element, its number of members outside the newest one; `stamp` (n,): the newest element when `outside` was counted
-    last; `head, after, before` (n,): linked lists of the rows of each `degree`.
+    An element is an eliminated row; its members are the remaining rows that its elimination has joined to each other.
+
+    `near` (entries,): neighbours of row ``i`` from index `start[i]` on: first `elements[i]` elements, then rows,
+    `length[i]` neighbours altogether; `first, last` (n,): begin and end of an element's members in the list of all
+    members; `degree` (n,): number of members of an element; for a remaining row, twice the square root of its
+    approximate fill; `outside` (n,): number of an element's members that are not members of the newest element; `stamp`
+    (n,): elimination step in which `outside` was last computed; `head` (n,): first row of the list of each degree;
+    `after, before` (n,): successor and predecessor of a row in its list, -1 at the ends.
     """
 
     start: Indices
@@ -96,7 +104,10 @@ class Quotient(NamedTuple):
 
 
 def quotient_graph(indptr: Indices, indices: Indices) -> Quotient:
-    """Return the quotient graph before elimination, of a graph with rows `indptr` (n + 1,)."""
+    """Return the quotient graph before the first elimination.
+
+    `indptr` (n + 1,), `indices` (entries,): compressed rows of the neighbours of every row.
+    """
     n = len(indptr) - 1
     elements, first, last, degree, outside = np.zeros((5, n), dtype=np.int32)
     lists = np.full((4, n), -1, dtype=np.int32)
@@ -107,13 +118,15 @@ def quotient_graph(indptr: Indices, indices: Indices) -> Quotient:
 def minimum_fill(
     q: Quotient, place: Indices, kept: int, dense: int, most: float, most_members: int, step: Indices
 ) -> bool:
-    """Eliminate all rows in the order of least fill, after the rows that are not kept.
+    """Eliminate the rows in order of approximate least fill, and write the step of each elimination to ``step``.
 
-    Rows of more than ``dense`` neighbours come last.
+    Rows with ``place[i] >= kept``, which odd-even reduction eliminates, come first; rows with more than ``dense``
+    neighbours come last.
 
-    Shapes: `place` (n,): not below ``kept`` for rows that are not kept; `step` (n,): receives the elimination step of
-    every row, equal for rows that are eliminated together. Returns whether the factors have at most `most` entries, and
-    the elements at most `most_members` members.
+    `q`: quotient graph before elimination, modified; `place` (n,): position of every row after odd-even reduction;
+    `most`: maximum number of entries of the factors; `most_members`: maximum total number of members of all elements;
+    `step` (n,): result, equal for rows that are eliminated together. Returns False if one of the two limits is
+    exceeded.
     """
     n, least, size, k = len(step), 0, 0, 0
     left, entries = n, 0.0
@@ -159,7 +172,7 @@ def minimum_fill(
 
 @inlined
 def _link(q: Quotient, i: int, degree: int) -> None:
-    """Insert a row at the head of the list of its degree."""
+    """Insert row ``i`` at the head of the linked list of rows with this degree."""
     other = q.head[degree]
     q.degree[i], q.after[i], q.before[i], q.head[degree] = degree, other, -1, i
     if other >= 0:
@@ -168,7 +181,7 @@ def _link(q: Quotient, i: int, degree: int) -> None:
 
 @inlined
 def _unlink(q: Quotient, i: int) -> None:
-    """Remove a row from the list of its degree."""
+    """Remove row ``i`` from the linked list of rows with its degree."""
     before, after = q.before[i], q.after[i]
     if after >= 0:
         q.before[after] = before
@@ -180,7 +193,7 @@ def _unlink(q: Quotient, i: int) -> None:
 
 @inlined
 def with_room(numbers: Indices, size: int, more: int) -> Indices:
-    """Return the first `size` numbers in an array with at least `more` free entries after them."""
+    """Return an array that begins with ``numbers[:size]`` and has at least `more` free entries after them."""
     if size + more <= len(numbers):
         return numbers
     longer = np.empty(2 * len(numbers) + more, np.int32)
@@ -191,7 +204,11 @@ def with_room(numbers: Indices, size: int, more: int) -> Indices:
 
 @inlined
 def _gather(q: Quotient, members: Indices, step: Indices, p: int, size: int) -> int:
-    """Make an element of a row from its neighbours and the members of its elements; returns the end of its members."""
+    """Turn row ``p`` into an element, append its members to ``members`` from index ``size`` on, and return their end.
+
+    The members are the remaining neighbours of ``p`` and the members of its neighbouring elements, which are emptied.
+    `q`: quotient graph; `step` (n,): state of every row.
+    """
     for s in range(q.start[p], q.start[p] + q.length[p]):
         x, inside = q.near[s], s < q.start[p] + q.elements[p]
         first, last = (q.first[x], q.last[x]) if inside else (0, 1)
@@ -208,7 +225,11 @@ def _gather(q: Quotient, members: Indices, step: Indices, p: int, size: int) -> 
 
 @inlined
 def _count_outside(q: Quotient, members: Indices, begin: int, end: int, k: int) -> None:
-    """Count the members of other elements that lie outside the newest one, the ``k``-th."""
+    """Count, for every element next to the newest one, the members that the newest one lacks, into ``q.outside``.
+
+    `q`: quotient graph; `members[begin:end]`: members of the newest element; `k`: elimination step of the newest
+    element.
+    """
     for r in range(begin, end):
         i = members[r]
         for s in range(q.start[i], q.start[i] + q.elements[i]):
@@ -220,9 +241,12 @@ def _count_outside(q: Quotient, members: Indices, begin: int, end: int, k: int) 
 
 @inlined
 def _prune(q: Quotient, members: Indices, step: Indices, p: int, begin: int, end: int) -> int:
-    """Connect the members of a new element to it, and drop edges between them and elements inside it.
+    """Connect the members of the new element ``p`` to it, and return the end of its remaining members in ``members``.
 
-    Members without other neighbours are eliminated with it. Returns the end of the remaining members.
+    Edges that lie inside the element are removed. Members without other neighbours are eliminated together with ``p``.
+
+    `q`: quotient graph; `members[begin:end]`: the members, compacted in place; `step` (n,): state or elimination step
+    of every row.
     """
     kept = begin
     for r in range(begin, end):

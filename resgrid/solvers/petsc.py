@@ -37,15 +37,16 @@ _LAST_WORDS = 3
 """Number of lines of PETSc's output that a message quotes."""
 
 _PATIENCE = 5.0
-"""Seconds that the launcher has to end its ranks before it is killed."""
+"""Time, in seconds, that the launcher has to end its ranks before it is killed."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """Statistics of a solve.
+    """Statistics of a solve by PETSc.
 
-    `iterations`; `error`: residual norm relative to the right-hand side; `preconditioner`: its name in PETSc;
-    `seconds`: of each stage; `peaks`: peak memory of every rank in bytes, including pages of mapped files.
+    `iterations`: number of iterations; `error`: residual norm relative to that of the right-hand side;
+    `preconditioner`: PETSc's name of the preconditioner; `seconds`: time of the stages "load", "factor" and
+    "substitute", in seconds; `peaks`: peak memory of every rank in bytes, including pages of mapped files.
     """
 
     iterations: int
@@ -56,9 +57,10 @@ class Report:
 
 
 class Petsc(NamedTuple):
-    """The Python that has PETSc, its environment, and the command that starts the ranks.
+    """The Python that has PETSc, and the command that starts the ranks (processes of PETSc).
 
-    `launcher`: words of a command that includes the number of ranks; None for the mpiexec in the folder of `python`.
+    `python`: path of the Python; `environment`: environment variables of the ranks; `launcher`: words of a command that
+    includes the number of ranks; None for the mpiexec in the folder of `python`.
     """
 
     python: str
@@ -66,15 +68,33 @@ class Petsc(NamedTuple):
     launcher: tuple[str, ...] | None = None
 
     def command(self, ranks: int | None) -> list[str]:
-        """Return the command that starts the ranks, up to their program; `ranks`: for mpiexec."""
+        """Return the words of the command that starts the ranks, up to the program that these run.
+
+        `ranks`: number of ranks for mpiexec; not used with a launcher.
+        """
         prefix = self.launcher or (str(_mpiexec_of(self.python)), "-n", str(ranks))
         return [*prefix, self.python, "-s"]
 
 
 def find_petsc(launcher: str | None = None) -> Petsc:
-    """Find PETSc, and the program of the launcher; ToolMissingError, with a remedy, if one is missing.
+    """Return a Python that has PETSc, and the launcher of the ranks.
 
-    `launcher`: command that starts the ranks, their number included; ``mpiexec -n N`` by default.
+    Parameters
+    ----------
+    launcher : str, optional
+        Command that starts the ranks, their number included, such as ``"srun -n 64"``; ``mpiexec -n N`` by default.
+
+    Returns
+    -------
+    Petsc
+        Python, environment and launcher.
+
+    Raises
+    ------
+    ToolMissingError
+        If PETSc, mpiexec or the program of the launcher is missing; the message contains a remedy.
+    InputError
+        If the launcher is not a command.
     """
     words = None if launcher is None else _words_of(launcher)
     python = os.environ.get(PYTHON_VARIABLE) or "/usr/bin/python3"
@@ -97,12 +117,16 @@ def find_petsc(launcher: str | None = None) -> Petsc:
 
 
 def _mpiexec_of(python: str) -> Path:
-    """Return the mpiexec in the folder of a Python."""
+    """Return the path of the mpiexec in the folder of the Python with path `python`; the file may not exist."""
     return Path(python).with_name("mpiexec")
 
 
 def _words_of(launcher: str) -> tuple[str, ...]:
-    """Split a launcher into words, with the path of its program; ToolMissingError if there is no such program."""
+    """Return the words of a launcher, with the full path of its program as the first word.
+
+    `launcher`: command as one string. Raises InputError if it is not a command, ToolMissingError if there is no such
+    program.
+    """
     try:
         words = shlex.split(launcher)
     except ValueError as error:
@@ -119,14 +143,28 @@ def _words_of(launcher: str) -> tuple[str, ...]:
 
 
 def run_ranks(petsc: Petsc, folder: Path, ranks: int | None) -> Report:
-    """Solve the system in a folder; `ranks`: their number, None if the launcher sets it.
+    """Solve the system of equations in a folder with PETSc's ranks, and return the statistics of the solve.
+
+    Parameters
+    ----------
+    petsc : Petsc
+        Python, environment and launcher.
+    folder : Path
+        Folder with the system of equations (see `resgrid.solvers.petsc_worker`), which receives the solution.
+    ranks : int or None
+        Number of ranks; None if the launcher sets it.
+
+    Returns
+    -------
+    Report
+        Statistics of the solve.
 
     Raises
     ------
     InputError
         If PETSc refuses an option of ``PETSC_OPTIONS``, or the launcher belongs to another MPI than PETSc.
     AccuracyError
-        If a rank fails or dies; the others are ended.
+        If a rank fails or dies; the other ranks are ended.
     """
     log, program = folder / "log", [str(_WORKER), str(folder)]
     if petsc.launcher is not None:  # other computers may have the folder, but not this installation
@@ -158,7 +196,10 @@ def run_ranks(petsc: Petsc, folder: Path, ranks: int | None) -> Report:
 
 
 def _run(command: list[str], petsc: Petsc, log: Path) -> int:
-    """Run the launcher with its output in a file, and end it on Ctrl-C; returns its exit status."""
+    """Run the launcher, end it on Ctrl-C, and return its exit status.
+
+    `command`: words of the command; `petsc`: environment of the ranks; `log`: file that receives the output.
+    """
     with log.open("wb") as out:
         try:
             process = subprocess.Popen(
@@ -179,7 +220,11 @@ def _run(command: list[str], petsc: Petsc, log: Path) -> int:
 
 
 def _environment(petsc: Path | None) -> dict[str, str]:
-    """Return the environment of the ranks: Debian's PETSc, one thread per rank, no busy waiting, no limit by cores."""
+    """Return the environment variables of the ranks.
+
+    `petsc`: folder of a Debian build of PETSc, None for a PETSc that Python finds by itself. Every rank has one thread;
+    ranks do not wait busily, and their number is not limited by the number of cores.
+    """
     given = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "VIRTUAL_ENV"))}
     given |= {
         "OPENBLAS_NUM_THREADS": "1",
@@ -196,7 +241,7 @@ def _environment(petsc: Path | None) -> dict[str, str]:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End the launcher, which ends its ranks; kill it if it does not end in time."""
+    """End the launcher, which ends its ranks; kill all of them if this takes more than `_PATIENCE` seconds."""
     process.terminate()
     try:
         process.wait(_PATIENCE)
@@ -206,7 +251,10 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _last_words(log: str) -> str:
-    """Return the lines of a log that report errors: exceptions, and the rank that was killed."""
+    """Return the lines of a log that report errors, joined to one line; without such lines, the end of the log.
+
+    `log`: text of the log. Such lines report exceptions, and the rank that was killed.
+    """
     lines = [line.strip() for line in log.splitlines()]
     telling = [line for line in lines if "Error" in line or "signal" in line or "exited" in line]
     return "; ".join(dict.fromkeys(telling[:_LAST_WORDS])) or " ".join(lines[-_LAST_WORDS:]) or "its log is empty"

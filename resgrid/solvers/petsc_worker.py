@@ -37,24 +37,34 @@ BOOMERAMG_3D = {
 """PETSc options of the preconditioner BoomerAMG for grids with three or more axes."""
 
 PASS, MOST_PASSES, MOST_STEPS = 1e-8, 5, 1000
-"""Relative residual of a pass, maximum number of passes, and of iterations per pass.
+"""Smallest relative residual of a pass, maximum number of passes, and maximum number of iterations per pass.
 
 The residual that conjugate gradients update drifts from the true one, from which the next pass starts.
 """
 
 
 def rows_of(rank: int, ranks: int, cells: int) -> tuple[int, int]:
-    """Return the first row of a rank, and that of the next rank; `cells` rows are divided among `ranks` ranks."""
+    """Return the first row of a rank, and the first row of the next rank.
+
+    `rank, ranks`: number of the rank, and number of ranks; `cells`: number of rows of the matrix, one per cell.
+    """
     return cells * rank // ranks, cells * (rank + 1) // ranks
 
 
 def mapped(folder: Path, name: str, mode: Any = "r") -> Any:
-    """Map an array of the folder; returns it flat, in C order of cells."""
+    """Return the file ``name.npy`` of the folder as a memory-mapped array (cells,), in C order of cells.
+
+    `mode`: numpy's mode of the mapping, "r" or "r+".
+    """
     return np.load(folder / f"{name}.npy", mmap_mode=mode).reshape(-1)
 
 
 def neighbours(cell: Any, axis: int, shape: list[int]) -> tuple[Any, Any]:
-    """Return the numbers of the next and the previous cell along an axis, wrapped. Shapes: (n,), int64."""
+    """Return the numbers of the next and of the previous cell along an axis, shape (n,) each.
+
+    The cell after the last one is the first. `cell` (n,): numbers of cells in C order, int64; `axis`: number of the
+    axis; `shape`: number of cells along every axis.
+    """
     stride = int(np.prod(shape[axis + 1 :], dtype=np.int64))
     place, turn = cell // stride % shape[axis], stride * shape[axis]
     after = cell + stride - turn * (place == shape[axis] - 1)
@@ -63,7 +73,12 @@ def neighbours(cell: Any, axis: int, shape: list[int]) -> tuple[Any, Any]:
 
 
 def local_rows(folder: Path, shape: list[int], first: int, last: int, index: Any) -> tuple[Any, Any, Any]:
-    """Return rows `first` to `last` of the matrix in CSR format; cells without an unknown have 1 on the diagonal."""
+    """Return rows `first` to `last - 1` of the matrix as CSR arrays: begins of rows, columns and values in siemens.
+
+    `folder`: folder of the system of equations; `shape`: number of cells along every axis; `index`: integer type of
+    PETSc. A cell without an unknown has 1 on the diagonal. Raises OverflowError for more entries than `index` can
+    number.
+    """
     count, axes = last - first, len(shape)
     cell = np.arange(first, last, dtype=np.int64)
     column = np.empty((count, 2 * axes + 1), dtype=index)
@@ -90,7 +105,11 @@ def local_rows(folder: Path, shape: list[int], first: int, last: int, index: Any
 
 
 def configured(petsc: Any, matrix: Any, axes: int) -> Any:
-    """Return conjugate gradients with algebraic multigrid, or as PETSC_OPTIONS specify."""
+    """Return PETSc's solver: conjugate gradients with algebraic multigrid, or as PETSC_OPTIONS specify.
+
+    `petsc`: the module petsc4py.PETSc; `matrix`: the matrix; `axes`: number of axes of the grid. Raises SystemExit with
+    the name and value of an option that PETSc refuses.
+    """
     options = petsc.Options()
     options.setValue("options_left", "")
     given = options.getAll()
@@ -112,7 +131,12 @@ def configured(petsc: Any, matrix: Any, axes: int) -> Any:
 
 
 def solve(petsc: Any, solver: Any, matrix: Any, b: Any, rtol: float) -> tuple[Any, int, float]:
-    """Return the solution, the number of iterations, and the relative residual: `rtol` or the limit of rounding."""
+    """Return the solution, the number of iterations, and the residual norm relative to that of ``b``.
+
+    `petsc`: the module petsc4py.PETSc; `solver, matrix, b`: PETSc's solver, matrix and right-hand side; `rtol`:
+    relative residual norm at which passes end, unless the limit of rounding is larger. Raises ArithmeticError if the
+    solver diverges.
+    """
     x, correction, r = b.duplicate(), b.duplicate(), b.copy()
     x.set(0.0)
     grain = np.finfo(np.float64).eps * matrix.norm(petsc.NormType.INFINITY)
@@ -134,7 +158,11 @@ def solve(petsc: Any, solver: Any, matrix: Any, b: Any, rtol: float) -> tuple[An
 
 
 def claim_rank(folder: Path, rank: int, ranks: int) -> None:
-    """Raise RuntimeError if another process has this rank: processes of a foreign launcher are rank 0 of 1 each."""
+    """Raise RuntimeError if another process has the same rank, which happens if the launcher belongs to another MPI.
+
+    The processes of a foreign launcher are rank 0 of 1 each. `folder`: folder of the system of equations; `rank,
+    ranks`: number of this rank, and number of ranks.
+    """
     try:
         (folder / f"rank_{rank}").open("x").close()
     except FileExistsError as error:
@@ -144,7 +172,11 @@ def claim_rank(folder: Path, rank: int, ranks: int) -> None:
 
 
 def main(folder: Path, *, shared: bool = False) -> None:
-    """Solve the system of a folder, perhaps shared by several computers; SystemExit names an option PETSc refuses."""
+    """Solve the system of equations in `folder`; write the solution, statistics and peak memory there.
+
+    `shared`: whether several computers share the folder. Raises SystemExit with the name of an option that PETSc
+    refuses.
+    """
     try:
         from petsc4py import PETSc
     except Exception as fault:

@@ -10,8 +10,11 @@ from collections.abc import Callable
 from resgrid.errors import InputError
 
 Progress = Callable[[int, float, float | None], None]
-"""Called after every iteration with the number of iterations so far, the residual norm relative to the start of the
-present pass, and the estimated seconds until the end of that pass (None while the residual does not fall)."""
+"""Function that is called after every iteration, with three arguments.
+
+They are the number of iterations so far, the residual norm relative to the start of the present pass of refinement, and
+the estimated seconds until the end of that pass (None while the residual does not fall).
+"""
 
 
 class Stopped(Exception):  # noqa: N818 - not an error
@@ -48,12 +51,17 @@ class ProgressMonitor:
         self._pass = threading.local()
 
     def begin(self, residual: float, goal: float) -> None:
-        """Start a pass of an iteration, from a residual norm to a target norm."""
+        """Start a pass of iterations; `residual`: residual norm at the start; `goal`: norm at which the pass ends."""
         here = self._pass
         here.start, here.goal, here.since = residual, goal, time.perf_counter()
 
     def step(self, residual: float) -> None:
-        """Record one iteration and its residual norm.
+        """Record one iteration, and call the progress function.
+
+        Parameters
+        ----------
+        residual : float
+            Residual norm after the iteration, in the unit of `begin`.
 
         Raises
         ------
@@ -68,18 +76,29 @@ class ProgressMonitor:
             self._progress(self.iterations, residual / (self._pass.start or 1.0), self._seconds_left(residual))
 
     def done(self, error: float, bound: float = math.inf) -> None:
-        """Record a solution: its backward error, and a bound on the relative error of its entries."""
+        """Record the accuracy of a solution.
+
+        Parameters
+        ----------
+        error : float
+            Backward error, normwise or componentwise.
+        bound : float, optional
+            Bound on the relative error of every entry, infinite by default.
+        """
         with self._lock:
             if not (error <= self.error or math.isnan(self.error)):
                 self.error = error
             self.bound = max(self.bound, bound)
 
     def stop(self) -> None:
-        """Cancel the solve at its next iteration."""
+        """Cancel the solve; its next call of `step` raises Stopped."""
         self._stopped = True
 
     def _seconds_left(self, residual: float) -> float | None:
-        """Return the estimated seconds until the end of the pass; None while the residual does not fall."""
+        """Return the estimated seconds until the end of the pass; None while the residual does not fall.
+
+        `residual`: present residual norm. The estimate assumes a constant convergence factor.
+        """
         here = self._pass
         if residual <= here.goal:
             return 0.0

@@ -38,13 +38,16 @@ _MOST_STEPS = 60
 _LEAST_GAIN = 0.5
 
 _ALLOWED = 2e-9
-"""Limit of the violations of KCL, summed over the rows that are not converged.
+"""Largest sum of the relative violations of KCL over the rows that are not converged, at which refinement ends.
 
 Entries then have a relative error of 4e-9, plus the rounding of the rows' sums, about 4e-9 for a million rows.
 """
 
 _MARGIN = 0.03
-"""Target of the corrections, as a fraction of the limit that they must reach; the last one then rarely misses it."""
+"""Accuracy requested of a correction, as a fraction of the error limit that the correction must reach.
+
+With this margin the last correction rarely misses the limit.
+"""
 
 _HOPELESS = 1e-4
 """Componentwise backward error above which some voltages have few correct digits, or none."""
@@ -53,31 +56,38 @@ _PROVED = 1e-6
 """Bound on the relative error of entries up to which a solution is accepted, whatever its backward error."""
 
 _DIFFERENCE = 4.0
-"""Multiple of the smallest attainable backward error (`floor`) up to which the relative difference of two values is
-rounding error."""
+"""Relative difference of two values up to which it is rounding error, in multiples of the attainable backward error.
+
+The attainable backward error is the parameter `floor` of `refine`.
+"""
 
 _FLAT = 1e-14
-"""Fraction of ``(b + |A| |x|)_i`` below which the currents at a row may be pure rounding error."""
+"""Ratio of the currents at a row to ``(b + |A| |x|)_i`` below which the currents may be pure rounding error."""
 
 _STEPS, _FEWEST_STEPS, _LEAST = 8, 2, 128
-"""Neighbourhood that is solved with a row: steps around it, steps if half of the allowed rows are reached, minimum size
-as 1/N.
+"""Neighbourhood that is solved directly with unconverged rows: most steps, least steps, and least size as 1/N of all
+rows.
 
-The minimum size is a fraction of all rows: along a slit, all voltages beyond depend on the ones before.
+The neighbourhood grows by the least steps only if it has reached half of the allowed rows. The least size is a fraction
+of all rows: along a slit, all voltages beyond depend on the ones before.
 """
 
 _MOST, _MOST_OF_PLANE, _ONE_IN = 20_000, 100_000, 10
-"""Upper limits on the rows that are solved directly: absolute, absolute on a plane, and as 1/N of all rows."""
+"""Upper limits on the number of rows that are solved directly: absolute, absolute on a plane, and as 1/N of all rows.
+"""
 
 Approximation = Callable[[Floats, Integers, float], Numbers]
-"""Approximates ``A^-1`` times scaled numbers, with an error relative to the largest entry (third argument)."""
+"""Function of mantissas (n,), exponents (n,) and a relative error: returns ``A^-1`` times these scaled numbers.
+
+The error of the result is relative to the largest entry.
+"""
 
 
 class Refined(NamedTuple):
     """A solution and its accuracy.
 
     `solution` (n,): voltages in volts; `error`: componentwise backward error; `bound`: bound on the relative error of
-    every voltage.
+    every voltage, infinite if there is none.
     """
 
     solution: Scaled
@@ -86,13 +96,13 @@ class Refined(NamedTuple):
 
 
 class Imbalance(NamedTuple):
-    """Violation of KCL.
+    """Violation of KCL by a solution, over some rows.
 
-    `backward`: componentwise backward error ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964); `unconverged`: sum
-    of the violations of the rows that are not converged, each relative to the currents at its row; `converged`: that
-    sum over the other rows, including violations below ``floor`` times ``(b + |A| |x|)_i`` and the possible rounding
-    error; `fraction`: smallest ratio of a row's currents to ``(b + |A| |x|)_i``; `log_size`: natural logarithm of the
-    largest residual.
+    `backward`: componentwise backward error ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964), with the residual
+    ``r``; `unconverged`: sum of the relative violations of the rows that are not converged, where a relative violation
+    is ``|r_i|`` divided by the sum of the currents at the row; `converged`: this sum over the other rows, with the
+    rounding errors that are possible there; `fraction`: smallest ratio of the sum of the currents at a row to ``(b +
+    |A| |x|)_i``; `log_size`: natural logarithm of the largest ``|r_i|``.
     """
 
     backward: float = np.inf
@@ -102,7 +112,7 @@ class Imbalance(NamedTuple):
     log_size: float = np.inf
 
     def plus(self, rest: Imbalance) -> Imbalance:
-        """Return the violation of these rows and of other rows together."""
+        """Return the violation of KCL over these rows and the rows of ``rest`` together."""
         return Imbalance(
             max(self.backward, rest.backward), self.unconverged + rest.unconverged, self.converged + rest.converged,
             min(self.fraction, rest.fraction), max(self.log_size, rest.log_size),
@@ -110,12 +120,18 @@ class Imbalance(NamedTuple):
 
 
 def entry_bound(violation: float) -> float:
-    """Return the bound on the relative error of entries, from the sum of all rows' relative violations of KCL."""
+    """Return the bound on the relative error of every entry of a solution; infinite from a violation of 0.1 on.
+
+    `violation`: sum over all rows of the violation of KCL relative to the currents at the row.
+    """
     return float(np.expm1(2.0 * violation / (1.0 - violation))) if violation < 0.1 else np.inf
 
 
 def is_answer(error: float, bound: float) -> bool:
-    """Return whether the componentwise backward error or the bound on every entry is small enough."""
+    """Return whether a solution is accurate enough, by one of two measures.
+
+    `error`: componentwise backward error; `bound`: bound on the relative error of every entry.
+    """
     return error <= _CONVERGED or bound <= _PROVED
 
 
@@ -130,13 +146,14 @@ def refine(
     resolve: bool = False,
     threads: ThreadTeam = SINGLE_THREAD,
 ) -> Refined:
-    """Solve for a nonnegative right-hand side `rhs` (n,) with entrywise accuracy.
+    """Return the solution for a nonnegative right-hand side `rhs` (n,), with a small relative error of every entry.
 
-    With ``exact``, or if hardly any current flows, the residual is computed in double-double: the solution is then the
-    nearest double. ``first_bound`` bounds the relative error of entries of the first approximation: a larger correction
-    is rounding error of conductances that span more orders of magnitude than double-doubles. With ``resolve`` a few
-    rows without correct digits are solved directly. ``floor``: rounding error of a row's sum of currents, relative to
-    ``(b + |A| |x|)_i``.
+    `approximate`: approximate inverse of the matrix `laplacian`; `floor`: rounding error of a row's sum of currents,
+    relative to ``(b + |A| |x|)_i``; `exact`: whether to compute residuals in double-double, so that the solution is the
+    nearest double (also done if hardly any current flows); `first_bound`: bound on the relative error of entries of the
+    first approximation: a larger correction is rounding error of conductances that span more orders of magnitude than
+    double-doubles; `resolve`: whether to solve a few rows without correct digits directly; `threads`: share the
+    computation of residuals.
     """
     matrix, current = laplacian.graph, scaled_currents(rhs)
     residual = current[0].copy(), current[1].copy()
@@ -182,10 +199,12 @@ def imbalance(
     kept: float = 1.0,
     threads: ThreadTeam = SINGLE_THREAD,
 ) -> Imbalance:
-    """Compute the residual of KCL into ``out`` over slices of rows, and return the violation of all rows.
+    """Write the residual of KCL to ``out``, and return the violation of KCL over all rows.
 
-    ``exact``: compute in double-double; ``floor``: rounding error of a row, relative to ``(b + |A| |x|)_i``; ``kept``:
-    multiple of that error up to which rows with a residual of 0 keep it.
+    `matrix, current, x`: conductances, right-hand side and voltages; `out`: mantissas and exponents of the residual,
+    (n,) each, on entry those of the previous residual; `exact`: whether to compute in double-double; `floor`: rounding
+    error of a row's sum of currents, relative to ``(b + |A| |x|)_i``; `kept`: multiple of the rounding error up to
+    which a row with the residual 0 on entry remains converged; `threads`: process slices of rows.
     """
     from resgrid.solvers.scaled_kernels import residual
 
@@ -198,14 +217,20 @@ def imbalance(
 
 
 def _moves(x: Scaled, new: Scaled, fraction: float) -> bool:
-    """Return whether a correction changes an entry by more than a fraction of itself."""
+    """Return whether a correction changes the magnitude of an entry by more than a fraction of that magnitude.
+
+    `x, new` (n,): values before and after the correction; `fraction`: limit.
+    """
     with np.errstate(invalid="ignore"):
         moved = np.abs(new.hi * power(new.exponent - x.exponent)) - np.abs(x.hi)
     return not np.all(np.abs(moved) <= fraction * np.abs(x.hi))
 
 
 def corrected(x: Scaled, m: Floats, e: Integers) -> Scaled:
-    """Add a correction to values. Shapes: `m, e` (n,)."""
+    """Return the sum of the scaled double-doubles ``x`` and a correction, shape (n,).
+
+    `m, e` (n,): mantissas and exponents of the correction.
+    """
     from resgrid.solvers.scaled_kernels import correct
 
     new = Scaled(np.empty_like(x.hi), np.empty_like(x.lo), np.empty_like(x.exponent))
@@ -214,7 +239,10 @@ def corrected(x: Scaled, m: Floats, e: Integers) -> Scaled:
 
 
 def scaled_currents(rhs: Floats | Scaled) -> Numbers:
-    """Return currents as a new canonical scaled array; the lower parts `lo` are dropped."""
+    """Return new canonical mantissas and exponents, (n,) each, of the currents ``rhs`` (n,).
+
+    The lower parts `lo` of scaled double-doubles are neglected.
+    """
     given = rhs if isinstance(rhs, Scaled) else Scaled.of(np.asarray(rhs, dtype=np.float64))
     current, scale = given.hi.copy(), given.exponent.copy()
     canonical(current, scale)
@@ -222,23 +250,25 @@ def scaled_currents(rhs: Floats | Scaled) -> Numbers:
 
 
 def minus(a: Scaled, b: Scaled) -> Scaled:
-    """Return ``a - b``; all of shape (n,)."""
+    """Return the difference ``a - b`` of scaled double-doubles, (n,) each."""
     return corrected(corrected(a, -b.hi, b.exponent), -b.lo, b.exponent)
 
 
 def quotient(parts: list[Scaled], x: Scaled) -> float:
-    """Return the largest value of any part relative to that of ``x``; 0 if all parts vanish."""
+    """Return the largest magnitude in any of ``parts`` relative to the largest in ``x``; 0 if all of these vanish."""
     largest, *logs = (logarithm(np.abs(each.hi), each.exponent).max(initial=-np.inf) for each in (x, *parts))
     with np.errstate(over="ignore"):
         return 0.0 if max(logs) == -np.inf else float(np.exp(max(logs) - largest))
 
 
 def resolve_rows(laplacian: Laplacian, residual: Floats, x: Scaled, current: Numbers) -> Scaled | None:
-    """Re-solve the unconverged rows and their neighbourhood directly, all others held fixed; None for too many rows.
+    """Return the voltages after a direct solution of the rows that are not converged; None for too many rows.
 
-    The currents from the other rows are the residual for zero voltages in the re-solved ones.
+    The neighbourhood of these rows is solved too; all other voltages are held fixed. The currents from the other rows
+    are the residual for zero voltages in the rows that are solved.
 
-    Shapes: `residual` (n,): 0 in rows that are converged.
+    `residual` (n,): 0 in rows that are converged; `x` (n,): voltages; `current`: mantissas and exponents of the
+    right-hand side, (n,) each.
     """
     from resgrid.solvers.supernodal import factor_supernodes
 
@@ -253,7 +283,7 @@ def resolve_rows(laplacian: Laplacian, residual: Floats, x: Scaled, current: Num
 
 
 def _around(laplacian: Laplacian, rows: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
-    """Return a mask of some rows and their neighbourhood; None for too many. Shapes: `rows` (n,); returns (n,)."""
+    """Return a mask (n,) of the rows in the mask ``rows`` (n,) and their neighbourhood; None for too many rows."""
     plane = laplacian.grid is not None and laplacian.dimensions == 2
     most, edge = min(_MOST_OF_PLANE if plane else _MOST, laplacian.size // _ONE_IN), np.flatnonzero(rows)
     seen, count, steps = rows.copy(), len(edge), 0

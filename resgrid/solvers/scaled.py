@@ -14,10 +14,11 @@ Singles = NDArray[np.float32]
 Reals = NDArray[np.floating[Any]]
 
 BITS = 256
-"""An exponent counts factors of ``2**BITS``."""
+"""Number of binary places per unit of an exponent: a scaled number with exponent ``e`` has the factor ``2**(BITS e)``.
+"""
 
 NOISE = 2.0**-70
-"""Relative difference below which two refined values are equal up to rounding."""
+"""Relative difference of two refined values up to which they are equal except for rounding."""
 
 
 _LOG_BASE = BITS * np.log(2.0)
@@ -27,11 +28,15 @@ _POWERS.flags.writeable = False
 
 
 Numbers = tuple[Floats, Integers]
-"""Scaled numbers as plain doubles: mantissas and exponents."""
+"""Scaled numbers as plain arrays: mantissas (n,) in double precision, and exponents (n,)."""
 
 
 class Scaled(NamedTuple):
-    """Numbers ``(hi + lo) * 2**(256 exponent)``; relative differences below `noise` are rounding errors."""
+    """Scaled double-doubles ``(hi + lo) * 2**(256 exponent)``.
+
+    `hi, lo` (n,): upper and lower parts; `exponent` (n,): integers; `noise`: relative difference of two values up to
+    which they are equal except for rounding.
+    """
 
     hi: Floats
     lo: Floats
@@ -40,22 +45,25 @@ class Scaled(NamedTuple):
 
     @staticmethod
     def of(values: Floats) -> Scaled:
-        """Convert doubles to scaled numbers."""
+        """Return the doubles `values` (n,) as scaled numbers with lower part and exponent 0."""
         return Scaled(values, np.zeros(len(values)), np.zeros(len(values), dtype=np.int64))
 
     @property
     def plain(self) -> Floats:
-        """The values as doubles; 0 where they underflow."""
+        """The values as doubles, shape (n,); 0 where they underflow."""
         return unscaled(self.hi, self.exponent)
 
     @property
     def log(self) -> Floats:
-        """Natural logarithm of the values; -inf for those that are not positive."""
+        """Natural logarithm of the values, shape (n,); -inf for those that are not positive."""
         return logarithm(self.hi, self.exponent)
 
 
 def canonical(m: Floats, e: Integers, *rest: Floats) -> None:
-    """Make scaled numbers canonical, ``2**-128 <= |m| < 2**128`` or 0, and rescale `rest` alike, in place."""
+    """Make scaled numbers canonical in place: ``2**-128 <= |m| < 2**128``, or 0.
+
+    `m, e` (n,): mantissas and exponents; `rest`: further arrays (n,) with the same exponents, which are rescaled alike.
+    """
     steps = (np.frexp(m)[1] + (BITS // 2 - 1)) // BITS
     if steps.any():
         e += steps
@@ -64,12 +72,18 @@ def canonical(m: Floats, e: Integers, *rest: Floats) -> None:
 
 
 def power(exponent: Integers) -> Floats:
-    """Return ``2**(256 exponent)``: 0 or infinity beyond the range of a double."""
+    """Return ``2**(256 exponent)``, shape (n,), for integers `exponent` (n,).
+
+    The result is 0 or infinity beyond the range of a double.
+    """
     return np.asarray(_POWERS[np.clip(exponent, _LEAST, _MOST) - _LEAST])
 
 
 def unscaled(m: Floats, e: Integers) -> Floats:
-    """Return scaled numbers as doubles: 0 or infinite beyond their range."""
+    """Return scaled numbers as doubles, shape (n,): 0 or infinite beyond the range of doubles.
+
+    `m, e` (n,): mantissas and exponents.
+    """
     if not e.any():
         return m.copy()
     with np.errstate(over="ignore", under="ignore"):
@@ -77,7 +91,10 @@ def unscaled(m: Floats, e: Integers) -> Floats:
 
 
 def logarithm(m: Floats, e: Integers) -> Floats:
-    """Return the natural logarithm of scaled numbers; -inf for those that are not positive."""
+    """Return the natural logarithm of scaled numbers, shape (n,); -inf for those that are not positive.
+
+    `m, e` (n,): mantissas and exponents.
+    """
     with np.errstate(divide="ignore"):
         log = np.log(np.maximum(m, 0.0))
     if e.any():

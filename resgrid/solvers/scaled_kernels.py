@@ -27,18 +27,24 @@ _SPLITTER = 2.0**27 + 1.0
 _SETTLED = 1e-29
 _UNIT = 2.0**-53
 _NOTHING = 1e-290
-"""Residual below which a row is converged: underflow in the lower parts of values leaves residuals of this size."""
+"""Residual, in the unit of the row's common exponent, below which a row is converged.
+
+Underflow in the lower parts of double-doubles leaves residuals of this size.
+"""
 
 NO_EXPONENT = -(2**62)
 _LOG_BASE = BITS * math.log(2.0)
 
 _ROW_ROUNDING = 12.0
-"""Number of rounding errors in a row's sum of currents, in addition to one per conductance, with a margin."""
+"""Number of rounding errors (2**-53 each) in the sum of a row's currents, with a margin.
+
+One more is added for every conductance of the row.
+"""
 
 
 @inlined
 def _canonical(m: float, e: int) -> tuple[float, int]:
-    """Return a scaled number in canonical form."""
+    """Return the canonical mantissa and exponent of the scaled number ``m * 2**(256 e)``."""
     if m == 0.0 or not math.isfinite(m):
         return m, e
     while abs(m) < _SMALL:
@@ -52,7 +58,7 @@ def _canonical(m: float, e: int) -> tuple[float, int]:
 
 @inlined
 def _shift(value: float, steps: int) -> float:
-    """Return ``value * 2**(256 steps)``: 0 or infinity beyond the range of a double."""
+    """Return ``value * 2**(256 steps)``, exact for -1, 0 and 1 steps; 0 for fewer steps and infinity for more."""
     if steps == 0 or value == 0.0:
         return value
     if steps == 1:
@@ -64,7 +70,10 @@ def _shift(value: float, steps: int) -> float:
 
 @inlined
 def _add_product(m: float, e: int, factor: float, v: float, ve: int) -> tuple[float, int]:
-    """Return ``(m, e) + factor * (v, ve)`` in scaled numbers; a term 2**256 times smaller than the other is dropped."""
+    """Return mantissa and exponent of ``(m, e) + factor * (v, ve)``, where pairs are scaled numbers.
+
+    A term that is 2**256 times smaller than the other is neglected.
+    """
     t, te = _canonical(factor * v, ve)
     if m == 0.0 or t == 0.0:
         return (t, te) if m == 0.0 else (m, e)
@@ -74,7 +83,7 @@ def _add_product(m: float, e: int, factor: float, v: float, ve: int) -> tuple[fl
 
 @inlined
 def _two_sum(a: float, b: float) -> tuple[float, float]:
-    """Return a sum and its rounding error."""
+    """Return the rounded sum ``a + b`` and its rounding error (Knuth)."""
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)
@@ -82,7 +91,7 @@ def _two_sum(a: float, b: float) -> tuple[float, float]:
 
 @inlined
 def _two_product(a: float, b: float) -> tuple[float, float]:
-    """Return a product and its rounding error."""
+    """Return the rounded product ``a b`` and its rounding error (Dekker)."""
     p = a * b
     t = _SPLITTER * a
     a1 = t - (t - a)
@@ -95,7 +104,7 @@ def _two_product(a: float, b: float) -> tuple[float, float]:
 
 @inlined
 def _sum(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
-    """Return the sum of the double-doubles ``a + a_low`` and ``b + b_low``, as leading part and rounding error."""
+    """Return the sum of the double-doubles ``a + a_low`` and ``b + b_low``, as its upper and its lower part."""
     s, t = _two_sum(a, b)
     u, v = _two_sum(a_low, b_low)
     s, t = _two_sum(s, t + u)
@@ -104,7 +113,10 @@ def _sum(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
 
 @kernel
 def correct(x: Scaled, m: Floats, me: Integers, out: Scaled) -> None:
-    """Add the scaled numbers ``(m, me)`` to scaled double-doubles."""
+    """Write the scaled double-doubles ``x`` plus the scaled numbers ``(m, me)`` to the scaled double-doubles ``out``.
+
+    `m, me` (n,): mantissas and exponents of the correction.
+    """
     hi, lo, e = x.hi, x.lo, x.exponent
     new_hi, new_lo, new_e = out.hi, out.lo, out.exponent
     for i in range(len(hi)):
@@ -122,9 +134,11 @@ def correct(x: Scaled, m: Floats, me: Integers, out: Scaled) -> None:
 def _add_inflow(
     r: float, r_low: float, g: float, v: float, v_low: float, own: float, own_low: float, exact: bool
 ) -> tuple[float, float, float]:
-    """Add the current ``g ((v + v_low) - (own + own_low))`` from another row to the sum ``r + r_low``.
+    """Add the current from a neighbour, ``g ((v + v_low) - (own + own_low))``, to a sum of currents into a row.
 
-    Returns both parts of the sum, and the current; with ``exact`` the sum is computed in double-double.
+    `r, r_low`: upper and lower part of the sum; `g`: conductance; `v, v_low`: upper and lower part of the neighbour's
+    voltage; `own, own_low`: upper and lower part of the row's voltage; `exact`: whether to compute in double-double.
+    Returns upper and lower part of the new sum, and the added current.
     """
     if exact:
         d, d_low = _sum(v, v_low, -own, -own_low)
@@ -140,17 +154,23 @@ def residual(
     matrix: Graph, current: Numbers, x: Scaled, begin: int, end: int, plain: bool, exact: bool, floor: float,
     kept: float, out: Numbers,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
-    """Compute the residual of KCL of some rows into ``out`` (scaled); returns a `resgrid.solvers.refinement.Imbalance`.
+    """Write the residual of KCL of the rows ``begin`` to ``end - 1`` to ``out``; return the fields of `Imbalance`.
 
-    Row ``i`` is ``b_i - g_i x_i + sum_j g_ij (x_j - x_i)``. Differences are formed first, so that off-diagonals and row
-    excess never meet in a rounded diagonal. A difference of double-doubles is accurate to the last digits of a double
-    (the upper parts of nearly equal values subtract without error: Sterbenz 1974). The residual is therefore accurate
-    relative to the currents at the row. With ``exact``, sums and products are double-doubles too: if no current flows,
-    differences of voltages then vanish to thirty digits.
+    The residual of row ``i`` is ``b_i - g_i x_i + sum_j g_ij (x_j - x_i)``. Differences are formed first, so that
+    off-diagonals and row excess never meet in a rounded diagonal. A difference of double-doubles is accurate to the
+    last digits of a double (the upper parts of nearly equal values subtract without error: Sterbenz 1974). The residual
+    is therefore accurate relative to the currents at the row. With ``exact``, sums and products are double-doubles too:
+    if no current flows, differences of voltages then vanish to thirty digits.
 
-    Every row has the exponent of its largest value; with ``plain`` all exponents are 0. Rows that are exact to the
-    rounding of these sums get the residual 0, so that a correction can address rows that are smaller by many orders of
-    magnitude. Rows that are 0 on entry remain 0 up to ``kept`` times that rounding error.
+    The residual of a row has the exponent of the row's largest value; with ``plain`` all exponents are 0. Converged
+    rows, whose residual is a rounding error of these sums, get the residual 0, so that a correction can address rows
+    that are smaller by many orders of magnitude. A row with the residual 0 on entry remains converged up to ``kept``
+    times that rounding error.
+
+    `current`: right-hand side ``b`` as mantissas and exponents; `x`: voltages; `floor`: residual, relative to ``(b +
+    |A| |x|)_i``, up to which a row's violation is counted as converged; `out`: mantissas and exponents, on entry those
+    of the previous residual. The returned numbers are described in `resgrid.solvers.refinement.Imbalance`; they are
+    infinite (``fraction`` 0) if a residual is not finite.
     """
     indptr, indices, conductance, ground = matrix
     injected, injected_e = current

@@ -24,15 +24,21 @@ if TYPE_CHECKING:
     from resgrid.solvers.supernodal import SupernodalFactors
 
 _PANEL, _RELAXED = 3, 1
-"""Columns that SuperLU processes together, and columns of a subtree that it merges into a supernode.
+"""SuperLU's parameters: columns that it processes together, and columns of a subtree that it merges into a supernode.
 
-Columns of a grid's factors are short, and few have equal rows: with SuperLU's defaults, 20 and 10, planes and mazes
-take 1.7 times as long, and volumes as long as with these.
+Columns of a grid's factors are short, and few have equal rows. With SuperLU's defaults, 20 and 10, planes and mazes
+take 1.7 times as long as with these values, and volumes take equally long.
 """
 
 
 def symmetric_factors(matrix: Any) -> Any:
-    """Factor a symmetric matrix, real or complex, with diagonal pivots. Shapes: `matrix` (n, n)."""
+    """Return SuperLU's factors of a symmetric matrix (n, n), real or complex, with pivots on the diagonal.
+
+    Raises
+    ------
+    AccuracyError
+        If the matrix is singular in double precision.
+    """
     from scipy.sparse.linalg import splu
 
     try:
@@ -64,7 +70,10 @@ def inverse_diagonal(matrix: Any) -> NDArray[Any]:
 
 
 def positive_inverse_diagonal(factors: SupernodalFactors) -> Floats:
-    """Return the diagonal (n,) of the inverse of an M-matrix, entrywise accurate."""
+    """Return the diagonal (n,) of the inverse of an M-matrix, every entry with a small relative error.
+
+    `factors`: subtraction-free factors of the matrix.
+    """
     symbolic, nodes, matrix = factors.symbolic, factors.symbolic.nodes, factors.matrix
     size, gone = len(symbolic.order), len(symbolic.order) - symbolic.kept
     order, pivot = np.roll(symbolic.order, gone), np.roll(factors.pivot, gone)  # in the order of elimination
@@ -82,21 +91,26 @@ def positive_inverse_diagonal(factors: SupernodalFactors) -> Floats:
 
 
 def random_signs(size: int, samples: int, seed: int) -> Floats:
-    """Return vectors of random signs, shape (size, samples)."""
+    """Return `samples` vectors of random signs 1 and -1 as doubles, shape (size, samples), from the seed `seed`."""
     return np.asarray(np.random.default_rng(seed).integers(0, 2, (size, samples)) * 2.0 - 1.0, dtype=np.float64)
 
 
 def estimate_diagonal(signs: Floats, products: Floats) -> tuple[Floats, Floats]:
-    """Estimate the diagonal of a matrix from its products with random signs (Bekas, Kokiopoulou & Saad 2007).
+    """Return an estimate of a matrix diagonal, shape (n,), and its standard error, shape (n,).
 
-    Shapes: `signs` (n, samples), `products` (n, samples); returns `estimate` (n,), `error` (n,).
+    `signs` (n, samples): vectors of random signs; `products` (n, samples): the matrix times these vectors (Bekas,
+    Kokiopoulou & Saad 2007).
     """
     each = signs * products
     return each.mean(axis=1), each.std(axis=1, ddof=1) / np.sqrt(each.shape[1])
 
 
 def _diagonal(order: NDArray[Any], lower: sparse.csc_array, pivot: NDArray[Any]) -> NDArray[Any]:
-    """Return the diagonal of ``(L D L^T)^-1``, shape (n,); `order` (n,): rows in the order of elimination."""
+    """Return the diagonal of the inverse of the matrix with factors ``L D L^T``, shape (n,).
+
+    `order` (n,): rows of the matrix in the order of elimination; `lower` (n, n): ``L`` with its diagonal of ones;
+    `pivot` (n,): diagonal of ``D``.
+    """
     lower.sort_indices()
     starts = lower.indptr.astype(np.int64)
     inverse, diagonal = np.empty_like(lower.data), np.empty_like(lower.data, shape=len(order))
@@ -109,13 +123,13 @@ def _diagonal(order: NDArray[Any], lower: sparse.csc_array, pivot: NDArray[Any])
 def selected_inverse(
     starts: Integers, rows: Indices, lower: Floats | NDArray[np.complex128], pivot: Floats, inverse: Floats
 ) -> None:
-    """Compute the entries of the inverse of ``L D L^T`` on the pattern of ``L`` (Takahashi, Fagan & Chen 1973).
+    """Write the entries of the inverse of ``L D L^T`` on the pattern of ``L`` to ``inverse`` (Takahashi et al. 1973).
 
     ``Z_ij = -sum_k Z_ik L_kj`` for ``i > j`` and ``Z_jj = 1 / D_j - sum_k Z_kj L_kj``, column by column, the last one
-    first. All required entries lie on the pattern, since it is closed under elimination.
+    first. All required entries lie on the pattern, since it is closed under elimination (Takahashi, Fagan & Chen 1973).
 
-    Shapes: `starts` (n + 1,), `rows, lower` (entries,): ``L`` by columns, sorted, with its diagonal; `pivot` (n,),
-    `inverse` (entries,): receives the entries.
+    `starts` (n + 1,): begin of every column; `rows, lower` (entries,): rows and values of ``L`` by columns, sorted,
+    with the diagonal; `pivot` (n,): diagonal of ``D``; `inverse` (entries,): result.
     """
     n = len(pivot)
     place = np.full(n, -1, dtype=np.int64)

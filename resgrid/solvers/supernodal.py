@@ -21,18 +21,20 @@ from resgrid.solvers.scaled_kernels import NO_EXPONENT, _add_product, _canonical
 from resgrid.solvers.symbolic import Supernodes, Symbolic, order_rows
 
 _STRETCH = 2_000
-"""Number of supernodes per call of the factorization kernel, between which a solve can be interrupted."""
+"""Number of supernodes that one call of the factorization kernel eliminates; Ctrl-C is handled between two calls."""
 
 _LEAST, _MOST = 2.0**-700, 2.0**700
-"""Range in which a sum of doubles neither overflows nor loses significant terms to underflow."""
+"""Smallest and largest magnitude of a sum of doubles that neither overflows nor loses significant terms to underflow.
+"""
 
 
 class SupernodalFactors(NamedTuple):
-    """Factors ``L D L^T`` and their elimination order.
+    """Factors ``L D L^T`` of a matrix with ``n`` rows, and their elimination order.
 
-    `matrix`: the factored matrix; `values`: the entries of ``-L`` below the diagonal, supernode by supernode: the
-    fraction of a pivot that goes to a later row; the entries above the diagonal are 0; `pivot` (n,): ``D`` in siemens,
-    in the order of ``symbolic``; `largest`: the largest diagonal entry of the matrix.
+    `symbolic`: elimination order and sparsity pattern; `matrix`: the factored matrix, in siemens; `values` (entries,):
+    entries of ``-L``, supernode by supernode and column by column. An entry below the diagonal is the fraction of a
+    current into its column that elimination passes on to its row; entries above the diagonal are 0. `pivot` (n,):
+    diagonal of ``D``, in siemens, in elimination order; `largest`: largest diagonal entry of the matrix, in siemens.
     """
 
     symbolic: Symbolic
@@ -42,20 +44,27 @@ class SupernodalFactors(NamedTuple):
     largest: float
 
     def substitute(self, m: Floats, e: Integers) -> Numbers:
-        """Solve for scaled numbers by forward and back substitution; ``m`` and ``e``, shape (n,), are not modified."""
+        """Return the solution of ``A x = b`` for scaled numbers ``b``, by forward and back substitution.
+
+        `m, e` (n,): mantissas and exponents of ``b``, which are not modified. Returns mantissas and exponents of ``x``,
+        (n,) each.
+        """
         by = self.symbolic
         x, exponent, column = m.take(by.order), e.take(by.order), np.empty(by.lengths.max(initial=0))
         substitute(self, x, exponent, column)
         return x.take(by.place), exponent.take(by.place)
 
     def solve(self, rhs: Floats) -> Floats:
-        """Solve for doubles, shape (n,); entrywise accurate if all of them are nonnegative."""
+        """Return ``x`` (n,) of ``A x = rhs`` as doubles; every entry is accurate if ``rhs`` (n,) is nonnegative."""
         m, e = self.substitute(rhs, np.zeros(len(rhs), dtype=np.int64))
         return unscaled(m, e)
 
 
 def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) -> SupernodalFactors:
-    """Factor a matrix, in a given elimination order of this sparsity pattern or in one that suits it."""
+    """Return the factors of a matrix; raise AccuracyError if a pivot is not a positive finite double.
+
+    `symbolic`: elimination order of a matrix with the same sparsity pattern; None to compute an order for this matrix.
+    """
     matrix, symbolic = laplacian.graph, symbolic or order_rows(laplacian)
     widths, size = symbolic.widths, symbolic.kept
     count = len(widths)
@@ -83,11 +92,12 @@ def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) ->
 class Workspace(NamedTuple):
     """Work arrays of the factorization.
 
-    `node_of` (kept,): supernode of every column; `waiting, following` (supernodes,): linked lists of the supernodes
-    that will update a supernode next: its first entry, and the successor of each; -1 at the end; `after` (supernodes,):
-    position of the first row of each that is not updated yet; `at` (kept,): positions of the rows in the current
-    supernode; `grounded` (kept,): fractions of pivots that go to the ground; `column`: as long as the longest
-    supernode; `weight`: as long as the widest one has columns.
+    `node_of` (columns,): supernode of every column; `waiting, following` (supernodes,): linked lists of the supernodes
+    that will update a supernode: first entry of its list, and successor of every entry, -1 at the end; `after`
+    (supernodes,): position, among the rows of all supernodes, of the first row of a supernode that has not been updated
+    by it; `at` (columns,): position of a row in the current supernode; `grounded` (columns,): conductance of a column
+    to the ground, in siemens, and after its elimination the fraction of the pivot; `column` (rows of the longest
+    supernode,), `weight` (columns of the widest supernode,): buffers.
     """
 
     node_of: Indices
@@ -102,11 +112,12 @@ class Workspace(NamedTuple):
 
 @kernel
 def eliminate(factors: SupernodalFactors, work: Workspace, begin: int, end: int) -> bool:
-    """Factor some supernodes in order, subtraction-free; returns whether all pivots are positive and finite.
+    """Factor the supernodes ``begin`` to ``end - 1`` into ``factors``; return whether all pivots are valid.
 
-    Elimination of a row adds ``c_i c_j / d`` between its neighbours, and between them and the ground. Its pivot ``d``
-    is the sum of its conductances to later rows and to the ground, never a difference (Grassmann, Taksar & Heyman
-    1985). Every entry is therefore accurate to a few rounding errors, whatever the conductances.
+    A valid pivot is positive and finite. Elimination of a row adds ``c_i c_j / d`` between its neighbours, and between
+    each neighbour and the ground. The pivot ``d`` is the sum of the row's conductances to later rows and to the ground,
+    never a difference (Grassmann, Taksar & Heyman 1985). Every entry is therefore accurate to a few rounding errors,
+    whatever the conductances.
     """
     nodes = factors.symbolic.nodes
     for node in range(begin, end):
@@ -126,7 +137,7 @@ def eliminate(factors: SupernodalFactors, work: Workspace, begin: int, end: int)
 
 @inlined
 def _wait(nodes: Supernodes, work: Workspace, node: int) -> None:
-    """Append a supernode to the list of the supernode that contains its next row."""
+    """Append supernode ``node`` to the linked list of the supernode that contains the next row that it updates."""
     after = work.after[node]
     if after < nodes.start[node + 1]:
         target = work.node_of[nodes.rows[after]]
@@ -136,7 +147,11 @@ def _wait(nodes: Supernodes, work: Workspace, node: int) -> None:
 
 @inlined
 def _load(factors: SupernodalFactors, work: Workspace, node: int) -> None:
-    """Write conductances after odd-even reduction, ``g_ij + sum_k g_ik g_kj / d_k``, to a supernode's entries."""
+    """Write the conductances of supernode ``node`` to its entries: ``g_ij + sum_k g_ik g_kj / d_k``.
+
+    The sum is over the rows ``k`` that odd-even reduction has eliminated, with pivots ``d_k``. Conductances to the
+    ground are written to ``work.grounded``.
+    """
     (order, place, nodes), (indptr, indices, edges, ground), values, pivot, _ = factors
     at, kept = work.at, len(work.at)
     length = nodes.start[node + 1] - nodes.start[node]
@@ -160,7 +175,10 @@ def _load(factors: SupernodalFactors, work: Workspace, node: int) -> None:
 
 @inlined
 def _update(factors: SupernodalFactors, work: Workspace, other: int, node: int) -> None:
-    """Add the update of an eliminated supernode to the columns of a later one; advances to its next row."""
+    """Add the contribution of the eliminated supernode ``other`` to the columns of the later supernode ``node``.
+
+    ``work.after[other]`` is advanced to the first row of ``other`` beyond the columns of ``node``.
+    """
     nodes, values, at = factors.symbolic.nodes, factors.values, work.at
     rows = nodes.rows
     begin, end = work.after[other], nodes.start[other + 1]
@@ -190,9 +208,12 @@ def _update(factors: SupernodalFactors, work: Workspace, other: int, node: int) 
 def _weigh(
     factors: SupernodalFactors, work: Workspace, first: int, columns: int, here: int, apart: int, row: int
 ) -> None:
-    """Compute the conductances from eliminated columns to a row; adds the row's conductance to the ground.
+    """Write the conductances from eliminated columns to ``row`` into ``work.weight``.
 
-    ``first, columns``: range of the columns; ``here, apart``: first entry of the row, and distance to the next column.
+    The ground conductance that the elimination of the columns gives the row is added to ``work.grounded[row]``.
+
+    `first, columns`: first column, and number of columns; `here`: index of the first column's entry in the row among
+    the values; `apart`: increment of this index from a column to the next.
     """
     total = 0.0
     for k in range(columns):
@@ -204,7 +225,10 @@ def _weigh(
 
 @inlined
 def _eliminate_within(factors: SupernodalFactors, work: Workspace, node: int) -> bool:
-    """Eliminate the columns of a supernode that has received all updates; returns whether its pivots are valid."""
+    """Eliminate the columns of supernode ``node``; return whether all of its pivots are positive and finite.
+
+    All updates by earlier supernodes must have been added before.
+    """
     nodes, values, pivot, grounded = factors.symbolic.nodes, factors.values, factors.pivot, work.grounded
     first, base, width = nodes.first[node], nodes.offset[node], nodes.first[node + 1] - nodes.first[node]
     length = nodes.start[node + 1] - nodes.start[node]
@@ -226,7 +250,7 @@ def _eliminate_within(factors: SupernodalFactors, work: Workspace, node: int) ->
 
 @inner_fast
 def _sum(values: Floats, begin: int, end: int) -> float:
-    """Return the sum of a slice."""
+    """Return the sum of ``values[begin:end]``."""
     total = 0.0
     for i in range(begin, end):
         total += values[np.uint64(i)]
@@ -237,7 +261,7 @@ def _sum(values: Floats, begin: int, end: int) -> float:
 def _add_columns(
     target: Floats, there: int, values: Floats, here: int, apart: int, weight: Floats, columns: int, count: int
 ) -> None:
-    """Add ``sum_k weight[k] values[here + k apart + i]`` to ``target[there + i]`` for ``i < count``, four at a time."""
+    """Add ``sum_{k < columns} weight[k] values[here + k apart + i]`` to ``target[there + i]`` for all ``i < count``."""
     t, k = np.uint64(there), 0
     while k + 4 <= columns:
         w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
@@ -256,12 +280,14 @@ def _add_columns(
 
 @kernel
 def substitute(factors: SupernodalFactors, m: Floats, e: Integers, column: Floats) -> None:
-    """Solve in place, in scaled numbers: reduce, solve ``L D L^T x = b`` for the rows kept, restore the reduced rows.
+    """Solve ``A x = b`` in place, in scaled numbers.
 
-    Within a supernode all numbers have a common exponent, the largest one. If a sum then leaves the range of doubles,
-    the supernode is repeated with one exponent per number.
+    Rows that odd-even reduction has eliminated are reduced first and restored last; ``L D L^T x = b`` is solved for the
+    others in between. Within a supernode all numbers have a common exponent, the largest one. If a number then falls
+    below the range of safe doubles, the supernode is repeated with one exponent per number.
 
-    Shapes: `m, e` (n,), in the order of elimination; `column` (longest supernode,): work array.
+    `m, e` (n,): mantissas and exponents of ``b``, then of ``x``, in elimination order; `column` (rows of the longest
+    supernode,): work array.
     """
     (order, place, nodes), (indptr, indices, edges, _), values, pivot, _ = factors
     n, kept = len(order), nodes.first[-1]
@@ -283,14 +309,17 @@ def substitute(factors: SupernodalFactors, m: Floats, e: Integers, column: Float
 
 @inlined
 def _add_fraction(m: Floats, e: Integers, to: int, fraction: float, of: int) -> None:
-    """Add a fraction of the scaled number `of` to the scaled number `to`."""
+    """Add ``fraction`` times the scaled number ``m[of], e[of]`` to ``m[to], e[to]``, in place."""
     value, scale = _add_product(m[to], e[to], fraction, m[of], e[of])
     m[to], e[to] = _canonical(value, scale)
 
 
 @inlined
 def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: Floats, node: int) -> None:
-    """Forward substitution in a supernode: distribute the currents into its columns over its rows."""
+    """Forward substitution in supernode ``node``: distribute the currents into its columns over its rows, in place.
+
+    `values`: entries of ``-L``; `m, e` (n,): mantissas and exponents of currents; `column`: work array.
+    """
     begin, base, first = nodes.start[node], nodes.offset[node], nodes.first[node]
     length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - first
     first_nonzero = 0
@@ -317,7 +346,10 @@ def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: 
 
 @inlined
 def _backward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: Floats, node: int) -> None:
-    """Back substitution in a supernode: solve for its columns, from the values of later rows."""
+    """Back substitution in supernode ``node``: compute the values of its columns from those of later rows, in place.
+
+    `values`: entries of ``-L``; `m, e` (n,): mantissas and exponents of the solution; `column`: work array.
+    """
     begin, base, first = nodes.start[node], nodes.offset[node], nodes.first[node]
     length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - first
     common = _align(nodes.rows, begin, ZERO, length, m, e, column)
@@ -336,9 +368,10 @@ def _backward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column:
 
 @inlined
 def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: Integers, column: Floats) -> int:
-    """Convert the scaled numbers of rows ``rows[begin + r]`` to doubles ``column[r]`` with their largest exponent.
+    """Convert the scaled numbers of rows ``rows[begin + r]`` to doubles ``column[r]``; return their common exponent.
 
-    ``r`` runs from ``skipped`` to ``length``.  Returns the exponent.
+    `r` runs from ``skipped`` to ``length - 1``; the common exponent is the largest one; `m, e` (n,): mantissas,
+    exponents.
     """
     common = NO_EXPONENT
     for r in range(skipped, length):

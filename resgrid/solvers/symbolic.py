@@ -24,23 +24,29 @@ from resgrid.solvers.ordering_kernels import minimum_fill, quotient_graph, with_
 from resgrid.solvers.scaled import Indices, Integers
 
 _MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 600
-"""Entries per row, in planes and in volumes, above which a matrix is not narrow and the order by fill is faster."""
+"""Largest number of entries of the factors per row in the order by distance, in planes and in volumes.
+
+A matrix with more is not narrow, and the order by fill is faster.
+"""
 
 _DENSE = 10.0
-"""A row with more neighbours than this number times the square root of all rows is eliminated last."""
+"""Number of neighbours, in multiples of the square root of the number of rows, above which a row is eliminated last."""
 
 _MOST_NEIGHBOURS = 8
-"""Largest number of neighbours of a row that odd-even reduction eliminates: it joins them to each other."""
+"""Largest number of neighbours of a row that odd-even reduction eliminates; the elimination joins them to each other.
+"""
 
 _WIDEST, _FEW, _SHARE = 16, 20.0, 0.2
-"""Largest number of columns of a supernode; number of zeros among its entries, and their fraction, that are allowed."""
+"""Limits on a supernode: number of columns; zeros among its entries, at most the second plus the third times all
+entries."""
 
 
 class Pattern(NamedTuple):
-    """The graph of all rows, and their order: the rows that odd-even reduction keeps, followed by the others.
+    """Neighbours of the rows of a matrix, and the order of the rows.
 
-    `indptr` (n + 1,), `indices`: neighbours of every row; `order` (n,): row ``order[k]`` is the ``k``-th; `place` (n,):
-    its inverse.
+    `indptr` (n + 1,), `indices` (entries,): compressed rows of the neighbours of every row; `order` (n,): row at every
+    position, where the rows that odd-even reduction eliminates come after all others; `place` (n,): position of every
+    row, the inverse of `order`.
     """
 
     indptr: Indices
@@ -52,9 +58,10 @@ class Pattern(NamedTuple):
 class Supernodes(NamedTuple):
     """Supernodes of a unit lower triangular matrix: runs of columns stored as dense blocks (Ashcraft & Grimes 1989).
 
-    `first` (supernodes + 1,): their first columns, and the number of all columns; `start` (supernodes + 1,): begin of
-    their rows in ``rows``; `rows`: their rows, ascending, their own columns first; `offset` (supernodes + 1,): begin of
-    their entries among the values, which are stored column by column, each of full length.
+    `first` (supernodes + 1,): first column of every supernode, then the number of columns; `start` (supernodes + 1,):
+    begin of every supernode in `rows`; `rows`: row numbers of all supernodes, ascending in each, its own columns first;
+    `offset` (supernodes + 1,): begin of every supernode in the array of entries, where columns follow each other, each
+    with an entry for every row of the supernode.
     """
 
     first: Indices
@@ -66,8 +73,9 @@ class Supernodes(NamedTuple):
 class Symbolic(NamedTuple):
     """An elimination order, and the sparsity pattern of the factors.
 
-    `order` (n,): the rows that odd-even reduction keeps, in the order of elimination, followed by the others; `place`
-    (n,): its inverse; `nodes`: supernodes of the rows kept.
+    `order` (n,): row at every position: the rows that odd-even reduction keeps, in the order of elimination, then the
+    rows that it eliminates beforehand; `place` (n,): position of every row, the inverse of `order`; `nodes`: supernodes
+    of the factor of the kept rows.
     """
 
     order: Indices
@@ -76,32 +84,38 @@ class Symbolic(NamedTuple):
 
     @property
     def kept(self) -> int:
-        """Number of rows kept."""
+        """Number of rows that odd-even reduction keeps."""
         return int(self.nodes.first[-1])
 
     @property
     def entries(self) -> int:
-        """Number of entries of all supernodes."""
+        """Number of stored entries of all supernodes, including zeros."""
         return int(self.nodes.offset[-1])
 
     @property
     def products(self) -> float:
-        """Approximate number of products of the factorization."""
+        """Approximate number of multiplications of a numerical factorization."""
         return float(0.5 * np.sum(self.widths * self.lengths.astype(np.float64) ** 2))
 
     @property
     def widths(self) -> Indices:
-        """Number of columns of every supernode."""
+        """Number of columns of every supernode, shape (supernodes,)."""
         return np.diff(self.nodes.first)
 
     @property
     def lengths(self) -> Indices:
-        """Number of rows of every supernode."""
+        """Number of rows of every supernode, shape (supernodes,), including the rows of its own columns."""
         return np.diff(self.nodes.start)
 
 
 def order_rows(laplacian: Laplacian) -> Symbolic:
-    """Order the rows by distance or by fill; BudgetError if the factors would have too many entries."""
+    """Return an elimination order, by distance for a narrow matrix, otherwise by fill.
+
+    Raises
+    ------
+    BudgetError
+        If the factors have more rows than 32-bit indices can number.
+    """
     symbolic = order_by_distance(laplacian) or order_by_fill(laplacian)
     if symbolic is None:
         raise BudgetError(
@@ -112,24 +126,26 @@ def order_rows(laplacian: Laplacian) -> Symbolic:
 
 
 def order_by_distance(laplacian: Laplacian) -> Symbolic | None:
-    """Order the rows by their distance from the ground; None for a matrix that is not narrow."""
+    """Return the order of rows by distance from the ground, farthest first; None for a matrix that is not narrow."""
     most = _MOST_FILL_OF_VOLUMES if laplacian.dimensions > 2 else _MOST_FILL
     return _order(laplacian, float(most * laplacian.size), by_fill=False)
 
 
 def order_by_fill(laplacian: Laplacian, most: float = np.inf) -> Symbolic | None:
-    """Order the rows by approximate minimum fill.
+    """Return the order of the rows by approximate minimum fill.
 
-    None if the factors would have more than ``most`` entries, or more rows than 32-bit indices can number.
+    `most`: maximum number of entries of the factors. Returns None if the factors would have more entries, or more rows
+    than 32-bit indices can number.
     """
     return _order(laplacian, float(most), by_fill=True)
 
 
 def _order(laplacian: Laplacian, most: float, *, by_fill: bool) -> Symbolic | None:
-    """Eliminate every other layer by distance from the row most strongly tied to the low rail; order the other rows.
+    """Return an elimination order after odd-even reduction; None if the factors would have more than `most` entries.
 
-    `by_fill`: order by approximate minimum fill instead of by distance.  Returns None if the factors would have more
-    than `most` entries.
+    Odd-even reduction eliminates every other layer of rows by distance from the row with the largest ground conductance
+    (with two rails: conductance to the low rail). `by_fill`: order the other rows by approximate minimum fill instead
+    of by distance, farthest first.
     """
     matrix, n = laplacian.graph, laplacian.size
     tied = laplacian.ground if laplacian.rails is None else laplacian.rails.to_low
@@ -155,12 +171,13 @@ def _order(laplacian: Laplacian, most: float, *, by_fill: bool) -> Symbolic | No
 
 @kernel
 def order_far_first(pattern: Pattern, root: int, nearest_first: Indices, depth: Indices) -> int:
-    """Order the kept rows, farthest from a root first, followed by the others; returns the number of kept rows.
+    """Order the kept rows in ``pattern``, farthest from a root first, then the others; return the number of kept rows.
 
-    Rows at an odd distance from the root, or from the first row of another component, are not kept if they have few
-    neighbours and none at an equal distance: on a grid, all cells of one colour.
+    A row at an odd distance from the root, or from the first row of another component, is not kept if it has few
+    neighbours and none at an equal distance. On a grid these rows are all cells of one colour.
 
-    Shapes: `nearest_first` (n + 1,); `depth` (n,): -1 on entry.
+    `pattern`: receives `order` and `place`; `root`: row at distance 0; `nearest_first` (n + 1,): work array; `depth`
+    (n,): -1 on entry, receives the distance of every row in steps.
     """
     indptr, indices, order, place = pattern
     n, size = len(order), 0
@@ -197,9 +214,10 @@ def order_far_first(pattern: Pattern, root: int, nearest_first: Indices, depth: 
 
 @inlined
 def reached(pattern: Pattern, entry: int, kept: int) -> tuple[int, int]:
-    """Return the range of entries of ``indices`` that stands for an entry after odd-even reduction.
+    """Return the begin and end of the range of ``pattern.indices`` that replaces an entry after odd-even reduction.
 
-    If the entry's row is kept, the range is the entry alone; otherwise it is the neighbours of that row.
+    `entry`: index into ``pattern.indices``; `kept`: number of rows that odd-even reduction keeps. If the row of the
+    entry is kept, the range contains this entry only; otherwise it contains the neighbours of that row.
     """
     j = pattern.indices[entry]
     if pattern.place[j] < kept:
@@ -211,11 +229,12 @@ def reached(pattern: Pattern, entry: int, kept: int) -> tuple[int, int]:
 def postorder(pattern: Pattern, before: Indices, parent: Indices, last: Indices, branch: Indices) -> None:
     """Renumber the kept rows in postorder of the elimination tree, which does not change the fill.
 
-    The parent of a row is its first later neighbour after its elimination (Liu 1990); the rows below a row, itself
-    included, are its branch.
+    The parent of a row is the first later row that is its neighbour when it is eliminated (Liu 1990). The branch of a
+    row contains the row and its descendants.
 
-    Shapes: `before` (kept,): the previous order; `parent, last, branch` (kept + 1,): ``last`` is first the latest known
-    ancestor (path compression), then the end of the rows below a row.
+    `pattern`: its `order` and `place` are updated; `before` (kept,): row at every position of the previous order;
+    `parent, last, branch` (kept + 1,): work arrays for the parent of a row, for its latest known ancestor (path
+    compression) and then the end of its branch in the new order, and for the size of its branch.
     """
     indptr, indices, order, place = pattern
     n = len(before)
@@ -248,13 +267,15 @@ def list_supernodes(
     pattern: Pattern, kept: int, most: float, most_rows: int, first: Indices, start: Indices, seen: Indices,
     branch: Indices, sibling: Indices,
 ) -> tuple[int, Indices]:  # fmt: skip
-    """Merge columns of the factor into supernodes, and list their rows.
+    """Merge columns of the factor into supernodes; return the number of supernodes, and the rows of all supernodes.
 
-    A column has entries in the rows of its neighbours and of its children, which are the supernodes whose first row
-    after their own is this column (Liu 1990). It joins the previous supernode if that adds few zeros.
+    A column has entries in the rows of its neighbours and of its children. A child is a supernode whose first row below
+    its own columns is this column (Liu 1990). A column joins the previous supernode if few zeros are added.
 
-    Shapes: `first, start, seen, branch, sibling` (kept + 1,): -1 on entry. Returns the number of supernodes, and their
-    rows; -1 for more entries than ``most``, or more rows than ``most_rows``.
+    `kept`: number of columns; `most, most_rows`: maximum number of entries, and of rows of all supernodes; `first,
+    start` (kept + 1,): receive the fields of `Supernodes`; `seen, branch, sibling` (kept + 1,): work arrays, for the
+    last supernode in which a row was listed, the first child of a column, and the next child of the same column. All
+    arrays are -1 on entry. The returned number is -1 if a maximum is exceeded.
     """
     n = kept
     rows = np.empty(10 * n, np.int32)
@@ -293,10 +314,13 @@ def _add_rows(
     pattern: Pattern, k: int, node: int, seen: Indices, branch: Indices, sibling: Indices, start: Indices,
     rows: Indices, end: int,
 ) -> int:  # fmt: skip
-    """Append the rows in which column ``k`` has entries, below the diagonal, to those of supernode ``node``.
+    """Append the rows below the diagonal of column ``k`` to those of supernode ``node``; return the end of ``rows``.
 
-    They are the rows of the column's children (``branch, sibling``: linked lists) and of its neighbours.  Returns the
-    end of ``rows``.
+    The rows are those of the column's children and of its neighbours that ``seen`` does not mark as listed.
+
+    `seen` (kept + 1,): last supernode in which a row was listed, updated; `branch, sibling` (kept + 1,): first child of
+    a column, and next child; `start` (kept + 1,): begin of every supernode in ``rows``; `end`: end of ``rows`` on
+    entry.
     """
     indptr, indices, order, place = pattern
     kept = len(seen) - 1

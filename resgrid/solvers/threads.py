@@ -10,16 +10,20 @@ from typing import Any, TypeVar
 Result = TypeVar("Result")
 
 _PIECE = 2**17
-"""Length of the slices of a long array that threads process one by one."""
+"""Length of the slices, in entries, that threads process one by one."""
 
 
 class ThreadTeam:
     """The calling thread and helper threads, which run the parts of a job concurrently.
 
-    A free thread takes the next part. A helper without a processor core is therefore not waited for: the calling thread
-    runs its part. Several threads may use one team.
+    A free thread takes the next part. The calling thread takes the part of a helper that has no processor core, so that
+    no thread waits for that helper. Several threads may use one team. As a context manager, the team ends its helpers
+    on exit.
 
-    `size`: number of threads, including the caller. As a context manager it ends the helpers on exit.
+    Parameters
+    ----------
+    size : int, optional
+        Number of threads, including the caller.
     """
 
     def __init__(self, size: int = 1) -> None:
@@ -27,16 +31,19 @@ class ThreadTeam:
         self._pool = ThreadPoolExecutor(size - 1, thread_name_prefix="resgrid") if size > 1 else None
 
     def __enter__(self) -> ThreadTeam:
-        """Return the team."""
+        """Return this team."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End the helpers as soon as their current parts are finished."""
+        """End the helpers as soon as their current parts are finished; ignore the exception of the context."""
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
 
     def run_parts(self, part: Callable[[int], object], parts: int) -> None:
-        """Run ``part(0) ... part(parts - 1)`` in any order; an error in a part cancels the remaining ones."""
+        """Call ``part(0)`` to ``part(parts - 1)`` once each, in any order, and wait for all calls to end.
+
+        An exception in a call cancels the calls that have not begun, and is raised again.
+        """
         if self._pool is None or parts < 2:
             for number in range(parts):
                 part(number)
@@ -61,7 +68,7 @@ class ThreadTeam:
                 helper.result()
 
     def together(self, jobs: Sequence[Callable[[], Any]]) -> list[Any]:
-        """Run some functions concurrently; returns their results in the order of `jobs`."""
+        """Call the functions `jobs` concurrently, and return the list of their results in the order of `jobs`."""
         results: list[Any] = [None] * len(jobs)
 
         def part(number: int) -> None:
@@ -71,10 +78,13 @@ class ThreadTeam:
         return results
 
     def over(self, count: int, function: Callable[[slice], Result]) -> list[Result]:
-        """Map a function over slices of ``range(count)``; the slices do not depend on the number of threads."""
+        """Call `function` for slices of ``range(count)``, and return the list of its results in the order of slices.
+
+        The slices do not depend on the number of threads.
+        """
         pieces = [slice(k, min(k + _PIECE, count)) for k in range(0, count, _PIECE)]
         return self.together([partial(function, piece) for piece in pieces])
 
 
 SINGLE_THREAD = ThreadTeam()
-"""The calling thread without helpers."""
+"""The team of the calling thread, without helpers."""

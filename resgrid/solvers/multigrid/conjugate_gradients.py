@@ -23,45 +23,57 @@ from resgrid.solvers.scaled import Numbers, power
 from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 MOST_ITERATIONS = 200
-"""Maximum number of iterations of a solve."""
+"""Maximum number of iterations of a solve, summed over all bursts."""
 LEAST_GAIN = 0.5
-"""Ratio of the true residuals of two successive bursts of iterations above which the solve stops as stagnating."""
+"""Ratio of the true residual norms of two successive bursts of iterations above which the solve stops as stagnating."""
 
 ROUNDING = 2.0**-52
 """Machine epsilon of double precision."""
 _SINGLE = 5e-7
-"""Relative residual below which the recursive residual is rounding error of single precision."""
+"""Residual norm, relative to the begin of a burst, below which the recursive residual is rounding error.
+
+The recursive residual is updated in single precision.
+"""
 
 _BURST = 1e-5
-"""Ratio of the residual to its largest value within a burst (the iterations between two computations of the true
-residual) at which the burst ends: single precision vectors gain nothing more."""
+"""Ratio of the residual norm to its largest value within a burst at which the burst ends.
+
+A burst is the iterations between two computations of the true residual. Vectors in single precision gain no more.
+"""
 
 _SMOOTH = 0.1
-"""Fraction of the target residual at which an initial guess is accepted: its error is smooth, hence large for its
-residual."""
+"""Fraction of the target residual norm at which an initial guess is accepted without iterations.
+
+It is small because the error of a guess is smooth, and therefore large for its residual.
+"""
 
 _SAFETY, _NEARLY = 0.95, 1.6
-"""Ratios of the recursive residual to the target at which a burst ends, without and with a final relaxation.
+"""Ratios of the recursive residual norm to the target at which a burst ends, without and with a final relaxation.
 
 A relaxation of red and black cells halves the residual and costs less than an iteration.
 """
 
 _DRIFT = 2.0
-"""Ratio of the true to the recursive residual above which the last search direction is dropped."""
+"""Ratio of the true to the recursive residual norm above which the last search direction is dropped."""
 
 _FASTEST, _SLOWEST = 0.3, 0.95
-"""Bounds on the estimated convergence factor, which two iterations alone determine badly."""
+"""Smallest and largest estimate of the convergence factor per iteration; two iterations alone determine it badly."""
 
 _DOUBT = 10.0
-"""Safety factor of the cheap estimate of the remaining error: only an estimate below this multiple of the tolerance is
-replaced by a computed step length."""
+"""Safety factor of the cheap estimate of the remaining error.
+
+The largest change of a voltage is computed only if the cheap estimate is below this multiple of the tolerance.
+"""
 
 _PASS, _LEAST_PASS = 1e-15, 1e-2
-"""Smallest and largest relative residual that is requested of one pass of iterative refinement."""
+"""Smallest and largest relative residual norm that one pass of iterative refinement may request."""
 
 
 _RANGE = 400
-"""Rescale if the binary exponents of currents and conductances differ by more: squares of voltages could overflow."""
+"""Difference between the binary exponents of currents and conductances above which the currents are rescaled.
+
+Otherwise squares of voltages could overflow.
+"""
 
 
 def iterate(
@@ -73,12 +85,14 @@ def iterate(
     watch: ProgressMonitor | None = None,
     threads: ThreadTeam = SINGLE_THREAD,
 ) -> tuple[NDArray[np.float64], float]:
-    """Solve to a residual norm of ``rtol |b|``, or to the limit of rounding; returns `x` (n,) and the norm.
+    """Return the solution (n,) in volts, and its residual norm in amperes: ``rtol |b|`` or the limit of rounding.
+
+    `hierarchy`: multigrid levels of the matrix `laplacian`; `b` (n,): right-hand side in amperes; `rtol`: relative
+    residual norm; `guess` (n,): initial solution in volts, None for 0; `watch`: records iterations, and can cancel
+    them; `threads`: share the work.
 
     With a guess the iteration also ends if the estimated error of every voltage is at most ``rtol`` times the largest
     voltage (after Hestenes & Stiefel 1952; Strakos & Tichy 2002).
-
-    Shapes: `b` (n,), `guess` (n,).
     """
     unit, slot = hierarchy.unit, hierarchy.slot
     largest = _largest(b)
@@ -116,9 +130,12 @@ def approximate(
     accuracy: float,
     threads: ThreadTeam = SINGLE_THREAD,
 ) -> Numbers:
-    """Solve for scaled numbers with an error relative to the largest entry: the approximate inverse of refinement.
+    """Return the solution for a scaled right-hand side as scaled numbers, with an error relative to the largest entry.
 
-    `accuracy`: relative residual, limited to the range of a pass. Returns scaled numbers (n,).
+    The function is the approximate inverse of iterative refinement. `hierarchy`: multigrid levels of the matrix
+    `laplacian`; `watch`: records iterations; `m, e` (n,): mantissas and exponents of the right-hand side; `accuracy`:
+    requested relative residual norm, limited to the range of a pass; `threads`: share the work. The result is a tuple
+    of mantissas and exponents, (n,) each.
     """
     top = 0
     if e.any() and m.any():
@@ -139,9 +156,10 @@ class StoppingRule:
     An iteration reduces the squared energy norm of the error by ``(z.r)^2 / p.A p``. The remaining change of the
     solution is estimated as a geometric series from the decrease of these reductions.
 
-    `wanted`: sufficient residual norm; `rounding`: ratio of the residual that rounding leaves to ``|x|``, both in units
-    of ``unit``, siemens; `guess` (n,): initial solution, None for 0; `rtol`: sufficient error relative to the largest
-    guessed voltage. `accurate`: whether the estimated error is small enough.
+    `wanted`: sufficient residual norm, in amperes divided by `unit`; `rounding`: ratio of the residual norm that
+    rounding leaves to ``|x|``, divided by `unit`; `unit`: conductance in siemens that counts as 1; `guess` (n,):
+    initial solution in volts, None for 0; `rtol`: sufficient error relative to the largest guessed voltage, 0 to
+    disable this criterion. `accurate`: whether the estimated error is small enough.
     """
 
     def __init__(
@@ -156,20 +174,22 @@ class StoppingRule:
         self._length, self._power_then = 0.0, 1.0
 
     def goal(self, x: NDArray[np.float64] | None, *, first: bool) -> float:
-        """Return the target residual norm.
+        """Return the target residual norm, in amperes divided by `unit`.
 
-        Before the first iteration the error may be large in spite of a residual at the rounding limit: the limit then
-        does not count.
+        `x`: present solution in volts, None to ignore the limit of rounding; `first`: whether no iteration has been
+        made. Before the first iteration the error may be large in spite of a residual at the limit of rounding, and
+        this limit does not count.
         """
         if first:
             return _SMOOTH * self.wanted if self.guessed else self.wanted
         return self.wanted if x is None else max(self.wanted, self.rounding * krylov.norm(x.ravel()))
 
     def record(self, power: float, length: Callable[[], float]) -> None:
-        """Record ``power``, the reduction of the error's squared energy norm by an iteration.
+        """Record the reduction of the error by an iteration, and update `accurate`.
 
-        ``length`` returns the largest change of a voltage by this iteration. It is called for the first iteration, and
-        if the reductions suggest that the change is small.
+        `power`: reduction of the squared energy norm of the error; `length`: returns the largest change of a voltage by
+        this iteration, in volts. The function `length` is called for the first iteration, and if the reductions suggest
+        that the change is small.
         """
         if not self._near:
             return
@@ -183,7 +203,11 @@ class StoppingRule:
 
 
 def converge(problem: MultigridProblem, stop: StoppingRule, watch: ProgressMonitor | None) -> float:
-    """Improve the solution until the rule is met or the residual stagnates; returns the residual norm, in units."""
+    """Improve ``problem.x`` until a stopping rule is met or the residual stagnates; return the final residual norm.
+
+    The norm is in amperes divided by the unit of the hierarchy. `stop`: stopping rule; `watch`: records iterations, and
+    can cancel them.
+    """
     burst, x = _Burst(problem, stop, watch), problem.x
     last, left, nearly = np.inf, MOST_ITERATIONS, _NEARLY if problem.relaxes else _SAFETY
     while True:
@@ -208,12 +232,15 @@ def converge(problem: MultigridProblem, stop: StoppingRule, watch: ProgressMonit
 
 
 class _Burst:
-    """Iterations between two evaluations of the true residual; search directions are kept across bursts.
+    """Iterations between two evaluations of the true residual; search directions are kept from burst to burst.
 
-    Vectors are in single precision, except for the solution. It is accumulated from the preconditioned residuals at the
-    end of a burst, so that it matches the recursive residual to all digits. ``z[:kept]`` are the preconditioned
-    residuals that are not accumulated yet. Their coefficients in the solution and in the search direction are `on_x,
-    on_p` (depth + 1,), with those of ``p`` at the end.
+    Vectors are in single precision, except for the solution. The solution is accumulated from the preconditioned
+    residuals at the end of a burst, so that it matches the recursive residual to all digits.
+
+    Private fields: ``_v.z[:_kept]`` are the preconditioned residuals that are not accumulated yet; ``_on_x, _on_p``
+    (depth + 1,) are their coefficients in the solution and in the search direction, with those of the earlier direction
+    ``_v.p`` at the end. `residual` (slots,): true residual between bursts, in double precision; `left`: recursive
+    residual norm relative to the begin of the burst.
     """
 
     def __init__(self, problem: MultigridProblem, stop: StoppingRule, watch: ProgressMonitor | None) -> None:
@@ -227,11 +254,14 @@ class _Burst:
         self._kept, self._energy = 0, 0.0
 
     def forget(self) -> None:
-        """Drop the last search direction, since a replaced residual is not orthogonal to it."""
+        """Drop the last search direction, since it is not conjugate to directions from a replaced residual."""
         self._energy = 0.0
 
     def run(self, size: float, gain: float, limit: int) -> int:
-        """Reduce the residual norm ``size`` to ``gain size`` in at most ``limit`` iterations; returns their number."""
+        """Reduce the residual norm from ``size`` to ``gain size`` in at most ``limit`` iterations; return their number.
+
+        ``size`` is the norm of the true residual, in the unit of the hierarchy.
+        """
         v, steps = self._v, 0
         np.divide(self.residual, size, out=v.r, casting="same_kind")
         np.multiply(v.inverse, v.r, out=v.before)
@@ -247,11 +277,11 @@ class _Burst:
         return steps
 
     def _each(self, kernel: Callable[[int, int], Any]) -> list[Any]:
-        """Call a kernel for slices of all slots, on all threads; return its results."""
+        """Call ``kernel(begin, end)`` for slices of all slots, on all threads, and return the list of results."""
         return self._problem.threads.over(len(self._v.r), lambda some: kernel(some.start, some.stop))
 
     def _gather(self, unit: float) -> None:
-        """Accumulate the kept steps in the solution, in units of ``unit``."""
+        """Accumulate the stored steps, multiplied by ``unit``, in the solution."""
         v, x = self._v, self._problem.x[-1]
         self._each(partial(krylov.add_steps, v.z[: self._kept], self._on_x, self._on_p, v.p, unit, x))
         self._on_x[:], self._on_p[:] = 0.0, 0.0
@@ -259,9 +289,10 @@ class _Burst:
         self._kept = 0
 
     def _step(self, unit: float) -> bool:
-        """Iterate once: ``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``; ``z`` is the preconditioned ``r``.
+        """Make one iteration of conjugate gradients; return False, without a step, if ``p.A p`` is not positive.
 
-        Returns False, without a step, if the direction has no energy ``p.A p``.
+        The iteration is ``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``, where ``z`` is the preconditioned
+        ``r``. `unit`: norm of the residual at the begin of the burst, by which the vectors are divided.
         """
         v, problem = self._v, self._problem
         zr, zw, zs = problem.precondition(v.z[self._kept])
@@ -276,7 +307,7 @@ class _Burst:
         self._kept += 1
 
         def move() -> float:
-            """Return the largest change of a voltage in this step."""
+            """Return the largest change of a voltage in this step, in volts."""
             return float(abs(alpha) * unit * krylov.largest_step(v.z[: self._kept], self._on_p, v.p))
 
         self._stop.record(alpha * zr * unit * unit, move)
@@ -288,5 +319,5 @@ class _Burst:
 
 
 def _largest(values: NDArray[np.float64]) -> float:
-    """Return the largest magnitude."""
+    """Return the largest magnitude of an entry of ``values``; 0 for an empty array."""
     return max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))

@@ -41,16 +41,21 @@ from resgrid.solvers.multigrid.sweeps import (
 from resgrid.solvers.scaled import Floats, Integers, Singles
 
 Table = NDArray[Any]
-"""Rows of `levels.GRID`, shape (levels,)."""
+"""Records of the grids of a hierarchy, finest first, shape (levels,), of the data type `levels.GRID`."""
 
 ENOUGH = 0.07
-"""Relative residual after the first step of a K-cycle on the first coarse level that skips the second step."""
+"""Relative residual after the first step of a K-cycle on the first coarse level below which the second step is skipped.
+"""
 
 
 def precondition_graph(
     graphs: Graphs, work: SweepBuffers, r: Singles, s: Singles, z: Singles, w: Singles
 ) -> tuple[float, float, float]:
-    """Precondition the residual ``r`` of a netlist, and multiply: ``w = A z``; returns ``z.r, z.w, z.s``."""
+    """Precondition the residual ``r`` of a netlist into ``z``; set ``w = A z``; return ``z.r``, ``z.w`` and ``z.s``.
+
+    `graphs`: levels of the netlist, finest first; `work`: work arrays; `r, s` (n,): residual, and the product of the
+    matrix with the last search direction; `z, w` (n,): results.
+    """
     b, x = work.b[1:], work.x[1:]
     b[: len(r)] = r
     descend_graph(graphs, 0, b, x)
@@ -61,10 +66,11 @@ def precondition_graph(
 
 
 def run_cycle(graphs: Graphs, work: SweepBuffers, stop: float, top: int) -> None:
-    """Approximate ``x = A^-1 b`` on level ``top`` of a netlist's graphs by K-cycles.
+    """Approximate ``x = A^-1 b`` on level ``top`` of a netlist by K-cycles; ``b`` and ``x`` are arrays of ``work``.
 
-    The second step is skipped if the first reduces the residual below ``stop`` times the right-hand side, and below
-    twice that fraction on every further level down. An infinite ``stop`` skips both.
+    `graphs`: levels of the netlist, finest first; `work`: work arrays of all levels; `stop`: ratio of the residual
+    norms after and before the first step of level ``top`` below which the second step is skipped; this ratio doubles
+    from level to level. An infinite ``stop`` replaces both steps by the uncombined solution of the next level.
     """
     _run_cycle(graphs, work, stop, top, len(graphs.first) > 2 or None, None)
 
@@ -72,10 +78,14 @@ def run_cycle(graphs: Graphs, work: SweepBuffers, stop: float, top: int) -> None
 def precondition_grid(
     table: Table, state: Integers, graphs: Graphs, work: SweepBuffers, stop: float
 ) -> tuple[float, float, float]:
-    """Precondition the residual of a grid's black cells, and multiply by their Schur complement.
+    """Precondition the residual ``r`` of a grid's black cells into ``z``, set ``w = S z``, return ``z.r, z.w, z.s``.
 
-    Returns ``z.r, z.w, z.s`` of the finest level's vectors. ``stop``: relative residual that skips second steps (see
-    `run_cycle`). Other threads may help (`help_sweep`).
+    ``S`` is the Schur complement of the black cells. The vectors ``r``, ``s``, ``z`` and ``w`` of the finest level are
+    found through its record in ``table``.
+
+    `table`: records of the grids; `state`: state shared with the helper threads (`help_sweep`); `graphs`: levels below
+    the grids; `work`: work arrays of the graphs; `stop`: ratio of the residual norms after and before the first step of
+    a K-cycle on the first coarse level below which the second step is skipped.
     """
     return _precondition_grid(table, state, graphs, work, stop, len(graphs.first) > 2 or None)
 
@@ -84,7 +94,12 @@ def precondition_grid(
 def _precondition_grid(
     table: Table, state: Integers, graphs: Graphs, work: SweepBuffers, stop: float, on_graphs: bool | None
 ) -> tuple[float, float, float]:
-    """Precondition as `precondition_grid` describes; ``on_graphs`` None omits the code for visits of graphs."""
+    """Precondition the black residual of a grid by one multigrid cycle; return ``z.r, z.w, z.s`` of the finest vectors.
+
+    `table`: records of the grids; `state`: state shared with the helper threads; `graphs, work`: graphs below the grids
+    and their work arrays; `stop`: relative residual that skips the second step of a K-cycle; `on_graphs`: None if there
+    is one graph only, to omit the code for visits of graphs.
+    """
     flags = flush_subnormals()
     _restrict_finest(table, state)
     _run_within(graphs, work, stop, 0, on_graphs, (table, state))
@@ -103,10 +118,15 @@ def _run_within(
     on_graphs: bool | None,
     on_grids: tuple[Table, Integers] | None,
 ) -> None:
-    """Run K-cycles on graphs, and on the grids below the finest one.
+    """Run K-cycles on the grids below the finest one, and on the graphs below the grids.
 
-    ``on_grids`` or ``on_graphs`` is None if there are no grids, or no graphs except the coarsest: their visits are then
-    not compiled. The recursion is written as a loop, since numba cannot cache recursive functions.
+    `graphs, work`: graphs and their work arrays; `stop`: relative residual after the first step on level ``top`` that
+    skips the second step, doubled from level to level; `top`: first level, counted over coarse grids and then graphs;
+    `on_grids`: records of all grids, and state shared with the helper threads; `on_graphs`: True, or None.
+
+    ``on_grids`` is None if there are no grids, ``on_graphs`` if there are no graphs except the coarsest: visits of
+    these levels are then not compiled. The recursion is written as a loop, since numba cannot cache recursive
+    functions.
     """
     flags = flush_subnormals()
     count = len(on_grids[0]) - 1 if on_grids is not None else 0
@@ -139,10 +159,14 @@ def _visit_graph(
     graphs: Graphs, vectors: tuple[Singles, Singles, Singles, Singles, Singles, Singles], level: int,
     visit: tuple[int, Floats], stop: float,
 ) -> bool:  # fmt: skip
-    """Process a graph at its first, second or third visit in a K-cycle; returns whether its solution is complete.
+    """Process one of up to three visits of a graph in a K-cycle; return whether the solution of the graph is complete.
 
-    ``vectors``: arrays of `SweepBuffers`, from the first node on; ``visit``: number of the visit, and products of the
-    first step.
+    At the first visit the residual is relaxed and restricted. At later visits the next level's solution is a search
+    direction.
+
+    `graphs, level`: all graphs, and index of this one; `vectors`: `b, x, c, v, w, change` of `SweepBuffers`, without
+    the unused entry 0; `visit`: number of the visit from 0 on, and work array (2,) for the products of the first step;
+    `stop`: relative residual after the first step below which the second step is skipped.
     """
     b, x, c, v, w, change = vectors
     if visit[0] > 0:
@@ -165,10 +189,15 @@ def _visit_graph(
 def _step(
     visit: tuple[int, Floats], products: tuple[float, float, float], stop: float
 ) -> tuple[bool, tuple[float, float]]:
-    """Compute the step of a K-cycle (Notay & Vassilevski 2008).
+    """Compute a step of the K-cycle of one level (Notay & Vassilevski 2008).
 
-    Returns whether the first step is to be taken, and its length; otherwise the coefficients of the first and the
-    second direction in the solution.
+    `visit`: number of the visit (1: after the first direction, 2: after the second), and work array (2,) for the
+    products of the first step; `products`: ``z.r, z.A z, z.s`` of the new direction ``z``, where ``s`` is the product
+    of the matrix with the first direction; `stop`: relative residual that skips the second step, infinite to skip both
+    steps.
+
+    Returns whether to continue with a second step, and two numbers: the length of the first step and 0 to continue,
+    otherwise the coefficients of the first and the second direction in the solution.
     """
     (count, first), (rest, product, gamma) = visit, products
     if count > 1:
@@ -184,9 +213,12 @@ def _step(
 
 @inner
 def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) -> tuple[float, float, float]:
-    """Sweep over a level, with other threads if it is divided into slabs; returns sums over its slabs.
+    """Sweep over a level, with other threads if it is divided into slabs; return three sums over its blocks.
 
-    Couplings are added after all slabs.
+    `table, number`: records of the grids, and index of the level in them; `state`: state shared with the helper
+    threads; `kind`: kind of the sweep, such as `sweeps.RELAX`; `visit`: number of the visit in the K-cycle. The sums
+    are ``z.r, z.w, z.s`` after `MULTIPLY`, and the squared residual norms before and after the step, and 0, after
+    `STEP`; else they have no meaning. Couplings are added after all slabs.
     """
     level, part = table[number], ZERO
     if level.parts > 1:
@@ -212,13 +244,19 @@ def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) ->
 
 @inner
 def _product(level: Row, visit: int) -> int:
-    """Return the address of the array that receives the product with the matrix in a visit of a level."""
+    """Return the address of the array that receives the product of the matrix with ``z`` in a visit of a level.
+
+    `level`: record of the grid; `visit`: number of the visit in the K-cycle, 1 for the first direction.
+    """
     return int(level.s if visit == 1 else level.w)
 
 
 @kernel
 def help_sweep(table: Table, state: Integers) -> None:
-    """Process slabs for the leading thread until no job follows."""
+    """Process slabs on a helper thread until the leading thread signals that no job follows.
+
+    `table`: records of the grids; `state`: state shared by the threads, which describes the present sweep.
+    """
     flags = flush_subnormals()
     while True:
         part = llvm_intrinsics.await_part(state)
@@ -233,7 +271,11 @@ def help_sweep(table: Table, state: Integers) -> None:
 
 @inner
 def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
-    """Sweep over slab ``part`` of a level; ``kind`` is one of `sweeps.CLEAR` ...; ``visit``: number in the K-cycle."""
+    """Sweep over one slab of a level.
+
+    `level`: record of the grid; `kind`: kind of the sweep, such as `sweeps.CLEAR`; `visit`: number of the visit in the
+    K-cycle; `part`: number of the slab.
+    """
     slab, parts = slab_of(level, part), level.parts
     if kind == CLEAR or kind == ELIMINATE or kind == STEP:  # noqa: PLR1714, SIM109 (compiles in half the time)
         below_rhs = singles(level.below_rhs, level.below_slots)
@@ -251,10 +293,14 @@ def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
 
 @inner
 def _visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Floats], stop: float) -> bool:
-    """Process a grid at its first, second or third visit in a K-cycle; returns whether its solution is complete.
+    """Process one of up to three visits of a grid in a K-cycle; return whether the solution of the grid is complete.
 
-    At the first visit red nodes are eliminated. At later visits the next level's solution is a search direction. Unless
-    the grid is solved, its relaxed residual is restricted to the next level.
+    At the first visit red nodes are eliminated. At later visits the solution of the next level is a search direction.
+    Unless the solution is complete, the relaxed residual is restricted to the next level.
+
+    `table, number`: records of the grids, and index of the level in them; `state`: state shared with the helper
+    threads; `visit`: number of the visit from 0 on, and work array (2,) for the products of the first step; `stop`:
+    relative residual after the first step that skips the second step.
     """
     count, continues = visit[0], True
     if count == 0:
@@ -273,7 +319,12 @@ def _visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Fl
 
 @inner
 def ascend_grid(table: Table, state: Integers, number: int, visit: int) -> tuple[float, float, float]:
-    """Add the next level's solution to that of level ``number``, relax, and multiply; returns ``z.r, z.w, z.s``."""
+    """Prolong the next level's solution to a grid, relax, and multiply by the matrix; return ``z.r, z.w, z.s``.
+
+    `table, number`: records of the grids, and index of the level in them; `state`: state shared with the helper
+    threads; `visit`: number of the visit in the K-cycle. ``z`` is the relaxed correction, ``w`` the product, ``r`` the
+    residual; ``s`` is the product of the matrix with the previous direction.
+    """
     for kind in (PROLONG, RELAX):
         _sweep(table, state, kind, number, visit)
     return _sweep(table, state, MULTIPLY, number, visit)
@@ -281,6 +332,9 @@ def ascend_grid(table: Table, state: Integers, number: int, visit: int) -> tuple
 
 @inner
 def _restrict_finest(table: Table, state: Integers) -> None:
-    """Restrict the finest level's relaxed residual."""
+    """Restrict the relaxed residual of the finest grid to the next level.
+
+    `table`: records of the grids, finest first; `state`: state shared with the helper threads.
+    """
     for kind in (CLEAR, RESTRICT):
         _sweep(table, state, kind, ZERO, ZERO)

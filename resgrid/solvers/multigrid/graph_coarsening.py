@@ -26,21 +26,25 @@ _CLUSTERS_SHRINK = 0.7
 """Ratio of aggregates to nodes above which aggregates are also grown along weak conductances."""
 
 _WEAK = 0.2
-"""A node may join an aggregate if its conductance to the aggregate is at least this fraction of the sum of its own
-conductances, or of those of the aggregate's first node."""
+"""Smallest conductance from a node to an aggregate that the node may join, as a fraction of a sum of conductances.
+
+The sum is over the conductances of the node, or over those of the aggregate's first node if that sum is smaller.
+"""
 
 _BESIDE_STRONGEST = 0.7
-"""A node may also join if its conductance to the aggregate is at least this fraction of the strongest conductance of
-the aggregate's first node."""
+"""Smallest conductance from a node to an aggregate that the node may join even below the limit `_WEAK`.
+
+The unit is the strongest conductance of the aggregate's first node.
+"""
 
 _FAR = 0.5
-"""Fraction of neighbours numbered far apart above which a graph is renumbered."""
+"""Fraction of neighbours with distant numbers (`ordering_kernels.far_fraction`) above which a graph is renumbered."""
 
 _WINDOW = 4096
 _LARGEST_INVERSE = 2000
 
 _LONG = 31
-"""Row length from which rows are not distinguished when sorting by length."""
+"""Number of neighbours from which rows count as equally long when they are sorted by length."""
 
 _ONE = np.uint64(1)
 
@@ -48,9 +52,10 @@ _TAKEN, _NONE = np.float32(-1.0), np.float32(0.0)
 
 
 def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
-    """Coarsen a graph until it is small, or does not shrink any more.
+    """Coarsen a graph until it is small or does not shrink any more; return all graphs and the aggregates of each.
 
-    Returns all graphs, and the node of the next graph to which every node belongs, shape (n,) each.
+    The first returned list contains the given graph and all coarser ones. The second list contains, for every graph but
+    the last, the node of the next graph to which every node belongs, shape (n,).
     """
     graph = graph._replace(conductance=graph.conductance.astype(np.float32, copy=False))
     graphs, targets = [graph], list[Indices]()
@@ -69,12 +74,15 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
 @interruptible
 @kernel
 def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int]:
-    """Partition the nodes into aggregates of up to ``most`` nodes; returns every node's aggregate, and their number.
+    """Partition the nodes of a graph into aggregates; return the aggregate of every node, shape (n,), and their number.
 
-    An aggregate starts with the first node that is still alone. It repeatedly takes in the neighbour with the greatest
-    sum of conductances to it, divided by the square root of the neighbour's total. A node without a free neighbour
-    joins the aggregate at the other end of its strongest conductance. Unless ``strict``, weak conductances count too,
-    and the size of aggregates is not limited, so that only nodes without neighbours stay alone.
+    `most`: maximum number of nodes of an aggregate, before single nodes join; `strict`: whether nodes join along strong
+    conductances only, and whether an aggregate has at most 1.5 ``most`` nodes after single nodes have joined.
+
+    An aggregate starts with the first node that has no aggregate. It repeatedly takes in the free neighbour with the
+    greatest sum of conductances to the aggregate, divided by the square root of the sum of all conductances of the
+    neighbour. A node without such a neighbour joins the aggregate at the other end of the node's strongest conductance.
+    Unless ``strict``, only nodes without neighbours stay alone.
     """
     (indptr, indices, conductance, leak), n = graph, len(graph.leak)
     degree, scale, strongest = _degrees(indptr, conductance, leak)
@@ -128,7 +136,11 @@ def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int
 
 @inner
 def _degrees(indptr: Indices, conductance: Singles, leak: Floats) -> tuple[Floats, Singles, Floats]:
-    """Return sum, reciprocal square root of the sum, and maximum of the conductances at every node, (n,) each."""
+    """Return three arrays (n,) over the nodes: sum of conductances, reciprocal square root of the sum, and maximum.
+
+    `indptr` (n + 1,), `conductance` (entries,): compressed rows of the conductances between nodes; `leak` (n,):
+    conductance to known voltages, included in the sum but not in the maximum. The reciprocal is 0 for a sum of 0.
+    """
     n = len(leak)
     degree, scale, strongest = np.empty(n), np.empty(n, np.float32), np.empty(n)
     for i in range(n):
@@ -143,7 +155,11 @@ def _degrees(indptr: Indices, conductance: Singles, leak: Floats) -> tuple[Float
 
 @inner
 def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: Indices, node: int) -> int:
-    """Return the aggregate at the other end of a node's strongest conductance; -1 without neighbours."""
+    """Return the aggregate of the neighbour with the strongest conductance to ``node``; -1 without neighbours.
+
+    `indptr, indices, conductance`: compressed rows of the conductances; `aggregate` (n,): aggregate of every node, or
+    -1.
+    """
     best, host = 0.0, -1
     for k in range(indptr[node], indptr[node + 1]):
         if conductance[k] > best:
@@ -154,10 +170,10 @@ def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: In
 @interruptible
 @kernel
 def aggregate_graph(graph: Graph, aggregate: Indices, count: int) -> tuple[Indices, Indices, Singles, Floats]:
-    """Return the graph of the aggregates: sums of the conductances between them, and of the leaks within them.
+    """Return the graph of the aggregates: sums of the conductances between aggregates, and of the leaks in each.
 
-    Shapes: `aggregate` (n,): aggregate of every node, below ``count``; returns the fields of `Graph` with ``count``
-    rows, which are not sorted.
+    `aggregate` (n,): aggregate of every node; `count`: number of aggregates. Returns the fields of `Graph`, with
+    ``count`` rows that are not sorted.
     """
     (indptr, indices, conductance, leak), n = graph, len(graph.leak)
     start = np.zeros(count + 1, np.int32)
@@ -193,9 +209,11 @@ def aggregate_graph(graph: Graph, aggregate: Indices, count: int) -> tuple[Indic
 
 
 def pack_netlist(rows: Rows, ground: Floats, unit: float) -> tuple[Graphs, NDArray[np.int32]]:
-    """Coarsen and store a graph that is not a grid, in units; returns the position of every row, shape (n,), too.
+    """Coarsen a netlist, and return all levels as concatenated graphs, and the position of every row, shape (n,).
 
-    Rows are renumbered if neighbours are numbered far apart. A graph that does not shrink is stored twice.
+    `rows`: conductances in siemens; `ground` (n,): conductances to known voltages, in siemens; `unit`: conductance in
+    siemens that becomes 1. Rows are renumbered if neighbours have distant numbers. A graph that does not shrink is
+    stored twice.
     """
     conductance = np.divide(rows.data, unit, out=np.empty(len(rows.data), np.float32), casting="same_kind")
     graph, number = Graph(rows.indptr, rows.indices, conductance, ground / unit), None
@@ -210,9 +228,10 @@ def pack_netlist(rows: Rows, ground: Floats, unit: float) -> tuple[Graphs, NDArr
 
 
 def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[Graphs, NDArray[np.int32]]:
-    """Concatenate graphs and their aggregates; the last matrix is inverted.
+    """Return a list of graphs as concatenated graphs, and the position of every node of the first graph, shape (n,).
 
-    Returns the position of every node of the first graph, shape (n,), too.
+    `targets`: for every graph but the last, the node of the next graph to which every node belongs. Nodes are
+    renumbered by colour (`order_by_colour`); the matrix of the last graph is inverted.
     """
     first = np.cumsum([0, *(graph.size for graph in graphs)])
     entry = np.cumsum([0, *(len(graph.indices) for graph in graphs)])
@@ -243,9 +262,9 @@ def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[
 
 
 def inverse_matrix(graph: Graph) -> NDArray[np.float32]:
-    """Return the inverse of the last level's matrix; empty if the matrix is too large.
+    """Return the inverse (n, n) of the matrix of a graph with n nodes; shape (0, 0) for a large graph.
 
-    The matrix is scaled to a diagonal of 1, slightly enlarged so that it is not singular.
+    The matrix is scaled to a diagonal of 1. The diagonal is then slightly enlarged, so that the matrix is not singular.
     """
     n = graph.size
     if n > _LARGEST_INVERSE:
@@ -259,17 +278,20 @@ def inverse_matrix(graph: Graph) -> NDArray[np.float32]:
 
 
 def inverse_of(order: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the inverse of a permutation."""
+    """Return the inverse (n,) of the permutation `order` (n,): ``inverse[order[k]] = k``."""
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order), dtype=order.dtype)
     return rank
 
 
 def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
-    """Order nodes by colour; in windows of each colour by row length, then by the number of earlier neighbours.
+    """Return the nodes of a graph, shape (n,), ordered by colour, then by length of the row and earlier neighbours.
 
-    Colours are assigned greedily in the order of the nodes: the first one that no neighbour has. From the 64th on,
-    neighbours may have equal colours.
+    Rows are sorted by length, and rows of equal length by the number of neighbours with a lower colour, in windows of
+    ``window`` nodes of one colour. Colours are assigned greedily in the order of the nodes: every node gets the first
+    colour that no neighbour has. From the 64th colour on, neighbours may have equal colours.
+
+    `indptr` (n + 1,), `indices` (entries,): compressed rows of the neighbours of every node.
     """
     colour, earlier = _colours(indptr, indices)
     key = np.minimum(np.diff(indptr), _LONG) * (_LONG + 1) + np.minimum(earlier, _LONG)
@@ -285,7 +307,10 @@ def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
 @interruptible
 @kernel
 def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, Indices]:
-    """Return the greedy colour of every node, and the number of its neighbours with a lower colour; shapes (n,)."""
+    """Return the greedy colour of every node, and the number of its neighbours with a lower colour, shape (n,) each.
+
+    `indptr` (n + 1,), `indices` (entries,): compressed rows of the neighbours of every node.
+    """
     n = len(indptr) - 1
     bit, colour, earlier = np.zeros(n, np.uint64), np.empty(n, np.int32), np.zeros(n, np.int32)
     for i in range(n):
@@ -306,11 +331,11 @@ def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, Indices]:
 
 @kernel
 def lay_rows(graph: Graph, rank: Indices, begin: Integers, first: int, packed: Graphs) -> None:
-    """Write the rows of a level after those of earlier levels: earlier neighbours first, the others from ``middle`` on.
+    """Write the rows of one level to ``packed``: earlier neighbours first, the later ones from ``middle`` on.
 
-    Rows are read in order and written at random, since reads at random would stall longer than writes.
-
-    Shapes: `begin` (n,): begin of the row of every slot.
+    `graph`: the level; `rank` (n,): position of every node in the order of the level; `begin` (n,): begin of the row at
+    every position, counted over the entries of all levels; `first`: number of nodes of all finer levels. Rows are read
+    in order and written at random, since reads at random would stall longer than writes.
     """
     indptr, indices, conductance, leak = graph
     for i in range(len(rank)):

@@ -12,22 +12,24 @@ from resgrid.solvers.llvm_intrinsics import flush_subnormals, restore_subnormals
 from resgrid.solvers.scaled import Floats, Integers, Singles
 
 Unsigned = NDArray[np.uint32]
-"""Unsigned indices: compiled code does not check for negative ones, which count from the end."""
+"""Array of unsigned indices: compiled code does not check these for negative values, which count from the end."""
 
 
 _MOST_LEVELS = 64
-"""Maximum number of levels."""
+"""Maximum number of graphs and coarse grids of a hierarchy."""
 
 
 class Graphs(NamedTuple):
-    """All graphs of a hierarchy in concatenated compressed rows, without diagonals.
+    """All graphs of a hierarchy in concatenated compressed rows, without diagonals, in the unit of the hierarchy.
 
-    Nodes of level ``l`` are ``first[l] ... first[l + 1]``; nodes and entries are counted over all levels.
+    Nodes of level ``l`` have the numbers ``first[l]`` to ``first[l + 1] - 1``; nodes and entries are counted over all
+    levels.
 
-    `first` (levels + 1,); `indptr` (nodes + 1,); `middle` (nodes,): begin of the later neighbours in a row; `indices,
-    conductance` (entries,); `leak` (nodes,): conductance to known voltages; `degree, inverse` (nodes,): the diagonal,
-    and its reciprocal; `aggregate` (nodes,): node of the next level; `coarsest`: inverse of the last level's matrix;
-    empty if its diagonal is used instead.
+    `first` (levels + 1,): first node of every level; `indptr` (nodes + 1,): begin of every row; `middle` (nodes,):
+    begin of the later neighbours in a row; `indices, conductance` (entries,): neighbours and conductances; `leak`
+    (nodes,): conductance to known voltages; `degree, inverse` (nodes,): diagonal and its reciprocal; `aggregate`
+    (nodes,): node of the next level; `coarsest`: inverse of the last level's matrix; empty if the reciprocal diagonal
+    is used instead.
     """
 
     first: Integers
@@ -43,12 +45,12 @@ class Graphs(NamedTuple):
 
 
 class SweepBuffers(NamedTuple):
-    """Work arrays of one solve, over the nodes of all graphs.
+    """Work arrays of one solve, over the nodes of all graphs of a hierarchy.
 
-    `b, x` (1 + nodes,): currents and voltages; entry 0 belongs to no node; `c` (nodes,): first search direction of a
-    K-cycle; `v, w` (nodes,): products of the matrix with the first and the second direction; `change` (nodes,):
-    changes of the voltages by the last sweep; `visits` (levels,): number of visits of every level in a K-cycle;
-    `first_steps` (levels, 2): inner products of the first step of the K-cycle on every level.
+    `b, x` (1 + nodes,): right-hand sides and solutions; entry 0 belongs to no node; `c` (nodes,): first search
+    direction of a K-cycle; `v, w` (nodes,): products of the matrix with the first and the second direction; `change`
+    (nodes,): changes of the solutions by the last sweep; `visits` (levels,): number of visits of every level in the
+    present K-cycle; `first_steps` (levels, 2): inner products of the first step of the K-cycle on every level.
     """
 
     b: Singles
@@ -62,7 +64,7 @@ class SweepBuffers(NamedTuple):
 
 
 def work_space(graphs: Graphs) -> SweepBuffers:
-    """Allocate work arrays; concurrent solves with one hierarchy need separate ones."""
+    """Return new work arrays for the graphs of a hierarchy; concurrent solves with one hierarchy need separate ones."""
     nodes = int(graphs.first[-1])
     (b, x), (c, v, w, change) = np.zeros((2, 1 + nodes), dtype=np.float32), np.zeros((4, nodes), dtype=np.float32)
     return SweepBuffers(b, x, c, v, w, change, np.zeros(_MOST_LEVELS, dtype=np.int64), np.zeros((_MOST_LEVELS, 2)))
@@ -70,10 +72,11 @@ def work_space(graphs: Graphs) -> SweepBuffers:
 
 @kernel
 def descend_graph(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
-    """Relax by Gauss-Seidel from zero, and sum the residual into the next level's right-hand side.
+    """Relax a level by Gauss-Seidel from zero, and sum the residual into the next level's right-hand side.
 
-    After the sweep the residual of row ``i`` is ``sum_{j > i} g_ij x_j``, from its later neighbours only. Loops run
-    over slices from zero on: compiled code then omits checks for negative indices.
+    `graphs, level`: all graphs, and index of this one; `b, x` (nodes,): right-hand sides and solutions of all levels,
+    modified. After the sweep the residual of row ``i`` is ``sum_{j > i} g_ij x_j``, from its later neighbours only.
+    Loops run over slices from zero on: compiled code then omits checks for negative indices.
     """
     flags = flush_subnormals()
     begin, end = graphs.first[level], graphs.first[level + 1]
@@ -99,10 +102,13 @@ def descend_graph(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
 def ascend_graph(
     graphs: Graphs, level: int, b: Singles, x: Singles, s: Singles, change: Singles, y: Singles
 ) -> tuple[float, float, float]:
-    """Add the next level's solution, relax in reverse order, and set ``y = A x``; returns ``x.b, x.y, x.s``.
+    """Add the next level's solution to ``x``, relax in reverse order, and set ``y = A x``; return ``x.b, x.y, x.s``.
 
     Rows are computed from differences. After the sweep the residual of a row comes from the rounding of its own voltage
-    and from the later changes of earlier rows (Eisenstat 1981). Shapes: `s, y` (nodes of the level,).
+    and from the later changes of earlier rows (Eisenstat 1981).
+
+    `graphs, level`: all graphs, and index of this one; `b, x, change` (nodes,): right-hand sides, solutions and last
+    changes of the solutions, of all levels; `s, y` (nodes of the level,): another vector, and result.
     """
     flags = flush_subnormals()
     begin, end = graphs.first[level], graphs.first[level + 1]
@@ -130,9 +136,10 @@ def ascend_graph(
 def _subtract_changes(
     graphs: Graphs, earlier: tuple[Unsigned, Unsigned], change: Singles, x: Singles, b: Singles, s: Singles, y: Singles
 ) -> tuple[float, float, float]:
-    """Set ``y_i -= sum_{j < i} g_ij change_j``; returns ``x.b, x.y, x.s``.
+    """Set ``y_i -= sum_{j < i} g_ij change_j`` on one level; return the inner products ``x.b``, ``x.y``, ``x.s``.
 
-    ``earlier``: begin and end of the entries of the neighbours ``j < i`` in every row, (nodes,) each.
+    `graphs`: all graphs; `earlier`: begin and end of the entries of the neighbours ``j < i`` in every row, shape (nodes
+    of the level,) each; `change` (nodes,): changes of all nodes; `x, b, s, y` (nodes of the level,).
     """
     g, j, (begin, end) = graphs.conductance, graphs.indices, earlier
     xb, xy, xs = 0.0, 0.0, 0.0
@@ -150,7 +157,11 @@ def _subtract_changes(
 
 @inner_fast
 def solve_coarsest(graphs: Graphs, b: Singles, x: Singles) -> None:
-    """Multiply the last level's right-hand side by the inverse of its matrix, or of its diagonal."""
+    """Multiply the last level's right-hand side by the inverse of the level's matrix, or of its diagonal.
+
+    `graphs`: all graphs; `b, x` (nodes,): right-hand sides and solutions of all levels; the last level of ``x`` is
+    written.
+    """
     begin = graphs.first[len(graphs.first) - 2]
     own, mine, inverse = x[begin:], b[begin:], graphs.coarsest
     for i in range(len(graphs.inverse) - begin):

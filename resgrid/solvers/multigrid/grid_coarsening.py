@@ -15,12 +15,14 @@ from resgrid.solvers.scaled import Indices, Integers, Singles
 
 
 def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | None:
-    """Return the next level: blocks of two cells along every axis except those that conduct badly.
+    """Return the next coarser level, and the slot there of every slot; None if parts of one colour are joined.
 
-    Also returns the slot of every slot's aggregate there, red ones first, shape (2, slots); 0 for unused slots.
+    The nodes of the next level are blocks of two cells along every axis, except along axes that conduct badly. If a
+    block is disconnected without its weak conductances, one part stays on the grid. The other parts become extra nodes,
+    which are joined by couplings.
 
-    If a block is disconnected without its weak conductances, one part stays on the grid; the others become extra nodes,
-    which are joined by couplings. None if parts of one colour are joined.
+    `split`: whether weak conductances do not connect a block. The returned array of slots has shape (2, slots): red and
+    black slots of the given level. In it, black slots of the next level follow all red ones; unused slots have 0.
     """
     shift = (level.mean > WEAK * level.mean.max()).astype(np.int64)
     lattice = Lattice(tuple((n - 1 >> s) + 1 for n, s in zip(level.lattice.shape, shift.tolist(), strict=True)))
@@ -45,7 +47,11 @@ def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | N
 
 
 def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Return the slot on the next lattice, red ones first, of every slot's block."""
+    """Return the slot, on the next level, of the block that contains the node at every slot, shape (2, slots).
+
+    Black slots of the next level follow all red ones; unused slots have 0. `level`: the finer level; `lattice`: memory
+    layout of the next level; `shift` (ndim,): 1 for axes along which blocks have two cells, 0 for others.
+    """
     fine, blocks = level.lattice, lattice.cells
     for axis, halved in enumerate(shift.tolist()):
         if halved:
@@ -59,10 +65,11 @@ def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray
 
 
 def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float) -> NDArray[np.int64]:
-    """Give every further part of a disconnected block an extra node; returns the block of every extra node.
+    """Give every part of a disconnected block except the first an extra node; return the block of every extra node.
 
-    `target` (2, slots): block of every slot of both colours, 0 for none; changed in place; `weak`: fraction of the
-    strongest conductance at a node below which conductances do not connect a block.
+    `level, lattice`: the finer level, and memory layout of the next one; `target` (2, slots): block of every slot, 0
+    for none, overwritten by the extra node where there is one; `weak`: fraction of the strongest conductance at a node
+    below which a conductance does not connect a block.
     """
     edges = level.edges
     strongest = _strongest(edges) if weak else np.zeros((2, 1), dtype=np.float32)
@@ -85,7 +92,7 @@ def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: floa
 
 
 def _strongest(edges: Edges) -> NDArray[np.float32]:
-    """Return the strongest conductance at every slot of both colours, shape (2, slots)."""
+    """Return the strongest conductance at every red and every black slot of a grid, shape (2, slots)."""
     strongest = np.zeros((2, edges.faces.shape[1]), dtype=np.float32)
     inside = slice(edges.margin, edges.faces.shape[1] - edges.margin)
     for face, away in zip(edges.faces[:, inside].astype(np.float32), edges.distance.tolist(), strict=True):
@@ -100,10 +107,13 @@ def _strongest(edges: Edges) -> NDArray[np.float32]:
 def _with_block_resistance(
     edges: Edges, leak: NDArray[np.float64], inner: NDArray[np.float32]
 ) -> tuple[Edges, NDArray[np.float64]]:
-    """Put the resistance inside blocks in series with the summed conductances and leaks; modifies the faces in place.
+    """Return conductances and leaks in series with the resistance inside blocks; the faces are modified in place.
 
     Between the centres of two blocks lies half of either block's own resistance, in series with the conductance that
-    joins them. A rail is reached through 0.15 times the block's resistance.
+    joins the blocks. A rail is reached through 0.15 times the block's resistance.
+
+    `edges`: summed conductances between blocks; `leak` (2, slots): conductances of blocks to the rails; `inner` (ndim,
+    2 slots): conductance inside every block along every axis.
     """
     slots = leak.shape[1]
     here = slice(edges.margin, slots - edges.margin)
@@ -117,7 +127,10 @@ def _with_block_resistance(
 
 
 def _in_series(conductance: NDArray[np.float64], inner: NDArray[np.float32], fraction: float) -> NDArray[np.float64]:
-    """Return conductances in series with a fraction of the resistance inside blocks, if that is not 0."""
+    """Return conductances in series with a fraction of the resistance inside blocks; unchanged where ``inner`` is 0.
+
+    `conductance, inner`, of equal shape, which is also returned: conductances to other blocks, and inside the block.
+    """
     own = inner.astype(np.float64)
     return np.divide(own * conductance, own + fraction * conductance, out=conductance.copy(), where=own > 0.0)
 
@@ -125,10 +138,12 @@ def _in_series(conductance: NDArray[np.float64], inner: NDArray[np.float32], fra
 def sum_up(
     level: Level, lattice: Lattice, target: NDArray[np.int32], extras: int
 ) -> tuple[Edges, NDArray[np.float64], NDArray[np.float32]] | None:
-    """Sum the conductances between blocks, which have ``extras`` extra nodes.
+    """Return the conductances between blocks, their leaks, and the conductances inside blocks.
 
-    Returns the sums, leaks (2, slots), and the conductance inside blocks along every axis, shape (ndim, 2 slots). None
-    if parts of one block are joined by weak conductances: they have the same colour.
+    `level, lattice`: the finer level, and memory layout of the next one; `target` (2, slots): slot of the next level of
+    every slot; `extras`: number of extra nodes of the next level. Leaks have shape (2, slots of the next level),
+    conductances inside blocks (ndim, 2 slots) along every axis. Returns None if parts of one block are joined by weak
+    conductances, since these parts have the same colour.
     """
     sides = len(level.edges.faces)
     capacity = len(level.edges.couplings) + extras * sides * 2 ** (sides // 2)
@@ -148,7 +163,10 @@ def sum_up(
 def _merge_couplings(
     red: NDArray[np.int32], black: NDArray[np.int32], axis: NDArray[np.int32], couplings: NDArray[np.float64]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-    """Return the couplings sorted by red slot, with the sum of those between the same two nodes as one coupling."""
+    """Return couplings sorted by red, then black slot; those between the same two nodes become one, with their sum.
+
+    `red, black, axis, couplings` (couplings,), also returned: slots that every coupling joins, axis and conductance.
+    """
     order = np.lexsort((black, red))
     red, black, axis, couplings = red[order], black[order], axis[order], couplings[order]
     first = np.flatnonzero((np.diff(red, prepend=-1) != 0) | (np.diff(black, prepend=-1) != 0))
@@ -158,7 +176,11 @@ def _merge_couplings(
 
 @inner
 def _joins(g: float, weak: float, strongest: Singles, red: int, black: int | np.uint64) -> bool:
-    """Return whether a conductance is not weak."""
+    """Return whether the conductance ``g`` between a red and a black slot is not weak.
+
+    `weak`: fraction of the strongest conductance at either slot below which a conductance is weak; `strongest` (2,
+    slots): strongest conductance at every slot.
+    """
     return weak == 0.0 or g >= weak * max(strongest[0, red], strongest[1, black])
 
 
@@ -166,9 +188,12 @@ def _joins(g: float, weak: float, strongest: Singles, red: int, black: int | np.
 def count_inside(
     edges: Edges, block: Indices, weak: float, strongest: Singles, members: Indices, inner: Indices
 ) -> None:
-    """Count the members of all blocks, and the faces inside that conduct and are not weak.
+    """Count the nodes of every block, and the faces inside every block that conduct and are not weak.
 
-    Couplings do not count: those across a ring of two cells join cells that a face joins already.
+    `block` (2, slots): block of every slot, 0 for none; `weak`: fraction of the strongest conductance at either end
+    below which a conductance is weak; `strongest` (2, slots): that conductance; `members, inner` (blocks,): receive the
+    numbers of nodes and of faces, 0 on entry. Couplings do not count: couplings across a ring of two cells join cells
+    that a face joins already.
     """
     red_block, black_block, faces, distance = block[0], block[1], edges.faces, edges.distance
     for k in range(edges.margin, len(red_block) - edges.margin):
@@ -187,7 +212,12 @@ def count_inside(
 def join_inside(
     edges: Edges, block: Indices, weak: float, strongest: Singles, doubtful: NDArray[np.bool_], parent: Indices
 ) -> None:
-    """Join the members of possibly disconnected blocks along conductances that are not weak (union-find `parent`)."""
+    """Merge, in the union-find ``parent``, the nodes of possibly disconnected blocks that a conductance joins.
+
+    `block` (2, slots): block of every slot, 0 for none; `weak`: fraction of the strongest conductance at either end
+    below which a conductance does not join; `strongest` (2, slots): that conductance; `doubtful` (blocks,): whether a
+    block may be disconnected; `parent` (2 slots,): union-find over red, then black slots.
+    """
     faces, distance, margin, off_red, off_black, _, couplings = edges
     slots = faces.shape[1]
     for k in range(margin, faces.shape[1] - margin):
@@ -209,10 +239,12 @@ def join_inside(
 def split_blocks(
     doubtful: NDArray[np.bool_], parent: Indices, block: Indices, coarse_slots: int, extra_block: Integers
 ) -> int:
-    """Let the first part of a disconnected block keep its slot, and number the others as extra nodes, in place.
+    """Number the parts of disconnected blocks, except the first parts, as extra nodes; return how many there are.
 
-    Extra nodes are numbered from ``2 coarse_slots`` on; ``extra_block`` receives the block of each. Returns their
-    number.
+    `doubtful` (blocks,): whether a block may be disconnected; `parent` (2 slots,): union-find whose trees are the
+    parts; `block` (2, slots): block of every slot, 0 for none, overwritten by the extra node; `coarse_slots`: slots per
+    colour of the next level; `extra_block`: receives the block of every extra node. Extra nodes are numbered from ``2
+    coarse_slots`` on.
     """
     flat = block.ravel()
     taken = np.zeros(len(doubtful), np.bool_)
@@ -237,10 +269,11 @@ def split_blocks(
 
 @kernel
 def sum_blocks(edges: Edges, target: Indices, first_extra: int, coarse: Edges, inner: Singles) -> int:
-    """Sum the conductances between aggregates into the faces and couplings of the next grid.
+    """Sum the conductances between blocks into the faces and couplings of ``coarse``; return the number of couplings.
 
-    ``inner`` (ndim, 2 slots) receives the conductance inside aggregates along every axis. Returns the number of new
-    couplings, or -1 if a resistor joins two parts of one colour.
+    `target` (2, slots): slot of the next level of every slot; `first_extra`: first slot of the next level for extra
+    nodes; `inner` (ndim, 2 slots): receives the conductance inside blocks along every axis. Returns -1 if a resistor
+    joins two parts of one colour.
     """
     faces, distance, _, off_red, off_black, off_axis, couplings = edges
     sums, coarse_slots = coarse.faces, coarse.faces.shape[1]
@@ -280,6 +313,6 @@ def sum_blocks(edges: Edges, target: Indices, first_extra: int, coarse: Edges, i
 
 @inner
 def _record(edges: Edges, k: int, red: Any, black: Any, axis: Any, conductance: float) -> None:
-    """Write the ``k``-th coupling: its slots, axis and conductance."""
+    """Write coupling number ``k``: its slots ``red`` and ``black``, its axis and its conductance."""
     edges.off_red[k], edges.off_black[k] = red, black
     edges.off_axis[k], edges.couplings[k] = axis, conductance

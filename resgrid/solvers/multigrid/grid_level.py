@@ -13,24 +13,25 @@ from resgrid.solvers.multigrid.red_black import Edges, Lattice, Stencil
 from resgrid.solvers.scaled import Floats, Indices, Integers, Reals
 
 _TINY = 1e-300
-"""Smallest divisor, against division by zero."""
+"""Conductance, in the unit of the level, that is added to a divisor to avoid division by zero."""
 
 BLOCK = 2048
-"""Number of slots that a kernel processes at a time: their data fit in the first caches."""
+"""Number of slots that a kernel processes at a time, so that their data fit in the first-level cache."""
 
 
 WEAK = 0.1
-"""Ratio below which a conductance is weak relative to another one."""
+"""Ratio of two conductances below which the smaller one is weak."""
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """A grid by colour, with conductances to the rails.
+    """A red-black grid, with conductances between cells and to the rails, in the unit of the hierarchy.
 
     `lattice`: memory layout; `edges`: conductances between cells; `leak` (2, slots): conductance to the rails, of red
-    and of black slots; `degree` (2, slots): sum of all conductances at a slot; `mean` (ndim,): mean conductance along
-    every axis, 0 without any; `uneven`: whether some conductances are weak relative to others; `extra_cell`: flat index
-    of the cell of every extra node, red and black; `size`: number of nodes.
+    and of black slots; `degree` (2, slots): sum of all conductances at a slot; `mean` (ndim,): mean conductance across
+    the faces of every axis, 0 for an axis without conductances; `uneven`: whether the weakest conductance is weak
+    relative to the strongest; `extra_cell`: flat index of the cell of every extra node, for red and for black ones;
+    `size`: number of nodes.
     """
 
     lattice: Lattice
@@ -51,10 +52,14 @@ def lay_out(
     excess: NDArray[np.float64],
     unit: float,
 ) -> tuple[Level, NDArray[np.int32]] | None:
-    """Colour a grid, and store its conductances by faces.
+    """Return a grid as a `Level`, and the slot of every row, shape (n,); black slots follow all red ones.
 
-    Shapes: `pairs` (m, 2), `conductance` (m,), `row` (nodes,), `cells` (rows of cells) as the grid, `excess` (n,);
-    returns `slot` (n,). None if the grid has no two colours, or more slots than 32-bit indices can number.
+    `pairs` (m, 2): vertices at the ends of every resistor; `conductance` (m,): in siemens; `row` (vertices,): row of
+    every vertex, negative where the voltage is known; `cells`, of the grid's shape: row of every cell, negative for
+    none; `excess` (n,): conductance to known voltages, in siemens; `unit`: conductance in siemens that becomes 1.
+
+    Returns None if the grid has fewer than two axes, has no two colours, or has more slots than 32-bit indices can
+    number.
     """
     if cells.ndim < 2:
         return None
@@ -79,7 +84,11 @@ def lay_out(
 def _ring_couplings(
     slot: NDArray[np.int32], conductance: NDArray[np.float64], lattice: Lattice
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-    """Return red and black slots, axes and conductances of the resistors that close rings, from pairs of slots."""
+    """Return red slots, black slots, axes and conductances, (m,) each, of the resistors that close rings.
+
+    `slot` (m, 2): slots that every resistor joins, black ones numbered after all red ones; `conductance` (m,);
+    `lattice`: memory layout of the grid. Couplings are sorted by red, then black slot.
+    """
     if not len(conductance):
         return *np.empty((3, 0), dtype=np.int32), conductance
     red, black = np.sort(slot, axis=1).T - np.array([[0], [lattice.slots]], dtype=np.int32)
@@ -92,7 +101,11 @@ def _ring_couplings(
 def level_of(
     lattice: Lattice, edges: Edges, leak: NDArray[np.float64], extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]]
 ) -> Level:
-    """Return a level, with its degrees computed."""
+    """Return a `Level` with computed degrees and statistics.
+
+    `lattice, edges`: memory layout, and conductances between cells; `leak` (2, slots): conductance to the rails;
+    `extra_cell`: flat index of the cell of every red and of every black extra node.
+    """
     degree, statistics = leak.copy(), np.full((len(edges.faces), 4), [0.0, 0.0, np.inf, 0.0])
     sum_degrees(edges.faces, edges.distance, edges.margin, degree, statistics)
     for colour, slot in enumerate((edges.off_red, edges.off_black)):
@@ -105,7 +118,7 @@ def level_of(
 
 
 def stencil_of(level: Level) -> Stencil:
-    """Return the stencil of a level, in double precision."""
+    """Return the conductances and diagonals of a level as a stencil in double precision."""
     edges = level.edges
     red, black = (np.empty_like(degree) for degree in level.degree)  # apart, for only one may stay
     for degree, inverse in zip(level.degree, (red, black), strict=True):
@@ -126,15 +139,18 @@ def stencil_of(level: Level) -> Stencil:
 
 
 def in_single(stencil: Stencil) -> Stencil:
-    """Return a stencil in single precision, except for its black diagonal (see `compensated`)."""
+    """Return a stencil in single precision, except for its black diagonal, which stays in double precision."""
     names = ("faces", "couplings", "red_inverse", "black_inverse")
     return stencil._replace(**{name: getattr(stencil, name).astype(np.float32) for name in names})
 
 
 def compensated(level: Level, single: Stencil) -> NDArray[np.float64]:
-    """Return the black diagonal (slots,) that compensates the rounding of conductances and of red reciprocals.
+    """Return the black diagonal (slots,) that compensates the rounding of conductances and of reciprocals at red cells.
 
-    The row sums of ``S = D - G R G^T`` then equal the exact leaks: those of black slots, and those of red ones
+    `level, single`: the grid in double precision, and its stencil in single precision.
+
+    Let ``S = D - G R G^T``, with the black diagonal ``D``, conductances ``G`` and reciprocal red diagonal ``R``. With
+    the returned ``D``, the row sums of ``S`` equal the exact leaks: leaks of black slots, and leaks of red slots
     multiplied by the fraction ``leak / degree`` of the currents through them. Products are therefore accurate to a few
     rounding errors of every conductance, even for smooth vectors.
     """
@@ -146,7 +162,10 @@ def compensated(level: Level, single: Stencil) -> NDArray[np.float64]:
 
 
 def to_graph(level: Level) -> tuple[Graph, NDArray[np.int32]]:
-    """Return a level as a graph of conductances, red nodes first, and the `number` (2 slots,) of every slot's node."""
+    """Return a level as a graph of conductances, red nodes first, and the node of every slot, shape (2 slots,).
+
+    The node of an unused slot is -1.
+    """
     from scipy import sparse
 
     lattice, slots = level.lattice, level.lattice.slots
@@ -173,11 +192,16 @@ def fill_faces(
     pairs: Indices, conductance: Floats, row: Indices, slot: Indices, distance: Integers, scale: float, faces: Floats,
     couplings: Integers,
 ) -> int:  # fmt: skip
-    """Add every resistor between two unknowns to its red cell's face; list resistors that cross no face as couplings.
+    """Add every resistor between two unknowns to the face of its red cell; return the number of other resistors.
 
-    Returns the number of couplings; -1 if a resistor joins two cells of one colour, or for too many couplings.
+    A resistor that crosses no face becomes a coupling. The result is -1 if a resistor joins two cells of one colour, or
+    if there are more couplings than ``couplings`` holds. Resistors come axis by axis: most cross the same face as the
+    previous resistor, or the opposite face.
 
-    Resistors come axis by axis: most cross the same face as the previous one, or the opposite face.
+    `pairs` (m, 2), `conductance` (m,): vertices at the ends of every resistor, and its conductance in siemens; `row`
+    (vertices,): row of every vertex, negative for a known voltage; `slot` (n,): slot of every row; `distance` (faces,):
+    from a red slot to the black slot across every face; `scale`: factor on conductances; `faces` (faces, slots):
+    receives the sums; `couplings`: receives the indices of the resistors that become couplings.
     """
     slots, count, face = faces.shape[1], 0, 0
     for k in range(len(pairs)):
@@ -208,7 +232,7 @@ def fill_faces(
 
 @inner
 def _face_at(distance: Integers, away: int) -> int:
-    """Return the face across which a black cell lies at a distance from a red one; -1 for none."""
+    """Return the face whose ``distance`` from a red to a black slot is ``away``; -1 if there is none."""
     for q in range(len(distance)):
         if distance[q] == away:
             return q
@@ -217,9 +241,11 @@ def _face_at(distance: Integers, away: int) -> int:
 
 @kernel
 def place_rows(cells: Indices, lines: Integers, slots: int, slot: Indices) -> int:
-    """Compute the slot of every row from the rows of cells; returns the number of rows, -1 if a row has two cells.
+    """Compute the slot of every row of the matrix; return the number of placed rows, or -1 if a row has two cells.
 
-    ``lines``: see `Lattice.lines`; ``slot`` is -1 on entry, and remains so for a row without a cell.
+    `cells` (lines, cells per line): row of every cell, negative for none; `lines` (lines,): number of the first cell of
+    every line (see `Lattice.lines`); `slots`: slots per colour; `slot` (n,): -1 on entry, receives the slots; black
+    slots follow all red ones, and a row without a cell keeps -1.
     """
     count = 0
     for line in range(len(lines)):
@@ -235,9 +261,11 @@ def place_rows(cells: Indices, lines: Integers, slots: int, slot: Indices) -> in
 
 @kernel
 def sum_degrees(faces: Floats, distance: Integers, margin: int, degree: Floats, statistics: Floats) -> None:
-    """Add the conductances of faces to the degrees (2, slots) at both of their ends.
+    """Add the conductances of faces to ``degree`` (2, slots) at the red and the black slot that each face joins.
 
-    ``statistics`` (faces, 4) receives the sum, number, minimum and maximum of the positive ones.
+    `faces` (faces, slots): conductance across every face of every red slot; `distance` (faces,): from a red slot to the
+    black slot across the face; `margin`: unused slots at either end; `statistics` (faces, 4): receives sum, number,
+    minimum and maximum of the positive conductances.
     """
     end = faces.shape[1] - margin
     for begin in range(margin, end, BLOCK):
@@ -250,7 +278,7 @@ def sum_degrees(faces: Floats, distance: Integers, margin: int, degree: Floats, 
 
 @inner_fast
 def _compare(conductance: Floats, statistics: Floats) -> None:
-    """Update sum, number, minimum and maximum of the positive conductances.
+    """Update sum, number, minimum and maximum, ``statistics`` (4,), by the positive entries of ``conductance``.
 
     Positive doubles are ordered like their bit patterns, which are compared as integers, several at a time.
     """
@@ -266,7 +294,7 @@ def _compare(conductance: Floats, statistics: Floats) -> None:
 
 @inner_fast
 def add(faces: Reals, q: int, begin: int, count: int, total: Floats, to: int) -> None:
-    """Add the conductances across face ``q`` of ``count`` red slots, from ``begin`` on, to ``total`` from ``to`` on."""
+    """Add ``faces[q, begin:begin + count]``, conductances of red slots, to ``total[to:to + count]``."""
     face, at, t_at = np.uint64(q), np.uint64(begin), np.uint64(to)
     for i in range(count):
         k = np.uint64(i)
@@ -275,10 +303,11 @@ def add(faces: Reals, q: int, begin: int, count: int, total: Floats, to: int) ->
 
 @kernel
 def compensate(stencil: Stencil, leak: Floats, fraction: Floats, degree: Floats) -> None:
-    """Compute the black diagonal of `compensated`, without couplings.
+    """Add the currents through red cells to the black diagonal of `compensated`, without couplings.
 
-    `fraction`: on entry the conductances of couplings; on exit the fraction of the current into red cells that leaves
-    them for black ones or leaks, 1 except for rounding of the reciprocal.
+    `stencil`: in single precision; `leak` (slots,): conductance of red slots to the rails; `fraction` (slots,): on
+    entry the sum of couplings at red slots; on exit the fraction of the current into a red cell that leaves the cell, 1
+    except for rounding of the reciprocal; `degree` (slots,): black diagonal, updated.
     """
     faces, distance, end = stencil.faces, stencil.distance, len(fraction) - stencil.margin
     for begin in range(stencil.margin, end, BLOCK):
@@ -292,9 +321,11 @@ def compensate(stencil: Stencil, leak: Floats, fraction: Floats, degree: Floats)
 
 @inner_fast
 def _to_fractions(conductance: Floats, leak: Floats, inverse: Reals, begin: int, count: int) -> None:
-    """Convert, in place, the conductances at red cells to the fraction of a cell's current that leaves through them.
+    """Convert conductances at red cells, in place, to the fraction of the current into a cell that leaves the cell.
 
-    Leaks are included; the fraction is 1 except for rounding of the reciprocal diagonal ``inverse``.
+    The fraction is 1 except for rounding of the reciprocal diagonal. `conductance` (slots,): sum of conductances to
+    black cells at a red cell, converted from index ``begin`` to ``begin + count - 1``; `leak` (slots,): conductance to
+    the rails; `inverse` (slots,): reciprocal diagonal.
     """
     at = np.uint64(begin)
     for i in range(count):
@@ -304,7 +335,7 @@ def _to_fractions(conductance: Floats, leak: Floats, inverse: Reals, begin: int,
 
 @inner_fast
 def _add_weighted(faces: Reals, q: int, begin: int, count: int, fraction: Floats, total: Floats, to: int) -> None:
-    """Add ``g fraction`` across face ``q`` of ``count`` red slots, from ``begin`` on, to ``total`` from ``to`` on."""
+    """Add ``faces[q] fraction`` at the red slots ``begin:begin + count`` to ``total[to:to + count]``."""
     face, at, t_at = np.uint64(q), np.uint64(begin), np.uint64(to)
     for i in range(count):
         k = np.uint64(i)
@@ -313,6 +344,6 @@ def _add_weighted(faces: Reals, q: int, begin: int, count: int, fraction: Floats
 
 @kernel
 def invert(degree: Floats, inverse: Floats) -> None:
-    """Compute reciprocals; 0 at slots without an unknown."""
+    """Set ``inverse`` to the reciprocals of ``degree``, or to 0 where ``degree`` is 0, at a slot without an unknown."""
     for k in range(len(degree)):
         inverse[k] = 1.0 / degree[k] if degree[k] > 0.0 else 0.0

@@ -36,24 +36,27 @@ from resgrid.solvers.scaled import Floats, Singles
 from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 _WHOLE = 32
-"""The finest level begins at a multiple of this number of cells, so that its blocks do not depend on empty margins."""
+"""Number of cells, along every axis, of which the begin of the finest level is a multiple.
+
+The blocks of coarse levels then do not depend on margins without cells.
+"""
 
 _SMALL = 250
 _SHRINKAGE = 0.6
-"""Ratio of nodes to those of the finer level above which coarsening continues with a graph instead of a grid."""
+"""Ratio of the nodes of a coarse grid to those of the finer one above which coarsening continues with a graph."""
 
 _MOST_EXTRAS = 0.1
-"""Fraction of extra nodes above which coarsening continues with a graph."""
+"""Fraction of extra nodes among the nodes of a grid above which coarsening continues with a graph."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hierarchy:
-    """The multigrid preconditioner.
+    """The multigrid preconditioner of a matrix with ``n`` rows.
 
-    `levels`: the coarse levels; of a netlist, the finest one too; `slot` (n,): position of every row in the vectors: of
-    a grid, red cells first; `unit`: conductance that counts as 1 on all levels, in siemens; `largest_degree`: largest
-    diagonal entry of the matrix, in siemens; `grid`: the finest level of a grid of two colours; `box`: the range of
-    cells along every axis that it covers.
+    `levels`: the coarse levels; for a netlist, also the finest one; `slot` (n,): position of every row in the vectors
+    of the finest level; in a grid, black slots follow all red ones; `unit`: conductance in siemens that counts as 1 on
+    all levels; `largest_degree`: largest diagonal entry of the matrix, in siemens; `grid`: finest level of a red-black
+    grid, None for a netlist; `box`: range of cells along every axis that the finest grid covers.
     """
 
     levels: Levels
@@ -65,7 +68,10 @@ class Hierarchy:
 
 
 def build_hierarchy(laplacian: Laplacian, threads: ThreadTeam = SINGLE_THREAD) -> Hierarchy:
-    """Coarsen a matrix until it is small, and invert the coarsest one."""
+    """Return the multigrid hierarchy of a matrix; `threads`: run parts of the coarsening of a grid.
+
+    The matrix is coarsened until it is small; the coarsest matrix is inverted.
+    """
     laid_out = lay_out_grid(laplacian)
     if laid_out is not None:
         level, slot, unit, box = laid_out
@@ -83,9 +89,10 @@ def build_hierarchy(laplacian: Laplacian, threads: ThreadTeam = SINGLE_THREAD) -
 
 
 def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
-    """Coarsen a grid by blocks until it is small, or too many blocks are disconnected.
+    """Return the levels of a grid, finest first, and the targets of the black slots of each level but the last.
 
-    Returns the levels, and for each but the last the node of the next level of every black slot, shape (slots,).
+    The target of a slot, in an array of shape (slots,), is the slot of the next level that contains its node.
+    Coarsening by blocks ends when the grid is small, or when too many blocks are disconnected.
     """
     levels, targets = [level], list[NDArray[np.int32]]()
     while True:
@@ -104,7 +111,11 @@ def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
 def _grid_levels(
     levels: list[Level], targets: list[NDArray[np.int32]], stencils: tuple[Stencil, Stencil]
 ) -> tuple[Finest, Levels] | None:
-    """Return the grids as arguments of kernels, with the graphs below the last one; None if that does not shrink."""
+    """Return the finest grid, and the coarse grids with the graphs below them; None if the grid does not shrink.
+
+    `levels`: grids, finest first; `targets`: for every grid but the last, the slot of the next grid of every black
+    slot; `stencils`: the finest grid in double and in single precision.
+    """
     level = levels[0]
     graph, number = to_graph(levels[-1])
     graphs, shrinking = coarsen_down(graph)
@@ -125,22 +136,26 @@ def _grid_levels(
 
 
 def finest_stencils(level: Level) -> tuple[Stencil, Stencil]:
-    """Return the finest level in double precision, and in single precision with a compensating black diagonal."""
+    """Return the stencils of the finest level in double precision and in single precision.
+
+    The black diagonal of the second compensates the rounding of conductances (`grid_level.compensated`).
+    """
     double = stencil_of(level)
     single = in_single(double)
     return double._replace(black_inverse=np.empty(0)), single._replace(black_degree=compensated(level, single))
 
 
 def largest_degree(true: Stencil) -> float:
-    """Return the largest diagonal entry of the finest level."""
+    """Return the largest diagonal entry of the finest grid `true`, in the unit of the hierarchy."""
     red = float(true.red_inverse.min(initial=np.inf, where=true.red_inverse > 0))
     return max(float(true.black_degree.max()), 1.0 / red)
 
 
 def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
-    """Colour a grid; returns level, slots, unit and box, or None if the matrix is not a grid of two colours.
+    """Return a grid as a `Level`, the slot of every row (n,), the unit in siemens, and the box of cells that it covers.
 
-    Outside the box no cell has a row; it begins with whole blocks of several levels.
+    Outside the box no cell has a row; the box begins with whole blocks of several levels. Returns None if the matrix is
+    not a grid of two colours.
     """
     if laplacian.grid is None:
         return None
@@ -158,12 +173,14 @@ def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float,
 
 
 class GridProblem:
-    """The equations of a grid's black cells, ``S = D - G^T R G``, red cells eliminated, in the hierarchy's units.
+    """The equations of a grid's black cells in the unit of the hierarchy, and their multigrid preconditioner.
 
-    Its levels are divided into slabs for the threads.
+    Red cells are eliminated: the matrix is the Schur complement ``S = D - G^T R G``. The levels are divided into slabs
+    for the threads.
 
-    `finest`: of the levels; `currents` (2, slots): into both colours; `x` (2, slots): the solution, which is updated;
-    `vectors`: of the iteration; `relaxes`: whether a relaxation of all cells can reduce the final residual.
+    `finest`: the finest level; `currents` (2, slots): currents into red and black cells; `x` (2, slots): the solution,
+    which is updated; `vectors`: vectors of conjugate gradients; `relaxes`: whether a relaxation of all cells can reduce
+    the final residual.
     """
 
     relaxes = True
@@ -206,7 +223,10 @@ class GridProblem:
         self.set_finest(finest, currents, x)
 
     def set_finest(self, finest: Finest, currents: Floats, x: Floats) -> None:
-        """Replace the finest level by one of the same cells, with its currents and solution."""
+        """Replace the finest level by another one of the same cells.
+
+        `currents, x` (2, slots): right-hand side and solution of the new level, of red and of black cells.
+        """
         self.finest, self.currents, self.x = finest, currents, x
         self.vectors = v = self.vectors._replace(inverse=finest.stencil.black_inverse)
         self._describe(0, GridLevel(finest.stencil, finest.aggregate))
@@ -214,7 +234,7 @@ class GridProblem:
         self._set_addresses(0, before=v.before, r=v.r, s=v.s, w=v.w, red_double=x[0])
 
     def _describe(self, number: int, of: GridLevel) -> None:
-        """Write the counts and addresses of a grid to its row of the table."""
+        """Write the numbers and array addresses of the grid ``of`` to record ``number`` of the table."""
         stencil, row = of.stencil, self.table[number]
         sides, slots = stencil.faces.shape
         counts = {
@@ -228,7 +248,10 @@ class GridProblem:
         self._set_addresses(number, degree=stencil.black_degree, aggregate=of.aggregate)
 
     def _set_addresses(self, number: int, **arrays: NDArray[np.generic]) -> None:
-        """Write addresses of arrays to the table, and keep the arrays alive."""
+        """Write addresses of arrays to record ``number`` of the table, and keep the arrays alive.
+
+        `arrays`: array for every field of the record that is to be written.
+        """
         row = self.table[number]
         for name, array in arrays.items():
             assert array.flags.c_contiguous
@@ -236,11 +259,15 @@ class GridProblem:
             self._arrays[number, name] = array
 
     def residual(self, r: Floats) -> float:
-        """Compute ``r = b - A x`` (slots,) and its norm; relaxes the red cells."""
+        """Relax the red cells, write the residual ``b - A x`` at black cells to ``r`` (slots,), and return its norm."""
         return krylov.black_residual(self.finest.true, self.currents, self.x, r, self._parts, self.threads)
 
     def precondition(self, z: Singles, stop: float = ENOUGH) -> tuple[float, float, float]:
-        """Precondition ``r`` into ``z``, and multiply into ``w``; returns ``z.r, z.w, z.s`` (see `run_cycle`)."""
+        """Precondition the residual ``vectors.r`` into ``z`` (slots,); set ``vectors.w = S z``; return three sums.
+
+        The sums are ``z.r``, ``z.w`` and ``z.s`` with ``s = vectors.s``. `stop`: ratio of the residual norms after and
+        before the first step of a K-cycle on the first coarse level below which the second step is skipped.
+        """
         self.set_output(z)
         if len(self._parts) == 1:
             return self._precondition(stop)
@@ -258,21 +285,24 @@ class GridProblem:
         return rest, product, gamma
 
     def set_output(self, z: Singles) -> None:
-        """Set the array that receives the correction of the finest level."""
+        """Set the array (slots,) that receives the preconditioned residual of the finest level."""
         self._output, self.table["z"][0] = z, z.ctypes.data
         margin = self.finest.stencil.margin
         z[:margin], z[len(z) - margin :] = 0.0, 0.0
 
     def _precondition(self, stop: float) -> tuple[float, float, float]:
-        """Run the compiled cycle on this thread."""
+        """Run the compiled cycle, led by this thread; return ``z.r``, ``z.w`` and ``z.s`` of the finest vectors.
+
+        `stop`: relative residual after the first step of a K-cycle that skips the second step.
+        """
         return precondition_grid(self.table, self.state, self._graphs, self.work, stop)
 
 
 class GraphProblem:
-    """The equations of a netlist's rows, in the hierarchy's units and in the order of its finest level.
+    """The equations of a netlist's rows in the unit of the hierarchy and in the order of the finest level.
 
-    `x` (1, n): the solution, which is updated; `vectors`: of the iteration; `relaxes`: False, since no relaxation
-    follows. Shapes: `b` (n,).
+    `b` (n,): right-hand side in amperes, in the order of rows; `x` (1, n): the solution, which is updated; `vectors`:
+    vectors of conjugate gradients; `relaxes`: False, since no relaxation follows the last iteration.
     """
 
     relaxes = False
@@ -284,7 +314,7 @@ class GraphProblem:
         self._slot, self._unit, self._work = hierarchy.slot, hierarchy.unit, work_space(self._graphs)
 
     def residual(self, r: Floats) -> float:
-        """Compute ``r = b - A x`` (n,) and its norm."""
+        """Write the residual ``b - A x`` to ``r`` (n,), in the unit of the hierarchy, and return its norm."""
         if self.x.any():
             row_residual(self._matrix, self._slot, self._b, self.x[0, self._slot], r)
             r *= 1.0 / self._unit
@@ -293,7 +323,10 @@ class GraphProblem:
         return krylov.norm(r)
 
     def precondition(self, z: Singles) -> tuple[float, float, float]:
-        """Precondition ``r`` into ``z``, and multiply into ``w``; returns ``z.r, z.w, z.s``."""
+        """Precondition the residual ``r`` into ``z`` (n,); set ``w = A z``; return ``z.r``, ``z.w`` and ``z.s``.
+
+        The vectors ``r``, ``w`` and ``s`` are those of `vectors`.
+        """
         return precondition_graph(self._graphs, self._work, self.vectors.r, self.vectors.s, z, self.vectors.w)
 
 

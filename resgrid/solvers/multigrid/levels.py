@@ -21,10 +21,11 @@ from resgrid.solvers.multigrid.red_black import RED, Stencil, products
 from resgrid.solvers.scaled import Indices, Reals, Singles
 
 _LEAST = 60_000
-"""Minimum number of slots of a colour for a grid to be divided into slabs."""
+"""Smallest number of slots per colour for which a grid is divided into slabs."""
 
 _THICK = 4
-"""Minimum thickness of a slab, in units of the lead of red over black cells, which neighbouring slabs compute twice."""
+"""Smallest thickness of a slab, in multiples of the lead of red over black cells; neighbouring slabs compute the lead
+twice."""
 
 GRID = np.dtype([
     (name, np.int64)
@@ -36,34 +37,37 @@ GRID = np.dtype([
         *("red_double", "parts", "slabs", "sums", "coefficients"),
     )
 ])  # fmt: skip
-"""Record of one grid of a hierarchy, for the compiled cycle: counts, then addresses of arrays.
+"""Data type of the record of one grid in the compiled cycle: numbers, and addresses of arrays.
 
-`slots, sides, margin, block`: of its stencil; `blocks`: number of blocks; `joined`: number of couplings; `below_slots`:
-size of the next level's right-hand side.
+`slots, sides, margin, block`: number of slots per colour, of faces per cell, of unused slots at either end, and of
+slots per block; `blocks`: number of blocks; `joined`: number of couplings; `below_slots`: size of the next level's
+right-hand side.
 
-`faces` to `aggregate`: arrays of `GridLevel`, `degree` is the black diagonal; `below_rhs, below_x`: the next level's
-right-hand side and solution.
+`faces` to `black_inverse`: arrays of `Stencil`; `degree` (slots,): black diagonal, in double precision; `aggregate`
+(slots,): node of the next level of every black slot (see `GridLevel`); `below_rhs, below_x` (below_slots,): the next
+level's right-hand side and solution.
 
-`red_rhs, black_rhs` (slots,): right-hand side; `red` (slots,): solution at red nodes. Arrays over black slots:
-`before`: the relaxed residual, and finally the solution; slabs read values of other slabs here before these are
-overwritten; `r`: the residual; `s`: a vector whose product with ``z`` is computed too, and the first product of a
-K-cycle; `z`: the correction; `w`: its product with the matrix; `c`: the first direction of a K-cycle.
+`red_rhs, black_rhs` (slots,): right-hand side; `red` (slots,): solution at red cells. Arrays over black slots:
+`before`: relaxed residual, and finally the solution; slabs read values of other slabs here before these are
+overwritten; `r`: residual; `s`: vector whose product with ``z`` is computed too, and the first product of a K-cycle;
+`z`: correction; `w`: product of the matrix with ``z``, and before that the red values in single precision; `c`: first
+direction of a K-cycle.
 
-`red_double` (slots,): red values in double precision; single precision ones are stored in `w` before the product;
-`parts`: number of slabs; `slabs` (parts, 5): fields of `Slab`; `sums` (3 blocks,): inner products or squares of every
-block; `coefficients` (2,): of both directions of a K-cycle in its solution, or the first step length.
+`red_double` (slots,): red values in double precision; `parts`: number of slabs; `slabs` (parts, 5): fields of `Slab`;
+`sums` (3 blocks,): inner products or squares of every block; `coefficients` (2,): coefficients of both directions of a
+K-cycle in the solution, or the first step length.
 """
 
 Row = Any
-"""A row of the table."""
+"""A record of the table of grids (`GRID`)."""
 
 
 class GridLevel(NamedTuple):
-    """A grid of a hierarchy.
+    """A grid of a hierarchy, and its restriction to the next level.
 
-    `stencil`: in single precision, except for its black diagonal; `aggregate` (slots,): node of the next level to which
-    a black slot belongs: its slot there, red ones first; if the next level is a graph, its number counted from 1; 0 for
-    none.
+    `stencil`: conductances, in single precision except for the black diagonal; `aggregate` (slots,): node of the next
+    level to which every black slot belongs, 0 for none. On a next grid this is a slot, where black slots follow all red
+    ones; in a next graph it is the number of the node counted from 1.
     """
 
     stencil: Stencil
@@ -71,10 +75,11 @@ class GridLevel(NamedTuple):
 
 
 class Finest(NamedTuple):
-    """The finest grid.
+    """The finest grid of a hierarchy.
 
-    `true`: stencil in double precision; `stencil`: in single precision, with a `grid_level.compensated` diagonal;
-    `aggregate`: as in `GridLevel`.
+    `true`: conductances in double precision; `stencil`: conductances in single precision, with a black diagonal that
+    compensates their rounding (`grid_level.compensated`); `aggregate` (slots,): slot or node of the next level to which
+    every black slot belongs, 0 for none.
     """
 
     true: Stencil
@@ -83,7 +88,11 @@ class Finest(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """The levels below a grid, or of a netlist: coarse grids, then graphs; the first graph of a netlist is its own."""
+    """The levels of a hierarchy below the finest grid, or all levels of a netlist.
+
+    `grids`: coarse grids, finest first; empty for a netlist; `graphs`: graphs below the grids; for a netlist, the
+    netlist is the first graph.
+    """
 
     grids: tuple[GridLevel, ...]
     graphs: Graphs
@@ -91,7 +100,11 @@ class Levels(NamedTuple):
 
 @inner
 def multiply_faces(level: Row, colour: int, x: Reals, block: int, total: Reals) -> None:
-    """Compute ``total = sum_j g_ij x_j`` across the faces of a block's cells of one colour."""
+    """Set ``total`` to ``sum_j g_ij x_j`` over the neighbours ``j`` across faces of each cell ``i`` of a block.
+
+    `level`: record of the grid; `colour`: colour of the cells ``i``; `x` (slots,): values at the other colour; `block`:
+    number of the block; `total` (block,): result.
+    """
     faces = singles_by_side(level.faces, level.sides, level.slots)
     begin, count = extent(level, block)
     products(faces, integers(level.distance, level.sides), (colour, begin, count), x, total)
@@ -99,14 +112,14 @@ def multiply_faces(level: Row, colour: int, x: Reals, block: int, total: Reals) 
 
 @inlined
 def extent(level: Row, block: int) -> tuple[int, int]:
-    """Return the first slot of a block, and its number of slots."""
+    """Return the first slot of block number ``block`` of a grid, and the number of slots in the block."""
     begin = level.margin + block * level.block
     return begin, min(level.block, level.slots - level.margin - begin)
 
 
 @inner_fast
 def take_step(r: Singles, v: Singles, step: np.float32, begin: int, count: int) -> tuple[float, float]:
-    """Set ``r -= step v`` on some slots; returns the sums of squares before and after."""
+    """Set ``r -= step v`` on ``count`` slots from ``begin`` on; return the squared norms of ``r`` before and after."""
     before, after, at = 0.0, 0.0, np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
@@ -120,7 +133,7 @@ def take_step(r: Singles, v: Singles, step: np.float32, begin: int, count: int) 
 
 @inner_fast
 def copy(values: Singles, begin: int, count: int, there: Singles) -> None:
-    """Copy ``values[begin:begin + count]`` to the same slots of ``there``."""
+    """Copy ``values[begin:begin + count]`` to ``there[begin:begin + count]``."""
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
@@ -129,7 +142,7 @@ def copy(values: Singles, begin: int, count: int, there: Singles) -> None:
 
 @inner_fast
 def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: int, count: int, both: Singles) -> None:
-    """Set ``both = on_c c + on_z z`` on some slots."""
+    """Set ``both = on_c c + on_z z`` on ``count`` slots from ``begin`` on."""
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
@@ -139,8 +152,8 @@ def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: i
 class Slab(NamedTuple):
     """A part of a grid that one thread sweeps over.
 
-    `first, last`: range of its blocks; `begin, end`: range of black slots whose nodes on the next level have no slot in
-    another slab; `buffer`: address of a work array for sums over a block.
+    `first, last`: first block, and block after the last; `begin, end`: range of black slots whose nodes on the next
+    level have no slot in another slab; `buffer`: address of a work array (block,) for sums.
     """
 
     first: int
@@ -152,20 +165,26 @@ class Slab(NamedTuple):
 
 @inner
 def slab_of(level: Row, part: int) -> Slab:
-    """Return one of the slabs of a grid."""
+    """Return slab number ``part`` of a grid; `level`: record of the grid."""
     of, k = integers(level.slabs, 5 * level.parts), 5 * part
     return Slab(of[k], of[k + 1], of[k + 2], of[k + 3], of[k + 4])
 
 
 @inner
 def blocks_ahead(level: Row) -> int:
-    """Return by how many blocks red cells are ahead, so that all neighbours of a black block are computed."""
+    """Return the number of blocks by which red cells are computed ahead of black ones; `level`: record of the grid.
+
+    All red neighbours of a black block are then known.
+    """
     return int(-(-level.margin // level.block))
 
 
 @inner
 def first_coupling(level: Row, block: int) -> int:
-    """Return the first coupling whose red slot lies in a block or after it."""
+    """Return the index of the first coupling whose red slot lies in block number ``block`` or in a later block.
+
+    `level`: record of the grid. The index is the number of couplings if there is none.
+    """
     off_red, coupling = indices(level.off_red, level.joined), ZERO
     while coupling < level.joined and off_red[coupling] < level.margin + block * level.block:
         coupling += 1
@@ -174,7 +193,11 @@ def first_coupling(level: Row, block: int) -> int:
 
 @inner
 def multiply_red(level: Row, block: int, x: Singles, coupling: int, total: Reals) -> int:
-    """Compute ``total = G x`` at the red cells of a block; returns the next coupling."""
+    """Set ``total = G x`` at the red cells of a block, from faces and couplings; return the index of the next coupling.
+
+    `level`: record of the grid; `block`: number of the block; `x` (slots,): values at black cells; `coupling`: index of
+    the first coupling of the block; `total` (block,): result.
+    """
     multiply_faces(level, RED, x, block, total)
     begin, count = extent(level, block)
     off_red, off_black = indices(level.off_red, level.joined), indices(level.off_black, level.joined)
@@ -187,7 +210,7 @@ def multiply_red(level: Row, block: int, x: Singles, coupling: int, total: Reals
 
 @inner_fast
 def scale(inverse: Singles, x: Reals, first: int, begin: int, count: int, value: Reals) -> None:
-    """Set ``value = inverse x`` on some slots, where ``x`` begins at ``first``; each value is written once."""
+    """Set ``value = inverse x`` on ``count`` slots from ``begin`` on, where the entries of ``x`` begin at ``first``."""
     at, x_at = np.uint64(begin), np.uint64(first)
     for i in range(count):
         k = np.uint64(i)
@@ -195,11 +218,11 @@ def scale(inverse: Singles, x: Reals, first: int, begin: int, count: int, value:
 
 
 def slabs_of(stencil: Stencil, most: int) -> list[Slab]:
-    """Divide a stencil into at most `most` slabs; small stencils are not divided.
+    """Return the slabs of a grid, at most `most`; a small grid is one slab.
 
     No slab is thinner than twice the part that its neighbours compute too. The slots that a slab restricts begin at an
-    even index along the first axis, as the blocks of the next level do, so that no node of that level gets values from
-    two slabs. Two steps along the first axis are one stride of slots.
+    even index along the first axis, as the blocks of the next level do. Therefore no node of that level gets values
+    from two slabs. Two steps along the first axis are one stride of slots.
     """
     margin, blocks, slots = stencil.margin, blocks_of(stencil), stencil.faces.shape[1]
     count = min(most, int(blocks // (_THICK * -(-margin // stencil.block)))) if slots >= _LEAST else 1
@@ -216,5 +239,5 @@ def slabs_of(stencil: Stencil, most: int) -> list[Slab]:
 
 
 def blocks_of(stencil: Stencil) -> int:
-    """Return the number of blocks."""
+    """Return the number of blocks of slots of a grid."""
     return int(-(-(stencil.faces.shape[1] - 2 * stencil.margin) // stencil.block))

@@ -22,7 +22,7 @@ from resgrid._internal.jit import inner, inner_fast
 from resgrid.solvers.scaled import Floats, Indices, Integers, Reals
 
 RED, BLACK = cast(int, np.int64(0)), cast(int, np.int64(1))
-"""The colours of cells: the parity of the sum of their indices."""
+"""The two colours of cells; the colour is the parity of the sum of a cell's indices, 0 or 1."""
 
 
 _PADDING = 16
@@ -30,9 +30,10 @@ _PADDING = 16
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """Memory layout of a grid's cells.
+    """Memory layout of a grid's cells: each cell has a slot in the array of its colour.
 
-    `shape`: of the grid, of two axes or more; `extras`: slots of either colour after the grid, for extra nodes.
+    `shape`: number of cells along every axis, two axes or more; `extras`: number of slots of either colour, after those
+    of the grid, for extra nodes.
     """
 
     shape: tuple[int, ...]
@@ -40,7 +41,7 @@ class Lattice:
 
     @cached_property
     def strides(self) -> tuple[int, ...]:
-        """Difference between the numbers of neighbouring cells, per axis.
+        """Difference between the numbers of neighbouring cells, for every axis; odd.
 
         The strides leave gaps, so that the numbers of no other two cells differ by a stride.
         """
@@ -52,27 +53,34 @@ class Lattice:
 
     @property
     def margin(self) -> int:
-        """Number of unused slots before the first cell and after the last node."""
+        """Number of unused slots of a colour before the first cell and after the last node."""
         return (self.strides[0] + 1) // 2 + _PADDING
 
     @property
     def first_extra(self) -> int:
-        """First slot after the grid."""
+        """First slot for extra nodes, after the slots of the grid."""
         return self.margin + (self.shape[0] * self.strides[0] + 1) // 2
 
     @property
     def slots(self) -> int:
-        """Number of slots of a colour, including margins."""
+        """Number of slots of a colour, including the unused slots at both ends."""
         return self.first_extra + self.extras + self.margin
 
     @property
     def distance(self) -> NDArray[np.int64]:
-        """Distance in slots from a red cell to the black one across each face, lower and upper along every axis."""
+        """Distances in slots from a red cell to the black one across every face, shape (2 ndim,).
+
+        The lower face of every axis precedes the upper one.
+        """
         return np.array([d for s in self.strides for d in (-(s + 1) // 2, (s - 1) // 2)], dtype=np.int64)
 
     @property
     def lines(self) -> NDArray[np.int64]:
-        """Number of the first cell of every line along the last axis; red and black slots alternate."""
+        """Number of the first cell of every line of cells along the last axis, shape (lines,).
+
+        Half of a number is the slot of the cell, and the remainder the colour: red and black slots alternate along a
+        line.
+        """
         first = np.ix_(
             *(stride * np.arange(cells) for stride, cells in zip(self.strides, self.shape[:-1], strict=False))
         )
@@ -80,21 +88,24 @@ class Lattice:
 
     @property
     def cells(self) -> NDArray[np.int32]:
-        """Slots of all cells, of the grid's shape; black ones are numbered after all red ones."""
+        """Slots of all cells, in an array of the grid's shape; black slots are numbered after all red ones."""
         return self._by_cell(np.arange(2 * self.slots, dtype=np.int32).reshape(2, -1).T.ravel())
 
     def at_slots(self, values: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Return values of cells, of the grid's shape, at the cells' slots: shape (2, slots), 0 elsewhere."""
+        """Return values of cells, of the grid's shape, as an array (2, slots) over red and black slots.
+
+        The array is 0 at unused slots.
+        """
         by_number = np.zeros(2 * self.slots, dtype=np.int32)
         self._by_cell(by_number)[...] = values
         return np.ascontiguousarray(by_number.reshape(-1, 2).T)
 
     def _by_cell(self, by_number: NDArray[np.int32]) -> NDArray[np.int32]:
-        """View an array over alternating red and black slots, (2 slots,), in the grid's shape."""
+        """Return a view, of the grid's shape, of an array (2 slots,) over alternating red and black slots."""
         return as_strided(by_number[2 * self.margin :], self.shape, [4 * s for s in self.strides])
 
     def cells_at(self, colour: int, slot: NDArray[np.integer]) -> tuple[NDArray[np.int64], ...]:
-        """Return the indices of the cells at some slots of a colour, one array per axis."""
+        """Return the indices of the cells at the slots ``slot`` (m,) of a colour: one array (m,) per axis."""
         rest = 2 * (slot.astype(np.int64) - self.margin) + colour
         index = []
         for stride in self.strides:
@@ -104,16 +115,16 @@ class Lattice:
 
 
 class Stencil(NamedTuple):
-    """Conductances of a grid by colour, in single or double precision.
+    """Conductances of a grid by colour, in single or double precision, in the unit of the hierarchy.
 
     Arrays over slots have shape (slots,), with unused margins at both ends.
 
-    `faces` (2 ndim, slots): conductance from a red cell to the black one at ``distance``; 0 for none; `distance` (2
-    ndim,): from a red slot to the black slot across each face; `margin, first_extra`: slots before the first cell, and
-    before the first extra node; `block`: number of slots that a kernel processes at a time; `off_red, off_black`: slots
-    that off-stencil couplings join, in the order of red slots; `couplings`: their conductances; `red_inverse,
-    black_inverse, black_degree`: reciprocal diagonals at red and at black cells, and the black diagonal; 0 at slots
-    without an unknown.
+    `faces` (2 ndim, slots): conductance from a red cell to the black one across every face, 0 for none; `distance` (2
+    ndim,): from a red slot to the black slot across every face; `margin, first_extra`: number of slots before the first
+    cell, and first slot of extra nodes; `block`: number of slots that a kernel processes at a time; `off_red,
+    off_black` (couplings,): slots that couplings join, in the order of red slots; `couplings` (couplings,):
+    conductances of these; `red_inverse, black_inverse, black_degree` (slots,): reciprocal diagonals at red and at black
+    cells, and the black diagonal; 0 at slots without an unknown.
     """
 
     faces: Reals
@@ -130,10 +141,12 @@ class Stencil(NamedTuple):
 
 
 class Edges(NamedTuple):
-    """The conductances of a red-black grid, in double precision.
+    """The conductances of a red-black grid, in double precision, in the unit of the hierarchy.
 
-    `faces, distance, margin`: see `Stencil`; `off_red, off_black` (couplings,): slots that the off-stencil couplings
-    join, sorted by red, then black slot; `off_axis, couplings` (couplings,): their axes and conductances.
+    `faces` (2 ndim, slots): conductance from a red cell to the black one across every face, 0 for none; `distance` (2
+    ndim,): from a red slot to the black slot across every face; `margin`: number of unused slots at either end;
+    `off_red, off_black` (couplings,): slots that the couplings join, sorted by red, then black slot; `off_axis,
+    couplings` (couplings,): axes and conductances of the couplings.
     """
 
     faces: Floats
@@ -149,9 +162,11 @@ class Edges(NamedTuple):
 def _two_products(
     g: Reals, q: int, at: tuple[int, int], x: Reals, there: tuple[int, int], count: int, total: Reals
 ) -> None:
-    """Set ``total = g x`` across faces ``q`` and ``q + 1`` over ``count`` slots, or add to it unless ``q`` is 0.
+    """Set ``total`` to the sum of ``g x`` across faces ``q`` and ``q + 1``; add this sum to it unless ``q`` is 0.
 
-    Conductances begin at ``at``, values of ``x`` at ``there``. Unsigned indices avoid checks for negative ones.
+    `g` (faces, slots): conductances across every face; `at`: first slot of the conductances, for either face; `x`
+    (slots,): values at the neighbours; `there`: first slot of the values, for either face; `count`: number of slots;
+    `total` (count,): result. Unsigned indices avoid checks for negative ones.
     """
     real, face, other = total.dtype.type, np.uint64(q), np.uint64(q + 1)
     a, b, i, j = np.uint64(at[0]), np.uint64(at[1]), np.uint64(there[0]), np.uint64(there[1])
@@ -167,9 +182,11 @@ def _two_products(
 
 @inner
 def products(faces: Reals, away: Integers, cells: tuple[int, int, int], x: Reals, total: Reals) -> None:
-    """Compute ``total = sum_j g_ij x_j`` across the faces of some cells of one colour.
+    """Set ``total`` to ``sum_j g_ij x_j`` over the neighbours ``j`` across the faces of cells ``i`` of one colour.
 
-    ``cells``: colour, first slot, number of slots. Conductances are stored at red cells.
+    `faces` (faces, slots): conductances, stored at red cells; `away` (faces,): distance from a red to the black slot;
+    `cells`: colour, first slot and number of the cells ``i``; `x` (slots,): values at the other colour; `total`:
+    result.
     """
     colour, begin, count = cells
     back, ahead = -colour, 1 - 2 * colour
@@ -180,7 +197,11 @@ def products(faces: Reals, away: Integers, cells: tuple[int, int, int], x: Reals
 
 @inner_fast
 def relax(inverse: Reals, rhs: Reals, begin: int, count: int, total: Reals, value: Reals) -> None:
-    """Set ``value = inverse (rhs + total)`` on a block."""
+    """Set ``value = inverse (rhs + total)`` on ``count`` slots from ``begin`` on.
+
+    `inverse, rhs` (slots,): reciprocal diagonal and right-hand side; `total` (block,): currents from neighbours into
+    these slots; `value` (slots,): result.
+    """
     at = np.uint64(begin)
     for i in range(count):
         k = np.uint64(i)

@@ -34,21 +34,24 @@ CLEAR, ELIMINATE, RESTRICT, RELAX, PROLONG, COMBINE, BACK_SUBSTITUTE, STEP, MULT
 )
 """The kinds of sweeps; not literals, for which numba would specialize (see `resgrid._internal.jit.ZERO`).
 
-Three sweep from red to black cells. `ELIMINATE` eliminates the red cells: it writes the black residual to ``r`` and its
-relaxation from zero to ``before``. `RESTRICT` sums the residual of ``before`` into the next level. `RELAX` relaxes
-``before`` into ``z``. `MULTIPLY` computes ``S z``, where S is the Schur complement of the black cells with the diagonal
-``degree``. `BACK_SUBSTITUTE` computes the red cells from ``before``.
+The vectors below are fields of the record of a grid (`levels.GRID`). Four kinds sweep from red to black cells.
+`ELIMINATE` eliminates the red cells: it writes the black residual to ``r`` and its relaxation from zero to ``before``.
+`RESTRICT` sums the residual of ``before`` into the next level. `RELAX` relaxes ``before`` into ``z``. `MULTIPLY`
+computes ``S z``, where S is the Schur complement of the black cells with the diagonal ``degree``.
 
-The others work cell by cell. `PROLONG` adds the next level's solution to ``before``. `STEP` takes the first step of the
-K-cycle along ``z``, copies its direction to ``c``, and relaxes the residual from zero. `COMBINE` sets ``before`` to the
-combination of both directions by the ``coefficients``. `CLEAR` sets the next level's right-hand side to 0, as do
-`ELIMINATE` and `STEP`.
+`BACK_SUBSTITUTE` computes the red cells from ``before``. The others work cell by cell. `PROLONG` adds the next level's
+solution to ``before``. `STEP` takes the first step of the K-cycle along ``z``, copies this direction to ``c``, and
+relaxes the residual from zero. `COMBINE` sets ``before`` to the combination of both directions by the ``coefficients``.
+`CLEAR` sets the next level's right-hand side to 0, as do `ELIMINATE` and `STEP`.
 """
 
 
 @inner
 def sweep_black(level: Row, kind: int, slab: Slab) -> None:
-    """Run `ELIMINATE`, `RESTRICT` or `RELAX` on a slab, without couplings."""
+    """Eliminate, restrict or relax on one slab of a grid, without couplings.
+
+    `level`: record of the grid; `kind`: `ELIMINATE`, `RESTRICT` or `RELAX`; `slab`: range of blocks.
+    """
     slots, ahead = level.slots, blocks_ahead(level)
     before, r, z = singles(level.before, slots), singles(level.r, slots), singles(level.z, slots)
     inverse, rhs = singles(level.black_inverse, slots), singles(level.black_rhs, slots)
@@ -84,7 +87,11 @@ def sweep_black(level: Row, kind: int, slab: Slab) -> None:
 def _add_rhs(
     inverse: Singles, rhs: Singles, total: Singles, begin: int, count: int, r: Singles, before: Singles
 ) -> None:
-    """Set ``r = total + rhs`` and ``before = inverse r`` on a block."""
+    """Set ``r = total + rhs`` and ``before = inverse r`` on ``count`` slots from ``begin`` on.
+
+    `inverse, rhs, r, before` (slots,): reciprocal diagonal, right-hand side, residual, and relaxed residual; `total`
+    (block,): currents from neighbours.
+    """
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
@@ -95,7 +102,10 @@ def _add_rhs(
 
 @inner
 def _add_to_nodes(aggregate: Indices, begin: int, count: int, total: Singles, skipped: int, coarse: Singles) -> None:
-    """Restrict: add the values of slots, ``total[skipped:skipped + count]``, to their nodes of the next level."""
+    """Restrict: add ``total[skipped:skipped + count]`` to ``coarse``, at the nodes of the slots from ``begin`` on.
+
+    `aggregate` (slots,): node of the next level of every slot; `coarse`: right-hand side of the next level.
+    """
     at, t_at = np.uint64(begin), np.uint64(skipped)
     for i in range(count):
         k = np.uint64(i)
@@ -104,7 +114,11 @@ def _add_to_nodes(aggregate: Indices, begin: int, count: int, total: Singles, sk
 
 @inner
 def multiply(level: Row, slab: Slab, product: Singles) -> None:
-    """Run `MULTIPLY` on a slab, without couplings: ``product = S z``; ``sums`` receives ``z.r``, ``z.w``, ``z.s``."""
+    """Set ``product = S z`` on one slab, without couplings; write ``z.r, z.w, z.s`` of every block to ``sums``.
+
+    `level`: record of the grid, with the vectors and ``sums``; `slab`: range of blocks; `product` (slots,): the vector
+    ``w``.
+    """
     slots, ahead, inverse = level.slots, blocks_ahead(level), singles(level.red_inverse, level.slots)
     r, s, z = singles(level.r, slots), singles(level.s, slots), singles(level.z, slots)
     degree, red, total = (
@@ -131,7 +145,10 @@ def multiply(level: Row, slab: Slab, product: Singles) -> None:
 def _multiply(
     degree: Reals, z: Singles, r: Singles, s: Singles, begin: int, count: int, total: Reals, w: Singles
 ) -> tuple[float, float, float]:
-    """Set ``w = degree z - total`` on a block; returns its parts of ``z.r``, ``z.w`` and ``z.s``."""
+    """Set ``w = degree z - total`` on ``count`` slots from ``begin`` on; return ``z.r, z.w, z.s`` over these slots.
+
+    `degree` (slots,): black diagonal; `total` (block,): currents from neighbours; `z, r, s, w` (slots,).
+    """
     a, b, c = 0.0, 0.0, 0.0
     at = np.uint64(begin)
     for i in range(count):
@@ -147,7 +164,11 @@ def _multiply(
 
 @inner
 def add_couplings(level: Row, kind: int, product: Singles) -> float:
-    """Add the couplings of a sweep over black cells, after all slabs; returns the decrease of ``z.w``."""
+    """Add the couplings to the results of a sweep over black cells, after all slabs; return the decrease of ``z.w``.
+
+    `level`: record of the grid; `kind`: `ELIMINATE`, `RESTRICT`, `RELAX` or `MULTIPLY`; `product` (slots,): result of
+    `MULTIPLY`. The decrease is 0 for the other kinds.
+    """
     slots, joined, decrease = level.slots, level.joined, 0.0
     off_red, off_black = indices(level.off_red, joined), indices(level.off_black, joined)
     g, red, red_double = singles(level.couplings, joined), singles(level.w, slots), doubles(level.red_double, slots)
@@ -172,7 +193,7 @@ def add_couplings(level: Row, kind: int, product: Singles) -> float:
 
 @inner
 def back_substitute(level: Row, slab: Slab) -> None:
-    """Run `BACK_SUBSTITUTE` on a slab."""
+    """Compute the red cells of one slab from ``before``; `level`: record of the grid; `slab`: range of blocks."""
     slots, total, coupling = level.slots, singles(slab.buffer, level.block), first_coupling(level, slab.first)
     before, inverse = singles(level.before, slots), singles(level.red_inverse, slots)
     rhs, red = singles(level.red_rhs, slots), singles(level.red, slots)
@@ -184,7 +205,11 @@ def back_substitute(level: Row, slab: Slab) -> None:
 
 @inner
 def update_slots(level: Row, kind: int, slab: Slab) -> None:
-    """Run `PROLONG`, `COMBINE` or `STEP` on a slab, block by block; ``sums`` receives squares."""
+    """Prolong, combine or step on one slab, cell by cell; a step writes the sums of squares of every block to ``sums``.
+
+    `level`: record of the grid; `kind`: `PROLONG`, `COMBINE` or `STEP`; `slab`: range of blocks. The sums of squares
+    are those of the residual before and after the step.
+    """
     slots, coefficients, sums = level.slots, doubles(level.coefficients, 2), doubles(level.sums, 3 * level.blocks)
     r, s, z, c = singles(level.r, slots), singles(level.s, slots), singles(level.z, slots), singles(level.c, slots)
     inverse, before = singles(level.black_inverse, slots), singles(level.before, slots)
@@ -205,7 +230,10 @@ def update_slots(level: Row, kind: int, slab: Slab) -> None:
 
 @inner
 def _add_from_nodes(aggregate: Indices, begin: int, count: int, coarse: Singles, total: Singles) -> None:
-    """Prolong to some slots: add the values of their nodes of the next level."""
+    """Prolong: add to ``total``, on ``count`` slots from ``begin`` on, the values of the nodes that contain the slots.
+
+    `aggregate` (slots,): node of the next level of every slot; `coarse`: solution on the next level.
+    """
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
