@@ -9,7 +9,7 @@ from importlib import metadata
 from pathlib import Path
 
 _ENTRY = re.compile(r"""(?P<package>[^;]+?)\s*;.*\bextra\s*==\s*['"](?P<extra>[\w-]+)['"]""")
-"""A requirement of an extra in the metadata of a distribution, such as ``mpi4py>=4; extra == 'mpi'``."""
+"""Pattern of a requirement of an extra in the metadata of a distribution, such as ``mpi4py>=4; extra == 'mpi'``."""
 
 
 def install_command(extra: str) -> str:

@@ -19,7 +19,7 @@ _renderers: list[Callable[[object], str | None]] = []
 
 
 def frozen(record: type[Record]) -> type[Record]:
-    """Make the arrays of a frozen dataclass read-only, leave their entries out of its ``repr``, and return the class."""
+    """Make the arrays of a frozen dataclass read-only, omit their entries from its ``repr``, and return the class."""
     original = record.__init__
 
     @functools.wraps(original)

@@ -22,17 +22,17 @@ from resgrid.solvers.hierarchy_reuse import ChipSolver, solve_in_order, solver_b
 from resgrid.solvers.symbolic import order_rows
 
 _SMALL = 1000
-"""Number of rows up to which factorization is faster than multigrid."""
+"""Number of rows (unknown voltages) up to which factorization is faster than multigrid."""
 
 _MOST_CONTRAST = 1e3
-"""Largest ratio of the nominal conductances for which the nominal hierarchy is a usable preconditioner."""
+"""Largest ratio of two nominal conductances for which the nominal hierarchy is a usable preconditioner."""
 
 
 class Batch(NamedTuple):
     """Common set-up of all chips with the same circuit.
 
-    `system`: equations of the nominal chip, whose sparsity all chips have; `solver`: solves the equations of many
-    chips.
+    `system`: equations of the nominal chip, whose sparsity all chips have; `solver`: function that solves the equations
+    of many chips.
     """
 
     system: Equations
@@ -104,7 +104,7 @@ def solve_many(
 
 
 def prepare_batch(netlist: Netlist) -> Batch | None:
-    """Return the common set-up of all chips of a netlist; None without unknown voltages."""
+    """Return the common set-up of all chips of a nominal netlist; None if no voltage is unknown."""
     system = assemble(netlist)
     if not system.size:
         return None
@@ -120,7 +120,8 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
 def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
     """Return the node voltages of chips, in volts, (chips, nodes); NaN where a node floats.
 
-    `conductance` (chips, resistors): in siemens.
+    `batch`: common set-up; `conductance` (chips, resistors): conductances in siemens; `rtol`: relative tolerance of the
+    solutions.
     """
     system, solver = batch
     voltage = np.empty((len(conductance), system.netlist.node_count))

@@ -25,10 +25,10 @@ _DIRECT_CURRENT = (
 class BranchCurrents(NamedTuple):
     """Currents of resistors and voltage sources, the dissipated power and the KCL residual.
 
-    `resistor_current` (resistors,): in amperes, from the first node to the second, 0 if it underflows; `scaled`: the
-    same currents as mantissas and exponents, ``mantissa * 2**(256 exponent)``, (resistors,) each; `source_current`
-    (sources,): in amperes, into the plus terminal; `power`: in watts; `kcl_residual`: largest relative violation of
-    Kirchhoff's current law.
+    `resistor_current` (resistors,): currents in amperes, from the first node to the second, 0 if they underflow;
+    `scaled`: the same currents as mantissas and exponents, ``mantissa * 2**(256 exponent)`` A, (resistors,) each;
+    `source_current` (sources,): currents in amperes, into the plus terminal; `power`: dissipated power in watts;
+    `kcl_residual`: largest violation of Kirchhoff's current law, as a fraction of the current through the node.
     """
 
     resistor_current: NDArray[np.float64]
@@ -140,7 +140,10 @@ class OperatingPoint:
     _repr_html_ = picture_html
 
     def is_of(self, netlist: Netlist) -> bool:
-        """Return whether a netlist has the same resistors and sources, and thus the same operating point."""
+        """Return whether a netlist has the same resistors and sources, and thus the same operating point.
+
+        Raise InputError if `netlist` is not a `Netlist`.
+        """
         one, other = self.netlist, netlist
         if not isinstance(other, Netlist):
             raise InputError(f"netlist is of type {type(other).__name__}; give a Netlist")
@@ -150,7 +153,7 @@ class OperatingPoint:
     def readings(self) -> BranchCurrents:
         """Branch currents, power and KCL residual, computed at the first access of a normwise solution.
 
-        Concurrent first accesses may compute them twice, with equal results.
+        Concurrent first accesses may compute these values twice, with equal results.
         """
         currents = self._currents if isinstance(self._currents, BranchCurrents) else self._currents()
         lock(currents)
@@ -163,18 +166,18 @@ class OperatingPoint:
 
     @property
     def resistor_current(self) -> NDArray[np.float64]:
-        """Current from a resistor's first node to its second, in amperes, shape (resistors,); 0 if it underflows."""
+        """Current from the first node to the second of every resistor, in amperes, (resistors,); 0 if it underflows."""
         return self.readings.resistor_current
 
     @property
     def resistor_log_current(self) -> NDArray[np.float64]:
-        """Natural logarithm of the magnitude of every resistor's current, shape (resistors,); -inf for 0 A."""
+        """Natural logarithm of the magnitude of every resistor's current in amperes, (resistors,); -inf for 0 A."""
         amps, exponent = self.readings.scaled
         return logarithm(np.abs(amps), exponent)
 
     @property
     def resistor_direction(self) -> NDArray[np.int8]:
-        """Sign of every resistor's current, shape (resistors,): 1 from the first node to the second, -1 back, or 0."""
+        """Sign of every resistor's current, (resistors,): 1 from the first node to the second, -1 back, 0 for 0 A."""
         return np.sign(self.readings.scaled[0]).astype(np.int8)
 
     @property

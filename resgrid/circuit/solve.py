@@ -19,7 +19,7 @@ from resgrid.solvers.progress import Progress, ProgressMonitor
 
 ACCURACIES = ("direction", "normwise")
 PETSC = "petsc"
-"""Method of `resgrid.plan` for spaces on several processes; it has no netlist, and `solve` rejects it."""
+"""Name of the method of `resgrid.plan` for spaces on several processes; `solve` rejects this method."""
 
 
 class CircuitLike(Protocol):
@@ -158,21 +158,21 @@ def factorize(netlist: Netlist | CircuitLike, *, method: str = "auto") -> Circui
 
 
 def normalize_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
-    """Scale the uniform drive so that the highest node voltage equals the supply.
+    """Return the netlist with the uniform drive scaled so that the highest node voltage equals the supply.
 
     The circuit is linear: voltages above the goal rail are proportional to the injected currents.
 
     Parameters
     ----------
     netlist : Netlist
-        Compiled with ``drive="uniform"``.
+        Netlist that was compiled with ``drive="uniform"``.
     op : OperatingPoint
         Operating point of the netlist.
 
     Returns
     -------
     Netlist
-        The same circuit with scaled ``current_amps``.
+        The same circuit with scaled ``current_amps``, in amperes.
 
     Raises
     ------
@@ -204,7 +204,7 @@ def normalize_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
 
 
 def _netlist_of(circuit: Netlist | CircuitLike) -> Netlist:
-    """Return the netlist of a circuit; raise InputError for other objects."""
+    """Return the netlist of a `Netlist`, or of an object with a method ``netlist``; raise InputError for others."""
     make = getattr(circuit, "netlist", None)
     netlist = make() if callable(make) else circuit
     if not isinstance(netlist, Netlist):

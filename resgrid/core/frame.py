@@ -15,7 +15,7 @@ from resgrid.core.axis import Axis, Coordinate, largest_coordinates, rounding_er
 from resgrid.errors import InputError
 
 _COARSEST = 0.125
-"""Largest rounding error of a coordinate, as a fraction of a cell's width."""
+"""Largest accepted rounding error of a coordinate, as a fraction of a cell's width."""
 
 
 @checked
@@ -58,7 +58,7 @@ class Frame:
 
     @property
     def is_world(self) -> bool:
-        """Whether coordinates of the space equal world coordinates."""
+        """Whether the coordinates of the space equal the world coordinates."""
         return self.x == 0 and self.y == 0 and self.yaw == 0
 
     def to_world(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -83,28 +83,36 @@ class Frame:
         return space if self.is_world else self._turned(space, self._rotation.T) + self._offset(space)
 
     def from_world(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Convert points from world coordinates to axis units, shape (..., ndim).
+        """Return points in axis units, shape (..., ndim); `points` (..., ndim): world coordinates.
 
-        The inverse of `to_world`; it raises the same errors.
+        Raise InputError if the frame is not the world's, and a point has not 2 coordinates (2 or 3 with a turning
+        length).
         """
         world = np.array(points, dtype=np.float64)
         return world if self.is_world else self._turned(world - self._offset(world), self._rotation)
 
     def turned_to_world(self, vectors: ArrayLike) -> NDArray[np.float64]:
-        """Rotate vectors (velocities, forces, differences) from the axes of the space to world axes; (..., ndim)."""
+        """Return vectors (velocities, forces, differences) with components along the world axes, (..., ndim).
+
+        `vectors` (..., ndim): components along the axes of the space.
+        """
         along = np.array(vectors, dtype=np.float64)
         return along if self.yaw == 0 else self._turned(along, self._rotation.T)
 
     def turned_from_world(self, vectors: ArrayLike) -> NDArray[np.float64]:
-        """Rotate vectors from world axes to the axes of the space; shape (..., ndim)."""
+        """Return vectors with components along the axes of the space, (..., ndim).
+
+        `vectors` (..., ndim): components along the world axes.
+        """
         world = np.array(vectors, dtype=np.float64)
         return world if self.yaw == 0 else self._turned(world, self._rotation)
 
     def reach(self, axes: Sequence[Axis]) -> NDArray[np.float64]:
         """Return the largest magnitude of a coordinate in the conversion between world and space, per axis, (ndim,).
 
-        The floating-point spacing at this magnitude bounds the rounding error of `to_world` and `from_world`.  For a
-        map in UTM coordinates of 5e6 m it is 1e-9 m, even if its axes start at 0.
+        The result is in axis units.  The floating-point spacing at this magnitude bounds the rounding error of
+        `to_world` and `from_world`.  For a map in UTM coordinates of 5e6 m the spacing is 1e-9 m, even if the axes
+        start at 0.
         """
         largest = largest_coordinates(axes)
         if self.is_world:
@@ -123,7 +131,7 @@ class Frame:
         return np.array((self.x, self.y, self.yaw * (self.turning_length or 0.0))[: points.shape[-1]])
 
     def _turned(self, points: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Multiply the first two components of vectors (..., ndim) by a matrix (2, 2) from the right."""
+        """Return vectors (..., ndim) whose first two components are multiplied by a matrix (2, 2) from the right."""
         self._check_size(points)
         plane = points[..., :2] @ rotation
         return plane if points.shape[-1] == 2 else np.concatenate([plane, points[..., 2:]], axis=-1)
