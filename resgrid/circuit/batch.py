@@ -53,20 +53,21 @@ def solve_many(
     Parameters
     ----------
     netlist : Netlist
-        The nominal chip; linear.
+        The nominal chip, with linear resistors.
     conductances : array_like of float, shape (chips, resistors)
-        In siemens; positive and finite.
+        Conductances of every chip, in siemens; positive and finite.
     rtol : float
         For multigrid, bound on the norm of the residual relative to the norm of the source currents into the rows.  A
         current into a node whose conductances exceed all nominal ones is scaled down in proportion.  For factorization,
         bound on the error of a voltage relative to the largest voltage.  Rounding errors may be larger.
     executor : concurrent.futures.Executor, optional
-        Solves chips in parallel in its threads (the kernels release the global interpreter lock) or processes.
+        Executor whose threads or processes solve chips in parallel (the kernels release the global interpreter lock);
+        by default the chips are solved one after the other.
 
     Returns
     -------
     ndarray of float64, shape (chips, nodes)
-        In volts; NaN where a node floats.
+        Node voltages above ground, in volts; NaN where a node floats.
 
     Raises
     ------

@@ -107,7 +107,7 @@ class _Differences(NamedTuple):
 
 
 def _correct(system: Equations, factors: SupernodalFactors) -> RecoveredCurrents:
-    """Return the currents from corrections in double-double, with a bound on their errors; `factors`: of the matrix."""
+    """Return the currents from corrections in double-double, with a bound on the errors; `factors`: of the matrix."""
     netlist, ends = system.netlist, system.netlist.resistor_nodes
     found = _refined(system, factors)
     falls, unchecked = found.falls, np.zeros(netlist.node_count, dtype=np.bool_)
@@ -272,7 +272,7 @@ def _flows(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the net currents into nodes or rows, their rounding errors, and the sums of the magnitudes, in amperes.
 
-    `ends` (resistors, 2), `source_ends` (current sources, 2): numbers of nodes or rows; `count`: their number, the
+    `ends` (resistors, 2), `source_ends` (current sources, 2): nodes or rows of the ends; `count`: total number, the
     length of the results; `falls` (resistors,): voltage differences in volts.  Sums are in double-double.
     """
     from resgrid.circuit.kernels import add_flows

@@ -2,12 +2,12 @@
 
 The operating point minimises the co-content (Millar 1951): the sum of ``integral of I dV`` over all elements, minus the
 sum of source current times voltage.  Every branch current increases with its voltage, so that the co-content is convex.
-Every Newton step solves a linear system with an M-matrix, that of the circuit with the differential conductances
-``I0 / V0 sech^2(dV / V0)``.
+Every Newton step solves a linear system with an M-matrix: the matrix of the linear circuit of the differential
+conductances ``I0 / V0 sech^2(dV / V0)``.
 
 At the operating point a nonlinear resistor carries the same current as a linear resistor of the *secant* conductance
-``I / dV``.  The result is therefore the operating point of the linear circuit of secant conductances.  It has the same
-accuracy as that of any linear circuit: it has no local minimum and is direction-safe.
+``I / dV``.  The result is therefore the operating point of the linear circuit of secant conductances, and is as
+accurate as the operating point of any linear circuit: the potential has no local minimum and is direction-safe.
 
 A nonlinear resistor carries less than ``I0``.  An operating point exists if and only if the current injected into any
 set of nodes is less than the sum of ``I0`` of the resistors that leave the set (Ford & Fulkerson 1956).  Otherwise the

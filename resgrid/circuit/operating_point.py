@@ -60,8 +60,8 @@ class OperatingPoint:
         With two rails ``1 - u``, computed from ``u`` or from ``1 - u``, whichever is smaller.  With one rail and
         current sources of one sign, the height above (or below) that rail, scaled to a maximum of 1.  Otherwise None.
     floating : ndarray of int64
-        Nodes without a path of resistors or voltage sources to ground.  Their voltages are NaN; their branch currents
-        are known, since the source currents into each floating component add up to zero.
+        Nodes without a path of resistors or voltage sources to ground.  The voltages of these nodes are NaN; currents
+        between them are known, since the source currents into each floating component add up to zero.
     undriven : ndarray of int64
         Nodes of components that touch a single known voltage and have no current source: all are at that voltage.
     method : str
@@ -75,7 +75,7 @@ class OperatingPoint:
         Steps of the iterative method, summed over right-hand sides and refinement; 0 for the direct method.
     backward_error : float
         Backward error of the linear system: componentwise for ``accuracy = "direction"``, normwise for ``"normwise"``.
-        With nonlinear resistors it belongs to the last linear system.
+        With nonlinear resistors, the backward error belongs to the last linear system.
     entry_error : float
         Bound on the relative error of every drop ``u``, however small (with one rail: of every height above it),
         proved from the KCL residuals (`resgrid.solvers.refinement`).  The rounding of the logarithm to a double is not
@@ -83,13 +83,13 @@ class OperatingPoint:
         infinite without a proof: for normwise solutions, for circuits with nonlinear resistors, for larger circuits
         with one rail and currents of both signs, and for circuits with components that carry no current.
     nonlinear_amps : ndarray of float64, shape (nonlinear resistors,)
-        Current of a nonlinear resistor from its first node to its second, in amperes; 0 if it underflows.
+        Current from the first node of a nonlinear resistor to the second, in amperes; 0 if it underflows.
     nonlinear_log_amps : ndarray of float64, shape (nonlinear resistors,)
-        Natural logarithm of the magnitude of that current; -inf for 0 A.
+        Natural logarithm of the magnitude of a nonlinear resistor's current in amperes; -inf for 0 A.
     nonlinear_direction : ndarray of int8, shape (nonlinear resistors,)
-        Sign of that current: 1 from the first node to the second, -1 back, 0 for no current.
+        Sign of a nonlinear resistor's current: 1 from the first node to the second, -1 back, 0 for no current.
     resistor_current : ndarray of float64, shape (resistors,)
-        Current from a resistor's first node to its second, in amperes; 0 if it underflows.
+        Current from the first node of a resistor to the second, in amperes; 0 if it underflows.
     resistor_log_current : ndarray of float64, shape (resistors,)
         Natural logarithm of the magnitude of every resistor's current; -inf for 0 A.
     resistor_direction : ndarray of int8, shape (resistors,)
@@ -184,7 +184,7 @@ class OperatingPoint:
     def source_current(self) -> NDArray[np.float64]:
         """Current into the plus terminal of every voltage source, in amperes, shape (sources,).
 
-        The sign convention is that of SPICE.  NaN for sources in a loop of sources.
+        SPICE uses the same sign convention.  NaN for sources in a loop of sources.
         """
         return self.readings.source_current
 

@@ -116,19 +116,19 @@ def factorize(netlist: Netlist | CircuitLike, *, method: str = "auto") -> Circui
     netlist : Netlist or Circuit
         The circuit, with linear resistors.
     method : {"auto", "direct", "multigrid"}
-        Method for the linear systems, as in `solve`.
+        Method for the linear systems; ``"auto"`` chooses by size and shape.
 
     Returns
     -------
     CircuitFactor
-        With ``solve(rhs)`` for currents into the rows of its ``system``.
+        Factors with the method ``solve(rhs)``; `rhs` contains the currents into the rows of ``CircuitFactor.system``.
 
     Raises
     ------
     InputError
         If the method is unknown, or the netlist has nonlinear resistors, or no unknown voltage.
     CircuitError
-        If the circuit has no operating point, as in `solve`.
+        If the circuit has no operating point, for example if voltage sources contradict each other.
     AccuracyError
         If a pivot vanishes in double precision.
     BudgetError

@@ -38,7 +38,7 @@ class Transient:
     netlist : Netlist
         The circuit.
     times : ndarray of float64, shape (t,)
-        In seconds; time 0 means 0+, just after the sources are switched on.
+        Output times, in seconds; time 0 means 0+, just after the sources are switched on.
     voltage : ndarray of float64, shape (t, nodes)
         Node voltages above ground, in volts; NaN where a node floats.
     energy : ndarray of float64, shape (t,)
@@ -171,7 +171,7 @@ def transient(
     Parameters
     ----------
     netlist : Netlist
-        With capacitors; nodes without capacitors follow without delay.
+        Netlist with capacitors; nodes without capacitors follow without delay.
     times : array_like of float, shape (t,)
         Output times, in seconds, ascending and not negative.
     initial : OperatingPoint or array_like of float, shape (nodes,), optional
@@ -189,7 +189,7 @@ def transient(
         ``2 / e`` steps.  With a fixed step the trapezoidal rule starts with four backward Euler steps of half the
         length (Rannacher 1984), which damp oscillations.
     solver : {"auto", "direct", "multigrid"}
-        Method for the linear systems, as in `resgrid.solve`.
+        Method for the linear systems; ``"auto"`` chooses by size and shape.
 
     Returns
     -------
@@ -248,18 +248,18 @@ def transient_stepper(
     Parameters
     ----------
     netlist : Netlist
-        With capacitors.
+        Netlist with capacitors.
     step : float
         Length of a step, in seconds.
     method : {"tr-bdf2", "trapezoidal", "backward_euler"}
-        Integration method, as in `transient`.
+        Integration method: TR-BDF2, the trapezoidal rule or the backward Euler method.
     solver : {"auto", "direct", "multigrid"}
-        Method for the linear systems, as in `resgrid.solve`.
+        Method for the linear systems; ``"auto"`` chooses by size and shape.
 
     Returns
     -------
     TransientStepper
-        With ``start`` and ``advance``.
+        Integrator with the methods ``start`` (voltages at 0+) and ``advance`` (one step).
 
     Raises
     ------

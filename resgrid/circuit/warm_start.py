@@ -1,7 +1,7 @@
 """Warm starts: solve the circuit of a changed space from the solution of the space before.
 
-The equations change only near the changed cells.  They are assembled in windows around these, by the rules of the
-compiler (`resgrid.core.compiler`), without a netlist or the equations of the whole grid.
+The equations change only near the changed cells.  They are assembled in windows (boxes of cells) around the changes, by
+the rules of the compiler (`resgrid.core.compiler`), without a netlist or the equations of the whole grid.
 """
 
 from __future__ import annotations
@@ -168,14 +168,15 @@ class WarmStart:
         Parameters
         ----------
         space : ConfigurationSpace
-            The space, on the axes of the last one for a warm start.
+            The space; a warm start requires the axes of the last space.
         progress : callable, optional
-            Called after every iteration, as in `resgrid.solve`.
+            Called after every iteration with the number of iterations, the relative residual, and the estimated
+            remaining seconds (None without progress).
 
         Returns
         -------
         WarmPoint
-            Voltages of the cells.
+            Voltages of the cells, in volts, and details of the solve.
 
         Raises
         ------

@@ -67,12 +67,12 @@ class Frame:
         Parameters
         ----------
         points : array_like of float, shape (..., ndim)
-            In axis units.
+            Points in axis units.
 
         Returns
         -------
         ndarray of float64, shape (..., ndim)
-            World coordinates.
+            Points in world coordinates.
 
         Raises
         ------

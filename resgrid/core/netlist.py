@@ -67,11 +67,11 @@ class CellMap:
     goal_nodes : tuple of int
         Node of the rail of every goal region.
     nonlinear_face : ndarray of int64, shape (nonlinear resistors,)
-        Cell face that each nonlinear resistor crosses, numbered as for resistors.
+        Cell face that each nonlinear resistor crosses, numbered like the faces of `resistor_face`.
     nonlinear_upward : ndarray of bool, shape (nonlinear resistors,)
         Whether the first node of each nonlinear resistor is on the lower side of the face.
     rail_nodes : mapping of str to ndarray of int32, shape of the space
-        For every rail with resistance, its node at each cell; -1 where the node of the cell belongs to the rail.
+        Node of every rail with resistance at each cell, by rail; -1 where the node of the cell belongs to the rail.
     """
 
     space: ConfigurationSpace
@@ -268,7 +268,7 @@ class Netlist:
         return self._cell_names(self.cell_map, wanted)
 
     def cell_of_node(self) -> NDArray[np.int64]:
-        """Return the flat index (C order) of every node's cell, -1 for rails and ground; shape (node_count,).
+        """Return the flat index (C order) of the cell of every node, -1 for rails and ground; (node_count,).
 
         Raises
         ------

@@ -53,8 +53,8 @@ class ConfigurationSpace:
     cell : array_like of int
         One of `Cell` for every cell; shape ``(axes[0].cells, ...)``; stored as a read-only uint8 array.
     conductivity : array_like of float, optional
-        Conductivity of every cell relative to 1, the default: positive, finite, of the same shape.  As a cost map, a
-        costly cell has a low conductivity.
+        Conductivity of every cell relative to 1, the default: positive, finite, of the shape of `cell`.  In a cost map,
+        a costly cell has a low conductivity.
     frame : Frame, optional
         Position and rotation of the axes in the world; by default the axes are the world's.  Only a plane may be moved
         or rotated.
@@ -154,7 +154,7 @@ class ConfigurationSpace:
         unit : str
             Unit of all axes, for labels.
         conductivity, frame, robot
-            As of `ConfigurationSpace`.
+            Passed on to `ConfigurationSpace`.
 
         Returns
         -------
@@ -310,12 +310,12 @@ class ConfigurationSpace:
         Parameters
         ----------
         point : array_like of float, shape (..., ndim)
-            World coordinates.
+            Points in world coordinates.
 
         Returns
         -------
         ndarray of int64, shape (..., ndim)
-            Cell indices.
+            Index of the cell along every axis.
 
         Raises
         ------

@@ -52,11 +52,11 @@ class Wiring:
         Boundary condition at obstacles: connected to the obstacle rail, open, or connected to the rail through
         `wall_resistance` (a Robin condition).
     drive : {"uniform", "start"}, optional
-        For open obstacles: the same current into every goal-connected free node (default), or the start cell tied to
-        the high rail.  None for other boundary conditions.
+        Source of current with open obstacles: equal currents into all goal-connected free nodes (default), or the start
+        cell tied to the high rail.  None for other boundary conditions.
     edge : {"obstacle", "open"} or a sequence of these
-        Boundary condition at the edge of the grid, for all axes or per axis: like an obstacle, or open.  Periodic axes
-        have no edge.
+        Boundary condition at the edge of the grid, for all axes or per axis: the edge acts as an obstacle, or is open.
+        Periodic axes have no edge.
     rails : {"merged", "cells"}
         Whether each rail is one node, or every obstacle and goal cell has its own node and source.
     resistance : float
@@ -67,9 +67,9 @@ class Wiring:
     goal_voltage : float
         Voltage of the goal rail, in volts.
     wall_resistance : float, optional
-        For ``boundary="wall"``: the resistance in series with every obstacle contact, in ohms; 0 is Dirichlet.
+        Resistance in series with every obstacle contact for ``boundary="wall"``, in ohms; 0 is Dirichlet.
     start : sequence of int, optional
-        For ``drive="start"``: the start cell.
+        Index of the start cell along every axis, for ``drive="start"``.
 
     Raises
     ------
