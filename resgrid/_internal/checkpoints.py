@@ -13,7 +13,7 @@ from resgrid.errors import InputError
 _REMEDY = "remove it or name another"
 
 _MAX_HEAD_BYTES = 65536
-"""Maximum length of the first line in bytes; limits the memory for reading a file that is not a checkpoint."""
+"""Maximum length of the first line in bytes.  The limit bounds the memory for reading a file that is no checkpoint."""
 
 
 class Journal:
@@ -59,7 +59,10 @@ class Journal:
                 yield record
 
     def append(self, record: dict[str, Any]) -> None:
-        """Append a record and close the file, so that the record survives if the process is killed."""
+        """Append a record and close the file, so that the record survives the death of the process.
+
+        `record`: values that JSON can represent, by name.  Raise InputError if the file cannot be written.
+        """
         try:
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(_line(record))

@@ -22,7 +22,7 @@ FORMS = "processes[:N], dask://HOST:PORT, mpi or parsl:FILE"
 """List of the accepted names of executors, for messages."""
 
 DASK_SECONDS = 10.0
-"""Maximum time in seconds until a dask scheduler answers."""
+"""Maximum waiting time for the answer of a dask scheduler, in seconds."""
 
 _POLL_INTERVAL = 0.2
 """Time in seconds between two checks of the workers while a process pool shuts down."""

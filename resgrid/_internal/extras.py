@@ -13,10 +13,10 @@ _ENTRY = re.compile(r"""(?P<package>[^;]+?)\s*;.*\bextra\s*==\s*['"](?P<extra>[\
 
 
 def install_command(extra: str) -> str:
-    """Return the command that installs the packages of an extra of resgrid.
+    """Return the shell command that installs the packages of an extra of resgrid; `extra`: name, such as ``"mpi"``.
 
-    The command names the packages themselves: it works for a checkout, a wheel and an index, and without an activated
-    environment.
+    The command names the packages themselves, so that it works for a checkout, a wheel and an index, and without an
+    activated environment.
     """
     try:
         entries = filter(None, map(_ENTRY.match, metadata.requires("resgrid") or ()))

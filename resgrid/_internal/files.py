@@ -129,15 +129,15 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def whole_folder(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary folder in the parent of ``path``, whose files are moved to ``path`` if the block succeeds.
+    """Yield a temporary folder next to `path`, whose files are moved to the folder `path` if the block succeeds.
 
-    An existing folder keeps its other files, except files that its earlier ``summary.json`` lists and that were not
-    written again.  The summary is moved last.
+    An existing folder `path` keeps its other files, except files that the ``summary.json`` of the earlier run lists and
+    that were not written again.  The summary is moved last.
 
     Raises
     ------
     InputError
-        If ``path`` is a file or cannot be written, or another process is writing the same folder.
+        If `path` is a file or cannot be written, or another process is writing the same folder.
     """
     target = Path(path)
     if target.exists() and not target.is_dir():
@@ -218,10 +218,10 @@ def _temporary_paths(folder: Path, stem: str, suffix: str = "") -> list[Path]:
 
 @contextlib.contextmanager
 def _locked(place: Path) -> Iterator[bool]:
-    """Lock a temporary file or folder during the block; yield True if the lock was acquired.
+    """Lock a temporary file or folder during the block; yield whether the lock was acquired.
 
-    The system releases the lock when the process ends.  The value is also True if the path does not exist or the file
-    system has no locks (Windows, some network file systems).
+    `place`: path of the file or folder.  The system releases the lock when the process ends.  The value is also True if
+    the path does not exist or the file system has no locks (Windows, some network file systems).
     """
     try:
         number = os.open(place, os.O_RDONLY)
@@ -235,7 +235,7 @@ def _locked(place: Path) -> Iterator[bool]:
 
 
 def _is_locked(place: Path) -> bool:
-    """Return whether another process has locked a path."""
+    """Return whether another process has locked the file or folder `place`."""
     with _locked(place) as acquired:
         return not acquired
 

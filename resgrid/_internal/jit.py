@@ -18,10 +18,10 @@ import numpy as np
 from numba import njit
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}
-"""Permitted floating-point rewrites: sums may be reordered and vectorized; infinities and NaN keep their meaning."""
+"""Permitted floating-point optimizations: sums may be reordered and vectorized; infinities and NaN are preserved."""
 
 ZERO = cast(int, np.int64(0))
-"""A zero of type int64 that is not a literal: numba specializes functions on literal arguments."""
+"""Zero of type int64, for kernels; numba would compile a function again for a literal argument 0."""
 
 _STAMP = "resgrid-kernels.sha256"
 """Name of the file next to cached kernels that holds the hash of the sources from which they were compiled."""
@@ -107,10 +107,10 @@ def cache_folder(function: Callable[..., Any]) -> Path | None:
 
 @cache
 def _remove_stale_kernels(folder: Path) -> None:
-    """Delete the cached kernels of a folder if any kernel source has changed since they were compiled.
+    """Delete the cached kernels in a folder if any kernel source has changed since their compilation.
 
-    Numba compares a cached kernel with its own source file only, not with the files of the functions that it calls.
-    Loading its index also fails after a class of its arguments has been renamed.
+    Numba compares a cached kernel only with the source file of the kernel, not with the files of the functions that the
+    kernel calls.  Loading a cached kernel also fails after a class of its arguments has been renamed.
     """
     stamp, current = folder / _STAMP, _source_hash()
     with contextlib.suppress(OSError):

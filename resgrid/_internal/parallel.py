@@ -142,7 +142,7 @@ def spread(
     Parameters
     ----------
     function : callable
-        Called as ``function(item, *shared)``.  Worker processes import it by its name.
+        Function that is called as ``function(item, *shared)``.  Worker processes import the function by its name.
     items : iterable
         Items that can be pickled.
     *shared

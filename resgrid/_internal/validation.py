@@ -82,7 +82,7 @@ SOURCES = {
 """Expressions that return a value of a class, by class name, for messages."""
 
 _NAMESPACES = tuple(f"resgrid.{name}" for name in ("planning", "circuit", "chip", "control", "spice", "maps"))
-"""Packages with public names, which annotations may use without importing them at run time."""
+"""Packages whose public names annotations may use although the annotated module imports them only for type checkers."""
 
 _ARRAY = frozenset(get_args(getattr(ArrayLike, "__value__", ArrayLike)))
 """Types in the union `ArrayLike`, which numpy 2.5 defines by a type statement."""
@@ -179,9 +179,9 @@ def type_checks_of(value: Any) -> TypeChecks:
 
 
 class _Names(dict[str, Any]):
-    """Namespace for the evaluation of annotations: the names of a module, then the public names of the package.
+    """Namespace for the evaluation of annotations: the names of a module, then the public names of resgrid.
 
-    The latter are names that the module imports for type checkers only.  Unknown names mean `Any`.
+    The module imports the public names only for type checkers.  Unknown names evaluate to `Any`.
     """
 
     def __missing__(self, key: str) -> Any:

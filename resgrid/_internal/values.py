@@ -12,9 +12,9 @@ Record = TypeVar("Record")
 _MAX_REPR = 60
 """Number of characters up to which a representation shows the value of a field."""
 _MAX_SHORT = 4
-"""Number of entries up to which a representation shows the entries of a list."""
+"""Number of entries up to which a ``repr`` shows the entries of a list, tuple or mapping."""
 _MAX_BRIEF = 12
-"""Number of entries up to which the representation of a record of settings shows a tuple."""
+"""Number of entries up to which the ``repr`` of a dataclass of settings (see `brief`) shows the entries of a tuple."""
 _renderers: list[Callable[[object], str | None]] = []
 
 

@@ -30,12 +30,12 @@ _DIGITS = 60
 """Number of proved correct binary digits that a value needs before it is rounded to the 53 digits of a double."""
 
 _GUARD = 300
-"""Number of binary digits that the integers of fixed-point arithmetic have below the floor, in addition to those for
-the range of the conductances."""
+"""Number of binary digits of the integers below the floor, besides the digits for the range of the conductances."""
 
 _NEAR_FLOOR = 20
-"""Range of currents above the floor, in binary digits.  KCL is not checked at nodes whose total current lies in this
-range or below the floor, because some of their currents may have been set to zero."""
+"""Width of a range of currents above the floor, in binary digits.  KCL is not checked at nodes whose total current lies
+in this range or below the floor, because some of the currents at such a node may have been set to zero.
+"""
 
 _LEAST_AMPS = -2200
 """Smallest assumed binary logarithm of the largest current in amperes, for circuits without sources.  The limit lies
@@ -43,7 +43,7 @@ below the range of doubles.
 """
 
 _TINY = float(np.finfo(np.float64).tiny)
-"""Smallest normalized double."""
+"""Smallest normalized double; smaller currents, in amperes, lose digits."""
 
 _MOST_STEPS = 200
 """Maximum number of steps of iterative refinement."""
@@ -197,13 +197,16 @@ class _State:
         return _GUARD // 2
 
     def references(self) -> list[int]:
-        """Return the voltages of ground, of the reference of the equations and of both rails, in units, sorted."""
+        """Return the voltages of ground, of the reference of the equations and of both rails, as sorted integers.
+
+        The unit of voltage is ``2**unit_volts`` V.
+        """
         rails = self.system.rails
         known = [0.0, self.system.reference, *([rails.low, rails.high] if rails else [])]
         return sorted({_units(volts, self.unit_volts) for volts in known})
 
     def source_currents(self) -> list[int]:
-        """Return the currents into the plus terminals of the voltage sources, (sources,), in units of current."""
+        """Return the currents into the plus terminals of the voltage sources, (sources,), in integer units."""
         netlist, outflow = self.system.netlist, [0] * len(self.volts)
         for each in self.resistors:
             amps = self.current(each, self.volts[each.nodes[0]] - self.volts[each.nodes[1]])

@@ -33,12 +33,13 @@ immediately (30 ms); one with at most `_MOST_ENTRIES` after corrections in doubl
 """
 
 _CERTAIN = 1e-9
-"""Largest change of a current by the last correction, as a fraction of the current through a node at its ends."""
+"""Largest change of a current by the last correction, as a fraction of the current through the nodes at its ends."""
 
 _UNDERFLOW, _UNRESOLVED, _UNCHECKED_KCL = 1e-280, 1e-30, 1e-28
-"""Fractions of the largest current.  Currents below `_UNDERFLOW` are set to zero, because doubles underflow.  Currents
-below `_UNRESOLVED` are set to zero if cancellation has removed all their digits.  KCL is not checked at nodes with a
-current that was set to zero and a through-current below `_UNCHECKED_KCL`."""
+"""Fractions of the largest current.  Currents below `_UNDERFLOW` are set to zero, because products would underflow.
+Currents below `_UNRESOLVED` are set to zero if cancellation has removed all their digits.  KCL is not checked at nodes
+with a current that was set to zero and a through-current below `_UNCHECKED_KCL`.
+"""
 
 _UNBOUNDED = 1e-20
 """Smallest denominator of the relative error bound of a current, as a fraction of the largest current."""
@@ -55,7 +56,7 @@ _MOST_VOLTS = 1e200
 _MOST_STEPS = 30
 
 Doubled = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Arrays of double-doubles: leading parts, and their rounding errors."""
+"""Array of double-doubles, as the pair of the leading parts and the rounding errors of these parts."""
 
 
 def recover_currents(system: Equations) -> tuple[RecoveredCurrents | None, DirectFactor | None]:

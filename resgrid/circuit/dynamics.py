@@ -90,7 +90,7 @@ class Dynamics:
 
     @property
     def is_capacitance_diagonal(self) -> bool:
-        """Whether every capacitor is connected to a rail."""
+        """Whether every capacitor is connected to a rail, so that the matrix ``C`` is diagonal."""
         return not len(self.capacitance.as_rows().indices)
 
     @cached_property
@@ -108,9 +108,9 @@ class Dynamics:
 
     @cached_property
     def charged(self) -> NDArray[np.bool_]:
-        """Mask of the rows (n,) of the definite block ``C_cc`` of ``C``.
+        """Mask (n,) of the rows of the definite block ``C_cc`` of ``C``.
 
-        It contains all rows but one of every column of `null_space`.
+        The mask contains all rows except one of every column of `null_space`.
         """
         columns = sparse.csc_array(self.null_space)
         charged = np.ones(self.size, dtype=np.bool_)
@@ -124,7 +124,7 @@ class Dynamics:
 
     @cached_property
     def null_space_factor(self) -> Factor | None:
-        """Factors of ``N^T G N``; None if the null space is empty."""
+        """Factors of ``N^T G N``, with the basis ``N`` of `null_space`; None if the null space is empty."""
         if not self.null_space.shape[1]:
             return None
         return factor_laplacian(self.conductance.grouped(sparse.csr_array(self.null_space.T)), "auto")

@@ -15,7 +15,7 @@ from resgrid.errors import CircuitError
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
 
 _MANY = 20_000
-"""Largest number of current sources at ground that are summed exactly; a driven grid has one source per cell."""
+"""Largest number of current sources at ground whose currents are summed exactly; longer sums are rounded."""
 
 
 def sum_by_row(row: NDArray[np.int32], values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
@@ -83,11 +83,11 @@ class Equations:
 
     @property
     def rails(self) -> Rails | None:
-        """The two rails, or None unless exactly two known voltages drive the circuit."""
+        """The two rails and their contacts with rows, or None unless exactly two known voltages drive the circuit."""
         return self.laplacian.rails
 
     def known_voltages(self) -> NDArray[np.float64]:
-        """Return a new array of the voltages of rails and `undriven` nodes, in volts, (nodes,); NaN for other nodes."""
+        """Return a new array (nodes,) of the known voltages in volts: rails and `undriven` nodes; NaN elsewhere."""
         forest = self.forest
         known = np.full(forest.count, np.nan)
         held = forest.base == GROUND
@@ -111,9 +111,9 @@ class Equations:
         return self.above_ground(self.heights(x))
 
     def above_ground(self, heights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the voltages above ground, in volts, from heights above `reference`; both (nodes,), NaN if floating.
+        """Return the voltages of all nodes above ground, in volts, (nodes,), NaN if floating.
 
-        Known voltages are returned without rounding.
+        `heights` (nodes,): heights above `reference`, in volts.  Known voltages are returned without rounding.
         """
         if self.reference == 0.0:
             return heights
@@ -177,10 +177,10 @@ class Components:
 
 
 def assemble(netlist: Netlist) -> Equations:
-    """Return the nodal equations of an operating point.
+    """Return the nodal equations of the operating point of a netlist with linear resistors.
 
     Voltage sources are eliminated first.  Floating components, and components that touch a single known voltage, carry
-    no current and get no rows.
+    no current and get no rows.  Raise CircuitError if there is no operating point.
     """
     forest, ends = tie_sources(netlist), netlist.resistor_nodes
     components = components_of(netlist, ends, forest)
@@ -339,7 +339,7 @@ def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) 
 
 
 def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
-    """Return the sum of the source currents into every node, in amperes, shape (nodes,)."""
+    """Return the sum of the source currents into every node, ground included, in amperes, shape (nodes,)."""
     unknown, (taken, fed) = np.arange(netlist.node_count, dtype=np.int32), netlist.current_nodes.T
     unknown[GROUND] = -1
     injected, amps = injected_into_rows(netlist, unknown, netlist.node_count), netlist.current_amps

@@ -204,7 +204,10 @@ def _suggests_cancellation(system: Equations, point: OperatingPoint) -> bool:
 
 
 def _recover(system: Equations, run: _Run, solution: _Solution) -> _Solution:
-    """Return the solution with recovered currents, or the given one if recovery fails or makes KCL worse."""
+    """Return the solution with recovered currents, or the given one if recovery fails or makes KCL worse.
+
+    `system`: equations; `run`: options of the solve; `solution`: solution before the recovery.
+    """
     from resgrid.circuit.current_recovery import recover_currents
 
     tiny, rails, watch = _tiny_currents(system, solution.point), system.rails, run.watch
@@ -331,7 +334,7 @@ class CircuitFactor:
         return f"<CircuitFactor of {self.system.netlist!r}: {self.system.size} rows, {self.factors.name}>"
 
     def solve(self, rhs: ArrayLike, *, rtol: float = 1e-10, guess: ArrayLike | None = None) -> NDArray[np.float64]:
-        """Solve for a right-hand side.
+        """Return the solution of the equations for a right-hand side.
 
         Parameters
         ----------
@@ -345,7 +348,7 @@ class CircuitFactor:
         Returns
         -------
         ndarray of float64, shape (n,)
-            Heights of the nodes above the reference, in volts.
+            Voltages of the nodes of the rows above ``system.reference``, in volts.
 
         Raises
         ------

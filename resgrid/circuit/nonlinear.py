@@ -48,19 +48,19 @@ _NEGLIGIBLE = 1e-9
 """Largest violation of Kirchhoff's current law at convergence, as a fraction of the largest current."""
 
 _WORTHWHILE = 0.05
-"""Step length, as a fraction of a Newton step, below which Newton and secant steps alternate."""
+"""Smallest useful step length, as a fraction of a Newton step; a shorter step is replaced by a secant step."""
 
 _SHORTER, _SHORTEST = 0.7, 1e-30
 """Factor by which a step is shortened, and smallest step length as a fraction of a Newton step."""
 
 _SATURATED = 14.0
-"""``dV / V0`` above which a nonlinear resistor counts as saturated: its current differs from ``I0`` by 1 in 1e12."""
+"""Ratio ``dV / V0`` above which a nonlinear resistor counts as saturated: its current is within 1e-12 of ``I0``."""
 
 _MARGIN = 1e-12
 """Relative rounding error of the capacity of a cut: the sum of ``I0`` of the resistors in the cut."""
 
 _CURRENT_ROUNDING = 1e-13
-"""Relative error of nonlinear currents; near saturation it makes the voltage uncertain."""
+"""Relative rounding error of nonlinear currents; near saturation a voltage computed from the current is uncertain."""
 
 _SETTLED = 1e-13
 _MOST_PASSES = 8
@@ -163,8 +163,8 @@ def nonlinear_drops(point: OperatingPoint) -> NDArray[np.float64]:
 class NewtonSolution(NamedTuple):
     """Result and history of Newton's method.
 
-    `voltage` (nodes,): node voltages above ground, in volts; NaN where a node floats; `residual`: largest violation
-    of Kirchhoff's current law before every step and after the last one, in amperes; `step`: length of every step as a
+    `voltage` (nodes,): node voltages above ground, in volts; NaN where a node floats; `residual`: largest violation of
+    Kirchhoff's current law in amperes, before every step and after the last step; `step`: length of every step as a
     fraction of the Newton step; 1 for a full step, 0 for a secant step.
     """
 

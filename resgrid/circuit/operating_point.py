@@ -19,7 +19,7 @@ _DIRECT_CURRENT = (
     "node_count", "resistor_nodes", "conductance", "source_nodes", "source_volts", "current_nodes", "current_amps",
     "nonlinear_nodes", "nonlinear_current", "nonlinear_voltage",
 )  # fmt: skip
-"""Fields of a netlist that determine its operating point."""
+"""Names of the fields of a netlist that determine the operating point."""
 
 
 class BranchCurrents(NamedTuple):
@@ -142,7 +142,20 @@ class OperatingPoint:
     def is_of(self, netlist: Netlist) -> bool:
         """Return whether a netlist has the same resistors and sources, and thus the same operating point.
 
-        Raise InputError if `netlist` is not a `Netlist`.
+        Parameters
+        ----------
+        netlist : Netlist
+            The netlist to compare with.
+
+        Returns
+        -------
+        bool
+            True if the fields that determine the operating point are equal.
+
+        Raises
+        ------
+        InputError
+            If `netlist` is not a `Netlist`.
         """
         one, other = self.netlist, netlist
         if not isinstance(other, Netlist):

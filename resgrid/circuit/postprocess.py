@@ -34,7 +34,7 @@ OUT_OF_RANGE = (
 )
 
 DIRECTION_RESIDUAL = 1e-6
-"""Largest KCL violation of a direction-safe field, relative to the current through the node."""
+"""Largest KCL violation at a node of a direction-safe field, as a fraction of the current through the node."""
 
 HARMLESS = 1e-7
 """Fraction of a node's through-current.  Smaller currents are set to zero if they do not flow down the potential."""
@@ -248,7 +248,7 @@ def _branch_currents(
     """Return branch currents, relative KCL residuals (nodes,), and whether large currents have few correct digits.
 
     `unknown` (nodes,): row of a node, -1 where KCL is not checked; `falling` (nodes,): values that fall along currents;
-    negligible currents against them are rounding errors and are set to 0; `recovered`, `tiny`: as for `read_entrywise`.
+    negligible currents against them are rounding errors and are set to 0; `recovered`, `tiny`: see `read_entrywise`.
     Nodes joined by floating sources count as one node.  Between mirror-symmetric cells, currents are rounding errors.
     """
     from resgrid.circuit.kernels import drop_unresolved

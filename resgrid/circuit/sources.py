@@ -210,7 +210,10 @@ def _cut_currents(
 
 
 def without_loops(forest: SourceForest, current: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Set the currents of sources in loops to NaN, in place, with a warning; return the array."""
+    """Set the currents of sources in loops to NaN, in place, with a warning; return the array.
+
+    `current` (sources,): current into the plus terminal of every voltage source, in amperes.
+    """
     if forest.loop.any():
         current[forest.loop] = np.nan
         warnings.warn(

@@ -37,7 +37,7 @@ Factors = Callable[[float], Factor]
 """Function that takes a rate in 1/s and returns the factors of ``G + rate C``."""
 
 State = NDArray[np.float64]
-"""Voltages of the rows, in volts, and their integrals since 0+, in volt seconds; shape (2, n)."""
+"""Voltages of the rows in volts, and time integrals of these voltages since 0+ in volt seconds; shape (2, n)."""
 
 
 def rate_of(method: Method, h: float) -> float:
@@ -103,7 +103,7 @@ _ORDER = {"backward_euler": 1, "trapezoidal": 2, "tr-bdf2": 2}
 _EPS = float(np.finfo(np.float64).eps)
 
 _MOST_OF_TOLERANCE = 0.5
-"""Largest estimated error of a step, as a fraction of the tolerance."""
+"""Largest estimated error of one step, as a fraction of the tolerance of the whole integration."""
 
 _ACCUMULATION = {"backward_euler": 2.0, "trapezoidal": 4.0, "tr-bdf2": np.inf}
 """Factor ``c`` in the largest estimated error of a step of order ``p``, ``(c tolerance)**((p + 1) / p)``.  The errors
@@ -116,7 +116,7 @@ _LEAST_ERROR = 16 * _EPS
 """Smallest estimated error of a step that exceeds rounding errors, as a fraction of the largest voltage difference."""
 
 _MOST_HALVINGS = 30
-"""Number of consecutive halvings of a step after which its remaining error is a rounding error."""
+"""Number of consecutive halvings of a step after which the remaining error counts as a rounding error."""
 
 
 def controlled_steps(

@@ -39,7 +39,7 @@ takes more than `_MORE_ITERATIONS` in addition, the next solve sets up a new hie
 """
 
 _WINDOW = 12_000
-"""Approximate number of cells of the window around a small change that is solved beforehand."""
+"""Approximate number of cells in the window around a small change; the equations of the window are solved first."""
 
 _MOST = 4
 """Inverse of the largest fraction of the cells of a space that windows may cover."""
@@ -250,7 +250,7 @@ class _WarmCircuit:
     def change(self, space: ConfigurationSpace, wiring: Wiring) -> bool:
         """Update the equations for a changed space, in place; return False if the change is too large for a warm start.
 
-        After False the object is unusable.
+        `space`: the changed space; `wiring`: boundary conditions and drive.  After False the object is unusable.
         """
         old, self.space = self.space, space
         if space.axes != old.axes or (space.conductivity is None) != (old.conductivity is None):

@@ -75,7 +75,7 @@ class Axis:
 
     @property
     def spacing(self) -> float:
-        """Width of a cell, in ``unit``."""
+        """Width of a cell, in ``unit`` of the axis."""
         return float((self.upper - self.lower) / self.cells)
 
     @property
@@ -116,7 +116,7 @@ def split_points(
 
 
 def rounding_errors(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDArray[np.float64]:
-    """Return the largest rounding error of coordinates as fractions of a cell's width, shape (ndim,).
+    """Return the largest rounding error of coordinates per axis, as fractions of a cell's width, (ndim,).
 
     `reach` (ndim,): largest magnitude of a coordinate during the conversion between world and space (`Frame.reach`); by
     default the largest magnitude on every axis.

@@ -224,7 +224,10 @@ def _resistors(space: ConfigurationSpace, contacts: GridContacts, nodes: _Nodes)
 
 
 class CellRole(IntEnum):
-    """Role of a cell, or of the margin around the grid, in the circuit, ordered NODE < HIGH < LOW < NONE."""
+    """Role of a cell, or of the margin around the grid, in the circuit: own node, high rail, low rail, or no node.
+
+    The order NODE < HIGH < LOW < NONE determines which pairs of cells have a contact.
+    """
 
     NODE, HIGH, LOW, NONE = range(4)
 
@@ -272,7 +275,10 @@ class GridContacts:
 
     @cached_property
     def conductance(self) -> tuple[NDArray[np.float64], ...]:
-        """Per axis, the conductances through all faces of the box, in siemens; 0 without a contact."""
+        """Conductances through all faces of the box, in siemens, one array per axis; 0 without a contact.
+
+        The arrays have the shapes `resgrid.core.regions.face_shape`.
+        """
         faces = tuple(np.zeros(joined.shape) for joined in self.joined)
         for axis, (siemens, joined) in enumerate(zip(faces, self.joined, strict=True)):
             siemens[joined] = self.siemens(axis, 0, joined.shape[axis])

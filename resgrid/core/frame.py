@@ -83,26 +83,54 @@ class Frame:
         return space if self.is_world else self._turned(space, self._rotation.T) + self._offset(space)
 
     def from_world(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return points in axis units, shape (..., ndim); `points` (..., ndim): world coordinates.
+        """Convert points from world coordinates to coordinates of the space.
 
-        Raise InputError if the frame is not the world's, and a point has not 2 coordinates (2 or 3 with a turning
-        length).
+        Parameters
+        ----------
+        points : array_like of float, shape (..., ndim)
+            Points in world coordinates.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., ndim)
+            Points in axis units.
+
+        Raises
+        ------
+        InputError
+            If the frame is not the world's, and a point has not 2 coordinates (2 or 3 with a turning length).
         """
         world = np.array(points, dtype=np.float64)
         return world if self.is_world else self._turned(world - self._offset(world), self._rotation)
 
     def turned_to_world(self, vectors: ArrayLike) -> NDArray[np.float64]:
-        """Return vectors (velocities, forces, differences) with components along the world axes, (..., ndim).
+        """Rotate vectors (velocities, forces, differences) from the axes of the space to the world axes.
 
-        `vectors` (..., ndim): components along the axes of the space.
+        Parameters
+        ----------
+        vectors : array_like of float, shape (..., ndim)
+            Components along the axes of the space.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., ndim)
+            Components along the world axes, in the unit of `vectors`.
         """
         along = np.array(vectors, dtype=np.float64)
         return along if self.yaw == 0 else self._turned(along, self._rotation.T)
 
     def turned_from_world(self, vectors: ArrayLike) -> NDArray[np.float64]:
-        """Return vectors with components along the axes of the space, (..., ndim).
+        """Rotate vectors (velocities, forces, differences) from the world axes to the axes of the space.
 
-        `vectors` (..., ndim): components along the world axes.
+        Parameters
+        ----------
+        vectors : array_like of float, shape (..., ndim)
+            Components along the world axes.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., ndim)
+            Components along the axes of the space, in the unit of `vectors`.
         """
         world = np.array(vectors, dtype=np.float64)
         return world if self.yaw == 0 else self._turned(world, self._rotation)

@@ -16,14 +16,14 @@ from resgrid.core.regions import face_counts
 from resgrid.errors import InputError
 
 Seed = int | tuple[int, ...]
-"""Entropy, or entropy and spawn key of a `numpy.random.SeedSequence`, as integers."""
+"""Seed of a chip: the entropy, or the entropy and the spawn key, of a `numpy.random.SeedSequence`, as integers."""
 
 MISMATCH, DEFECTS, OFFSET, NOISE = 1, 2, 3, 4
-"""Last spawn keys of the random streams of a chip."""
+"""Numbers of the random effects of a chip; the last entry of the spawn key of a random stream."""
 
 
 def site_count(netlist: Netlist) -> int:
-    """Return the number of resistor sites: the faces of the grid, or the resistors of a netlist without cells."""
+    """Return the number of sites of resistors: the faces of the grid, or the resistors of a netlist without cells."""
     if netlist.cell_map is None:
         return len(netlist.conductance) + len(netlist.nonlinear_current)
     return sum(face_counts(netlist.cells.space.shape))
@@ -46,7 +46,7 @@ def on_grid(netlist: Netlist) -> NDArray[np.bool_]:
 
 
 def ends_of(netlist: Netlist) -> NDArray[np.int32]:
-    """Return the nodes of all resistors, linear ones first, shape (resistors, 2)."""
+    """Return the first and second node of all resistors, linear ones first, then nonlinear ones, (resistors, 2)."""
     return np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
 
 

@@ -334,7 +334,7 @@ class ConfigurationSpace:
 
     @cached_property
     def rounding(self) -> NDArray[np.float64]:
-        """Tolerance for positions as fractions of a cell's width, shape (ndim,).
+        """Tolerance for positions per axis, as fractions of a cell's width, shape (ndim,).
 
         1e-9, or the larger rounding error of coordinates far from the origin of the axes or of the world.
         """
@@ -342,7 +342,7 @@ class ConfigurationSpace:
 
     @cached_property
     def rounding_errors(self) -> NDArray[np.float64]:
-        """Largest rounding error of coordinates as fractions of a cell's width, shape (ndim,)."""
+        """Largest rounding error of coordinates per axis, as fractions of a cell's width, shape (ndim,)."""
         return rounding_errors(self.axes, self.frame.reach(self.axes))
 
 

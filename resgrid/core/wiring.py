@@ -124,7 +124,7 @@ class Wiring:
             )
 
     def _check_values(self) -> None:
-        """Raise InputError unless resistances and voltages are admissible."""
+        """Raise InputError unless resistances and voltages are finite, in range, and fit the boundary condition."""
         if not (0 < self.resistance < np.inf and 1.0 / float(self.resistance) < np.inf):
             raise InputError(f"resistance = {self.resistance}, but it must be positive and finite, in ohms")
         if not (np.isfinite(self.supply) and self.supply != 0 and np.isfinite(self.goal_voltage)):
@@ -151,11 +151,27 @@ class Wiring:
 
     @property
     def high(self) -> float:
-        """Voltage of the high rail, in volts."""
+        """Voltage of the high (obstacle) rail, in volts."""
         return self.goal_voltage + self.supply
 
     def edges(self, space: ConfigurationSpace) -> tuple[EdgeRule, ...]:
-        """Return the edge rule of every axis of a space, a tuple; raise InputError if the rules do not fit the axes."""
+        """Return the edge rule of every axis of a space.
+
+        Parameters
+        ----------
+        space : ConfigurationSpace
+            The space of the circuit.
+
+        Returns
+        -------
+        tuple of str
+            ``"obstacle"``, ``"open"`` or ``"periodic"`` for every axis.
+
+        Raises
+        ------
+        InputError
+            If the rules do not fit the axes.
+        """
         rules = (self.edge,) * space.ndim if isinstance(self.edge, str) else tuple(self.edge)
         if len(rules) != space.ndim:
             raise InputError(f"edge has {len(rules)} entries, but the space has {space.ndim} axes; give one per axis")
@@ -167,15 +183,35 @@ class Wiring:
     def on(self, space: ConfigurationSpace) -> Wiring:
         """Return a copy of the wiring with one edge rule per axis of a space.
 
-        Raise InputError if the edge rules do not fit the space or the start is not a free cell, and CircuitError if no
-        path connects the start to a goal.
+        Parameters
+        ----------
+        space : ConfigurationSpace
+            The space of the circuit.
+
+        Returns
+        -------
+        Wiring
+            The wiring, with `edge` as a tuple.
+
+        Raises
+        ------
+        InputError
+            If the edge rules do not fit the space, or the start is not a free cell.
+        CircuitError
+            If no path connects the start to a goal.
         """
         if self.start is not None:
             _check_start(space, tuple(self.start))
         return replace(self, edge=self.edges(space))
 
     def opened(self) -> Wiring:
-        """Return a copy of the wiring with open obstacles and a uniform drive, for the Neumann part of a blend."""
+        """Return a copy of the wiring with open obstacles and a uniform drive, for the Neumann part of a blend.
+
+        Returns
+        -------
+        Wiring
+            The wiring without `wall_resistance` and `start`.
+        """
         return replace(self, boundary="neumann", drive="uniform", wall_resistance=None, start=None)
 
 
