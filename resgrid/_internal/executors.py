@@ -1,4 +1,4 @@
-"""Creation of executors from their names: ``processes:4``, ``dask://HOST:PORT``, ``mpi``, ``parsl:FILE``."""
+"""Creation of executors from names such as ``processes:4``, ``dask://HOST:PORT``, ``mpi`` and ``parsl:FILE``."""
 
 from __future__ import annotations
 

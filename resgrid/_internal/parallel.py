@@ -2,8 +2,8 @@
 
 Items are divided into tasks of about one second.  The number of submitted tasks (the window) grows until all workers
 are busy.  Data that all items use is sent to every worker once: a task contains the hash of the data, and the worker
-reads the data from a file and caches it.  A worker that cannot read the file answers so, and the task is sent again
-together with the data.
+reads the data from a file and caches the data.  If a worker cannot read the file, the task is sent again together with
+the data.
 """
 
 from __future__ import annotations

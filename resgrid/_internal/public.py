@@ -1,4 +1,4 @@
-"""Public names of a package: listed in its stub (``__init__.pyi``), and imported when they are first used."""
+"""Public names of a package: listed in the stub file (``__init__.pyi``), and imported when they are first used."""
 
 from __future__ import annotations
 

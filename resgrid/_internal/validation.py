@@ -299,14 +299,14 @@ def _is_list(value: Any) -> bool:
 
 
 def _is_real(value: Any) -> bool:
-    """Return whether a value is a real number or infinite, but not NaN and not an int beyond 64 bits."""
+    """Return whether a value is a real or infinite number; NaN and integers beyond 64 bits are rejected."""
     if isinstance(value, float | np.floating):
         return not math.isnan(value)
     return is_number(value) and not (is_whole(value) and abs(int(value)) > _LARGEST)
 
 
 def _is_array(value: Any) -> bool:
-    """Return whether a value is a real number, a truth value, or an array of these."""
+    """Return whether a value is a real number, a truth value, or an array of real numbers or truth values."""
     if value is None or isinstance(value, str | bytes):
         return False
     try:

@@ -35,7 +35,7 @@ def frozen(record: type[Record]) -> type[Record]:
 
 
 def brief(record: type[Record]) -> type[Record]:
-    """Replace the ``repr`` of a dataclass by one without default values and long tuples; return the class."""
+    """Replace the ``repr`` of a dataclass by one without default values and long tuples, and return the class."""
     record.__repr__ = _brief_repr  # type: ignore[method-assign]
     return record
 

@@ -1,4 +1,4 @@
-"""Solve one circuit for many sets of conductances, with a common set-up."""
+"""Solution of one circuit for many sets of conductances (chips), with a common set-up."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Batch(NamedTuple):
     """Common set-up of all chips with the same circuit.
 
     `system`: equations of the nominal chip, whose sparsity all chips have; `solver`: function that solves the equations
-    of many chips.
+    of many chips one after the other.
     """
 
     system: Equations

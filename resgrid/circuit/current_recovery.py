@@ -108,7 +108,10 @@ class _Differences(NamedTuple):
 
 
 def _correct(system: Equations, factors: SupernodalFactors) -> RecoveredCurrents:
-    """Return the currents from corrections in double-double, with a bound on the errors; `factors`: of the matrix."""
+    """Return the currents from corrections in double-double, with a bound on the errors.
+
+    `system`: equations; `factors`: factors of the matrix of the equations.
+    """
     netlist, ends = system.netlist, system.netlist.resistor_nodes
     found = _refined(system, factors)
     falls, unchecked = found.falls, np.zeros(netlist.node_count, dtype=np.bool_)

@@ -58,11 +58,12 @@ _SLOPE_RTOL = 1e-3
 class Dynamics:
     """Equations ``C x' + G x = b`` of a netlist; the node voltages are ``fixed + x[row]``.
 
-    `netlist`: the circuit; `row` (nodes,): row of every node, -1 for rails and floating nodes; nodes joined by floating
-    sources share a row; `fixed` (nodes,): voltage of a rail, or offset of another node from its row, in volts; NaN for
-    a floating node; `conductance`: ``G``, in siemens; `capacitance`: ``C``, in farads; rows without capacitance are
-    algebraic; `drive` (n,): ``b``, the current from sources into every row, in amperes; `forest`: spanning forest of
-    the voltage sources; `branches`: incidence matrix (m, n) and conductances (m,) of ``G``.
+    A row is an unknown voltage with its equation; nodes joined by floating sources share a row.  `netlist`: the
+    circuit; `row` (nodes,): row of every node, -1 for rails and floating nodes; `fixed` (nodes,): voltage of a rail, or
+    offset of another node from its row, in volts; NaN for a floating node; `conductance`: ``G``, in siemens;
+    `capacitance`: ``C``, in farads; rows without capacitance are algebraic; `drive` (n,): ``b``, the current from
+    sources into every row, in amperes; `forest`: spanning forest of the voltage sources; `branches`: incidence matrix
+    (m, n) and conductances (m,) of ``G``.
     """
 
     netlist: Netlist

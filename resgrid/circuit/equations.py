@@ -1,4 +1,4 @@
-"""Nodal analysis: reduce a netlist to linear equations for the unknown node voltages."""
+"""Nodal analysis: reduction of a netlist to linear equations (rows) for the unknown node voltages."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def across(voltage: NDArray[np.float64], ends: NDArray[np.int32]) -> NDArray[np.
 
 
 class RailContacts(NamedTuple):
-    """Connections of rows to nodes of known voltage, and between rows that floating sources shift against each other.
+    """Connections of rows (unknown voltages) to known voltages, and between rows that floating sources shift apart.
 
     `element`, `row` (c,): resistor and row of every contact; `volts` (c,): voltage at the other end of the resistor
     above the reference of the equations; `ties`: number of contacts with nodes of known voltage, which come first; the
@@ -52,6 +52,8 @@ class RailContacts(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Equations:
     """Reduced nodal equations of a netlist, ``laplacian @ x = drive``, for heights ``x`` in volts above `reference`.
+
+    A row is an unknown voltage with its equation: Kirchhoff's current law at one node, or at nodes that sources join.
 
     `netlist`: the circuit; `forest`: spanning forest of the voltage sources; `unknown` (nodes,): row of every node with
     an unknown voltage, -1 for others; nodes joined by floating sources share a row; `laplacian` (n, n): conductances

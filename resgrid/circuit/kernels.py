@@ -179,8 +179,8 @@ def currents(
 def add_currents(pairs: Indices, amps: Floats, exponent: Integers, frame: Integers, net: Floats, total: Floats) -> None:
     """Add the resistor currents to the net current into every node, and their magnitudes to the totals, in place.
 
-    `pairs` (m, 2): nodes; `amps`, `exponent` (m,): currents ``amps * 2**(256 exponent)`` A; `net`, `total` (nodes,):
-    net current and sum of magnitudes, in units of ``2**(256 frame)`` A.
+    `pairs` (m, 2): nodes; `amps`, `exponent` (m,): currents ``amps * 2**(256 exponent)`` A; `frame` (nodes,): exponent
+    of the unit ``2**(256 frame)`` A of a node; `net`, `total` (nodes,): net current and sum of magnitudes in this unit.
     """
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
@@ -198,10 +198,11 @@ def drop_unresolved(
 ) -> None:  # fmt: skip
     """Set to zero the currents that do not flow downwards in `falling` and are negligible at both ends, in place.
 
-    `pairs` (m, 2): nodes; `amps`, `exponent` (m,): currents ``amps * 2**(256 exponent)`` A; `net`, `through` (nodes,):
-    net current and half the sum of the magnitudes, in units of ``2**(256 frame)`` A; `falling` (nodes,): values that
-    fall along currents; `negligible`: a current of at most ``negligible * through`` is negligible.  A node with NaN in
-    `falling` (a voltage outside the rails) keeps its currents.
+    `pairs` (m, 2): nodes; `amps`, `exponent` (m,): currents ``amps * 2**(256 exponent)`` A; `frame` (nodes,): exponent
+    of the unit ``2**(256 frame)`` A of a node; `net`, `through` (nodes,): net current and half the sum of the
+    magnitudes, in this unit; `falling` (nodes,): values that fall along currents; `negligible`: a current of at most
+    ``negligible * through`` is negligible.  A node with NaN in `falling` (a voltage outside the rails) keeps its
+    currents.
     """
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]

@@ -106,10 +106,10 @@ class _Run(NamedTuple):
 class _Solution(NamedTuple):
     """A componentwise solution, and the quantities that decide whether it is accurate.
 
-    `point`: operating point; `values`: node values; `residual` (nodes,): KCL residual as a fraction of the current
-    through a node; `imprecise`: whether significant currents have few correct digits; `error_bound`: bound on the
-    errors of voltages relative to the largest one, and of currents relative to the current through a node; `recovered`:
-    whether the currents come from `current_recovery`, which proves them independently.
+    `point`: operating point; `values`: node voltages relative to the rails; `residual` (nodes,): KCL residual as a
+    fraction of the current through a node; `imprecise`: whether significant currents have few correct digits;
+    `error_bound`: bound on the errors of voltages relative to the largest one, and of currents relative to the current
+    through a node; `recovered`: whether the currents come from `current_recovery`, which proves them independently.
     """
 
     point: OperatingPoint
@@ -293,9 +293,10 @@ def _floating_components(system: Equations) -> tuple[Netlist, NDArray[np.bool_],
 def _merged(
     grounded: BranchCurrents, floating: BranchCurrents, resistors: NDArray[np.bool_], sources: NDArray[np.bool_]
 ) -> BranchCurrents:
-    """Return the currents of the whole circuit: the currents of floating components replace zeros of the grounded ones.
+    """Return the currents of the whole circuit: currents of the floating components replace zeros of the others.
 
-    `resistors` (resistors,), `sources` (sources,): whether the resistor or voltage source is in a floating component.
+    `grounded`, `floating`: currents of the two parts; `resistors` (resistors,), `sources` (sources,): whether the
+    resistor or voltage source is in a floating component.
     """
     amps, exponent, through = grounded.scaled[0].copy(), grounded.scaled[1].copy(), grounded.source_current.copy()
     amps[resistors], exponent[resistors] = floating.scaled

@@ -131,7 +131,7 @@ def _drop_and_height(
 def _solved(
     factors: Factor | None, currents: list[NDArray[np.float64]], watch: ProgressMonitor, team: ThreadTeam
 ) -> list[Scaled]:
-    """Return the solutions, (n,) each, for non-negative currents (n,) in amperes; an interrupt stops all solves."""
+    """Return the solutions (n,) for several non-negative right-hand sides (n,), in amperes, computed in parallel."""
 
     def one(rhs: NDArray[np.float64]) -> Scaled:
         if factors is None or not rhs.any():

@@ -1,8 +1,8 @@
 """Ideal voltage sources: each source fixes the voltage difference of two nodes and so removes an unknown.
 
-The sources are the edges of a graph.  Its spanning forest gives every node an offset from the root of its tree; ground
-is the root of its tree.  A source that closes a loop must agree with the forest, and the currents in that loop are
-undetermined.
+The sources are the edges of a graph.  A spanning forest of this graph gives every node a voltage offset from the root
+of the node's tree; ground is the root of the tree that contains ground.  A source that closes a loop must agree with
+the forest, and the currents in that loop are undetermined.
 """
 
 from __future__ import annotations

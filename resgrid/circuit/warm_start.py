@@ -1,4 +1,4 @@
-"""Warm starts: solve the circuit of a changed space from the solution of the space before.
+"""Warm starts: solve the circuit of a changed space, starting from the solution for the space before the change.
 
 The equations change only near the changed cells.  They are assembled in windows (boxes of cells) around the changes, by
 the rules of the compiler (`resgrid.core.compiler`), without a netlist or the equations of the whole grid.

@@ -30,7 +30,7 @@ _NAMES = ("x", "y", "z", "w")
 class Axis:
     """A coordinate of a configuration space, divided into cells of equal width.
 
-    Cell ``i`` covers ``[lower + i h, lower + (i + 1) h]`` with ``h = spacing``; its centre is in the middle.
+    Cell ``i`` covers ``[lower + i h, lower + (i + 1) h]`` with ``h = spacing``.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Axis:
     periodic : bool
         Whether the last cell is a neighbour of the first one.
     unit : str
-        ``"m"``, ``"rad"``, ``"cell"``, ...; for labels only.
+        Unit of the coordinate, such as ``"m"``, ``"rad"`` or ``"cell"``; for labels only.
 
     Raises
     ------

@@ -77,7 +77,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     Parameters
     ----------
     space : ConfigurationSpace
-        One to four axes, with at least one goal cell.
+        Space with one to four axes and at least one goal cell.
     wiring : Wiring, optional
         Boundary conditions, drive and element values.  By default obstacles are at 1 V, goals at 0 V, and neighbours
         are connected by 10 kohm.
@@ -87,7 +87,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     Returns
     -------
     Netlist
-        Ground first, then the obstacle rail, the goal rails, and the cells in C order; with a `CellMap`.
+        Netlist with a `CellMap`.  The order of the nodes is ground, obstacle rail, goal rails, cells in C order.
 
     Raises
     ------

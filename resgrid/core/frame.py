@@ -32,8 +32,8 @@ class Frame:
     yaw : float
         Angle from the world's x axis to the x axis of the space, in radians, anticlockwise.
     turning_length : float or None
-        For a robot with a heading, which is the third coordinate: the heading in radians times this length, in metres.
-        The heading is rotated with the space.
+        Length in metres for a robot with a heading, else None.  The third coordinate is then the heading in radians
+        times this length, and is rotated with the space.
 
     Raises
     ------

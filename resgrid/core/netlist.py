@@ -43,7 +43,7 @@ _FACES = {
 @frozen
 @dataclass(frozen=True, eq=False)
 class CellMap:
-    """Map between the nodes and resistors of a compiled netlist and the cells and faces of its space.
+    """Map between the nodes and resistors of a compiled netlist and the cells and faces of the compiled space.
 
     Attributes
     ----------
@@ -253,7 +253,7 @@ class Netlist:
 
         Returns
         -------
-        list of str
+        list of str, one per node
 
         Raises
         ------
@@ -379,7 +379,10 @@ def add_elements(
 
 
 def crossed_by(netlist: Netlist, kind: str, which: NDArray[np.bool_] | slice = slice(None)) -> dict[str, NDArray[Any]]:
-    """Return the crossed faces and directions of elements as keywords of `add_elements`; empty without cells."""
+    """Return the crossed faces and directions of elements as keywords of `add_elements`; empty without cells.
+
+    `kind`: kind of element, such as ``"resistor"``; `which`: mask or slice of the elements.
+    """
     if netlist.cell_map is None:
         return {}
     return {

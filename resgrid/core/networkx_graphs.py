@@ -1,4 +1,4 @@
-"""Checks of the fields of netlists, and conversion between netlists and networkx graphs, without the cell map."""
+"""Checks of the fields of netlists, and conversion between netlists and networkx graphs (without the map of cells)."""
 
 from __future__ import annotations
 

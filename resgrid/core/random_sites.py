@@ -70,7 +70,10 @@ def scale_resistances(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
 
 
 def seed_of(seed: Any) -> Seed:
-    """Return a seed as integers; raise InputError unless it is an integer >= 0, a tuple of these or a SeedSequence."""
+    """Return a seed as an integer, or as a tuple of integers (entropy, spawn key); raise InputError for other values.
+
+    `seed`: integer of at least 0, tuple of such integers, or `numpy.random.SeedSequence`.
+    """
     if isinstance(seed, np.random.SeedSequence):
         entropy = seed.entropy if isinstance(seed.entropy, int) else None
         seed = None if entropy is None else (entropy, *seed.spawn_key) if seed.spawn_key else entropy

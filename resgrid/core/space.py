@@ -59,8 +59,8 @@ class ConfigurationSpace:
         Position and rotation of the axes in the world; by default the axes are the world's.  Only a plane may be moved
         or rotated.
     goal_points : array_like of float, shape (number of goal cells, ndim), optional
-        For every goal cell, in C order, a configuration in the cell that solves the goal, in axis units; NaN if every
-        configuration of the cell does.
+        Configuration in every goal cell that solves the goal, for goal cells in C order, in axis units; NaN if every
+        configuration of the cell solves the goal.
     robot : Robot, optional
         The robot whose configurations the space describes; a point by default.
 
