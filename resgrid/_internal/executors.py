@@ -134,7 +134,7 @@ def _follow_parent() -> None:
 
 @contextmanager
 def _dask(address: str) -> Iterator[Executor]:
-    """Yield an executor of the dask scheduler at ``HOST:PORT``; raise InputError if no scheduler answers."""
+    """Yield an executor of the dask scheduler at `address` (``HOST:PORT``); raise InputError without an answer."""
     distributed = _needed("distributed", "dask")
     try:
         client = distributed.Client(f"tcp://{address}", timeout=DASK_SECONDS, set_as_default=False)

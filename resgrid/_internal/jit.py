@@ -39,7 +39,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def kernel(function: _Function) -> _Function:
-    """Return a compiled function for calls from Python, which is cached on disk and releases the GIL while it runs.
+    """Return `function` compiled for calls from Python, cached on disk; it releases the GIL while it runs.
 
     A device function is accepted, too, and is compiled again as a kernel.  A kernel must not return a named tuple:
     Python crashes if a signal arrives while numba creates it.
@@ -48,7 +48,7 @@ def kernel(function: _Function) -> _Function:
 
 
 def kernel_fast(function: _Function) -> _Function:
-    """Return a compiled `kernel` in which the compiler may reorder sums."""
+    """Return `function` compiled as a `kernel` in which the compiler may reorder sums."""
     return _cached(function, fastmath=FAST)
 
 
@@ -68,10 +68,10 @@ def inlined(function: _Function) -> _Function:
 
 
 def interruptible(function: _Function) -> _Function:
-    """Return a wrapper of a kernel in which Ctrl-C raises KeyboardInterrupt, for kernels with tuples of arrays.
+    """Return a wrapper of the kernel `function`, in which Ctrl-C raises KeyboardInterrupt.
 
-    If a signal arrives while numba creates the arrays, the kernel raises SystemError instead.  The wrapped kernel can
-    be called from Python only.
+    The wrapper is for kernels that take or return tuples of arrays.  If a signal arrives while numba creates the
+    arrays, the kernel raises SystemError instead.  The wrapped kernel can be called from Python only.
     """
 
     @wraps(function)

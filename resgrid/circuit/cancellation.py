@@ -125,7 +125,10 @@ class _State:
     net: list[int]
 
     def current(self, resistor: _Resistor, fall: int) -> int:
-        """Return the current of a resistor for the voltage difference `fall`, both in integer units, rounded down."""
+        """Return the current of a resistor for the voltage difference `fall`, rounded down to an integer.
+
+        The current is in units of ``2**unit_amps`` A, and `fall` in units of ``2**unit_volts`` V.
+        """
         return fall * resistor.siemens >> resistor.places + self.unit_amps - self.unit_volts
 
     def conduct(self, resistor: _Resistor, fall: int) -> None:
@@ -193,7 +196,7 @@ class _State:
 
     @property
     def floor(self) -> int:
-        """Binary logarithm of the current, in units of current, below which currents are never resolved."""
+        """Binary logarithm of the magnitude, in units of ``2**unit_amps`` A, below which a current may be set to zero."""
         return _GUARD // 2
 
     def references(self) -> list[int]:
@@ -206,7 +209,10 @@ class _State:
         return sorted({_units(volts, self.unit_volts) for volts in known})
 
     def source_currents(self) -> list[int]:
-        """Return the currents into the plus terminals of the voltage sources, (sources,), in integer units."""
+        """Return the currents into the plus terminals of the voltage sources, (sources,), as integers.
+
+        The unit of current is ``2**unit_amps`` A.
+        """
         netlist, outflow = self.system.netlist, [0] * len(self.volts)
         for each in self.resistors:
             amps = self.current(each, self.volts[each.nodes[0]] - self.volts[each.nodes[1]])
@@ -279,9 +285,9 @@ def _initial_state(system: Equations) -> _State:
 
 
 def _offsets(system: Equations, unit: int) -> list[int]:
-    """Return the voltages of all nodes above the roots of their trees of voltage sources, (nodes,), in units.
+    """Return the voltages of all nodes above the roots of their trees of voltage sources, (nodes,), as integers.
 
-    `unit`: binary logarithm of the unit in volts.
+    `unit`: binary logarithm of the unit of voltage in volts.
     """
     netlist, offset = system.netlist, [0] * system.netlist.node_count
     plus, volts = netlist.source_nodes[:, 0].tolist(), netlist.source_volts.tolist()

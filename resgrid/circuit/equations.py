@@ -271,7 +271,8 @@ def components_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceF
 def refuse_floating_currents(netlist: Netlist, components: Components, *, unless_balanced: bool = False) -> None:
     """Raise CircuitError if current sources drive a floating component.
 
-    `unless_balanced`: whether to accept a component if its source currents add up to 0.
+    `components`: components of the netlist; `unless_balanced`: whether to accept a component if its source currents add
+    up to 0.
     """
     if not np.any(components.has_drive & components.floating):
         return

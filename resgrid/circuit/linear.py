@@ -44,7 +44,12 @@ _STIFF = 1e-9
 def solve_linear(
     netlist: Netlist, *, accuracy: str, method: str, rtol: float, threads: int = 1, progress: Progress | None = None
 ) -> OperatingPoint:
-    """Return the operating point of a netlist without nonlinear resistors; `solve` explains the options and errors.
+    """Return the operating point of a netlist without nonlinear resistors.
+
+    `accuracy`: ``"direction"`` (componentwise) or ``"normwise"``; `method`: ``"auto"``, ``"direct"`` or
+    ``"multigrid"``; `rtol`: largest backward error for ``"normwise"``; `threads`: largest number of threads;
+    `progress`: function called after every iteration.  Raise CircuitError without an operating point, AccuracyError if
+    the accuracy is not reached.
 
     The stages, whose wall-clock times are in `OperatingPoint.seconds`:
 
@@ -171,7 +176,7 @@ def _tiny_currents(system: Equations, point: OperatingPoint) -> BranchCurrents |
 
 
 def _may_cancel(system: Equations, solution: _Solution) -> bool:
-    """Return whether currents may have lost their digits to cancellation, and can be recovered.
+    """Return whether currents may have lost their digits to cancellation and can be recovered.
 
     `solution`: solution before the recovery.  Grids with currents outside the range of doubles are not recovered.
     """
@@ -233,7 +238,10 @@ def _recover(system: Equations, run: _Run, solution: _Solution) -> _Solution:
 
 
 def _check_accuracy(solution: _Solution) -> None:
-    """Raise AccuracyError if the solve did not converge, currents may cancel, or the field is not direction-safe."""
+    """Raise AccuracyError if the solve did not converge, currents may cancel, or the field is not direction-safe.
+
+    `solution`: solution with the residuals and error bounds that are checked.
+    """
     point, residual = solution.point, solution.residual
     if not solution.recovered and not is_answer(point.backward_error, point.entry_error):
         raise AccuracyError(

@@ -41,18 +41,18 @@ State = NDArray[np.float64]
 
 
 def rate_of(method: Method, h: float) -> float:
-    """Return the factor of ``C`` in the matrix of a step, in 1/s; `h`: length of the step in seconds.
+    """Return the factor of ``C`` in the matrix of a step, in 1/s, equal for both stages of TR-BDF2.
 
-    Both stages of TR-BDF2 have the same factor.
+    `method`: integration method; `h`: length of the step in seconds.
     """
     return {"backward_euler": 1.0, "trapezoidal": 2.0, "tr-bdf2": 2.0 + _ROOT2}[method] / h
 
 
 def advance(dynamics: Dynamics, method: Method, state: State, h: float, factors: Factors) -> State:
-    """Return the state (2, n) after one step; `h`: length of the step in seconds.
+    """Return the state (2, n) after one step.
 
-    `dynamics`: equations of the circuit; `state` (2, n): state before the step; `factors`: function that returns the
-    factors of the matrix for a rate.
+    `dynamics`: equations of the circuit; `method`: integration method; `state` (2, n): state before the step; `h`:
+    length of the step in seconds; `factors`: function that returns the factors of ``G + rate C`` for a rate in 1/s.
     """
     if not dynamics.size:
         return state
@@ -68,9 +68,11 @@ def advance(dynamics: Dynamics, method: Method, state: State, h: float, factors:
 def fixed_steps(
     dynamics: Dynamics, method: Method, state: State, times: NDArray[np.float64], step: float, factors: Factors
 ) -> Iterator[tuple[State, int]]:
-    """Yield the state at every output time, and the number of steps until then.
+    """Yield the state (2, n) at every output time, and the number of steps until then.
 
-    `state` (2, n): state at 0+; `times` (t,): output times in seconds; `step`: largest length of a step in seconds.
+    `method`: integration method; `state` (2, n): state at 0+; `times` (t,): output times in seconds; `step`: largest
+    length of a step in seconds; `factors`: function that returns the factors of ``G + rate C`` for a rate in 1/s.
+
     Every interval between output times is divided into equal steps.  The trapezoidal rule starts with four backward
     Euler steps of half the length (Rannacher 1984).
     """
@@ -91,7 +93,7 @@ def fixed_steps(
 
 
 def check_steps(count: float) -> None:
-    """Raise BudgetError if the number of time steps exceeds ten million."""
+    """Raise BudgetError if `count`, the number of time steps, exceeds ten million."""
     if count > _MOST_STEPS:
         raise BudgetError(
             f"the integration needs more than {_MOST_STEPS:,} steps; choose a longer step, a shorter time or a larger "
@@ -122,11 +124,14 @@ _MOST_HALVINGS = 30
 def controlled_steps(
     dynamics: Dynamics, method: Method, state: State, times: NDArray[np.float64], tolerance: float, factors: Factors
 ) -> Iterator[tuple[State, int]]:
-    """Yield the state at every output time, and the number of steps until then, for steps of ``2**k`` seconds.
+    """Yield the state (2, n) at every output time, and the number of steps until then, with error control.
 
-    `state` (2, n): state at 0+; `times` (t,): output times in seconds; `tolerance`: largest error of a voltage, as a
-    fraction of the largest voltage difference.  The solution after two half steps is used.  Raise AccuracyError if
-    rounding errors exceed the tolerance.
+    `method`: integration method; `state` (2, n): state at 0+; `times` (t,): output times in seconds; `tolerance`:
+    largest error of a voltage, as a fraction of the largest voltage difference; `factors`: function that returns the
+    factors of ``G + rate C`` for a rate in 1/s.
+
+    Steps have ``2**k`` seconds.  The solution after two half steps is used.  Raise AccuracyError if rounding errors
+    exceed the tolerance.
     """
     order, step_rtol, end = _ORDER[method], _step_tolerance(method, tolerance), float(times[-1])
     low, high = _range(dynamics, state)
@@ -166,8 +171,8 @@ def controlled_steps(
 def _step_tolerance(method: str, tolerance: float) -> float:
     """Return the largest estimated error of one step, as a fraction of the largest voltage difference.
 
-    `tolerance`: largest error of the whole integration, as the same fraction.  Raise AccuracyError if rounding errors
-    of steps would exceed it.
+    `method`: integration method; `tolerance`: largest error of the whole integration, as a fraction of the largest
+    voltage difference.  Raise AccuracyError if rounding errors of steps would exceed the tolerance.
     """
     accumulated = float((_ACCUMULATION[method] * tolerance) ** (1.0 + 1.0 / _ORDER[method]))
     step_rtol = min(_MOST_OF_TOLERANCE * tolerance, accumulated)
@@ -213,7 +218,7 @@ def _first_exponent(
 
 
 def _between(before: State, half: State, after: State, part: float, h: float) -> State:
-    """Return the state inside a step by quadratic interpolation of the states before, halfway and after.
+    """Return the state inside a step by quadratic interpolation of the states `before`, `half` (midpoint) and `after`.
 
     `part`: time since the beginning of the step, as a fraction of the step; `h`: length of the step in seconds.
     """

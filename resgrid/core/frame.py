@@ -159,7 +159,10 @@ class Frame:
         return np.array((self.x, self.y, self.yaw * (self.turning_length or 0.0))[: points.shape[-1]])
 
     def _turned(self, points: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return vectors (..., ndim) whose first two components are multiplied by a matrix (2, 2) from the right."""
+        """Return vectors (..., ndim) whose first two components are multiplied by `rotation` (2, 2) from the right.
+
+        `points` (..., ndim): the vectors before the multiplication.
+        """
         self._check_size(points)
         plane = points[..., :2] @ rotation
         return plane if points.shape[-1] == 2 else np.concatenate([plane, points[..., 2:]], axis=-1)

@@ -185,7 +185,7 @@ def face_counts(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def by_axis(faces: NDArray[Any], shape: tuple[int, ...]) -> tuple[NDArray[Any], ...]:
-    """Split a flat array of face values, and return one view per axis, each of shape `face_shape`.
+    """Split a flat array of face values (`faces`), and return one view per axis, each of shape `face_shape`.
 
     `shape`: number of cells along every axis.
     """
