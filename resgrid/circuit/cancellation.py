@@ -196,7 +196,7 @@ class _State:
 
     @property
     def floor(self) -> int:
-        """Binary logarithm of the magnitude, in units of ``2**unit_amps`` A, below which a current may be set to zero."""
+        """Binary logarithm of the current, in units of ``2**unit_amps`` A, below which currents may be set to zero."""
         return _GUARD // 2
 
     def references(self) -> list[int]:
