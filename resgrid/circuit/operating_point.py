@@ -68,7 +68,7 @@ class OperatingPoint:
         Method of the linear solves: ``"direct"``, ``"multigrid"``, or ``"none"`` if no voltage was unknown; with
         nonlinear resistors it begins with ``"newton, "``.
     seconds : mapping of str to float
-        Wall-clock time of each stage.
+        Wall-clock time of each stage of the solve, in seconds, by the name of the stage.
     threads : int
         Number of threads that the solve used: 1 if several would not be faster.
     iterations : int

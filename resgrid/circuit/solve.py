@@ -44,8 +44,8 @@ def solve(
     Parameters
     ----------
     netlist : Netlist or Circuit
-        Resistors and sources; capacitors are open.  A circuit from a deck is converted by its ``netlist()``.  Circuits
-        with nonlinear resistors are solved by Newton's method.
+        Circuit of resistors and sources; capacitors are open.  The method ``netlist()`` of a circuit from a deck
+        converts the circuit.  Circuits with nonlinear resistors are solved by Newton's method.
     accuracy : {"direction", "normwise"}
         ``"direction"``: at every node KCL holds to 1e-6 of the current through that node, however small this current
         is; otherwise `AccuracyError` is raised.  The direction of the current is then right everywhere.  Currents that
@@ -60,7 +60,7 @@ def solve(
         Method for the linear systems; ``"auto"`` chooses by size and shape
         (`resgrid.solvers.method_choice.choose_method`).  The operating point reports the choice.
     rtol : float
-        Largest backward error for ``"normwise"``.
+        Largest normwise backward error for ``"normwise"``; unused for ``"direction"``.
     threads : int
         Largest number of threads; the result has the same digits for any number.  ``"multigrid"`` uses several on
         planes of at least 250,000 nodes and on volumes of at least 500,000: for sweeps over the finest levels, for
@@ -71,7 +71,7 @@ def solve(
     progress : callable, optional
         Called after every step of an iterative method with the number of steps, the residual relative to the start of
         the current pass, and an estimate of the remaining seconds of that pass (None without progress).  With several
-        threads it is called from each.
+        threads, every thread calls the function.
 
     Returns
     -------

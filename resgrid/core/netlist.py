@@ -391,7 +391,7 @@ def crossed_by(netlist: Netlist, kind: str, which: NDArray[np.bool_] | slice = s
 
 
 def select_elements(netlist: Netlist, kind: str, keep: NDArray[np.bool_]) -> Netlist:
-    """Return a netlist with only those elements of a kind that `keep` (elements,) marks, without element names."""
+    """Return a netlist without the elements of a kind for which `keep` (elements,) is False, and without names."""
     columns = {name: getattr(netlist, name) for name in ARRAYS[kind]}
     changes: dict[str, Any] = {name: column[keep] for name, column in columns.items() if column is not None}
     if netlist.cell_map is not None and kind in _FACES:
