@@ -35,7 +35,7 @@ def __dir__() -> list[str]:
 
 
 def _picture(value: object) -> str | None:
-    """Return the HTML that a notebook shows for a value; None without a picture.
+    """Return the picture that a notebook shows for a value, as HTML; None for values without a picture.
 
     The module of the pictures is imported here, at the first picture, because lower packages must not import it.
     """

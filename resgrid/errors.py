@@ -1,8 +1,8 @@
 """Exceptions of resgrid, and suggestions for misspelt names.
 
-A message states the problem, its place (file, line, key, cell) and a remedy.  Every exception also derives from the
-matching built-in class, so that ``except ValueError`` catches an `InputError`.  The command line maps each class to an
-exit code; the library never exits.
+A message states the problem, the place of the problem (file, line, key, cell) and a remedy.  Every exception also
+derives from the matching built-in class, so that ``except ValueError`` catches an `InputError`.  The command line maps
+each class to an exit code; the library never exits.
 """
 
 from __future__ import annotations
@@ -133,7 +133,8 @@ class WorkerError(ResgridError, RuntimeError):
 def suggestion(name: str, known: Iterable[str]) -> str:
     """Return a question that proposes the most similar known name; an empty string if no known name is similar.
 
-    Names that differ only in their final digits, such as ros1 and ros2, are not similar: they mean different things.
+    `name`: misspelt name; `known`: valid names.  Names that differ only in their final digits, such as ros1 and ros2,
+    are not similar: they mean different things.
     """
     from difflib import get_close_matches
 

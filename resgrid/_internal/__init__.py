@@ -1,4 +1,4 @@
 """Infrastructure without physics: validation, values, files, checkpoints, memory, executors, compiled kernels.
 
-It may import only `resgrid.errors` of resgrid.
+Modules of this package may import only `resgrid.errors` from the rest of resgrid.
 """

@@ -13,18 +13,21 @@ from resgrid.errors import InputError
 _REMEDY = "remove it or name another"
 
 _MAX_HEAD_BYTES = 65536
-"""Maximum length of the first line in bytes; limits the memory for reading a file that is not a checkpoint."""
+"""Maximum length of the first line in bytes.  The limit bounds the memory for reading a file that is no checkpoint."""
 
 
 class Journal:
-    """A file of JSON lines, the first of which (the head) identifies the run.
+    """A checkpoint file of JSON lines; the first line (the head) identifies the run.
 
     An incomplete last line is deleted and later written again: an interrupted and continued run ends with the same
     bytes as an uninterrupted one.
     """
 
     def __init__(self, path: str | os.PathLike[str], head: dict[str, Any]) -> None:
-        """Create or continue a file; raise InputError if it is not a checkpoint or belongs to another run."""
+        """Create or continue a file; raise InputError if it is not a checkpoint or belongs to another run.
+
+        `path`: path of the file; `head`: description of the run, which the first line of the file must equal.
+        """
         self._path, line = Path(path), _line(head).encode()
         try:
             with self._path.open("ab+") as file:
@@ -45,7 +48,7 @@ class Journal:
             raise self._unusable(error) from error
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        """Iterate over the records, without the head."""
+        """Yield the records of the file in order, without the head; raise InputError if a line is damaged."""
         with self._path.open(encoding="utf-8", errors="replace") as file:
             next(file)
             for number, text in enumerate(file, 2):
@@ -56,7 +59,10 @@ class Journal:
                 yield record
 
     def append(self, record: dict[str, Any]) -> None:
-        """Append a record and close the file, so that the record survives if the process is killed."""
+        """Append a record and close the file, so that the record survives the death of the process.
+
+        `record`: values that JSON can represent, by name.  Raise InputError if the file cannot be written.
+        """
         try:
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(_line(record))
@@ -64,7 +70,7 @@ class Journal:
             raise self._unusable(error) from error
 
     def _check(self, first: bytes, head: dict[str, Any]) -> None:
-        """Raise InputError if the first line of the file is not the expected head."""
+        """Raise InputError if the first line of the file (`first`) is not the expected head."""
         try:
             found = json.loads(first.decode(errors="replace"))
         except ValueError as error:
@@ -78,17 +84,17 @@ class Journal:
             )
 
     def _unusable(self, error: OSError) -> InputError:
-        """Return the InputError for a file that cannot be written."""
+        """Return the InputError for a checkpoint that cannot be written; `error`: exception of the failed operation."""
         return InputError(
             f"cannot write the checkpoint {str(self._path)!r}: {error.strerror}; check the path, its permissions and "
             "the free space, then run again: the results that it holds are kept"
         )
 
     def damaged(self, why: object) -> InputError:
-        """Return the InputError for a damaged file."""
+        """Return the InputError for a damaged checkpoint; `why`: reason, for the message."""
         return InputError(f"cannot read the checkpoint {str(self._path)!r}: {why}; {_REMEDY}")
 
 
 def _line(record: dict[str, Any]) -> str:
-    """Return a record as a line of compact JSON."""
+    """Return a record as a line of compact JSON, with the line end."""
     return json.dumps(record, separators=(",", ":")) + "\n"

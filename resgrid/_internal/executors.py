@@ -1,4 +1,4 @@
-"""Creation of executors from their names: ``processes:4``, ``dask://HOST:PORT``, ``mpi``, ``parsl:FILE``."""
+"""Creation of executors from names such as ``processes:4``, ``dask://HOST:PORT``, ``mpi`` and ``parsl:FILE``."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from resgrid._internal.extras import install_command
 from resgrid.errors import InputError, ToolMissingError
 
 FORMS = "processes[:N], dask://HOST:PORT, mpi or parsl:FILE"
-"""Accepted names of executors, for messages."""
+"""List of the accepted names of executors, for messages."""
 
 DASK_SECONDS = 10.0
-"""Maximum time in seconds until a dask scheduler answers."""
+"""Maximum waiting time for the answer of a dask scheduler, in seconds."""
 
 _POLL_INTERVAL = 0.2
 """Time in seconds between two checks of the workers while a process pool shuts down."""
@@ -95,7 +95,7 @@ def renewed(executor: Executor) -> Executor | None:
 
 @contextmanager
 def _processes(count: int) -> Iterator[Executor]:
-    """Open a pool of new (spawned) processes that end with this process."""
+    """Yield a pool of `count` new (spawned) processes, and end them with the block or with this process."""
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(count, mp_context=context, initializer=_follow_parent)
     try:
@@ -105,7 +105,7 @@ def _processes(count: int) -> Iterator[Executor]:
 
 
 def _end(executor: ProcessPoolExecutor) -> None:
-    """Shut down a pool; if a worker dies during the shutdown, terminate all its workers.
+    """Shut down a pool; if a worker dies during the shutdown, terminate all workers of the pool.
 
     The dead worker may hold the lock of the common queue, and the pool would then wait for the others forever.
     """
@@ -120,7 +120,7 @@ def _end(executor: ProcessPoolExecutor) -> None:
 
 
 def _follow_parent() -> None:
-    """In a worker process: ignore Ctrl-C, and exit as soon as the parent process has ended."""
+    """Initialize a worker process: ignore Ctrl-C, and exit as soon as the parent process has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
 
@@ -134,7 +134,7 @@ def _follow_parent() -> None:
 
 @contextmanager
 def _dask(address: str) -> Iterator[Executor]:
-    """Connect to a dask scheduler at ``HOST:PORT``."""
+    """Yield an executor of the dask scheduler at `address` (``HOST:PORT``); raise InputError without an answer."""
     distributed = _needed("distributed", "dask")
     try:
         client = distributed.Client(f"tcp://{address}", timeout=DASK_SECONDS, set_as_default=False)
@@ -146,7 +146,10 @@ def _dask(address: str) -> Iterator[Executor]:
 
 @contextmanager
 def _mpi() -> Iterator[Executor]:
-    """Use all MPI ranks except rank 0 as workers; on these ranks, end the process after the block of rank 0."""
+    """On MPI rank 0, yield an executor on the other ranks; on the other ranks, work for rank 0 and end the process.
+
+    Raise InputError if rank 0 is the only rank.
+    """
     futures = _needed("mpi4py.futures", "mpi")
     mpi = importlib.import_module("mpi4py.MPI")
     world = mpi.COMM_WORLD
@@ -166,7 +169,7 @@ def _mpi() -> Iterator[Executor]:
 
 @contextmanager
 def _parsl(file: str) -> Iterator[Executor]:
-    """Open a parsl executor with the ``config`` that a Python file defines."""
+    """Yield a parsl executor with the ``config`` of a Python file; raise InputError if the file does not define one."""
     concurrent = _needed("parsl.concurrent", "parsl")
     try:
         config = runpy.run_path(file)["config"]
@@ -189,7 +192,7 @@ def _parsl(file: str) -> Iterator[Executor]:
 
 @contextmanager
 def _interrupts_ignored() -> Iterator[None]:
-    """Let processes that are started in the block ignore Ctrl-C; without effect outside the main thread."""
+    """Make processes that are started in the block ignore Ctrl-C; without effect outside the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -201,7 +204,10 @@ def _interrupts_ignored() -> Iterator[None]:
 
 
 def _needed(module: str, extra: str) -> Any:
-    """Import a module of an optional package; raise ToolMissingError with the installation command of its extra."""
+    """Import and return a module of an optional package; raise ToolMissingError if the package is missing.
+
+    `module`: name of the module; `extra`: extra of resgrid whose installation command is in the message.
+    """
     try:
         return importlib.import_module(module)
     except ImportError as error:

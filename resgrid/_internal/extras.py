@@ -9,14 +9,14 @@ from importlib import metadata
 from pathlib import Path
 
 _ENTRY = re.compile(r"""(?P<package>[^;]+?)\s*;.*\bextra\s*==\s*['"](?P<extra>[\w-]+)['"]""")
-"""A requirement of an extra in the metadata of a distribution, such as ``mpi4py>=4; extra == 'mpi'``."""
+"""Pattern of a requirement of an extra in the metadata of a distribution, such as ``mpi4py>=4; extra == 'mpi'``."""
 
 
 def install_command(extra: str) -> str:
-    """Return the command that installs the packages of an extra of resgrid.
+    """Return the shell command that installs the packages of an extra of resgrid; `extra`: name, such as ``"mpi"``.
 
-    The command names the packages themselves: it works for a checkout, a wheel and an index, and without an activated
-    environment.
+    The command names the packages themselves, so that it works for a checkout, a wheel and an index, and without an
+    activated environment.
     """
     try:
         entries = filter(None, map(_ENTRY.match, metadata.requires("resgrid") or ()))

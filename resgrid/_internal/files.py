@@ -23,12 +23,12 @@ MAX_TEXT_BYTES = 1 << 28
 """Maximum size of a text file, in bytes."""
 
 _STALE = 86_400.0
-"""Age in seconds from which an unlocked temporary file is a remnant of a killed process."""
+"""Age in seconds above which an unlocked temporary file is deleted as a remnant of a killed process."""
 
 
 @contextlib.contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Create a folder in the system's temporary folder (``TMPDIR``), and delete it at the end of the block.
+    """Yield a new folder in the system's temporary folder (``TMPDIR``), and delete the folder at the end of the block.
 
     The folder is deleted twice: if the process ends while another thread deletes it, one of both calls succeeds.
     """
@@ -43,10 +43,10 @@ def temporary_folder() -> Iterator[Path]:
 def read_bytes(
     path: Path, limit: int | None = None, *, name: str | None = None, first: int = -1, piped: bool = True
 ) -> bytes:
-    """Return the bytes of a file.
+    """Return the bytes of a file; raise InputError if the file cannot be read.
 
-    `limit`: maximum size in bytes; `name`: name of the file in messages; `first`: number of bytes to read, -1 for all;
-    `piped`: whether a pipe is accepted.
+    `path`: path of the file; `limit`: maximum size in bytes, None for no limit; `name`: name of the file in messages,
+    by default the path; `first`: number of bytes to read, -1 for all; `piped`: whether a pipe is accepted.
     """
     said = str(path) if name is None else name
     try:
@@ -72,12 +72,15 @@ def read_bytes(
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a UTF-8 file with LF line ends."""
+    """Return the text of a UTF-8 file with LF line ends; raise InputError if the file cannot be read or decoded."""
     return decode(read_bytes(path, MAX_TEXT_BYTES), path)
 
 
 def decode(data: bytes, path: Path) -> str:
-    """Decode UTF-8 text, without its byte order mark and with LF line ends; `path` is for messages."""
+    """Return UTF-8 bytes as text, without byte order mark and with LF line ends; raise InputError for other bytes.
+
+    `path`: name of the file in messages.
+    """
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -87,12 +90,12 @@ def decode(data: bytes, path: Path) -> str:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
-    """Write UTF-8 text atomically, with unchanged line ends, and return the path."""
+    """Write UTF-8 text to a file atomically, with unchanged line ends, and return the path of the file."""
     return write_bytes(path, text.encode("utf-8"))
 
 
 def write_bytes(path: str | os.PathLike[str], data: bytes) -> Path:
-    """Write bytes atomically, and return the path."""
+    """Write bytes to a file atomically, and return the path of the file."""
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
     return Path(path)
@@ -100,11 +103,11 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> Path:
 
 @contextlib.contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path that replaces ``path`` if the block succeeds and is deleted if the block fails.
+    """Yield the path of a temporary file that replaces `path` if the block succeeds, and is deleted otherwise.
 
     The temporary file lies in the same folder and has the same suffix, because some writers choose a format by suffix.
     A symbolic link is followed.  A device such as ``/dev/stdout`` is written after the block, when the content is
-    complete.
+    complete.  Raise InputError if `path` cannot be written.
     """
     target = target_of(Path(path))
     is_device = Path(path).exists() and not Path(path).is_file()
@@ -126,15 +129,15 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def whole_folder(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary folder in the parent of ``path``, whose files are moved to ``path`` if the block succeeds.
+    """Yield a temporary folder next to `path`, whose files are moved to the folder `path` if the block succeeds.
 
-    An existing folder keeps its other files, except files that its earlier ``summary.json`` lists and that were not
-    written again.  The summary is moved last.
+    An existing folder `path` keeps its other files, except files that the ``summary.json`` of the earlier run lists and
+    that were not written again.  The summary is moved last.
 
     Raises
     ------
     InputError
-        If ``path`` is a file or cannot be written, or another process is writing the same folder.
+        If `path` is a file or cannot be written, or another process is writing the same folder.
     """
     target = Path(path)
     if target.exists() and not target.is_dir():
@@ -163,7 +166,7 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
 
 
 def _make_parents(target: Path) -> list[Path]:
-    """Create the parents of a folder, and return those that did not exist, innermost first."""
+    """Create the parents of a folder, and return the created ones, innermost first; raise InputError on failure."""
     try:
         missing = [parent for parent in target.absolute().parents if not parent.exists()]
         target.absolute().parent.mkdir(parents=True, exist_ok=True)
@@ -173,7 +176,7 @@ def _make_parents(target: Path) -> list[Path]:
 
 
 def _move_files(temporary: Path, target: Path) -> None:
-    """Move all files of a temporary folder to `target`, the summary last, and delete the outdated files there."""
+    """Move all files of the folder `temporary` to `target`, the summary last, and delete outdated files in `target`."""
     if not target.exists():
         temporary.rename(target)
         return
@@ -186,7 +189,7 @@ def _move_files(temporary: Path, target: Path) -> None:
 
 
 def _earlier_files(target: Path) -> set[str]:
-    """Return the names of existing files that the summary of an earlier run lists."""
+    """Return the names of the files in the folder `target` that the summary of an earlier run lists."""
     try:
         listed = json.loads((target / SUMMARY).read_text(encoding="utf-8"))["files"]
         names = {str(name) for name in listed}
@@ -196,7 +199,10 @@ def _earlier_files(target: Path) -> set[str]:
 
 
 def temporary_place(folder: Path, stem: str, suffix: str = "") -> Path:
-    """Return a new path for a temporary file or folder, and delete remnants of killed processes with the same stem."""
+    """Return a new path for a temporary file or folder, and delete remnants of killed processes with the same stem.
+
+    `folder`: folder of the path; `stem`, `suffix`: beginning and end of the name.
+    """
     with contextlib.suppress(OSError):  # another process deleted the remnant; an unwritable folder fails later
         for remnant in _temporary_paths(folder, stem, suffix):
             if time.time() - remnant.lstat().st_mtime > _STALE and not _is_locked(remnant):
@@ -205,17 +211,17 @@ def temporary_place(folder: Path, stem: str, suffix: str = "") -> Path:
 
 
 def _temporary_paths(folder: Path, stem: str, suffix: str = "") -> list[Path]:
-    """Return the existing paths in a folder that `temporary_place` chose for a stem and suffix."""
+    """Return the existing paths in a folder whose names `temporary_place` has made from the same stem and suffix."""
     ours = re.compile(re.escape(f".{stem[:80]}-") + "[0-9a-f]{12}" + re.escape(suffix[:20]))
     return [path for path in folder.iterdir() if ours.fullmatch(path.name)]
 
 
 @contextlib.contextmanager
 def _locked(place: Path) -> Iterator[bool]:
-    """Lock a temporary file or folder during the block; yield True if the lock was acquired.
+    """Lock a temporary file or folder during the block; yield whether the lock was acquired.
 
-    The system releases the lock when the process ends.  The value is also True if the path does not exist or the file
-    system has no locks (Windows, some network file systems).
+    `place`: path of the file or folder.  The system releases the lock when the process ends.  The value is also True if
+    the path does not exist or the file system has no locks (Windows, some network file systems).
     """
     try:
         number = os.open(place, os.O_RDONLY)
@@ -229,13 +235,13 @@ def _locked(place: Path) -> Iterator[bool]:
 
 
 def _is_locked(place: Path) -> bool:
-    """Return whether another process has locked a path."""
+    """Return whether another process has locked the file or folder `place`."""
     with _locked(place) as acquired:
         return not acquired
 
 
 def _lock(number: int) -> bool:
-    """Lock an open file descriptor without waiting; return False if another process has locked it."""
+    """Lock an open file descriptor without waiting; return False if another process has locked the file, else True."""
     try:
         import fcntl
 
@@ -248,7 +254,7 @@ def _lock(number: int) -> bool:
 
 
 def target_of(path: Path) -> Path:
-    """Return the file that a path or symbolic link names; raise InputError if it cannot be written."""
+    """Return the file that a path or symbolic link refers to; raise InputError if that file cannot be written."""
     try:
         target = path.resolve()
         if target.is_dir():
@@ -263,10 +269,10 @@ def target_of(path: Path) -> Path:
 
 
 def _create_temporary(folder: Path, target: Path, path: Path) -> Path:
-    """Create an empty temporary file in a folder, and return its path.
+    """Create an empty temporary file in a folder, and return its path; raise InputError if this fails.
 
-    `target`: file that the temporary file will replace; its name is part of the temporary name; `path`: name of the
-    target as the caller wrote it, for messages.
+    `folder`: folder of the temporary file; `target`: file that the temporary file will replace, whose name is part of
+    the temporary name; `path`: name of the target as the caller wrote it, for messages.
     """
     # tempfile.mkstemp creates private files (0600); results must obey the user's umask.
     temporary = temporary_place(folder, target.stem, target.suffix)
@@ -278,6 +284,6 @@ def _create_temporary(folder: Path, target: Path, path: Path) -> Path:
 
 
 def _unwritable(path: Path, error: Exception) -> InputError:
-    """Return the InputError for a path that cannot be written."""
+    """Return the InputError for a path that cannot be written; `error`: exception of the failed operation."""
     reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return InputError(f"cannot write {str(path)!r}: {reason}; check the path, its permissions and the free space")

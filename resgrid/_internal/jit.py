@@ -18,18 +18,19 @@ import numpy as np
 from numba import njit
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}
-"""Permitted floating-point rewrites: sums may be reordered and vectorized; infinities and NaN keep their meaning."""
+"""Permitted floating-point optimizations: sums may be reordered and vectorized; infinities and NaN are preserved."""
 
 ZERO = cast(int, np.int64(0))
-"""A zero of type int64 that is not a literal: numba specializes functions on literal arguments."""
+"""Zero of type int64, for kernels; numba would compile a function again for a literal argument 0."""
 
 _STAMP = "resgrid-kernels.sha256"
-"""File next to cached kernels that holds the hash of the sources from which they were compiled."""
+"""Name of the file next to cached kernels that holds the hash of the sources from which they were compiled."""
 
 _njit: Any = njit
 _KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "no_cfunc_wrapper": True}
 _DEVICE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""Options of `numba.njit`: without entry points for C and, in device functions, for Python.
+"""Options of `numba.njit` for kernels and for device functions: no entry points for C and, in device functions, for
+Python.
 
 Compilation of these unused entry points takes an eighth of the time until the first solution.
 """
@@ -38,7 +39,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def kernel(function: _Function) -> _Function:
-    """Compile a function that Python calls, cache it on disk, and release the GIL while it runs.
+    """Return `function` compiled for calls from Python, cached on disk; it releases the GIL while it runs.
 
     A device function is accepted, too, and is compiled again as a kernel.  A kernel must not return a named tuple:
     Python crashes if a signal arrives while numba creates it.
@@ -47,30 +48,30 @@ def kernel(function: _Function) -> _Function:
 
 
 def kernel_fast(function: _Function) -> _Function:
-    """Compile a `kernel` in which sums may be reordered."""
+    """Return `function` compiled as a `kernel` in which the compiler may reorder sums."""
     return _cached(function, fastmath=FAST)
 
 
 def inner(function: _Function) -> _Function:
-    """Compile a device function: it is called from compiled code only and is not cached by itself."""
+    """Return a compiled device function, which only compiled code can call; it is not cached by itself."""
     return cast(_Function, _njit(**_DEVICE)(function))
 
 
 def inner_fast(function: _Function) -> _Function:
-    """Compile a device function in which sums may be reordered."""
+    """Return a compiled device function (for calls from compiled code only) in which the compiler may reorder sums."""
     return cast(_Function, _njit(**_DEVICE, fastmath=FAST)(function))
 
 
 def inlined(function: _Function) -> _Function:
-    """Compile a short device function that is always inlined into its callers."""
+    """Return a compiled device function that is always inlined into its callers, for short functions."""
     return cast(_Function, _njit(**_DEVICE, forceinline=True)(function))
 
 
 def interruptible(function: _Function) -> _Function:
-    """Wrap a kernel that takes or returns tuples of arrays so that Ctrl-C raises KeyboardInterrupt.
+    """Return a wrapper of the kernel `function`, in which Ctrl-C raises KeyboardInterrupt.
 
-    If a signal arrives while numba creates the arrays, the kernel raises SystemError instead.  The wrapped kernel can
-    be called from Python only.
+    The wrapper is for kernels that take or return tuples of arrays.  If a signal arrives while numba creates the
+    arrays, the kernel raises SystemError instead.  The wrapped kernel can be called from Python only.
     """
 
     @wraps(function)
@@ -87,7 +88,10 @@ def interruptible(function: _Function) -> _Function:
 
 
 def _cached(function: _Function, **options: Any) -> _Function:
-    """Compile a cached kernel, after stale files have been removed from its cache folder."""
+    """Return a compiled kernel with a cache on disk, after stale files were removed from the cache folder.
+
+    `options`: further options of `numba.njit`.
+    """
     compiled = _njit(**_KERNEL, **options)(getattr(function, "py_func", function))
     folder = cache_folder(compiled)
     if folder is not None:
@@ -96,17 +100,17 @@ def _cached(function: _Function, **options: Any) -> _Function:
 
 
 def cache_folder(function: Callable[..., Any]) -> Path | None:
-    """Return the folder in which numba caches a kernel; None if it is not cached (``NUMBA_DISABLE_JIT``)."""
+    """Return the folder in which numba caches a kernel; None if the kernel is not cached (``NUMBA_DISABLE_JIT``)."""
     stats = getattr(unwrap(function, stop=lambda one: hasattr(one, "stats")), "stats", None)
     return None if stats is None or stats.cache_path is None else Path(stats.cache_path)
 
 
 @cache
 def _remove_stale_kernels(folder: Path) -> None:
-    """Delete the cached kernels of a folder if any kernel source has changed since they were compiled.
+    """Delete the cached kernels in a folder if any kernel source has changed since their compilation.
 
-    Numba compares a cached kernel with its own source file only, not with the files of the functions that it calls.
-    Loading its index also fails after a class of its arguments has been renamed.
+    Numba compares a cached kernel only with the source file of the kernel, not with the files of the functions that the
+    kernel calls.  Loading a cached kernel also fails after a class of its arguments has been renamed.
     """
     stamp, current = folder / _STAMP, _source_hash()
     with contextlib.suppress(OSError):

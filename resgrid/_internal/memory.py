@@ -19,7 +19,7 @@ SMALLER_MAP = (
     "resolution; pictures and arrays: --spacing)"
 )
 FEWER_HEADINGS = "take fewer headings (--set map.headings=16)"
-"""Remedies in messages if the cells of a scene, of a map, or of a robot that turns on a map exceed the memory."""
+"""Advice in messages if the cells of a scene, of a map, or of a robot that turns on a map exceed the memory."""
 
 _GROUP = Path("/sys/fs/cgroup")
 """Folder in which Linux reports the memory limit and use of a container (cgroup v2)."""
@@ -28,21 +28,27 @@ _GROUP = Path("/sys/fs/cgroup")
 def available_memory() -> int:
     """Return the memory in bytes that this process can still allocate.
 
-    It is the smaller of the estimate of the operating system and the rest of the limit of the container.
+    This is the smaller of the estimate of the operating system and the unused part of the limit of the container.
     """
     free, left = _meminfo_available(), _container_left()
     return free if left is None else min(free, left)
 
 
 def require_memory(needed: float, job: str, remedy: str) -> None:
-    """Raise BudgetError if a job needs more than the available memory; `needed`: bytes."""
+    """Raise BudgetError if a job needs more than the available memory.
+
+    `needed`: memory of the job in bytes; `job`, `remedy`: name of the job and advice, for the message.
+    """
     free = available_memory()
     if needed > free:
         raise BudgetError(f"{job} needs about {needed / 2**30:.3g} GiB, but {free / 2**30:.3g} GiB is free; {remedy}")
 
 
 def require_disk(needed: float, folder: Path, job: str) -> None:
-    """Raise BudgetError if files need more than the free space of the disk that holds `folder`; `needed`: bytes."""
+    """Raise BudgetError if files need more than the free space of the disk that holds `folder`.
+
+    `needed`: size of the files in bytes; `job`: name of the files, for the message.
+    """
     free = shutil.disk_usage(folder).free
     if needed > free:
         raise BudgetError(
@@ -54,13 +60,17 @@ def require_disk(needed: float, folder: Path, job: str) -> None:
 def require_grid_memory(
     shape: tuple[int, ...], what: str, bytes_per_cell: int = BYTES_PER_CELL, remedy: str = FEWER_CELLS
 ) -> None:
-    """Raise BudgetError if a grid would not fit in memory; `what`: name of the grid in the message."""
+    """Raise BudgetError if a grid would not fit in memory.
+
+    `shape`: number of cells along every axis; `what`, `remedy`: name of the grid and advice, for the message;
+    `bytes_per_cell`: memory per cell in bytes.
+    """
     size = " x ".join(map(str, shape))
     require_memory(prod(shape) * bytes_per_cell, f"{what}: {size} = {prod(shape):.3g} cells", remedy)
 
 
 def _meminfo_available() -> int:
-    """Return the available memory in bytes by the estimate of the operating system; no limit on Windows."""
+    """Return the available memory in bytes, estimated by the operating system; the largest integer on Windows."""
     meminfo = Path("/proc/meminfo")
     if meminfo.exists():
         for line in meminfo.read_text().splitlines():
@@ -72,7 +82,7 @@ def _meminfo_available() -> int:
 
 
 def _container_left() -> int | None:
-    """Return the unused memory in bytes of the container, None without a limit; inactive file pages count as unused."""
+    """Return the unused memory in bytes of the container, inactive file pages included; None without a limit."""
     try:
         limit, taken = (int((_GROUP / name).read_text()) for name in ("memory.max", "memory.current"))
         rows = dict(line.split() for line in (_GROUP / "memory.stat").read_text().splitlines())

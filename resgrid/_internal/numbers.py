@@ -18,13 +18,13 @@ NotNegative = Annotated[float, Ge(0), Lt(math.inf)]
 Between = Annotated[float, Gt(0), Lt(1)]
 Count = Annotated[int, Ge(1)]
 Natural = Annotated[int, Ge(0)]
-"""Annotations of frequent kinds of numbers."""
+"""Annotated numbers: positive, at least 0, strictly between 0 and 1, integer of at least 1, integer of at least 0."""
 
 _HUGE = sys.float_info.max
 
 
 def is_number(value: Any) -> bool:
-    """Return whether a value is a finite real number; True and False are not."""
+    """Return whether a value is a finite real number; True and False are not numbers here."""
     try:
         return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
     except OverflowError:  # an int beyond the range of doubles
@@ -32,32 +32,39 @@ def is_number(value: Any) -> bool:
 
 
 def is_whole(value: Any) -> bool:
-    """Return whether a value is a whole number; True and False are not."""
+    """Return whether a value is an integer; True and False are not integers here."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def check_number(
     name: str, value: Any, words: str, *, least: float = -math.inf, above: float = -math.inf, below: float = math.inf
 ) -> None:
-    """Raise InputError unless a value is a finite real number within the limits; `words`: description of the limits."""
+    """Raise InputError unless a value is a finite real number within the limits.
+
+    `name`: name of the value in the message; `words`: description of the limits; `least`: smallest allowed value;
+    `above`, `below`: exclusive limits.
+    """
     if not (is_number(value) and value >= least and above < value < below):
         raise InputError(f"{name} = {value!r} must be {words}")
 
 
 def check_share(name: str, value: Any) -> None:
-    """Raise InputError unless a value is a number from 0 to 1."""
+    """Raise InputError unless a value is a number from 0 to 1; `name`: name of the value in the message."""
     if not (is_number(value) and 0 <= value <= 1):
         raise InputError(f"{name} = {value!r} must lie between 0 and 1")
 
 
 def check_whole(name: str, value: Any, least: int) -> None:
-    """Raise InputError unless a value is a whole number of at least ``least``."""
+    """Raise InputError unless a value is an integer of at least `least`; `name`: name of the value in the message."""
     if not (is_whole(value) and int(value) >= least):
         raise InputError(f"{name} = {value!r} must be a whole number, at least {least}")
 
 
 def real_numbers(name: str, value: ArrayLike) -> NDArray[Any]:
-    """Return a value as an array of real numbers; raise InputError for complex or masked numbers, text and dates."""
+    """Return a value as an array of real numbers; raise InputError for complex or masked numbers, text and dates.
+
+    `name`: name of the value in the message.
+    """
     try:
         array = np.asarray(value)
         if array.size and array.dtype.kind not in "biuf":
@@ -73,9 +80,10 @@ def per_axis(
     name: str, value: ArrayLike, ndim: int, words: str, *, least: float = -_HUGE, above: float = -math.inf,
     most: float = _HUGE,
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Return one number per axis, shape (ndim,), from one number for all axes or one for each.
+    """Return one number per axis, (ndim,), from one number for all axes or one for each; raise InputError for others.
 
-    Raises InputError for numbers outside the limits; `words`: description of the limits.
+    `name`: name of the value in the message; `words`: description of the limits; `least`, `most`: smallest and largest
+    allowed number; `above`: exclusive lower limit.
     """
     try:
         given = np.array(value, dtype=np.float64)

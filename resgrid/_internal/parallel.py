@@ -2,8 +2,8 @@
 
 Items are divided into tasks of about one second.  The number of submitted tasks (the window) grows until all workers
 are busy.  Data that all items use is sent to every worker once: a task contains the hash of the data, and the worker
-reads the data from a file and caches it.  A worker that cannot read the file answers so, and the task is sent again
-together with the data.
+reads the data from a file and caches the data.  If a worker cannot read the file, the task is sent again together with
+the data.
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ _SECONDS_ALONE = 0.2
 """Target duration of a task without an executor, in seconds; limits the wasted work if the caller stops early."""
 
 _FIRST_WINDOW, _MAX_WINDOW = 4, 4096
-"""Initial and maximum number of submitted tasks."""
+"""Initial and maximum number of tasks that are submitted to the executor at the same time."""
 
 _AHEAD = 16
-"""Maximum number of results that wait for an earlier one, in windows."""
+"""Maximum number of finished results that wait for the result of an earlier task, as a multiple of the window."""
 
 _MAX_DEATHS = 3
-"""Number of workers that may die during a task before it fails; after all but one of them it runs alone."""
+"""Number of worker deaths during a task at which the task fails; a task with one death less runs alone."""
 
 _LOST = frozenset({"WorkerLost", "ManagerLost"})
-"""Names of parsl's exceptions for a worker that died."""
+"""Class names of the parsl exceptions that report the death of a worker."""
 
 
 Results = Sequence[Any] | NDArray[Any]
@@ -58,9 +58,10 @@ Results = Sequence[Any] | NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class JobPart:
-    """Items of one function: ``function(shared, items)`` returns one result per item.
+    """Part of a job: one function and its items; ``function(shared, items)`` returns one result per item.
 
-    `items`: a range, list or array that can be sliced; `name`: name of the items in messages.
+    `shared`: argument that is common to all items; `items`: a range, list or array that can be sliced; `name`: name of
+    the items in messages.
     """
 
     function: Callable[[Any, Any], Results]
@@ -71,7 +72,11 @@ class JobPart:
 
 @dataclass(frozen=True)
 class _SharedData:
-    """Pickled data that all items use: its hash, its file, and its bytes for workers that cannot read the file."""
+    """Pickled data that all items of a part use.
+
+    `digest`: SHA-256 hash of the data; `path`: file that contains the data; `data`: the bytes, for a worker that cannot
+    read the file, else None.
+    """
 
     digest: str
     path: str = field(compare=False)
@@ -80,10 +85,12 @@ class _SharedData:
 
 @dataclass(eq=False)
 class _Task:
-    """Items `begin` to `end` of a part, the first of which has the position `number` among all items.
+    """Items of a part that one worker computes in one call.
 
-    `shared`: `_SharedData`, or the value itself for threads; `deaths`: number of workers that died during the task;
-    `sent`: time of submission.
+    `part`: the part; `shared`: the shared data of the part as a `_SharedData`, or the object itself for threads;
+    `begin`, `end`: range of the items in the part, without `end`; `number`: position of the first item among the items
+    of all parts; `deaths`: number of workers that died during the task; `sent`: submission time in seconds
+    (`time.perf_counter`).
     """
 
     part: JobPart
@@ -96,7 +103,7 @@ class _Task:
 
     @property
     def place(self) -> str:
-        """Name and range of the items, for messages."""
+        """Name of the items and first and last item of the task, for messages, such as "items 3 to 7"."""
         items = self.part.items[self.begin : self.end]
         first, last = (items[0], items[-1]) if isinstance(items, range) else (self.begin, self.end - 1)
         return f"{self.part.name} {first} to {last}"
@@ -105,9 +112,10 @@ class _Task:
 def in_order(parts: Iterable[JobPart], executor: Executor | None = None) -> Generator[Any, None, None]:
     """Iterate over the results of all items, part by part, in the order of the items.
 
-    The results do not depend on the executor, the number of its workers or their order.  A broken process pool is
-    replaced, and its tasks are submitted again.  Close the iterator (`contextlib.closing`) to stop early and to cancel
-    the waiting tasks.  The exception of an item is raised at its position.
+    `parts`: the parts of the job; `executor`: executor of the tasks, None for this process.  The results do not depend
+    on the executor, the number of its workers or their order.  A broken process pool is replaced, and its tasks are
+    submitted again.  Close the iterator (`contextlib.closing`) to stop early and to cancel the waiting tasks.  The
+    exception of an item is raised at its position.
 
     Raises
     ------
@@ -134,7 +142,7 @@ def spread(
     Parameters
     ----------
     function : callable
-        Called as ``function(item, *shared)``.  Worker processes import it by its name.
+        Function that is called as ``function(item, *shared)``.  Worker processes import the function by its name.
     items : iterable
         Items that can be pickled.
     *shared
@@ -165,13 +173,13 @@ def spread(
 
 
 def _call_each(shared: tuple[Callable[..., Any], tuple[Any, ...]], items: Sequence[Any]) -> list[Any]:
-    """Return the results of ``function(item, *rest)``; `shared`: the function and the other arguments."""
+    """Return the list of ``function(item, *rest)`` for all items; `shared`: the pair ``(function, rest)``."""
     function, rest = shared
     return [function(item, *rest) for item in items]
 
 
 def _alone(parts: Iterable[JobPart]) -> Iterator[Any]:
-    """Iterate over the results of all items, which are computed in this process."""
+    """Compute all items in this process, and yield their results in order."""
     chunker = _Chunker(parts, None, _SECONDS_ALONE)
     while (task := chunker.next_task(1)) is not None:
         results, seconds = _do(task.part.function, task.shared, task.part.items[task.begin : task.end]) or ([], 0.0)
@@ -180,7 +188,11 @@ def _alone(parts: Iterable[JobPart]) -> Iterator[Any]:
 
 
 class _Chunker:
-    """Divides parts into tasks with a target duration in seconds, and writes their shared data to files of a folder."""
+    """Divides the parts of a job into tasks of a target duration.
+
+    `folder`: folder for the files of shared data, None if the workers are threads; `seconds`: target duration of a
+    task.
+    """
 
     def __init__(self, parts: Iterable[JobPart], folder: Path | None, seconds: float = _SECONDS) -> None:
         self._parts, self._folder, self._seconds = iter(parts), folder, seconds
@@ -190,9 +202,10 @@ class _Chunker:
         self._size = 1
 
     def next_task(self, window: int) -> _Task | None:
-        """Return the next task, None after the last one.
+        """Return the next task, or None after the last one.
 
-        Tasks become smaller towards the end of a part, so that all workers finish at about the same time.
+        `window`: number of tasks that run at once.  Tasks become smaller towards the end of a part, so that all workers
+        finish at about the same time.
         """
         while self._part is None or self._begin >= len(self._part.items):
             self._part = next(self._parts, None)
@@ -208,13 +221,13 @@ class _Chunker:
         return task
 
     def record(self, items: int, seconds: float) -> None:
-        """Adapt the size of the next tasks to the measured duration of a number of items."""
+        """Adapt the number of items per task to a measurement: `items` items were computed in `seconds` seconds."""
         fits = int(items * self._seconds / max(seconds, 1e-6))
         self._size = max(1, min(fits, 2 * max(items, self._size)))
 
 
 class _Scheduler:
-    """Submitted tasks of an executor, and the results that wait for earlier ones."""
+    """Submits the tasks of a chunker to an executor, and stores results until all earlier results are known."""
 
     def __init__(self, executor: Executor, chunker: _Chunker) -> None:
         self._executor, self._is_own, self._chunker = executor, False, chunker
@@ -224,7 +237,7 @@ class _Scheduler:
         self._early: dict[int, Results | Exception] = {}
 
     def results(self) -> Iterator[Any]:
-        """Iterate over all results in the order of the items."""
+        """Yield the results of all items in the order of the items; raise the exception of a task at its position."""
         due = 0
         while self._fill():
             for future in wait(self._submitted, return_when=FIRST_COMPLETED).done:
@@ -238,7 +251,7 @@ class _Scheduler:
                 yield from found
 
     def _fill(self) -> bool:
-        """Submit tasks until the window is full; return whether any task is submitted."""
+        """Submit tasks until the window is full; return whether any submitted task is unfinished."""
         is_suspect = any(task.deaths >= _MAX_DEATHS - 1 for task in (*self._retries, *self._submitted.values()))
         window = 1 if is_suspect else self._window
         while len(self._submitted) < window:
@@ -261,7 +274,7 @@ class _Scheduler:
         return bool(self._submitted)
 
     def _receive(self, future: Future[Any]) -> None:
-        """Store the result or exception of a finished task, or submit the task again."""
+        """Store the result or exception of a finished task, or schedule the task again if its worker failed."""
         task = self._submitted.pop(future)
         error = CancelledError() if future.cancelled() else future.exception()
         if error is None and (answer := future.result()) is None:
@@ -288,7 +301,7 @@ class _Scheduler:
             self._early[task.number] = error if isinstance(error, Exception) else WorkerError(repr(error))
 
     def _retry(self, task: _Task, error: BaseException) -> None:
-        """Schedule a task again after its worker died; raise WorkerError after too many deaths."""
+        """Schedule a task again after the death of its worker (`error`); raise WorkerError at the third death."""
         task.deaths += 1
         if task.deaths >= _MAX_DEATHS:
             raise _task_failed(task, error)
@@ -296,7 +309,7 @@ class _Scheduler:
         self._retries = deque(sorted(self._retries, key=lambda task: task.number))
 
     def _renew(self, error: BaseException) -> None:
-        """Replace a broken pool, and schedule its unfinished tasks again."""
+        """Replace a process pool that broke (`error`), and retry its tasks; raise WorkerError for other executors."""
         wait(self._submitted)
         for future in list(self._submitted):
             if future.done() and future.exception() is not None and isinstance(future.exception(), BrokenExecutor):
@@ -313,7 +326,7 @@ class _Scheduler:
             self._executor.shutdown(wait=False)
 
     def close(self) -> None:
-        """Cancel the waiting tasks."""
+        """Cancel the submitted tasks that have not started, and shut down a pool that this scheduler has created."""
         for future in self._submitted:
             with contextlib.suppress(NotImplementedError):  # parsl cannot cancel tasks
                 future.cancel()
@@ -321,7 +334,7 @@ class _Scheduler:
 
 
 def _is_lost_by_dask(error: BaseException) -> bool:
-    """Return whether dask lost a task while it fetched the result: dask then fails to unpack an empty answer."""
+    """Return whether `error` means that dask lost a task: dask then fails to unpack the empty answer."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
@@ -330,7 +343,7 @@ def _is_lost_by_dask(error: BaseException) -> bool:
 
 
 def _executor_failed(executor: Executor, reason: object) -> WorkerError:
-    """Return the WorkerError for a broken executor that cannot be replaced."""
+    """Return the WorkerError for a broken executor that cannot be replaced; `reason`: cause, for the message."""
     return WorkerError(
         f"the executor broke ({reason}), and a {type(executor).__name__} cannot be restarted; create another executor "
         "and continue the run from its checkpoint"
@@ -338,7 +351,7 @@ def _executor_failed(executor: Executor, reason: object) -> WorkerError:
 
 
 def _task_failed(task: _Task, error: BaseException) -> WorkerError:
-    """Return the WorkerError for a task during which several workers died."""
+    """Return the WorkerError for a task during which several workers died; `error`: report of the last death."""
     return WorkerError(
         f"workers died repeatedly while computing {task.place} ({type(error).__name__}), probably for lack of memory; "
         "use fewer workers or a coarser grid (in a script, create processes below if __name__ == '__main__')"
@@ -346,7 +359,10 @@ def _task_failed(task: _Task, error: BaseException) -> WorkerError:
 
 
 def _packed(shared: Any, folder: Path) -> _SharedData:
-    """Pickle the shared data of items into a file of a folder."""
+    """Pickle the shared data of a part into a file; return its hash and path; raise InputError if pickling fails.
+
+    `shared`: the data; `folder`: folder of the file, which is named after the hash.
+    """
     try:
         data = pickle.dumps(shared, protocol=5)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
@@ -361,12 +377,15 @@ def _packed(shared: Any, folder: Path) -> _SharedData:
 
 @lru_cache(maxsize=4)
 def _unpacked(packed: _SharedData) -> Any:
-    """Return shared data, which the worker caches; raise FileNotFoundError if its file does not exist here."""
+    """Return the unpickled shared data, cached in the worker; raise OSError if the file of the data cannot be read."""
     return pickle.loads(Path(packed.path).read_bytes() if packed.data is None else packed.data)
 
 
 def _do(function: Callable[[Any, Any], Results], shared: Any, items: Results) -> tuple[Results, float] | None:
-    """In a worker: return the results and their duration in seconds; None if the shared data cannot be read."""
+    """In a worker: return the results of a task and their duration in seconds, or None if the data cannot be read.
+
+    `function`: called as ``function(shared, items)``; `shared`: a `_SharedData`, or the object itself.
+    """
     if isinstance(shared, _SharedData):
         try:
             shared = _unpacked(shared)

@@ -1,4 +1,4 @@
-"""Public names of a package: listed in its stub (``__init__.pyi``), and imported when they are first used."""
+"""Public names of a package: listed in the stub file (``__init__.pyi``), and imported when they are first used."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ Names = Callable[[], list[str]]
 
 
 def attach(package: str, file: str) -> tuple[Attribute, Names, list[str]]:
-    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package whose ``__init__.py`` is `file`.
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package.
 
-    The stub next to `file` has a line ``from .module import name as name`` for each public name.  Functions check the
-    types of their arguments (`resgrid._internal.validation.guarded`).
+    `package`: name of the package; `file`: path of the ``__init__.py`` of the package.  The stub next to `file` has a
+    line ``from .module import name as name`` for each public name.  Public functions check the types of their arguments
+    (`resgrid._internal.validation.guarded`).
     """
     places = _places(package, Path(file).with_suffix(".pyi"))
     names = sorted(places)
@@ -42,7 +43,10 @@ def attach(package: str, file: str) -> tuple[Attribute, Names, list[str]]:
 
 
 def _places(package: str, stub: Path) -> dict[str, tuple[str, str | None]]:
-    """Return the module of every public name, and its name there; None for a public module."""
+    """Return the module of every public name, and the name in that module; None instead of a name for a public module.
+
+    `package`: name of the package; `stub`: path of its stub file.
+    """
     places: dict[str, tuple[str, str | None]] = {}
     for node in ast.parse(stub.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom):

@@ -49,10 +49,10 @@ Record = TypeVar("Record")
 
 
 class TypeCheck(NamedTuple):
-    """Check of one annotation.
+    """Check of the values that one annotation allows.
 
-    `accepts`: returns whether a value has the type; `words`: descriptions for messages, one per member of a union;
-    `entry`: check of the entries of a list, None for other types.
+    `accepts`: function that returns whether a value has the type; `words`: descriptions of the type for messages, one
+    per member of a union; `entry`: check of the entries of a list, None for other types.
     """
 
     accepts: Callable[[Any], bool]
@@ -61,7 +61,7 @@ class TypeCheck(NamedTuple):
 
 
 TypeChecks = dict[str, TypeCheck]
-"""Checks of the parameters of a function, by name."""
+"""Checks by the name of the parameter or field."""
 
 SOURCES = {
     "Chip": "scene.chip, or rg.Chip(...)",
@@ -79,21 +79,24 @@ SOURCES = {
     "Streamline": "rg.streamline(field, start)",
     "Wavefront": "rg.control.wavefront(rg.simulation(scene, announce=True), cells)",
 }
-"""Expressions that return a value of a class, for messages."""
+"""Expressions that return a value of a class, by class name, for messages."""
 
 _NAMESPACES = tuple(f"resgrid.{name}" for name in ("planning", "circuit", "chip", "control", "spice", "maps"))
-"""Packages with public names, which annotations may use without importing them at run time."""
+"""Packages whose public names annotations may use although the annotated module imports them only for type checkers."""
 
 _ARRAY = frozenset(get_args(getattr(ArrayLike, "__value__", ArrayLike)))
-"""Members of the union `ArrayLike`, which numpy 2.5 defines by a type statement."""
+"""Types in the union `ArrayLike`, which numpy 2.5 defines by a type statement."""
 _MAX_TEXT = 60
-"""Maximum number of characters of a value in a message."""
+"""Number of characters after which a message cuts off a value."""
 _LARGEST = 2**63 - 1
-"""Largest whole number that arrays can hold."""
+"""Largest magnitude of a whole number in an argument."""
 
 
 def guarded(name: str, value: Any, module: str = "resgrid") -> Any:
-    """Return a public function of a module with checks of its arguments; return other values unchanged."""
+    """Return a public function with checks of its arguments; return other values unchanged.
+
+    `name`: public name of the function; `value`: function or other object; `module`: public module of the function.
+    """
     if not isinstance(value, types.FunctionType):
         return value
     code = value.__code__
@@ -103,7 +106,7 @@ def guarded(name: str, value: Any, module: str = "resgrid") -> Any:
 
 
 def checked(record: type[Record]) -> type[Record]:
-    """Check the types of the fields of a dataclass before its constructor uses their values."""
+    """Add checks of the field types to the constructor of a dataclass, and return the class."""
     names = ("self", *(field.name for field in fields(record) if field.init))  # type: ignore[arg-type]
     init = record.__init__
     record.__init__ = _with_checks(init, record.__name__, names, lambda: type_checks_of(init))  # type: ignore[method-assign]
@@ -116,8 +119,9 @@ def check_call(
 ) -> None:  # fmt: skip
     """Raise TypeError, with the public name of a function, for unknown options or too many positional arguments.
 
-    `bound`: number of leading arguments that the caller does not write, such as the object of a method; `known`: names
-    of the keyword arguments that ``**options`` takes, if a TypedDict lists them.
+    `name`: public name; `arguments`: positional arguments; `options`: names of the keyword arguments; `bound`: number
+    of leading arguments that the caller does not write, such as the object of a method; `known`: names of the keyword
+    arguments that ``**options`` takes, if a TypedDict lists them.
     """
     parameters = list(inspect.signature(function).parameters.values())
     kinds = [each.kind for each in parameters]
@@ -139,9 +143,10 @@ def check_call(
 def _with_checks(
     function: Callable[..., Any], name: str, names: Sequence[str], find: Callable[[], TypeChecks]
 ) -> Callable[..., Any]:
-    """Return a function that checks its arguments first.
+    """Return a function that checks its arguments and then calls `function`.
 
-    `names`: names of the positional parameters; `find`: returns the checks, called once.
+    `name`: public name of the function; `names`: names of the positional parameters; `find`: function that returns the
+    checks by parameter, called once.
     """
     checks: TypeChecks = {}
 
@@ -160,7 +165,7 @@ def _with_checks(
 
 
 def type_checks_of(value: Any) -> TypeChecks:
-    """Return the checks of all annotations of a function or class, by name."""
+    """Return the checks of all annotations of a function or class, by parameter or field."""
     names = _Names(vars(sys.modules[value.__module__]))
     checks: TypeChecks = {}
     for key, given in value.__annotations__.items():
@@ -174,9 +179,9 @@ def type_checks_of(value: Any) -> TypeChecks:
 
 
 class _Names(dict[str, Any]):
-    """Namespace for the evaluation of annotations: the names of a module, then the public names of the package.
+    """Namespace for the evaluation of annotations: the names of a module, then the public names of resgrid.
 
-    The latter are names that the module imports for type checkers only.  Unknown names mean `Any`.
+    The module imports the public names only for type checkers.  Unknown names evaluate to `Any`.
     """
 
     def __missing__(self, key: str) -> Any:
@@ -190,7 +195,7 @@ class _Names(dict[str, Any]):
 
 
 def type_check_of(hint: Any) -> TypeCheck:  # noqa: PLR0911
-    """Return the check of an annotation; unsupported annotations accept every value."""
+    """Return the check of an annotation (a type); unsupported annotations accept every value."""
     origin, parts = get_origin(hint), get_args(hint)
     if hasattr(origin or hint, "__value__"):  # an alias that a type statement defines
         value = (origin or hint).__value__
@@ -219,7 +224,10 @@ def type_check_of(hint: Any) -> TypeCheck:  # noqa: PLR0911
 
 
 def _limited(kind: TypeCheck, marks: Sequence[Any]) -> TypeCheck:
-    """Return a check of a number with the limits among the marks of an ``Annotated``; `kind` itself without limits."""
+    """Return the check of an annotated number, with the limits that `marks` contains; `kind` without limits.
+
+    `kind`: check of the type; `marks`: metadata of the ``Annotated``, such as ``Gt(0)``.
+    """
     limits = [
         (*_LIMITS[type(mark)], getattr(mark, type(mark).__name__.lower())) for mark in marks if type(mark) in _LIMITS
     ]
@@ -238,7 +246,7 @@ def _limited(kind: TypeCheck, marks: Sequence[Any]) -> TypeCheck:
 
 
 def _plain_kind(hint: Any, base: Any) -> TypeCheck:
-    """Return the check of a class, protocol or file object."""
+    """Return the check of a class, protocol or file object; `base`: the annotation `hint` without parameters."""
     words = (_WORDS[base] if base in _WORDS else with_article(getattr(base, "__name__", "other value")),)
     if base is IO:
         return TypeCheck(lambda value: hasattr(value, "read"), words)
@@ -251,7 +259,10 @@ def _plain_kind(hint: Any, base: Any) -> TypeCheck:
 
 
 def _list_of(origin: Any, parts: tuple[Any, ...]) -> TypeCheck:
-    """Return the check of a tuple, list, sequence or iterable; the entries of an iterator are not checked."""
+    """Return the check of a tuple, list, sequence or iterable; the entries of an iterator are not checked.
+
+    `origin`: type without parameters, such as ``tuple``; `parts`: parameters of the type.
+    """
     is_fixed = origin is tuple and parts[-1] is not Ellipsis
     entries = [type_check_of(part) for part in (parts if is_fixed else parts[:1])]
 
@@ -271,7 +282,7 @@ def _list_of(origin: Any, parts: tuple[Any, ...]) -> TypeCheck:
 
 
 def _plural(words: Sequence[str]) -> str:
-    """Return the descriptions of entries as a plural: "finite numbers above 0", "Box or Ball values"."""
+    """Return descriptions of types as a plural text, such as "finite numbers above 0" or "Box or Ball values"."""
     *others, last = dict.fromkeys(word.removeprefix("a ").removeprefix("an ") for word in words)
     if others:
         return f"{', '.join(others)} or {last} values"
@@ -288,14 +299,14 @@ def _is_list(value: Any) -> bool:
 
 
 def _is_real(value: Any) -> bool:
-    """Return whether a value is a real number or infinite, but not NaN and not an int beyond 64 bits."""
+    """Return whether a value is a real or infinite number; NaN and integers beyond 64 bits are rejected."""
     if isinstance(value, float | np.floating):
         return not math.isnan(value)
     return is_number(value) and not (is_whole(value) and abs(int(value)) > _LARGEST)
 
 
 def _is_array(value: Any) -> bool:
-    """Return whether a value is a real number, a truth value, or an array of these."""
+    """Return whether a value is a real number, a truth value, or an array of real numbers or truth values."""
     if value is None or isinstance(value, str | bytes):
         return False
     try:
@@ -322,7 +333,10 @@ _WORDS: dict[Any, str] = {str: "text", os.PathLike: "a path", Callable: "callabl
 
 
 def _message(key: str, value: Any, kind: TypeCheck) -> str:
-    """Return the message for a value of a wrong type, with the accepted types and expressions that return them."""
+    """Return the message for an argument of a wrong type, with the accepted types and expressions that return them.
+
+    `key`: name of the parameter; `value`: wrong argument; `kind`: check that failed.
+    """
     if kind.entry is not None and _is_list(value):
         for number, one in enumerate(value):
             if not kind.entry.accepts(one):
@@ -335,7 +349,10 @@ def _message(key: str, value: Any, kind: TypeCheck) -> str:
 
 
 def short(value: Any) -> str:
-    """Return a value for a message: at most 60 characters of a number, text or path; the class of other values."""
+    """Return the text of a value for a message: the ``repr`` (cut off after 60 characters), or only the class.
+
+    Numbers, texts and paths are shown by their ``repr``, other values by their class.
+    """
     if value is None or isinstance(value, str | int | float | os.PathLike):
         try:
             text = repr(value)
@@ -346,6 +363,6 @@ def short(value: Any) -> str:
 
 
 def with_article(name: str) -> str:
-    """Return a name with "a" or "an", by its sound: an int, an ndarray, a unit, an Axis."""
+    """Return a name after "a" or "an", whichever the pronunciation needs: an int, an ndarray, a unit, an Axis."""
     vowel = re.match(r"(?!uni|use|usu|ufunc|eu|one)[aeiou]|nd|np", name, re.IGNORECASE)
     return f"{'an' if vowel else 'a'} {name}"

@@ -10,16 +10,16 @@ from typing import Any, TypeVar
 
 Record = TypeVar("Record")
 _MAX_REPR = 60
-"""Maximum number of characters of a field in a representation."""
+"""Number of characters up to which a representation shows the value of a field."""
 _MAX_SHORT = 4
-"""Number of entries up to which a representation shows the entries of a list."""
+"""Number of entries up to which a ``repr`` shows the entries of a list, tuple or mapping."""
 _MAX_BRIEF = 12
-"""Number of entries up to which the representation of a record of settings shows a tuple."""
+"""Number of entries up to which the ``repr`` of a dataclass of settings (see `brief`) shows the entries of a tuple."""
 _renderers: list[Callable[[object], str | None]] = []
 
 
 def frozen(record: type[Record]) -> type[Record]:
-    """Make the arrays of a frozen dataclass read-only, and leave their entries out of its generated ``repr``."""
+    """Make the arrays of a frozen dataclass read-only, omit their entries from its ``repr``, and return the class."""
     original = record.__init__
 
     @functools.wraps(original)
@@ -35,13 +35,13 @@ def frozen(record: type[Record]) -> type[Record]:
 
 
 def brief(record: type[Record]) -> type[Record]:
-    """Replace the ``repr`` of a dataclass by one without default values and without the entries of long tuples."""
+    """Replace the ``repr`` of a dataclass by one without default values and long tuples, and return the class."""
     record.__repr__ = _brief_repr  # type: ignore[method-assign]
     return record
 
 
 def _brief_repr(self: Any) -> str:
-    """Return the representation of a dataclass without default values."""
+    """Return the representation of a dataclass without default values and without the entries of long tuples."""
     values = {field.name: getattr(self, field.name) for field in fields(self) if field.repr}
     defaults = {field.name: field.default_factory() if callable(field.default_factory) else field.default
              for field in fields(self)}  # fmt: skip
@@ -56,7 +56,7 @@ def _brief_repr(self: Any) -> str:
 
 
 def lock(value: Any) -> None:
-    """Make an array, or every array of a tuple or mapping, read-only."""
+    """Make an array, or every array in a tuple or mapping, read-only; leave other values unchanged."""
     if _is_array(value):
         value.setflags(write=False)
     elif isinstance(value, tuple | Mapping):
@@ -70,13 +70,13 @@ def _is_array(value: Any) -> bool:
 
 
 def _repr(self: Any) -> str:
-    """Return the representation of a dataclass, with arrays by type and shape."""
+    """Return the representation of a dataclass, which shows type and shape instead of the entries of arrays."""
     parts = (f"{field.name}={_short(getattr(self, field.name))}" for field in fields(self) if field.repr)
     return f"{type(self).__name__}({', '.join(parts)})"
 
 
 def _short(value: Any) -> str:
-    """Return a short text for a field: type and shape of an array, length of a list, or a limited ``repr``."""
+    """Return a short text for a field: type and shape of an array, length of a list, or a shortened ``repr``."""
     if _is_array(value):
         return f"{value.dtype}{value.shape}"
     if isinstance(value, tuple | list | Mapping) and len(value) > _MAX_SHORT:
@@ -90,16 +90,16 @@ def _short(value: Any) -> str:
 
 
 def show_with(renderer: Callable[[object], str | None]) -> None:
-    """Set the function that returns the picture of a value as HTML, or None if the value has no picture."""
+    """Set the function that returns the picture of a value as HTML, or None for values without a picture."""
     _renderers[:] = [renderer]
 
 
 def picture_of(value: object) -> str:
-    """Return the picture of a value as HTML; an empty string if it has no picture."""
+    """Return the picture of a value as HTML; an empty string for values without a picture."""
     return (_renderers[0](value) if _renderers else None) or ""
 
 
 def picture_html(self: object) -> str | None:
-    """Return HTML for notebooks: the picture of a value above its ``repr``; None if it has no picture."""
+    """Return HTML for notebooks, the picture of a value above its ``repr``; None for values without a picture."""
     picture = picture_of(self)
     return f"<div>{picture}<pre>{escape(repr(self))}</pre></div>" if picture else None

@@ -1,4 +1,4 @@
-"""Solve one circuit for many sets of conductances, with a common set-up."""
+"""Solution of one circuit for many sets of conductances (chips), with a common set-up."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from resgrid.solvers.hierarchy_reuse import ChipSolver, solve_in_order, solver_b
 from resgrid.solvers.symbolic import order_rows
 
 _SMALL = 1000
-"""Number of rows up to which factorization is faster than multigrid."""
+"""Number of rows (unknown voltages) up to which factorization is faster than multigrid."""
 
 _MOST_CONTRAST = 1e3
-"""Largest ratio of the nominal conductances for which the nominal hierarchy is a usable preconditioner."""
+"""Largest ratio of two nominal conductances for which the nominal hierarchy is a usable preconditioner."""
 
 
 class Batch(NamedTuple):
     """Common set-up of all chips with the same circuit.
 
-    `system`: equations of the nominal chip, whose sparsity all chips have; `solver`: solves the equations of many
-    chips.
+    `system`: equations of the nominal chip, whose sparsity all chips have; `solver`: function that solves the equations
+    of many chips one after the other.
     """
 
     system: Equations
@@ -53,20 +53,21 @@ def solve_many(
     Parameters
     ----------
     netlist : Netlist
-        The nominal chip; linear.
+        The nominal chip, with linear resistors.
     conductances : array_like of float, shape (chips, resistors)
-        In siemens; positive and finite.
+        Conductances of every chip, in siemens; positive and finite.
     rtol : float
         For multigrid, bound on the norm of the residual relative to the norm of the source currents into the rows.  A
         current into a node whose conductances exceed all nominal ones is scaled down in proportion.  For factorization,
         bound on the error of a voltage relative to the largest voltage.  Rounding errors may be larger.
     executor : concurrent.futures.Executor, optional
-        Solves chips in parallel in its threads (the kernels release the global interpreter lock) or processes.
+        Executor whose threads or processes solve chips in parallel (the kernels release the global interpreter lock);
+        by default the chips are solved one after the other.
 
     Returns
     -------
     ndarray of float64, shape (chips, nodes)
-        In volts; NaN where a node floats.
+        Node voltages above ground, in volts; NaN where a node floats.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def solve_many(
 
 
 def prepare_batch(netlist: Netlist) -> Batch | None:
-    """Return the common set-up of all chips of a netlist; None without unknown voltages."""
+    """Return the common set-up of all chips of a nominal netlist; None if no voltage is unknown."""
     system = assemble(netlist)
     if not system.size:
         return None
@@ -120,7 +121,8 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
 def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
     """Return the node voltages of chips, in volts, (chips, nodes); NaN where a node floats.
 
-    `conductance` (chips, resistors): in siemens.
+    `batch`: common set-up; `conductance` (chips, resistors): conductances in siemens; `rtol`: relative tolerance of the
+    solutions.
     """
     system, solver = batch
     voltage = np.empty((len(conductance), system.netlist.node_count))

@@ -21,27 +21,29 @@ from resgrid.circuit.sources import sum_cuts, without_loops
 from resgrid.solvers.conservative_factors import Column, fixed, nearest, scaled, substitute
 
 _DEEP_FLOOR, _SHALLOW_FLOOR, _SMALL = 1000, 200, 1000
-"""Numbers of binary digits from the largest value down to the floor, below which values are set to zero:
-`_DEEP_FLOOR` in circuits of at most `_SMALL` rows, `_SHALLOW_FLOOR` in larger ones, since every 53 digits take a step
-of refinement."""
+"""Numbers of binary digits from the largest value down to the floor: the magnitude below which values are set to zero.
+`_DEEP_FLOOR` applies to circuits of at most `_SMALL` rows, `_SHALLOW_FLOOR` to larger ones, since every 53 digits take
+a step of refinement.
+"""
 
 _DIGITS = 60
 """Number of proved correct binary digits that a value needs before it is rounded to the 53 digits of a double."""
 
 _GUARD = 300
-"""Number of binary digits that the integers of fixed-point arithmetic have below the floor, in addition to those for
-the range of the conductances."""
+"""Number of binary digits of the integers below the floor, besides the digits for the range of the conductances."""
 
 _NEAR_FLOOR = 20
-"""Range of currents above the floor, in binary digits.  KCL is not checked at nodes whose total current lies in this
-range or below the floor, because some of their currents may have been set to zero."""
+"""Width of a range of currents above the floor, in binary digits.  KCL is not checked at nodes whose total current lies
+in this range or below the floor, because some of the currents at such a node may have been set to zero.
+"""
 
 _LEAST_AMPS = -2200
-"""Smallest assumed binary logarithm of the largest current in amperes, for circuits without sources; it lies below
-the range of doubles."""
+"""Smallest assumed binary logarithm of the largest current in amperes, for circuits without sources.  The limit lies
+below the range of doubles.
+"""
 
 _TINY = float(np.finfo(np.float64).tiny)
-"""Smallest normalized double."""
+"""Smallest normalized double; smaller currents, in amperes, lose digits."""
 
 _MOST_STEPS = 200
 """Maximum number of steps of iterative refinement."""
@@ -50,14 +52,14 @@ _MOST_STEPS = 200
 class RecoveredCurrents(NamedTuple):
     """Voltages and currents that obey Kirchhoff's current law even where large values cancel.
 
-    `volts` (nodes,): above ground, NaN where a node floats; `heights` (nodes,): above the reference of the equations,
-    in volts; `amps` (resistors,): from the first end to the second; `source_amps` (sources,): into the plus terminal,
-    NaN in a loop of sources; `power`: total of the resistors, in watts; `unchecked` (nodes,): whether all currents at a
-    node are so close to the floor, or to the smallest double, that some of them may have been set to zero;
-    `entry_error`: bound on the relative error of every voltage above ground and above the reference, or infinity;
-    `error_bound`: bound on the error of a voltage relative to the largest one, and of a current relative to the current
-    through either end; `floor`: fraction of the largest voltage or current below which values may have been set to
-    zero.
+    `volts` (nodes,): voltages above ground, NaN where a node floats; `heights` (nodes,): voltages above the reference
+    of the equations; `amps` (resistors,): currents from the first end to the second; `source_amps` (sources,): currents
+    into the plus terminal, NaN in a loop of sources; `power`: total power of the resistors, in watts; `unchecked`
+    (nodes,): whether all currents at a node are so close to the floor, or to the smallest double, that some of them may
+    have been set to zero; `entry_error`: bound on the relative error of every voltage above ground and above the
+    reference, or infinity; `error_bound`: bound on the error of a voltage relative to the largest one, and of a current
+    relative to the current through either end; `floor`: fraction of the largest voltage or current below which values
+    may have been set to zero.
     """
 
     volts: NDArray[np.float64]
@@ -72,9 +74,11 @@ class RecoveredCurrents(NamedTuple):
 
 
 class _Resistor(NamedTuple):
-    """A resistor of a component with current: its number, its nodes and their rows (-1: known voltage).
+    """A resistor of a component with current.
 
-    Its conductance is ``siemens / 2**places``; `log` is the binary logarithm of the conductance in siemens.
+    `number`: index among all resistors; `nodes`: first and second node; `rows`: rows of the nodes, -1 for a known
+    voltage; `siemens`, `places`: the conductance is ``siemens / 2**places`` S; `log`: binary logarithm of the
+    conductance in siemens.
     """
 
     number: int
@@ -86,9 +90,9 @@ class _Resistor(NamedTuple):
 
 
 def solve_in_integers(system: Equations, columns: list[Column]) -> RecoveredCurrents | None:
-    """Solve the equations in integer arithmetic; None if the refinement diverges, e.g. after underflow in the factors.
+    """Return the solution of the equations in integer arithmetic, or None if the refinement diverges.
 
-    `columns`: columns of the factors of ``system.laplacian``.
+    `columns`: columns of the factors of ``system.laplacian``.  Refinement may diverge after underflow in the factors.
     """
     state = _initial_state(system)
     last = math.inf
@@ -106,9 +110,10 @@ def solve_in_integers(system: Equations, columns: list[Column]) -> RecoveredCurr
 class _State:
     """Voltages and currents in integers, which corrections change in place.
 
-    `depth`: binary digits between the largest value and the floor; `unit_volts, unit_amps`: binary logarithms of the
-    units in volts and amperes; `resistors`: resistors that may carry current; `volts` (nodes,): above ground; `net`
-    (n + 1,): net current into every row; the last entry is unused.
+    `system`: equations; `depth`: binary digits between the largest value and the floor; `unit_volts`, `unit_amps`:
+    binary logarithms of the units of voltage and current in volts and amperes; `resistors`: resistors that may carry
+    current; `volts` (nodes,): voltages above ground; `net` (n + 1,): net current into every row; the last entry is
+    unused.
     """
 
     system: Equations
@@ -120,19 +125,26 @@ class _State:
     net: list[int]
 
     def current(self, resistor: _Resistor, fall: int) -> int:
-        """Return the current of a resistor for a voltage difference, both in units, rounded down."""
+        """Return the current of a resistor for the voltage difference `fall`, rounded down to an integer.
+
+        The current is in units of ``2**unit_amps`` A, and `fall` in units of ``2**unit_volts`` V.
+        """
         return fall * resistor.siemens >> resistor.places + self.unit_amps - self.unit_volts
 
     def conduct(self, resistor: _Resistor, fall: int) -> None:
-        """Subtract a resistor's current from the row of its first end, and add it to the row of its second end."""
+        """Subtract a resistor's current from the row of the first end, and add it to the row of the second end.
+
+        `fall`: voltage difference across the resistor, in units of voltage.
+        """
         amps, (first, second) = self.current(resistor, fall), resistor.rows
         self.net[first] -= amps
         self.net[second] += amps
 
     def correct(self, rise: list[int]) -> float:
-        """Add a correction to the rows' voltages (n,); bound the square root of the power that it dissipates.
+        """Add a correction to the voltages; return a bound on the square root of the power that it dissipates.
 
-        Returns the binary logarithm of the bound, in units of voltage times the square root of a siemens.
+        `rise` (n,): correction of the rows, in units of voltage.  The result is a binary logarithm; the bound is in
+        units of voltage times the square root of a siemens.
         """
         rise = [*rise, 0]
         for node in np.flatnonzero(self.system.unknown >= 0).tolist():
@@ -145,10 +157,11 @@ class _State:
         return 0.5 * (most + math.log2(max(len(self.resistors), 1)))
 
     def proved(self, power: float) -> bool:
-        """Return whether errors of this power, as from `correct`, prove `_DIGITS` digits of all values above the floor.
+        """Return whether errors of this power prove `_DIGITS` binary digits of all values above the floor.
 
-        With the square root ``s`` of the power, the current through a conductance ``g`` has an error of at most
-        ``sqrt(g) s``, and a node with a resistance ``R`` to ground a voltage error of at most ``sqrt(R) s``.
+        `power`: binary logarithm of the square root of the power, as returned by `correct`.  With this square root
+        ``s``, the current through a conductance ``g`` has an error of at most ``sqrt(g) s``.  A node with a resistance
+        ``R`` to ground has a voltage error of at most ``sqrt(R) s``.
         """
         logs = [each.log for each in self.resistors if each.rows[0] != each.rows[1]]
         if not logs:
@@ -183,17 +196,23 @@ class _State:
 
     @property
     def floor(self) -> int:
-        """Binary logarithm, in units of current, of the absolute floor of currents."""
+        """Binary logarithm of the current, in units of ``2**unit_amps`` A, below which currents may be set to zero."""
         return _GUARD // 2
 
     def references(self) -> list[int]:
-        """Return the voltages of ground, of the reference of the equations and of both rails, in units, sorted."""
+        """Return the voltages of ground, of the reference of the equations and of both rails, as sorted integers.
+
+        The unit of voltage is ``2**unit_volts`` V.
+        """
         rails = self.system.rails
         known = [0.0, self.system.reference, *([rails.low, rails.high] if rails else [])]
         return sorted({_units(volts, self.unit_volts) for volts in known})
 
     def source_currents(self) -> list[int]:
-        """Return the currents into the plus terminals of the voltage sources, (sources,), in units of current."""
+        """Return the currents into the plus terminals of the voltage sources, (sources,), as integers.
+
+        The unit of current is ``2**unit_amps`` A.
+        """
         netlist, outflow = self.system.netlist, [0] * len(self.volts)
         for each in self.resistors:
             amps = self.current(each, self.volts[each.nodes[0]] - self.volts[each.nodes[1]])
@@ -205,7 +224,7 @@ class _State:
         return sum_cuts(netlist, self.system.forest, outflow)
 
     def rounded(self) -> RecoveredCurrents:
-        """Return all values as doubles, each rounded once; values below the floor are 0."""
+        """Return all voltages and currents as doubles, each rounded once; values below the floor are 0."""
         system, netlist = self.system, self.system.netlist
         falls, amps = np.zeros((2, len(netlist.conductance)))
         for each in self.resistors:
@@ -232,7 +251,7 @@ class _State:
 
 
 def _initial_state(system: Equations) -> _State:
-    """Return the state in which all rows are at the reference voltage."""
+    """Return the integer voltages and currents of the equations with all rows at the reference voltage."""
     netlist, unknown = system.netlist, system.unknown
     still = np.zeros(netlist.node_count, dtype=np.bool_)
     still[system.floating] = still[system.undriven] = True
@@ -266,7 +285,10 @@ def _initial_state(system: Equations) -> _State:
 
 
 def _offsets(system: Equations, unit: int) -> list[int]:
-    """Return the voltage of every node above the root of its tree of voltage sources, (nodes,), in units."""
+    """Return the voltages of all nodes above the roots of their trees of voltage sources, (nodes,), as integers.
+
+    `unit`: binary logarithm of the unit of voltage in volts.
+    """
     netlist, offset = system.netlist, [0] * system.netlist.node_count
     plus, volts = netlist.source_nodes[:, 0].tolist(), netlist.source_volts.tolist()
     for node, above, source, _ in system.forest.ties:
@@ -276,11 +298,11 @@ def _offsets(system: Equations, unit: int) -> list[int]:
 
 
 def _units(value: float, unit: int) -> int:
-    """Return a double as a multiple of ``2**unit``, rounded down."""
+    """Return a double as a multiple of ``2**unit``, rounded down to an integer."""
     mantissa, places = fixed(value)
     return scaled(mantissa, -places - unit)
 
 
 def _log(value: int) -> float:
-    """Return the binary logarithm of a magnitude, rounded down; -inf for 0."""
+    """Return the binary logarithm of the magnitude of an integer, rounded down; -inf for 0."""
     return value.bit_length() - 1.0 if value else -math.inf

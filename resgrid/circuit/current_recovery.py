@@ -28,41 +28,43 @@ from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.supernodal import SupernodalFactors
 
 _FEW_ENTRIES, _MOST_ENTRIES = 10_000, 2_000_000
-"""Limits on the number of entries of the factors.  A circuit with at most `_FEW_ENTRIES` is solved in integers
-immediately (30 ms); one with at most `_MOST_ENTRIES` after corrections in double-double have failed (some seconds)."""
+"""Maximum numbers of entries of the factors.  A circuit with at most `_FEW_ENTRIES` is solved in integers
+immediately (30 ms); one with at most `_MOST_ENTRIES` after corrections in double-double have failed (some seconds).
+"""
 
 _CERTAIN = 1e-9
-"""Largest change of a current by the last correction, as a fraction of the current through a node at its ends."""
+"""Largest change of a current by the last correction, as a fraction of the current through the nodes at its ends."""
 
 _UNDERFLOW, _UNRESOLVED, _UNCHECKED_KCL = 1e-280, 1e-30, 1e-28
-"""Fractions of the largest current.  Currents below `_UNDERFLOW` are set to zero, because doubles underflow.  Currents
-below `_UNRESOLVED` are set to zero if cancellation has removed all their digits.  KCL is not checked at nodes with a
-current that was set to zero and a through-current below `_UNCHECKED_KCL`."""
+"""Fractions of the largest current.  Currents below `_UNDERFLOW` are set to zero, because products would underflow.
+Currents below `_UNRESOLVED` are set to zero if cancellation has removed all their digits.  KCL is not checked at nodes
+with a current that was set to zero and a through-current below `_UNCHECKED_KCL`.
+"""
 
 _UNBOUNDED = 1e-20
-"""Fraction of the largest current that replaces smaller currents in the denominator of the relative error bound."""
+"""Smallest denominator of the relative error bound of a current, as a fraction of the largest current."""
 
 _DIGITS = 48
-"""Binary digits that are kept of a correction, counted from its largest entry; the others are rounding errors."""
+"""Number of binary digits of a correction, counted from the largest entry; smaller digits are rounding errors."""
 
 _SUM_ROUNDING = 2.0**-98
 """Rounding error of a sum of currents in double-double, as a fraction of the sum of the magnitudes."""
 
 _MOST_VOLTS = 1e200
-"""Largest correction in volts; corrections of this size diverge."""
+"""Magnitude of a correction, in volts, from which the corrections count as divergent."""
 
 _MOST_STEPS = 30
 
 Doubled = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Arrays of double-doubles: leading parts, and their rounding errors."""
+"""Array of double-doubles, as the pair of the leading parts and the rounding errors of these parts."""
 
 
 def recover_currents(system: Equations) -> tuple[RecoveredCurrents | None, DirectFactor | None]:
-    """Compute currents that obey KCL at every row; return the factors of the matrix as well, if there are rows.
+    """Return currents that obey KCL at every row, and the factors of the matrix, None without rows.
 
     The currents are None if the factors exceed the memory.  Small circuits are solved in integers.  Larger circuits,
-    and all grids of cells with a potential, are corrected in double-double; integers follow if these corrections do
-    not converge.
+    and all grids of cells with a potential, are corrected in double-double; they are solved in integers if these
+    corrections do not converge.
     """
     if not system.size:
         return solve_in_integers(system, []), None
@@ -87,13 +89,13 @@ def _is_field(system: Equations) -> bool:
 
 
 class _Differences(NamedTuple):
-    """Voltage differences across resistors, and voltages of rows, in double-double.
+    """Voltage differences across resistors, and voltages of rows (nodes with unknown voltage), in double-double.
 
-    `falls` (resistors,): voltage of the first end minus that of the second, in volts; `heights` (n,): of the rows above
-    the reference, in volts; `net, through` (n,): net current into every row, and half the sum of the magnitudes, in
-    amperes; `change`: largest change of a current by the last correction, relative to the current through either end;
-    `unresolved` (resistors,): whether a current is indistinguishable from zero; `currentless` (resistors,): whether a
-    current is zero for any conductances.
+    `falls` (resistors,): voltage of the first end minus voltage of the second end, in volts; `heights` (n,): voltages
+    of the rows above the reference of the equations, in volts; `net`, `through` (n,): net current into every row, and
+    half the sum of the magnitudes, in amperes; `change`: largest change of a current by the last correction, as a
+    fraction of the current through either end; `unresolved` (resistors,): whether a current is indistinguishable from
+    zero; `currentless` (resistors,): whether a current is zero for any conductances.
     """
 
     falls: Doubled
@@ -106,7 +108,10 @@ class _Differences(NamedTuple):
 
 
 def _correct(system: Equations, factors: SupernodalFactors) -> RecoveredCurrents:
-    """Compute the currents by corrections in double-double, and bound their errors."""
+    """Return the currents from corrections in double-double, with a bound on the errors.
+
+    `system`: equations; `factors`: factors of the matrix of the equations.
+    """
     netlist, ends = system.netlist, system.netlist.resistor_nodes
     found = _refined(system, factors)
     falls, unchecked = found.falls, np.zeros(netlist.node_count, dtype=np.bool_)
@@ -128,7 +133,10 @@ def _correct(system: Equations, factors: SupernodalFactors) -> RecoveredCurrents
 
 
 def _refined(system: Equations, factors: SupernodalFactors) -> _Differences:
-    """Add corrections until the last one changes no current significantly, or they diverge."""
+    """Return voltage differences from corrections that end when no current changes significantly, or on divergence.
+
+    `factors`: factors of the matrix, which compute each correction from the KCL residuals.
+    """
     netlist, zeros, forest = system.netlist, np.zeros(system.size), system.forest
     ends, rows = netlist.resistor_nodes, system.unknown[netlist.resistor_nodes]
     offset, rest = forest.offsets
@@ -168,10 +176,10 @@ def _refined(system: Equations, factors: SupernodalFactors) -> _Differences:
 
 
 def _currentless(system: Equations, rows: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Return which resistors are dead ends, (resistors,): a single row connects them to all sources.
+    """Return which resistors are dead ends (resistors,): a single row connects them to all sources.
 
-    They carry no current for any conductances.  For a grid of cells with a potential the result is False everywhere.
-    Shapes: `rows` (resistors, 2).
+    `rows` (resistors, 2): rows of both ends, -1 for a known voltage.  Dead ends carry no current for any conductances.
+    For a grid of cells with a potential the result is False everywhere.
     """
     currentless = np.zeros(len(rows), dtype=np.bool_)
     if _is_field(system):
@@ -195,10 +203,11 @@ def _currentless(system: Equations, rows: NDArray[np.int32]) -> NDArray[np.bool_
 
 
 def _bound(system: Equations, factors: SupernodalFactors, found: _Differences) -> float:
-    """Return a bound on the errors of voltages, relative to the largest one, and of currents, relative to either end.
+    """Return a bound on relative errors: of voltages relative to the largest, of currents relative to either end.
 
-    The inverse matrix has no negative entry.  Applied to the magnitudes of the residual currents, it bounds the voltage
-    errors.  The error of a branch current is also at most the sum of the residual currents.
+    `factors`: factors of the matrix; `found`: voltage differences and residuals.  The inverse matrix has no negative
+    entry.  Its product with the magnitudes of the residual currents bounds the voltage errors.  The error of a branch
+    current is also at most the sum of the residual currents.
     """
     netlist, rows = system.netlist, system.unknown[system.netlist.resistor_nodes]
     residual = np.abs(found.net) + _SUM_ROUNDING * found.through
@@ -213,7 +222,10 @@ def _bound(system: Equations, factors: SupernodalFactors, found: _Differences) -
 
 
 def _source_amps(system: Equations, falls: Doubled) -> NDArray[np.float64]:
-    """Return the currents of the voltage sources, (sources,), from exact sums of the branch currents at their nodes."""
+    """Return the currents of the voltage sources (sources,), in amperes, from exact sums of the branch currents.
+
+    `falls` (resistors,): voltage differences across the resistors, in volts.
+    """
     netlist = system.netlist
     net, net_low, _ = _flows(netlist, netlist.resistor_nodes, netlist.current_nodes, netlist.node_count, falls)
     outflow = [Fraction(0)] * netlist.node_count
@@ -223,7 +235,10 @@ def _source_amps(system: Equations, falls: Doubled) -> NDArray[np.float64]:
 
 
 def _plus(total: Doubled, more: NDArray[np.float64], more_low: NDArray[np.float64] | float = 0.0) -> Doubled:
-    """Return the sum of two arrays of double-doubles, by Knuth's two-sum of the leading parts."""
+    """Return the sum of two arrays of double-doubles, by Knuth's two-sum of the leading parts.
+
+    `total`: first array; `more`, `more_low`: leading parts and rounding errors of the second array.
+    """
     s = total[0] + more
     t = s - total[0]
     rest = (total[0] - (s - t)) + (more - t) + (total[1] + more_low)
@@ -234,9 +249,10 @@ def _plus(total: Doubled, more: NDArray[np.float64], more_low: NDArray[np.float6
 def _connected_small(
     ends: NDArray[np.int32], nodes: int, small: NDArray[np.bool_], unresolved: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return which small currents, (resistors,), are connected to an unresolved one by resistors with small currents.
+    """Return which small currents are as uncertain as an unresolved one (resistors,).
 
-    They are as uncertain as the unresolved current.
+    These are connected to an unresolved current by resistors with small currents.  `ends` (resistors, 2): nodes;
+    `nodes`: number of nodes; `small`, `unresolved` (resistors,): whether a current is small or unresolved.
     """
     component = label_components(ends[small], nodes)[ends[:, 0]]
     return np.asarray(small & np.isin(component, component[unresolved]))
@@ -247,7 +263,8 @@ def _residual(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the net current into every row, and half the sum of the magnitudes there, in amperes, (n,) each.
 
-    A net current within the rounding error of its sum is 0.
+    `rows` (resistors, 2): rows of both ends; `falls` (resistors,): voltage differences in volts.  A net current within
+    the rounding error of its sum is 0.
     """
     source_rows = system.unknown[system.netlist.current_nodes]
     net, _, total = _flows(system.netlist, rows, source_rows, system.size, falls)
@@ -257,10 +274,10 @@ def _residual(
 def _flows(
     netlist: Netlist, ends: NDArray[np.int32], source_ends: NDArray[np.int32], count: int, falls: Doubled
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Sum the currents of resistors and current sources into nodes or rows, in double-double, and their magnitudes.
+    """Return the net currents into nodes or rows, their rounding errors, and the sums of the magnitudes, in amperes.
 
-    Shapes: `ends` (resistors, 2), `source_ends` (current sources, 2): numbers of nodes or rows; returns net currents,
-    their rounding errors and the sums of the magnitudes, (count,) each, in amperes.
+    `ends` (resistors, 2), `source_ends` (current sources, 2): nodes or rows of the ends; `count`: total number, the
+    length of the results; `falls` (resistors,): voltage differences in volts.  Sums are in double-double.
     """
     from resgrid.circuit.kernels import add_flows
 

@@ -51,18 +51,19 @@ _LARGEST_ERROR = 1e-6
 _MOST_CORRECTIONS = 5
 
 _SLOPE_RTOL = 1e-3
-"""Normwise backward error of the time derivatives of the voltages, which only determine the first time step."""
+"""Normwise backward error of the time derivatives of the voltages, which determine only the first time step."""
 
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
     """Equations ``C x' + G x = b`` of a netlist; the node voltages are ``fixed + x[row]``.
 
-    `row` (nodes,): row of every node, -1 for rails and floating nodes; nodes joined by floating sources share a row;
-    `fixed` (nodes,): voltage of a rail, or offset of another node from its row, in volts; NaN for a floating node;
-    `conductance`: ``G``, in siemens; `capacitance`: ``C``, in farads; rows without capacitance are algebraic; `drive`
-    (n,): ``b``, the current from sources into every row, in amperes; `forest`: of the voltage sources; `branches`:
-    incidence matrix (m, n) and conductances (m,) of ``G``.
+    A row is an unknown voltage with its equation; nodes joined by floating sources share a row.  `netlist`: the
+    circuit; `row` (nodes,): row of every node, -1 for rails and floating nodes; `fixed` (nodes,): voltage of a rail, or
+    offset of another node from its row, in volts; NaN for a floating node; `conductance`: ``G``, in siemens;
+    `capacitance`: ``C``, in farads; rows without capacitance are algebraic; `drive` (n,): ``b``, the current from
+    sources into every row, in amperes; `forest`: spanning forest of the voltage sources; `branches`: incidence matrix
+    (m, n) and conductances (m,) of ``G``.
     """
 
     netlist: Netlist
@@ -76,17 +77,21 @@ class Dynamics:
 
     @property
     def size(self) -> int:
-        """Number of rows."""
+        """Number of rows (unknown voltages)."""
         return len(self.drive)
 
     def imbalance(self, x: NDArray[np.float64], drive: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        """Return ``drive - G x``, the current that charges every row, in amperes, (n,), from voltage differences."""
+        """Return ``drive - G x``, the current that charges every row, in amperes, (n,), from voltage differences.
+
+        `x` (n,): voltages of the rows in volts; `drive` (n,) or number: currents from sources into the rows, in
+        amperes.
+        """
         incidence, value = self.branches
         return np.asarray((drive - self.conductance.ground * x) - incidence.T @ (value * (incidence @ x)))
 
     @property
     def is_capacitance_diagonal(self) -> bool:
-        """Whether every capacitor is connected to a rail."""
+        """Whether every capacitor is connected to a rail, so that the matrix ``C`` is diagonal."""
         return not len(self.capacitance.as_rows().indices)
 
     @cached_property
@@ -94,7 +99,7 @@ class Dynamics:
         """Basis ``N`` of the null space of ``C``, shape (n, components), with entries 0 and 1.
 
         A column is a component of rows that capacitors connect to each other, but not to a known voltage.  A row
-        without capacitance is such a component.
+        without capacitance is a component of its own.
         """
         component = label_components(self.capacitance.edges)
         is_free = np.bincount(component, self.capacitance.ground > 0) == 0
@@ -104,9 +109,9 @@ class Dynamics:
 
     @cached_property
     def charged(self) -> NDArray[np.bool_]:
-        """Mask of the rows (n,) of the definite block ``C_cc`` of ``C``.
+        """Mask (n,) of the rows of the definite block ``C_cc`` of ``C``.
 
-        It contains all rows but one of every column of `null_space`.
+        The mask contains all rows except one of every column of `null_space`.
         """
         columns = sparse.csc_array(self.null_space)
         charged = np.ones(self.size, dtype=np.bool_)
@@ -120,34 +125,40 @@ class Dynamics:
 
     @cached_property
     def null_space_factor(self) -> Factor | None:
-        """Factors of ``N^T G N``; None if the null space is empty."""
+        """Factors of ``N^T G N``, with the basis ``N`` of `null_space`; None if the null space is empty."""
         if not self.null_space.shape[1]:
             return None
         return factor_laplacian(self.conductance.grouped(sparse.csr_array(self.null_space.T)), "auto")
 
     def voltage(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the node voltages, in volts, (nodes,), of a state ``x`` (n,)."""
+        """Return the node voltages in volts, (nodes,); `x` (n,): voltages of the rows in volts."""
         return np.asarray(self.fixed + np.append(x, 0.0)[self.row])
 
     def state(self, voltage: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the state, in volts, (n,), of node voltages (nodes,); the first node of a row determines its value."""
+        """Return the voltages of the rows in volts, (n,); the first node of a row determines the value.
+
+        `voltage` (nodes,): node voltages in volts.
+        """
         nodes = np.flatnonzero(self.row >= 0)[::-1]  # reversed: the last assignment to a row wins
         x = np.empty(self.size)
         x[self.row[nodes]] = voltage[nodes] - self.fixed[nodes]
         return x
 
     def at_nodes(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the values of rows (n,) at the nodes, (nodes,): 0 on rails, NaN at floating nodes."""
+        """Return row values at the nodes, (nodes,): 0 on rails, NaN at floating nodes; `value` (n,): row values."""
         return np.where(np.isnan(self.fixed), np.nan, np.append(value, 0.0)[self.row])
 
     def injection(self, nodes: NDArray[np.int64], amount: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Add amounts (k,) at nodes (k,) to the rows of these nodes; return the sum per row, (n,), without rails."""
+        """Return the sum of the amounts at the nodes of every row, (n,); amounts at rails are left out.
+
+        `nodes` (k,): node of every amount; `amount` (k,): amounts, such as currents in amperes or charges in coulombs.
+        """
         inside = self.row[nodes] >= 0
         return sum_by_row(self.row[nodes[inside]], amount[inside], self.size)
 
 
 def dynamics_of(netlist: Netlist) -> Dynamics:
-    """Return the equations of a netlist with capacitors.
+    """Return the equations ``C x' + G x = b`` of a netlist with capacitors.
 
     Raise InputError for a netlist with nonlinear resistors, and CircuitError for contradictory sources or for source
     currents into a floating component.
@@ -188,9 +199,9 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
 
 
 def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> Factor:
-    """Factor ``G + rate C`` with `rate` in 1/s, for normwise and componentwise solves.
+    """Return the factors of ``G + rate C``, for normwise and componentwise solves.
 
-    Raise CircuitError if the rate is 0 and ``G`` is singular.
+    `rate`: in 1/s; `method`: solver name.  Raise CircuitError if the rate is 0 and ``G`` is singular.
     """
     G, C = dynamics.conductance, dynamics.capacitance
     if rate == 0.0:
@@ -206,7 +217,7 @@ def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> F
 
 
 def require_grounded(dynamics: Dynamics) -> None:
-    """Raise CircuitError if resistors connect some row to no rail: its time constant would be infinite."""
+    """Raise CircuitError if no path of resistors connects some row to a rail: its time constant would be infinite."""
     G = dynamics.conductance
     component = label_components(G.edges)
     is_floating = np.bincount(component, G.ground > 0) == 0
@@ -220,11 +231,11 @@ def require_grounded(dynamics: Dynamics) -> None:
 
 
 def initial_state(dynamics: Dynamics, before: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the state at time 0+, in volts, (n,), when the sources are switched on at node voltages `before` (nodes,).
+    """Return the voltages of the rows at time 0+, in volts, (n,), just after the sources are switched on.
 
-    The charge on the capacitors at every node, or at nodes joined by voltage sources, is continuous, since all currents
-    are finite.  The voltages of nodes without capacitance follow from Kirchhoff's current law.
-    Raise AccuracyError if rounding leaves the state undetermined.
+    `before` (nodes,): node voltages before time 0, in volts.  The charge on the capacitors at every node, or at nodes
+    joined by voltage sources, is continuous, since all currents are finite.  The voltages of nodes without capacitance
+    follow from Kirchhoff's current law.  Raise AccuracyError if rounding leaves the voltages undetermined.
     """
     netlist, groups, charged = dynamics.netlist, dynamics.null_space, dynamics.charged
     x = dynamics.state(before)
@@ -245,7 +256,7 @@ def initial_state(dynamics: Dynamics, before: NDArray[np.float64]) -> NDArray[np
 
 
 def slope(dynamics: Dynamics, current: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the time derivatives of the rows' voltages, in V/s, (n,), to about 0.1 %.
+    """Return the time derivatives of the voltages of the rows, in V/s, (n,), with errors of about 0.1 %.
 
     `current` (n,): current that charges every row, in amperes.
     """
@@ -258,20 +269,24 @@ def slope(dynamics: Dynamics, current: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def _offset_rounding(dynamics: Dynamics, factors: Factor) -> NDArray[np.float64]:
-    """Return the rounding error of every row's right-hand side due to offsets of floating sources, (n,)."""
+    """Return the rounding errors, (n,), of the right-hand side that offsets of floating sources cause.
+
+    `factors`: factors of the matrix of the right-hand side.
+    """
     return np.asarray(_EPS * dynamics.forest.largest_offset * factors.laplacian.diagonal)
 
 
 def _solve_componentwise(
     factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Solve for a right-hand side of both signs, with small errors relative to the largest entry of the solution.
+    """Return the solution (n,) for a right-hand side of both signs; errors are small relative to the largest entry.
+
+    `factors`: factors of the matrix ``A``; `drive` (n,): right-hand side; `rounding` (n,): bound on the error of
+    `drive`. Raise AccuracyError if the error may exceed `_LARGEST_ERROR`.
 
     The positive and the negative part of the right-hand side are solved for separately.  If the two solutions nearly
     cancel, their difference is corrected: ``A^-1`` has no negative entry, so that ``A^-1 |r|`` bounds the error, with
     the residual ``r``, and the solutions for both parts of ``r`` are the correction.
-
-    Shapes: `drive` (n,); `rounding` (n,): bound on the error of `drive`; returns (n,).
     """
     watch, x, error_bound = ProgressMonitor(), Scaled.of(np.zeros(len(drive))), 0.0
     parts = _solve_residual(factors, drive, np.zeros(len(drive)), x, watch)
@@ -301,7 +316,11 @@ def _solve_componentwise(
 def _solve_residual(
     factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled, watch: ProgressMonitor
 ) -> list[Scaled]:
-    """Return the solutions for the positive and for the negative part of the residual, both increased by `rounding`."""
+    """Return the solutions for the positive and for the negative part of a residual, (n,) each.
+
+    `drive` (n,): right-hand side; `rounding` (n,): bound on its error, which is added to both parts; `x` (n,):
+    approximate solution; `watch`: progress and error bound.
+    """
     laplacian, r, e = factors.laplacian, np.empty(len(drive)), np.zeros(len(drive), dtype=np.int64)
     zeros = e.copy()
     imbalance(laplacian.graph, scaled_currents(drive), x, (r, e), exact=True)
@@ -315,7 +334,8 @@ def energy_delivered(
 ) -> float:
     """Return the energy that all sources have delivered since 0+, in joules, without floating components.
 
-    `time`: in seconds; `change` (n,): of the state since 0+, in volts; `integral` (n,): of the state, in volt seconds.
+    `time`: time since 0+ in seconds; `change` (n,): change of the voltages of the rows since 0+, in volts; `integral`
+    (n,): time integral of these voltages since 0+, in volt seconds.
     """
     if not time > 0.0:
         return 0.0

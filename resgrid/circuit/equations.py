@@ -1,4 +1,4 @@
-"""Nodal analysis: reduce a netlist to linear equations for the unknown node voltages."""
+"""Nodal analysis: reduction of a netlist to linear equations (rows) for the unknown node voltages."""
 
 from __future__ import annotations
 
@@ -15,26 +15,32 @@ from resgrid.errors import CircuitError
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
 
 _MANY = 20_000
-"""Largest number of current sources at ground that are summed exactly; a driven grid has one source per cell."""
+"""Largest number of current sources at ground whose currents are summed exactly; longer sums are rounded."""
 
 
 def sum_by_row(row: NDArray[np.int32], values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """Return the sum of the values of every row, shape (n,).  Shapes: `row, values` (k,); `size`: n."""
+    """Return the sum of the values of every row, (n,).
+
+    `row` (k,): row of every value; `values` (k,): values, such as currents in amperes; `size`: number of rows n.
+    """
     return np.asarray(np.bincount(row, values, size), dtype=np.float64)
 
 
 def across(voltage: NDArray[np.float64], ends: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return the voltages across elements, first end minus second, (m,); 0 if an end floats.  Shapes: `ends` (m, 2)."""
+    """Return the voltages across elements, first end minus second, in volts, (m,); 0 if an end floats.
+
+    `voltage` (nodes,): node voltages in volts, NaN if a node floats; `ends` (m, 2): nodes of the elements.
+    """
     first, second = voltage[ends.T]
     return np.asarray(np.nan_to_num(first - second))
 
 
 class RailContacts(NamedTuple):
-    """Connections of rows to nodes of known voltage, and between rows that floating sources shift against each other.
+    """Connections of rows (unknown voltages) to known voltages, and between rows that floating sources shift apart.
 
-    `element, row` (c,): resistor and row of every contact; `volts` (c,): voltage at the other end of the resistor, in
-    volts, above the reference of the equations; the first `ties` contacts lead to nodes of known voltage, the others
-    to other rows.
+    `element`, `row` (c,): resistor and row of every contact; `volts` (c,): voltage at the other end of the resistor
+    above the reference of the equations; `ties`: number of contacts with nodes of known voltage, which come first; the
+    others lead to other rows.
     """
 
     element: NDArray[np.int32]
@@ -47,15 +53,17 @@ class RailContacts(NamedTuple):
 class Equations:
     """Reduced nodal equations of a netlist, ``laplacian @ x = drive``, for heights ``x`` in volts above `reference`.
 
-    `forest`: spanning forest of the voltage sources; `unknown` (nodes,): row of every node with an unknown voltage, -1
-    for others; nodes joined by floating sources share a row; `laplacian` (n, n): conductances between the rows, and
-    from rows to nodes of known voltage; its `rails` are set if the known voltages have exactly two values and there is
-    no other drive; `contacts`: the resistors that contribute to `feed` and to ground conductances;
-    `feed` (n,): current from the known voltages, above `reference`, into every row, in amperes; `injected` (n,):
-    current from current sources into every row, in amperes; both are read-only views of one zero if all entries are 0;
-    `reference`: the lowest known voltage in contact with the rows, in volts; `undriven`: nodes of components without
-    current, which touch a single known voltage; `undriven_volts`: their voltages; `floating`: nodes without a path of
-    resistors or sources to ground.
+    A row is an unknown voltage with its equation: Kirchhoff's current law at one node, or at nodes that sources join.
+
+    `netlist`: the circuit; `forest`: spanning forest of the voltage sources; `unknown` (nodes,): row of every node with
+    an unknown voltage, -1 for others; nodes joined by floating sources share a row; `laplacian` (n, n): conductances
+    between the rows, and from rows to nodes of known voltage; its `rails` are set if the known voltages have exactly
+    two values and there is no other drive; `contacts`: the resistors that contribute to `feed` and to ground
+    conductances; `feed` (n,): current from the known voltages, above `reference`, into every row, in amperes;
+    `injected` (n,): current from current sources into every row, in amperes; both are read-only views of one zero if
+    all entries are 0; `reference`: the lowest known voltage in contact with the rows, in volts; `undriven`: nodes of
+    components without current, which touch a single known voltage; `undriven_volts`: voltages of the nodes `undriven`;
+    `floating`: nodes without a path of resistors or sources to ground.
     """
 
     netlist: Netlist
@@ -72,16 +80,16 @@ class Equations:
 
     @property
     def size(self) -> int:
-        """Number of rows."""
+        """Number of rows (unknown voltages)."""
         return self.laplacian.size
 
     @property
     def rails(self) -> Rails | None:
-        """The two rails, or None unless exactly two known voltages drive the circuit."""
+        """The two rails and their contacts with rows, or None unless exactly two known voltages drive the circuit."""
         return self.laplacian.rails
 
     def known_voltages(self) -> NDArray[np.float64]:
-        """Return a new array of the voltages of rails and `undriven` nodes, in volts, (nodes,); NaN for other nodes."""
+        """Return a new array (nodes,) of the known voltages in volts: rails and `undriven` nodes; NaN elsewhere."""
         forest = self.forest
         known = np.full(forest.count, np.nan)
         held = forest.base == GROUND
@@ -90,25 +98,34 @@ class Equations:
         return known
 
     def heights(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the heights of all nodes above `reference`, (nodes,), NaN if floating; `x` (n,): of rows; in volts."""
+        """Return the heights of all nodes above `reference`, in volts, (nodes,), NaN if floating.
+
+        `x` (n,): heights of the rows above `reference`, in volts.
+        """
         own = np.where(self.unknown >= 0, self.forest.offsets[0], self.known_voltages() - self.reference)
         return np.asarray(own + np.append(x, 0.0)[self.unknown])
 
     def voltages(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the voltages of all nodes above ground, in volts, (nodes,), from the heights of the rows, (n,)."""
+        """Return the voltages of all nodes above ground, in volts, (nodes,), NaN if floating.
+
+        `x` (n,): heights of the rows above `reference`, in volts.
+        """
         return self.above_ground(self.heights(x))
 
     def above_ground(self, heights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the voltages above ground, in volts, from heights above `reference`; both (nodes,), NaN if floating.
+        """Return the voltages of all nodes above ground, in volts, (nodes,), NaN if floating.
 
-        Known voltages are returned without rounding.
+        `heights` (nodes,): heights above `reference`, in volts.  Known voltages are returned without rounding.
         """
         if self.reference == 0.0:
             return heights
         return np.where(self.unknown >= 0, self.reference + heights, self.known_voltages())
 
     def with_conductance(self, conductance: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
-        """Return the matrix and the `feed` (n,) of this circuit with other conductances (resistors,), in siemens."""
+        """Return the matrix and the `feed` (n,), in amperes, of this circuit with other conductances.
+
+        `conductance` (resistors,): conductances in siemens.
+        """
         listed = EdgeList(self.netlist.resistor_nodes, conductance, self.unknown)
         return matrix_of(self.netlist, listed, self.contacts, self.size)
 
@@ -124,10 +141,10 @@ class Equations:
 class Components:
     """Connected components of the nodes whose voltage no chain of sources fixes, with the known voltages they touch.
 
-    `of_node` (nodes,): number of every node's component, -1 for nodes of known voltage; `lowest, highest`
-    (components,): range of the known voltages that a component's elements touch, in volts; infinite if there are none;
-    `has_drive` (components,): whether current sources or offsets of floating voltage sources drive the component;
-    `contacts` (c,): the elements between components and nodes of known voltage.
+    `of_node` (nodes,): component of every node, -1 for nodes of known voltage; `lowest`, `highest` (components,): range
+    of the known voltages that the elements of a component touch, in volts; infinite if there are none; `has_drive`
+    (components,): whether current sources or offsets of floating voltage sources drive the component; `contacts` (c,):
+    the elements between components and nodes of known voltage.
     """
 
     of_node: NDArray[np.int32]
@@ -147,9 +164,10 @@ class Components:
         return ~self.floating & (self.has_drive | (self.highest > self.lowest))
 
     def rows(self, solved: NDArray[np.bool_], forest: SourceForest) -> tuple[int, NDArray[np.int32]]:
-        """Number the rows of the components to solve for: one per node, or per set of nodes that sources join.
+        """Return the number of rows, and the row of every node (nodes,), -1 without a row.
 
-        Shapes: `solved` (components,); returns the number of rows, and `unknown` (nodes,).
+        `solved` (components,): whether to solve for a component; `forest`: spanning forest of the voltage sources.  A
+        row is a node of these components, or a set of nodes that sources join.
         """
         component = self.of_node
         solved_for = component >= 0 if solved.all() else np.append(solved, False)[component]
@@ -161,10 +179,10 @@ class Components:
 
 
 def assemble(netlist: Netlist) -> Equations:
-    """Return the nodal equations of an operating point.
+    """Return the nodal equations of the operating point of a netlist with linear resistors.
 
     Voltage sources are eliminated first.  Floating components, and components that touch a single known voltage, carry
-    no current and get no rows.
+    no current and get no rows.  Raise CircuitError if there is no operating point.
     """
     forest, ends = tie_sources(netlist), netlist.resistor_nodes
     components = components_of(netlist, ends, forest)
@@ -206,10 +224,11 @@ def assemble(netlist: Netlist) -> Equations:
 def matrix_of(
     netlist: Netlist, listed: EdgeList, contacts: RailContacts, size: int, rails: Rails | None = None
 ) -> tuple[Laplacian, NDArray[np.float64]]:
-    """Return the matrix of elements between a netlist's nodes, and `feed` (n,), in amperes.
+    """Return the matrix of elements between the nodes of a netlist, and `feed` (n,), in amperes.
 
-    `feed` is the current that contacts drive into every row.  The matrix knows the grid of cells if the netlist has
-    one.
+    `listed`: elements with nodes and conductances; `contacts`: contacts among the elements; `size`: number of rows n;
+    `rails`: the rails, if exactly two drive the circuit.  `feed` is the current that contacts drive into every row.
+    The matrix contains the grid of cells if the netlist has one.
     """
     siemens, ties = listed.conductance[contacts.element], slice(contacts.ties)
     ground = sum_by_row(contacts.row[ties], siemens[ties], size)
@@ -221,7 +240,10 @@ def matrix_of(
 
 
 def components_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceForest) -> Components:
-    """Find the components that elements (m, 2) and voltage sources connect."""
+    """Return the components of nodes that elements and voltage sources connect.
+
+    `elements` (m, 2): nodes of the elements; `forest`: spanning forest of the voltage sources.
+    """
     from resgrid.circuit.kernels import merge_components, number_components
 
     component = np.arange(netlist.node_count, dtype=np.int32)
@@ -249,7 +271,8 @@ def components_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceF
 def refuse_floating_currents(netlist: Netlist, components: Components, *, unless_balanced: bool = False) -> None:
     """Raise CircuitError if current sources drive a floating component.
 
-    With `unless_balanced`, a component is accepted if its source currents add up to 0.
+    `components`: components of the netlist; `unless_balanced`: whether to accept a component if its source currents add
+    up to 0.
     """
     if not np.any(components.has_drive & components.floating):
         return
@@ -271,7 +294,7 @@ def refuse_floating_currents(netlist: Netlist, components: Components, *, unless
 def _range(values: NDArray[np.float64], group: NDArray[np.int32], count: int) -> NDArray[np.float64]:
     """Return the minimum and the maximum of every group of values, shape (2, count); infinite for an empty group.
 
-    Shapes: `values, group` (k,).
+    `values` (k,): the values; `group` (k,): group of every value; `count`: number of groups.
     """
     lowest, highest = found = np.array([[np.inf], [-np.inf]]).repeat(count, axis=1)
     np.minimum.at(lowest, group, values)
@@ -282,7 +305,11 @@ def _range(values: NDArray[np.float64], group: NDArray[np.int32], count: int) ->
 def contacts_of(
     ends: NDArray[np.int32], candidates: NDArray[np.int32], unknown: NDArray[np.int32], forest: SourceForest
 ) -> RailContacts:
-    """Return the contacts among candidate elements.  Shapes: `ends` (m, 2); `candidates` (k,): element numbers."""
+    """Return the contacts among candidate elements.
+
+    `ends` (m, 2): nodes of all elements; `candidates` (k,): numbers of the candidates; `unknown` (nodes,): row of every
+    node, -1 without a row; `forest`: spanning forest of the voltage sources.
+    """
     first, second = np.take(ends, candidates, axis=0).T
     i, j = np.take(unknown, first), np.take(unknown, second)
     offset = forest.offsets[0]
@@ -297,9 +324,10 @@ def contacts_of(
 
 
 def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) -> NDArray[np.float64]:
-    """Return the sum of the source currents into every row, in amperes, shape (n,).
+    """Return the sum of the source currents into every row, in amperes, (n,).
 
-    Sums of more than two currents, which may nearly cancel, are rounded once.
+    `unknown` (nodes,): row of every node, -1 without a row; `size`: number of rows n.  Sums of more than two currents,
+    which may nearly cancel, are rounded once.
     """
     taken, fed = (np.take(unknown, end) for end in netlist.current_nodes.T)
     row = np.concatenate([taken[taken >= 0], fed[fed >= 0]])
@@ -314,7 +342,7 @@ def injected_into_rows(netlist: Netlist, unknown: NDArray[np.int32], size: int) 
 
 
 def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
-    """Return the sum of the source currents into every node, in amperes, shape (nodes,)."""
+    """Return the sum of the source currents into every node, ground included, in amperes, shape (nodes,)."""
     unknown, (taken, fed) = np.arange(netlist.node_count, dtype=np.int32), netlist.current_nodes.T
     unknown[GROUND] = -1
     injected, amps = injected_into_rows(netlist, unknown, netlist.node_count), netlist.current_amps
@@ -324,14 +352,18 @@ def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
 
 
 def _without_memory(currents: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """Return the currents, or a read-only view of a single zero, shape (n,), if all of them are zero."""
+    """Return the currents (n,), or a read-only view of a single zero, shape (n,), if all of them are zero.
+
+    `size`: number of rows n.
+    """
     return currents if currents.any() else np.broadcast_to(0.0, size)
 
 
 def _between_rails(netlist: Netlist, volts: NDArray[np.float64], components: Components) -> NDArray[np.float64]:
-    """Return the known voltages (k, 2) at the ends of resistors between two different known voltages.
+    """Return the known voltages at the ends of resistors between two different known voltages, in volts, (k, 2).
 
-    Raise CircuitError if there are none and the netlist comes from a space; in other circuits all currents are 0 A.
+    `volts` (nodes,): known voltages in volts.  Raise CircuitError if there is no such resistor and the netlist comes
+    from a space; in other circuits all currents are 0 A.
     """
     ends = np.where(components.of_node < 0, volts, np.nan)[netlist.resistor_nodes]
     ends = ends[np.abs(ends[:, 0] - ends[:, 1]) > 0]

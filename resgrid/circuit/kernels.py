@@ -13,17 +13,17 @@ from resgrid.solvers.scaled_kernels import _canonical, _shift, _sum, _two_produc
 Bools = NDArray[np.bool_]
 
 _DOUBLE_DOUBLE_ROUNDING = 1e-30
-"""Relative difference of two double-doubles up to which the difference is a rounding error."""
+"""Relative difference of two double-doubles up to which this difference is a rounding error."""
 
 
 @kernel
 def merge_components(pairs: Indices, part: Indices, contacts: Indices) -> int:
     """Merge the components of the two ends of every edge in a union-find, in place; return the number of contacts.
 
-    A node of -1 in `part` belongs to no component.  An edge with one such end is a contact: its number is written to
-    `contacts`.  With `number_components` this takes 18 to 52 ms for 1e6 edges, 4 to 17 times less than
+    `pairs` (m, 2): nodes of the edges; `part` (nodes,): parents of the union-find, -1 for a node outside all
+    components; `contacts` (at least m,): receives the numbers of the edges with one such node (contacts).  With
+    `number_components` this takes 18 to 52 ms for 1e6 edges, 4 to 17 times less than
     `scipy.sparse.csgraph.connected_components` (`resgrid.core.regions.label_components`).
-    Shapes: `pairs` (m, 2), `part` (nodes,), `contacts` (m,) at least.
     """
     count = 0
     for k in range(len(pairs)):
@@ -42,9 +42,10 @@ def merge_components(pairs: Indices, part: Indices, contacts: Indices) -> int:
 
 @kernel
 def number_components(part: Indices) -> int:
-    """Replace a union-find by component numbers, in place; return the number of components.
+    """Replace the parents of a union-find by component numbers, in place; return the number of components.
 
-    The parent of a node has a smaller number than the node, so that its component is known first.  Shapes: (nodes,).
+    `part` (nodes,): parents; -1 stays -1.  The parent of a node has a smaller number than the node, so that the
+    component of the parent is known first.
     """
     number = 0
     for node in range(len(part)):
@@ -58,9 +59,11 @@ def number_components(part: Indices) -> int:
 
 @inlined
 def _close_component(pairs: Indices, last: int, root: int, edges: Integers, top: int, currentless: Bools) -> int:
-    """Pop the edges of a biconnected component; mark them if fewer than two touch the root.  Return the stack height.
+    """Pop the edges of a biconnected component from the stack, and return the new height of the stack.
 
-    The component consists of the edges on top of the stack, down to the edge `last`.
+    `pairs` (m, 2): vertices of the edges; `last`: edge of the component that is deepest in the stack; `root`: vertex of
+    the terminals; `edges` (m,): the stack; `top`: its height; `currentless` (m,): set to True for the popped edges if
+    fewer than two of them touch the root.
     """
     first, contacts = top, 0
     while first == top or edges[first] != last:
@@ -79,12 +82,13 @@ def mark_currentless(
 ) -> None:  # fmt: skip
     """Mark the resistors that lie on no path between two terminals of sources, in place.
 
+    `pairs` (m, 2): rows, and n for the root; `start` (n + 2,), `edge` (2 m,): the resistors at every vertex in
+    compressed rows; `place` (n + 1,): a copy of ``start``; `order`, `low`, `entry`, `path` (n + 1,): work arrays filled
+    with -1; `edges` (m,): work array; `currentless` (m,): the result.
+
     All terminals are one vertex, the root.  A resistor carries current only in a biconnected component (Hopcroft and
     Tarjan, Commun. ACM 16, 1973, 372) that at least two resistors join to the root.  Resistors without a path to the
     root are not marked.
-    Shapes: `pairs` (m, 2): rows, and n for the root; `start` (n + 2,), `edge` (2 m,): the resistors at every vertex in
-    compressed rows; `place` (n + 1,): a copy of ``start``; `order, low, entry, path` (n + 1,): filled with -1;
-    `edges` (m,): work array; `currentless` (m,): the result.
     """
     root = len(start) - 2
     path[0], order[root], low[root] = root, 0, 0
@@ -120,10 +124,10 @@ def _voltage_difference(
     a: float, a_low: float, a_is_drop: bool, b: float, b_low: float, b_is_drop: bool, rounding: float,
     drop_rounding: float,
 ) -> float:  # fmt: skip
-    """Return the potential of node a minus that of node b, in units of the rail distance; 0 within rounding errors.
+    """Return the potential of node a minus that of b, as a fraction of the rail distance; 0 within rounding errors.
 
-    ``a + a_low`` is the drop of node a from the high rail if `a_is_drop`, else its height above the low rail; likewise
-    for b.  `rounding, drop_rounding`: relative rounding errors of heights and of drops.
+    ``a + a_low`` is the drop of node a from the high rail if `a_is_drop`, else the height of node a above the low rail;
+    likewise for node b.  `rounding`, `drop_rounding`: relative rounding errors of heights and of drops.
     """
     if a_is_drop == b_is_drop:
         d = (a - b) + (a_low - b_low)
@@ -143,11 +147,13 @@ def currents(
     pairs: Indices, conductance: Floats, value: Scaled, is_drop: Bools, volts: float, rounding: float, amps: Floats,
     exponent: Integers, threshold: float, imprecise: Bools,
 ) -> float:  # fmt: skip
-    """Write the scaled currents of the resistors to `amps` and `exponent`; return the dissipated power in watts.
+    """Compute the currents of the resistors, and return the dissipated power in watts.
 
-    `imprecise` marks a current whose voltage difference is at most ``threshold`` of the two values, or a rounding
-    error of these, but not zero.  `volts`: unit of the values, in volts; `rounding`: relative rounding error of
-    heights.  Shapes: `pairs` (m, 2); `value, is_drop` (nodes,); others (m,).
+    `pairs` (m, 2): nodes; `conductance` (m,): in siemens; `value`, `is_drop` (nodes,): node values, and whether each is
+    a drop from the high rail; `volts`: unit of the values in volts; `rounding`: relative rounding error of heights;
+    `amps`, `exponent` (m,): receive the currents ``amps * 2**(256 exponent)`` A; `threshold`: relative difference of
+    two values below which their difference is imprecise; `imprecise` (m,): receives whether the voltage difference is
+    imprecise or a rounding error, but not zero.
     """
     hi, lo, e, drop_rounding = value.hi, value.lo, value.exponent, value.noise
     power = 0.0
@@ -173,7 +179,8 @@ def currents(
 def add_currents(pairs: Indices, amps: Floats, exponent: Integers, frame: Integers, net: Floats, total: Floats) -> None:
     """Add the resistor currents to the net current into every node, and their magnitudes to the totals, in place.
 
-    Node values are in units of ``2**(256 frame)`` amperes.  Shapes: `amps, exponent` (m,); others (nodes,).
+    `pairs` (m, 2): nodes; `amps`, `exponent` (m,): currents ``amps * 2**(256 exponent)`` A; `frame` (nodes,): exponent
+    of the unit ``2**(256 frame)`` A of a node; `net`, `total` (nodes,): net current and sum of magnitudes in this unit.
     """
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
@@ -191,9 +198,11 @@ def drop_unresolved(
 ) -> None:  # fmt: skip
     """Set to zero the currents that do not flow downwards in `falling` and are negligible at both ends, in place.
 
-    A node with NaN in `falling` (its voltage lies outside the rails) keeps its currents.  `through` is half the sum of
-    the current magnitudes at a node; a current of at most ``negligible * through`` is negligible.
-    Shapes: `amps, exponent` (m,); `frame, net, through, falling` (nodes,).
+    `pairs` (m, 2): nodes; `amps`, `exponent` (m,): currents ``amps * 2**(256 exponent)`` A; `frame` (nodes,): exponent
+    of the unit ``2**(256 frame)`` A of a node; `net`, `through` (nodes,): net current and half the sum of the
+    magnitudes, in this unit; `falling` (nodes,): values that fall along currents; `negligible`: a current of at most
+    ``negligible * through`` is negligible.  A node with NaN in `falling` (a voltage outside the rails) keeps its
+    currents.
     """
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
@@ -214,8 +223,9 @@ def add_flows(
 ) -> None:
     """Add branch currents ``conductance * falls`` to the net current into both rows, and their magnitudes to `total`.
 
-    Voltage differences and net currents are double-doubles; the arrays change in place.
-    Shapes: `rows` (m, 2), -1 for nodes without a row; `conductance, falls, falls_low` (m,); others (n,).
+    `rows` (m, 2): rows, -1 for nodes without a row; `conductance` (m,): in siemens; `falls`, `falls_low` (m,): voltage
+    differences in volts, and their rounding errors; `net`, `net_low` (n,): net currents in amperes, and their rounding
+    errors; `total` (n,): sums of magnitudes in amperes.  `net`, `net_low` and `total` change in place.
     """
     for k in range(len(rows)):
         a, b = rows[k, 0], rows[k, 1]

@@ -32,19 +32,24 @@ from resgrid.solvers.scaled import unscaled
 from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 _LARGEST_ROUNDING = 1e-10
-"""Largest rounding error of a sum of source voltages, relative to the smallest source voltage."""
+"""Largest rounding error of a sum of source voltages, as a fraction of the smallest source voltage."""
 
 _SMALL = 500
-"""Number of nodes up to which currents of circuits without cells are always recovered; this takes some milliseconds."""
+"""Number of nodes up to which currents of circuits without cells are always recovered; recovery takes milliseconds."""
 
 _STIFF = 1e-9
-"""Ratio of conductances below which rounding errors of the large currents may exceed the small currents."""
+"""Ratio of the smallest to the largest conductance; below it, errors of large currents may exceed small currents."""
 
 
 def solve_linear(
     netlist: Netlist, *, accuracy: str, method: str, rtol: float, threads: int = 1, progress: Progress | None = None
 ) -> OperatingPoint:
-    """Find the operating point of a netlist without nonlinear resistors; options and errors are those of `solve`.
+    """Return the operating point of a netlist without nonlinear resistors.
+
+    `accuracy`: ``"direction"`` (componentwise) or ``"normwise"``; `method`: ``"auto"``, ``"direct"`` or
+    ``"multigrid"``; `rtol`: largest backward error for ``"normwise"``; `threads`: largest number of threads;
+    `progress`: function called after every iteration.  Raise CircuitError without an operating point, AccuracyError if
+    the accuracy is not reached.
 
     The stages, whose wall-clock times are in `OperatingPoint.seconds`:
 
@@ -77,8 +82,9 @@ def solve_linear(
 class _Run(NamedTuple):
     """Options and progress of one solve.
 
-    `method, accuracy`: as in `resgrid.solve`; `team`: threads; `watch`: progress; `seconds`: wall-clock time of every
-    finished stage, filled in by `timed`.
+    `method`: solver name, such as ``"auto"``; `accuracy`: ``"normwise"`` or a componentwise option of `resgrid.solve`;
+    `team`: threads; `watch`: progress reports; `seconds`: wall-clock time of every finished stage, filled in by
+    `timed`.
     """
 
     method: str
@@ -89,13 +95,13 @@ class _Run(NamedTuple):
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
-        """Measure the wall-clock time of a stage."""
+        """Measure the wall-clock time of the block, and store it in `seconds` under the name `stage`."""
         start = time.perf_counter()
         yield
         self.seconds[stage] = time.perf_counter() - start
 
     def factor(self, system: Equations) -> Factor | None:
-        """Factor the matrix of the equations; None without rows."""
+        """Return the factors of the matrix of the equations, or None if the equations have no rows."""
         with self.timed("factor"):
             if not system.size:
                 return None
@@ -105,10 +111,10 @@ class _Run(NamedTuple):
 class _Solution(NamedTuple):
     """A componentwise solution, and the quantities that decide whether it is accurate.
 
-    `values`: of the nodes; `residual` (nodes,): KCL residual relative to the current through a node; `imprecise`:
-    whether significant currents have few correct digits; `error_bound`: bound on the errors of voltages relative to the
-    largest one, and of currents relative to the current through a node; `recovered`: whether the currents come from
-    `current_recovery`, which proves them independently.
+    `point`: operating point; `values`: node voltages relative to the rails; `residual` (nodes,): KCL residual as a
+    fraction of the current through a node; `imprecise`: whether significant currents have few correct digits;
+    `error_bound`: bound on the errors of voltages relative to the largest one, and of currents relative to the current
+    through a node; `recovered`: whether the currents come from `current_recovery`, which proves them independently.
     """
 
     point: OperatingPoint
@@ -120,7 +126,10 @@ class _Solution(NamedTuple):
 
 
 def _solve_normwise(system: Equations, run: _Run, rtol: float) -> OperatingPoint:
-    """Factor, substitute and read with a normwise backward error of at most `rtol`."""
+    """Return the operating point with a normwise backward error of at most `rtol`; raise AccuracyError if it is larger.
+
+    `system`: equations; `run`: options of the solve.
+    """
     factors = run.factor(system)
     name, threads = (factors.name, factors.threads.size) if factors else ("none", 1)
 
@@ -142,7 +151,10 @@ def _solve_normwise(system: Equations, run: _Run, rtol: float) -> OperatingPoint
 
 
 def _substitute_and_read(system: Equations, run: _Run) -> _Solution:
-    """Factor, substitute and read with componentwise accuracy."""
+    """Solve with componentwise accuracy; return the operating point with its accuracy, which is not yet checked.
+
+    `system`: equations; `run`: options of the solve.
+    """
     factors = run.factor(system)
     name, team = (factors.name, factors.threads) if factors else ("none", SINGLE_THREAD)
     with run.timed("substitute"):
@@ -164,9 +176,9 @@ def _tiny_currents(system: Equations, point: OperatingPoint) -> BranchCurrents |
 
 
 def _may_cancel(system: Equations, solution: _Solution) -> bool:
-    """Return whether currents may have lost their digits to cancellation, and can be recovered.
+    """Return whether currents may have lost their digits to cancellation and can be recovered.
 
-    Grids with currents outside the range of doubles are not recovered.
+    `solution`: solution before the recovery.  Grids with currents outside the range of doubles are not recovered.
     """
     if system.netlist.cell_map is not None and _tiny_currents(system, solution.point) is not None:
         return False
@@ -177,8 +189,8 @@ def _suggests_cancellation(system: Equations, point: OperatingPoint) -> bool:
     """Return whether voltages or currents may be small differences of large values.
 
     This is assumed for every small circuit without cells, for violations of KCL, and for floating sources that drive
-    currents.  It also holds if sums of source voltages in series are rounded and, up to a number of rows, if sources
-    drive currents of both signs or conductances differ by many orders of magnitude.
+    currents.  Cancellation is also assumed if sums of source voltages in series are rounded.  Up to `EXACT_ROWS` rows,
+    it is assumed if sources drive currents of both signs or conductances differ by many orders of magnitude.
     """
     forest, volts = system.forest, np.abs(system.netlist.source_volts)
     rounding, few = float(np.abs(forest.rounding).max(initial=0.0)), system.size <= EXACT_ROWS
@@ -197,7 +209,10 @@ def _suggests_cancellation(system: Equations, point: OperatingPoint) -> bool:
 
 
 def _recover(system: Equations, run: _Run, solution: _Solution) -> _Solution:
-    """Return the solution with recovered currents, or the given one if recovery fails or makes KCL worse."""
+    """Return the solution with recovered currents, or the given one if recovery fails or makes KCL worse.
+
+    `system`: equations; `run`: options of the solve; `solution`: solution before the recovery.
+    """
     from resgrid.circuit.current_recovery import recover_currents
 
     tiny, rails, watch = _tiny_currents(system, solution.point), system.rails, run.watch
@@ -223,7 +238,10 @@ def _recover(system: Equations, run: _Run, solution: _Solution) -> _Solution:
 
 
 def _check_accuracy(solution: _Solution) -> None:
-    """Raise AccuracyError if the solve did not converge, currents may cancel, or the field is not direction-safe."""
+    """Raise AccuracyError if the solve did not converge, currents may cancel, or the field is not direction-safe.
+
+    `solution`: solution with the residuals and error bounds that are checked.
+    """
     point, residual = solution.point, solution.residual
     if not solution.recovered and not is_answer(point.backward_error, point.entry_error):
         raise AccuracyError(
@@ -257,10 +275,10 @@ def _is_driven_where_floating(system: Equations) -> bool:
 
 
 def _floating_components(system: Equations) -> tuple[Netlist, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return the floating components as a netlist, with one node of each tied to ground.
+    """Return the floating components as a netlist, and masks of its resistors (resistors,) and sources (sources,).
 
-    The source currents into a component add up to zero, so that its tie carries no current.  Ends of current sources in
-    other components become ground.  Also returns which resistors (resistors,) and voltage sources (sources,) it holds.
+    One node of each component is tied to ground.  The source currents into a component add up to zero, so that the tie
+    carries no current.  Ends of current sources in other components become ground.
     """
     netlist = system.netlist
     resistors, sources = (
@@ -283,7 +301,11 @@ def _floating_components(system: Equations) -> tuple[Netlist, NDArray[np.bool_],
 def _merged(
     grounded: BranchCurrents, floating: BranchCurrents, resistors: NDArray[np.bool_], sources: NDArray[np.bool_]
 ) -> BranchCurrents:
-    """Return the currents of the whole circuit: those of floating resistors and sources replace zeros."""
+    """Return the currents of the whole circuit: currents of the floating components replace zeros of the others.
+
+    `grounded`, `floating`: currents of the two parts; `resistors` (resistors,), `sources` (sources,): whether the
+    resistor or voltage source is in a floating component.
+    """
     amps, exponent, through = grounded.scaled[0].copy(), grounded.scaled[1].copy(), grounded.source_current.copy()
     amps[resistors], exponent[resistors] = floating.scaled
     through[sources] = floating.source_current[: np.count_nonzero(sources)]
@@ -321,7 +343,7 @@ class CircuitFactor:
         return f"<CircuitFactor of {self.system.netlist!r}: {self.system.size} rows, {self.factors.name}>"
 
     def solve(self, rhs: ArrayLike, *, rtol: float = 1e-10, guess: ArrayLike | None = None) -> NDArray[np.float64]:
-        """Solve for a right-hand side.
+        """Return the solution of the equations for a right-hand side.
 
         Parameters
         ----------
@@ -335,7 +357,7 @@ class CircuitFactor:
         Returns
         -------
         ndarray of float64, shape (n,)
-            Heights of the nodes above the reference, in volts.
+            Voltages of the nodes of the rows above ``system.reference``, in volts.
 
         Raises
         ------
@@ -346,6 +368,6 @@ class CircuitFactor:
 
 
 def factor_circuit(system: Equations, method: str = "auto") -> CircuitFactor:
-    """Factor the matrix of the equations, for normwise and componentwise solves."""
+    """Return the factored matrix of the equations, for normwise and componentwise solves; `method`: solver name."""
     factors = factor_laplacian(system.laplacian, method)
     return CircuitFactor(replace(system, laplacian=factors.laplacian), factors)

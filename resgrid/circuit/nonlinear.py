@@ -2,12 +2,12 @@
 
 The operating point minimises the co-content (Millar 1951): the sum of ``integral of I dV`` over all elements, minus the
 sum of source current times voltage.  Every branch current increases with its voltage, so that the co-content is convex.
-Every Newton step solves a linear system with an M-matrix, that of the circuit with the differential conductances
-``I0 / V0 sech^2(dV / V0)``.
+Every Newton step solves a linear system with an M-matrix: the matrix of the linear circuit of the differential
+conductances ``I0 / V0 sech^2(dV / V0)``.
 
 At the operating point a nonlinear resistor carries the same current as a linear resistor of the *secant* conductance
-``I / dV``.  The result is therefore the operating point of the linear circuit of secant conductances.  It has the same
-accuracy as that of any linear circuit: it has no local minimum and is direction-safe.
+``I / dV``.  The result is therefore the operating point of the linear circuit of secant conductances, and is as
+accurate as the operating point of any linear circuit: the potential has no local minimum and is direction-safe.
 
 A nonlinear resistor carries less than ``I0``.  An operating point exists if and only if the current injected into any
 set of nodes is less than the sum of ``I0`` of the resistors that leave the set (Ford & Fulkerson 1956).  Otherwise the
@@ -38,29 +38,29 @@ from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.progress import Progress
 
 _MANY_STEPS, MOST_STEPS = 20, 200
-"""Number of Newton steps after which overloaded cuts are searched for, and largest number of steps."""
+"""Number of Newton steps after which overloaded cuts are searched for, and largest number of Newton steps."""
 
 _EPS = float(np.finfo(np.float64).eps)
 _FLOOR = 1e-15
-"""Smallest differential conductance, as a fraction of that at 0 V; keeps the matrix regular in saturation."""
+"""Smallest differential conductance, as a fraction of the conductance at 0 V; keeps the matrix regular."""
 
 _NEGLIGIBLE = 1e-9
 """Largest violation of Kirchhoff's current law at convergence, as a fraction of the largest current."""
 
 _WORTHWHILE = 0.05
-"""Step length, as a fraction of a Newton step, below which Newton and secant steps alternate."""
+"""Smallest useful step length, as a fraction of a Newton step; a shorter step is replaced by a secant step."""
 
 _SHORTER, _SHORTEST = 0.7, 1e-30
-"""Factor of a step reduction, and smallest step length as a fraction of a Newton step."""
+"""Factor by which a step is shortened, and smallest step length as a fraction of a Newton step."""
 
 _SATURATED = 14.0
-"""``dV / V0`` above which a nonlinear resistor counts as saturated: its current differs from ``I0`` by 1 in 1e12."""
+"""Ratio ``dV / V0`` above which a nonlinear resistor counts as saturated: its current is within 1e-12 of ``I0``."""
 
 _MARGIN = 1e-12
-"""Rounding error of the capacity of a cut, as a fraction of the capacity."""
+"""Relative rounding error of the capacity of a cut: the sum of ``I0`` of the resistors in the cut."""
 
 _CURRENT_ROUNDING = 1e-13
-"""Relative error of nonlinear currents; near saturation it makes the voltage uncertain."""
+"""Relative rounding error of nonlinear currents; near saturation a voltage computed from the current is uncertain."""
 
 _SETTLED = 1e-13
 _MOST_PASSES = 8
@@ -69,10 +69,14 @@ _MOST_PASSES = 8
 def solve_nonlinear(
     netlist: Netlist, *, accuracy: str, method: str, rtol: float, progress: Progress | None = None
 ) -> OperatingPoint:
-    """Find the operating point of a netlist with nonlinear resistors; options and errors are those of `resgrid.solve`.
+    """Return the operating point of a netlist with nonlinear resistors.
+
+    `accuracy`: ``"direction"`` (componentwise) or ``"normwise"``; `method`: method of the linear solves; `rtol`:
+    largest backward error for ``"normwise"``; `progress`: function called after every iteration.  Raise CircuitError if
+    current sources exceed the capacity of nonlinear resistors, and AccuracyError without convergence.
 
     Newton's method computes the voltages to the rounding of doubles.  Then the linear circuit of secant conductances is
-    solved repeatedly, with the conductances updated from its currents, until they no longer change.
+    solved repeatedly, with conductances updated from the branch currents, until the conductances no longer change.
     """
     start = time.perf_counter()
     voltage = newton(netlist, method=method).voltage
@@ -128,8 +132,8 @@ def linearize(op: OperatingPoint) -> Netlist:
     Returns
     -------
     Netlist
-        The same nodes, sources and capacitors.  Every nonlinear resistor becomes a resistor of its differential
-        conductance ``dI / dV``, after the linear resistors.
+        Circuit with the same nodes, sources and capacitors.  Every nonlinear resistor becomes a resistor of its
+        differential conductance ``dI / dV``, in siemens; these resistors follow the linear ones.
 
     Examples
     --------
@@ -147,9 +151,9 @@ def linearize(op: OperatingPoint) -> Netlist:
 
 
 def nonlinear_drops(point: OperatingPoint) -> NDArray[np.float64]:
-    """Return the voltages across the nonlinear resistors, in volts, (nonlinear resistors,).
+    """Return the voltages across the nonlinear resistors of an operating point, in volts, (nonlinear resistors,).
 
-    They are computed from the currents, or near saturation from the node voltages, whichever is more accurate.
+    The voltages are computed from the currents, or near saturation from the node voltages, whichever is more accurate.
     """
     netlist = point.netlist
     scale, fraction = netlist.nonlinear_voltage, np.abs(point.nonlinear_amps) / netlist.nonlinear_current
@@ -163,8 +167,8 @@ def nonlinear_drops(point: OperatingPoint) -> NDArray[np.float64]:
 class NewtonSolution(NamedTuple):
     """Result and history of Newton's method.
 
-    `voltage` (nodes,): node voltages above ground, in volts; NaN where a node floats; `residual`: largest violation
-    of Kirchhoff's current law before every step and after the last one, in amperes; `step`: length of every step as a
+    `voltage` (nodes,): node voltages above ground, in volts; NaN where a node floats; `residual`: largest violation of
+    Kirchhoff's current law in amperes, before every step and after the last step; `step`: length of every step as a
     fraction of the Newton step; 1 for a full step, 0 for a secant step.
     """
 
@@ -174,11 +178,12 @@ class NewtonSolution(NamedTuple):
 
 
 def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
-    """Find the node voltages of a circuit with nonlinear resistors by a damped Newton method.
+    """Return the node voltages of a circuit with nonlinear resistors, from a damped Newton method.
 
-    A step is shortened until the co-content decreases along the whole step.  If the steps become very short, deep in
-    saturation, they alternate with steps that use the secant conductances.  A secant step minimises a quadratic upper
-    bound of the co-content that touches it at the current voltages, as in iteratively reweighted least squares.
+    `method`: method of the linear solves.  A step is shortened until the co-content decreases along the whole step.  If
+    the steps become very short, deep in saturation, they alternate with steps that use the secant conductances.  A
+    secant step minimises a quadratic upper bound of the co-content that touches it at the current voltages, as in
+    iteratively reweighted least squares.
 
     Raise CircuitError if the current sources exceed the capacity of a cut, and AccuracyError without convergence.
     """
@@ -214,9 +219,9 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
 
 
 def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlist:
-    """Replace every nonlinear resistor by a linear one, appended to the resistors.
+    """Return the netlist with every nonlinear resistor replaced by a linear one, appended to the resistors.
 
-    `conductance` (nonlinear resistors,): in siemens.
+    `conductance` (nonlinear resistors,): conductances of the new resistors, in siemens.
     """
     ends, crossed = netlist.nonlinear_nodes, crossed_by(netlist, "nonlinear resistor")
     joined = add_elements(netlist, "resistor", ends, conductance, **crossed)
@@ -224,9 +229,9 @@ def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlis
 
 
 class _Law(NamedTuple):
-    """Characteristic ``I = G V0 tanh(dV / V0)`` of resistors.
+    """Characteristic ``I = G V0 tanh(dV / V0)`` of m resistors, with the current ``I`` and the voltage ``dV``.
 
-    `siemens` (m,): ``G``; `volts` (m,): ``V0``, infinite for a linear resistor.
+    `siemens` (m,): conductance at 0 V ``G``; `volts` (m,): ``V0``, infinite for a linear resistor.
     """
 
     siemens: NDArray[np.float64]
@@ -238,24 +243,24 @@ class _Law(NamedTuple):
         return cls(netlist.nonlinear_current / netlist.nonlinear_voltage, netlist.nonlinear_voltage)
 
     def secant(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the secant conductance ``I / dV`` of every resistor, in siemens, (m,), at voltages `drop` (m,)."""
+        """Return the secant conductances ``I / dV`` in siemens, (m,); `drop` (m,): voltages ``dV`` in volts."""
         x = np.abs(drop / self.volts)
         small = x < 1e-4
         return np.asarray(self.siemens * np.where(small, 1 - x * x / 3, np.tanh(x) / np.where(small, 1.0, x)))
 
     def differential(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the differential conductance ``dI / dV = G sech^2(dV / V0)`` of every resistor, in siemens, (m,)."""
+        """Return the differential conductances ``dI / dV`` in siemens, (m,); `drop` (m,): voltages ``dV`` in volts."""
         decay = np.exp(-2 * np.abs(drop / self.volts))
         return np.asarray(self.siemens * np.maximum(4 * decay / (1 + decay) ** 2, _FLOOR))
 
 
 @dataclass(frozen=True, eq=False)
 class _NonlinearCircuit:
-    """Kirchhoff's current law for the rows of the nodal equations, with linear and nonlinear resistors, in this order.
+    """Kirchhoff's current law for the rows of the nodal equations; elements are first linear, then nonlinear resistors.
 
-    `law`: characteristics of all resistors; `system`: equations of the circuit linearized at 0 V; `method`: for the
-    linear systems; `incidence` (elements, n): maps row voltages to voltages across elements; `lift` (elements,):
-    voltages across elements for rows at 0 V.
+    `law`: characteristics of all resistors; `system`: equations of the circuit linearized at 0 V; `method`: method of
+    the linear solves; `incidence` (elements, n): matrix that maps row voltages to voltages across elements; `lift`
+    (elements,): voltages across elements for rows at 0 V.
     """
 
     law: _Law
@@ -277,15 +282,22 @@ class _NonlinearCircuit:
         return cls(law, system, method, incidence, across(system.heights(np.zeros(system.size)), ends))
 
     def drops(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the voltage across every element, in volts, (elements,), for rows at `x` (n,)."""
+        """Return the voltages across the elements, in volts, (elements,); `x` (n,): voltages of the rows in volts."""
         return np.asarray(self.incidence @ x + self.lift)
 
     def excess(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the resistor currents out of every row minus its injected current, in amperes, (n,)."""
+        """Return the resistor currents out of every row minus the injected current of the row, in amperes, (n,).
+
+        `drop` (elements,): voltages across the elements in volts.
+        """
         return np.asarray(self.incidence.T @ (self.law.secant(drop) * drop) - self.system.injected)
 
     def obeys_kcl(self, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64]) -> bool:
-        """Return whether the excess at every row is within its rounding error, and negligible."""
+        """Return whether the violation of KCL at every row is negligible and within the rounding error of the row.
+
+        `x` (n,): voltages of the rows; `drop` (elements,): voltages across elements, in volts; `excess` (n,):
+        violations in amperes.
+        """
         amps, injected = np.abs(self.law.secant(drop) * drop), np.abs(self.system.injected)
         largest, touched = max(amps.max(initial=0.0), injected.max(initial=0.0)), abs(self.incidence)
         error = self.law.differential(drop) * (touched @ np.abs(x) + np.abs(self.lift)) + amps
@@ -295,9 +307,10 @@ class _NonlinearCircuit:
     def step(
         self, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64], least: float
     ) -> tuple[NDArray[np.float64], float]:
-        """Return the change of `x`, (n,), and its length as a fraction of the Newton step.
+        """Return the change of the row voltages, in volts, (n,), and its length as a fraction of the Newton step.
 
-        The length is at least `least`, or 0 for a secant step.
+        `x` (n,), `drop` (elements,): voltages of rows and across elements, in volts; `excess` (n,): violations of KCL
+        in amperes; `least`: smallest length of a Newton step; a secant step, of length 0, replaces shorter steps.
         """
         with suppress(AccuracyError):  # the matrix can be singular if differential conductances vanish
             direction, length = self.move(excess, self.law.differential(drop)), 1.0
@@ -310,14 +323,17 @@ class _NonlinearCircuit:
         return self.move(excess, self.law.secant(drop)), 0.0
 
     def move(self, excess: NDArray[np.float64], conductance: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the change of `x`, (n,), that cancels the excess in the linear circuit of given conductances."""
+        """Return the change of the row voltages (n,), in volts, that cancels the KCL violations in a linear circuit.
+
+        `excess` (n,): violations in amperes; `conductance` (elements,): conductances of the linear circuit in siemens.
+        """
         matrix, _ = self.system.with_conductance(conductance)
         return factor_laplacian(matrix, self.method).solve(-excess, rtol=1e-8)
 
     def refuse_overloaded_cut(self, netlist: Netlist, x: NDArray[np.float64]) -> None:
         """Raise CircuitError if the current sources exceed the capacity of a cut through nonlinear resistors.
 
-        The cuts separate the rows above, or below, each voltage of `x` (n,) from all others.
+        The cuts separate the rows above, or below, each voltage of `x` (n,), in volts, from all other rows.
         """
         volts, rank = np.unique(np.append(x, 0.0), return_inverse=True)  # the last entry stands for the rails
         count, rows = len(volts), self.system.unknown[self.system.netlist.resistor_nodes]
@@ -327,9 +343,10 @@ class _NonlinearCircuit:
         limit = np.append(np.zeros(len(netlist.conductance)), netlist.nonlinear_current)
 
         def crossing(weight: NDArray[np.float64]) -> NDArray[np.float64]:
-            """Return, per voltage but the highest, the weight of the elements between rows up to and above the voltage.
+            """Return the total weight of the elements that cross each cut, (count - 1,).
 
-            Shape (count - 1,).
+            Cut ``i`` separates the rows up to voltage number ``i`` from the rows above; `weight` (elements,): weight of
+            an element, such as the current limit.
             """
             return np.cumsum(np.bincount(below, weight, count) - np.bincount(above, weight, count))[:-1]
 

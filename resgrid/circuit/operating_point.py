@@ -19,16 +19,16 @@ _DIRECT_CURRENT = (
     "node_count", "resistor_nodes", "conductance", "source_nodes", "source_volts", "current_nodes", "current_amps",
     "nonlinear_nodes", "nonlinear_current", "nonlinear_voltage",
 )  # fmt: skip
-"""Fields of a netlist that determine its operating point."""
+"""Names of the fields of a netlist that determine the operating point."""
 
 
 class BranchCurrents(NamedTuple):
     """Currents of resistors and voltage sources, the dissipated power and the KCL residual.
 
-    `resistor_current` (resistors,): in amperes, from the first node to the second, 0 if it underflows; `scaled`: the
-    same currents as mantissas and exponents, ``mantissa * 2**(256 exponent)``, (resistors,) each; `source_current`
-    (sources,): in amperes, into the plus terminal; `power`: in watts; `kcl_residual`: largest relative violation of
-    Kirchhoff's current law.
+    `resistor_current` (resistors,): currents in amperes, from the first node to the second, 0 if they underflow;
+    `scaled`: the same currents as mantissas and exponents, ``mantissa * 2**(256 exponent)`` A, (resistors,) each;
+    `source_current` (sources,): currents in amperes, into the plus terminal; `power`: dissipated power in watts;
+    `kcl_residual`: largest violation of Kirchhoff's current law, as a fraction of the current through the node.
     """
 
     resistor_current: NDArray[np.float64]
@@ -60,22 +60,22 @@ class OperatingPoint:
         With two rails ``1 - u``, computed from ``u`` or from ``1 - u``, whichever is smaller.  With one rail and
         current sources of one sign, the height above (or below) that rail, scaled to a maximum of 1.  Otherwise None.
     floating : ndarray of int64
-        Nodes without a path of resistors or voltage sources to ground.  Their voltages are NaN; their branch currents
-        are known, since the source currents into each floating component add up to zero.
+        Nodes without a path of resistors or voltage sources to ground.  The voltages of these nodes are NaN; currents
+        between them are known, since the source currents into each floating component add up to zero.
     undriven : ndarray of int64
         Nodes of components that touch a single known voltage and have no current source: all are at that voltage.
     method : str
         Method of the linear solves: ``"direct"``, ``"multigrid"``, or ``"none"`` if no voltage was unknown; with
         nonlinear resistors it begins with ``"newton, "``.
     seconds : mapping of str to float
-        Wall-clock time of each stage.
+        Wall-clock time of each stage of the solve, in seconds, by the name of the stage.
     threads : int
         Number of threads that the solve used: 1 if several would not be faster.
     iterations : int
         Steps of the iterative method, summed over right-hand sides and refinement; 0 for the direct method.
     backward_error : float
         Backward error of the linear system: componentwise for ``accuracy = "direction"``, normwise for ``"normwise"``.
-        With nonlinear resistors it belongs to the last linear system.
+        With nonlinear resistors, the backward error belongs to the last linear system.
     entry_error : float
         Bound on the relative error of every drop ``u``, however small (with one rail: of every height above it),
         proved from the KCL residuals (`resgrid.solvers.refinement`).  The rounding of the logarithm to a double is not
@@ -83,13 +83,13 @@ class OperatingPoint:
         infinite without a proof: for normwise solutions, for circuits with nonlinear resistors, for larger circuits
         with one rail and currents of both signs, and for circuits with components that carry no current.
     nonlinear_amps : ndarray of float64, shape (nonlinear resistors,)
-        Current of a nonlinear resistor from its first node to its second, in amperes; 0 if it underflows.
+        Current from the first node of a nonlinear resistor to the second, in amperes; 0 if it underflows.
     nonlinear_log_amps : ndarray of float64, shape (nonlinear resistors,)
-        Natural logarithm of the magnitude of that current; -inf for 0 A.
+        Natural logarithm of the magnitude of a nonlinear resistor's current in amperes; -inf for 0 A.
     nonlinear_direction : ndarray of int8, shape (nonlinear resistors,)
-        Sign of that current: 1 from the first node to the second, -1 back, 0 for no current.
+        Sign of a nonlinear resistor's current: 1 from the first node to the second, -1 back, 0 for no current.
     resistor_current : ndarray of float64, shape (resistors,)
-        Current from a resistor's first node to its second, in amperes; 0 if it underflows.
+        Current from the first node of a resistor to the second, in amperes; 0 if it underflows.
     resistor_log_current : ndarray of float64, shape (resistors,)
         Natural logarithm of the magnitude of every resistor's current; -inf for 0 A.
     resistor_direction : ndarray of int8, shape (resistors,)
@@ -140,7 +140,23 @@ class OperatingPoint:
     _repr_html_ = picture_html
 
     def is_of(self, netlist: Netlist) -> bool:
-        """Return whether a netlist has the same resistors and sources, and thus the same operating point."""
+        """Return whether a netlist has the same resistors and sources, and thus the same operating point.
+
+        Parameters
+        ----------
+        netlist : Netlist
+            The netlist to compare with.
+
+        Returns
+        -------
+        bool
+            True if the fields that determine the operating point are equal.
+
+        Raises
+        ------
+        InputError
+            If `netlist` is not a `Netlist`.
+        """
         one, other = self.netlist, netlist
         if not isinstance(other, Netlist):
             raise InputError(f"netlist is of type {type(other).__name__}; give a Netlist")
@@ -150,7 +166,7 @@ class OperatingPoint:
     def readings(self) -> BranchCurrents:
         """Branch currents, power and KCL residual, computed at the first access of a normwise solution.
 
-        Concurrent first accesses may compute them twice, with equal results.
+        Concurrent first accesses may compute these values twice, with equal results.
         """
         currents = self._currents if isinstance(self._currents, BranchCurrents) else self._currents()
         lock(currents)
@@ -163,25 +179,25 @@ class OperatingPoint:
 
     @property
     def resistor_current(self) -> NDArray[np.float64]:
-        """Current from a resistor's first node to its second, in amperes, shape (resistors,); 0 if it underflows."""
+        """Current from the first node to the second of every resistor, in amperes, (resistors,); 0 if it underflows."""
         return self.readings.resistor_current
 
     @property
     def resistor_log_current(self) -> NDArray[np.float64]:
-        """Natural logarithm of the magnitude of every resistor's current, shape (resistors,); -inf for 0 A."""
+        """Natural logarithm of the magnitude of every resistor's current in amperes, (resistors,); -inf for 0 A."""
         amps, exponent = self.readings.scaled
         return logarithm(np.abs(amps), exponent)
 
     @property
     def resistor_direction(self) -> NDArray[np.int8]:
-        """Sign of every resistor's current, shape (resistors,): 1 from the first node to the second, -1 back, or 0."""
+        """Sign of every resistor's current, (resistors,): 1 from the first node to the second, -1 back, 0 for 0 A."""
         return np.sign(self.readings.scaled[0]).astype(np.int8)
 
     @property
     def source_current(self) -> NDArray[np.float64]:
         """Current into the plus terminal of every voltage source, in amperes, shape (sources,).
 
-        The sign convention is that of SPICE.  NaN for sources in a loop of sources.
+        SPICE uses the same sign convention.  NaN for sources in a loop of sources.
         """
         return self.readings.source_current
 

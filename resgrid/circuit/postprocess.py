@@ -1,6 +1,6 @@
 """Post-processing of a solution: node values, and the voltages, potentials and currents computed from them.
 
-The value of a node is its potential relative to the nearer rail.  A branch current is computed from the difference of
+The value of a node is its voltage difference from the nearer rail.  A branch current is computed from the difference of
 two values before any rounding.  With two rails, the linear system is solved for the drop ``u`` from the high rail.  The
 height ``phi = 1 - u`` above the low rail is the complement of the drop, or the solution of a second system if the
 complement would cancel at some node.  Source currents of both signs are two right-hand sides; solutions may cancel.
@@ -34,34 +34,34 @@ OUT_OF_RANGE = (
 )
 
 DIRECTION_RESIDUAL = 1e-6
-"""Largest KCL violation of a direction-safe field, relative to the current through the node."""
+"""Largest KCL violation at a node of a direction-safe field, as a fraction of the current through the node."""
 
 HARMLESS = 1e-7
-"""Fraction of a node's through-current below which a current without a voltage difference is set to zero."""
+"""Fraction of a node's through-current.  Smaller currents are set to zero if they do not flow down the potential."""
 
 _LEAST_COMPLEMENT = 1e-3
 """Smallest height above the low rail, as a fraction of the rail distance, that is computed as one minus the drop."""
 
 _IMPRECISE, _IMPRECISE_IN_SMALL = 1e-20, 1e-10
-"""Relative difference of two values below which their difference has few correct digits.  `_IMPRECISE` is half the
-digits of a double-double.  `_IMPRECISE_IN_SMALL`, for small circuits, where a check is cheap, includes the rounding
-error of summed contacts."""
+"""Relative difference of two values below which a current computed from their difference has few correct digits.
+`_IMPRECISE` is half the digits of a double-double.  `_IMPRECISE_IN_SMALL`, for small circuits, where a check is cheap,
+includes the rounding error of summed contacts.
+"""
 
 _NO_EXPONENT = -(2**62)
 _PLAIN_EXPONENT = 2
-"""Largest magnitude of the exponents for which sums of currents stay in the range of doubles."""
+"""Largest magnitude of the exponents of ``2**256`` for which sums of currents stay in the range of doubles."""
 
 
 @dataclass(frozen=True, eq=False)
 class NodeValues:
-    """Potential of every node relative to the nearer of two rails, or to the only one, in units of `volts`.
+    """Voltage difference of every node from the nearer of two rails, or from the only one, in units of `volts`.
 
     `value` (nodes,): 0 where the node floats; `is_drop` (nodes,): whether the value is the drop from the high rail,
-    which lies 1 unit above the low one, and not the height above the low rail; `zero, volts`: voltage of the low (or
-    only) rail, and of a unit, in volts; the unit is negative if values grow as voltages fall; `rounding`: relative
-    difference of two heights up to which it is a rounding error; ``value.noise`` is the same for drops;
-    `error_bound`: bound on the error of a value relative to the largest one, for source currents of both signs; 0 in
-    all other circuits, where no bound is computed.
+    which lies 1 unit above the low one, and not the height above the low rail; `zero`: voltage of the low (or only)
+    rail; `volts`: size of a unit in volts, negative if values grow as voltages fall; `rounding`: relative difference of
+    two heights up to which it is a rounding error (``value.noise`` for drops); `error_bound`: bound on the error of a
+    value relative to the largest value, for source currents of both signs, else 0 (no bound is computed).
     """
 
     value: Scaled
@@ -79,7 +79,7 @@ class NodeValues:
 
 
 def node_values(system: Equations, factors: Factor | None, watch: ProgressMonitor, team: ThreadTeam) -> NodeValues:
-    """Solve the equations for the values of all nodes."""
+    """Solve the equations, and return the values of all nodes; `factors`: factors of the matrix, None without rows."""
     if system.rails is not None:
         return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, team))
     drive = system.drive
@@ -94,7 +94,7 @@ def node_values(system: Equations, factors: Factor | None, watch: ProgressMonito
 
 
 def values_above(system: Equations, heights: NDArray[np.float64]) -> NodeValues:
-    """Return node values for given heights above the reference, in volts, (nodes,), with a rounding level of 0."""
+    """Return node values for heights (nodes,) above the reference of the equations, in volts, without rounding."""
     plain, zero, volts = _in_units(system, heights)
     value = Scaled.of(np.nan_to_num(plain))
     return NodeValues(value._replace(noise=0.0), np.zeros(len(plain), np.bool_), zero, volts, 0.0)
@@ -103,7 +103,7 @@ def values_above(system: Equations, heights: NDArray[np.float64]) -> NodeValues:
 def _in_units(system: Equations, heights: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
     """Return heights above the low (or only) rail in units (nodes,), the rail's voltage and the unit, both in volts.
 
-    `heights` (nodes,): above the reference of the equations, in volts.
+    `heights` (nodes,): heights above the reference of the equations, in volts.
     """
     zero, volts = system.reference, 1.0 if np.any(heights > 0.0) else -1.0
     if system.rails is not None:
@@ -114,10 +114,10 @@ def _in_units(system: Equations, heights: NDArray[np.float64]) -> tuple[NDArray[
 def _drop_and_height(
     rails: Rails, factors: Factor | None, watch: ProgressMonitor, team: ThreadTeam
 ) -> tuple[Scaled, Scaled | None]:
-    """Solve for the drop from the high rail, and for the height above the low rail unless ``1 - drop`` is accurate.
+    """Return drops (n,) from the high rail, and heights (n,) above the low rail, None if ``1 - drop`` is accurate.
 
     The current into the low rail comes from the high one: ``to_low * height`` is at most the sum of ``to_high``.  If
-    this bound shows that both are needed, they are solved at the same time.
+    this bound shows that drops and heights are both needed, they are solved at the same time.
     """
     currents = [rails.to_low]
     if team.size > 1 and (to_high := rails.to_high).sum() < _LEAST_COMPLEMENT * currents[0].max(initial=0.0):
@@ -131,7 +131,7 @@ def _drop_and_height(
 def _solved(
     factors: Factor | None, currents: list[NDArray[np.float64]], watch: ProgressMonitor, team: ThreadTeam
 ) -> list[Scaled]:
-    """Solve for several non-negative right-hand sides in parallel; an interrupt stops all solves."""
+    """Return the solutions (n,) for several non-negative right-hand sides (n,), in amperes, computed in parallel."""
 
     def one(rhs: NDArray[np.float64]) -> Scaled:
         if factors is None or not rhs.any():
@@ -146,7 +146,7 @@ def _solved(
 
 
 def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None) -> NodeValues:
-    """Return node values from the drops and heights (or None) of the rows, whichever is smaller."""
+    """Return node values from the drops (n,) and heights (n,) of the rows; `height` None: ``1 - drop`` is accurate."""
     far = np.flatnonzero((drop.exponent >= 0) & (drop.hi > 0.5))
     there = drop if height is None else height
     up = Scaled(there.hi[far], there.lo[far], there.exponent[far])
@@ -167,7 +167,7 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
 
 
 def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
-    """Return node values from the heights of the rows above the reference, in units of `volts`."""
+    """Return node values from heights (n,) of the rows above the reference, in units of `volts` volts."""
     forest = system.forest
     out = _rows_to_nodes(system, rows, (system.known_voltages() - system.reference) / volts)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
@@ -181,7 +181,7 @@ def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
 
 
 def _rows_to_nodes(system: Equations, rows: Scaled, known: NDArray[np.float64]) -> Scaled:
-    """Return the values of all nodes: those of their rows (n,), or `known` (nodes,) without a row; NaN becomes 0."""
+    """Return values of all nodes (nodes,): `rows` (n,) where a node has a row, else `known` (nodes,) with 0 for NaN."""
     solved, out = system.unknown >= 0, Scaled.of(np.nan_to_num(known))
     row = system.unknown[solved]
     for part, of_rows in zip(out[:3], rows[:3], strict=True):
@@ -190,9 +190,9 @@ def _rows_to_nodes(system: Equations, rows: Scaled, known: NDArray[np.float64]) 
 
 
 def read_normwise(system: Equations, x: NDArray[np.float64], **details: Any) -> OperatingPoint:
-    """Return the operating point of a normwise solution (n,); branch currents are computed at the first access.
+    """Return the operating point of a normwise solution; branch currents are computed at the first access.
 
-    `details`: other fields of the point.
+    `x` (n,): solution of the equations, in volts; `details`: other fields of the operating point.
     """
     if not np.isfinite(x).all():
         raise CircuitError(OUT_OF_RANGE)
@@ -211,12 +211,11 @@ def read_entrywise(
     system: Equations, values: NodeValues, team: ThreadTeam,
     recovered: RecoveredCurrents | None = None, tiny: BranchCurrents | None = None, **details: Any,
 ) -> tuple[OperatingPoint, NDArray[np.float64], bool]:  # fmt: skip
-    """Return the operating point for given node values, with recovered voltages and currents if there are any.
+    """Return the operating point, relative KCL residuals (nodes,), and whether large currents have few correct digits.
 
-    `recovered`: voltages and currents from `resgrid.circuit.current_recovery`; `tiny`: currents from the node values
-    alone, for currents that are below the floor of the recovery; `details`: further fields of the operating point.
-    Also returns the relative KCL residual of every node, (nodes,), and whether significant currents have few correct
-    digits.
+    `values`: node values; `recovered`: voltages and currents from `resgrid.circuit.current_recovery`, if there are any;
+    `tiny`: currents from the node values, which replace recovered currents that were set to zero; `details`: further
+    fields of the operating point.
     """
     voltage, (log_drop, potential) = team.together(
         [partial(_voltage, system, values), partial(_log_drop_and_potential, system, values)]
@@ -246,12 +245,11 @@ def _branch_currents(
     team: ThreadTeam = SINGLE_THREAD, falling: NDArray[np.float64] | None = None,
     recovered: RecoveredCurrents | None = None, tiny: BranchCurrents | None = None,
 ) -> tuple[BranchCurrents, NDArray[np.float64], bool]:  # fmt: skip
-    """Compute branch currents, or take the recovered ones, and check Kirchhoff's current law at every node.
+    """Return branch currents, relative KCL residuals (nodes,), and whether large currents have few correct digits.
 
-    Negligible currents that do not flow downwards in `falling` (nodes,) are rounding errors and are set to 0.  Nodes
-    joined by floating sources count as one node.  Also returns the relative KCL residual, (nodes,), and whether a
-    current with few correct digits is significant at one of its ends.  (Between mirror-symmetric cells such a current
-    is a rounding error.)
+    `unknown` (nodes,): row of a node, -1 where KCL is not checked; `falling` (nodes,): values that fall along currents;
+    negligible currents against them are rounding errors and are set to 0; `recovered`, `tiny`: see `read_entrywise`.
+    Nodes joined by floating sources count as one node.  Between mirror-symmetric cells, currents are rounding errors.
     """
     from resgrid.circuit.kernels import drop_unresolved
 
@@ -295,9 +293,9 @@ def _branch_currents(
 def _differences(
     values: NodeValues, netlist: Netlist, team: ThreadTeam
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], float, NDArray[np.int64]]:
-    """Return the branch currents, the power in watts, and the numbers of the currents with few correct digits.
+    """Return branch currents, exponents, the power in watts, and the numbers of the currents with few correct digits.
 
-    The currents are ``amps * 2**(256 exponent)``, (resistors,); the exponents are all 0 if doubles are sufficient.
+    The currents are ``amps * 2**(256 exponent)`` A, (resistors,); the exponents are all 0 if doubles are sufficient.
     """
     from resgrid.circuit.kernels import currents
 
@@ -321,23 +319,23 @@ def _differences(
 def _with_tiny_currents(
     amps: NDArray[np.float64], floor: float, tiny: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Replace zero currents by ``tiny * 2**(256 exponent)`` where these lie below the floor; all (resistors,)."""
+    """Return amperes and exponents (resistors,): zero `amps` below the floor become ``tiny * 2**(256 exponent)``."""
     lost = (amps == 0.0) & (np.abs(tiny * power(exponent)) <= _floor_of(amps, floor))
     return np.where(lost, tiny, amps), np.where(lost, exponent, 0)
 
 
 def _floor_of(values: NDArray[np.float64], floor: float) -> float:
-    """Return the magnitude up to which values were set to zero: a fraction `floor` of the largest one."""
+    """Return the magnitude up to which values were set to zero: the fraction `floor` of the largest magnitude."""
     return float(np.nanmax(np.abs(values), initial=0.0)) * floor
 
 
 def _sums(
     netlist: Netlist, amps: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Sum the currents at every node, in units of ``2**(256 frame)`` amperes, the size of the largest current there.
+    """Sum the currents at every node; return `frame`, `net` and `through`, (nodes,) each.
 
-    Shapes: `amps, exponent` (resistors,); returns `frame`, `net` (current into the node) and `through` (half the sum of
-    the magnitudes), (nodes,) each.
+    `amps`, `exponent` (resistors,): currents ``amps * 2**(256 exponent)`` A; `frame`: largest exponent at a node;
+    `net`: current into a node; `through`: half the sum of the magnitudes; both in units of ``2**(256 frame)`` A.
     """
     from resgrid.circuit.kernels import add_currents
 
@@ -360,7 +358,7 @@ def _sums(
 def _log_drop_and_potential(
     system: Equations, values: NodeValues
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return `log_drop` and `potential` of an `OperatingPoint`, (nodes,) each; None if undefined."""
+    """Return natural logarithms of drops, and potentials (of an `OperatingPoint`), (nodes,) each; None if undefined."""
     potential = _potential(system, values.height)
     if system.rails is None or potential is None:
         return None, potential
@@ -372,9 +370,9 @@ def _log_drop_and_potential(
 
 
 def _potential(system: Equations, height: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the `potential` of an `OperatingPoint`, (nodes,), or None if undefined.
+    """Return the potentials of an `OperatingPoint`, between 0 and 1, (nodes,), or None if undefined.
 
-    `height` (nodes,), above the low or only rail in units of `NodeValues`, is overwritten.
+    `height` (nodes,): heights above the low or only rail in units of `NodeValues.volts`; overwritten.
     """
     solved = system.unknown >= 0
     if system.rails is not None:

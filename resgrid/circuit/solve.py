@@ -19,7 +19,7 @@ from resgrid.solvers.progress import Progress, ProgressMonitor
 
 ACCURACIES = ("direction", "normwise")
 PETSC = "petsc"
-"""Method of `resgrid.plan` for spaces on several processes; it has no netlist, and `solve` rejects it."""
+"""Name of the method of `resgrid.plan` for spaces on several processes; `solve` rejects this method."""
 
 
 class CircuitLike(Protocol):
@@ -44,8 +44,8 @@ def solve(
     Parameters
     ----------
     netlist : Netlist or Circuit
-        Resistors and sources; capacitors are open.  A circuit from a deck is converted by its ``netlist()``.  Circuits
-        with nonlinear resistors are solved by Newton's method.
+        Circuit of resistors and sources; capacitors are open.  The method ``netlist()`` of a circuit from a deck
+        converts the circuit.  Circuits with nonlinear resistors are solved by Newton's method.
     accuracy : {"direction", "normwise"}
         ``"direction"``: at every node KCL holds to 1e-6 of the current through that node, however small this current
         is; otherwise `AccuracyError` is raised.  The direction of the current is then right everywhere.  Currents that
@@ -60,7 +60,7 @@ def solve(
         Method for the linear systems; ``"auto"`` chooses by size and shape
         (`resgrid.solvers.method_choice.choose_method`).  The operating point reports the choice.
     rtol : float
-        Largest backward error for ``"normwise"``.
+        Largest normwise backward error for ``"normwise"``; unused for ``"direction"``.
     threads : int
         Largest number of threads; the result has the same digits for any number.  ``"multigrid"`` uses several on
         planes of at least 250,000 nodes and on volumes of at least 500,000: for sweeps over the finest levels, for
@@ -71,7 +71,7 @@ def solve(
     progress : callable, optional
         Called after every step of an iterative method with the number of steps, the residual relative to the start of
         the current pass, and an estimate of the remaining seconds of that pass (None without progress).  With several
-        threads it is called from each.
+        threads, every thread calls the function.
 
     Returns
     -------
@@ -116,19 +116,19 @@ def factorize(netlist: Netlist | CircuitLike, *, method: str = "auto") -> Circui
     netlist : Netlist or Circuit
         The circuit, with linear resistors.
     method : {"auto", "direct", "multigrid"}
-        Method for the linear systems, as in `solve`.
+        Method for the linear systems; ``"auto"`` chooses by size and shape.
 
     Returns
     -------
     CircuitFactor
-        With ``solve(rhs)`` for currents into the rows of its ``system``.
+        Factors with the method ``solve(rhs)``; `rhs` contains the currents into the rows of ``CircuitFactor.system``.
 
     Raises
     ------
     InputError
         If the method is unknown, or the netlist has nonlinear resistors, or no unknown voltage.
     CircuitError
-        If the circuit has no operating point, as in `solve`.
+        If the circuit has no operating point, for example if voltage sources contradict each other.
     AccuracyError
         If a pivot vanishes in double precision.
     BudgetError
@@ -158,21 +158,21 @@ def factorize(netlist: Netlist | CircuitLike, *, method: str = "auto") -> Circui
 
 
 def normalize_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
-    """Scale the uniform drive so that the highest node voltage equals the supply.
+    """Return the netlist with the uniform drive scaled so that the highest node voltage equals the supply.
 
     The circuit is linear: voltages above the goal rail are proportional to the injected currents.
 
     Parameters
     ----------
     netlist : Netlist
-        Compiled with ``drive="uniform"``.
+        Netlist that was compiled with ``drive="uniform"``.
     op : OperatingPoint
         Operating point of the netlist.
 
     Returns
     -------
     Netlist
-        The same circuit with scaled ``current_amps``.
+        The same circuit with scaled ``current_amps``, in amperes.
 
     Raises
     ------
@@ -204,7 +204,7 @@ def normalize_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
 
 
 def _netlist_of(circuit: Netlist | CircuitLike) -> Netlist:
-    """Return the netlist of a circuit; raise InputError for other objects."""
+    """Return the netlist of a `Netlist`, or of an object with a method ``netlist``; raise InputError for others."""
     make = getattr(circuit, "netlist", None)
     netlist = make() if callable(make) else circuit
     if not isinstance(netlist, Netlist):

@@ -1,8 +1,8 @@
 """Ideal voltage sources: each source fixes the voltage difference of two nodes and so removes an unknown.
 
-The sources are the edges of a graph.  Its spanning forest gives every node an offset from the root of its tree; ground
-is the root of its tree.  A source that closes a loop must agree with the forest, and the currents in that loop are
-undetermined.
+The sources are the edges of a graph.  A spanning forest of this graph gives every node a voltage offset from the root
+of the node's tree; ground is the root of the tree that contains ground.  A source that closes a loop must agree with
+the forest, and the currents in that loop are undetermined.
 """
 
 from __future__ import annotations
@@ -22,22 +22,23 @@ from resgrid.errors import CircuitError
 _Amps = TypeVar("_Amps", int, float, Fraction)
 
 LOOP_TOLERANCE = 1e-12
-"""Largest contradiction of the sources in a loop, as a fraction of the largest source voltage of that loop."""
+"""Largest voltage by which sources in a loop may contradict each other, relative to the largest source of the loop."""
 
 _MOST_OF_FLOW = 0.6
-"""Fraction of a tree's total current.  The current of a source whose subtree carries more is summed over the rest of
-the tree instead of over the subtree, because the smaller sum has the smaller rounding error."""
+"""Fraction of the total current of a tree of sources.  The current of a source whose subtree carries more is summed
+over the rest of the tree instead of over the subtree, because the smaller sum has the smaller rounding error.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class SourceForest:
-    """Spanning forest of the voltage sources.
+    """Spanning forest of the voltage sources: sources are edges, and a tree joins nodes with known voltage differences.
 
     `count`: number of nodes of the circuit; `order` (tied nodes,): ground and the nodes at sources, parents before
-    children; `base` (tied nodes,): root of the node's tree, which is ground in the tree of ground; `height, rounding`
-    (tied nodes,): voltage above the root as a double, and its rounding error, in volts; `parent, source` (tied nodes,):
-    parent, and the source between node and parent; -1 for roots; `loop` (sources,): whether the source belongs to a
-    loop of sources.
+    children; `base` (tied nodes,): root of the node's tree, which is ground in the tree of ground; `height`, `rounding`
+    (tied nodes,): voltage above the root as a double, and its rounding error, in volts; `parent`, `source` (tied
+    nodes,): parent, and the source between node and parent; -1 for roots; `loop` (sources,): whether the source belongs
+    to a loop of sources.
     """
 
     count: int
@@ -51,36 +52,35 @@ class SourceForest:
 
     @property
     def ties(self) -> list[tuple[int, int, int, int]]:
-        """Tuples (node, parent, source, root) of all tied nodes but the roots, parents before children."""
+        """Tuples (node, parent, source, root) of all nodes at sources except the roots, parents before children."""
         tied = self.source >= 0
         parts = (self.order, self.parent, self.source, self.base)
         return list(zip(*(part[tied].tolist() for part in parts), strict=True))
 
     @property
     def largest_offset(self) -> float:
-        """Largest voltage between a node and the root in trees without ground, in volts."""
+        """Largest voltage between a node and the root of its tree in trees without ground, in volts."""
         return float(np.abs(self.height[self.base != GROUND]).max(initial=0.0))
 
     @property
     def root(self) -> NDArray[np.int64]:
-        """Root of every node's tree, shape (nodes,); the node itself if no source ties it."""
+        """Root of the tree of every node, shape (nodes,); the node itself if no source is connected to it."""
         root = np.arange(self.count)
         root[self.order] = self.base
         return root
 
     @property
     def offsets(self) -> NDArray[np.float64]:
-        """Voltage of every node above its root, and its rounding error, in volts, shape (2, nodes)."""
+        """Voltage of every node above the root of its tree, and the rounding error, in volts, shape (2, nodes)."""
         offsets = np.zeros((2, self.count))
         offsets[:, self.order] = self.height, self.rounding
         return offsets
 
 
 def tie_sources(netlist: Netlist) -> SourceForest:
-    """Build the spanning forest of the voltage sources.
+    """Return the spanning forest of the voltage sources; raise CircuitError if sources of a loop contradict each other.
 
-    Sources between ground and a node without further sources come last.  Raise CircuitError if the sources of a loop
-    contradict each other.
+    Sources between ground and a node without further sources come last.
     """
     nodes = netlist.source_nodes.max(axis=1)
     leaf = (netlist.source_nodes.min(axis=1) == GROUND) & (nodes != GROUND)
@@ -114,7 +114,11 @@ def tie_sources(netlist: Netlist) -> SourceForest:
 def _grow_trees(
     sources: Sequence[int], ends: Sequence[Sequence[int]], volts: Sequence[float]
 ) -> tuple[list[tuple[int, int, int, int]], dict[int, float | Fraction]]:
-    """Return tuples (node, root, parent, source) of all nodes at sources, and their exact voltages above the roots."""
+    """Return tuples (node, root, parent, source) of all nodes at sources, and their exact voltages above the roots.
+
+    `sources`: numbers of the sources to use; `ends`: plus and minus node of every source; `volts`: voltage of every
+    source.
+    """
     sources_at: dict[int, list[int]] = {GROUND: []}
     for number in sources:
         for end in ends[number]:
@@ -137,9 +141,10 @@ def _grow_trees(
 
 
 def _smallest_forest(sources: Sequence[int], ends: Sequence[Sequence[int]]) -> list[int]:
-    """Return the sources of Kruskal's minimum spanning forest, for sources sorted by voltage.
+    """Return the numbers of the sources in Kruskal's minimum spanning forest.
 
-    If small sources contradict each other, a large source in the same loop does not hide it.
+    `sources`: numbers of the sources, sorted by voltage; `ends`: plus and minus node of every source.  If small sources
+    contradict each other, a large source in the same loop does not hide the contradiction.
     """
     parent: dict[int, int] = {}
 
@@ -160,12 +165,11 @@ def _smallest_forest(sources: Sequence[int], ends: Sequence[Sequence[int]]) -> l
 def source_currents(
     netlist: Netlist, forest: SourceForest, outflow: NDArray[np.float64], through: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the current into the plus terminal of every voltage source, from KCL on the forest, in amperes.
+    """Return the current into the plus terminal of every voltage source, (sources,), in amperes, from KCL.
 
-    Removing a source cuts its tree in two.  KCL is summed over the side with the smaller currents, where the rounding
-    error is smaller.
-    Shapes: `outflow` (nodes,): net current out of a node; `through` (nodes,): half the sum of the magnitudes; returns
-    (sources,).
+    `outflow` (nodes,): net current out of a node; `through` (nodes,): half the sum of the current magnitudes at a node.
+    Removing a source cuts a tree of the forest in two.  KCL is summed over the side with the smaller currents, where
+    the rounding error is smaller.
     """
     ties = forest.ties
     remaining, flow = ({node: float(values[node]) for node in forest.order.tolist()} for values in (outflow, through))
@@ -183,7 +187,7 @@ def source_currents(
 def sum_cuts(netlist: Netlist, forest: SourceForest, outflow: Sequence[_Amps]) -> list[_Amps]:
     """Return the current into the plus terminal of every voltage source, (sources,), by exact sums over subtrees.
 
-    `outflow` (nodes,): net current out of every node.  Sources outside the forest get 0.
+    `outflow` (nodes,): net current out of every node, in any exact unit.  Sources outside the forest get 0.
     """
     towards_roots = [(node, above, source) for node, above, source, _ in reversed(forest.ties)]
     current = [0 * outflow[GROUND]] * len(netlist.source_volts)
@@ -196,14 +200,20 @@ def sum_cuts(netlist: Netlist, forest: SourceForest, outflow: Sequence[_Amps]) -
 def _cut_currents(
     netlist: Netlist, steps: list[tuple[int, int, int]], remaining: dict[int, _Amps]
 ) -> Iterator[tuple[int, _Amps]]:
-    """Yield (source, current): each step moves the remaining current of a node through a source to another node."""
+    """Yield (source, current into the plus terminal): each step moves the remaining current of a node through a source.
+
+    `steps`: tuples (node, other node, source); `remaining`: current out of every node, changed in place.
+    """
     for node, other, source in steps:
         yield source, -remaining[node] if netlist.source_nodes[source, 0] == node else remaining[node]
         remaining[other] += remaining[node]
 
 
 def without_loops(forest: SourceForest, current: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Set the currents of sources in loops to NaN, in place, with a warning; return the array."""
+    """Set the currents of sources in loops to NaN, in place, with a warning; return the array.
+
+    `current` (sources,): current into the plus terminal of every voltage source, in amperes.
+    """
     if forest.loop.any():
         current[forest.loop] = np.nan
         warnings.warn(
@@ -215,11 +225,11 @@ def without_loops(forest: SourceForest, current: NDArray[np.float64]) -> NDArray
 def contradictions(
     forest: SourceForest, forest_volts: NDArray[np.float64], ends: NDArray[np.int32], volts: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return by how many volts each source contradicts the forest, and whether this exceeds the tolerance.
+    """Return by how many volts each source contradicts the forest, and whether this is too much; (sources,) each.
 
-    The tolerance is `LOOP_TOLERANCE` times the largest source voltage of the loop.  Sources outside the loop may be
-    larger by many orders of magnitude.
-    Shapes: `forest_volts` (sources of the forest,); `ends` (sources, 2); `volts` and both results (sources,).
+    `forest_volts` (sources of the forest,): voltages of the sources of the forest; `ends` (sources, 2), `volts`
+    (sources,): plus and minus nodes, and voltages, of the sources to check.  The tolerance is `LOOP_TOLERANCE` times
+    the largest source voltage of the loop.  Sources outside the loop may be larger by many orders of magnitude.
     """
     (plus, minus), (plus_rest, minus_rest) = (level[ends.T] for level in forest.offsets)
     mismatch = np.abs(plus - minus - volts + (plus_rest - minus_rest))
@@ -235,9 +245,10 @@ def contradictions(
 
 
 def _largest_between(above: Mapping[int, tuple[int, float]], first: int, second: int) -> float:
-    """Return the largest source voltage on the path between two nodes of a tree.
+    """Return the largest source voltage, in volts, on the path between two nodes of a tree.
 
-    `above`: parent of every node, and the voltage of the source between them.
+    `above`: parent of every node, and the voltage of the source between node and parent; `first`, `second`: the two
+    nodes.
     """
     largest_to, largest = {first: 0.0}, 0.0
     while first in above:
@@ -264,10 +275,10 @@ def _check_loops(netlist: Netlist, forest: SourceForest) -> None:
 
 
 def _mark_loops(netlist: Netlist, forest: SourceForest) -> None:
-    """Mark all sources that belong to loops, in `forest.loop`, which marks the closing sources already.
+    """Mark all sources that belong to loops in `forest.loop`, in place; sources that close loops are already marked.
 
-    A source of the forest belongs to a loop if exactly one end of a closing source lies in its subtree.  Every closing
-    source has a random bit pattern, and the exclusive or over a subtree cancels sources with both ends in it.
+    A source of the forest belongs to a loop if exactly one end of a closing source lies in the subtree below it.  Every
+    closing source has a random bit pattern, and the exclusive or over a subtree cancels sources with both ends in it.
     """
     below, closing = np.zeros(forest.count, dtype=np.int64), netlist.source_nodes[forest.loop]
     bits = np.random.default_rng(0).integers(2**62, size=len(closing))

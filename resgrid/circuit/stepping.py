@@ -31,22 +31,29 @@ Method = Literal["backward_euler", "trapezoidal", "tr-bdf2"]
 _ROOT2 = float(np.sqrt(2.0))
 _MOST_STEPS = 10_000_000
 RTOL = 1e-11
-"""Normwise backward error of every solution within a step."""
+"""Largest normwise backward error of every linear solve within a time step."""
 
 Factors = Callable[[float], Factor]
-"""Function from a rate, in 1/s, to the factors of ``G + rate C``."""
+"""Function that takes a rate in 1/s and returns the factors of ``G + rate C``."""
 
 State = NDArray[np.float64]
-"""Voltages of the rows, in volts, and their integrals since 0+, in volt seconds; shape (2, n)."""
+"""Voltages of the rows in volts, and time integrals of these voltages since 0+ in volt seconds; shape (2, n)."""
 
 
 def rate_of(method: Method, h: float) -> float:
-    """Return the factor of ``C`` in the matrix of a step of `h` seconds, in 1/s; equal for both stages of TR-BDF2."""
+    """Return the factor of ``C`` in the matrix of a step, in 1/s, equal for both stages of TR-BDF2.
+
+    `method`: integration method; `h`: length of the step in seconds.
+    """
     return {"backward_euler": 1.0, "trapezoidal": 2.0, "tr-bdf2": 2.0 + _ROOT2}[method] / h
 
 
 def advance(dynamics: Dynamics, method: Method, state: State, h: float, factors: Factors) -> State:
-    """Return the state after one step of `h` seconds."""
+    """Return the state (2, n) after one step.
+
+    `dynamics`: equations of the circuit; `method`: integration method; `state` (2, n): state before the step; `h`:
+    length of the step in seconds; `factors`: function that returns the factors of ``G + rate C`` for a rate in 1/s.
+    """
     if not dynamics.size:
         return state
     (x, integral), factor = state, factors(rate_of(method, h))
@@ -61,10 +68,13 @@ def advance(dynamics: Dynamics, method: Method, state: State, h: float, factors:
 def fixed_steps(
     dynamics: Dynamics, method: Method, state: State, times: NDArray[np.float64], step: float, factors: Factors
 ) -> Iterator[tuple[State, int]]:
-    """Yield the state at every time, and the number of steps until then, for steps of at most `step` seconds.
+    """Yield the state (2, n) at every output time, and the number of steps until then.
 
-    Every interval between times is divided into equal steps.  The trapezoidal rule starts with four backward Euler
-    steps of half the length (Rannacher 1984).
+    `method`: integration method; `state` (2, n): state at 0+; `times` (t,): output times in seconds; `step`: largest
+    length of a step in seconds; `factors`: function that returns the factors of ``G + rate C`` for a rate in 1/s.
+
+    Every interval between output times is divided into equal steps.  The trapezoidal rule starts with four backward
+    Euler steps of half the length (Rannacher 1984).
     """
     taken, now = 0, 0.0
     for time in times.tolist():
@@ -83,7 +93,7 @@ def fixed_steps(
 
 
 def check_steps(count: float) -> None:
-    """Raise BudgetError for more than ten million steps."""
+    """Raise BudgetError if `count`, the number of time steps, exceeds ten million."""
     if count > _MOST_STEPS:
         raise BudgetError(
             f"the integration needs more than {_MOST_STEPS:,} steps; choose a longer step, a shorter time or a larger "
@@ -95,27 +105,33 @@ _ORDER = {"backward_euler": 1, "trapezoidal": 2, "tr-bdf2": 2}
 _EPS = float(np.finfo(np.float64).eps)
 
 _MOST_OF_TOLERANCE = 0.5
-"""Largest estimated error of a step, as a fraction of the tolerance."""
+"""Largest estimated error of one step, as a fraction of the tolerance of the whole integration."""
 
 _ACCUMULATION = {"backward_euler": 2.0, "trapezoidal": 4.0, "tr-bdf2": np.inf}
-"""Factor ``c`` in the largest estimated error of a step of order ``p``, ``(c tolerance)**((p + 1) / p)``: the errors
+"""Factor ``c`` in the largest estimated error of a step of order ``p``, ``(c tolerance)**((p + 1) / p)``.  The errors
 ``e`` of ``N`` steps add up, and ``N`` is proportional to ``e**(-1 / (p + 1))``.  The factor accounts for the decay of
 earlier errors.  It is infinite for TR-BDF2, whose leading error is removed by extrapolation.  The trapezoidal rule is
-not L-stable, and extrapolation would make it unstable."""
+not L-stable, and extrapolation would make it unstable.
+"""
 
 _LEAST_ERROR = 16 * _EPS
-"""Smallest estimated error of a step, relative to the largest voltage difference, that is above rounding errors."""
+"""Smallest estimated error of a step that exceeds rounding errors, as a fraction of the largest voltage difference."""
 
 _MOST_HALVINGS = 30
-"""Number of consecutive halvings of a step after which its remaining error is a rounding error."""
+"""Number of consecutive halvings of a step after which the remaining error counts as a rounding error."""
 
 
 def controlled_steps(
     dynamics: Dynamics, method: Method, state: State, times: NDArray[np.float64], tolerance: float, factors: Factors
 ) -> Iterator[tuple[State, int]]:
-    """Yield the state at every time (t,), and the number of steps until then, for steps of ``2**k`` seconds.
+    """Yield the state (2, n) at every output time, and the number of steps until then, with error control.
 
-    The result of the two half steps is kept.  Raise AccuracyError if rounding errors exceed the tolerance.
+    `method`: integration method; `state` (2, n): state at 0+; `times` (t,): output times in seconds; `tolerance`:
+    largest error of a voltage, as a fraction of the largest voltage difference; `factors`: function that returns the
+    factors of ``G + rate C`` for a rate in 1/s.
+
+    Steps have ``2**k`` seconds.  The solution after two half steps is used.  Raise AccuracyError if rounding errors
+    exceed the tolerance.
     """
     order, step_rtol, end = _ORDER[method], _step_tolerance(method, tolerance), float(times[-1])
     low, high = _range(dynamics, state)
@@ -153,7 +169,11 @@ def controlled_steps(
 
 
 def _step_tolerance(method: str, tolerance: float) -> float:
-    """Return the largest estimated error of one step, relative to the largest voltage difference."""
+    """Return the largest estimated error of one step, as a fraction of the largest voltage difference.
+
+    `method`: integration method; `tolerance`: largest error of the whole integration, as a fraction of the largest
+    voltage difference.  Raise AccuracyError if rounding errors of steps would exceed the tolerance.
+    """
     accumulated = float((_ACCUMULATION[method] * tolerance) ** (1.0 + 1.0 / _ORDER[method]))
     step_rtol = min(_MOST_OF_TOLERANCE * tolerance, accumulated)
     if step_rtol < _LEAST_ERROR:
@@ -165,7 +185,7 @@ def _step_tolerance(method: str, tolerance: float) -> float:
 
 
 def _range(dynamics: Dynamics, state: State) -> tuple[float, float]:
-    """Return the lowest and the highest node voltage, rails included, in volts."""
+    """Return the lowest and the highest node voltage of a state, rails included, in volts."""
     volts = dynamics.voltage(state[0])
     return float(np.nanmin(volts)), float(np.nanmax(volts))
 
@@ -175,9 +195,12 @@ def _first_exponent(
 ) -> int:
     """Return the exponent ``k`` of the first step of ``2**k`` seconds.
 
+    `x` (n,): voltages of the rows at 0+; `order`: order ``p`` of the method; `step_rtol`: largest error of a step,
+    relative to `span`; `span`: largest voltage difference in volts; `longest`: longest step in seconds.
+
     The step ``h`` satisfies ``h**(p + 1) |x^(p + 1)| = step_rtol span``: the error of a step of order ``p`` without its
     constant (Hairer, Norsett & Wanner 1993, section II.4).  For ``span = 0``, as in a circuit at 0 V, the largest
-    voltage difference is that after the first step, ``h |x'|``.
+    voltage difference is the one after the first step, ``h |x'|``.
     """
     current, logs = dynamics.imbalance(x, dynamics.drive), []
     for _ in range(order + 1):
@@ -195,7 +218,10 @@ def _first_exponent(
 
 
 def _between(before: State, half: State, after: State, part: float, h: float) -> State:
-    """Return the state at a fraction `part` of a step of `h` seconds, by quadratic interpolation of three states."""
+    """Return the state inside a step by quadratic interpolation of the states `before`, `half` (midpoint) and `after`.
+
+    `part`: time since the beginning of the step, as a fraction of the step; `h`: length of the step in seconds.
+    """
     x, integral = before
     slope, bend = 4.0 * half[0] - 3.0 * x - after[0], 2.0 * (x - 2.0 * half[0] + after[0])
     moved = part * (slope / 2.0 + part * bend / 3.0)

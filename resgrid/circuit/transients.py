@@ -23,7 +23,7 @@ from resgrid.solvers.factors import Factor
 Solver = Literal["auto", "direct", "multigrid"]
 
 _KEPT = 4
-"""Number of factorizations in the cache, one per step length."""
+"""Maximum number of factorizations in the cache; each step length has one."""
 
 
 @frozen
@@ -38,7 +38,7 @@ class Transient:
     netlist : Netlist
         The circuit.
     times : ndarray of float64, shape (t,)
-        In seconds; time 0 means 0+, just after the sources are switched on.
+        Output times, in seconds; time 0 means 0+, just after the sources are switched on.
     voltage : ndarray of float64, shape (t, nodes)
         Node voltages above ground, in volts; NaN where a node floats.
     energy : ndarray of float64, shape (t,)
@@ -110,17 +110,17 @@ class TransientStepper:
         return f"<TransientStepper of {self.dynamics.netlist!r}: steps of {self.step:g} s, {self.method}>"
 
     def start(self, initial: OperatingPoint | ArrayLike | None = None) -> NDArray[np.float64]:
-        """Return the node voltages at time 0+, in volts, (nodes,).
+        """Return the node voltages at time 0+, just after the sources are switched on.
 
         Parameters
         ----------
         initial : OperatingPoint or array_like of float, shape (nodes,), optional
-            Node voltages before time 0, as in `transient`.
+            Node voltages before time 0, in volts; by default all capacitors are discharged.
 
         Returns
         -------
         ndarray of float64, shape (nodes,)
-            In volts; NaN where a node floats.
+            Node voltages above ground, in volts; NaN where a node floats.
         """
         before = initial_voltages(self.dynamics.netlist, initial)
         return self.dynamics.voltage(initial_state(self.dynamics, before))
@@ -139,7 +139,7 @@ class TransientStepper:
         Returns
         -------
         ndarray of float64, shape (nodes,)
-            In volts; NaN where a node floats.
+            Node voltages above ground after the step, in volts; NaN where a node floats.
 
         Raises
         ------
@@ -171,7 +171,7 @@ def transient(
     Parameters
     ----------
     netlist : Netlist
-        With capacitors; nodes without capacitors follow without delay.
+        Netlist with capacitors; nodes without capacitors follow without delay.
     times : array_like of float, shape (t,)
         Output times, in seconds, ascending and not negative.
     initial : OperatingPoint or array_like of float, shape (nodes,), optional
@@ -189,7 +189,7 @@ def transient(
         ``2 / e`` steps.  With a fixed step the trapezoidal rule starts with four backward Euler steps of half the
         length (Rannacher 1984), which damp oscillations.
     solver : {"auto", "direct", "multigrid"}
-        Method for the linear systems, as in `resgrid.solve`.
+        Method for the linear systems; ``"auto"`` chooses by size and shape.
 
     Returns
     -------
@@ -248,18 +248,18 @@ def transient_stepper(
     Parameters
     ----------
     netlist : Netlist
-        With capacitors.
+        Netlist with capacitors.
     step : float
         Length of a step, in seconds.
     method : {"tr-bdf2", "trapezoidal", "backward_euler"}
-        Integration method, as in `transient`.
+        Integration method: TR-BDF2, the trapezoidal rule or the backward Euler method.
     solver : {"auto", "direct", "multigrid"}
-        Method for the linear systems, as in `resgrid.solve`.
+        Method for the linear systems; ``"auto"`` chooses by size and shape.
 
     Returns
     -------
     TransientStepper
-        With ``start`` and ``advance``.
+        Integrator with the methods ``start`` (voltages at 0+) and ``advance`` (one step).
 
     Raises
     ------
@@ -286,7 +286,10 @@ def transient_stepper(
 
 
 def initial_voltages(netlist: Netlist, initial: OperatingPoint | ArrayLike | None) -> NDArray[np.float64]:
-    """Return the node voltages before time 0, in volts, (nodes,), for the parameter `initial` of `transient`."""
+    """Return the node voltages before time 0, in volts, (nodes,).
+
+    `initial`: node voltages (nodes,) in volts, an operating point of this or another scene, or None for 0 V.
+    """
     if initial is None:
         return np.zeros(netlist.node_count)
     if isinstance(initial, OperatingPoint):
@@ -310,7 +313,8 @@ def _checked_voltages(netlist: Netlist, name: str, values: ArrayLike, needed: ND
 def _transferred(point: OperatingPoint, old: CellMap, netlist: Netlist, new: CellMap) -> NDArray[np.float64]:
     """Return the voltages of an operating point at the nodes of another scene, cell by cell and rail by rail.
 
-    Shapes: returns (nodes,), in volts; 0 for nodes without an old voltage.
+    `old`, `new`: cell maps of the operating point and of the netlist; returns (nodes,), in volts; 0 for nodes without
+    an old voltage.
     """
     if old.space.shape != new.space.shape:
         raise InputError(

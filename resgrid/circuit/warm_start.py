@@ -1,7 +1,7 @@
-"""Warm starts: solve the circuit of a changed space from the solution of the space before.
+"""Warm starts: solve the circuit of a changed space, starting from the solution for the space before the change.
 
-The equations change only near the changed cells.  They are assembled in windows around these, by the rules of the
-compiler (`resgrid.core.compiler`), without a netlist or the equations of the whole grid.
+The equations change only near the changed cells.  They are assembled in windows (boxes of cells) around the changes, by
+the rules of the compiler (`resgrid.core.compiler`), without a netlist or the equations of the whole grid.
 """
 
 from __future__ import annotations
@@ -30,22 +30,24 @@ from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
 from resgrid.solvers.progress import Progress, ProgressMonitor
 
 _SMALL = 100_000
-"""Number of cells below which windows are not solved beforehand, because the saved iterations cost less."""
+"""Number of cells of the space below which windows are not solved beforehand, because few iterations would be saved."""
 
 _MORE_ITERATIONS, _MOST_ITERATIONS = 4, 3
-"""Limits relative to the iterations of the first solve.  If a solve takes more than `_MORE_ITERATIONS` in addition, the
-next solve sets up a new hierarchy.  If it takes more than `_MOST_ITERATIONS` times as many, its result is rejected,
-since its error estimate is unreliable."""
+"""Limits on the iterations of a warm solve, relative to the number of iterations of the first solve.  If a warm solve
+takes more than `_MORE_ITERATIONS` in addition, the next solve sets up a new hierarchy.  If it takes more than
+`_MOST_ITERATIONS` times as many, the result is rejected, since the error estimate is unreliable.
+"""
 
 _WINDOW = 12_000
-"""Approximate number of cells of the window around a small change that is solved beforehand."""
+"""Approximate number of cells in the window around a small change; the equations of the window are solved first."""
 
 _MOST = 4
-"""Windows may cover at most one cell in this number of cells of the space."""
+"""Inverse of the largest fraction of the cells of a space that windows may cover."""
 
 _RIM, _NEAR = 3, 2
-"""Widths in cells: `_RIM`: margin of a window in which equations are incomplete; `_NEAR`: distance from a changed cell
-up to which equations change."""
+"""Widths in cells.  `_RIM`: margin of a window in which equations are incomplete; `_NEAR`: distance from a changed cell
+up to which equations change.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,12 +104,13 @@ class WarmPoint:
         Parameters
         ----------
         accuracy : {"normwise", "direction"}
-            ``"normwise"`` computes it from `voltage`; ``"direction"`` solves the circuit again, as `resgrid.solve`.
+            ``"normwise"`` computes the operating point from `voltage`; ``"direction"`` solves the circuit again, for a
+            direction-safe result.
 
         Returns
         -------
         OperatingPoint
-            With branch currents, power and KCL residual.
+            Operating point with branch currents, power and KCL residual.
         """
         netlist = self.netlist
         if accuracy != "normwise":
@@ -124,16 +127,16 @@ class WarmStart:
     """Solver for the circuits of a changing space, which reuses the last solution and its multigrid hierarchy.
 
     After a change of few cells (obstacles, goals or conductivities), the equations of the finest level are overwritten
-    around them, and the coarser levels are kept.  The iteration starts from the last voltages, updated in windows
-    around the changes.  After a change of many cells, including those that become connected or disconnected, or if the
-    old hierarchy converges slowly, the solve starts without earlier results (`WarmPoint.fresh`).
+    around these cells, and the coarser levels are kept.  The iteration starts from the last voltages, updated in
+    windows around the changes.  After a change of many cells, including cells that become connected or disconnected, or
+    if the old hierarchy converges slowly, the solve starts without earlier results (`WarmPoint.fresh`).
 
     Parameters
     ----------
     wiring : Wiring, optional
-        Boundary conditions and drive, as in `resgrid.compile_space`.
+        Boundary conditions and drive; by default obstacles are at 1 V and goals at 0 V.
     rtol : float
-        Normwise backward error of all solutions.
+        Largest normwise backward error of all solutions.
     **options
         Fields of `Wiring`, instead of `wiring` or as changes to it.
 
@@ -165,14 +168,15 @@ class WarmStart:
         Parameters
         ----------
         space : ConfigurationSpace
-            The space, on the axes of the last one for a warm start.
+            The space; a warm start requires the axes of the last space.
         progress : callable, optional
-            Called after every iteration, as in `resgrid.solve`.
+            Called after every iteration with the number of iterations, the relative residual, and the estimated
+            remaining seconds (None without progress).
 
         Returns
         -------
         WarmPoint
-            Voltages of the cells.
+            Voltages of the cells, in volts, and details of the solve.
 
         Raises
         ------
@@ -222,7 +226,8 @@ class WarmStart:
 class _WarmCircuit:
     """Circuit of a space with rails at 0 V and 1 V, or with 1 A into every row, and its multigrid hierarchy.
 
-    `row`: whether a cell has a row, of the space's shape; `first_iterations`: number of iterations of the first solve.
+    `space`: the space; `row` (shape of the space): whether a cell has an unknown voltage (a row); `grid`: equations,
+    last solution and hierarchy; `first_iterations`: number of iterations of the first solve.
     """
 
     space: ConfigurationSpace
@@ -232,7 +237,10 @@ class _WarmCircuit:
 
     @classmethod
     def of(cls, system: Equations, space: ConfigurationSpace, wiring: Wiring) -> _WarmCircuit | None:
-        """Return the circuit of a space with a new hierarchy; None if the grid has no red-black colouring."""
+        """Return the circuit of a space with a new hierarchy; None if the grid has no red-black colouring.
+
+        `system`: equations of the circuit with rails at 0 V and 1 V; `wiring`: boundary conditions and drive.
+        """
         row, is_driven = _rows_of(space, wiring), wiring.drive == "uniform"
         if not system.size == np.count_nonzero(row) > 0:
             return None
@@ -240,9 +248,9 @@ class _WarmCircuit:
         return None if grid is None else cls(space, row, grid)
 
     def change(self, space: ConfigurationSpace, wiring: Wiring) -> bool:
-        """Update the equations for a changed space, in place.
+        """Update the equations for a changed space, in place; return False if the change is too large for a warm start.
 
-        Returns False if the change is too large for a warm start; the object is unusable then.
+        `space`: the changed space; `wiring`: boundary conditions and drive.  After False the object is unusable.
         """
         old, self.space = self.space, space
         if space.axes != old.axes or (space.conductivity is None) != (old.conductivity is None):
@@ -267,9 +275,9 @@ class _WarmCircuit:
 
 
 def _rows_of(space: ConfigurationSpace, wiring: Wiring) -> NDArray[np.bool_]:
-    """Return which cells have rows, of the space's shape.
+    """Return which cells have an unknown voltage (a row), in the shape of the space.
 
-    With a uniform drive these are the cells connected to a goal, else the components that touch both rails.
+    With a uniform drive these are the cells connected to a goal, else the cells of components that touch both rails.
     """
     if wiring.drive == "uniform":
         return space.goal_connected
@@ -290,7 +298,8 @@ def _rows_of(space: ConfigurationSpace, wiring: Wiring) -> NDArray[np.bool_]:
 def _boxes_around(changed: NDArray[np.bool_]) -> list[tuple[slice, ...]] | None:
     """Return disjoint, non-adjacent boxes of tiles around the changed cells; None if they cover too much of the grid.
 
-    Tiles have an even number of cells along every axis, so that a box has the same red-black colouring as the grid.
+    `changed`: mask of the changed cells.  A box has one slice per axis.  Tiles have an even number of cells along every
+    axis, so that a box has the same red-black colouring as the grid.
     """
     from scipy import ndimage
 
@@ -311,7 +320,10 @@ def _boxes_around(changed: NDArray[np.bool_]) -> list[tuple[slice, ...]] | None:
 
 
 def _inside(space: ConfigurationSpace, box: tuple[slice, ...], margin: int) -> tuple[slice, ...]:
-    """Return the cells of a box, as slices, that are at least `margin` cells from sides inside the grid."""
+    """Return the part of a box that is at least `margin` cells from the sides of the box inside the grid.
+
+    The result has one slice per axis, relative to the box.  Sides at the edge of the grid have no margin.
+    """
     return tuple(
         slice(
             margin if ends.start > 0 or axis.periodic else 0,
@@ -324,10 +336,10 @@ def _inside(space: ConfigurationSpace, box: tuple[slice, ...], margin: int) -> t
 def _window_of(
     space: ConfigurationSpace, wiring: Wiring, box: tuple[slice, ...], row: NDArray[np.bool_]
 ) -> tuple[Laplacian, NDArray[np.float64]]:
-    """Return the matrix and the right-hand side of a box of cells.
+    """Return the matrix and the right-hand side (rows of the box,), in amperes, of a box of cells.
 
-    The high rail is at 1 V and the low rail at 0 V, or 1 A is injected into every row.  `row`: whether a cell has a
-    row, of the box's shape.
+    `row` (shape of the box): whether a cell has a row.  The high rail is at 1 V and the low rail at 0 V, or 1 A is
+    injected into every row.
     """
     contacts = contacts_of_box(space, wiring, [(ends.start, ends.stop) for ends in box], connected=False)
     size, vertex = int(np.count_nonzero(row)), np.full(row.shape, -1, dtype=np.int32)

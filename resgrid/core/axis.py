@@ -15,14 +15,14 @@ from resgrid._internal.validation import checked
 from resgrid.errors import InputError
 
 LARGEST = 1e60
-"""Largest magnitude of a coordinate, in axis units: products of four coordinates do not overflow."""
+"""Largest magnitude of a coordinate, in axis units; products of four such coordinates do not overflow."""
 
 Coordinate = Annotated[float, Ge(-LARGEST), Le(LARGEST)]
 Point = tuple[Coordinate, ...]
 
 
 _NAMES = ("x", "y", "z", "w")
-"""Names of the axes of a grid that is given as an array."""
+"""Names of the axes of a grid that the user gives as an array."""
 
 
 @checked
@@ -30,7 +30,7 @@ _NAMES = ("x", "y", "z", "w")
 class Axis:
     """A coordinate of a configuration space, divided into cells of equal width.
 
-    Cell ``i`` covers ``[lower + i h, lower + (i + 1) h]`` with ``h = spacing``; its centre is in the middle.
+    Cell ``i`` covers ``[lower + i h, lower + (i + 1) h]`` with ``h = spacing``.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Axis:
     periodic : bool
         Whether the last cell is a neighbour of the first one.
     unit : str
-        ``"m"``, ``"rad"``, ``"cell"``, ...; for labels only.
+        Unit of the coordinate, such as ``"m"``, ``"rad"`` or ``"cell"``; for labels only.
 
     Raises
     ------
@@ -75,7 +75,7 @@ class Axis:
 
     @property
     def spacing(self) -> float:
-        """Width of a cell, in ``unit``."""
+        """Width of a cell, in ``unit`` of the axis."""
         return float((self.upper - self.lower) / self.cells)
 
     @property
@@ -92,10 +92,11 @@ class Axis:
 def split_points(
     axes: Sequence[Axis], point: ArrayLike, reach: ArrayLike | None = None
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the cells of points, and the positions within these cells, in [0, 1]; shapes (..., ndim).
+    """Return the cells of points (..., ndim), and the positions in these cells as fractions in [0, 1] (..., ndim).
 
-    `point` (..., ndim): in axis units; `reach`: as in `rounding_errors`.  A point that lies outside by at most the
-    rounding error counts as a point on the border.  Raise InputError for other points outside.
+    `point` (..., ndim): points in axis units; `reach` (ndim,): largest magnitude of a coordinate during the conversion
+    between world and space (`Frame.reach`).  A point that lies outside by at most the rounding error counts as a point
+    on the border.  Raise InputError for other points outside.
     """
     points = np.asarray(point, dtype=np.float64)
     if points.shape[-1:] != (len(axes),):
@@ -115,7 +116,7 @@ def split_points(
 
 
 def rounding_errors(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDArray[np.float64]:
-    """Return the largest rounding error of coordinates as fractions of a cell's width, shape (ndim,).
+    """Return the largest rounding error of coordinates per axis, as fractions of a cell's width, (ndim,).
 
     `reach` (ndim,): largest magnitude of a coordinate during the conversion between world and space (`Frame.reach`); by
     default the largest magnitude on every axis.
@@ -125,21 +126,26 @@ def rounding_errors(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDA
 
 
 def rounding(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDArray[np.float64]:
-    """Return the tolerance of positions as fractions of a cell's width, (ndim,): 1e-9, or larger `rounding_errors`."""
+    """Return the tolerance of positions as fractions of a cell's width, (ndim,): 1e-9, or the larger rounding error.
+
+    `reach` (ndim,): largest magnitude of a coordinate during the conversion between world and space (`Frame.reach`).
+    """
     return np.asarray(np.maximum(1e-9, rounding_errors(axes, reach)))
 
 
 def largest_coordinates(axes: Sequence[Axis]) -> NDArray[np.float64]:
-    """Return the largest absolute value on every axis, shape (ndim,)."""
+    """Return the largest magnitude of a coordinate on every axis, in axis units, shape (ndim,)."""
     return np.array([max(abs(float(axis.lower)), abs(float(axis.upper))) for axis in axes])
 
 
 def grid_axes(
     shape: Sequence[int], spacing: ArrayLike, origin: ArrayLike, periodic: bool | Sequence[bool], unit: str
 ) -> tuple[Axis, ...]:
-    """Return axes named x, y, z and w for a grid of cells; InputError unless it has one to four dimensions.
+    """Return axes named x, y, z and w for a grid of cells; raise InputError unless it has one to four dimensions.
 
-    `spacing`: width of a cell, and `origin`: lower corner, one number for all axes or one for each.
+    `shape`: number of cells along every axis; `spacing`, `origin`: width of a cell and lower corner, in `unit`, one
+    number for all axes or one for each; `periodic`: whether axes are periodic, one bool for all or one for each;
+    `unit`: unit of all axes, for labels.
     """
     if not 1 <= len(shape) <= len(_NAMES):
         raise InputError(f"cell has {len(shape)} dimensions; a space has one to {len(_NAMES)}")

@@ -52,15 +52,16 @@ FLAT = (
 
 _NO_NODE = -1
 _PEAK = 80
-"""Peak memory of the compilation, in bytes per cell and axis, measured on open grids."""
+"""Peak memory of the compilation, in bytes per cell and per axis of the grid, measured on open grids."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Nodes:
     """Node numbers of a compiled space.
 
-    `cell`: of every cell, -1 without a node; `free` (free nodes,): of free cells, in C order; `obstacle`: of the
-    obstacle rail, -1 without one; `goals`: of the goal rails, if rails are merged; `count`: number of nodes.
+    `cell` (shape of the space): node of every cell, -1 without a node; `free` (free nodes,): nodes of the free cells,
+    in C order; `obstacle`: node of the obstacle rail, -1 without one; `goals`: nodes of the goal rails, if rails are
+    merged; `count`: number of nodes.
     """
 
     cell: NDArray[np.int32]
@@ -76,7 +77,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     Parameters
     ----------
     space : ConfigurationSpace
-        One to four axes, with at least one goal cell.
+        Space with one to four axes and at least one goal cell.
     wiring : Wiring, optional
         Boundary conditions, drive and element values.  By default obstacles are at 1 V, goals at 0 V, and neighbours
         are connected by 10 kohm.
@@ -86,7 +87,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     Returns
     -------
     Netlist
-        Ground first, then the obstacle rail, the goal rails, and the cells in C order; with a `CellMap`.
+        Netlist with a `CellMap`.  The order of the nodes is ground, obstacle rail, goal rails, cells in C order.
 
     Raises
     ------
@@ -148,7 +149,10 @@ def why_undriven(space: ConfigurationSpace, wiring: Wiring) -> str | None:
 
 
 def _touches_obstacle(space: ConfigurationSpace, edges: Sequence[str], cells: NDArray[np.bool_]) -> bool:
-    """Return whether some of the given cells touches an obstacle cell, or an edge that counts as an obstacle."""
+    """Return whether any of the given cells touches an obstacle cell, or an edge that counts as an obstacle.
+
+    `edges`: rule of the edge per axis, such as ``"obstacle"``; `cells` (shape of the space): the given cells as a mask.
+    """
     for axis, rule in enumerate(edges):
         obstacle = with_margin(space.cell == Cell.OBSTACLE, space.periodic, beyond=rule == "obstacle")
         lower, upper = cells_at_faces(obstacle, axis)
@@ -158,7 +162,10 @@ def _touches_obstacle(space: ConfigurationSpace, edges: Sequence[str], cells: ND
 
 
 def require_netlist_memory(shape: tuple[int, ...], remedy: str = FEWER_CELLS) -> None:
-    """Raise BudgetError for a grid whose netlist does not fit in memory."""
+    """Raise BudgetError for a grid whose netlist does not fit in memory.
+
+    `shape`: number of cells along every axis; `remedy`: advice in the message.
+    """
     require_grid_memory(shape, "compiling the grid", _PEAK * len(shape), remedy)
 
 
@@ -186,9 +193,11 @@ def _number_nodes(space: ConfigurationSpace, wiring: Wiring, kind: NDArray[np.ui
 
 
 def _resistors(space: ConfigurationSpace, contacts: GridContacts, nodes: _Nodes) -> tuple[NDArray[Any], ...]:
-    """Return nodes (m, 2), conductances in siemens, faces and directions (m,) of one resistor per contact.
+    """Return nodes (m, 2), conductances (m,) in siemens, face numbers (m,) and directions (m,) of the resistors.
 
-    Resistors are ordered by axis; those at the border of an axis come last.
+    `contacts`: contacts of the grid, each of which has one resistor; `nodes`: node numbers.  A direction is True if the
+    second node lies at the higher coordinate.  Resistors are ordered by axis; for each axis, resistors at the border
+    come last.
     """
     wide = with_margin(nodes.cell, space.periodic, beyond=nodes.obstacle)
     parts = [
@@ -215,7 +224,10 @@ def _resistors(space: ConfigurationSpace, contacts: GridContacts, nodes: _Nodes)
 
 
 class CellRole(IntEnum):
-    """Role of a cell, or of the margin around the grid, in the circuit, ordered NODE < HIGH < LOW < NONE."""
+    """Role of a cell, or of the margin around the grid, in the circuit: own node, high rail, low rail, or no node.
+
+    The order NODE < HIGH < LOW < NONE determines which pairs of cells have a contact.
+    """
 
     NODE, HIGH, LOW, NONE = range(4)
 
@@ -224,9 +236,10 @@ class CellRole(IntEnum):
 class GridContacts:
     """All contacts between the cells of a box, without node numbers.
 
-    `spacing` (ndim,): cell widths; `code, kind, conductivity`: `Cell`, `CellRole` and conductivity of every cell, with
-    a margin of one cell along each axis, wrapped on periodic axes; `joined`: per axis, whether a face has a contact, of
-    shape `resgrid.core.regions.face_shape`.
+    `wiring`: boundary conditions and resistances; `spacing` (ndim,): cell widths; `code`, `kind`, `conductivity`:
+    `Cell`, `CellRole` and conductivity of every cell, with a margin of one cell along each axis, wrapped on periodic
+    axes (`conductivity` None: 1 everywhere); `joined`: per axis, whether a face has a contact, in an array of shape
+    `resgrid.core.regions.face_shape`.
     """
 
     wiring: Wiring
@@ -237,7 +250,11 @@ class GridContacts:
     joined: tuple[NDArray[np.bool_], ...]
 
     def siemens(self, axis: int, first: int, last: int) -> NDArray[np.float64]:
-        """Return the conductances (n,), in siemens, of the contacts in a range of faces along an axis, in C order."""
+        """Return the conductances (contacts,), in siemens, of the contacts in a range of faces, in C order.
+
+        `axis`: axis that the faces are perpendicular to; `first`, `last`: range of the faces along the axis, without
+        `last`.
+        """
         kept = slab(self.joined[axis], axis, first, last)
 
         def ends(wide: NDArray[Any]) -> Iterator[NDArray[Any]]:
@@ -258,7 +275,10 @@ class GridContacts:
 
     @cached_property
     def conductance(self) -> tuple[NDArray[np.float64], ...]:
-        """Per axis, the conductances through all faces of the box, in siemens; 0 without a contact."""
+        """Conductances through all faces of the box, in siemens, one array per axis; 0 without a contact.
+
+        The arrays have the shapes `resgrid.core.regions.face_shape`.
+        """
         faces = tuple(np.zeros(joined.shape) for joined in self.joined)
         for axis, (siemens, joined) in enumerate(zip(faces, self.joined, strict=True)):
             siemens[joined] = self.siemens(axis, 0, joined.shape[axis])
@@ -268,10 +288,11 @@ class GridContacts:
 def contacts_of_box(
     space: ConfigurationSpace, wiring: Wiring, box: Sequence[tuple[int, int]] = (), *, connected: bool = True
 ) -> GridContacts:
-    """Return the contacts between the cells of a box; `wiring` as returned by ``wiring.on(space)``.
+    """Return the contacts between the cells of a box.
 
-    `box`: range of cells along each of the first axes, the other axes are complete; `connected`: with open obstacles,
-    whether only free cells that are connected to a goal are nodes.
+    `wiring`: complete wiring, from ``wiring.on(space)``; `box`: range (first, end) of cells along each of the first
+    axes, the other axes are complete; `connected`: whether cells not connected to a goal have no node (open obstacles
+    only).
     """
     code = with_margin(space.cell, space.periodic, box, beyond=Cell.OBSTACLE)
     high, low = (CellRole.HIGH, CellRole.LOW) if wiring.rails == "merged" else (CellRole.NODE, CellRole.NODE)
@@ -294,7 +315,11 @@ def contacts_of_box(
 
 
 def _set_margin(kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, ends: tuple[bool, bool]) -> None:
-    """Set the roles in the margin beyond both ends of an axis, in place; `ends`: whether the box includes the end."""
+    """Set the roles of the margin cells beyond both ends of an axis, in place.
+
+    `kind`: `CellRole` of every cell, with a margin of one cell; `size`: number of cells of the space along the axis;
+    `ends`: whether the box includes the lower and the upper end of the axis.
+    """
     edge = wiring.edge[axis]
     if edge == "periodic" and size > 1:
         return
@@ -307,7 +332,7 @@ def _set_margin(kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, e
 def _voltage_sources(
     space: ConfigurationSpace, wiring: Wiring, nodes: _Nodes
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Return nodes (s, 2) and voltages (s,) of the sources of rails, rail cells and the start cell."""
+    """Return nodes (s, 2) and voltages (s,), in volts, of the s sources at rails, rail cells and the start cell."""
     high, low = wiring.high, wiring.goal_voltage
     ties: list[tuple[Any, float]] = [([nodes.obstacle] if nodes.obstacle >= 0 else [], high), (nodes.goals, low)]
     if wiring.start is not None:
@@ -321,7 +346,10 @@ def _voltage_sources(
 
 
 def _uniform_drive(wiring: Wiring, nodes: _Nodes) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Return nodes (c, 2) and currents (c,), in amperes, of equal current sources into all free nodes."""
+    """Return nodes (c, 2) and currents (c,), in amperes, of c equal current sources into all free nodes.
+
+    Both arrays are empty without a uniform drive; raise CircuitError if there is no free node.
+    """
     if wiring.drive != "uniform":
         return np.empty((0, 2), dtype=np.int32), np.empty(0)
     free = nodes.free

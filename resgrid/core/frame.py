@@ -15,7 +15,7 @@ from resgrid.core.axis import Axis, Coordinate, largest_coordinates, rounding_er
 from resgrid.errors import InputError
 
 _COARSEST = 0.125
-"""Largest rounding error of a coordinate, as a fraction of a cell's width."""
+"""Largest accepted rounding error of a coordinate, as a fraction of a cell's width."""
 
 
 @checked
@@ -32,8 +32,8 @@ class Frame:
     yaw : float
         Angle from the world's x axis to the x axis of the space, in radians, anticlockwise.
     turning_length : float or None
-        For a robot with a heading, which is the third coordinate: the heading in radians times this length, in metres.
-        The heading is rotated with the space.
+        Length in metres for a robot with a heading, else None.  The third coordinate is then the heading in radians
+        times this length, and is rotated with the space.
 
     Raises
     ------
@@ -58,7 +58,7 @@ class Frame:
 
     @property
     def is_world(self) -> bool:
-        """Whether coordinates of the space equal world coordinates."""
+        """Whether the coordinates of the space equal the world coordinates."""
         return self.x == 0 and self.y == 0 and self.yaw == 0
 
     def to_world(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -67,12 +67,12 @@ class Frame:
         Parameters
         ----------
         points : array_like of float, shape (..., ndim)
-            In axis units.
+            Points in axis units.
 
         Returns
         -------
         ndarray of float64, shape (..., ndim)
-            World coordinates.
+            Points in world coordinates.
 
         Raises
         ------
@@ -83,28 +83,64 @@ class Frame:
         return space if self.is_world else self._turned(space, self._rotation.T) + self._offset(space)
 
     def from_world(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Convert points from world coordinates to axis units, shape (..., ndim).
+        """Convert points from world coordinates to coordinates of the space.
 
-        The inverse of `to_world`; it raises the same errors.
+        Parameters
+        ----------
+        points : array_like of float, shape (..., ndim)
+            Points in world coordinates.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., ndim)
+            Points in axis units.
+
+        Raises
+        ------
+        InputError
+            If the frame is not the world's, and a point has not 2 coordinates (2 or 3 with a turning length).
         """
         world = np.array(points, dtype=np.float64)
         return world if self.is_world else self._turned(world - self._offset(world), self._rotation)
 
     def turned_to_world(self, vectors: ArrayLike) -> NDArray[np.float64]:
-        """Rotate vectors (velocities, forces, differences) from the axes of the space to world axes; (..., ndim)."""
+        """Rotate vectors (velocities, forces, differences) from the axes of the space to the world axes.
+
+        Parameters
+        ----------
+        vectors : array_like of float, shape (..., ndim)
+            Components along the axes of the space.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., ndim)
+            Components along the world axes, in the unit of `vectors`.
+        """
         along = np.array(vectors, dtype=np.float64)
         return along if self.yaw == 0 else self._turned(along, self._rotation.T)
 
     def turned_from_world(self, vectors: ArrayLike) -> NDArray[np.float64]:
-        """Rotate vectors from world axes to the axes of the space; shape (..., ndim)."""
+        """Rotate vectors (velocities, forces, differences) from the world axes to the axes of the space.
+
+        Parameters
+        ----------
+        vectors : array_like of float, shape (..., ndim)
+            Components along the world axes.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., ndim)
+            Components along the axes of the space, in the unit of `vectors`.
+        """
         world = np.array(vectors, dtype=np.float64)
         return world if self.yaw == 0 else self._turned(world, self._rotation)
 
     def reach(self, axes: Sequence[Axis]) -> NDArray[np.float64]:
         """Return the largest magnitude of a coordinate in the conversion between world and space, per axis, (ndim,).
 
-        The floating-point spacing at this magnitude bounds the rounding error of `to_world` and `from_world`.  For a
-        map in UTM coordinates of 5e6 m it is 1e-9 m, even if its axes start at 0.
+        The result is in axis units.  The floating-point spacing at this magnitude bounds the rounding error of
+        `to_world` and `from_world`.  For a map in UTM coordinates of 5e6 m the spacing is 1e-9 m, even if the axes
+        start at 0.
         """
         largest = largest_coordinates(axes)
         if self.is_world:
@@ -123,7 +159,10 @@ class Frame:
         return np.array((self.x, self.y, self.yaw * (self.turning_length or 0.0))[: points.shape[-1]])
 
     def _turned(self, points: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Multiply the first two components of vectors (..., ndim) by a matrix (2, 2) from the right."""
+        """Return vectors (..., ndim) whose first two components are multiplied by `rotation` (2, 2) from the right.
+
+        `points` (..., ndim): the vectors before the multiplication.
+        """
         self._check_size(points)
         plane = points[..., :2] @ rotation
         return plane if points.shape[-1] == 2 else np.concatenate([plane, points[..., 2:]], axis=-1)

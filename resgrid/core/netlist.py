@@ -37,13 +37,13 @@ _FACES = {
     "resistor": ("resistor_face", "resistor_upward"),
     "nonlinear resistor": ("nonlinear_face", "nonlinear_upward"),
 }
-"""Per kind of element, the fields of a `CellMap` with one entry per element."""
+"""Fields of a `CellMap` with one entry per element, by kind of element: crossed face, and direction."""
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class CellMap:
-    """Map between the nodes and resistors of a compiled netlist and the cells and faces of its space.
+    """Map between the nodes and resistors of a compiled netlist and the cells and faces of the compiled space.
 
     Attributes
     ----------
@@ -67,11 +67,11 @@ class CellMap:
     goal_nodes : tuple of int
         Node of the rail of every goal region.
     nonlinear_face : ndarray of int64, shape (nonlinear resistors,)
-        Cell face that each nonlinear resistor crosses, numbered as for resistors.
+        Cell face that each nonlinear resistor crosses, numbered like the faces of `resistor_face`.
     nonlinear_upward : ndarray of bool, shape (nonlinear resistors,)
         Whether the first node of each nonlinear resistor is on the lower side of the face.
     rail_nodes : mapping of str to ndarray of int32, shape of the space
-        For every rail with resistance, its node at each cell; -1 where the node of the cell belongs to the rail.
+        Node of every rail with resistance at each cell, by rail; -1 where the node of the cell belongs to the rail.
     """
 
     space: ConfigurationSpace
@@ -253,7 +253,7 @@ class Netlist:
 
         Returns
         -------
-        list of str
+        list of str, one per node
 
         Raises
         ------
@@ -268,7 +268,7 @@ class Netlist:
         return self._cell_names(self.cell_map, wanted)
 
     def cell_of_node(self) -> NDArray[np.int64]:
-        """Return the flat index (C order) of every node's cell, -1 for rails and ground; shape (node_count,).
+        """Return the flat index (C order) of the cell of every node, -1 for rails and ground; (node_count,).
 
         Raises
         ------
@@ -288,7 +288,7 @@ class Netlist:
         return cell_of
 
     def _cell_names(self, cells: CellMap, wanted: NDArray[np.int64]) -> list[str]:
-        """Return the names of nodes (n,) of a compiled netlist."""
+        """Return the names of nodes (n,) of a compiled netlist; `cells`: cell map; `wanted` (n,): node numbers."""
         cell = self.cell_of_node()[wanted]
         coordinates = np.unravel_index(np.maximum(cell, 0), cells.space.shape)
         template = "n" + "_%d" * cells.space.ndim
@@ -345,7 +345,7 @@ class Netlist:
         return Netlist(**fields_of(graph, ground))
 
     def replace(self, **changes: Any) -> Netlist:
-        """Return a copy with changed fields; the keywords are fields of `Netlist`."""
+        """Return a copy with changed fields; keywords are fields of `Netlist`; raise InputError for other names."""
         known = {item.name for item in fields(self)}
         if changes.keys() - known:
             raise InputError(f"a netlist has no field {sorted(changes.keys() - known)}; it has {sorted(known)}")
@@ -355,7 +355,7 @@ class Netlist:
 def add_elements(
     netlist: Netlist, kind: str, nodes: ArrayLike, *values: ArrayLike, face: ArrayLike = -1, upward: ArrayLike = True
 ) -> Netlist:
-    """Return the netlist with appended elements of a kind, without element names.
+    """Return a netlist with appended elements of one kind, without element names.
 
     Shapes: `nodes` (n, 2); `values` (n,) or (), in the order of `ARRAYS`, missing ones are 0; `face, upward` (n,) or
     (): fields of the cell map; by default the elements cross no face.
@@ -379,7 +379,10 @@ def add_elements(
 
 
 def crossed_by(netlist: Netlist, kind: str, which: NDArray[np.bool_] | slice = slice(None)) -> dict[str, NDArray[Any]]:
-    """Return the faces that elements of a kind cross, and their directions, as keywords of `add_elements`."""
+    """Return the crossed faces and directions of elements as keywords of `add_elements`; empty without cells.
+
+    `kind`: kind of element, such as ``"resistor"``; `which`: mask or slice of the elements.
+    """
     if netlist.cell_map is None:
         return {}
     return {
@@ -388,7 +391,7 @@ def crossed_by(netlist: Netlist, kind: str, which: NDArray[np.bool_] | slice = s
 
 
 def select_elements(netlist: Netlist, kind: str, keep: NDArray[np.bool_]) -> Netlist:
-    """Return the netlist with only those elements of a kind that `keep` (elements,) marks, without element names."""
+    """Return a netlist without the elements of a kind for which `keep` (elements,) is False, and without names."""
     columns = {name: getattr(netlist, name) for name in ARRAYS[kind]}
     changes: dict[str, Any] = {name: column[keep] for name, column in columns.items() if column is not None}
     if netlist.cell_map is not None and kind in _FACES:

@@ -1,4 +1,4 @@
-"""Checks of the fields of netlists, and conversion between netlists and networkx graphs, without the cell map."""
+"""Checks of the fields of netlists, and conversion between netlists and networkx graphs (without the map of cells)."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ ELEMENTS: dict[str, tuple[str, dict[str, str]]] = {
     "capacitor": ("capacitor_nodes", {"capacitance": "capacitance"}),
     "nonlinear resistor": ("nonlinear_nodes", {"current": "nonlinear_current", "voltage": "nonlinear_voltage"}),
 }
-"""Per kind of element, the field of its nodes in a netlist, and the fields of its values by their graph attributes."""
+"""Fields of a netlist per kind of element: the field of the nodes, and the fields of the values by graph attribute."""
 
 ARRAYS = {kind: (nodes, *columns.values()) for kind, (nodes, columns) in ELEMENTS.items()}
-"""Per kind of element, the fields of a netlist: first that of its nodes, then those of its values."""
+"""Fields of a netlist per kind of element: first the field of the nodes, then the fields of the values."""
 
 _OPTIONAL = ("tc1", "tc2")
 _SYMMETRIC = ("resistor", "capacitor", "nonlinear resistor")
 _ROUNDING = 1e-9
-"""Largest relative difference between a conductance and the inverse of the resistance of the same edge."""
+"""Largest relative difference between the conductance and the inverse resistance that one edge states."""
 
 Edge: TypeAlias = tuple[Hashable, Hashable, Mapping[str, Any]]
-"""Two nodes of a graph, and the attributes of the edge between them."""
+"""First node, second node, and attributes of an edge of a graph."""
 
 
 def check_node_names(names: Any, count: int) -> None:
-    """Raise InputError unless the node names are None or `count` different strings."""
+    """Raise InputError unless the node names are None or a list of different strings; `count`: number of nodes."""
     if names is None:
         return
     if not isinstance(names, Sequence) or isinstance(names, str):
@@ -50,7 +50,7 @@ def check_node_names(names: Any, count: int) -> None:
 
 
 def check_element_names(netlist: Any) -> None:
-    """Raise InputError unless every kind of element with names has one name per element."""
+    """Raise InputError unless ``netlist.element_names`` is None or maps kinds of elements to one name per element."""
     names = {} if netlist.element_names is None else netlist.element_names
     if not isinstance(names, Mapping) or names.keys() - ARRAYS.keys():
         raise InputError(
@@ -63,12 +63,15 @@ def check_element_names(netlist: Any) -> None:
 
 
 def all_within(value: NDArray[np.float64], low: float, high: float) -> bool:
-    """Return whether all values lie strictly between two limits; False if one is NaN."""
+    """Return whether all values lie strictly between the limits `low` and `high`; False if a value is NaN."""
     return not value.size or bool(low < value.min() and value.max() < high)
 
 
 def node_numbers(name: str, value: ArrayLike, node_count: int, width: int = 2) -> NDArray[np.int32]:
-    """Return node numbers as an array (n, 2), or (n,) for `width` 0; raise InputError if a node does not exist."""
+    """Return node numbers as an array (n, 2), or (n,) if `width` is 0; raise InputError if a node does not exist.
+
+    `name`: name of the array in messages; `value`: node numbers; `node_count`: number of nodes of the netlist.
+    """
     array = real_numbers(name, value)
     if array.size and array.dtype.kind not in "iu":
         raise InputError(f"{name} must hold node numbers, got {array.dtype}; convert them to integers")
@@ -82,7 +85,11 @@ def node_numbers(name: str, value: ArrayLike, node_count: int, width: int = 2) -
 
 
 def column_of(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[Any]:
-    """Return a read-only array (n, 2), or (n,) for `width` 0; writeable input is copied."""
+    """Return a read-only array (n, 2), or (n,) if `width` is 0; raise InputError for another shape.
+
+    `name`: name of the array in messages; `value`: numbers, copied if they are a writeable array; `dtype`: type of the
+    result.
+    """
     array = real_numbers(name, value)
     shape_ok = array.ndim == 2 and array.shape[1] == 2 if width else array.ndim == 1
     if not shape_ok and array.size:
@@ -95,7 +102,7 @@ def column_of(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[An
 
 
 def graph_of(netlist: Any) -> nx.MultiGraph[int]:
-    """Return a netlist as a multigraph; attributes as in `Netlist.to_networkx`."""
+    """Return a netlist as a networkx multigraph; `Netlist.to_networkx` documents the attributes of nodes and edges."""
     import networkx as nx
 
     graph: nx.MultiGraph[int] = nx.MultiGraph()
@@ -107,7 +114,7 @@ def graph_of(netlist: Any) -> nx.MultiGraph[int]:
 
 
 def _edges(netlist: Any, kind: str) -> Iterator[tuple[int, int, dict[str, Any]]]:
-    """Yield the elements of a kind as edges: both nodes and the attributes."""
+    """Yield the elements of one kind as edges: first node, second node, and attributes."""
     nodes, keys = ELEMENTS[kind]
     columns: dict[str, list[Any]] = {
         key: getattr(netlist, column).tolist() for key, column in keys.items() if getattr(netlist, column) is not None
@@ -120,7 +127,7 @@ def _edges(netlist: Any, kind: str) -> Iterator[tuple[int, int, dict[str, Any]]]
 
 
 def fields_of(graph: nx.Graph[Any], ground: object) -> dict[str, Any]:
-    """Return the fields of the netlist of a graph; `ground`: the graph node that becomes node 0."""
+    """Return the arguments of `Netlist` for a graph, by name; `ground`: the graph node that becomes node 0."""
     order = [ground, *(node for node in graph if node != ground)]
     number = {node: i for i, node in enumerate(order)}
     kinds: dict[str, list[Edge]] = {kind: [] for kind in ELEMENTS}
@@ -153,7 +160,7 @@ def fields_of(graph: nx.Graph[Any], ground: object) -> dict[str, Any]:
 
 
 def _node_names(graph: nx.Graph[Any], order: list[Any]) -> tuple[str, ...]:
-    """Return a unique name for every node, ground first.
+    """Return a unique name for every graph node of `order`, whose first entry is ground.
 
     Ground without a name is ``0``, or ``ground`` if another node is called ``0``.
     """
@@ -175,7 +182,7 @@ def _node_names(graph: nx.Graph[Any], order: list[Any]) -> tuple[str, ...]:
 
 
 def _check_directions(resistors: list[Edge]) -> None:
-    """Raise InputError if a directed graph connects two nodes by resistors in both directions."""
+    """Raise InputError if a directed graph connects two nodes by resistor edges in both directions."""
     joined = {(a, b) for a, b, _ in resistors if a != b}
     for a, b in joined:
         if (b, a) in joined:
@@ -186,7 +193,10 @@ def _check_directions(resistors: list[Edge]) -> None:
 
 
 def _ends(edge: Edge, kind: str) -> tuple[Hashable, Hashable]:
-    """Return the ordered nodes of an element; raise InputError if they are not the nodes of the edge."""
+    """Return the first and the second node of an element; raise InputError if they are not the nodes of the edge.
+
+    The attribute ``nodes`` of the edge states their order.  `kind`: kind of element.
+    """
     a, b, data = edge
     if "nodes" not in data:
         return a, b
@@ -202,7 +212,10 @@ def _ends(edge: Edge, kind: str) -> tuple[Hashable, Hashable]:
 
 
 def _value(edge: Edge, key: str) -> float:
-    """Return one value of an element in SI units; raise InputError if it is missing or not admissible."""
+    """Return one value of an element in SI units; raise InputError if it is missing or not admissible.
+
+    `edge`: edge of the element; `key`: attribute of the value, such as ``"conductance"``.
+    """
     data = edge[2]
     if key in data:
         value = _number(data[key], key, edge)
@@ -232,7 +245,10 @@ def _value(edge: Edge, key: str) -> float:
 
 
 def _number(value: object, key: str, edge: Edge) -> float:
-    """Return an attribute as a float; raise InputError unless it is a finite number."""
+    """Return an attribute of an edge as a float; raise InputError unless the attribute is a finite number.
+
+    `value`: value of the attribute; `key`: name of the attribute.
+    """
     try:
         number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):

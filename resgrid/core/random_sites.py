@@ -16,14 +16,14 @@ from resgrid.core.regions import face_counts
 from resgrid.errors import InputError
 
 Seed = int | tuple[int, ...]
-"""Entropy, or entropy and spawn key of a `numpy.random.SeedSequence`, as integers."""
+"""Seed of a chip: the entropy, or the entropy and the spawn key, of a `numpy.random.SeedSequence`, as integers."""
 
 MISMATCH, DEFECTS, OFFSET, NOISE = 1, 2, 3, 4
-"""Last spawn keys of the random streams of a chip."""
+"""Numbers of the random effects of a chip; the last entry of the spawn key of a random stream."""
 
 
 def site_count(netlist: Netlist) -> int:
-    """Return the number of resistor sites: the faces of the grid, or the resistors of a netlist without cells."""
+    """Return the number of sites of resistors: the faces of the grid, or the resistors of a netlist without cells."""
     if netlist.cell_map is None:
         return len(netlist.conductance) + len(netlist.nonlinear_current)
     return sum(face_counts(netlist.cells.space.shape))
@@ -32,7 +32,7 @@ def site_count(netlist: Netlist) -> int:
 def resistor_sites(netlist: Netlist) -> tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]:
     """Return the sites of the resistors (resistors,) and of the nonlinear resistors (nonlinear resistors,).
 
-    A site is the face that the resistor crosses; -1 for switches, rail segments and loads.
+    A site is the number of the face that the resistor crosses; -1 for switches, rail segments and loads.
     """
     if netlist.cell_map is None:
         linear = len(netlist.conductance)
@@ -41,23 +41,26 @@ def resistor_sites(netlist: Netlist) -> tuple[NDArray[np.integer[Any]], NDArray[
 
 
 def on_grid(netlist: Netlist) -> NDArray[np.bool_]:
-    """Return which resistors belong to the grid, (resistors,), and are not switches, rail segments or loads."""
+    """Return a mask (resistors,) of the resistors of the grid, without switches, rail segments and loads."""
     return np.asarray(resistor_sites(netlist)[0] >= 0)
 
 
 def ends_of(netlist: Netlist) -> NDArray[np.int32]:
-    """Return the nodes of all resistors, linear ones first, shape (resistors, 2)."""
+    """Return the first and second node of all resistors, linear ones first, then nonlinear ones, (resistors, 2)."""
     return np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
 
 
 def end_names(netlist: Netlist, resistors: NDArray[np.int64]) -> list[list[str]]:
-    """Return the names of both nodes of given resistors (n,), numbered as in `ends_of`."""
+    """Return the names of both nodes of some resistors, one pair per resistor.
+
+    `resistors` (n,): numbers of the resistors, linear ones first, then nonlinear ones.
+    """
     ends = ends_of(netlist)[resistors]
     return [list(pair) for pair in zip(*(netlist.names_of(ends[:, end]) for end in (0, 1)), strict=True)]
 
 
 def scale_resistances(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
-    """Return the netlist with every grid resistance multiplied by the factor of its site; `factor` (sites,)."""
+    """Return the netlist with every grid resistance multiplied by a factor; `factor` (sites,): factor of every site."""
     linear, nonlinear = resistor_sites(netlist)
     padded = np.append(factor, 1.0)  # for site -1
     return netlist.replace(
@@ -67,7 +70,10 @@ def scale_resistances(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
 
 
 def seed_of(seed: Any) -> Seed:
-    """Return a seed as integers; raise InputError unless it is an integer >= 0, a tuple of these or a SeedSequence."""
+    """Return a seed as an integer, or as a tuple of integers (entropy, spawn key); raise InputError for other values.
+
+    `seed`: integer of at least 0, tuple of such integers, or `numpy.random.SeedSequence`.
+    """
     if isinstance(seed, np.random.SeedSequence):
         entropy = seed.entropy if isinstance(seed.entropy, int) else None
         seed = None if entropy is None else (entropy, *seed.spawn_key) if seed.spawn_key else entropy
@@ -80,15 +86,19 @@ def seed_of(seed: Any) -> Seed:
 
 
 def generator(seed: Seed, stream: int) -> np.random.Generator:
-    """Return the random generator of one stream of a chip."""
+    """Return the random generator of one random effect of a chip.
+
+    `seed`: seed of the chip; `stream`: number of the effect, such as `MISMATCH` or `NOISE`.
+    """
     entropy, *key = seed if isinstance(seed, tuple) else (seed,)
     return np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(*key, stream)))
 
 
 def mismatch_factors(count: int, deviation: float | NDArray[np.float64], seed: Seed) -> NDArray[np.float64]:
-    """Return random factors of the resistances of one chip, ``exp(s z - s^2 / 2)``: log-normal with mean 1.
+    """Return random factors of the resistances of one chip, (count,): log-normal with mean 1.
 
-    Shapes: `deviation` () or (sites,): standard deviation as a fraction of the mean; returns (sites,).
+    `count`: number of sites; `deviation` () or (sites,): standard deviation of a factor; `seed`: seed of the chip.  A
+    factor is ``exp(s z - s^2 / 2)``, with a standard normal ``z`` and ``s^2 = log(1 + deviation^2)``.
     """
     log_variance = np.log1p(np.square(deviation))
     z = generator(seed, MISMATCH).standard_normal(count)

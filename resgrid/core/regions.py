@@ -14,17 +14,17 @@ if TYPE_CHECKING:
     from scipy import sparse
 
 _SMALL = 5000
-"""Largest number of cells that are labelled without scipy."""
+"""Number of cells up to which a mask is labelled without scipy."""
 
 
 def label_components(
     graph: NDArray[np.integer[Any]] | sparse.csr_array, node_count: int | None = None
 ) -> NDArray[np.int64]:
-    """Return the number of every node's connected component, shape (nodes,).
-
-    Components are numbered from 0 in the order of their smallest node.
+    """Return the number of the connected component of every node, (nodes,).
 
     `graph`: edges (m, 2) between `node_count` nodes, or a square sparse matrix whose stored entries are the edges.
+
+    Components are numbered from 0 in the order of their smallest node.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -39,17 +39,18 @@ def label_components(
 
 
 def box_around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:
-    """Return the smallest box that contains all True cells of a mask, as one slice per axis."""
+    """Return the smallest box that contains all True cells of a mask, as one slice per axis, empty without cells."""
     axes = range(mask.ndim)
     lines = [np.flatnonzero(mask.any(axis=tuple(other for other in axes if other != axis))) for axis in axes]
     return tuple(slice(int(line[0]), int(line[-1]) + 1) if len(line) else slice(0, 0) for line in lines)
 
 
 def label_regions(mask: NDArray[np.bool_], periodic: ArrayLike, *, corners: bool = False) -> NDArray[np.int32]:
-    """Return the number of every cell's connected component of a mask; 0 outside the mask.
+    """Return the connected component of every cell of a mask, in the shape of the mask; 0 outside the mask.
 
-    Components are numbered from 1 in C order of their first cell.  Neighbours share a face; with `corners` an edge or
-    a corner is enough.  `periodic`: one bool per axis, or one for all.
+    `mask`: cells to label; `periodic`: whether axes are periodic, one bool per axis, or one for all; `corners`: whether
+    cells that share only an edge or a corner are neighbours; by default neighbours share a face.  Components are
+    numbered from 1 in C order of their first cell.
     """
     if mask.size <= _SMALL:
         return _flood_fill(mask, np.broadcast_to(np.asarray(periodic, dtype=np.bool_), mask.ndim), corners=corners)
@@ -68,9 +69,11 @@ def label_regions(mask: NDArray[np.bool_], periodic: ArrayLike, *, corners: bool
 
 
 def _flood_fill(mask: NDArray[np.bool_], rings: NDArray[np.bool_], *, corners: bool) -> NDArray[np.int32]:
-    """Label a small mask by flood fill in Python; parameters and result as in `label_regions`.
+    """Return the connected component of every cell of a small mask, by flood fill in Python; 0 outside the mask.
 
-    A grid of 70 x 70 cells takes 1.7 ms, and importing `scipy.ndimage` 190 ms: commands on small maps import no scipy.
+    `rings` (ndim,): whether axes are periodic; `corners`: whether cells that share only an edge or a corner are
+    neighbours.  A grid of 70 x 70 cells takes 1.7 ms, and importing `scipy.ndimage` 190 ms: commands on small maps
+    import no scipy.
     """
     farthest = mask.ndim if corners else 1
     steps = [step for step in product((-1, 0, 1), repeat=mask.ndim) if 0 < np.count_nonzero(step) <= farthest]
@@ -100,15 +103,15 @@ def _flood_fill(mask: NDArray[np.bool_], rings: NDArray[np.bool_], *, corners: b
 
 
 def _shifted(wide: NDArray[np.int64], step: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return the array shifted by one step, so that an index holds the value of its neighbour."""
+    """Return the array cyclically shifted by minus `step`: every index gets the value of its neighbour at `step`."""
     return np.roll(wide, [-by for by in step], tuple(range(wide.ndim)))
 
 
 def _across_seam(labels: NDArray[np.int32], axis: int, rings: NDArray[np.bool_], *, corners: bool) -> NDArray[np.int32]:
     """Return the labels of all pairs of cells that touch across the periodic border of an axis, shape (2, n).
 
-    `labels`: component of every cell, 0 for none; `rings`: which axes are periodic; `corners`: whether cells that share
-    only an edge or a corner touch, too.
+    `labels`: component of every cell, 0 without one; `rings` (ndim,): whether axes are periodic; `corners`: whether
+    cells that share only an edge or a corner touch, too.
     """
     first, last = labels.take(0, axis), labels.take(-1, axis)
     if not corners or labels.ndim == 1:
@@ -122,7 +125,7 @@ def _across_seam(labels: NDArray[np.int32], axis: int, rings: NDArray[np.bool_],
 
 
 def slab(array: NDArray[Any], axis: int, start: int, stop: int) -> NDArray[Any]:
-    """Return a view of the indices `start` to `stop` along an axis."""
+    """Return a view of an array, restricted to the indices `start` to `stop` (exclusive) along an axis."""
     return array[(slice(None),) * axis + (slice(start, stop),)]
 
 
@@ -131,8 +134,9 @@ def with_margin(
 ) -> NDArray[Any]:
     """Return a copy of a box of cells with a margin of one cell on every side, wrapped on periodic axes.
 
-    The margin outside the grid is `beyond`, or by default repeats the border cell.  `box`: range of cells
-    along each of the first axes; the other axes, or all of them by default, are complete.
+    `array`: one value per cell; `periodic` (ndim,): whether axes are periodic; `box`: range (first, end) of cells along
+    each of the first axes; the other axes are complete; `beyond`: value of the margin outside the grid; by default the
+    margin repeats the border cell.
     """
     at_border: dict[str, Any] = {"mode": "edge"} if beyond is None else {"constant_values": beyond}
     wide = array
@@ -149,9 +153,9 @@ def with_margin(
 
 
 def cells_at_faces(wide: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return views of the lower and the upper cell of every face across an axis.
+    """Return views of the lower and the upper cell of every face across an axis; `face_shape` is their shape.
 
-    `wide`: cell values with a margin of one cell.
+    `wide`: cell values with a margin of one cell on every side.
     """
     inside = [slice(1, -1)] * wide.ndim
     ends = [(*inside[:axis], part, *inside[axis + 1 :]) for part in (slice(0, -1), slice(1, None))]
@@ -159,23 +163,32 @@ def cells_at_faces(wide: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray
 
 
 def sides_of_cells(faces: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return views of the lower and the upper face of every cell across an axis; `faces`: one value per face."""
+    """Return views of the lower and the upper face of every cell across an axis, in the shape of the cells.
+
+    `faces`: one value per face, in an array of shape `face_shape`.
+    """
     along = np.moveaxis(faces, axis, 0)
     return np.moveaxis(along[:-1], 0, axis), np.moveaxis(along[1:], 0, axis)
 
 
 def face_shape(shape: tuple[int, ...], axis: int) -> tuple[int, ...]:
-    """Return the shape of the array of faces across an axis: one more face than cells along this axis."""
+    """Return the shape of an array of faces across an axis: one more face than cells along this axis.
+
+    `shape`: number of cells along every axis.
+    """
     return (*shape[:axis], shape[axis] + 1, *shape[axis + 1 :])
 
 
 def face_counts(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the number of faces across each axis."""
+    """Return the number of faces across each axis; `shape`: number of cells along every axis."""
     return tuple(math.prod(face_shape(shape, axis)) for axis in range(len(shape)))
 
 
 def by_axis(faces: NDArray[Any], shape: tuple[int, ...]) -> tuple[NDArray[Any], ...]:
-    """Split a flat array of face values into one view per axis, each of shape `face_shape`."""
+    """Split a flat array of face values (`faces`), and return one view per axis, each of shape `face_shape`.
+
+    `shape`: number of cells along every axis.
+    """
     parts = np.split(faces, np.cumsum(face_counts(shape))[:-1])
     return tuple(part.reshape(face_shape(shape, axis)) for axis, part in enumerate(parts))
 
@@ -183,9 +196,9 @@ def by_axis(faces: NDArray[Any], shape: tuple[int, ...]) -> tuple[NDArray[Any], 
 def crossed_faces(
     face: NDArray[np.integer[Any]], shape: tuple[int, ...]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the axis that each face is perpendicular to, and its index in the array of faces across this axis.
+    """Return the axis perpendicular to each face (n,), and the index of the face among the faces across it (n, ndim).
 
-    A face of -1 has the axis -1.  Shapes: `face` (n,); returns (n,) and (n, ndim).
+    `face` (n,): face numbers, counted axis by axis; a face of -1 has the axis -1; `shape`: cells along every axis.
     """
     starts = np.cumsum([0, *face_counts(shape)])
     across = np.searchsorted(starts, face, side="right") - 1

@@ -53,14 +53,14 @@ class ConfigurationSpace:
     cell : array_like of int
         One of `Cell` for every cell; shape ``(axes[0].cells, ...)``; stored as a read-only uint8 array.
     conductivity : array_like of float, optional
-        Conductivity of every cell relative to 1, the default: positive, finite, of the same shape.  As a cost map, a
-        costly cell has a low conductivity.
+        Conductivity of every cell relative to 1, the default: positive, finite, of the shape of `cell`.  In a cost map,
+        a costly cell has a low conductivity.
     frame : Frame, optional
         Position and rotation of the axes in the world; by default the axes are the world's.  Only a plane may be moved
         or rotated.
     goal_points : array_like of float, shape (number of goal cells, ndim), optional
-        For every goal cell, in C order, a configuration in the cell that solves the goal, in axis units; NaN if every
-        configuration of the cell does.
+        Configuration in every goal cell that solves the goal, for goal cells in C order, in axis units; NaN if every
+        configuration of the cell solves the goal.
     robot : Robot, optional
         The robot whose configurations the space describes; a point by default.
 
@@ -154,7 +154,7 @@ class ConfigurationSpace:
         unit : str
             Unit of all axes, for labels.
         conductivity, frame, robot
-            As of `ConfigurationSpace`.
+            Passed on to `ConfigurationSpace`.
 
         Returns
         -------
@@ -178,7 +178,7 @@ class ConfigurationSpace:
         return cls(axes, codes, conductivity, frame=frame, robot=robot)
 
     def with_cells(self, cell: ArrayLike) -> ConfigurationSpace:
-        """Return a copy of the space with other cells, one of `Cell` each; goal cells of both keep their points."""
+        """Return a copy of the space with other cells, an array of `Cell`; goal cells in both keep their points."""
         cells, kept = _checked_cells(self.axes, cell), None
         if self.goal_points is not None:
             points = np.full((*self.shape, self.ndim), np.nan)
@@ -200,12 +200,12 @@ class ConfigurationSpace:
 
     @property
     def lower(self) -> NDArray[np.float64]:
-        """Lower corner, shape ``(ndim,)``, in axis units."""
+        """Lower corner of the grid, shape ``(ndim,)``, in axis units."""
         return np.array([axis.lower for axis in self.axes])
 
     @property
     def upper(self) -> NDArray[np.float64]:
-        """Upper corner, shape ``(ndim,)``, in axis units."""
+        """Upper corner of the grid, shape ``(ndim,)``, in axis units."""
         return np.array([axis.upper for axis in self.axes])
 
     @property
@@ -215,12 +215,12 @@ class ConfigurationSpace:
 
     @property
     def periodic(self) -> NDArray[np.bool_]:
-        """Which axes are periodic, shape ``(ndim,)``."""
+        """Whether each axis is periodic, shape ``(ndim,)``."""
         return np.array([axis.periodic for axis in self.axes])
 
     @cached_property
     def goal_region(self) -> NDArray[np.int32]:
-        """Number of the goal region each cell belongs to, -1 elsewhere.
+        """Number of the goal region of every goal cell, -1 for other cells, in the shape of the space.
 
         Goal regions are the face-connected components of goal cells, periodic axes included, numbered from 0 in
         C order of their first cell.
@@ -239,7 +239,7 @@ class ConfigurationSpace:
         return int(self.goal_region.max(initial=-1)) + 1
 
     def goal_point(self, cell: ArrayLike) -> NDArray[np.float64]:
-        """Return the goal configuration of one or more cells, in axis units; shapes (..., ndim).
+        """Return the goal configurations in axis units, (..., ndim); `cell` (..., ndim): indices of one or more cells.
 
         NaN if every configuration of the cell solves the goal, or if the cell is not a goal cell.
         """
@@ -254,12 +254,12 @@ class ConfigurationSpace:
 
     @cached_property
     def _goal_numbers(self) -> NDArray[np.int64]:
-        """Flat indices of the goal cells, in C order."""
+        """Flat indices of the goal cells in C order, shape (goal cells,)."""
         return np.flatnonzero(self.cell == Cell.GOAL)
 
     @cached_property
     def goal_connected(self) -> NDArray[np.bool_]:
-        """Free cells that a path of face-neighbouring free cells connects to a goal cell, of the shape of the space."""
+        """Mask of the free cells that a path of face-neighbouring free cells connects to a goal, shape of the space."""
         region = label_regions(self.cell != Cell.OBSTACLE, self.periodic)
         has_goal = np.zeros(region.max(initial=0) + 1, dtype=bool)
         has_goal[region[self.cell == Cell.GOAL]] = True
@@ -270,7 +270,7 @@ class ConfigurationSpace:
         return connected
 
     def to_world(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Convert points from axis units to world coordinates, shape (..., ndim); see `Frame.to_world`.
+        """Return points in world coordinates, shape (..., ndim), for points in axis units, shape (..., ndim).
 
         Raises
         ------
@@ -280,7 +280,7 @@ class ConfigurationSpace:
         return self.frame.to_world(self._checked_points(points))
 
     def from_world(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Convert points from world coordinates to axis units, shape (..., ndim); the inverse of `to_world`."""
+        """Return points in axis units, shape (..., ndim), for points in world coordinates, shape (..., ndim)."""
         return self.frame.from_world(self._checked_points(points))
 
     def _checked_points(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -294,11 +294,11 @@ class ConfigurationSpace:
         return checked
 
     def centre(self, cell: ArrayLike) -> NDArray[np.float64]:
-        """Return the centres of one or more cells (..., ndim), in world coordinates."""
+        """Return cell centres in world coordinates, (..., ndim); `cell` (..., ndim): indices of one or more cells."""
         return self.to_world(self.axis_centre(cell))
 
     def axis_centre(self, cell: ArrayLike) -> NDArray[np.float64]:
-        """Return the centres of one or more cells (..., ndim), in axis units."""
+        """Return cell centres in axis units, (..., ndim); `cell` (..., ndim): indices of one or more cells."""
         return self.lower + (np.asarray(cell, dtype=np.float64) + 0.5) * self.spacing
 
     def locate(self, point: ArrayLike) -> NDArray[np.int64]:
@@ -310,12 +310,12 @@ class ConfigurationSpace:
         Parameters
         ----------
         point : array_like of float, shape (..., ndim)
-            World coordinates.
+            Points in world coordinates.
 
         Returns
         -------
         ndarray of int64, shape (..., ndim)
-            Cell indices.
+            Index of the cell along every axis.
 
         Raises
         ------
@@ -325,16 +325,16 @@ class ConfigurationSpace:
         return self.split(self.from_world(point))[0]
 
     def split(self, point: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the cells of one or more points in axis units, and the positions in these cells, in [0, 1].
+        """Return the cells of points (..., ndim), and the positions in these cells as fractions in [0, 1] (..., ndim).
 
-        Shapes: (..., ndim).  Borders and periodic coordinates as in `locate`; points in world coordinates must be
-        converted by `from_world`.
+        `point` (..., ndim): in axis units; `from_world` converts world coordinates.  A point on a border belongs to the
+        upper cell, except at the upper end of the axis.  Periodic coordinates are wrapped.
         """
         return split_points(self.axes, point, self.frame.reach(self.axes))
 
     @cached_property
     def rounding(self) -> NDArray[np.float64]:
-        """Tolerance for positions as fractions of a cell's width, shape (ndim,).
+        """Tolerance for positions per axis, as fractions of a cell's width, shape (ndim,).
 
         1e-9, or the larger rounding error of coordinates far from the origin of the axes or of the world.
         """
@@ -342,12 +342,12 @@ class ConfigurationSpace:
 
     @cached_property
     def rounding_errors(self) -> NDArray[np.float64]:
-        """Largest rounding error of coordinates as fractions of a cell's width, shape (ndim,)."""
+        """Largest rounding error of coordinates per axis, as fractions of a cell's width, shape (ndim,)."""
         return rounding_errors(self.axes, self.frame.reach(self.axes))
 
 
 def _checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8]:
-    """Return the cells as a uint8 array; raise InputError for a wrong shape or value, or wrong axes."""
+    """Return the cells as a uint8 array of the axes' shape; raise InputError for a wrong shape, value or axis."""
     cell = real_numbers("cell", given)
     if not 1 <= len(axes) <= MAX_DIMENSIONS:
         raise InputError(f"a configuration space has 1 to {MAX_DIMENSIONS} axes, got {len(axes)}")
@@ -365,7 +365,7 @@ def _checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8
 
 
 def _checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[np.float64]:
-    """Return the conductivity as an array of floats; raise InputError for a wrong shape or value."""
+    """Return the conductivity as an array of floats of `shape`; raise InputError for a wrong shape or value."""
     conductivity = np.array(value, dtype=np.float64, order="C")
     if conductivity.shape != shape:
         raise InputError(f"conductivity has shape {conductivity.shape}, but the cells have {shape}; make them equal")
@@ -377,7 +377,7 @@ def _checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[n
 
 
 def _checked_goal_points(space: ConfigurationSpace, value: ArrayLike) -> NDArray[np.float64]:
-    """Return the goal points (goal cells, ndim); raise InputError if one lies outside its cell."""
+    """Return the goal points in axis units (goal cells, ndim); raise InputError if one lies outside its cell."""
     points = np.array(value, dtype=np.float64, order="C")
     cells = np.argwhere(space.cell == Cell.GOAL)
     if points.shape != cells.shape:

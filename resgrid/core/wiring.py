@@ -52,11 +52,11 @@ class Wiring:
         Boundary condition at obstacles: connected to the obstacle rail, open, or connected to the rail through
         `wall_resistance` (a Robin condition).
     drive : {"uniform", "start"}, optional
-        For open obstacles: the same current into every goal-connected free node (default), or the start cell tied to
-        the high rail.  None for other boundary conditions.
+        Source of current with open obstacles: equal currents into all goal-connected free nodes (default), or the start
+        cell tied to the high rail.  None for other boundary conditions.
     edge : {"obstacle", "open"} or a sequence of these
-        Boundary condition at the edge of the grid, for all axes or per axis: like an obstacle, or open.  Periodic axes
-        have no edge.
+        Boundary condition at the edge of the grid, for all axes or per axis: the edge acts as an obstacle, or is open.
+        Periodic axes have no edge.
     rails : {"merged", "cells"}
         Whether each rail is one node, or every obstacle and goal cell has its own node and source.
     resistance : float
@@ -67,9 +67,9 @@ class Wiring:
     goal_voltage : float
         Voltage of the goal rail, in volts.
     wall_resistance : float, optional
-        For ``boundary="wall"``: the resistance in series with every obstacle contact, in ohms; 0 is Dirichlet.
+        Resistance in series with every obstacle contact for ``boundary="wall"``, in ohms; 0 is Dirichlet.
     start : sequence of int, optional
-        For ``drive="start"``: the start cell.
+        Index of the start cell along every axis, for ``drive="start"``.
 
     Raises
     ------
@@ -109,7 +109,7 @@ class Wiring:
             object.__setattr__(self, name, value)
 
     def _check_drive(self) -> None:
-        """Raise InputError unless drive and start fit the boundary condition."""
+        """Raise InputError unless the fields `drive` and `start` fit the boundary condition."""
         if self.boundary != "neumann":
             if self.drive is not None or self.start is not None:
                 raise InputError(
@@ -124,7 +124,7 @@ class Wiring:
             )
 
     def _check_values(self) -> None:
-        """Raise InputError unless resistances and voltages are admissible."""
+        """Raise InputError unless resistances and voltages are finite, in range, and fit the boundary condition."""
         if not (0 < self.resistance < np.inf and 1.0 / float(self.resistance) < np.inf):
             raise InputError(f"resistance = {self.resistance}, but it must be positive and finite, in ohms")
         if not (np.isfinite(self.supply) and self.supply != 0 and np.isfinite(self.goal_voltage)):
@@ -151,11 +151,27 @@ class Wiring:
 
     @property
     def high(self) -> float:
-        """Voltage of the high rail, in volts."""
+        """Voltage of the high (obstacle) rail, in volts."""
         return self.goal_voltage + self.supply
 
     def edges(self, space: ConfigurationSpace) -> tuple[EdgeRule, ...]:
-        """Return the edge rule of every axis of a space; raise InputError if the rules do not fit its axes."""
+        """Return the edge rule of every axis of a space.
+
+        Parameters
+        ----------
+        space : ConfigurationSpace
+            The space of the circuit.
+
+        Returns
+        -------
+        tuple of str
+            ``"obstacle"``, ``"open"`` or ``"periodic"`` for every axis.
+
+        Raises
+        ------
+        InputError
+            If the rules do not fit the axes.
+        """
         rules = (self.edge,) * space.ndim if isinstance(self.edge, str) else tuple(self.edge)
         if len(rules) != space.ndim:
             raise InputError(f"edge has {len(rules)} entries, but the space has {space.ndim} axes; give one per axis")
@@ -165,29 +181,50 @@ class Wiring:
         return tuple("periodic" if axis.periodic else rule for axis, rule in zip(space.axes, rules, strict=True))
 
     def on(self, space: ConfigurationSpace) -> Wiring:
-        """Return the wiring with one edge rule per axis of a space.
+        """Return a copy of the wiring with one edge rule per axis of a space.
 
-        Raise InputError if the edge rules do not fit the space or the start is not a free cell, and CircuitError if no
-        path connects the start to a goal.
+        Parameters
+        ----------
+        space : ConfigurationSpace
+            The space of the circuit.
+
+        Returns
+        -------
+        Wiring
+            The wiring, with `edge` as a tuple.
+
+        Raises
+        ------
+        InputError
+            If the edge rules do not fit the space, or the start is not a free cell.
+        CircuitError
+            If no path connects the start to a goal.
         """
         if self.start is not None:
             _check_start(space, tuple(self.start))
         return replace(self, edge=self.edges(space))
 
     def opened(self) -> Wiring:
-        """Return the wiring with open obstacles and a uniform drive, as for the Neumann part of a blend."""
+        """Return a copy of the wiring with open obstacles and a uniform drive, for the Neumann part of a blend.
+
+        Returns
+        -------
+        Wiring
+            The wiring without `wall_resistance` and `start`.
+        """
         return replace(self, boundary="neumann", drive="uniform", wall_resistance=None, start=None)
 
 
 _NO_OPTIONS_OF_BOUNDARY: dict[str, Any] = {"drive": None, "start": None, "wall_resistance": None}
-"""Values of the fields that belong to one boundary only, after the boundary has changed."""
+"""Values of the fields that belong to only one boundary condition, after a change of the boundary condition."""
 
 
 def wiring_of(wiring: Wiring | None, options: Mapping[str, Any], default: Mapping[str, Any] | None = None) -> Wiring:
-    """Return the wiring with some fields replaced; without a wiring, the defaults with some fields replaced.
+    """Return a wiring with some fields replaced.
 
-    An option that is None keeps the field of the wiring or the default.  Another boundary drops the fields that belong
-    to the wiring's own boundary, and takes the wall resistance of the default.
+    `wiring`: wiring to change, None for a new wiring from the fields `default`; `options`: new values of fields by
+    name; None keeps the old value; `default`: fields of a new wiring.  Another boundary condition resets the fields
+    that belong to the old one, and takes the wall resistance of `default`.
     """
     check_wiring_options(options)
     given = {name: value for name, value in options.items() if value is not None}
@@ -200,7 +237,7 @@ def wiring_of(wiring: Wiring | None, options: Mapping[str, Any], default: Mappin
 
 
 def check_wiring_options(options: Iterable[str]) -> None:
-    """Raise InputError for a name that is not a field of `Wiring`."""
+    """Raise InputError for a name that is not a field of `Wiring`; `options`: names of keyword arguments."""
     known = [field.name for field in fields(Wiring)]
     for name in options:
         if name not in known:
@@ -209,7 +246,10 @@ def check_wiring_options(options: Iterable[str]) -> None:
 
 
 def _check_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> None:
-    """Raise InputError unless the start is a free cell, and CircuitError unless it is connected to a goal."""
+    """Raise InputError unless the start is a free cell, and CircuitError unless it is connected to a goal.
+
+    `cell`: index of the start cell along every axis.
+    """
     if len(cell) != space.ndim or not all(0 <= i < n for i, n in zip(cell, space.shape, strict=True)):
         raise InputError(f"the start cell {cell} is not in the grid of {space.shape} cells; choose another one")
     if space.cell[cell] != Cell.FREE:
