@@ -30,7 +30,7 @@ class PointRobot(Robot):
     Parameters
     ----------
     radius : float
-        In axis units, at least 0.
+        Radius in axis units, at least 0.
 
     Raises
     ------
@@ -71,7 +71,7 @@ class PointRobot(Robot):
         return [RigidPart(np.asarray(shapely.points(configurations)), self.radius)]
 
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the distances between start and end, shape (n,), in axis units, for configurations (n, ndim)."""
+        """Return the distances (n,), in axis units, between configurations `start` and `end`, both (n, ndim)."""
         return np.asarray(np.linalg.norm(end - start, axis=1))
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
@@ -107,7 +107,7 @@ class DiscRobot(PointRobot):
     Parameters
     ----------
     radius : float
-        In axis units, above 0.
+        Radius in axis units, above 0.
 
     Raises
     ------
@@ -130,6 +130,6 @@ class DiscRobot(PointRobot):
     radius: Annotated[float, Gt(0), Le(LARGEST)] = field()  # required, in contrast to the radius of a point robot
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Raise InputError unless there are two axes."""
+        """Raise InputError unless the configuration space has two axes."""
         if len(axes) != 2:
             raise InputError(f"a disc moves in the plane and needs 2 axes, got {len(axes)}; a point has any number")
