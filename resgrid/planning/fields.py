@@ -117,7 +117,7 @@ class Field:
         return np.asarray(self.face_direction[axis] * np.exp(self.face_log_current[axis]), dtype=np.float64)
 
     def faces_of(self, cells: NDArray[np.int64]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-        """Return signs and log magnitudes, both (2, n, ndim), of currents at lower and upper faces of cells (n, ndim)."""
+        """Return signs and log magnitudes (2, n, ndim) of currents through lower and upper faces of cells (n, ndim)."""
         direction = np.empty((2, *cells.shape), dtype=np.int8)
         log_current = np.empty((2, *cells.shape))
         for axis in range(self.space.ndim):

@@ -44,7 +44,7 @@ Observe = Callable[..., Any]
 
 
 def run_silently(_stage: str, function: Callable[..., Any], *arguments: Any, **_: Any) -> Any:
-    """Run a stage without display of progress, and return its result."""
+    """Return ``function(*arguments)``, without display of progress; the name of the stage and options are ignored."""
     return function(*arguments)
 
 
@@ -53,8 +53,8 @@ class SolveOptions:
     """Options of the solve stages of the pipeline.
 
     `solver`: function that solves a netlist; `threads`: number of threads; `observe`: function that runs and displays
-    each stage; `by_petsc`: whether PETSc processes solve fields without a netlist; `ranks`: their number; `launcher`:
-    command that starts them and sets their number.
+    each stage; `by_petsc`: whether PETSc processes solve fields without a netlist; `ranks`: number of PETSc processes,
+    None with a launcher; `launcher`: command that starts the PETSc processes and sets their number.
     """
 
     solver: Solver = solve
@@ -71,7 +71,7 @@ class SolveOptions:
         return op
 
     def solve_ranked(self, space: ConfigurationSpace, wiring: Wiring) -> Ranked:
-        """Return the field of a space, solved by PETSc processes."""
+        """Return the field of a space, solved by PETSc processes, with the statistics of the solve."""
         by = f"on {self.ranks} ranks" if self.launcher is None else f"by {self.launcher}"
         stage, seconds = f"solve the {wiring.boundary} chip {by}", 2.0 + 1e-5 * space.cell.size
         ranked: Ranked = self.observe(stage, solve_ranked, space, wiring, self.ranks, self.launcher, seconds=seconds)
@@ -82,7 +82,11 @@ DEFAULT_OPTIONS = SolveOptions()
 
 
 def solve_options(method: str, ranks: int | None = None, launcher: str | None = None, **options: Any) -> SolveOptions:
-    """Return the solve options for a method; `ranks` (2 by default) and `launcher` belong to method "petsc" only."""
+    """Return the solve options for a solution method.
+
+    `ranks`, `launcher`: number of processes (2 by default), or the command that starts them, for method "petsc" only;
+    `options`: other fields of `SolveOptions`.
+    """
     if method == PETSC:
         if ranks is not None and launcher is not None:
             raise InputError(
@@ -115,7 +119,7 @@ class Problem:
 
     @property
     def halves(self) -> dict[float, Wiring]:
-        """Wirings for k = 1 (obstacles on the rail, through wall resistances if any) and k = 0 (open obstacles)."""
+        """Wirings by weight k: 1 (obstacles on the rail, through wall resistances if any) and 0 (open obstacles)."""
         wiring = self.wiring
         closed = replace(wiring, boundary="dirichlet", drive=None, start=None) if wiring.is_driven else wiring
         return {1.0: closed, 0.0: wiring.opened()}
@@ -174,10 +178,10 @@ class Problem:
 @frozen
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Solution of a planning problem.
+    """Solution of a planning problem: the fields of its circuits.
 
-    `operating_points`, `pure`: operating point and field of every solved circuit, by name; circuits without currents
-    and those solved by PETSc have no operating point.
+    `operating_points`, `pure`: operating point and field (not blended) of every solved circuit, by name of the circuit;
+    circuits without currents and circuits solved by PETSc have no operating point.
     """
 
     problem: Problem
@@ -186,7 +190,7 @@ class Solution:
 
     @cached_property
     def fields(self) -> tuple[Field, ...]:
-        """Requested fields: one per k, or one per start if starts drive circuits."""
+        """Fields that the problem asks for: one per weight k, or one per start if starts drive circuits."""
         ks = self.problem.ks
         if self.problem.start_driven or not ks:
             return tuple(self.pure.values())
@@ -225,8 +229,9 @@ def problem_of(
     space: ConfigurationSpace | None = None,
     **options: Unpack[WiringOptions],
 ) -> Problem:
-    """Return the planning problem of a scene or a space, with a wiring, or some of its fields, that override the scene.
+    """Return the planning problem of a scene or a space.
 
+    `wiring`: wiring that replaces the scene's; `options`: fields of `Wiring` that override those of the wiring.
     Without `k`, a wiring or a boundary selects a single circuit, even if the scene has blends.  `k`: weight of the
     Dirichlet field; `space`: space of the scene, if it was built before.
     """
@@ -253,7 +258,10 @@ def problem_of(
 
 
 def scene_wiring(scene: Scene, wiring: Wiring | None = None, **options: Unpack[WiringOptions]) -> Wiring:
-    """Return the given wiring, or that of the scene, with some fields replaced; open obstacles get a uniform drive."""
+    """Return `wiring`, by default the scene's wiring, with the fields in `options` replaced.
+
+    Open obstacles get a uniform drive.
+    """
     boundary, chip = options.get("boundary") or scene.boundary, scene.chip
     default: dict[str, Any] = {
         "boundary": boundary,
@@ -267,7 +275,7 @@ def scene_wiring(scene: Scene, wiring: Wiring | None = None, **options: Unpack[W
 
 
 def require_uniform(scene: Scene, subject: str) -> None:
-    """Raise InputError for a scene with drive = 'start'; `subject` of the message needs a uniform drive."""
+    """Raise InputError for a scene with drive = 'start'; `subject`: name, for the message, of the caller."""
     if scene.drive == "start":
         raise InputError(f"a scene with drive = 'start' serves one start at a time; {subject} needs drive = 'uniform'")
 
@@ -280,10 +288,10 @@ def compile_circuit(
     build_chip: ChipBuilder | None = None,
     work: SolveOptions = DEFAULT_OPTIONS,
 ) -> Netlist:
-    """Compile the netlist of one circuit.
+    """Return the netlist of one circuit of a space.
 
-    `scaled`: solve a uniformly driven circuit once, and scale its drive so that the highest node is at the supply;
-    `build_chip`: function that then adds the non-idealities of a chip.
+    `scaled`: whether a uniformly driven circuit is solved once, and the injected currents are scaled so that the
+    highest node is at the supply; `build_chip`: function that then adds the non-idealities of a chip; `work`: options.
     """
     seconds, stage = 4e-8 * space.cell.size * space.ndim, f"compile the {wiring.boundary} chip"
     netlist: Netlist = work.observe(stage, compile_space, space, wiring, seconds=seconds)
@@ -293,8 +301,9 @@ def compile_circuit(
 
 
 def solve_problem(problem: Problem, *, scaled: bool = False, work: SolveOptions = DEFAULT_OPTIONS) -> Solution:
-    """Solve the ideal circuits of a problem and compute their fields.
+    """Solve the ideal circuits of a problem, and return operating points and fields.
 
+    `scaled`: whether the drives of uniformly driven circuits are scaled to the supply; `work`: solve options.
     A circuit without a driving voltage or current has a field without currents, whose streamlines still have an
     outcome.  This happens if no free cell touches a goal, if the driving start is blocked or disconnected, or if no
     obstacle (or edge that counts as one) touches a goal-connected free cell.  If only the Dirichlet field of a blend
@@ -327,6 +336,6 @@ def solve_problem(problem: Problem, *, scaled: bool = False, work: SolveOptions 
 
 
 def solve_field(space: ConfigurationSpace, wiring: Wiring, k: float | None = None) -> Field:
-    """Return the field of one circuit, or with k the blend of this circuit (k = 1) and open obstacles (k = 0)."""
+    """Return the field of one circuit, or, with `k`, the blend of this circuit (k = 1) and open obstacles (k = 0)."""
     starts = np.empty((0, space.ndim))
     return solve_problem(Problem(space, wiring, () if k is None else (k,), starts)).fields[0]

@@ -152,7 +152,7 @@ class Arm(Robot):
         raise InputError("an arm on a map needs a [grid] for its joints")
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Raise InputError unless axes match the joints in number, span a full turn if periodic, and obey the limits."""
+        """Raise InputError unless there is one axis per joint, within its limits, or of a full turn if periodic."""
         if len(axes) != self.ndim:
             raise InputError(f"an arm of {self.ndim} joints needs {self.ndim} axes, got {len(axes)}")
         for axis, limits in zip(axes, self.limits, strict=True):
@@ -286,10 +286,7 @@ class Arm(Robot):
         return self.tip(configurations)
 
     def bare(self, *, self_collision: bool = True) -> Arm:
-        """Return the arm without virtual obstacles along singularities.
-
-        `self_collision`: whether the returned arm keeps the self-collision option of this arm; otherwise it has none.
-        """
+        """Return the arm without virtual obstacles, and without self-collision if `self_collision` is False."""
         collides = self.self_collision and self_collision
         return replace(self, singularity_width=None, singularity_cells=None, self_collision=collides)
 

@@ -37,8 +37,8 @@ def arm_occupancy(
     farther from every obstacle than any point of the link can move within the cell or part
     (`resgrid.robots.kernels`).  No cell with a collision is marked free.  Link by link, the marked cells of the first
     joints are extended to all cells of the next joint.
-    `obstacles`: shapes in metres; `progress`: called as ``progress(done, total)``; `self_collision`: whether contacts of
-    links that are not adjacent are collisions.
+    `obstacles`: shapes in metres; `progress`: called as ``progress(done, total)``; `self_collision`: whether contacts
+    of links that are not adjacent are collisions.
     """
     from resgrid.robots.kernels import mark_link
 
@@ -112,7 +112,7 @@ def tip_travel(links: ArmLinks, axes: Sequence[Axis]) -> float:
 
 
 def _distances(place: Shape, base: Point) -> tuple[float, float]:
-    """Return the smallest and the largest distance, in metres, from the point `base` to points of the region `place`."""
+    """Return the smallest and the largest distance, in metres, from the point `base` to points of a region."""
     import shapely
 
     obstacle = obstacles_of([place])[0]

@@ -139,7 +139,7 @@ class Robot(ABC):
         return self
 
     def turning_axis(self, cells: int, name: str = "theta") -> Axis:
-        """Return the periodic heading axis of a robot that turns, from 0 to ``2 pi turning_length``, with `cells` cells."""
+        """Return the periodic heading axis of a robot that turns: `cells` cells from 0 to ``2 pi turning_length``."""
         if self.turning_length is None:
             raise InputError(f"{with_article(type(self).__name__)} does not turn, because it has no turning_length")
         return Axis(name, 0.0, tau * self.turning_length, cells, periodic=True)

@@ -114,7 +114,7 @@ def obstacles_of(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> list[Obs
 
 
 def _obstacles(number: int, shape: Shape, axes: Sequence[Axis]) -> list[Obstacle]:
-    """Return the periodic images of shape number `number` as obstacles; the list is empty for an empty shape."""
+    """Return the periodic images of the shape with index `number` as obstacles; an empty list for an empty shape."""
     import shapely
 
     if not isinstance(shape, Shape) or shape.ndim != 2:
@@ -161,7 +161,7 @@ class ObstacleArrays(NamedTuple):
 
 
 def obstacle_arrays(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> ObstacleArrays:
-    """Return shapes of the plane as arrays, with all periodic images within one period of the grid with axes `axes`."""
+    """Return shapes as arrays; on periodic `axes` with all images within one period of the grid."""
     period = [axis.upper - axis.lower for axis in axes]
     solids = [
         (number, solid)

@@ -174,8 +174,8 @@ class _PlaneObstacle:
     def mark(self, layer: NDArray[np.bool_], plane: CellPlane, mirrored: NDArray[np.float64], reach: float) -> None:
         """Mark the cells of a layer within a distance `reach` of the Minkowski sum of the area and a polygon.
 
-        `layer` (columns, rows): mask; `plane`: grid of the layer; `mirrored` (v, 2): corners of the polygon, mirrored at
-        the reference point; `reach`: distance in metres.
+        `layer` (columns, rows): mask; `plane`: grid of the layer; `mirrored` (v, 2): corners of the polygon, mirrored
+        at the reference point; `reach`: distance in metres.
         The sum of the outlines is a parallelogram for every pair of edges.  Other points of the Minkowski sum occur
         only if a piece of one area lies inside the other; they lie in a copy of one area, translated by a point of
         the other.  Every parallelogram is marked separately, because a geometric union of nearly coincident ones
