@@ -107,7 +107,7 @@ def _check_still(path: Streamline) -> None:
 
 
 def _check_failure(path: Streamline) -> None:
-    """Raise CertificateError unless the outcome of a streamline that reached no goal is true."""
+    """Raise CertificateError unless the start cell justifies the outcome of a streamline that reached no goal."""
     start = tuple(path.cells[0])
     code = path.space.cell[start]
     connected = bool(path.space.goal_connected[start])

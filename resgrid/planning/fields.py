@@ -211,6 +211,7 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
     Returns
     -------
     Field
+        Potential and face currents in all cells.
 
     Raises
     ------

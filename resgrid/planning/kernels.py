@@ -67,7 +67,7 @@ def _face(flow: Flow, cell: Integers, axis: int) -> int:
 
 @inner
 def face_velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> float:
-    """Write face velocities divided by the largest to `lower, upper` (ndim,); return the logarithm of the largest."""
+    """Write a cell's face velocities, divided by the largest, to `lower, upper` (ndim,); return log of the largest."""
     scale = -np.inf
     for axis in range(len(cell)):
         face = _face(flow, cell, axis)
@@ -83,6 +83,7 @@ def face_velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) ->
 @inlined
 def _exit_time(x: float, lower: float, upper: float) -> tuple[float, int]:
     """Return the time from ``x`` in [0, 1] to an exit along one axis, and its face: -1 lower, 1 upper; (inf, 0): none.
+
     ``v(x) = lower (1 - x) + upper x``: the velocity is linear between the faces (Pollock 1988, equations 4 to 8).
     The time over a distance ``d``, at a velocity that changes from ``v`` to ``w``, is ``d log(w / v) / (w - v)``.
     """
@@ -101,7 +102,7 @@ def _exit_time(x: float, lower: float, upper: float) -> tuple[float, int]:
 
 @inlined
 def _moved(x: float, lower: float, upper: float, time: float) -> float:
-    """Return the coordinate after a time, from ``x``, clipped to [0, 1]; velocity: `lower` at 0, `upper` at 1."""
+    """Return the coordinate, clipped to [0, 1], a time after ``x``; the velocity is `lower` at 0 and `upper` at 1."""
     v = lower * (1.0 - x) + upper * x
     if v == 0.0:
         return x  # a separate case: with a large time the growth may overflow

@@ -65,7 +65,7 @@ class SolveOptions:
     launcher: str | None = None
 
     def solve(self, netlist: Netlist, stage: str) -> OperatingPoint:
-        """Return the operating point of a netlist; `stage` is the displayed name of the stage."""
+        """Return the operating point of a netlist; `stage`: name of the stage for the display of progress."""
         run, seconds = partial(self.solver, threads=self.threads), 0.5 + 4e-6 * netlist.node_count
         op: OperatingPoint = self.observe(stage, run, netlist, seconds=seconds, iterates=True)
         return op
@@ -126,7 +126,7 @@ class Problem:
 
     @property
     def wirings(self) -> dict[str, Wiring]:
-        """Wirings of all circuits to solve, by name: the boundary, or the number of the start that drives it."""
+        """Wirings of all circuits to solve, by name: the boundary, or ``neumann_start_N`` if start N drives it."""
         if self.start_driven:
             return dict(self.driven_by(number) for number in range(len(self.starts)))
         if not self.ks:
@@ -170,7 +170,7 @@ class Problem:
         return self.driven_by(0)
 
     def driven_by(self, number: int) -> tuple[str, Wiring]:
-        """Return name and wiring of the circuit that start `number` drives."""
+        """Return name and wiring of the circuit with open obstacles that the start with index `number` drives."""
         cell = start_cell(self.space, self.starts[number])
         return f"neumann_start_{number}", replace(self.wiring.opened(), drive="start", start=cell)
 
@@ -275,7 +275,7 @@ def scene_wiring(scene: Scene, wiring: Wiring | None = None, **options: Unpack[W
 
 
 def require_uniform(scene: Scene, subject: str) -> None:
-    """Raise InputError for a scene with drive = 'start'; `subject`: name, for the message, of the caller."""
+    """Raise InputError for a scene with drive = 'start'.  `subject`: name of the calling function, for the message."""
     if scene.drive == "start":
         raise InputError(f"a scene with drive = 'start' serves one start at a time; {subject} needs drive = 'uniform'")
 

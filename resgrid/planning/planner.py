@@ -92,6 +92,7 @@ class Planner:
         Returns
         -------
         Planner
+            Planner for the blend, which shares the solved fields.
 
         Raises
         ------
@@ -141,6 +142,7 @@ class Planner:
         Returns
         -------
         list of Streamline
+            One streamline per start, in the same order.
 
         Raises
         ------
@@ -160,6 +162,7 @@ class Planner:
         Returns
         -------
         Traces
+            Outcome, goal, length, duration and number of steps of every streamline.
 
         Raises
         ------
@@ -213,6 +216,7 @@ def plan(
     Returns
     -------
     Planner
+        The solved space, from which paths are computed.
 
     Raises
     ------

@@ -127,6 +127,7 @@ def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str =
     Returns
     -------
     RandomWalk
+        The walk with the factorization of the nodal equations.
 
     Raises
     ------

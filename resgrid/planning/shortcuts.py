@@ -18,7 +18,7 @@ from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, ShortPath, Streamline, distinct_rows, length_of
 
 LineTest = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
-"""Function of two points that returns whether the straight line between them may be used."""
+"""Function of two points (ndim,), in axis units, that returns whether a path may follow the line between them."""
 
 _GAIN = 1e-12
 """Relative reduction of the length of a part of the path below which a chord does not replace this part."""
@@ -119,7 +119,10 @@ def _line_of_sight(field: Field, clearance: float) -> LineTest:
 
 
 def _greedy(points: NDArray[np.float64], clear: LineTest) -> NDArray[np.float64]:
-    """Return those of `points` (n, ndim) that a path visits if it skips points as far as the test `clear` permits."""
+    """Return the corners (m, ndim) that remain if the path moves from each corner straight to a far visible corner.
+
+    `points` (n, ndim): corners of the path; `clear`: function that tests whether the line between two points is free.
+    """
     kept = [0]
     last = len(points) - 1
     while kept[-1] < last:

@@ -19,7 +19,11 @@ from resgrid.scene.nearest_place import nearest_place
 
 
 class Outcome(StrEnum):
-    """Outcome of tracing a streamline.
+    """Outcome of tracing a streamline from a start.
+
+    ``reached``: the streamline ends in a goal cell; ``no_path``: no sequence of neighbouring free cells leads from the
+    start to a goal; ``no_current``: no current, or none of known direction, leaves the last cell; ``start_blocked``:
+    the start lies in an obstacle; ``goal_blocked``: no free cell of the space has a path to a goal.
 
     Examples
     --------

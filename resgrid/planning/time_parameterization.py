@@ -225,7 +225,7 @@ def time_parameterize(
     Returns
     -------
     Trajectory
-        In world coordinates.
+        The path with times, in seconds, in world coordinates.
 
     Raises
     ------

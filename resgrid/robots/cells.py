@@ -302,7 +302,7 @@ def _enter_region(
 ) -> NDArray[np.float64]:
     """Return the first points (m, ndim) of a convex region on curves ``clip(middle + s step)``, s from 0 to 1.
 
-    The function ``clip`` restricts the curve to the cell.
+    The function ``clip`` restricts every coordinate to the range of the cell.
     The point of a ball or half-space within a cell that is nearest to the cell's centre minimizes a quadratic function
     whose gradient is parallel to ``step``.  So the point lies on this curve, and bisection finds the smallest s.
     `middle` (m, ndim): centres of cells; `step` (m, ndim): vectors towards the region; `half` (ndim,): half widths of a

@@ -304,6 +304,7 @@ class Pose(NamedTuple):
         Returns
         -------
         Pose
+            Pose with a single rigid part.
         """
         x, y, *arc = np.asarray(place, dtype=np.float64).tolist()
         count, ndim = len(segments), 2 if turning_length is None else 3
