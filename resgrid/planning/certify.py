@@ -293,7 +293,7 @@ def _advance(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
 
 
 def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats) -> None:
-    """Raise CertificateError unless the duration lies between sums of least and largest times, logarithms (steps,)."""
+    """Raise CertificateError unless the duration is between the sums of exp(`log_shortest`) and exp(`log_longest`)."""
     unit = 2.0 * np.log(path.space.spacing.min())
     low, high = (float(np.logaddexp.reduce(logs, initial=-np.inf) + unit) for logs in (log_shortest, log_longest))
     claimed = float(path.log_duration)
@@ -352,7 +352,7 @@ def certify_collision_free(path: AnyPath) -> None:
 
 
 def _check_segments(scaled: NDArray[np.float64], space: ConfigurationSpace) -> None:
-    """Raise CertificateError if a point of `scaled` (n, ndim) is off the grid; InputError if a segment is too long."""
+    """Raise CertificateError if a point of `scaled` (n, ndim) is off the grid, InputError if a segment is too long."""
     slack = space.rounding
     outside = np.any(~space.periodic & ((scaled < -slack) | (scaled > space.shape + slack)), axis=1)
     if outside.any():
@@ -383,12 +383,12 @@ def _free(cells: Cells, space: ConfigurationSpace) -> Cells:
 
 
 def _contains(cell: tuple[int, ...], point: NDArray[np.float64], space: ConfigurationSpace) -> bool:
-    """Return whether a closed cell contains a point in cell units, rounding error included."""
+    """Return whether a closed cell contains a `point` (ndim,), in cell units, to within rounding error."""
     return bool(np.all(np.abs(point - cell - 0.5) <= 0.5 + space.rounding))
 
 
 def _connected(start: Cells, among: Cells) -> Cells:
-    """Return the cells of `among` that are face-connected, within `among`, to cells of `start`."""
+    """Return the cells of the set `among` that are connected through faces, within `among`, to cells of `start`."""
     reached, new = set[tuple[int, ...]](), start & among
     while new:
         reached |= new

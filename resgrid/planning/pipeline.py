@@ -208,13 +208,13 @@ class Solution:
 
     @property
     def flat(self) -> tuple[str, ...]:
-        """Names of blended circuits without currents, if the other circuit of the blend carries current."""
+        """Names of blended circuits without currents; empty if no circuit carries current, or if starts drive them."""
         idle = tuple(name for name, field in self.pure.items() if not field.is_flowing)
         return () if self.problem.start_driven or len(idle) == len(self.pure) else idle
 
     @property
     def tasks(self) -> list[tuple[Field, int]]:
-        """Pairs of a field and the number of a start whose streamline follows this field."""
+        """Pairs of a field and the index of a start whose streamline follows this field, for all requested paths."""
         numbers = range(len(self.problem.starts))
         if self.problem.start_driven:
             return list(zip(self.fields, numbers, strict=True))

@@ -22,7 +22,7 @@ from resgrid.planning.streamline import AnyPath, Polyline, distinct_rows, robot_
 Limits = float | Sequence[float] | NDArray[np.float64]
 
 LimitRatio = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Function that returns the ratios (n,) of vectors (n, ndim) to their limits."""
+"""Function that returns, for vectors (n, ndim) in world coordinates, the ratios (n,) of their magnitudes to a limit."""
 
 Knots = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 """Arrays `times`, `positions`, `velocities` and `accelerations` of a `Trajectory`."""
@@ -52,7 +52,7 @@ class Trajectory:
     times : ndarray of float64, shape (n,)
         Times of the knots, ascending from 0, in seconds.
     positions : ndarray of float64, shape (n, ndim)
-        World coordinates, continuous across periodic seams.
+        Positions at the knots in world coordinates, continuous across periodic seams.
     velocities : ndarray of float64, shape (n, ndim)
         Velocities in world coordinates per second, just after each knot; 0 at the last knot.
     accelerations : ndarray of float64, shape (n - 1, ndim)
@@ -150,6 +150,7 @@ class Trajectory:
         -------
         times : ndarray of float64, shape (m,)
         positions, velocities : ndarray of float64, shape (m, ndim)
+            At these times, in seconds from the start: world coordinates, and world coordinates per second.
 
         Raises
         ------
@@ -203,8 +204,7 @@ def time_parameterize(
 
     With velocity limits only, each segment has the largest permitted constant velocity, which jumps at corners.  With
     acceleration limits, the robot starts and ends at rest.  It rounds corners at constant speed, and accelerates and
-    brakes on straight parts with the largest permitted acceleration.  The speeds at corners follow from a forward and a
-    backward pass.  No trajectory of this form is faster.
+    brakes on straight parts with the largest permitted acceleration.  No trajectory of this form is faster.
 
     Parameters
     ----------
@@ -263,7 +263,7 @@ def _default_tolerance(path: AnyPath) -> float:
 
 
 def _limit_ratio(name: str, limits: Limits, path: AnyPath) -> LimitRatio:
-    """Return a function of vectors (n, ndim), in world coordinates, that computes their ratios (n,) to the limits."""
+    """Return a function that computes ratios of vectors to `limits`; `name`: name of the limits, for messages."""
     each = per_axis(name, limits, path.space.ndim, "positive and finite", above=0.0)
     if np.size(limits) == 1 and robot_of(path).moves_in_workspace:
         return lambda vectors: np.asarray(np.linalg.norm(vectors, axis=1) / each[0])
@@ -312,7 +312,7 @@ def _at_constant_velocities(points: NDArray[np.float64], velocity: LimitRatio) -
 
 
 def _with_blends(points: NDArray[np.float64], velocity: LimitRatio, acceleration: LimitRatio, within: float) -> Knots:
-    """Return the `Knots` of linear segments with parabolic blends, at most `within` from the corners `points`."""
+    """Return times, positions, velocities and accelerations of segments with parabolic blends at corners `points`."""
     step = np.diff(points, axis=0)
     length = np.linalg.norm(step, axis=1)
     heading = step / length[:, np.newaxis]
@@ -344,7 +344,7 @@ def _straight_pieces(length: float, enter: float, leave: float, top: float, acce
 
 
 def _knots(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.float64]]]) -> Knots:
-    """Return the `Knots` of pieces of constant acceleration, given as pairs of duration and final velocity (ndim,)."""
+    """Return times, positions, velocities, accelerations for `pieces`: pairs of duration, final velocity (ndim,)."""
     total = sum(duration for duration, _ in pieces)
     pieces = [piece for piece in pieces if piece[0] > _MOMENT * total]
     seconds = np.array([duration for duration, _ in pieces])
@@ -365,10 +365,10 @@ def _blend_limits(
     acceleration: LimitRatio,
     within: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return blend distances from the corners and largest speeds in the blends, both (n + 1,), 0 at start and end.
+    """Return distances from corners to the ends of their blends, and largest speeds in blends, both (n + 1,).
 
     `heading` (n, ndim), `length`, `top_speed` (n,): unit directions, lengths and largest speeds of the n segments;
-    `acceleration`: function that returns ratios to the limits; `within`: largest deviation from a corner.
+    `acceleration`: ratio to the limits; `within`: largest deviation from a corner.  Results are 0 at start and end.
     """
     reach, speed = np.zeros(len(length) + 1), np.zeros(len(length) + 1)
     turn = np.diff(heading, axis=0)

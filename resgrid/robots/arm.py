@@ -177,9 +177,9 @@ class Arm(Robot):
         return self.base_angle + (np.cumsum(turned, axis=-1) if self.angles == "relative" else turned)
 
     def joints(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Compute positions of the base, the other joints and the tip (forward kinematics).
+        """Return positions (..., n + 1, 2), in metres, of the base, the other joints and the tip (forward kinematics).
 
-        Shapes: `configurations` (..., n), joint angles in radians; returns (..., n + 1, 2), in metres.
+        `configurations` (..., n): joint angles in radians.
         """
         directions = self.directions(configurations)
         links = np.stack([np.cos(directions), np.sin(directions)], axis=-1) * np.asarray(self.lengths)[:, None]
@@ -252,11 +252,11 @@ class Arm(Robot):
         ]
 
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return upper bounds, in metres, of the distance that any point of the arm moves along straight lines.
+        """Return upper bounds (m,), in metres, of the distance that any point of the arm moves along straight lines.
 
+        `start, end` (m, n): joint angles, in radians, at the ends of m straight lines in configuration space.
         For a point of link j the bound is the sum over links ``i <= j`` of length times change of direction, plus half
-        the width of link j times its change of direction.
-        Shapes: `start, end` (m, n), joint angles; returns (m,).
+        the width of link j times the change of direction of link j.
         """
         turned = np.abs(self.directions(end) - self.directions(start))
         ends = np.cumsum(turned * np.asarray(self.lengths), axis=1)
@@ -282,7 +282,7 @@ class Arm(Robot):
         return Pose(segments, radius, part, frame, shift, spin, pivot, lever)
 
     def reference_point(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return positions of the tip, shape (m, 2), in metres, for joint angles (m, n)."""
+        """Return positions of the tip, shape (m, 2), in metres, for joint angles (m, n), in radians."""
         return self.tip(configurations)
 
     def bare(self, *, self_collision: bool = True) -> Arm:
@@ -293,7 +293,7 @@ class Arm(Robot):
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Return the mask, shape of the grid, of cells with possible collisions and of the singularities' obstacle.
+        """Return the mask, shape of the grid, of cells with possible collisions or in obstacles along singularities.
 
         With the rule ``"conservative"``, a cell is free only if no configuration in it collides.  With ``"centre"``
         only the configuration at the centre is tested.  `obstacles`: in metres; `progress`: ``progress(done, total)``.

@@ -28,10 +28,10 @@ BATCH = 4096
 """Number of configurations per vectorized collision test."""
 
 SLACK = 1e-9
-"""Safety margin of the conservative rule, relative to the largest motion within a cell."""
+"""Safety margin of distances in the conservative rule, relative to the largest motion of the robot within a cell."""
 
 ULPS = 64
-"""Safety margin of the conservative rule for rounding errors, in units in the last place of the coordinates."""
+"""Safety margin of distances in the conservative rule, in units in the last place of the largest coordinate."""
 
 
 class Robot(ABC):
@@ -196,7 +196,7 @@ class Robot(ABC):
         rule : {"conservative", "centre"}
             A cell is blocked if any configuration in it may collide, or if its centre collides.
         progress : callable, optional
-            Called as ``progress(done, total)``.
+            Called as ``progress(done, total)`` with numbers of cells.
 
         Returns
         -------

@@ -59,8 +59,8 @@ def half_widths(axes: Sequence[Axis], bounds: Bounds, reach: float, rule: Sampli
 def mark(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Shape, reach: float, rule: Sampling) -> None:
     """Mark, in place, the cells within a distance of a shape or of its periodic images.
 
-    `out`: mask, shape of the grid; `axes`: axes of the grid; `reach`: distance in axis units; `rule`: part of each cell
-    that is tested.
+    `out`: mask, shape of the grid; `axes`: axes of the grid; `reach`: distance in axis units; `rule`: whether the whole
+    cell (``"conservative"``) or only the centre of the cell (``"centre"``) is tested.
     """
     if shape.ndim != len(axes):
         raise InputError(f"a shape with {shape.ndim} coordinates does not fit a grid with {len(axes)} axes")
@@ -75,7 +75,7 @@ def mark_image(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, rea
     """Mark, in place, the cells within a distance of one shape, without its periodic images.
 
     `out`: mask, shape of the grid; `axes`: axes of the grid; `shape`: shape that may extend beyond the grid; `reach`:
-    distance in axis units; `rule`: part of each cell that is tested.
+    distance in axis units; `rule`: whether the whole cell (``"conservative"``) or only its centre is tested.
     """
     half = half_widths(axes, shape.bounds, reach, rule)
     if isinstance(shape, Polygon):
@@ -168,7 +168,8 @@ def _mark_polygon(
     """Mark, in place, the cells within a distance of a polygon.
 
     A cell meets a polygon if it meets the outline, or if the polygon encloses the cell's centre.
-    `out`: mask, shape of the grid; `half` (2,): half the size of the box that is tested per cell; `reach`: distance.
+    `out`: mask, shape of the grid; `axes`: axes of the grid; `half` (2,): half the size of the box that is tested per
+    cell; `reach`: distance; lengths are in axis units.
     """
     from resgrid.robots.kernels import CellPlane, mark_enclosed, mark_parallelograms
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from resgrid.robots.kernels import CellPlane
 
 PARTS = 3
-"""Number of thinner slices into which the conservative rule divides each slice of constant heading."""
+"""Number of parts into which the conservative rule divides the headings of a cell."""
 
 
 @checked
@@ -113,6 +113,8 @@ class PolygonRobot(Robot):
         divides the angles of a cell into three parts.  Within a part no point moves farther than the chord of the
         farthest corner, and the differences are dilated by this chord.  A closed cell is free if it is free in each of
         the three parts.
+        `axes`: axes x, y and theta; `obstacles`: shapes of the plane, in metres; `rule`: ``"conservative"``, or
+        ``"centre"`` to test only the configurations at cell centres; `progress`: called as ``progress(done, total)``.
         """
         from resgrid.robots.kernels import CellPlane
 
@@ -172,10 +174,10 @@ class _PlaneObstacle:
         return cls(np.empty((0, 4)), np.empty((0, 2)), 0.0, shape)
 
     def mark(self, layer: NDArray[np.bool_], plane: CellPlane, mirrored: NDArray[np.float64], reach: float) -> None:
-        """Mark the cells of a layer within a distance `reach` of the Minkowski sum of the area and a polygon.
+        """Mark, in place, the cells of a layer near the Minkowski sum of this obstacle and a mirrored polygon.
 
         `layer` (columns, rows): mask; `plane`: grid of the layer; `mirrored` (v, 2): corners of the polygon, mirrored
-        at the reference point; `reach`: distance in metres.
+        at the reference point; `reach`: distance, in metres, up to which cells are marked.
         The sum of the outlines is a parallelogram for every pair of edges.  Other points of the Minkowski sum occur
         only if a piece of one area lies inside the other; they lie in a copy of one area, translated by a point of
         the other.  Every parallelogram is marked separately, because a geometric union of nearly coincident ones

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 Bounds = tuple[Point, Point]
 
 FAR = 1e4
-"""Distance, in axis units, to which the rectangle that represents a half-plane in shapely extends in each direction."""
+"""Half the width along the border, and the depth, of the rectangle that represents a half-plane in shapely, in axis
+units."""
 
 
 class _Bounded(ABC):

@@ -236,9 +236,9 @@ def find_goal_cells(
     """Mark the cells that contain a configuration with the tip in a region, and record one configuration per cell.
 
     `out` (m,): mask of cells ``first .. first + m - 1``; `points` (m, n): configurations, written for marked cells;
-    `counts` (n,): cells per joint; `lower, widths` (n,): lower limits and cell widths in radians; `bounds` (4,): box
-    (x, y, x, y): a cell is excluded if the tip lies outside this box in the configuration at the cell's centre;
-    `tolerance`: distance in metres up to which the tip counts as in the region.
+    `counts` (n,): cells per joint; `lower, widths` (n,): lower limits and cell widths in radians; `goal`: the region;
+    `bounds` (4,): box ``x0, y0, x1, y1``; a cell is excluded if, in the configuration at the cell's centre, the tip
+    lies outside this box; `tolerance`: distance in metres up to which the tip counts as in the region.
     """
     n = len(counts)
     work = _SearchArrays(
