@@ -127,14 +127,14 @@ def dirichlet_share(dirichlet: Field, neumann: Field, k: float) -> NDArray[np.fl
     Parameters
     ----------
     dirichlet, neumann : Field
-        Fields of one space, as for `blend`.
+        Dirichlet field and Neumann field of one space.
     k : float
         Weight of the Dirichlet field, in [0, 1].
 
     Returns
     -------
     ndarray of float64, shape of the space
-        In [0, 1]; NaN in cells where both gradients vanish.
+        Fraction in [0, 1]; NaN in cells where both gradients vanish.
 
     Raises
     ------

@@ -201,8 +201,8 @@ def find_blocking_obstacles(
     """Decide whether a start has a path to a goal, and otherwise find the obstacles that separate the start from goals.
 
     For a space, the obstacles are groups of obstacle cells that are connected across faces, edges or corners, also
-    across periodic seams.  The edge of the grid is not a group and cannot be removed, but it can enclose a region
-    together with groups that touch it.  Several obstacles of a scene, and virtual ones, often form a single group.
+    across periodic seams.  The edge of the grid is not a group and cannot be removed, but edge and groups together can
+    enclose a region.  Several obstacles of a scene, and virtual obstacles, often form a single group.
     For a scene, the obstacles themselves are removed instead, by trying sets of them.  Cells of a goal region that a
     removed obstacle covered become goal cells.
 

@@ -255,7 +255,7 @@ def _exit_times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple
     straight = (1.0 - before) / leave
     is_moving = slowest > 0
     shortest, longest = _travel_time(after, fastest, leave), _travel_time(before, slowest, leave)
-    # The velocity falls towards x: the velocity at the face exceeds it.
+    # The velocity at the face exceeds the velocity at x, because the velocity falls towards x.
     endless = np.maximum(_LARGEST_LOG / np.where(is_moving, 1.0, leave - enter), straight)
     least_straight = (1.0 - after) / leave
     return (
@@ -363,7 +363,7 @@ def _check_segments(scaled: NDArray[np.float64], space: ConfigurationSpace) -> N
 
 def _touched(start: NDArray[np.float64], end: NDArray[np.float64], space: ConfigurationSpace) -> Cells:
     """Return the index tuples of all closed cells that the segment from `start` to `end` touches (in cell units)."""
-    # The crossings of faces and the midpoints between them lie in all of these cells.
+    # Each of these cells contains a crossing of a face, or a midpoint between two crossings.
     crossings = np.concatenate([[0.0], face_crossings(start, end), [1.0]])
     parameters = np.concatenate([crossings, (crossings[:-1] + crossings[1:]) / 2])
     at = start + parameters[:, np.newaxis] * (end - start)

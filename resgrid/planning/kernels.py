@@ -27,7 +27,7 @@ class Flow(NamedTuple):
 
     `code` (cells,): `Cell` codes, with `GOAL` wherever streamlines end; `shape` (ndim,): number of cells per axis;
     `spacing` (ndim,): cell widths in axis units; `first_face` (ndim,) and `face_stride` (ndim, ndim): see above;
-    `direction` (faces,): sign of the current along the axis; `log_current` (faces,): log of its magnitude.
+    `direction` (faces,): sign of the current along the axis; `log_current` (faces,): log of the current's magnitude.
     """
 
     code: NDArray[np.uint8]

@@ -37,7 +37,7 @@ def surface_normals(
 ) -> NDArray[np.float64]:
     """Compute outward unit normals of a model from one Dirichlet field.
 
-    Within a cell, every component of the gradient is linear between two faces; at the centre it is their mean.
+    Within a cell, every component of the gradient is linear between two faces; at the centre the values are averaged.
     The error of a normal depends on its distance from the stepped surface.  Measured on discs and balls with random
     centres:
 

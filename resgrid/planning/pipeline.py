@@ -104,11 +104,11 @@ def solve_options(method: str, ranks: int | None = None, launcher: str | None = 
 @frozen
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A planning problem: a space, its wiring, the blends and the starts.
+    """A planning problem: a configuration space, the wiring of a circuit on it, blends of two fields, and starts.
 
     `wiring`: wiring of the circuit if a single one is solved; `ks`: weights of the Dirichlet field, one per blend,
-    empty for the field of that circuit alone; `starts` (n, ndim): world coordinates; `start_driven`: whether each start
-    drives a circuit of its own, with open obstacles.
+    empty for the field of that circuit alone; `starts` (n, ndim): in world coordinates; `start_driven`: whether each
+    start drives a circuit of its own, with open obstacles.
     """
 
     space: ConfigurationSpace

@@ -194,8 +194,8 @@ def plan(
         Space to solve.  A scene is sampled into cells first; the keys of the scene hold where neither `wiring` nor
         `options` give a value.
     wiring : Wiring, optional
-        Boundary conditions and element values; by default those of the scene, or obstacles on the rail.  In a blend it
-        describes the circuit at k = 1.
+        Boundary conditions and element values; by default those of the scene, or obstacles on the rail.  In a blend the
+        wiring describes the circuit at k = 1.
     k : float, optional
         Weight of the Dirichlet field, in [0, 1].  With any k, 0 and 1 included, both fields are solved, and
         `Planner.at` gives other blends without solving again.  By default, the first ``k`` of the scene, unless a
@@ -211,7 +211,7 @@ def plan(
         place of ``mpiexec`` with `ranks`.  Processes on other computers need the folder for temporary files
         (``TMPDIR``) under one path, and a Python with petsc4py at one place (``RESGRID_PETSC_PYTHON``).
     **options
-        Fields of `Wiring`, such as ``boundary="neumann"``: instead of a wiring, or changes to it.
+        Fields of `Wiring`, such as ``boundary="neumann"``, which replace fields of the given or default wiring.
 
     Returns
     -------

@@ -71,7 +71,7 @@ class RandomWalk:
         Returns
         -------
         Scaled
-            Solution with its own exponent for every row, shape (rows,).
+            Solution, shape (rows,), with a separate exponent for every row, so that small entries do not underflow.
 
         Raises
         ------
@@ -223,9 +223,9 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
     """Compute the probability that a random walk hits an obstacle before a goal, and the expected times.
 
     The walk jumps along a resistor with probability proportional to its conductance.  The drop ``u`` of the potential
-    is the probability that it hits a goal before an obstacle (C. I. Connolly, Harmonic functions and collision
-    probabilities, Int. J. Robotics Research 16(4), 1997).  With open obstacles ``u`` is 1, and the expected
-    time is proportional to the uniformly driven potential.
+    is the probability that the walk hits a goal before an obstacle (C. I. Connolly, Harmonic functions and collision
+    probabilities, Int. J. Robotics Research 16(4), 1997).  With open obstacles ``u`` is 1, and the expected time is
+    proportional to the uniformly driven potential.
 
     Parameters
     ----------

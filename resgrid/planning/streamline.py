@@ -84,7 +84,7 @@ class Streamline:
         Length of the polyline, last leg included, in axis units and continuous across periodic seams.
     clearance : float
         Smallest distance, in axis units, from the polyline to the box of an obstacle cell or to an edge of the grid
-        that counts as an obstacle; infinite without any.
+        that counts as an obstacle; infinite if there is neither.
     log_duration : float
         Natural logarithm of the time to the goal cell's face, where the current ends, at the velocity
         ``-conductivity * grad(phi)``; NaN without motion.
@@ -201,7 +201,7 @@ class ShortPath:
         Length in axis units, at most that of the original.
     clearance : float
         Smallest distance, in axis units, to the box of an obstacle cell or to an edge that counts as an obstacle;
-        infinite without any.
+        infinite if there is neither.
     original : Streamline
         The streamline that was shortened.
     field : Field
@@ -260,7 +260,8 @@ class Polyline:
     Parameters
     ----------
     points : array_like of float, shape (n, ndim)
-        World coordinates, continuous across periodic seams: they may leave the range of a periodic axis.
+        Corners of the path in world coordinates, continuous across periodic seams: coordinates may leave the range of a
+        periodic axis.
     space : ConfigurationSpace
         Configuration space of the path.
 

@@ -98,7 +98,7 @@ def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: Posi
     Returns
     -------
     float
-        In workspace units; 0 at a contact, infinite without obstacles.
+        Smallest distance in workspace units; 0 at a contact, infinite without obstacles.
 
     Raises
     ------

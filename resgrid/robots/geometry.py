@@ -24,7 +24,7 @@ TOUCH = 1e-9
 """Penetration depth that counts as touching for a round body or half-plane, divided by 1 m plus the radii's sum."""
 
 MAX_IMAGES = 1000
-"""Maximum number of periodic images of a shape."""
+"""Maximum number of periodic images of a shape; a shape with more raises InputError."""
 
 
 class ArmLinks(NamedTuple):

@@ -96,7 +96,7 @@ def place_joints(joints: Floats, link: int, angles: Floats, lengths: Floats, bas
     """Write the positions of all joints up to the far end of link number `link` to `joints` (forward kinematics).
 
     `joints` (>= link + 2, 2): positions in metres; `angles` (>= link + 1,): joint angles in radians, measured from the
-    previous link if `relative`, else from the base direction; `lengths`: of the links; `base` (3,): x, y and direction.
+    previous link if `relative`, else from the base direction; `lengths`: of links; `base` (3,): x, y and direction.
     """
     direction = base[2]
     joints[0, 0], joints[0, 1] = base[0], base[1]
@@ -147,7 +147,7 @@ def _may_collide(
         return True
     if self_collision:
         for j in range(link - 1):
-            # In the frame of link j.  With absolute angles its own rotation adds to that of every further joint.
+            # Motion relative to link j: with absolute angles, the rotation of link j adds to that of further joints.
             if not relative:
                 for k in range(j + 1, link + 1):
                     relative_chords[k] = chords[k] + chords[j]

@@ -231,7 +231,7 @@ class CellSet(_Bounded):
         return tuple(axis.lower for axis in self.axes), tuple(axis.upper for axis in self.axes)
 
     def boxes(self) -> list[Box]:
-        """Return the marked cells of a plane grid as boxes, one per run of neighbours along the second axis."""
+        """Return the marked cells of a plane grid as boxes; a run of neighbours along the second axis is one box."""
         x, y = self.axes
         column, first, last = _runs(self.mask)
         corners = np.column_stack([x.edges[column], y.edges[first], x.edges[column + 1], y.edges[last]]).tolist()
