@@ -125,7 +125,7 @@ def _check_failure(path: Streamline) -> None:
 
 
 def _flows_out(path: Streamline) -> bool:
-    """Return whether a current leaves the last cell of a streamline; False if the cell is not direction-safe."""
+    """Return whether a current of known direction leaves the last cell; False if the cell is not direction-safe."""
     safe = path.field.safe
     if safe is not None and not safe[tuple(path.cells[-1])]:
         return False  # the direction of the current is unknown in this cell

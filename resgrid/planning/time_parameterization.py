@@ -334,7 +334,7 @@ def _with_blends(points: NDArray[np.float64], velocity: LimitRatio, acceleration
 def _straight_pieces(length: float, enter: float, leave: float, top: float, accel: float) -> list[tuple[float, float]]:
     """Return pairs (duration, final speed) for acceleration, constant speed and braking on a straight part.
 
-    `length`: of the part; `enter, leave`: speeds at its ends; `top`: speed limit; `accel`: acceleration limit.
+    `length`: length of the part; `enter, leave`: speeds at both ends; `top`, `accel`: limits of speed, acceleration.
     """
     peak = min(top, float(np.sqrt(accel * length + (enter**2 + leave**2) / 2)))
     peak = max(peak, enter, leave)

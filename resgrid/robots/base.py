@@ -196,7 +196,7 @@ class Robot(ABC):
         rule : {"conservative", "centre"}
             A cell is blocked if any configuration in it may collide, or if its centre collides.
         progress : callable, optional
-            Called as ``progress(done, total)`` with numbers of cells.
+            Called as ``progress(done, total)`` with the finished and the total amount of work, in arbitrary units.
 
         Returns
         -------
