@@ -19,17 +19,21 @@ from resgrid.scene.overrides import apply_overrides
 from resgrid.scene.world_coordinates import cell_centre, locate_point
 
 _MOST_CELLS = 2**24
-"""Largest number of cells for which a remedy is tried when the robot is a point or a disc."""
+"""Maximum number of cells of a space in which a remedy is tried if the robot is a point or a disc."""
 
 _MOST_CELLS_OF_BODIES = 2**17
-"""Largest number of cells for which a remedy is tried for other robots, which need more time per cell."""
+"""Maximum number of cells of a space in which a remedy is tried for other robots, which need more time per cell."""
 
 Change = Callable[[], Scene]
+"""Function without arguments that returns a changed copy of a scene."""
 
 
 @dataclass(frozen=True, eq=False)
 class Advisor:
-    """Explains failed paths of a scene.  The space of every tried remedy is cached for the other paths."""
+    """Advice for failed paths of a scene.
+
+    `scene`: scene of the paths.  The space of every tried remedy is cached, because several paths of a scene need it.
+    """
 
     scene: Scene
     _spaces: dict[str, ConfigurationSpace | None] = field(default_factory=dict, init=False)
@@ -40,7 +44,7 @@ class Advisor:
         return has_unknown(self.scene)
 
     def reason(self, path: Streamline) -> str | None:
-        """Return why a path from a start of the scene reaches no goal, with remedies; None if it reaches one."""
+        """Return a message with the reason why a path reaches no goal, and remedies; None if it reaches a goal."""
         if path.outcome not in (Outcome.START_BLOCKED, Outcome.NO_PATH):
             return path.reason
         cell = tuple(path.cells[0].tolist())
@@ -54,9 +58,10 @@ class Advisor:
         return "; ".join(part for part in parts if part)
 
     def _remedies(self, path: Streamline, *, unknown: bool) -> Iterator[str]:
-        """Yield a phrase for every change of the scene that opens a path.
+        """Yield a phrase for every change of the scene that opens a path from the start of `path` to a goal.
 
-        `unknown`: whether unknown space blocks the start; freeing it is then named even if it opens no path.
+        `unknown`: whether unknown cells of the map block the start; the option that makes them free is then yielded
+        even if it opens no path.
         """
         scene = self.scene
         if self._has_unknown:
@@ -75,9 +80,10 @@ class Advisor:
             yield "refine the grid: twice as many cells on each axis open a path"
 
     def _helps(self, name: str, change: Change, path: Streamline) -> bool:
-        """Return whether a path from the same start reaches a goal after a change; False if the grid is too large.
+        """Return whether a goal can be reached from the start of `path` after a change of the scene.
 
-        `name`: key of the change in the cache.
+        The result is False if the changed scene is invalid or has too many cells.
+        `name`: key of the change in the cache; `change`: function that returns the changed scene.
         """
         if name not in self._spaces:
             self._spaces[name] = _changed_space(change)
@@ -102,7 +108,7 @@ def _finer(scene: Scene) -> Scene:
 
 
 def _changed_space(change: Change) -> ConfigurationSpace | None:
-    """Return the space of a changed scene; None if the change is invalid or gives too many cells for a trial."""
+    """Return the space of the scene that `change` returns; None if it is invalid or has too many cells for a trial."""
     try:
         scene = change()
         most = _MOST_CELLS if isinstance(scene.robot, PointRobot) else _MOST_CELLS_OF_BODIES

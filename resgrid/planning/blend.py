@@ -23,13 +23,13 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
     Parameters
     ----------
     dirichlet : Field
-        With obstacles at the high rail (``boundary`` ``"dirichlet"`` or ``"wall"``).
+        Field with obstacles at the high rail (``boundary`` ``"dirichlet"`` or ``"wall"``).
     neumann : Field
-        With open obstacles and a uniform drive.
+        Field with open obstacles and a uniform drive.
     k : float
         Weight of the Dirichlet field, in [0, 1].
     allow_start_drive : bool
-        Accept a start-driven Neumann field for 0 < k < 1, without guarantees.
+        Whether a Neumann field driven by a start is accepted for 0 < k < 1; streamlines then have no guarantees.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def _add_currents(
 ) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
     """Return signs and log magnitudes of the currents ``k I_D + (1 - k) I_N`` through the faces across an axis.
 
-    Sums within rounding error are zero.
+    ``I_D, I_N``: currents of the fields `dirichlet` and `neumann`.  Sums within rounding error are set to zero.
     """
     log_d = dirichlet.face_log_current[axis] + np.log(k)
     log_n = neumann.face_log_current[axis] + np.log1p(-k)
@@ -127,14 +127,14 @@ def dirichlet_share(dirichlet: Field, neumann: Field, k: float) -> NDArray[np.fl
     Parameters
     ----------
     dirichlet, neumann : Field
-        Fields of one space, as for `blend`.
+        Dirichlet field and Neumann field of one space.
     k : float
         Weight of the Dirichlet field, in [0, 1].
 
     Returns
     -------
     ndarray of float64, shape of the space
-        In [0, 1]; NaN in cells where both gradients vanish.
+        Fraction in [0, 1]; NaN in cells where both gradients vanish.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def dirichlet_share(dirichlet: Field, neumann: Field, k: float) -> NDArray[np.fl
 
 
 def _log_gradient(field: Field) -> NDArray[np.float64]:
-    """Return the log magnitude of the gradient at every cell centre, up to a common factor; -inf where it is zero."""
+    """Return the log norm of the gradient at every cell centre, shape of the space, plus a constant; -inf at zero."""
     cells = np.indices(field.space.shape).reshape(field.space.ndim, -1).T
     gradient, log_scale = field.gradient(cells, np.full(cells.shape, 0.5))
     return np.reshape(log_scale + np.log(np.linalg.norm(gradient, axis=1)), field.space.shape)

@@ -28,7 +28,7 @@ from resgrid.scene import Scene, build_space
 from resgrid.scene.world_coordinates import to_space
 
 _MOST_PARTS = 63
-"""Maximum number of parts of a scene: each has one bit of a 64-bit mask."""
+"""Maximum number of blocking parts of a scene (obstacles, map, virtual obstacles, robot): one bit of 64 for each."""
 
 
 @frozen
@@ -43,10 +43,10 @@ class Obstruction:
     goal : int
         Index of the goal region.
     least : tuple of int
-        Minimum set of groups whose removal opens a path, in path order, with the fewest cells among several minimum
-        sets.  Empty if a path exists.
+        Indices of a minimum set of groups whose removal opens a path, in path order, with the fewest cells among
+        several minimum sets.  Empty if a path exists.
     alone : tuple of int
-        All groups whose removal is sufficient without another.
+        Indices of all groups whose removal opens a path without the removal of another group.
 
     Examples
     --------
@@ -80,13 +80,13 @@ class Separation:
     region : ndarray of bool, shape of the space
         Mask of the cells that the start can reach, goal cells included.
     bounding : tuple of int
-        Groups that touch the region.
+        Indices of the groups that touch the region.
     obstructions : tuple of Obstruction
-        One for each goal region.
+        One entry for each goal region.
     edge : bool
         Whether the region touches the edge of the grid.
     separating : tuple of int
-        The smallest of the goals' minimum sets of groups; empty if a path exists.
+        Indices of the smallest of the goals' minimum sets of groups; empty if a path exists.
     mask : ndarray of bool, shape of the space
         Mask of the cells of the `separating` groups.
 
@@ -113,7 +113,7 @@ class Separation:
 
     @property
     def separating(self) -> tuple[int, ...]:
-        """The smallest of the goals' minimum sets of groups; empty if a path exists."""
+        """Indices of the smallest of the goals' minimum sets of groups; empty if a path exists."""
         if self.outcome is Outcome.REACHED:
             return ()
         return min((item.least for item in self.obstructions if item.least), key=len, default=())
@@ -145,10 +145,10 @@ class SceneSeparation:
         Masks of blocked cells by name of the blocking part: ``"obstacle[0]"`` as in the scene file, ``"map"``,
         ``"singularity"`` (virtual obstacles), ``"robot"`` (self-collision).
     separating : tuple of str
-        A smallest set of parts whose removal opens a path.  Empty if a path exists, or if no set of the permitted size
-        opens one.
+        Names of a smallest set of parts whose removal opens a path.  Empty if a path exists, or if no set of the
+        permitted size opens one.
     alone : tuple of str
-        All parts whose removal is sufficient without another.
+        Names of all parts whose removal opens a path without the removal of another part.
     mask : ndarray of bool, shape of the space
         Mask of the cells that the `separating` parts block.
 
@@ -198,11 +198,11 @@ def find_blocking_obstacles(
     virtual: ArrayLike | None = None,
     most: int = 3,
 ) -> Separation | SceneSeparation:
-    """Decide whether a start has a path to a goal, and otherwise find the obstacles that separate them.
+    """Decide whether a start has a path to a goal, and otherwise find the obstacles that separate the start from goals.
 
     For a space, the obstacles are groups of obstacle cells that are connected across faces, edges or corners, also
-    across periodic seams.  The edge of the grid is not a group and cannot be removed, but it can enclose a region
-    together with groups that touch it.  Several obstacles of a scene, and virtual ones, often form a single group.
+    across periodic seams.  The edge of the grid is not a group and cannot be removed, but edge and groups together can
+    enclose a region.  Several obstacles of a scene, and virtual obstacles, often form a single group.
     For a scene, the obstacles themselves are removed instead, by trying sets of them.  Cells of a goal region that a
     removed obstacle covered become goal cells.
 
@@ -211,7 +211,7 @@ def find_blocking_obstacles(
     where : ConfigurationSpace or Scene
         For a scene, the space is built with all obstacles and once per obstacle.
     start : array_like of float, shape (ndim,)
-        World coordinates; a point on a border belongs to a free cell if it touches one.
+        Start in world coordinates; a point on a border between cells belongs to a free cell if it touches one.
     cell : sequence of int, optional
         Start cell, instead of `start`.
     virtual : array_like of bool, shape of the space, optional
@@ -264,17 +264,17 @@ def find_blocking_obstacles(
 
 
 def _connectivity(space: ConfigurationSpace, cell: tuple[int, ...]) -> Outcome:
-    """Return the outcome of a start cell by connectivity: ``REACHED`` if it is connected to a goal."""
+    """Return the outcome of paths from a start cell that follows from connectivity alone: ``REACHED`` or a failure."""
     return Outcome(str(static_outcomes(space, np.array([cell]))[0]) or Outcome.REACHED)
 
 
 def _cell_of(space: ConfigurationSpace, point: NDArray[np.float64]) -> tuple[int, ...]:
-    """Return the cell of a start point in axis units, shape (ndim,)."""
+    """Return the index tuple of the cell of a start `point` (ndim,), in axis units."""
     return tuple(start_cells(space, point[np.newaxis])[0][0].tolist())
 
 
 def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstruction:
-    """Find the groups that separate a start cell from one goal region."""
+    """Return the groups of obstacle cells that separate the cell `start` from the goal region with index `goal`."""
     space, links = barriers.space, barriers.links
     target = tuple(np.argwhere(space.goal_region == goal)[0].tolist())
     here, there = int(links.node[start]), int(links.node[target])
@@ -282,7 +282,7 @@ def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstr
         return Obstruction(goal, (), ())
 
     def between(opened: tuple[int, ...]) -> tuple[int, ...]:
-        """Return the groups on a shortest path after some groups were removed; empty if the path is open."""
+        """Return the groups on a shortest path from start to goal after removal of the groups `opened`; () if free."""
         remaining = adjacency(barriers, opened) if opened else links
         return remaining.groups_between(int(remaining.node[start]), int(remaining.node[target]))
 
@@ -296,7 +296,10 @@ def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstr
 
 
 def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int] | None, most: int) -> SceneSeparation:
-    """Find sets of at most `most` parts of a scene whose removal opens a path from a start."""
+    """Return the parts of a scene that separate a start, given as a point or a cell, from the goals.
+
+    Sets of at most `most` parts are tried.
+    """
     if most < 1:
         raise InputError(f"most = {most} must be at least 1: opening a path removes at least one obstacle")
     space = build_space(scene)
@@ -325,7 +328,7 @@ def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int]
     opened = np.where(build_space(without_obstacles).cell == Cell.GOAL, np.uint8(Cell.GOAL), np.uint8(Cell.FREE))
 
     def opens(*removed: int) -> bool:
-        """Return whether a path exists after some parts are removed: cells that only they block are free or goal."""
+        """Return whether a path exists after removal of the parts with numbers `removed`, as free or goal cells."""
         kept = np.uint64(2**64 - 1 - sum(1 << number for number in removed))
         remaining = space.with_cells(np.where((bits & kept) == 0, opened, np.uint8(Cell.OBSTACLE)))
         return _connectivity(remaining, _cell_of(remaining, point)) is Outcome.REACHED
@@ -339,7 +342,10 @@ def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int]
 
 
 def _blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArray[np.bool_]]:
-    """Return a mask of blocked cells, shape of the space, for every part of a scene, by name."""
+    """Return the masks of blocked cells, shape of the space, by name of the part of the scene that blocks them.
+
+    Names: ``"obstacle[0]"`` and so on, ``"map"``, ``"singularity"`` (virtual obstacles), ``"robot"`` (self-collision).
+    """
     plain = scene.robot.bare()
     itself = plain.occupancy(scene.axes, [], scene.sampling)
     parts = {

@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 _LONGEST = 10_000_000  # maximum length of a segment, in cells along an axis
 _SAME_TIME = 1e-9  # tolerance of the logarithm of the duration
-_SLACK = 4.0  # tolerance of positions along the current, in rounding errors of a position within its cell
+_SLACK = 4.0  # tolerance of positions within a cell, as a multiple of their rounding error (`space.rounding`)
 _LARGEST_LOG = 745.0  # natural logarithm of the largest finite ratio of two float64 velocities
 
 
@@ -30,17 +30,17 @@ def certify(path: Streamline) -> None:
 
     - The visited cells are free and distinct, and consecutive ones are face neighbours.
     - Every crossing follows the current and lowers the potential (for blends, only the blended current decides).
-    - Every point lies on the crossed face, so that each segment stays in its convex cell and cuts no corner.
-    - Every point is where the current carries the previous point.
+    - Every point lies on the crossed face, at the position to which the current carries the previous point.
     - The last cell belongs to the stated goal region, and the streamline ends at its goal point, if one is defined.
     - Length, clearance and duration agree with the polyline.
 
-    For other outcomes, the outcome must be true and no further result may be stated.
+    For other outcomes, the outcome must be true, and the streamline must state no further results.
     The tolerance of positions is 1e-9 of a cell, or the rounding error of large coordinates.
 
     Parameters
     ----------
     path : Streamline
+        The streamline to verify.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def certify(path: Streamline) -> None:
 
 
 def _check_kinds(path: Streamline) -> None:
-    """Check types and shapes, and that points are finite and lie within their cells."""
+    """Raise CertificateError unless types and shapes are valid, and points are finite and lie within their cells."""
     if not isinstance(path, Streamline) or not isinstance(path.outcome, Outcome):
         raise CertificateError(f"path must be a Streamline with an Outcome, got {type(path).__name__}")
     space = path.space
@@ -100,14 +100,14 @@ def _check_kinds(path: Streamline) -> None:
 
 
 def _check_still(path: Streamline) -> None:
-    """Check that a streamline without motion has only a start: one cell, length 0, no goal, clearance or duration."""
+    """Raise CertificateError unless a path without motion has one cell, length 0, no goal, clearance or duration."""
     empty = path.goal is None and path.length == 0 and np.isnan(path.clearance) and np.isnan(path.log_duration)
     if len(path.cells) != 1 or not empty:
         raise CertificateError(f"a path with outcome {path.outcome.value} has one cell, length 0 and no other results")
 
 
 def _check_failure(path: Streamline) -> None:
-    """Check that the outcome of a streamline that reached no goal is true."""
+    """Raise CertificateError unless the start cell justifies the outcome of a streamline that reached no goal."""
     start = tuple(path.cells[0])
     code = path.space.cell[start]
     connected = bool(path.space.goal_connected[start])
@@ -125,7 +125,7 @@ def _check_failure(path: Streamline) -> None:
 
 
 def _flows_out(path: Streamline) -> bool:
-    """Return whether a known current leaves the last cell of a streamline."""
+    """Return whether a current of known direction leaves the last cell; False if the cell is not direction-safe."""
     safe = path.field.safe
     if safe is not None and not safe[tuple(path.cells[-1])]:
         return False  # the direction of the current is unknown in this cell
@@ -134,7 +134,7 @@ def _flows_out(path: Streamline) -> bool:
 
 
 def _check_cells(path: Streamline) -> None:
-    """Check that the visited cells are free and distinct, and that the last one belongs to the stated goal."""
+    """Raise CertificateError unless visited cells are free and distinct, and the last one is in the stated goal."""
     cells = path.cells
     codes = path.space.cell[tuple(cells.T)]
     reached = path.outcome is Outcome.REACHED
@@ -149,7 +149,7 @@ def _check_cells(path: Streamline) -> None:
 
 
 def _check_crossings(path: Streamline) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Check that crossings lie on faces between neighbours and follow the current; return axes and sides (steps,)."""
+    """Return axis and direction (1 or -1) of every crossing, both (steps,); raise CertificateError if one is wrong."""
     space = path.space
     here, there = path.cells[:-1].astype(np.int64), path.cells[1:].astype(np.int64)
     number = np.arange(len(here))
@@ -179,7 +179,7 @@ def _cell_positions(path: Streamline) -> NDArray[np.float64]:
 
 
 def _check_descent(path: Streamline) -> None:
-    """Check that no crossing raises the potential."""
+    """Raise CertificateError if the potential rises from a visited cell to the next; blends are not checked."""
     field = path.field
     if field.boundary == "blend":
         return
@@ -193,7 +193,7 @@ def _check_descent(path: Streamline) -> None:
 
 
 def _check_extent(path: Streamline) -> None:
-    """Check length and clearance against those of the polyline, continuous across periodic seams."""
+    """Raise CertificateError unless the stated length and clearance agree with those of the polyline ``path.line``."""
     space, field, line = path.space, path.field, path.line
     slack = 2.0 * float(np.linalg.norm(space.rounding * space.spacing))
     length = length_of(line)
@@ -205,22 +205,22 @@ def _check_extent(path: Streamline) -> None:
 
 
 def _require(valid: NDArray[np.bool_], message: Callable[[int], str]) -> None:
-    """Raise CertificateError for the first point or step that is not valid.  `valid` (n, ...)."""
+    """Raise CertificateError with ``message(i)`` for the first row i of `valid` (n, ...) that contains False."""
     if not valid.all():
         raise CertificateError(message(int(np.argwhere(~valid)[0, 0])))
 
 
 def _as_tuple(cell: NDArray[np.int64]) -> tuple[int, ...]:
-    """Return cell indices as a tuple of int, for messages."""
+    """Return the indices (ndim,) of a cell as a tuple of int, for messages."""
     return tuple(cell.tolist())
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # overflow gives infinity, a valid bound
 def _check_motion(path: Streamline, axis: Integers, side: Integers) -> None:
-    """Check that the current, linear between faces, carries every point to the next; `axis, side` (steps,): crossings.
+    """Raise CertificateError unless the current, linear between faces, carries every point to the next.
 
-    Near a stagnation point, exit and time are sensitive to rounding of the entry.  Both are therefore compared with
-    their bounds over all positions within the rounding error of the entry.
+    `axis, side` (steps,): axis and direction, 1 or -1, of every crossing.  Near a stagnation point, rounding of the
+    entry changes exit and time much: they are compared with bounds over all entries within rounding error.
     """
     local = _cell_positions(path)
     steps, slack = np.arange(len(axis)), _SLACK * path.space.rounding
@@ -246,16 +246,16 @@ def _check_motion(path: Streamline, axis: Integers, side: Integers) -> None:
 
 
 def _exit_times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return the smallest and largest time from ``x +- slack`` to the face at 1, and whether the point must move.
+    """Return least and largest times (steps,) from positions ``x +- slack`` to the face at 1, and a mask (steps,).
 
-    The velocity is linear from ``enter`` at 0 to ``leave > 0`` at 1; where it may vanish, the point may leave straight.
+    The velocity is linear from `enter` at 0 to ``leave > 0`` at 1.  The mask is False where the velocity may be zero.
     """
     before, after = np.maximum(x - slack, 0.0), np.minimum(x + slack, 1.0)
     slowest, fastest = (enter * (1.0 - at) + leave * at for at in (before, after))
     straight = (1.0 - before) / leave
     is_moving = slowest > 0
     shortest, longest = _travel_time(after, fastest, leave), _travel_time(before, slowest, leave)
-    # The velocity falls towards x: the velocity at the face exceeds it.
+    # The velocity at the face exceeds the velocity at x, because the velocity falls towards x.
     endless = np.maximum(_LARGEST_LOG / np.where(is_moving, 1.0, leave - enter), straight)
     least_straight = (1.0 - after) / leave
     return (
@@ -266,7 +266,7 @@ def _exit_times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple
 
 
 def _travel_time(x: Floats, velocity: Floats, leave: Floats) -> Floats:
-    """Return the time from ``x`` to 1 with a velocity that changes linearly to ``leave``; infinite for no motion."""
+    """Return times from `x` to 1 with velocities that change linearly from `velocity` to `leave`; inf at rest."""
     runs = velocity > 0
     z = np.where(runs, leave / np.where(runs, velocity, 1.0), 1.0) - 1.0
     factor = np.where(np.abs(z) < 1e-8, 1.0 - 0.5 * z, np.log1p(z) / np.where(z == 0, 1.0, z))
@@ -276,7 +276,7 @@ def _travel_time(x: Floats, velocity: Floats, leave: Floats) -> Floats:
 def _exit_bounds(
     start: Floats, lower: Floats, upper: Floats, times: tuple[Floats, Floats], slack: Floats
 ) -> tuple[Floats, Floats]:
-    """Return bounds (steps, ndim) of the positions at the exit time; positions are monotone in start and time."""
+    """Return bounds, both (steps, ndim), of positions that move from ``start +- slack`` for a time between `times`."""
     ends = [
         _advance(np.clip(start + off, 0.0, 1.0), lower, upper, time[:, np.newaxis])
         for off, time in product((-slack, slack), times)
@@ -285,7 +285,7 @@ def _exit_bounds(
 
 
 def _advance(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
-    """Return positions after a time, clipped to the cell's range [0, 1]."""
+    """Return positions `time` after `x`, clipped to [0, 1]; velocities are linear from `lower` at 0 to `upper` at 1."""
     velocity, growth = lower * (1.0 - x) + upper * x, (upper - lower) * time
     exact = velocity * np.expm1(growth) / (upper - lower)
     step = np.where(np.abs(growth) < 1e-8, velocity * time * (1.0 + 0.5 * growth), exact)
@@ -293,7 +293,7 @@ def _advance(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
 
 
 def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats) -> None:
-    """Check the duration against sums of the steps' shortest and longest times, given as logarithms (steps,)."""
+    """Raise CertificateError unless the duration is between the sums of exp(`log_shortest`) and exp(`log_longest`)."""
     unit = 2.0 * np.log(path.space.spacing.min())
     low, high = (float(np.logaddexp.reduce(logs, initial=-np.inf) + unit) for logs in (log_shortest, log_longest))
     claimed = float(path.log_duration)
@@ -304,14 +304,15 @@ def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats)
 def certify_collision_free(path: AnyPath) -> None:
     """Check that no segment of a polyline meets an obstacle cell or leaves the grid.
 
-    All closed cells that a segment touches must be free or goal cells, or the segment must lie in one closed free or
-    goal cell, as those of streamlines along an obstacle's face.  Consecutive cells of the second kind must be connected
-    through faces of free cells that touch the point between them, so that no path passes between obstacles that meet at
-    a corner.  Cells are enlarged by 1e-9 of their width, or by the rounding error of large coordinates.
+    A segment must touch only free or goal cells (closed boxes), or lie in one such cell, e.g. along an obstacle's face.
+    Consecutive cells of the second kind must be connected through faces of free cells that touch the point between
+    them: no path passes between obstacles that meet at a corner.  Cells are enlarged by 1e-9 of their width, or by the
+    rounding error of large coordinates.
 
     Parameters
     ----------
     path : Streamline, ShortPath or Polyline
+        The path to check.
 
     Raises
     ------
@@ -351,7 +352,7 @@ def certify_collision_free(path: AnyPath) -> None:
 
 
 def _check_segments(scaled: NDArray[np.float64], space: ConfigurationSpace) -> None:
-    """Raise an error for points outside the grid, and for segments longer than `_LONGEST` cells along an axis."""
+    """Raise CertificateError if a point of `scaled` (n, ndim) is off the grid, InputError if a segment is too long."""
     slack = space.rounding
     outside = np.any(~space.periodic & ((scaled < -slack) | (scaled > space.shape + slack)), axis=1)
     if outside.any():
@@ -361,10 +362,8 @@ def _check_segments(scaled: NDArray[np.float64], space: ConfigurationSpace) -> N
 
 
 def _touched(start: NDArray[np.float64], end: NDArray[np.float64], space: ConfigurationSpace) -> Cells:
-    """Return the closed cells that a segment touches.
-
-    `start, end` (ndim,): in cell units.  Cells are tested at the crossings of faces and at midpoints between crossings.
-    """
+    """Return the index tuples of all closed cells that the segment from `start` to `end` touches (in cell units)."""
+    # Each of these cells contains a crossing of a face, or a midpoint between two crossings.
     crossings = np.concatenate([[0.0], face_crossings(start, end), [1.0]])
     parameters = np.concatenate([crossings, (crossings[:-1] + crossings[1:]) / 2])
     at = start + parameters[:, np.newaxis] * (end - start)
@@ -375,7 +374,7 @@ def _touched(start: NDArray[np.float64], end: NDArray[np.float64], space: Config
 
 
 def _free(cells: Cells, space: ConfigurationSpace) -> Cells:
-    """Return the subset of free and goal cells; cells outside the grid are not free."""
+    """Return those of `cells` (index tuples) that are free or goal cells; cells outside the grid are neither."""
     index = np.array(sorted(cells))
     size = np.array(space.shape)
     inside = np.all((index >= 0) & (index < size) | space.periodic, axis=1)
@@ -384,12 +383,12 @@ def _free(cells: Cells, space: ConfigurationSpace) -> Cells:
 
 
 def _contains(cell: tuple[int, ...], point: NDArray[np.float64], space: ConfigurationSpace) -> bool:
-    """Return whether a closed cell contains a point in cell units, rounding error included."""
+    """Return whether a closed cell contains a `point` (ndim,), in cell units, to within rounding error."""
     return bool(np.all(np.abs(point - cell - 0.5) <= 0.5 + space.rounding))
 
 
 def _connected(start: Cells, among: Cells) -> Cells:
-    """Return the cells of `among` that are face-connected, within `among`, to cells of `start`."""
+    """Return the cells of the set `among` that are connected through faces, within `among`, to cells of `start`."""
     reached, new = set[tuple[int, ...]](), start & among
     while new:
         reached |= new

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from resgrid.core.space import Cell, ConfigurationSpace
 
 _FEW_PAIRS = 300_000
-"""Number of (cell, obstacle cell) pairs up to which a brute-force search is faster than importing scipy."""
+"""Maximum number of pairs (cell, obstacle cell) for which a brute-force search is faster than importing scipy."""
 
 
 def clearance_of(
@@ -18,11 +18,12 @@ def clearance_of(
     reach: float | NDArray[np.float64] | None,
     blocked: NDArray[np.bool_] | None = None,
 ) -> float:
-    """Return the smallest distance from a polyline (n, ndim) to the box of an obstacle cell or to an obstacle edge.
+    """Return the smallest distance from a polyline to an obstacle cell, or to an edge of the grid that acts as one.
 
-    `edge`: rule of the grid's edge per axis; `reach`: distance up to which obstacle cells are searched, per cell or
-    for all, None without obstacles; `blocked` (cells,): flat mask of obstacle cells, for callers with many polylines.
-    All lengths are in axis units.
+    `points` (n, ndim): corners of the polyline; `edge`: rule of the grid's edge per axis, ``"obstacle"``, ``"open"`` or
+    ``"periodic"``; `reach`: distance up to which obstacle cells are searched, for all cells or shape of the space, None
+    without obstacle cells; `blocked` (cells,): mask of obstacle cells in C order, computed if None.
+    All lengths are in axis units; the result is infinite without obstacles.
     """
     scaled = split_at_faces(points, space)
     starts, ends = (scaled[:-1], scaled[1:]) if len(scaled) > 1 else (scaled, scaled)
@@ -40,10 +41,12 @@ def segment_clearance(
     reach: float | NDArray[np.float64] | None,
     blocked: NDArray[np.bool_] | None = None,
 ) -> float:
-    """Return the smallest distance from segments within cells to an obstacle cell or to an obstacle edge.
+    """Return the smallest distance from n segments within cells to an obstacle cell, or to an edge that acts as one.
 
     `home` (n, ndim): cell of each segment; `starts, ends` (n, ndim): end points relative to the cell's lower corner, in
-    cell units; `edge`, `reach`, `blocked`: arguments of `clearance_of`.
+    cell units; `edge`: rule of the grid's edge per axis; `reach`: distance up to which obstacle cells are searched, for
+    all cells or shape of the space, None without obstacle cells; `blocked` (cells,): mask of obstacle cells in C order.
+    The result is in axis units, infinite without obstacles.
     """
     from resgrid.planning import kernels
 
@@ -69,7 +72,7 @@ def segment_clearance(
 def obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
     """Return upper bounds of the distance from any point of each cell to the nearest obstacle cell, in axis units.
 
-    The shape is that of the space.  None if there is no obstacle cell.
+    The result has the shape of the space; it is None if the space has no obstacle cell.
     """
     clear = space.cell != Cell.OBSTACLE
     if clear.all():
@@ -85,7 +88,10 @@ def obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
 
 
 def _nearest_centres(space: ConfigurationSpace, clear: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the distance from every cell centre to the nearest obstacle cell's centre, by brute force."""
+    """Return distances between each cell's centre and the nearest obstacle cell's centre, shape of the space.
+
+    `clear`: mask of the cells that are not obstacles, shape of the space.  Distances are in axis units.
+    """
     shape, rings = np.array(space.shape), np.asarray(space.periodic)
     apart = np.abs(np.argwhere(np.ones_like(clear))[:, np.newaxis] - np.argwhere(~clear))
     apart = np.where(rings, np.minimum(apart, shape - apart), apart)
@@ -93,7 +99,10 @@ def _nearest_centres(space: ConfigurationSpace, clear: NDArray[np.bool_]) -> NDA
 
 
 def split_at_faces(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Return a polyline (n, ndim) in cell units (m, ndim), with a point added at every crossing of a cell face."""
+    """Return the corners (m, ndim) of a polyline in cell units, with a corner added at every crossing of a cell face.
+
+    `points` (n, ndim): corners of the polyline in axis units.
+    """
     scaled = (points - space.lower) / space.spacing
     cells_touched = np.ceil(np.maximum(scaled[:-1], scaled[1:])) - np.floor(np.minimum(scaled[:-1], scaled[1:]))
     parts, done = [], 0
@@ -106,7 +115,10 @@ def split_at_faces(points: NDArray[np.float64], space: ConfigurationSpace) -> ND
 
 
 def face_crossings(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the parameters in (0, 1) at which a segment in cell units crosses cell faces, ascending and distinct."""
+    """Return the parameters in (0, 1), ascending, at which a segment crosses cell faces, shape (crossings,).
+
+    `start, end` (ndim,): end points of the segment in cell units, for the parameters 0 and 1.
+    """
     parameters = [np.empty(0)]
     for first, last in zip(start.tolist(), end.tolist(), strict=True):
         borders = np.arange(np.floor(min(first, last)) + 1, np.ceil(max(first, last)))

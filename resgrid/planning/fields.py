@@ -117,7 +117,7 @@ class Field:
         return np.asarray(self.face_direction[axis] * np.exp(self.face_log_current[axis]), dtype=np.float64)
 
     def faces_of(self, cells: NDArray[np.int64]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-        """Return signs and log currents of the lower and upper faces of cells (n, ndim), both (2, n, ndim)."""
+        """Return signs and log magnitudes (2, n, ndim) of currents through lower and upper faces of cells (n, ndim)."""
         direction = np.empty((2, *cells.shape), dtype=np.int8)
         log_current = np.empty((2, *cells.shape))
         for axis in range(self.space.ndim):
@@ -166,7 +166,7 @@ class Field:
 
     @cached_property
     def flow(self) -> Flow:
-        """The field as flat arrays, input of the tracing kernels."""
+        """Cell codes, cell sizes and currents of the field as flat arrays, the input of compiled tracing kernels."""
         from resgrid.planning.kernels import Flow
 
         space = self.space
@@ -183,14 +183,14 @@ class Field:
 
 
 def _stop_codes(space: ConfigurationSpace, safe: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """Return flat cell codes with `GOAL` wherever tracing stops: in goals and in cells that are not direction-safe."""
+    """Return `Cell` codes (cells,) with `GOAL` where tracing stops: in goals and cells outside the mask `safe`."""
     if safe is None:
         return space.cell.ravel()
     return np.where((space.cell == Cell.FREE) & ~safe, np.uint8(Cell.GOAL), space.cell).ravel()
 
 
 def _flattened(parts: tuple[NDArray[Any], ...]) -> NDArray[Any]:
-    """Concatenate arrays, flattened; return their common base without a copy if they are consecutive views of it."""
+    """Return the concatenation (n,) of flattened arrays; no copy if they are consecutive views of one array."""
     whole = parts[0].base
     if isinstance(whole, np.ndarray) and whole.ndim == 1 and whole.size == sum(part.size for part in parts):
         ends = np.cumsum([0, *(part.nbytes for part in parts)]) + whole.ctypes.data
@@ -211,6 +211,7 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
     Returns
     -------
     Field
+        Potential and face currents in all cells.
 
     Raises
     ------
@@ -260,8 +261,8 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
 
 
 Elements = tuple[NDArray[np.integer[Any]], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]
-"""Per element: index of the crossed face (-1 for none), whether it crosses upwards, sign and log amperes of its
-current."""
+"""Four arrays (elements,): index of the face that the element crosses (-1 for none), whether the element's direction is
+that of the axis, sign of the element's current, natural logarithm of its magnitude in amperes."""
 
 
 def read_field(
@@ -271,7 +272,7 @@ def read_field(
     log_drop: NDArray[np.float64] | None,
     *elements: Elements,
 ) -> Field:
-    """Return the field given by potentials of nodes (n,) and currents of elements.
+    """Return the field given by `potential` and `log_drop` of nodes (n,), and by the currents of `elements`.
 
     `volts`: voltage that corresponds to a potential difference of 1; its sign gives the direction of currents.
     """
@@ -295,9 +296,9 @@ def read_field(
 
 
 def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.float64], *, check: bool = True) -> Field:
-    """Return the field given by voltages of cells, shape of the space, without a bound of their errors.
+    """Return the field given by voltages of cells, shape of the space, in volts; NaN: cell without a node.
 
-    With `check`, the mask `Field.safe` is computed from the KCL residual of every cell.
+    With `check`, the mask `Field.safe` is computed from the KCL residual of every cell; otherwise it is None.
     """
     at_goal = (space.cell == Cell.GOAL) | (space.goal_connected & np.isnan(voltage))
     volts = np.where(at_goal, wiring.goal_voltage, voltage)
@@ -337,7 +338,7 @@ def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.fl
 
 
 def _wrapped(faces: tuple[NDArray[Any], ...], space: ConfigurationSpace) -> tuple[NDArray[Any], ...]:
-    """Copy the first face to the last on every periodic axis, in place, and return the arrays."""
+    """Return `faces`, one array per axis, after copying the first face to the last on every periodic axis, in place."""
     for axis in np.flatnonzero(space.periodic).tolist():
         along = np.moveaxis(faces[axis], axis, 0)
         along[-1] = along[0]
@@ -345,7 +346,7 @@ def _wrapped(faces: tuple[NDArray[Any], ...], space: ConfigurationSpace) -> tupl
 
 
 def undriven_field(space: ConfigurationSpace, wiring: Wiring) -> Field:
-    """Return a field without currents: cells with a path to a goal at its potential, obstacles at their rail's."""
+    """Return a field without currents: potential 0 in goal-connected cells, 1 in obstacles on a rail, NaN elsewhere."""
     faces = sum(face_counts(space.shape))
     potential = np.where(space.goal_connected | (space.cell == Cell.GOAL), 0.0, np.nan)
     if not wiring.is_driven:
@@ -395,5 +396,5 @@ def _check_walls(field: Field) -> None:
 
 
 def _per_cell(cell_map: CellMap, value: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values of nodes (n,) per cell, shape of the space; NaN in cells without a node."""
+    """Return `value` (nodes,) as an array over the cells, shape of the space; NaN in cells without a node."""
     return np.where(cell_map.node >= 0, value[cell_map.node], np.nan)

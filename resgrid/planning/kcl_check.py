@@ -40,7 +40,7 @@ def safe_cells(op: OperatingPoint) -> NDArray[np.bool_] | None:
     rounding = ROUNDING * netlist.conductance * (size[from_node] + size[to_node])
 
     def per_node(nodes: NDArray[np.int32], values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Sum values of elements per node."""
+        """Return sums (node_count,) of values of elements per node; `nodes` (elements,): node of every element."""
         return np.asarray(np.bincount(nodes, values, netlist.node_count), dtype=np.float64)
 
     injected = injected_currents(netlist)
@@ -58,7 +58,8 @@ def face_currents(conductance: Faces, value: NDArray[np.float64]) -> list[NDArra
     """Return currents through all faces of a box of cells, one array per axis, positive along the axis.
 
     The current is the conductance times the decrease of `value` across the face, and 0 next to a NaN.
-    `conductance` (per axis, faces of the box); `value`: cells of the box with a margin of one cell on each side.
+    `conductance`: conductances of the faces, one array per axis; `value`: voltages of the cells of the box and of a
+    margin of one cell on each side.
     """
     sides = (cells_at_faces(value, axis) for axis in range(value.ndim))
     return [np.nan_to_num(g * (before - behind)) for g, (before, behind) in zip(conductance, sides, strict=True)]
@@ -74,8 +75,9 @@ def obeys_kcl(
 ) -> NDArray[np.bool_]:
     """Return the mask of cells of a box that obey KCL to 1e-6 of their current and have an outgoing current.
 
-    `conductance`, `value`, `currents`: arguments and result of `face_currents`; `injected`: current into every cell;
-    `held`: cells tied to voltage sources, for which the residual is not tested, shape of the box.
+    `conductance`, `currents`: conductances and currents of the faces, one array per axis; `value`: voltages of the
+    cells and of a margin of one cell on each side; `injected`: current into every cell; `held`: mask of cells tied to
+    voltage sources, for which the residual is not tested, shape of the box.
     """
     shape = sides_of_cells(currents[0], 0)[0].shape
     net, total, rounding = (np.full(shape, start) for start in (injected, abs(injected), 0.0))
@@ -91,7 +93,7 @@ def obeys_kcl(
 
 
 def between_rails(height: NDArray[np.float64], wiring: Wiring) -> NDArray[np.bool_]:
-    """Return whether each height above the goal rail, in volts, is at most the supply; all True for driven circuits.
+    """Return the mask of heights above the goal rail, in volts, that are at most the supply; all True with a drive.
 
     A cell above the obstacle rail would drive current into an obstacle.
     """

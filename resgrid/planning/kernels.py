@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from resgrid._internal.jit import inlined, inner, kernel
 
-REACHED, NO_CURRENT, ENDLESS = 0, 1, 2  # in a goal cell; in a cell without outgoing current; more steps than cells
-MIXED, _FREE, _GOAL = -2, 0, 2  # label of cells with several goals; codes of cells
+REACHED, NO_CURRENT, ENDLESS = 0, 1, 2  # end in a goal cell; in a cell without outgoing current; more steps than cells
+MIXED, _FREE, _GOAL = -2, 0, 2  # label of cells whose current leads to several goals; `Cell.FREE` and `Cell.GOAL`
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -27,7 +27,7 @@ class Flow(NamedTuple):
 
     `code` (cells,): `Cell` codes, with `GOAL` wherever streamlines end; `shape` (ndim,): number of cells per axis;
     `spacing` (ndim,): cell widths in axis units; `first_face` (ndim,) and `face_stride` (ndim, ndim): see above;
-    `direction` (faces,): sign of the current along the axis; `log_current` (faces,): log of its magnitude.
+    `direction` (faces,): sign of the current along the axis; `log_current` (faces,): log of the current's magnitude.
     """
 
     code: NDArray[np.uint8]
@@ -41,7 +41,7 @@ class Flow(NamedTuple):
 
 @inlined
 def _unravel(flat: int, shape: Integers, cell: Integers) -> None:
-    """Write the multi-index of a flat C-order index into `cell`."""
+    """Write the multi-index of a flat C-order index into `cell` (ndim,); `shape` (ndim,): number of cells per axis."""
     for axis in range(len(shape) - 1, -1, -1):
         cell[axis] = flat % shape[axis]
         flat //= shape[axis]
@@ -49,7 +49,7 @@ def _unravel(flat: int, shape: Integers, cell: Integers) -> None:
 
 @inlined
 def ravel(cell: Integers, shape: Integers) -> int:
-    """Return the flat C-order index of a cell."""
+    """Return the flat C-order index of a cell (ndim,); `shape` (ndim,): number of cells per axis."""
     flat = 0
     for axis in range(len(shape)):
         flat = flat * shape[axis] + cell[axis]
@@ -58,7 +58,7 @@ def ravel(cell: Integers, shape: Integers) -> int:
 
 @inlined
 def _face(flow: Flow, cell: Integers, axis: int) -> int:
-    """Return the index of the lower face of a cell across an axis."""
+    """Return the index, in the flat arrays of `flow`, of the lower face of a cell (ndim,) across an axis."""
     face: int = flow.first_face[axis]
     for other in range(len(cell)):
         face += cell[other] * flow.face_stride[axis, other]
@@ -67,7 +67,7 @@ def _face(flow: Flow, cell: Integers, axis: int) -> int:
 
 @inner
 def face_velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> float:
-    """Write velocities on a cell's faces, `lower, upper` (ndim,), scaled to a maximum of 1; return the log scale."""
+    """Write a cell's face velocities, divided by the largest, to `lower, upper` (ndim,); return log of the largest."""
     scale = -np.inf
     for axis in range(len(cell)):
         face = _face(flow, cell, axis)
@@ -82,7 +82,7 @@ def face_velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) ->
 
 @inlined
 def _exit_time(x: float, lower: float, upper: float) -> tuple[float, int]:
-    """Return the time until a point at ``x`` in [0, 1] exits along one axis, and the side: -1, 1, or 0 for never.
+    """Return the time from ``x`` in [0, 1] to an exit along one axis, and its face: -1 lower, 1 upper; (inf, 0): none.
 
     ``v(x) = lower (1 - x) + upper x``: the velocity is linear between the faces (Pollock 1988, equations 4 to 8).
     The time over a distance ``d``, at a velocity that changes from ``v`` to ``w``, is ``d log(w / v) / (w - v)``.
@@ -102,7 +102,7 @@ def _exit_time(x: float, lower: float, upper: float) -> tuple[float, int]:
 
 @inlined
 def _moved(x: float, lower: float, upper: float, time: float) -> float:
-    """Return the coordinate of a point after a time, from ``x``, clipped to the cell's range [0, 1]."""
+    """Return the coordinate, clipped to [0, 1], a time after ``x``; the velocity is `lower` at 0 and `upper` at 1."""
     v = lower * (1.0 - x) + upper * x
     if v == 0.0:
         return x  # a separate case: with a large time the growth may overflow
@@ -114,7 +114,7 @@ def _moved(x: float, lower: float, upper: float, time: float) -> float:
 
 @inner
 def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int, int]:
-    """Return time, axis and side of the earliest exit in finite time; axis -1 if the point never leaves."""
+    """Return time, axis and side (-1: lower, 1: upper face) of the earliest exit from `local`; axis -1 if none."""
     time, across, side = np.inf, -1, 0
     for axis in range(len(local)):
         axis_time, axis_side = _exit_time(local[axis], lower[axis], upper[axis])
@@ -125,7 +125,7 @@ def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int
 
 @inner
 def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
-    """Return speed, axis and side of the face with the largest outward current; axis -1 if no current leaves."""
+    """Return the largest outward velocity at a face, its axis and side (-1: lower, 1: upper); axis -1 if none."""
     speed, across, side = 0.0, -1, 0
     for axis in range(len(lower)):
         if upper[axis] > speed:
@@ -137,7 +137,7 @@ def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
 
 @inner
 def _cross(local: Floats, lower: Floats, upper: Floats, spacing: Floats) -> tuple[float, float, int, int]:
-    """Move the point `local` to its exit from the cell; return time, length, axis (-1: no exit) and side."""
+    """Move the point `local` to its exit from the cell; return time, length, axis (-1: no exit) and side (-1 or 1)."""
     time, across, side = _first_exit(local, lower, upper)
     drifts = across >= 0
     if not drifts:
@@ -168,11 +168,12 @@ def _log_add(a: float, b: float) -> float:
 
 @kernel
 def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: Floats) -> tuple[int, int, float, float]:
-    """Follow the current from one point until it enters a goal cell.
+    """Follow the current from one point until it enters a goal cell, or a cell that no current leaves.
 
-    ``cell`` and ``local`` (ndim,), the position within the cell in [0, 1], hold the start on entry and the end on
-    return.  ``cells`` and ``locals_`` (n, ndim) record the first n visited cells and positions.
-    Return outcome, number of crossings, length in axis units, and log of the time (unit: velocity equals current).
+    ``cell`` (ndim,) and ``local`` (ndim,), the position within the cell in [0, 1], hold the start on entry and the end
+    on return.  The first n visited cells and entry positions are written to ``cells`` and ``locals_`` (n, ndim).
+    Return outcome (`REACHED`, `NO_CURRENT` or `ENDLESS`), number of crossings, length in axis units, and log of the
+    time, in the unit for which velocities equal face currents.
     """
     ndim = len(cell)
     lower, upper = np.empty(ndim), np.empty(ndim)
@@ -200,10 +201,11 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
 
 @kernel
 def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Integers:
-    """Return the goal region at which all current lines from each cell end, shape (cells,).
+    """Return the index of the goal region at which all current lines from each cell end, shape (cells,).
 
-    ``goal`` (cells,): region of every goal cell.  The result is -1 if all lines from a free cell end without current,
-    and `MIXED` if they end in different regions.  Cells are labelled in the order of the current, downstream first.
+    The result is -1 if all lines from a free cell end without current, and `MIXED` if they end in different regions.
+    Cells are labelled in the order of the current, downstream first.
+    ``goal`` (cells,): goal region of every goal cell; ``periodic`` (ndim,): mask of periodic axes.
     """
     count, ndim = len(flow.code), len(flow.shape)
     label, exits = np.full(count, MIXED), np.zeros(count, np.int64)
@@ -252,9 +254,11 @@ def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Intege
 def trace_many(
     flow: Flow, starts: Integers, locals_: Floats, outcome: Integers, steps: Integers, length: Floats, log_time: Floats
 ) -> None:
-    """Trace streamlines from n starts and write outcome, steps, length and log time of each, shapes (n,).
+    """Trace streamlines from n starts, and write the results of `trace` for each to four arrays (n,).
 
-    ``starts`` and ``locals_`` (n, ndim) hold the cells and positions of the starts on entry, and the ends on return.
+    ``starts`` and ``locals_`` (n, ndim) hold cells and positions within them at the starts on entry, and at the ends on
+    return.  Results: ``outcome``: `REACHED`, `NO_CURRENT` or `ENDLESS`; ``steps``: number of crossings; ``length``: in
+    axis units; ``log_time``: logarithm of the time.
     """
     no_cells, no_locals = np.empty((0, starts.shape[1]), np.int64), np.empty((0, starts.shape[1]))
     for k in range(len(starts)):
@@ -263,7 +267,7 @@ def trace_many(
 
 @inner
 def segment_to_box(start: Floats, end: Floats, lower: Floats, upper: Floats) -> float:
-    """Return the distance from a segment to an axis-aligned box, by bisection of the derivative of its square."""
+    """Return the distance from a segment to the box with corners `lower, upper`, by bisection along the segment."""
     a, b = 0.0, 1.0
     for _ in range(54):
         t = 0.5 * (a + b)
@@ -301,7 +305,8 @@ def clearance(
     """Return the smallest distance, in axis units, from any of n segments to the box of an obstacle cell.
 
     ``cells`` (n, ndim): cell of each segment; ``starts``, ``ends`` (n, ndim): end points in axis units, relative to the
-    cell's lower corner; ``reach`` (n,): upper bounds of each segment's distance, ascending; ``obstacle``: flat mask.
+    cell's lower corner; ``reach`` (n,): upper bounds of each segment's distance, ascending; ``obstacle`` (cells,): mask
+    in C order; ``shape, spacing, periodic`` (ndim,): number of cells, cell width, and whether the axis is periodic.
     """
     ndim = len(shape)
     best = np.inf
@@ -386,7 +391,7 @@ def segment_is_free(
 
 @inlined
 def _clip_to_slab(a: float, b: float, index: int, rim: float, t0: float, t1: float) -> tuple[float, float]:
-    """Clip the parameter interval [t0, t1] of the line from ``a`` to ``b`` to a slab of cells; t0 > t1 if empty."""
+    """Return the part of [t0, t1] where ``a + t (b - a)`` is in [index - rim, index + 1 + rim]; t0 > t1 if empty."""
     if a == b:
         return (t0, t1) if index - rim <= a <= index + 1 + rim else (1.0, 0.0)
     enter, leave = (index - rim - a) / (b - a), (index + 1 + rim - a) / (b - a)

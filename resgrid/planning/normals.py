@@ -23,7 +23,8 @@ from resgrid.planning.fields import Field
 from resgrid.planning.trace import cell_indices
 
 _FLAT = 1e-12
-"""Gradient at the centre of a cell, relative to the larger face gradient, below which it is rounding error."""
+"""Norm of the gradient at a point, relative to the largest gradient at the cell's faces, below which the gradient is
+rounding error and no normal is defined."""
 
 
 def surface_normals(
@@ -36,7 +37,7 @@ def surface_normals(
 ) -> NDArray[np.float64]:
     """Compute outward unit normals of a model from one Dirichlet field.
 
-    Within a cell, every component of the gradient is linear between two faces; at the centre it is their mean.
+    Within a cell, every component of the gradient is linear between two faces; at the centre the values are averaged.
     The error of a normal depends on its distance from the stepped surface.  Measured on discs and balls with random
     centres:
 
@@ -139,7 +140,10 @@ def octree_voxels(leaves: ArrayLike, shape: Sequence[int]) -> NDArray[np.bool_]:
 
 
 def _model_space(model: ConfigurationSpace | ArrayLike, spacing: float | Sequence[float]) -> ConfigurationSpace:
-    """Return a space with the model as goal cells and all other cells free, so that the field rises away from it."""
+    """Return a space with the cells of the model as goal cells, and with all other cells free.
+
+    `model`: mask of the model's cells, or a space whose obstacle cells are the model; `spacing`: cell widths of a mask.
+    """
     if isinstance(model, ConfigurationSpace):
         axes, inside, frame = model.axes, model.cell == Cell.OBSTACLE, model.frame
     else:
@@ -160,7 +164,11 @@ def _model_space(model: ConfigurationSpace | ArrayLike, spacing: float | Sequenc
 def _places(
     space: ConfigurationSpace, points: ArrayLike | None, cells: ArrayLike | None
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return cells and positions within them, both (..., ndim); by default the centres of all cells."""
+    """Return the cells of points and the positions within the cells, in [0, 1], both (..., ndim).
+
+    `points` (..., ndim): world coordinates; `cells` (..., ndim): cells whose centres are the points; without both, the
+    points are the centres of all cells.
+    """
     if points is not None and cells is not None:
         raise InputError("give points or cells, not both")
     if points is not None:
@@ -189,9 +197,9 @@ def _field_around(space: ConfigurationSpace, padding: int) -> tuple[Field, NDArr
 
 
 def _directions(field: Field, cells: NDArray[np.int64], local: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return unit vectors along the gradient, shape (n, ndim); NaN where it vanishes and outside free cells.
+    """Return unit vectors along the gradient of the potential, shape (n, ndim); NaN outside free cells or without one.
 
-    `cells` (n, ndim); `local` (n, ndim): positions within the cells.
+    `cells` (n, ndim): cells of n points; `local` (n, ndim): positions of the points within the cells, in [0, 1].
     """
     gradient, _ = field.gradient(cells, local)
     gradient[field.space.cell[tuple(cells.T)] != Cell.FREE] = 0.0
@@ -201,7 +209,7 @@ def _directions(field: Field, cells: NDArray[np.int64], local: NDArray[np.float6
 
 
 def _check_defined(space: ConfigurationSpace, cells: NDArray[np.int64], normals: NDArray[np.float64]) -> None:
-    """Raise InputError for the first cell without a normal.  Shapes (n, ndim)."""
+    """Raise InputError if one of `normals` (n, ndim) is NaN, with the reason; `cells` (n, ndim): their cells."""
     undefined = np.isnan(normals).any(axis=1)
     if not undefined.any():
         return

@@ -25,7 +25,8 @@ class Barriers:
     """Groups of obstacle cells that are connected across faces, edges or corners.
 
     `label` (shape of the space): group of every obstacle cell, -1 elsewhere; groups are numbered from 0 in C order of
-    their first cell, real groups before virtual ones; `virtual` (groups,): mask of virtual obstacles.
+    their first cell, real groups before virtual ones; `virtual` (groups,): mask of groups of virtual obstacle cells,
+    which have no body.
     """
 
     space: ConfigurationSpace
@@ -39,11 +40,11 @@ class Barriers:
 
     @cached_property
     def links(self) -> RegionGraph:
-        """Adjacency graph of regions and groups."""
+        """Adjacency graph of regions (of free and goal cells) and groups (of obstacle cells)."""
         return adjacency(self)
 
     def mask(self, *groups: int) -> NDArray[np.bool_]:
-        """Return the mask of the cells of the given groups, shape of the space."""
+        """Return the mask of the cells of the groups with indices `groups`, shape of the space."""
         return np.isin(self.label, groups) & (self.label >= 0)
 
 
@@ -61,12 +62,12 @@ class RegionGraph:
     graph: sparse.csr_array
 
     def adjacent_groups(self, node: int) -> tuple[int, ...]:
-        """Return the groups that share a face with the region or group of a node."""
+        """Return the indices of the groups that share a face with the region or group of a graph node, ascending."""
         neighbours = self.graph.indices[self.graph.indptr[node] : self.graph.indptr[node + 1]]
         return tuple(sorted(int(other) - self.regions for other in neighbours if other >= self.regions))
 
     def groups_between(self, first: int, last: int) -> tuple[int, ...]:
-        """Return the groups on a shortest path between two nodes, in path order, ends included."""
+        """Return the indices of the groups on a shortest path between two graph nodes, in path order, ends included."""
         from scipy.sparse.csgraph import dijkstra
 
         _, before = dijkstra(self.graph, directed=False, indices=np.array([first]), return_predecessors=True)
@@ -77,7 +78,10 @@ class RegionGraph:
 
 
 def group_obstacles(space: ConfigurationSpace, virtual: ArrayLike | None = None) -> Barriers:
-    """Group obstacle cells that are connected across faces, edges or corners; group virtual cells separately."""
+    """Return the groups of obstacle cells that are connected across faces, edges or corners.
+
+    `virtual`: mask of virtual obstacle cells, shape of the space, which form separate groups; None for none.
+    """
     obstacle = space.cell == Cell.OBSTACLE
     marked = np.zeros(space.shape, dtype=np.bool_) if virtual is None else np.asarray(virtual)
     if marked.shape != space.shape or marked.dtype.kind != "b":
@@ -91,7 +95,7 @@ def group_obstacles(space: ConfigurationSpace, virtual: ArrayLike | None = None)
 
 
 def adjacency(barriers: Barriers, opened: tuple[int, ...] = ()) -> RegionGraph:
-    """Return the adjacency graph of regions and groups after some groups are removed."""
+    """Return the adjacency graph of regions and groups after removal of the groups with indices `opened`."""
     space = barriers.space
     passable = (space.cell != Cell.OBSTACLE) | barriers.mask(*opened)
     region = label_regions(passable, space.periodic).astype(np.int64) - 1

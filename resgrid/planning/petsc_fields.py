@@ -39,13 +39,14 @@ from resgrid.planning.kcl_check import face_currents, obeys_kcl
 from resgrid.solvers.petsc import Report, find_petsc, run_ranks
 
 RTOL = 1e-14
-"""Requested residual norm relative to the right-hand side; about the rounding error."""
+"""Requested norm of the residual, relative to the norm of the right-hand side; about the rounding error."""
 
 _BYTES = {1: 400, 2: 500, 3: 1200, 4: 2500}
-"""Peak memory of all ranks together, in bytes per cell, by the number of axes; measured on open grids."""
+"""Peak memory of all PETSc processes (ranks) together, in bytes per cell, by the number of axes; measured on grids
+without obstacles."""
 
 _BYTES_OF_RANK = 8e7
-"""Memory of a rank without any cell, in bytes."""
+"""Memory of a PETSc process (rank) without any cell, in bytes."""
 
 _CELLS = 2**20
 """Approximate number of cells of a slab; the arrays of one slab take about 100 MB."""
@@ -67,9 +68,10 @@ class Ranked:
 def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int | None, launcher: str | None = None) -> Ranked:
     """Return the field of the ideal circuit of a space with merged rails, solved by PETSc processes (ranks).
 
-    The files are in the system's folder for temporary files (``TMPDIR``) and are deleted at the end.
-    A `launcher` is a command that includes the number of ranks; `ranks` is then None.  It may start ranks on other
-    computers, which must share the folder under the same path; their memory is not checked.
+    Files for the exchange with PETSc are in the system's folder for temporary files (``TMPDIR``) and are deleted at the
+    end.  `ranks`: number of processes on this computer, None with a launcher; `launcher`: command that starts the
+    processes and sets their number.  A launcher may start processes on other computers, which must share the folder
+    under the same path; their memory is not checked.
 
     Raises
     ------
@@ -128,15 +130,18 @@ def _write_through(folder: Path) -> None:
 
 
 def slabs(space: ConfigurationSpace) -> Iterator[tuple[int, int]]:
-    """Return the slabs of a space: ranges (first, end) along the first axis, with about `_CELLS` cells or one row."""
+    """Return an iterator over the slabs of a space: index ranges (first, end) along the first axis.
+
+    A slab has about `_CELLS` cells, or one row of the first axis if a row has more cells.
+    """
     size, step = space.shape[0], max(1, _CELLS // prod(space.shape[1:]))
     return ((first, min(first + step, size)) for first in range(0, size, step))
 
 
 def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rtol: float) -> None:
-    """Write the files that `resgrid.solvers.petsc_worker` reads, with one slab in memory at a time.
+    """Write the equations of the circuit to files in `folder` for the PETSc processes, one slab of cells at a time.
 
-    `rtol`: requested residual norm, relative to the right-hand side.
+    `rtol`: requested norm of the residual, relative to the norm of the right-hand side.
 
     Raises
     ------
@@ -208,12 +213,12 @@ def read_rows(
 
 
 def _disk(space: ConfigurationSpace) -> int:
-    """Return the disk space of all files together, in bytes."""
+    """Return the disk space, in bytes, of all files of equations, solution and field together."""
     return prod(space.shape) * 8 * (space.ndim + 3) + 9 * sum(face_counts(space.shape)) + 17 * prod(space.shape)
 
 
 def _read(space: ConfigurationSpace, wiring: Wiring, answer: NDArray[np.float64], folder: Path) -> Field:
-    """Return the field of PETSc's solution, `answer` (shape of the space), with arrays in mapped files of a folder."""
+    """Return the field of PETSc's solution `answer` (shape of the space), with arrays in mapped files in `folder`."""
 
     def mapped(name: str, dtype: DTypeLike, shape: tuple[int, ...]) -> Any:
         return open_memmap(folder / f"{name}.npy", mode="w+", dtype=dtype, shape=shape)

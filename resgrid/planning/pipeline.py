@@ -44,7 +44,7 @@ Observe = Callable[..., Any]
 
 
 def run_silently(_stage: str, function: Callable[..., Any], *arguments: Any, **_: Any) -> Any:
-    """Run a stage without display of progress, and return its result."""
+    """Return ``function(*arguments)``, without display of progress; the name of the stage and options are ignored."""
     return function(*arguments)
 
 
@@ -53,8 +53,8 @@ class SolveOptions:
     """Options of the solve stages of the pipeline.
 
     `solver`: function that solves a netlist; `threads`: number of threads; `observe`: function that runs and displays
-    each stage; `by_petsc`: whether PETSc processes solve fields without a netlist; `ranks`: their number; `launcher`:
-    command that starts them and sets their number.
+    each stage; `by_petsc`: whether PETSc processes solve fields without a netlist; `ranks`: number of PETSc processes,
+    None with a launcher; `launcher`: command that starts the PETSc processes and sets their number.
     """
 
     solver: Solver = solve
@@ -65,13 +65,13 @@ class SolveOptions:
     launcher: str | None = None
 
     def solve(self, netlist: Netlist, stage: str) -> OperatingPoint:
-        """Return the operating point of a netlist; `stage` is the displayed name of the stage."""
+        """Return the operating point of a netlist; `stage`: name of the stage for the display of progress."""
         run, seconds = partial(self.solver, threads=self.threads), 0.5 + 4e-6 * netlist.node_count
         op: OperatingPoint = self.observe(stage, run, netlist, seconds=seconds, iterates=True)
         return op
 
     def solve_ranked(self, space: ConfigurationSpace, wiring: Wiring) -> Ranked:
-        """Return the field of a space, solved by PETSc processes."""
+        """Return the field of a space, solved by PETSc processes, with the statistics of the solve."""
         by = f"on {self.ranks} ranks" if self.launcher is None else f"by {self.launcher}"
         stage, seconds = f"solve the {wiring.boundary} chip {by}", 2.0 + 1e-5 * space.cell.size
         ranked: Ranked = self.observe(stage, solve_ranked, space, wiring, self.ranks, self.launcher, seconds=seconds)
@@ -82,7 +82,11 @@ DEFAULT_OPTIONS = SolveOptions()
 
 
 def solve_options(method: str, ranks: int | None = None, launcher: str | None = None, **options: Any) -> SolveOptions:
-    """Return the solve options for a method; `ranks` (2 by default) and `launcher` belong to method "petsc" only."""
+    """Return the solve options for a solution method.
+
+    `ranks`, `launcher`: number of processes (2 by default), or the command that starts them, for method "petsc" only;
+    `options`: other fields of `SolveOptions`.
+    """
     if method == PETSC:
         if ranks is not None and launcher is not None:
             raise InputError(
@@ -100,11 +104,11 @@ def solve_options(method: str, ranks: int | None = None, launcher: str | None = 
 @frozen
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A planning problem: a space, its wiring, the blends and the starts.
+    """A planning problem: a configuration space, the wiring of a circuit on it, blends of two fields, and starts.
 
     `wiring`: wiring of the circuit if a single one is solved; `ks`: weights of the Dirichlet field, one per blend,
-    empty for the field of that circuit alone; `starts` (n, ndim): world coordinates; `start_driven`: whether each start
-    drives a circuit of its own, with open obstacles.
+    empty for the field of that circuit alone; `starts` (n, ndim): in world coordinates; `start_driven`: whether each
+    start drives a circuit of its own, with open obstacles.
     """
 
     space: ConfigurationSpace
@@ -115,14 +119,14 @@ class Problem:
 
     @property
     def halves(self) -> dict[float, Wiring]:
-        """Wirings for k = 1 (obstacles on the rail, through wall resistances if any) and k = 0 (open obstacles)."""
+        """Wirings by weight k: 1 (obstacles on the rail, through wall resistances if any) and 0 (open obstacles)."""
         wiring = self.wiring
         closed = replace(wiring, boundary="dirichlet", drive=None, start=None) if wiring.is_driven else wiring
         return {1.0: closed, 0.0: wiring.opened()}
 
     @property
     def wirings(self) -> dict[str, Wiring]:
-        """Wirings of all circuits to solve, by name: the boundary, or the number of the start that drives it."""
+        """Wirings of all circuits to solve, by name: the boundary, or ``neumann_start_N`` if start N drives it."""
         if self.start_driven:
             return dict(self.driven_by(number) for number in range(len(self.starts)))
         if not self.ks:
@@ -166,7 +170,7 @@ class Problem:
         return self.driven_by(0)
 
     def driven_by(self, number: int) -> tuple[str, Wiring]:
-        """Return name and wiring of the circuit that start `number` drives."""
+        """Return name and wiring of the circuit with open obstacles that the start with index `number` drives."""
         cell = start_cell(self.space, self.starts[number])
         return f"neumann_start_{number}", replace(self.wiring.opened(), drive="start", start=cell)
 
@@ -174,10 +178,10 @@ class Problem:
 @frozen
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Solution of a planning problem.
+    """Solution of a planning problem: the fields of its circuits.
 
-    `operating_points`, `pure`: operating point and field of every solved circuit, by name; circuits without currents
-    and those solved by PETSc have no operating point.
+    `operating_points`, `pure`: operating point and field (not blended) of every solved circuit, by name of the circuit;
+    circuits without currents and circuits solved by PETSc have no operating point.
     """
 
     problem: Problem
@@ -186,7 +190,7 @@ class Solution:
 
     @cached_property
     def fields(self) -> tuple[Field, ...]:
-        """Requested fields: one per k, or one per start if starts drive circuits."""
+        """Fields that the problem asks for: one per weight k, or one per start if starts drive circuits."""
         ks = self.problem.ks
         if self.problem.start_driven or not ks:
             return tuple(self.pure.values())
@@ -204,13 +208,13 @@ class Solution:
 
     @property
     def flat(self) -> tuple[str, ...]:
-        """Names of blended circuits without currents, if the other circuit of the blend carries current."""
+        """Names of blended circuits without currents; empty if no circuit carries current, or if starts drive them."""
         idle = tuple(name for name, field in self.pure.items() if not field.is_flowing)
         return () if self.problem.start_driven or len(idle) == len(self.pure) else idle
 
     @property
     def tasks(self) -> list[tuple[Field, int]]:
-        """Pairs of a field and the number of a start whose streamline follows this field."""
+        """Pairs of a field and the index of a start whose streamline follows this field, for all requested paths."""
         numbers = range(len(self.problem.starts))
         if self.problem.start_driven:
             return list(zip(self.fields, numbers, strict=True))
@@ -225,8 +229,9 @@ def problem_of(
     space: ConfigurationSpace | None = None,
     **options: Unpack[WiringOptions],
 ) -> Problem:
-    """Return the planning problem of a scene or a space, with a wiring, or some of its fields, that override the scene.
+    """Return the planning problem of a scene or a space.
 
+    `wiring`: wiring that replaces the scene's; `options`: fields of `Wiring` that override those of the wiring.
     Without `k`, a wiring or a boundary selects a single circuit, even if the scene has blends.  `k`: weight of the
     Dirichlet field; `space`: space of the scene, if it was built before.
     """
@@ -253,7 +258,10 @@ def problem_of(
 
 
 def scene_wiring(scene: Scene, wiring: Wiring | None = None, **options: Unpack[WiringOptions]) -> Wiring:
-    """Return the given wiring, or that of the scene, with some fields replaced; open obstacles get a uniform drive."""
+    """Return `wiring`, by default the scene's wiring, with the fields in `options` replaced.
+
+    Open obstacles get a uniform drive.
+    """
     boundary, chip = options.get("boundary") or scene.boundary, scene.chip
     default: dict[str, Any] = {
         "boundary": boundary,
@@ -267,7 +275,7 @@ def scene_wiring(scene: Scene, wiring: Wiring | None = None, **options: Unpack[W
 
 
 def require_uniform(scene: Scene, subject: str) -> None:
-    """Raise InputError for a scene with drive = 'start'; `subject` of the message needs a uniform drive."""
+    """Raise InputError for a scene with drive = 'start'.  `subject`: name of the calling function, for the message."""
     if scene.drive == "start":
         raise InputError(f"a scene with drive = 'start' serves one start at a time; {subject} needs drive = 'uniform'")
 
@@ -280,10 +288,10 @@ def compile_circuit(
     build_chip: ChipBuilder | None = None,
     work: SolveOptions = DEFAULT_OPTIONS,
 ) -> Netlist:
-    """Compile the netlist of one circuit.
+    """Return the netlist of one circuit of a space.
 
-    `scaled`: solve a uniformly driven circuit once, and scale its drive so that the highest node is at the supply;
-    `build_chip`: function that then adds the non-idealities of a chip.
+    `scaled`: whether a uniformly driven circuit is solved once, and the injected currents are scaled so that the
+    highest node is at the supply; `build_chip`: function that then adds the non-idealities of a chip; `work`: options.
     """
     seconds, stage = 4e-8 * space.cell.size * space.ndim, f"compile the {wiring.boundary} chip"
     netlist: Netlist = work.observe(stage, compile_space, space, wiring, seconds=seconds)
@@ -293,8 +301,9 @@ def compile_circuit(
 
 
 def solve_problem(problem: Problem, *, scaled: bool = False, work: SolveOptions = DEFAULT_OPTIONS) -> Solution:
-    """Solve the ideal circuits of a problem and compute their fields.
+    """Solve the ideal circuits of a problem, and return operating points and fields.
 
+    `scaled`: whether the drives of uniformly driven circuits are scaled to the supply; `work`: solve options.
     A circuit without a driving voltage or current has a field without currents, whose streamlines still have an
     outcome.  This happens if no free cell touches a goal, if the driving start is blocked or disconnected, or if no
     obstacle (or edge that counts as one) touches a goal-connected free cell.  If only the Dirichlet field of a blend
@@ -327,6 +336,6 @@ def solve_problem(problem: Problem, *, scaled: bool = False, work: SolveOptions 
 
 
 def solve_field(space: ConfigurationSpace, wiring: Wiring, k: float | None = None) -> Field:
-    """Return the field of one circuit, or with k the blend of this circuit (k = 1) and open obstacles (k = 0)."""
+    """Return the field of one circuit, or, with `k`, the blend of this circuit (k = 1) and open obstacles (k = 0)."""
     starts = np.empty((0, space.ndim))
     return solve_problem(Problem(space, wiring, () if k is None else (k,), starts)).fields[0]

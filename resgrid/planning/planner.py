@@ -92,6 +92,7 @@ class Planner:
         Returns
         -------
         Planner
+            Planner for the blend, which shares the solved fields.
 
         Raises
         ------
@@ -141,6 +142,7 @@ class Planner:
         Returns
         -------
         list of Streamline
+            One streamline per start, in the same order.
 
         Raises
         ------
@@ -160,6 +162,7 @@ class Planner:
         Returns
         -------
         Traces
+            Outcome, goal, length, duration and number of steps of every streamline.
 
         Raises
         ------
@@ -169,7 +172,7 @@ class Planner:
         return streamlines(self.field, self._starts(starts))
 
     def _starts(self, starts: ArrayLike | None) -> ArrayLike:
-        """Return the given starts, by default those of the scene."""
+        """Return `starts` (n, ndim), in world coordinates, by default the starts of the scene."""
         return self.scene_starts if starts is None else starts
 
 
@@ -188,10 +191,11 @@ def plan(
     Parameters
     ----------
     where : ConfigurationSpace or Scene
-        A scene is sampled into cells first; its keys hold where neither `wiring` nor `options` give a value.
+        Space to solve.  A scene is sampled into cells first; the keys of the scene hold where neither `wiring` nor
+        `options` give a value.
     wiring : Wiring, optional
-        Boundary conditions and element values; by default those of the scene, or obstacles on the rail.  In a blend it
-        describes the circuit at k = 1.
+        Boundary conditions and element values; by default those of the scene, or obstacles on the rail.  In a blend the
+        wiring describes the circuit at k = 1.
     k : float, optional
         Weight of the Dirichlet field, in [0, 1].  With any k, 0 and 1 included, both fields are solved, and
         `Planner.at` gives other blends without solving again.  By default, the first ``k`` of the scene, unless a
@@ -207,11 +211,12 @@ def plan(
         place of ``mpiexec`` with `ranks`.  Processes on other computers need the folder for temporary files
         (``TMPDIR``) under one path, and a Python with petsc4py at one place (``RESGRID_PETSC_PYTHON``).
     **options
-        Fields of `Wiring`, such as ``boundary="neumann"``: instead of a wiring, or changes to it.
+        Fields of `Wiring`, such as ``boundary="neumann"``, which replace fields of the given or default wiring.
 
     Returns
     -------
     Planner
+        The solved space, from which paths are computed.
 
     Raises
     ------
@@ -311,18 +316,18 @@ def clearance_curve(
     Parameters
     ----------
     planner : Planner
-        Created with a k, so that it holds both fields, unless `wall_resistances` are given.
+        Planner that was created with a k, so that it holds both fields, unless `wall_resistances` are given.
     ks : array_like of float, shape (n,)
         Weights of the Dirichlet field, in [0, 1].
     starts : array_like of float, shape (m, ndim), optional
-        World coordinates.  By default the centres of about 200 cells with a path, evenly spaced in C order.
+        Starts in world coordinates.  By default the centres of about 200 cells with a path, evenly spaced in C order.
     wall_resistances : array_like of float, shape (n,), optional
         Wall resistances in ohms, in place of `ks`, with one solve each: 0 is Dirichlet, infinity is Neumann.
 
     Returns
     -------
     ClearanceCurve
-        With clearances and lengths of all paths, and their means over the starts.
+        Clearances and lengths of all paths, and their means over the starts.
 
     Raises
     ------
@@ -363,7 +368,10 @@ def clearance_curve(
 
 
 def _settings(knob: str, values: ArrayLike, limit: float) -> NDArray[np.float64]:
-    """Return values (n,) of a parameter; raise InputError unless they lie between 0 and `limit`."""
+    """Return `values` of a parameter as an array (n,); raise InputError unless they lie between 0 and `limit`.
+
+    `knob`: name of the parameter in the message.
+    """
     try:
         settings = np.atleast_1d(np.array(values, dtype=np.float64))
     except (TypeError, ValueError) as error:
@@ -377,7 +385,7 @@ def _settings(knob: str, values: ArrayLike, limit: float) -> NDArray[np.float64]
 
 
 def _starts_with_paths(space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Return centres of at most 200 cells with a path, in axis units, shape (n, ndim)."""
+    """Return the centres (n, ndim), in axis units, of at most 200 goal-connected cells, evenly spaced in C order."""
     cells = np.argwhere(space.goal_connected)
     if not len(cells):
         raise InputError("no free cell has a path to a goal: move the goal, or open a passage to it")

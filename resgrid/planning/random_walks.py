@@ -71,7 +71,7 @@ class RandomWalk:
         Returns
         -------
         Scaled
-            Solution with its own exponent for every row, shape (rows,).
+            Solution, shape (rows,), with a separate exponent for every row, so that small entries do not underflow.
 
         Raises
         ------
@@ -103,6 +103,7 @@ class RandomWalk:
         Returns
         -------
         ndarray of float64, shape of the space
+            Value of every cell.
         """
         cell = self.cells.space.cell
         out = np.full(cell.shape, cut_off)
@@ -126,6 +127,7 @@ def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str =
     Returns
     -------
     RandomWalk
+        The walk with the factorization of the nodal equations.
 
     Raises
     ------
@@ -213,7 +215,7 @@ class CollisionProbability:
 
     @property
     def collision(self) -> NDArray[np.float64]:
-        """Probability ``1 - u`` of hitting an obstacle first, or of never hitting a goal."""
+        """Probability ``1 - u`` of hitting an obstacle before a goal, or no goal at all, shape of the space."""
         return np.asarray(-np.expm1(self.log_success))
 
 
@@ -221,9 +223,9 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
     """Compute the probability that a random walk hits an obstacle before a goal, and the expected times.
 
     The walk jumps along a resistor with probability proportional to its conductance.  The drop ``u`` of the potential
-    is the probability that it hits a goal before an obstacle (C. I. Connolly, Harmonic functions and collision
-    probabilities, Int. J. Robotics Research 16(4), 1997).  With open obstacles ``u`` is 1, and the expected
-    time is proportional to the uniformly driven potential.
+    is the probability that the walk hits a goal before an obstacle (C. I. Connolly, Harmonic functions and collision
+    probabilities, Int. J. Robotics Research 16(4), 1997).  With open obstacles ``u`` is 1, and the expected time is
+    proportional to the uniformly driven potential.
 
     Parameters
     ----------
@@ -256,7 +258,10 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
     log_u = np.minimum(u.log, 0.0)
 
     def given(rates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return ``x / u`` per cell, where ``G x = rates u``; NaN where u is 0."""
+        """Return ``x / u`` of every cell, shape of the space, where ``G x = rates * u``; NaN where u is 0.
+
+        `rates` (rows,): capacitance of each node for expected times, or sum of its conductances for numbers of jumps.
+        """
         x = walk.solve(Scaled(u.hi * rates, u.lo * rates, u.exponent, u.noise))
         with np.errstate(invalid="ignore", divide="ignore"):
             quotient = x.hi / u.hi
@@ -305,7 +310,10 @@ class HittingProbability:
 
     @property
     def likeliest(self) -> NDArray[np.int32]:
-        """Goal region with the largest probability per cell, the lower index of ties; -1 where no goal can be hit."""
+        """Index of the goal region with the largest probability, shape of the space; -1 where no goal can be hit.
+
+        Of goal regions with equal probabilities, the one with the lowest index is chosen.
+        """
         best = np.argmax(self.log_probability, axis=0).astype(np.int32)
         return np.where(np.isneginf(self.log_probability.max(axis=0)), np.int32(-1), best)
 
@@ -365,8 +373,8 @@ def hitting_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Hitti
 def _to_goal(netlist: Netlist, node_goal: NDArray[np.int64], unknown: NDArray[np.int32], size: int) -> sparse.csr_array:
     """Return the conductances (goals, rows) between goal regions and matrix rows, in siemens.
 
-    `node_goal` (nodes,): goal region of every node or -1; `unknown` (nodes,): matrix row of every node or negative;
-    `size`: number of matrix rows.
+    `node_goal` (nodes,): goal region of every node, -1 if it belongs to none; `unknown` (nodes,): matrix row of every
+    node, negative for nodes with a known voltage; `size`: number of matrix rows.
     """
     entries: list[NDArray[np.float64]] = []
     for here, there in ((0, 1), (1, 0)):

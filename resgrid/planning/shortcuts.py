@@ -18,10 +18,10 @@ from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, ShortPath, Streamline, distinct_rows, length_of
 
 LineTest = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
-"""Function of two points that returns whether the straight line between them may be used."""
+"""Function of two points (ndim,), in axis units, that returns whether a path may follow the line between them."""
 
 _GAIN = 1e-12
-"""Relative reduction of the length below which a chord is not worth a change (rounding error)."""
+"""Relative reduction of the length of a part of the path below which a chord does not replace this part."""
 
 
 def shortcut(
@@ -48,14 +48,14 @@ def shortcut(
         least 0.  By default half of the streamline's clearance, but at least a quarter of the smallest cell width.
         With 0, lines may pass obstacles at a distance of rounding errors.
     rounds : int
-        Number of random chords.
+        Number of random chords that are tried.
     seed : int
         Seed of the random chords; the result is reproducible.
 
     Returns
     -------
     ShortPath
-        Certified by `certify_collision_free`.
+        The shortened path, verified by `certify_collision_free`.
 
     Raises
     ------
@@ -89,13 +89,16 @@ def shortcut(
 
 
 def default_clearance(path: Streamline) -> float:
-    """Return the default minimum distance of new lines from obstacles, in axis units."""
+    """Return the default minimum distance of new lines from obstacles, in axis units; 0 if there are no obstacles."""
     least = float(path.space.spacing.min()) / 4
     return max(path.clearance / 2, least) if np.isfinite(path.clearance) else 0.0
 
 
 def _line_of_sight(field: Field, clearance: float) -> LineTest:
-    """Return a test whether the straight line between two points touches only free cells and keeps the clearance."""
+    """Return a function that tests whether the line between two points, in axis units, may be used.
+
+    Such a line touches only free or goal cells, and its distance from obstacles is at least `clearance`, in axis units.
+    """
     from resgrid.planning import kernels
 
     space, edge, reach = field.space, field.edge, None if field.obstacle_reach is None else clearance
@@ -106,7 +109,7 @@ def _line_of_sight(field: Field, clearance: float) -> LineTest:
     rim = 2.0 * float(space.rounding.max())  # certify_collision_free must also accept points rounded to world units
 
     def clear(start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
-        """Return whether the straight line between two points in axis units may be used."""
+        """Return whether the line from `start` to `end` (ndim,), in axis units, is free and keeps the clearance."""
         if not kernels.segment_is_free((start - lower) / spacing, (end - lower) / spacing, free, shape, periodic, rim):
             return False
         line = np.stack([start, end])
@@ -116,7 +119,10 @@ def _line_of_sight(field: Field, clearance: float) -> LineTest:
 
 
 def _greedy(points: NDArray[np.float64], clear: LineTest) -> NDArray[np.float64]:
-    """Return the corners of a path that moves from each corner straight to the farthest visible point found."""
+    """Return the corners (m, ndim) that remain if the path moves from each corner straight to a far visible corner.
+
+    `points` (n, ndim): corners of the path; `clear`: function that tests whether the line between two points is free.
+    """
     kept = [0]
     last = len(points) - 1
     while kept[-1] < last:
@@ -125,7 +131,11 @@ def _greedy(points: NDArray[np.float64], clear: LineTest) -> NDArray[np.float64]
 
 
 def _farthest(points: NDArray[np.float64], here: int, last: int, clear: LineTest) -> int:
-    """Return the index of a visible point far ahead of point `here`, from the next one up to point `last`."""
+    """Return the largest index found in ``here + 1 .. last`` of a point that is visible from point number `here`.
+
+    `points` (n, ndim): corners of the path; `clear`: function that tests whether the line between two points is free.
+    The search doubles its steps, and then bisects, so that the result is not always the last visible point.
+    """
     visible, step = here + 1, 2
     while visible < last and clear(points[here], points[min(here + step, last)]):
         visible = min(here + step, last)
@@ -141,9 +151,10 @@ def _farthest(points: NDArray[np.float64], here: int, last: int, clear: LineTest
 
 
 def _random_chords(points: NDArray[np.float64], clear: LineTest, rounds: int, seed: int) -> NDArray[np.float64]:
-    """Replace parts of a path by chords between random points that are shorter and pass the line test.
+    """Return a path in which chords between random points replace parts that are longer.
 
-    `rounds`: number of random chords; `seed`: of the random generator.
+    `points` (n, ndim): corners of the path; `clear`: function that tests whether a chord is free; `rounds`: number of
+    chords that are tried; `seed`: seed of the random generator.
     """
     generator = np.random.default_rng(seed)
     for _ in range(rounds):
@@ -162,6 +173,9 @@ def _random_chords(points: NDArray[np.float64], clear: LineTest, rounds: int, se
 
 
 def _at(points: NDArray[np.float64], along: NDArray[np.float64], corner: int, length: float) -> NDArray[np.float64]:
-    """Return the point at an arc length between a corner and the next; `along` (n,): arc lengths of the corners."""
+    """Return the point (ndim,) of a path at an arc length `length`, between corner number `corner` and the next.
+
+    `points` (n, ndim): corners of the path; `along` (n,): their arc lengths, in the unit of the points.
+    """
     fraction = (length - along[corner]) / (along[corner + 1] - along[corner])
     return np.asarray(points[corner] + fraction * (points[corner + 1] - points[corner]))

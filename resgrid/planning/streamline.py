@@ -19,7 +19,11 @@ from resgrid.scene.nearest_place import nearest_place
 
 
 class Outcome(StrEnum):
-    """Outcome of tracing a streamline.
+    """Outcome of tracing a streamline from a start.
+
+    ``reached``: the streamline ends in a goal cell; ``no_path``: no sequence of neighbouring free cells leads from the
+    start to a goal; ``no_current``: no current, or none of known direction, leaves the last cell; ``start_blocked``:
+    the start lies in an obstacle; ``goal_blocked``: no free cell of the space has a path to a goal.
 
     Examples
     --------
@@ -45,7 +49,7 @@ FAILURE_REASONS = {
     "start_blocked": "the start lies in an obstacle",
     "goal_blocked": "no free cell has a path to a goal: move the goal, or open a passage to it",
 }
-"""Message for every outcome other than success."""
+"""Message for every value of `Outcome` except ``"reached"``."""
 _FLAT = (
     "no current flows here, because these cells are connected to a goal but to no obstacle: open the obstacles "
     "(boundary = 'neumann', or k below 1), or let the edge count as an obstacle (edge = 'obstacle')"
@@ -80,7 +84,7 @@ class Streamline:
         Length of the polyline, last leg included, in axis units and continuous across periodic seams.
     clearance : float
         Smallest distance, in axis units, from the polyline to the box of an obstacle cell or to an edge of the grid
-        that counts as an obstacle; infinite without any.
+        that counts as an obstacle; infinite if there is neither.
     log_duration : float
         Natural logarithm of the time to the goal cell's face, where the current ends, at the velocity
         ``-conductivity * grad(phi)``; NaN without motion.
@@ -151,7 +155,7 @@ class Streamline:
 
     @property
     def point_cells(self) -> NDArray[np.int64]:
-        """Cell of every row of `axis_points`, shape (n, ndim), which also contains the segment that starts there."""
+        """Cell of every row of `axis_points`, shape (n, ndim); it also contains the segment that starts at this row."""
         return np.concatenate([self.cells, self.cells[-1:]])[: len(self.axis_points)]
 
     @cached_property
@@ -161,7 +165,7 @@ class Streamline:
 
     @cached_property
     def _places(self) -> NDArray[np.int64]:
-        """Indices of distinct rows of `axis_points`, shape (m,); rows equal to within rounding error count once."""
+        """Indices (m,) of the rows of `axis_points` that remain if rows equal to within rounding error count once."""
         return distinct_rows(self._crossings, 0.5 * self.space.rounding * self.space.spacing)
 
     @cached_property
@@ -197,7 +201,7 @@ class ShortPath:
         Length in axis units, at most that of the original.
     clearance : float
         Smallest distance, in axis units, to the box of an obstacle cell or to an edge that counts as an obstacle;
-        infinite without any.
+        infinite if there is neither.
     original : Streamline
         The streamline that was shortened.
     field : Field
@@ -256,7 +260,8 @@ class Polyline:
     Parameters
     ----------
     points : array_like of float, shape (n, ndim)
-        World coordinates, continuous across periodic seams: they may leave the range of a periodic axis.
+        Corners of the path in world coordinates, continuous across periodic seams: coordinates may leave the range of a
+        periodic axis.
     space : ConfigurationSpace
         Configuration space of the path.
 
@@ -302,9 +307,10 @@ AnyPath = Streamline | ShortPath | Polyline
 
 
 def failure_reason(outcome: str, space: ConfigurationSpace, cell: tuple[int, ...]) -> str | None:
-    """Return why a path from start cell `cell` ended with an outcome, with a remedy; None for success.
+    """Return the reason why a path ended with an outcome, and a remedy, as a message; None for ``"reached"``.
 
-    Only the space is known here; `resgrid.planning.advice` also tries changes of the scene.
+    `outcome`: value of `Outcome`; `cell`: start cell of the path.  Messages of `resgrid.planning.advice` also name
+    changes of the scene that were tried.
     """
     if outcome not in FAILURE_REASONS:
         return None
@@ -316,7 +322,7 @@ def failure_reason(outcome: str, space: ConfigurationSpace, cell: tuple[int, ...
 
 
 def nearest_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> str:
-    """Return a phrase that names the nearest free place or configuration with a path to a goal; empty without one."""
+    """Return a phrase with the goal-connected place or configuration nearest to `cell`; empty if there is none."""
     place = nearest_place(space.goal_connected, cell, space.axes, space.frame)
     kind = "place" if space.robot is None or space.robot.moves_in_workspace else "configuration"
     return f"the nearest {kind} with a path to a goal is {place}" if place else ""
@@ -348,7 +354,7 @@ def unwrap(path: AnyPath) -> NDArray[np.float64]:
 
 
 def robot_of(path: AnyPath) -> Robot:
-    """Return the robot of a path's space, a point robot if the space has none."""
+    """Return the robot of a path's space; a point robot if the space has no robot."""
     robot = path.space.robot
     if robot is None:
         return PointRobot()
@@ -358,10 +364,10 @@ def robot_of(path: AnyPath) -> Robot:
 
 
 def distinct_rows(points: NDArray[np.float64], tolerance: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the indices (m,) of rows that differ from the previously kept row by more than a tolerance.
+    """Return the indices (m,) of rows that differ from the last row before them in the result by more than a tolerance.
 
-    The first and the last row are always kept, unless all rows lie within the tolerance of the first.
-    `points` (n, ndim); `tolerance` (ndim,).
+    The first and the last row are always included, unless all rows lie within the tolerance of the first.
+    `points` (n, ndim): rows; `tolerance` (ndim,): largest difference of equal coordinates, in the unit of the points.
     """
     kept, row = np.ones(len(points), dtype=np.bool_), 0
     for near in (np.flatnonzero(np.all(np.abs(np.diff(points, axis=0)) <= tolerance, axis=1)) + 1).tolist():
@@ -377,12 +383,12 @@ def distinct_rows(points: NDArray[np.float64], tolerance: NDArray[np.float64]) -
 
 
 def length_of(points: NDArray[np.float64]) -> float:
-    """Return the length of a polyline (n, ndim) in axis units."""
+    """Return the length of the polyline through `points` (n, ndim), in the unit of the points."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def _in_world(axis_points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Convert points (n, ndim) in axis units to world coordinates, as a read-only array."""
+    """Return `axis_points` (n, ndim), given in axis units, in world coordinates, as a read-only array."""
     points = space.frame.to_world(axis_points)
     points.flags.writeable = False
     return points

@@ -22,16 +22,16 @@ from resgrid.planning.streamline import AnyPath, Polyline, distinct_rows, robot_
 Limits = float | Sequence[float] | NDArray[np.float64]
 
 LimitRatio = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Function that returns the ratios (n,) of vectors (n, ndim) to their limits."""
+"""Function that returns, for vectors (n, ndim) in world coordinates, the ratios (n,) of their magnitudes to a limit."""
 
 Knots = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-"""Times, positions, velocities and accelerations of a trajectory."""
+"""Arrays `times`, `positions`, `velocities` and `accelerations` of a `Trajectory`."""
 
 _STRAIGHT = 1e-12
-"""Change of the unit direction at a corner below which the path counts as straight."""
+"""Euclidean norm of the change of unit direction at a corner (no unit) below which the path counts as straight."""
 
 _MOMENT = 1e-13
-"""Duration below which a piece of a trajectory is dropped, relative to the total duration."""
+"""Duration below which a piece of constant acceleration is omitted, relative to the total duration."""
 
 _MOST_SAMPLES = 10_000_000
 """Maximum number of samples of a trajectory."""
@@ -52,7 +52,7 @@ class Trajectory:
     times : ndarray of float64, shape (n,)
         Times of the knots, ascending from 0, in seconds.
     positions : ndarray of float64, shape (n, ndim)
-        World coordinates, continuous across periodic seams.
+        Positions at the knots in world coordinates, continuous across periodic seams.
     velocities : ndarray of float64, shape (n, ndim)
         Velocities in world coordinates per second, just after each knot; 0 at the last knot.
     accelerations : ndarray of float64, shape (n - 1, ndim)
@@ -102,7 +102,7 @@ class Trajectory:
         Parameters
         ----------
         times : array_like of float, shape (m,)
-            In seconds.
+            Times in seconds, from 0 at the start.
 
         Returns
         -------
@@ -150,6 +150,7 @@ class Trajectory:
         -------
         times : ndarray of float64, shape (m,)
         positions, velocities : ndarray of float64, shape (m, ndim)
+            At these times, in seconds from the start: world coordinates, and world coordinates per second.
 
         Raises
         ------
@@ -203,8 +204,7 @@ def time_parameterize(
 
     With velocity limits only, each segment has the largest permitted constant velocity, which jumps at corners.  With
     acceleration limits, the robot starts and ends at rest.  It rounds corners at constant speed, and accelerates and
-    brakes on straight parts with the largest permitted acceleration.  The speeds at corners follow from a forward and a
-    backward pass.  No trajectory of this form is faster.
+    brakes on straight parts with the largest permitted acceleration.  No trajectory of this form is faster.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def time_parameterize(
     Returns
     -------
     Trajectory
-        In world coordinates.
+        The path with times, in seconds, in world coordinates.
 
     Raises
     ------
@@ -255,7 +255,7 @@ def time_parameterize(
 
 
 def _default_tolerance(path: AnyPath) -> float:
-    """Return the default deviation from a path, in axis units."""
+    """Return the default of the maximum deviation from a path, in axis units: 0 for a `Polyline`."""
     if isinstance(path, Polyline):
         return 0.0
     clearance = np.inf if np.isnan(path.clearance) else path.clearance
@@ -263,7 +263,7 @@ def _default_tolerance(path: AnyPath) -> float:
 
 
 def _limit_ratio(name: str, limits: Limits, path: AnyPath) -> LimitRatio:
-    """Return a function that computes the ratio of vectors in world coordinates to the limits."""
+    """Return a function that computes ratios of vectors to `limits`; `name`: name of the limits, for messages."""
     each = per_axis(name, limits, path.space.ndim, "positive and finite", above=0.0)
     if np.size(limits) == 1 and robot_of(path).moves_in_workspace:
         return lambda vectors: np.asarray(np.linalg.norm(vectors, axis=1) / each[0])
@@ -271,12 +271,12 @@ def _limit_ratio(name: str, limits: Limits, path: AnyPath) -> LimitRatio:
 
 
 def _without_duplicates(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points (n, ndim) without consecutive duplicates."""
+    """Return the points (m, ndim), m <= n, that remain of `points` (n, ndim) without consecutive duplicates."""
     return np.asarray(points[distinct_rows(points, np.zeros(points.shape[1]))])
 
 
 def _simplified(points: NDArray[np.float64], within: float) -> NDArray[np.float64]:
-    """Simplify a polyline to corners within a distance of it (Ramer 1972; Douglas & Peucker 1973)."""
+    """Return the corners (m, ndim) of a simpler polyline at most `within` from `points` (Douglas & Peucker 1973)."""
     keep = np.zeros(len(points), dtype=bool)
     keep[[0, -1]] = True
     open_parts = [(0, len(points) - 1)]
@@ -295,7 +295,7 @@ def _simplified(points: NDArray[np.float64], within: float) -> NDArray[np.float6
 def _distance_from_segment(
     points: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the distances (n,) of points (n, ndim) from a segment."""
+    """Return the distances (n,) of points (n, ndim) from the segment between `start` and `end` (ndim,)."""
     along = end - start
     square = along @ along
     fraction = np.clip((points - start) @ along / square, 0.0, 1.0) if square else np.zeros(len(points))
@@ -303,7 +303,7 @@ def _distance_from_segment(
 
 
 def _at_constant_velocities(points: NDArray[np.float64], velocity: LimitRatio) -> Knots:
-    """Return a trajectory with the largest constant velocity on each segment."""
+    """Return times, positions, velocities and accelerations (0) for the largest constant velocity on each segment."""
     step = np.diff(points, axis=0)
     seconds = velocity(step)
     velocities = np.concatenate([step / seconds[:, np.newaxis], np.zeros((1, points.shape[1]))])
@@ -312,7 +312,7 @@ def _at_constant_velocities(points: NDArray[np.float64], velocity: LimitRatio) -
 
 
 def _with_blends(points: NDArray[np.float64], velocity: LimitRatio, acceleration: LimitRatio, within: float) -> Knots:
-    """Return the trajectory of linear segments with parabolic blends that round corners within a distance."""
+    """Return times, positions, velocities and accelerations of segments with parabolic blends at corners `points`."""
     step = np.diff(points, axis=0)
     length = np.linalg.norm(step, axis=1)
     heading = step / length[:, np.newaxis]
@@ -332,9 +332,9 @@ def _with_blends(points: NDArray[np.float64], velocity: LimitRatio, acceleration
 
 
 def _straight_pieces(length: float, enter: float, leave: float, top: float, accel: float) -> list[tuple[float, float]]:
-    """Return durations and final speeds of a straight part's pieces: acceleration, constant speed, braking.
+    """Return pairs (duration, final speed) for acceleration, constant speed and braking on a straight part.
 
-    `enter, leave`: speeds at the ends; `top`: speed limit; `accel`: acceleration limit along the part.
+    `length`: length of the part; `enter, leave`: speeds at both ends; `top`, `accel`: limits of speed, acceleration.
     """
     peak = min(top, float(np.sqrt(accel * length + (enter**2 + leave**2) / 2)))
     peak = max(peak, enter, leave)
@@ -344,7 +344,7 @@ def _straight_pieces(length: float, enter: float, leave: float, top: float, acce
 
 
 def _knots(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.float64]]]) -> Knots:
-    """Return the knots of a trajectory from the duration and final velocity of each piece of constant acceleration."""
+    """Return times, positions, velocities, accelerations for `pieces`: pairs of duration, final velocity (ndim,)."""
     total = sum(duration for duration, _ in pieces)
     pieces = [piece for piece in pieces if piece[0] > _MOMENT * total]
     seconds = np.array([duration for duration, _ in pieces])
@@ -365,10 +365,10 @@ def _blend_limits(
     acceleration: LimitRatio,
     within: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the distance ``d`` of every blend from its corner, and the largest speed in it; 0 at start and end.
+    """Return distances from corners to the ends of their blends, and largest speeds in blends, both (n + 1,).
 
-    `heading` (n, ndim): unit directions of the segments; `length, top_speed` (n,): their lengths and largest speeds;
-    `within`: largest distance of the trajectory from a corner; returns shapes (n + 1,).
+    `heading` (n, ndim), `length`, `top_speed` (n,): unit directions, lengths and largest speeds of the n segments;
+    `acceleration`: ratio to the limits; `within`: largest deviation from a corner.  Results are 0 at start and end.
     """
     reach, speed = np.zeros(len(length) + 1), np.zeros(len(length) + 1)
     turn = np.diff(heading, axis=0)
@@ -388,9 +388,9 @@ def _blend_limits(
 def _attainable_speeds(
     limit: NDArray[np.float64], straight: NDArray[np.float64], accel: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the largest speeds at corners that satisfy ``v'^2 <= v^2 + 2 a s`` in a forward and a backward pass.
+    """Return the largest speeds (n + 1,) at corners that satisfy ``v'^2 <= v^2 + 2 a s`` in both directions.
 
-    `limit` (n + 1,): speed limits at corners; `straight` (n,): lengths s; `accel` (n,): accelerations a.
+    `limit` (n + 1,): speed limits at corners; `straight` (n,): lengths s; `accel` (n,): acceleration limits a.
     """
     square = limit**2
     for k in range(len(straight)):

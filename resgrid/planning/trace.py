@@ -24,7 +24,7 @@ from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, Streamline
 
 _BATCH = 1 << 18
-"""Number of streamlines per kernel call in `basins`."""
+"""Maximum number of streamlines per kernel call in `basins`, which limits the memory for their end points."""
 
 
 @frozen
@@ -109,7 +109,7 @@ def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[i
 
 
 def follow(field: Field, point: NDArray[np.float64]) -> Streamline:
-    """Trace the streamline from a point in axis units, shape (ndim,)."""
+    """Return the streamline of a field from a point (ndim,) in axis units."""
     from resgrid.planning import kernels
 
     space = field.space
@@ -155,6 +155,7 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
     Returns
     -------
     Traces
+        Outcome, goal, length, duration and number of steps of every streamline.
 
     Raises
     ------
@@ -176,7 +177,7 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
 
 
 def follow_many(field: Field, points: NDArray[np.float64]) -> Traces:
-    """Trace streamlines from points in axis units, shape (n, ndim), and return their ends."""
+    """Return outcomes, goals and measures of the streamlines from `points` (n, ndim), given in axis units."""
     from resgrid.planning import kernels
 
     cells, local = start_cells(field.space, points)
@@ -239,7 +240,7 @@ def basins(field: Field) -> NDArray[np.int32]:
 def start_cells(
     space: ConfigurationSpace, points: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the cells of points in axis units and the positions within them, in [0, 1]; all shapes (n, ndim).
+    """Return the cells of `points`, in axis units, and the positions within the cells, in [0, 1]; all (n, ndim).
 
     A point of an obstacle cell is assigned to a free neighbour if it lies on their common border, to rounding error.
     """
@@ -259,12 +260,12 @@ def start_cells(
 
 
 def start_cell(space: ConfigurationSpace, start: ArrayLike) -> tuple[int, ...]:
-    """Return the cell of a start in world coordinates, shape (ndim,); a point on a border gets a free cell."""
+    """Return the cell of a start (ndim,) in world coordinates; a point on a border belongs to a free cell, if any."""
     return tuple(start_cells(space, one_start(space, start, None)[np.newaxis])[0][0].tolist())
 
 
 def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence[int] | None) -> NDArray[np.float64]:
-    """Return a start, given in world coordinates or as a cell, in axis units, shape (ndim,)."""
+    """Return a start point (ndim,) in axis units, given in world coordinates or as the cell whose centre it is."""
     if (start is None) == (cell is None):
         raise InputError("give either a start point or a start cell")
     if start is not None:
@@ -276,9 +277,9 @@ def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence
 
 
 def cell_indices(space: ConfigurationSpace, cells: ArrayLike | None, ndim: int | None = None) -> NDArray[np.int64]:
-    """Return cell indices (..., ndim) as int64; raise InputError unless they are in the grid.
+    """Return `cells` (..., space.ndim), indices of cells, as int64; raise InputError unless they are in the grid.
 
-    With `ndim`, the array itself must have this number of dimensions.
+    `ndim`: required number of dimensions of the array `cells`; None for any number.
     """
     index = np.asarray(cells)
     if index.dtype.kind not in "iu" or index.shape[-1:] != (space.ndim,) or ndim not in (None, index.ndim):
@@ -291,7 +292,7 @@ def cell_indices(space: ConfigurationSpace, cells: ArrayLike | None, ndim: int |
 
 
 def start_points(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.float64]:
-    """Return starts, given in world coordinates (n, ndim) or (ndim,), in axis units, shape (n, ndim)."""
+    """Return `starts`, (n, ndim) or (ndim,) in world coordinates, as an array (n, ndim) in axis units."""
     try:
         points = np.asarray(starts, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -315,7 +316,7 @@ def start_points(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.flo
 
 
 def static_outcomes(space: ConfigurationSpace, cells: NDArray[np.int64]) -> NDArray[np.str_]:
-    """Return the outcomes of start cells (n, ndim) that follow from connectivity; "" where a path exists."""
+    """Return, for start cells (n, ndim), failures that follow from connectivity, shape (n,); "" where a path exists."""
     at = tuple(cells.T)
     code = space.cell[at]
     outcome = np.full(len(cells), "", dtype="U16")
@@ -327,7 +328,10 @@ def static_outcomes(space: ConfigurationSpace, cells: NDArray[np.int64]) -> NDAr
 
 
 def _points(space: ConfigurationSpace, cells: NDArray[np.int64], locals_: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the points of a streamline in axis units, followed by the last cell's goal point, if one is defined."""
+    """Return points of a streamline in axis units, and the goal point of the last cell, if the space defines one.
+
+    `cells` (n, ndim): visited cells; `locals_` (n, ndim): positions within the cells, in [0, 1].
+    """
     points = space.lower + (cells + locals_) * space.spacing
     goal = space.goal_point(cells[-1:])
     return points if np.isnan(goal).any() else np.concatenate([points, goal])
@@ -336,9 +340,10 @@ def _points(space: ConfigurationSpace, cells: NDArray[np.int64], locals_: NDArra
 def _last_leg(
     space: ConfigurationSpace, cells: NDArray[np.int64], local: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return ends of the legs to goal points, as positions within the cells (n, ndim), and their lengths (n,).
+    """Return ends (n, ndim) and lengths (n,) of the straight last legs of n streamlines to their goal points.
 
-    A cell without a goal point has a leg of length 0.
+    `cells` (n, ndim): last cells; `local` (n, ndim): starts of the legs.  Starts and ends are positions within the
+    cells, in [0, 1]; lengths are in axis units.  A cell without a goal point has a leg of length 0.
     """
     goal = (space.goal_point(cells) - space.lower) / space.spacing - cells
     end = np.where(np.isnan(goal), local, np.clip(goal, 0.0, 1.0))
@@ -346,7 +351,7 @@ def _last_leg(
 
 
 def _check_ended(code: NDArray[np.int64]) -> None:
-    """Raise AccuracyError if a streamline did not end.  `code` (n,): results of the kernel."""
+    """Raise AccuracyError if a streamline did not end.  `code` (n,): `ENDLESS`, or another outcome of the kernel."""
     from resgrid.planning import kernels
 
     if np.any(code == kernels.ENDLESS):

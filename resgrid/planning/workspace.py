@@ -98,7 +98,7 @@ def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: Posi
     Returns
     -------
     float
-        In workspace units; 0 at a contact, infinite without obstacles.
+        Smallest distance in workspace units; 0 at a contact, infinite without obstacles.
 
     Raises
     ------
@@ -169,8 +169,10 @@ def check_collisions(path: AnyPath, obstacles: Sequence[Shape], *, step: Positiv
 def _poses(
     path: AnyPath, obstacles: Sequence[Shape], step: float
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64], list[RigidPart], list[Obstacle]]]:
-    """Yield batches of configurations along a path, with their segments, the robot's parts there, and all obstacles.
+    """Yield tuples ``(configurations, segments, parts, obstacles)`` for consecutive batches of poses along a path.
 
+    ``configurations`` (m, ndim): in axis units; ``segments`` (m,): index of each configuration's segment of the path;
+    ``parts``: rigid parts of the robot in these configurations; ``obstacles``: all obstacles, in every batch.
     `step`: largest distance that a point of the robot moves between two configurations, in workspace units.
     """
     robot, space = robot_of(path), path.space
@@ -183,9 +185,9 @@ def _poses(
 
 
 def sample_path(path: AnyPath, step: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return configurations (m, ndim) along a path, in axis units, and the indices of their segments (m,).
+    """Return configurations (m, ndim) along a path, in axis units, and the index of the path's segment of each (m,).
 
-    Between two configurations no point of the robot moves farther than a step, in workspace units.
+    `step`: largest distance that a point of the robot moves between two configurations, in workspace units.
     """
     points, robot = path.line, robot_of(path)
     robot.check_axes(path.space.axes)

@@ -132,7 +132,7 @@ class Arm(Robot):
     def axes(self, cells: int | Sequence[int]) -> tuple[Axis, ...]:
         """Return the axes of the configuration space, ``theta_1``, ``theta_2``, ..., with the ranges of the joints.
 
-        `cells`: number of cells, one for all joints or one per joint.
+        `cells`: number of cells of each axis, a single one for all joints or one per joint.
         """
         counts = [cells] * self.ndim if isinstance(cells, int) else list(cells)
         if len(counts) != self.ndim:
@@ -143,7 +143,7 @@ class Arm(Robot):
         )
 
     def implied_axes(self) -> tuple[dict[str, Any], ...]:
-        """Return defaults of the scene's axis keys: one dict per joint, with name, range and unit."""
+        """Return default values of a scene's axis keys (name, lower, upper, periodic, unit), one dict per joint."""
         axes = self.axes(1)
         return tuple({key: value for key, value in vars(axis).items() if key != "cells"} for axis in axes)
 
@@ -152,7 +152,7 @@ class Arm(Robot):
         raise InputError("an arm on a map needs a [grid] for its joints")
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Raise InputError unless the axes match the joints in number, period and limits."""
+        """Raise InputError unless there is one axis per joint, within its limits, or of a full turn if periodic."""
         if len(axes) != self.ndim:
             raise InputError(f"an arm of {self.ndim} joints needs {self.ndim} axes, got {len(axes)}")
         for axis, limits in zip(axes, self.limits, strict=True):
@@ -177,9 +177,9 @@ class Arm(Robot):
         return self.base_angle + (np.cumsum(turned, axis=-1) if self.angles == "relative" else turned)
 
     def joints(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Compute positions of the base, the other joints and the tip (forward kinematics).
+        """Return positions (..., n + 1, 2), in metres, of the base, the other joints and the tip (forward kinematics).
 
-        Shapes: `configurations` (..., n), joint angles in radians; returns (..., n + 1, 2), in metres.
+        `configurations` (..., n): joint angles in radians.
         """
         directions = self.directions(configurations)
         links = np.stack([np.cos(directions), np.sin(directions)], axis=-1) * np.asarray(self.lengths)[:, None]
@@ -191,7 +191,7 @@ class Arm(Robot):
         return self.joints(configurations)[..., -1, :]
 
     def jacobian(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Return the Jacobian of the tip position, shape (..., 2, n), in metres per radian, for angles (..., n)."""
+        """Return Jacobians of the tip position (..., 2, n), in metres per radian, for joint angles (..., n)."""
         places = self.joints(configurations)
         lever = places[..., -1:, :] - places[..., :-1, :] if self.angles == "relative" else np.diff(places, axis=-2)
         return np.stack([-lever[..., 1], lever[..., 0]], axis=-2)
@@ -242,7 +242,7 @@ class Arm(Robot):
         return np.array(solutions, dtype=np.float64).reshape(-1, 2)
 
     def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:
-        """Return the links as rigid parts: segments with radii of half the widths, for configurations (m, n)."""
+        """Return one rigid part per link, for joint angles (m, n): segments with half the link's width as radius."""
         import shapely
 
         places = self.joints(configurations)
@@ -252,20 +252,21 @@ class Arm(Robot):
         ]
 
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return upper bounds, in metres, of the distance that any point of the arm moves along straight lines.
+        """Return upper bounds (m,), in metres, of the distance that any point of the arm moves along straight lines.
 
+        `start, end` (m, n): joint angles, in radians, at the ends of m straight lines in configuration space.
         For a point of link j the bound is the sum over links ``i <= j`` of length times change of direction, plus half
-        the width of link j times its change of direction.
-        Shapes: `start, end` (m, n), joint angles; returns (m,).
+        the width of link j times the change of direction of link j.
         """
         turned = np.abs(self.directions(end) - self.directions(start))
         ends = np.cumsum(turned * np.asarray(self.lengths), axis=1)
         return np.asarray((ends + turned * np.asarray(self.widths) / 2).max(axis=1))
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
-        """Return the pose of the links in a configuration, shape (n,).
+        """Return position and differential kinematics of the links for joint angles `configuration` (n,), in radians.
 
-        A relative angle rotates all further links about its joint; an absolute angle translates them.
+        A relative angle rotates all further links about the joint; an absolute angle rotates one link and translates
+        all further links.
         """
         joints, directions = self.joints(configuration), self.directions(configuration)
         radius, part, spin, before, lever = _pose_constants(self)
@@ -281,21 +282,21 @@ class Arm(Robot):
         return Pose(segments, radius, part, frame, shift, spin, pivot, lever)
 
     def reference_point(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return positions of the tip, shape (m, 2), in metres, for joint angles (m, n)."""
+        """Return positions of the tip, shape (m, 2), in metres, for joint angles (m, n), in radians."""
         return self.tip(configurations)
 
     def bare(self, *, self_collision: bool = True) -> Arm:
-        """Return the arm without virtual obstacles along singularities, and optionally without self-collision."""
+        """Return the arm without virtual obstacles, and without self-collision if `self_collision` is False."""
         collides = self.self_collision and self_collision
         return replace(self, singularity_width=None, singularity_cells=None, self_collision=collides)
 
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Return the mask of blocked cells: possible collisions, and the virtual obstacle along singularities.
+        """Return the mask, shape of the grid, of cells with possible collisions or in obstacles along singularities.
 
         With the rule ``"conservative"``, a cell is free only if no configuration in it collides.  With ``"centre"``
-        only the configuration at the centre is tested.
+        only the configuration at the centre is tested.  `obstacles`: in metres; `progress`: ``progress(done, total)``.
         """
         self.check_axes(axes)
         occupied = arm_occupancy(
@@ -333,7 +334,8 @@ class Arm(Robot):
     def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
         """Return the cells that contain a configuration with the tip in a region, with one configuration per cell.
 
-        Raise InputError if the joint limits or the axes keep the tip out of the region.
+        `region`: shape or point in the plane, in metres.  Raise InputError if the joint limits or the axes keep the tip
+        out of the region.
         """
         self.check_axes(axes)
         goal = arm_goal_cells(self._links, tuple(axes), region)
@@ -344,7 +346,7 @@ class Arm(Robot):
 
     @property
     def _links(self) -> ArmLinks:
-        """The arm as arrays, input of the kernels."""
+        """Lengths, half widths and base of the arm as arrays, the input of compiled kernels."""
         return ArmLinks(
             np.array(self.lengths, dtype=np.float64),
             np.array(self.widths, dtype=np.float64) / 2,
@@ -355,9 +357,9 @@ class Arm(Robot):
 
 @cache
 def _pose_constants(arm: Arm) -> tuple[NDArray[Any], ...]:
-    """Return the parts of a pose that do not depend on the configuration, as read-only arrays.
+    """Return the fields of the arm's `Pose` that do not depend on the configuration, as five read-only arrays.
 
-    Radius and number of every link (n,); spin (n, n); mask of preceding links (n, n); lever (n, 2, n).
+    Radii (n,) and numbers (n,) of links; spin (n, n); mask of preceding links (n, n); lever (n, 2, n).
     """
     count = arm.ndim
     spin = np.tri(count) if arm.angles == "relative" else np.eye(count)
@@ -369,7 +371,7 @@ def _pose_constants(arm: Arm) -> tuple[NDArray[Any], ...]:
 
 
 def _within(angle: float, limits: Limits | None) -> list[float]:
-    """Return all angles within the limits that differ from `angle` by full turns; one in [-pi, pi) without limits."""
+    """Return all angles in `limits` that differ from `angle` by full turns, in radians; one in [-pi, pi) for None."""
     if limits is None:
         return [(angle + pi) % tau - pi]
     lower, upper = limits
@@ -378,7 +380,7 @@ def _within(angle: float, limits: Limits | None) -> list[float]:
 
 
 def _check_link(number: int, limits: Limits | None) -> None:
-    """Raise InputError unless the limits of a joint are finite and in ascending order."""
+    """Raise InputError unless the limits of joint `number`, in radians, are ascending and at most 1e6 in magnitude."""
     ends = [*(limits or (-pi, pi))]
     if max(map(abs, ends)) > 1e6:
         raise InputError(f"links[{number}]: limits = {ends} must be two angles [lower, upper] in radians")

@@ -18,10 +18,10 @@ CHUNK = 1 << 17
 """Number of cells per kernel call, between two reports of progress."""
 
 PARTS = 3
-"""Subdivisions per joint of a cell that is not decided at its centre."""
+"""Number of parts per joint into which a cell is divided if the bound at the cell's centre does not decide it."""
 
 SLACK = 1e-12
-"""Rounding error of a distance, relative to the largest coordinate."""
+"""Bound on the rounding error of a distance, relative to the largest coordinate."""
 
 TOLERANCE = 1e-9
 """Distance from the goal region at which the tip counts as inside, relative to the arm's reach."""
@@ -37,6 +37,8 @@ def arm_occupancy(
     farther from every obstacle than any point of the link can move within the cell or part
     (`resgrid.robots.kernels`).  No cell with a collision is marked free.  Link by link, the marked cells of the first
     joints are extended to all cells of the next joint.
+    `obstacles`: shapes in metres; `progress`: called as ``progress(done, total)``; `self_collision`: whether contacts
+    of links that are not adjacent are collisions.
     """
     from resgrid.robots.kernels import mark_link
 
@@ -66,9 +68,10 @@ def arm_occupancy(
 def arm_goal_cells(links: ArmLinks, axes: tuple[Axis, ...], region: Shape | Point) -> GoalCells:
     """Return the cells that contain a configuration with the tip in a region, with one such configuration per cell.
 
-    The tolerance is 1e-9 of the arm's reach.  A cell is excluded only by a bound on the motion of the tip.  The
-    one exception is a cell that remains undecided after 200,000 boxes of the search, in which the tip stays at the
-    border of the region to within rounding error.
+    The tip may be outside the region by 1e-9 of the arm's reach.  A cell is excluded only by a bound on the motion of
+    the tip.  The one exception is a cell that remains undecided after 200,000 boxes of the search, in which the tip
+    stays at the border of the region to within rounding error.
+    `region`: shape or point in the plane, in metres.
     """
     from resgrid.robots.tip_kernels import find_goal_cells
 
@@ -102,14 +105,14 @@ def arm_goal_cells(links: ArmLinks, axes: tuple[Axis, ...], region: Shape | Poin
 
 
 def tip_travel(links: ArmLinks, axes: Sequence[Axis]) -> float:
-    """Return an upper bound, in metres, of the tip's distance from its place at a cell's centre, within that cell."""
+    """Return an upper bound, in metres, of the distance between tip positions at the centre and elsewhere in a cell."""
     chords = [2 * np.sin(min(axis.spacing / 2, pi) / 2) for axis in axes]
     levers = np.cumsum(links.lengths[::-1])[::-1] if links.relative else links.lengths
     return float(np.dot(chords, levers))
 
 
 def _distances(place: Shape, base: Point) -> tuple[float, float]:
-    """Return the smallest and the largest distance from the base to a point of a region."""
+    """Return the smallest and the largest distance, in metres, from the point `base` to points of a region."""
     import shapely
 
     obstacle = obstacles_of([place])[0]

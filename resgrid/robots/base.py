@@ -28,10 +28,10 @@ BATCH = 4096
 """Number of configurations per vectorized collision test."""
 
 SLACK = 1e-9
-"""Safety margin of the conservative rule, relative to the largest motion within a cell."""
+"""Safety margin of distances in the conservative rule, relative to the largest motion of the robot within a cell."""
 
 ULPS = 64
-"""Safety margin of the conservative rule for rounding errors, in units in the last place of the coordinates."""
+"""Safety margin of distances in the conservative rule, in units in the last place of the largest coordinate."""
 
 
 class Robot(ABC):
@@ -73,7 +73,7 @@ class Robot(ABC):
 
     @property
     def remedy(self) -> str:
-        """Advice in messages if obstacles leave no room for the robot; empty for a robot without size."""
+        """Advice for messages if obstacles leave no room for the robot; empty for a robot without size."""
         return "make the robot smaller"
 
     @property
@@ -93,7 +93,7 @@ class Robot(ABC):
         Returns
         -------
         list of RigidPart
-            With cores of shape (n,).
+            Rigid parts whose attribute `core` has shape (n,).
 
         Raises
         ------
@@ -115,7 +115,7 @@ class Robot(ABC):
         Returns
         -------
         ndarray of float64, shape (n,)
-            In metres.
+            Upper bounds in metres.
         """
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:  # noqa: ARG002
@@ -139,20 +139,23 @@ class Robot(ABC):
         return self
 
     def turning_axis(self, cells: int, name: str = "theta") -> Axis:
-        """Return the heading axis of a robot that turns: periodic, from 0 to ``2 pi turning_length``."""
+        """Return the periodic heading axis of a robot that turns: `cells` cells from 0 to ``2 pi turning_length``."""
         if self.turning_length is None:
             raise InputError(f"{with_article(type(self).__name__)} does not turn, because it has no turning_length")
         return Axis(name, 0.0, tau * self.turning_length, cells, periodic=True)
 
     def implied_axes(self) -> tuple[dict[str, Any], ...]:
-        """Return defaults of the scene's axis keys, one dict per axis; empty if the scene must define all axes."""
+        """Return default values of a scene's axis keys, one dict per axis; empty if the scene must define all axes."""
         if self.turning_length is None:
             return ()
         turn = {key: value for key, value in vars(self.turning_axis(1)).items() if key != "cells"}
         return {"name": "x"}, {"name": "y"}, turn
 
     def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:
-        """Return the axes of the configuration space on a map of the plane, with `headings` cells of a heading axis."""
+        """Return the axes of the configuration space of a robot on a map.
+
+        `axes`: axes x and y of the map; `headings`: number of cells of the heading axis of a robot that turns.
+        """
         return tuple(axes) if self.turning_length is None else (*axes, self.turning_axis(headings))
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
@@ -193,11 +196,12 @@ class Robot(ABC):
         rule : {"conservative", "centre"}
             A cell is blocked if any configuration in it may collide, or if its centre collides.
         progress : callable, optional
-            Called as ``progress(done, total)``.
+            Called as ``progress(done, total)`` with the finished and the total amount of work, in arbitrary units.
 
         Returns
         -------
         ndarray of bool, shape of the grid
+            True for blocked cells.
 
         Raises
         ------
@@ -227,8 +231,9 @@ class Robot(ABC):
     def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
         """Return the goal cells, with one configuration per cell that solves the goal.
 
-        A region or point with as many coordinates as axes is a set of configurations.  With two coordinates it is a set
-        of positions of the reference point; the other coordinates of the configurations are those of cell centres.
+        A `region` (shape or point) with as many coordinates as axes is a set of configurations.  With two coordinates a
+        region is a set of positions of the reference point, in metres; the other coordinates of the configurations are
+        those of cell centres.
         """
         self.check_axes(axes)
         count = len(region) if isinstance(region, tuple) else region.ndim
@@ -256,7 +261,7 @@ class Robot(ABC):
         return axes if self.moves_in_workspace and len(axes) == 2 else ()
 
     def within_seams(self, axes: Sequence[Axis], configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return configurations (..., ndim) wrapped into the range of the workspace's periodic axes."""
+        """Return configurations (..., ndim) with coordinates along the workspace's periodic axes wrapped into range."""
         if not (self.moves_in_workspace and any(axis.periodic for axis in axes)):
             return configurations
         lower, upper, ring = np.array([(axis.lower, axis.upper, axis.periodic) for axis in axes]).T

@@ -20,31 +20,32 @@ Sampling = Literal["conservative", "centre"]
 """Rule for blocked cells: test the whole cell (``"conservative"``) or only its centre (``"centre"``)."""
 
 Progress = Callable[[int, int], object]
-"""Progress callback ``progress(done, total)``, in arbitrary units of work."""
+"""Progress callback ``progress(done, total)`` with the finished and the total amount of work, in arbitrary units."""
 
 FAR = 1e3
-"""Distance from the grid beyond which rings are clipped, relative to the size of the grid."""
+"""Distance from the grid beyond which a polygon's rings are clipped, as a multiple of the largest side of the grid."""
 
 Grids = Sequence[NDArray[np.float64]]
-"""Coordinates of cell centres per axis, with shapes that broadcast to a block of cells."""
+"""One array per axis: coordinates of cell centres in axis units, with shapes that broadcast to a block of cells."""
 
 BISECTIONS = 60
-"""Number of bisections along a line into a region, enough for full float64 precision."""
+"""Number of bisection steps in `_enter_region`; each halves the error, so that 60 give full float64 precision."""
 
 
 def rims(axes: Sequence[Axis]) -> list[float]:
-    """Return the rounding margin per axis, in axis units, that the interior of a cell excludes.
+    """Return the rounding margin of each axis, in axis units, by which tested cells are reduced on every side.
 
-    An obstacle's edge that is intended to lie on a border between cells stays within this margin.
+    Rounding moves an obstacle's edge that is meant to lie on a border between cells by less than this margin.
     """
     return [fraction * axis.spacing for fraction, axis in zip(rounding(axes).tolist(), axes, strict=True)]
 
 
 def half_widths(axes: Sequence[Axis], bounds: Bounds, reach: float, rule: Sampling) -> tuple[float, ...]:
-    """Return half the width, per axis, of the box that is tested in place of a cell.
+    """Return half the width, per axis and in axis units, of the box that is tested in place of a cell.
 
     The box is a point with the rule ``"centre"``, and otherwise the cell without its rounding margin.  For a shape
     that, dilated by `reach`, is thinner than the margins, the box includes the margin, so that no cell is missed.
+    `bounds`: bounding box of the shape; `reach`: dilation of the shape, in axis units.
     """
     if rule == "centre":
         return (0.0,) * len(axes)
@@ -56,7 +57,11 @@ def half_widths(axes: Sequence[Axis], bounds: Bounds, reach: float, rule: Sampli
 
 
 def mark(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Shape, reach: float, rule: Sampling) -> None:
-    """Mark, in place, the cells within a distance `reach` of a shape, with all its periodic images."""
+    """Mark, in place, the cells within a distance of a shape or of its periodic images.
+
+    `out`: mask, shape of the grid; `axes`: axes of the grid; `reach`: distance in axis units; `rule`: whether the whole
+    cell (``"conservative"``) or only the centre of the cell (``"centre"``) is tested.
+    """
     if shape.ndim != len(axes):
         raise InputError(f"a shape with {shape.ndim} coordinates does not fit a grid with {len(axes)} axes")
     if isinstance(shape, CellSet):
@@ -67,9 +72,10 @@ def mark(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Shape, reach: fl
 
 
 def mark_image(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, reach: float, rule: Sampling) -> None:
-    """Mark, in place, the cells within a distance `reach` of one periodic image of a shape; parts outside are ignored.
+    """Mark, in place, the cells within a distance of one shape, without its periodic images.
 
-    `out`: mask, shape of the grid.
+    `out`: mask, shape of the grid; `axes`: axes of the grid; `shape`: shape that may extend beyond the grid; `reach`:
+    distance in axis units; `rule`: whether the whole cell (``"conservative"``) or only its centre is tested.
     """
     half = half_widths(axes, shape.bounds, reach, rule)
     if isinstance(shape, Polygon):
@@ -90,12 +96,15 @@ def mark_image(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, rea
 
 
 def _clip(index: float, cells: int) -> int:
-    """Return an index rounded up and clipped to 0 ... cells."""
+    """Return `index`, a coordinate in cell units, rounded up and clipped to the range from 0 to `cells`."""
     return ceil(min(max(index, 0.0), float(cells)))
 
 
 def _near_round(shape: Box | Ball, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
-    """Return which boxes, given by centres and half widths (ndim,), are within `reach` of a box or ball."""
+    """Return the mask (block of cells) of boxes that are within a distance of a box or ball.
+
+    `centres`: coordinates of the boxes' centres; `half` (ndim,): half their widths; `reach`: distance, in axis units.
+    """
     lower, upper = (shape.centre, shape.centre) if isinstance(shape, Ball) else shape.bounds
     within = reach + shape.radius if isinstance(shape, Ball) else reach
     squared = np.zeros((1,) * len(half))
@@ -106,7 +115,10 @@ def _near_round(shape: Box | Ball, centres: Grids, half: Sequence[float], reach:
 
 
 def near_half_space(shape: HalfSpace, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
-    """Return which boxes, given by centres and half widths (ndim,), are within `reach` of a half-space."""
+    """Return the mask (block of cells) of boxes that are within a distance of a half-space.
+
+    `centres`: coordinates of the boxes' centres; `half` (ndim,): half their widths; `reach`: distance, in axis units.
+    """
     smallest = np.zeros((1,) * len(half))
     for centre, side, component in zip(centres, half, shape.normal, strict=True):
         smallest = smallest + component * centre - abs(component) * side
@@ -114,7 +126,10 @@ def near_half_space(shape: HalfSpace, centres: Grids, half: Sequence[float], rea
 
 
 def _near_cells(shape: CellSet, axes: tuple[Axis, ...], reach: float, rule: Sampling) -> NDArray[np.bool_]:
-    """Return which cells of a grid are within `reach` of a set of cells of this grid, shape of the grid."""
+    """Return the mask, shape of the grid, of cells within a distance of a set of cells of the same grid.
+
+    `reach`: distance in axis units; `rule`: whether the distance is measured from the cell's box or its centre.
+    """
     if shape.axes != axes:
         raise InputError("the cells of a map can only be obstacles on the map's own grid")
     if reach == 0 or not shape.mask.any():
@@ -128,8 +143,9 @@ def _near_cells(shape: CellSet, axes: tuple[Axis, ...], reach: float, rule: Samp
 
 
 def _distance_from_boxes(mask: NDArray[np.bool_], spacing: NDArray[np.float64], rule: Sampling) -> NDArray[np.float64]:
-    """Return the exact distance from every cell's box, or centre, to the nearest marked box; shape of the mask.
+    """Return the distance from every cell's box, or centre, to the nearest marked box; shape of `mask`, in axis units.
 
+    `mask`: marked cells of a grid; `spacing` (ndim,): cell widths; `rule`: ``"conservative"`` for boxes, ``"centre"``.
     Along an axis, the gap of two boxes with index difference ``d`` is ``max(|d| - 1, 0)`` cells, which is the distance
     of ``d`` from the set ``{-1, 0, 1}``.  So the distance is a Euclidean distance transform of the mask dilated by one
     cell.  The gap of a centre and a box is ``max(|d| - 1/2, 0)``: the same transform on a grid of half the spacing.
@@ -149,9 +165,11 @@ def _distance_from_boxes(mask: NDArray[np.bool_], spacing: NDArray[np.float64], 
 def _mark_polygon(
     out: NDArray[np.bool_], axes: Sequence[Axis], half: Sequence[float], polygon: Polygon, reach: float
 ) -> None:
-    """Mark, in place, the cells within a distance `reach` of a polygon.
+    """Mark, in place, the cells within a distance of a polygon.
 
-    A cell meets a polygon if it meets the outline, or if the polygon encloses its centre.
+    A cell meets a polygon if it meets the outline, or if the polygon encloses the cell's centre.
+    `out`: mask, shape of the grid; `axes`: axes of the grid; `half` (2,): half the size of the box that is tested per
+    cell; `reach`: distance; lengths are in axis units.
     """
     from resgrid.robots.kernels import CellPlane, mark_enclosed, mark_parallelograms
 
@@ -164,14 +182,20 @@ def _mark_polygon(
 
 
 def outline(shape: Box | Polygon, axes: Sequence[Axis], reach: float) -> NDArray[np.float64]:
-    """Return the edges (e, 4) of a polygon or rectangle, ring by ring, clipped far outside the grid."""
+    """Return the edges ``x0, y0, x1, y1`` of a polygon or rectangle, shape (e, 4), clipped far outside the grid.
+
+    `reach`: distance from the shape that the caller tests, in axis units; it adds to the distance of the clipping box.
+    """
     margin = reach + max(axis.upper - axis.lower for axis in axes)
     lower, upper = (axes[0].lower - margin, axes[1].lower - margin), (axes[0].upper + margin, axes[1].upper + margin)
     return edges_of([_clip_ring(ring, lower, upper, FAR * margin) for ring in rings_of(shape)])
 
 
 def _clip_ring(ring: tuple[Point, ...], lower: Point, upper: Point, far: float) -> Sequence[Point]:
-    """Clip a ring to a box (Sutherland and Hodgman, 1974); rings within a distance `far` of the box are unchanged."""
+    """Return the corners of a ring (closed polyline) clipped to a box (Sutherland and Hodgman, 1974).
+
+    `lower, upper`: corners of the box.  A ring with all corners within a distance `far` of the box is not changed.
+    """
     beyond = max(max(low - c, c - high) for point in ring for c, low, high in zip(point, lower, upper, strict=True))
     if beyond <= far:
         return ring
@@ -202,7 +226,10 @@ class GoalCells(NamedTuple):
 
 
 def region_cells(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
-    """Return the cells of a grid that meet a region, with the region's point nearest to the centre of each cell."""
+    """Return the cells of a grid that meet a region, and for each the region's point nearest to the cell's centre.
+
+    `region`: shape or single point, in axis units.
+    """
     axes = tuple(axes)
     shape = tuple(axis.cells for axis in axes)
     if (len(region) if isinstance(region, tuple) else region.ndim) != len(axes):
@@ -219,7 +246,10 @@ def region_cells(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
 
 
 def merge_goals(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells:
-    """Return the union of goals on a grid of that shape; a cell in several goals keeps the point of the first."""
+    """Return the union of goals on one grid; a cell that belongs to several goals keeps the point of the first.
+
+    `shape`: number of cells per axis.
+    """
     met, points = [np.empty(0, dtype=np.int64)], [np.empty((0, len(shape)))]
     for goal in goals:
         met.append(np.flatnonzero(goal.cells))
@@ -231,7 +261,7 @@ def merge_goals(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells
 
 
 def _image_cells(axes: tuple[Axis, ...], shape: Solid) -> GoalCells:
-    """Return the cells that one periodic image of a shape meets, with its point nearest to the centre of each cell."""
+    """Return the cells that a shape meets, without its periodic images, and its point nearest to each cell's centre."""
     centred = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
     mark_image(centred, axes, shape, 0.0, "centre")
     met = centred.copy()
@@ -244,9 +274,9 @@ def _image_cells(axes: tuple[Axis, ...], shape: Solid) -> GoalCells:
 
 
 def _nearest(shape: Solid, middle: NDArray[np.float64], axes: tuple[Axis, ...]) -> NDArray[np.float64]:
-    """Return the points of a shape nearest to the centres `middle` (m, ndim) of cells that it meets.
+    """Return, for m cells that a shape meets, the shape's point within the cell nearest to its centre, shape (m, ndim).
 
-    Each point lies within its cell.
+    `middle` (m, ndim): centres of the cells, in axis units; `axes`: axes of the grid.
     """
     half = np.array([axis.spacing for axis in axes]) / 2
     match shape:
@@ -271,11 +301,13 @@ def _enter_region(
     step: NDArray[np.float64],
     inside: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
 ) -> NDArray[np.float64]:
-    """Return the first points of a convex region on curves ``clip(middle + s step)`` that stay within the cells.
+    """Return the first points (m, ndim) of a convex region on curves ``clip(middle + s step)``, s from 0 to 1.
 
+    The function ``clip`` restricts every coordinate to the range of the cell.
     The point of a ball or half-space within a cell that is nearest to the cell's centre minimizes a quadratic function
-    whose gradient is parallel to ``step``.  So it lies on this curve, and bisection finds the smallest s.
-    `middle, step` (m, ndim); `half` (ndim,): half widths of a cell; `inside`: membership test of points (m, ndim).
+    whose gradient is parallel to ``step``.  So the point lies on this curve, and bisection finds the smallest s.
+    `middle` (m, ndim): centres of cells; `step` (m, ndim): vectors towards the region; `half` (ndim,): half widths of a
+    cell; `inside`: function that returns which points (m, ndim) lie in the region, shape (m,).
     """
     out, into = np.zeros((len(middle), 1)), np.ones((len(middle), 1))
     for _ in range(BISECTIONS):

@@ -21,17 +21,18 @@ from resgrid.errors import InputError
 from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of, to_shapely
 
 TOUCH = 1e-9
-"""Penetration depth, per metre of ``1 + radius``, up to which a round body or half-plane counts as merely touched."""
+"""Penetration depth that counts as touching for a round body or half-plane, divided by 1 m plus the radii's sum."""
 
 MAX_IMAGES = 1000
-"""Maximum number of periodic images of a shape."""
+"""Maximum number of periodic images of a shape; a shape with more raises InputError."""
 
 
 class ArmLinks(NamedTuple):
     """A planar arm as arrays, input of the kernels.
 
-    `lengths, radii` (n,): length and half width of every link, in metres; `base` (3,): position and angle of the base;
-    `relative`: whether joint angles are measured from the previous link instead of the base direction.
+    `lengths, radii` (n,): length and half width of every link, in metres; `base` (3,): x and y of the base in metres,
+    and direction of joint angle 0 in radians; `relative`: whether joint angles are measured from the previous link
+    instead of the base direction.
     """
 
     lengths: NDArray[np.float64]
@@ -42,9 +43,9 @@ class ArmLinks(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RigidPart:
-    """A rigid part of a robot in n configurations: all points within a radius of its core.
+    """A rigid part of a robot in n configurations: all points within a radius of a geometry, the core.
 
-    `core` (n,): shapely geometries; `radius`: in metres.
+    `core` (n,): shapely geometry of the core in every configuration, in metres; `radius`: in metres.
     """
 
     core: NDArray[Any]
@@ -53,9 +54,10 @@ class RigidPart:
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """An obstacle, or a periodic image of one: all points within a radius of its core, or a half-plane.
+    """An obstacle, or a periodic image of one: all points within a radius of a geometry (the core), or a half-plane.
 
-    `number`: index of the obstacle in the scene; `core`: shapely geometry, None for a half-plane; `radius`: in metres.
+    `number`: index of the obstacle in the scene; `core`: shapely geometry, None for a half-plane; `radius`: in metres;
+    `half_plane`: None for other obstacles.
     """
 
     number: int
@@ -65,13 +67,16 @@ class Obstacle:
 
     @property
     def extent(self) -> float:
-        """Largest absolute coordinate of the obstacle, which bounds rounding errors of distances."""
+        """Largest absolute coordinate of the obstacle, in metres, which bounds rounding errors of distances."""
         if self.half_plane is not None:
             return float(abs(_unit_normal(self.half_plane)[-1]))
         return float(np.abs(self.core.bounds).max())
 
     def core_distance(self, part: RigidPart) -> NDArray[np.float64]:
-        """Return distances between cores, shape (n,): 0 if they intersect; negative inside a half-plane."""
+        """Return distances (n,), in metres, from a part's cores to this obstacle's core or half-plane.
+
+        The distance is 0 if the cores intersect, and negative inside a half-plane.
+        """
         import shapely
 
         if self.half_plane is None:
@@ -84,11 +89,11 @@ class Obstacle:
         return lowest
 
     def distance(self, part: RigidPart) -> NDArray[np.float64]:
-        """Return distances from a part in every configuration, shape (n,); 0 if they intersect."""
+        """Return the distances (n,), in metres, of a part in n configurations from the obstacle; 0 at intersections."""
         return np.maximum(self.core_distance(part) - self.radius - part.radius, 0.0)
 
     def collides(self, part: RigidPart) -> NDArray[np.bool_]:
-        """Return whether a part penetrates the obstacle, shape (n,); touching is not a collision."""
+        """Return the mask (n,) of configurations in which a part penetrates the obstacle; touching does not count."""
         import shapely
 
         within = self.radius + part.radius
@@ -100,12 +105,16 @@ class Obstacle:
 
 
 def obstacles_of(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> list[Obstacle]:
-    """Convert shapes to obstacles; on periodic axes with all images that may contain the point nearest to a robot."""
+    """Return shapes of the plane as obstacles for distance computations.
+
+    `axes`: axes of the plane; on periodic axes, a shape gives an obstacle for every periodic image that may contain
+    the point nearest to a robot.
+    """
     return [obstacle for number, shape in enumerate(shapes) for obstacle in _obstacles(number, shape, axes)]
 
 
 def _obstacles(number: int, shape: Shape, axes: Sequence[Axis]) -> list[Obstacle]:
-    """Return the periodic images of one shape as obstacles; an empty shape has none."""
+    """Return the periodic images of the shape with index `number` as obstacles; an empty list for an empty shape."""
     import shapely
 
     if not isinstance(shape, Shape) or shape.ndim != 2:
@@ -124,19 +133,20 @@ def _obstacles(number: int, shape: Shape, axes: Sequence[Axis]) -> list[Obstacle
 
 
 def _translated(core: Any, by: tuple[float, ...]) -> Any:
-    """Return a shapely geometry translated by a vector."""
+    """Return the shapely geometry `core` translated by the vector `by`."""
     import shapely
 
     return shapely.transform(core, lambda points: points + by) if any(by) else core
 
 
 class ObstacleArrays(NamedTuple):
-    """Polygons, discs and half-planes as arrays, input of the kernels.  Owners are indices of obstacles.
+    """Polygons, discs and half-planes as arrays in metres, the input of compiled kernels.
 
     `edges` (e, 4): ``x0, y0, x1, y1``, polygon by polygon, with the solid on the left; `edge_before` (e,): index of the
-    preceding edge in the ring; `edge_owner` (e,); `first_edge` (p + 1,): index of each polygon's first edge; `bounds`
-    (p, 4): smallest ``x, y`` and largest ``x, y`` of each polygon; `discs` (d, 3): centre and radius; `disc_owner`
-    (d,); `half_planes` (h, 3): unit normal out of the solid, and offset; `half_plane_owner` (h,).
+    preceding edge in the ring; `first_edge` (p + 1,): index of each polygon's first edge, and e; `bounds` (p, 4):
+    smallest ``x, y`` and largest ``x, y`` of each polygon; `discs` (d, 3): centre and radius; `half_planes` (h, 3):
+    unit normal out of the solid, and offset; `edge_owner` (e,), `disc_owner` (d,), `half_plane_owner` (h,): index of
+    the obstacle that the edge, disc or half-plane belongs to.
     """
 
     edges: NDArray[np.float64]
@@ -151,7 +161,7 @@ class ObstacleArrays(NamedTuple):
 
 
 def obstacle_arrays(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> ObstacleArrays:
-    """Convert shapes of the plane to arrays; on periodic axes with all images within one period of the grid."""
+    """Return shapes as arrays; on periodic `axes` with all images within one period of the grid."""
     period = [axis.upper - axis.lower for axis in axes]
     solids = [
         (number, solid)
@@ -181,18 +191,21 @@ def obstacle_arrays(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> Obsta
 
 
 def edges_of(rings: Iterable[ArrayLike]) -> NDArray[np.float64]:
-    """Return the edges (e, 4) of closed rings of corners."""
+    """Return the edges ``x0, y0, x1, y1`` of closed rings, shape (e, 4); `rings`: corners (n, 2) of each ring."""
     corners = [np.asarray(ring, dtype=np.float64) for ring in rings]
     return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in corners])
 
 
 def _unit_normal(half_plane: HalfSpace) -> NDArray[np.float64]:
-    """Return the unit normal and the correspondingly scaled offset, shape (ndim + 1,)."""
+    """Return the unit normal of a half-plane, followed by the offset for this normal, shape (ndim + 1,)."""
     return np.array([*half_plane.normal, half_plane.offset]) / hypot(*half_plane.normal)
 
 
 def _solid_on_the_left(solid: Box | Polygon) -> list[list[tuple[float, ...]]]:
-    """Return the rings of a solid, outer ring anticlockwise and holes clockwise, without repeated corners."""
+    """Return the rings of a solid as lists of corners (x, y), with the outer ring anticlockwise and holes clockwise.
+
+    Consecutive equal corners are removed.
+    """
     if isinstance(solid, Box):
         return [[*rings_of(solid)[0][1:], rings_of(solid)[0][0]]]
     import shapely
@@ -203,7 +216,10 @@ def _solid_on_the_left(solid: Box | Polygon) -> list[list[tuple[float, ...]]]:
 
 
 def periodic_images(shape: Solid, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[Solid]:
-    """Yield the periodic images of a shape that come within a distance `reach` (per axis) of a grid."""
+    """Yield the periodic images of a shape, itself included, that come within a distance of a grid.
+
+    `axes`: axes of the grid; `reach`: distance along each axis, in axis units.
+    """
     if isinstance(shape, HalfSpace):
         for axis, component in zip(axes, shape.normal, strict=False):
             if axis.periodic and component != 0:
@@ -218,7 +234,10 @@ def periodic_images(shape: Solid, axes: Sequence[Axis], reach: Sequence[float]) 
 
 
 def periodic_shifts(bounds: Bounds, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[tuple[float, ...]]:
-    """Yield all translations by periods that bring a bounding box within a distance `reach` (per axis) of the grid."""
+    """Yield all vectors of multiples of the periods that move a bounding box to within a distance of a grid.
+
+    `bounds`: lower and upper corner of the box; `reach`: distance along each axis, in axis units.
+    """
     shifts = list(map(_axis_shifts, axes, *bounds, reach))
     if prod(map(len, shifts)) > MAX_IMAGES:
         raise InputError(f"a shape winds around the periodic axes more than {MAX_IMAGES} times; make it smaller")
@@ -226,7 +245,10 @@ def periodic_shifts(bounds: Bounds, axes: Sequence[Axis], reach: Sequence[float]
 
 
 def _axis_shifts(axis: Axis, lower: float, upper: float, reach: float) -> list[float]:
-    """Return the multiples of an axis' period that bring [lower, upper] within a distance `reach` of the axis."""
+    """Return the multiples of an axis' period that move the interval [lower, upper] to within `reach` of the axis.
+
+    The result is [0.0] if the axis is not periodic; all lengths are in axis units.
+    """
     if not axis.periodic:
         return [0.0]
     period = axis.upper - axis.lower
@@ -282,6 +304,7 @@ class Pose(NamedTuple):
         Returns
         -------
         Pose
+            Pose with a single rigid part.
         """
         x, y, *arc = np.asarray(place, dtype=np.float64).tolist()
         count, ndim = len(segments), 2 if turning_length is None else 3
@@ -294,7 +317,10 @@ class Pose(NamedTuple):
         return cls(segments, np.full(count, radius), np.zeros(count, np.int64), frame, shift, spin, pivot, lever)
 
     def carried(self, point: ArrayLike, part: int, other: Pose) -> NDArray[np.float64]:
-        """Return the position (2,) in another pose of a point that is fixed to a part of the robot."""
+        """Return the position (2,), in the pose `other`, of a point that is fixed to a part of the robot.
+
+        `point` (2,): position in this pose, in metres; `part`: index of the rigid part.
+        """
         x, y, angle = self.frame[part]
         to_x, to_y, to_angle = other.frame[part]
         dx, dy = np.asarray(point, dtype=np.float64) - (x, y)

@@ -22,7 +22,7 @@ Flags = NDArray[np.bool_]
 
 @njit(cache=True, inline="always")
 def segment_parameter(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
-    """Return the parameter in [0, 1] of the point on the segment from a to b that is nearest to p."""
+    """Return the parameter in [0, 1], from a to b, of the point on a segment that is nearest to the point p."""
     dx, dy = bx - ax, by - ay
     squared = dx * dx + dy * dy
     if squared <= 0.0:
@@ -32,7 +32,7 @@ def segment_parameter(px: float, py: float, ax: float, ay: float, bx: float, by:
 
 @inner
 def _squared_from_segment(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
-    """Return the squared distance of a point from the segment from a to b."""
+    """Return the squared distance of the point (x, y) from the segment between a and b."""
     t = segment_parameter(x, y, ax, ay, bx, by)
     return (x - ax - t * (bx - ax)) ** 2 + (y - ay - t * (by - ay)) ** 2
 
@@ -53,7 +53,10 @@ def _squared_between(ax: float, ay: float, bx: float, by: float, cx: float, cy: 
 
 @inner
 def _near_polygon(ax: float, ay: float, bx: float, by: float, reach: float, edges: Floats) -> bool:
-    """Return whether a segment is within `reach` of a polygon, or inside it.  `edges` (m, 4): end points."""
+    """Return whether the segment from a to b is inside a polygon or within a distance `reach` of its outline.
+
+    `edges` (m, 4): edges ``x0, y0, x1, y1`` of the polygon.
+    """
     inside = False
     for e in range(len(edges)):
         cx, cy, dx, dy = edges[e, 0], edges[e, 1], edges[e, 2], edges[e, 3]
@@ -66,7 +69,7 @@ def _near_polygon(ax: float, ay: float, bx: float, by: float, reach: float, edge
 
 @inner
 def near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solids: ObstacleArrays) -> bool:
-    """Return whether the segment from a to b comes within a distance `reach` of an obstacle."""
+    """Return whether the segment from a to b comes within a distance `reach`, in metres, of one of the `solids`."""
     left, right = min(ax, bx) - reach, max(ax, bx) + reach
     low, high = min(ay, by) - reach, max(ay, by) + reach
     for k in range(len(solids.bounds)):
@@ -90,9 +93,10 @@ def near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solids
 
 @kernel
 def place_joints(joints: Floats, link: int, angles: Floats, lengths: Floats, base: Floats, relative: bool) -> None:
-    """Compute positions of the joints and of the far end of `link` (forward kinematics), written to `joints`.
+    """Write the positions of all joints up to the far end of link number `link` to `joints` (forward kinematics).
 
-    `joints` (>= link + 2, 2); `angles` (>= link + 1,): relative to the previous link, or absolute.
+    `joints` (>= link + 2, 2): positions in metres; `angles` (>= link + 1,): joint angles in radians, measured from the
+    previous link if `relative`, else from the base direction; `lengths`: of links; `base` (3,): x, y and direction.
     """
     direction = base[2]
     joints[0, 0], joints[0, 1] = base[0], base[1]
@@ -106,10 +110,10 @@ def place_joints(joints: Floats, link: int, angles: Floats, lengths: Floats, bas
 def _displacement_bound(
     joints: Floats, first: int, link: int, chords: Floats, lengths: Floats, relative: bool
 ) -> float:
-    """Return an upper bound of the distance that any point of a link moves while joints ``first .. link`` turn.
+    """Return an upper bound, in metres, of the distance that any point of a link moves while its joints turn.
 
-    The joints turn within a cell; the other joints stay at its centre.  ``chords`` (n,): ``2 sin(t / 2)`` for the
-    largest turn ``t`` of every joint.
+    Joints ``first .. link`` turn within a cell; the other joints stay at the cell's centre.  ``joints``: positions at
+    the centre; ``chords`` (n,): ``2 sin(t / 2)`` for the largest turn ``t`` of every joint; ``lengths`` (n,): of links.
     Relative angles: turn the joints one after the other, from the base outwards.  Each rotation moves all further links
     rigidly, so that distances from the joint are those at the cell's centre.  Absolute angles: a joint rotates only its
     own link and translates all further links, so that the displacements add up.
@@ -132,8 +136,9 @@ def _may_collide(
 ) -> bool:  # fmt: skip
     """Return whether a link may touch an obstacle, or a non-adjacent earlier link, for some configuration of a cell.
 
-    `joints`: positions at the cell's centre; `chords` (n,): ``2 sin(t / 2)`` for the largest turn ``t`` of every joint
-    within the cell; `relative_chords` (n,): work array; `slack`: rounding error of distances, in metres.
+    `joints` (link + 2, 2): positions at the cell's centre; `link`: index of the link; `chords` (n,): ``2 sin(t / 2)``
+    for the largest turn ``t`` of every joint within the cell; `relative_chords` (n,): work array; `self_collision`:
+    whether links are tested against each other; `slack`: rounding error of distances, in metres.
     """
     radii, lengths, relative = links.radii, links.lengths, links.relative
     ax, ay, bx, by = joints[link, 0], joints[link, 1], joints[link + 1, 0], joints[link + 1, 1]
@@ -142,7 +147,7 @@ def _may_collide(
         return True
     if self_collision:
         for j in range(link - 1):
-            # In the frame of link j.  With absolute angles its own rotation adds to that of every further joint.
+            # Motion relative to link j: with absolute angles, the rotation of link j adds to that of further joints.
             if not relative:
                 for k in range(j + 1, link + 1):
                     relative_chords[k] = chords[k] + chords[j]
@@ -160,11 +165,12 @@ def mark_link(
     out: Flags, first: int, last: int, link: int, counts: Integers, centres: Floats, widths: Floats, links: ArmLinks,
     self_collision: bool, parts: int, slack: float, solids: ObstacleArrays,
 ) -> None:  # fmt: skip
-    """Mark the cells of joints ``0 .. link`` in which a link may collide with an obstacle or with the arm.
+    """Mark the cells of joints ``0 .. link`` in which link number `link` may hit an obstacle or an earlier link.
 
     An undecided cell is subdivided once into ``parts`` parts per joint.  Cells that are marked already are skipped.
-    `out` (product of counts[:link + 1],): flat mask; `first, last`: range of cells; `counts` (n,): cells per joint;
-    `centres` (n, max(counts)): joint angles of cell centres; `widths` (n,): cell widths; `slack`: rounding, in metres.
+    `out` (product of counts[:link + 1],): flat mask; `first, last`: range of cells to test; `counts` (n,): number of
+    cells per joint; `centres` (n, max(counts)): joint angles of cell centres; `widths` (n,): cell widths in radians;
+    `self_collision`: whether links are tested against each other; `slack`: rounding error of distances, in metres.
     """
     joints = np.empty((link + 2, 2))
     middle, angles, scratch = np.empty(link + 1), np.empty(link + 1), np.zeros(link + 1)
@@ -214,20 +220,20 @@ class CellPlane(NamedTuple):
 
 @inner
 def _index(scaled: float, count: int) -> int:
-    """Return a coordinate in cell units, rounded up and clipped to an index from 0 to ``count``."""
+    """Return `scaled`, a coordinate in cell units, rounded up and clipped to an index from 0 to `count`."""
     return math.ceil(min(max(scaled, 0.0), float(count)))
 
 
 @inner
 def _extent_of_disc(y: float, radius: float, low: float, high: float) -> float:
-    """Return half the width of the part of a disc with y in [low, high]; negative if there is no such part."""
+    """Return half the largest chord along x, with y in [low, high], of a disc with its centre at `y`; -1 if none."""
     away = max(0.0, low - y, y - high)
     return math.sqrt((radius - away) * (radius + away)) if away <= radius else -1.0
 
 
 @inner
 def _ends_of_segment(ax: float, ay: float, bx: float, by: float, low: float, high: float) -> tuple[float, float]:
-    """Return the range of x of the part of a segment with y in [low, high]; (inf, -inf) if there is no such part."""
+    """Return least and largest x of the part of the segment ab with y in [low, high]; (inf, -inf) if there is none."""
     if ay > by:
         ax, ay, bx, by = bx, by, ax, ay
     if ay > high or by < low:
@@ -242,11 +248,11 @@ def _ends_of_segment(ax: float, ay: float, bx: float, by: float, low: float, hig
 
 @kernel
 def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: CellPlane) -> None:
-    """Mark the cells that come within a distance `reach` of parallelograms.
+    """Mark the cells whose tested box comes within a distance `reach`, in metres, of one of p parallelograms.
 
-    `out` (columns, rows); `pieces` (p, 6): a corner and two edge vectors.  The set of points within the distance is
-    convex, so that in each row the marked cells form one interval.  Its ends lie on circles around the corners or on
-    edges shifted outwards.
+    `out` (columns, rows): mask; `pieces` (p, 6): a corner and two edge vectors of each parallelogram; `plane`: grid.
+    The set of points within the distance is convex, so that in each row the marked cells form one interval.  The ends
+    of the interval lie on circles around the corners or on edges shifted outwards.
     """
     columns, rows = out.shape
     for piece in range(len(pieces)):
@@ -288,8 +294,8 @@ def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: CellPla
 def mark_enclosed(out: Flags, edges: Floats, plane: CellPlane) -> None:
     """Mark the cells whose centres lie inside closed rings of edges, by the even-odd rule.
 
-    `out` (columns, rows); `edges` (e, 4): end points.  In every row, each edge that crosses the row toggles all cells
-    to the right of the crossing.
+    `out` (columns, rows): mask; `edges` (e, 4): end points ``x0, y0, x1, y1``; `plane`: grid.  In every row, each edge
+    that crosses the row toggles all cells to the right of the crossing.
     """
     columns, rows = out.shape
     flips = np.zeros(columns + 1, dtype=np.bool_)

@@ -30,7 +30,7 @@ class PointRobot(Robot):
     Parameters
     ----------
     radius : float
-        In axis units, at least 0.
+        Radius in axis units, at least 0.
 
     Raises
     ------
@@ -71,7 +71,7 @@ class PointRobot(Robot):
         return [RigidPart(np.asarray(shapely.points(configurations)), self.radius)]
 
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the distances between start and end, shape (n,), in axis units, for configurations (n, ndim)."""
+        """Return the distances (n,), in axis units, between configurations `start` and `end`, both (n, ndim)."""
         return np.asarray(np.linalg.norm(end - start, axis=1))
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
@@ -83,12 +83,14 @@ class PointRobot(Robot):
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Return the mask of blocked cells: cells that meet an obstacle dilated by the robot's radius.
+        """Return the mask, shape of the grid, of cells that meet an obstacle dilated by the robot's radius.
 
         With the rule ``"conservative"``, a cell is blocked if its interior meets a dilated obstacle, so that every
         point of a free cell is free.  An obstacle that ends on a cell's border does not block that cell.  With the rule
         ``"centre"``, a cell is blocked if its centre lies in a dilated obstacle.  The interior excludes a rim of 1e-9
         of the cell width, so that rounding does not move an obstacle's edge across a border between cells.
+        `axes`: axes of the grid; `obstacles`: shapes in axis units; `progress`: called as ``progress(done, total)``
+        after every obstacle.
         """
         self.check_axes(axes)
         blocked = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
@@ -107,7 +109,7 @@ class DiscRobot(PointRobot):
     Parameters
     ----------
     radius : float
-        In axis units, above 0.
+        Radius in axis units, above 0.
 
     Raises
     ------
@@ -130,6 +132,6 @@ class DiscRobot(PointRobot):
     radius: Annotated[float, Gt(0), Le(LARGEST)] = field()  # required, in contrast to the radius of a point robot
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Raise InputError unless there are two axes."""
+        """Raise InputError unless the configuration space has two axes."""
         if len(axes) != 2:
             raise InputError(f"a disc moves in the plane and needs 2 axes, got {len(axes)}; a point has any number")

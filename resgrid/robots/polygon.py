@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from resgrid.robots.kernels import CellPlane
 
 PARTS = 3
-"""Number of thinner slices into which the conservative rule divides each slice of constant heading."""
+"""Number of parts into which the conservative rule divides the headings of a cell."""
 
 
 @checked
@@ -73,7 +73,7 @@ class PolygonRobot(Robot):
         return float(np.hypot(*np.transpose(self.vertices)).max())
 
     def corners(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Return positions of the v corners, shape (..., v, 2), for `configurations` (..., 3)."""
+        """Return positions of the v corners, shape (..., v, 2), in metres, for `configurations` (..., 3)."""
         pose = np.asarray(configurations, dtype=np.float64)
         if pose.shape[-1:] != (3,):
             raise InputError(f"a turning polygon's configuration is (x, y, theta), got shape {pose.shape}")
@@ -89,15 +89,16 @@ class PolygonRobot(Robot):
         return [RigidPart(np.asarray(shapely.polygons(self.corners(configurations))), 0.0)]
 
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return upper bounds of the distance that any point moves, shape (n,), for lines between (n, 3) points.
+        """Return upper bounds (n,), in metres, of the distance that any point of the polygon moves.
 
-        The bound is the distance of the reference point plus the arc of the farthest corner.
+        `start, end` (n, 3): configurations at the ends of straight motions.  The bound is the distance that the
+        reference point moves plus the arc of the farthest corner.
         """
         angle = np.abs(end[:, 2] - start[:, 2]) / self.turning_length
         return np.asarray(np.linalg.norm((end - start)[:, :2], axis=1) + self.farthest * angle)
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
-        """Return the pose of a rigid body, given by the edges, at a configuration of shape (3,)."""
+        """Return the pose of the polygon's edges, as one rigid body, at a configuration ``(x, y, theta)``."""
         corners = self.corners(configuration)
         edges = np.hstack([corners, np.roll(corners, -1, axis=0)])
         return Pose.of_body(edges, 0.0, configuration, self.turning_length)
@@ -105,13 +106,15 @@ class PolygonRobot(Robot):
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Return the mask of cells in which the polygon may touch an obstacle.
+        """Return the mask, shape of the grid, of cells in which the polygon may touch an obstacle.
 
         At a fixed angle, the polygon touches an obstacle if and only if its reference point lies in the Minkowski
         difference of obstacle and polygon (Lozano-Perez, IEEE Trans. Computers C-32 (1983) 108).  The conservative rule
         divides the angles of a cell into three parts.  Within a part no point moves farther than the chord of the
         farthest corner, and the differences are dilated by this chord.  A closed cell is free if it is free in each of
         the three parts.
+        `axes`: axes x, y and theta; `obstacles`: shapes of the plane, in metres; `rule`: ``"conservative"``, or
+        ``"centre"`` to test only the configurations at cell centres; `progress`: called as ``progress(done, total)``.
         """
         from resgrid.robots.kernels import CellPlane
 
@@ -144,8 +147,9 @@ class PolygonRobot(Robot):
 class _PlaneObstacle:
     """An obstacle for Minkowski sums with a polygon: an area dilated by a radius, or a half-plane.
 
-    `edges` (e, 4): boundary of the area, for a disc one edge of length 0 at its centre; `inner_points` (p, 2): one
-    point of every connected piece of the area.
+    `edges` (e, 4): boundary of the area as edges ``x0, y0, x1, y1``, for a disc one edge of length 0 at the centre;
+    `inner_points` (p, 2): one point of every connected piece of the area; `radius`: dilation of the area, in metres;
+    `half_plane`: None for an area.
     """
 
     edges: NDArray[np.float64]
@@ -155,7 +159,10 @@ class _PlaneObstacle:
 
     @classmethod
     def of(cls, shape: Shape, axes: tuple[Axis, Axis], farthest: float) -> _PlaneObstacle:
-        """Convert a shape; outlines are clipped far outside the grid, beyond the reach of the farthest corner."""
+        """Return a shape as an obstacle, with outlines clipped far outside the grid.
+
+        `axes`: axes x and y of the grid; `farthest`: distance from the robot's reference point to the farthest corner.
+        """
         match shape:
             case Box() | Polygon():
                 edges = outline(shape, axes, 4 * farthest)
@@ -167,9 +174,10 @@ class _PlaneObstacle:
         return cls(np.empty((0, 4)), np.empty((0, 2)), 0.0, shape)
 
     def mark(self, layer: NDArray[np.bool_], plane: CellPlane, mirrored: NDArray[np.float64], reach: float) -> None:
-        """Mark the cells of a layer within a distance `reach` of the Minkowski sum of the area and a polygon.
+        """Mark, in place, the cells of a layer near the Minkowski sum of this obstacle and a mirrored polygon.
 
-        `layer` (columns, rows); `mirrored` (v, 2): corners of the polygon, mirrored at its reference point.
+        `layer` (columns, rows): mask; `plane`: grid of the layer; `mirrored` (v, 2): corners of the polygon, mirrored
+        at the reference point; `reach`: distance, in metres, up to which cells are marked.
         The sum of the outlines is a parallelogram for every pair of edges.  Other points of the Minkowski sum occur
         only if a piece of one area lies inside the other; they lie in a copy of one area, translated by a point of
         the other.  Every parallelogram is marked separately, because a geometric union of nearly coincident ones

@@ -22,11 +22,12 @@ if TYPE_CHECKING:
 Bounds = tuple[Point, Point]
 
 FAR = 1e4
-"""Extent of the rectangle that represents a half-plane in shapely, in axis units."""
+"""Half the width along the border, and the depth, of the rectangle that represents a half-plane in shapely, in axis
+units."""
 
 
 class _Bounded(ABC):
-    """Base class of shapes, with their bounding box."""
+    """Base class of shapes, which defines bounding box and number of coordinates."""
 
     @property
     @abstractmethod
@@ -35,7 +36,7 @@ class _Bounded(ABC):
 
     @property
     def ndim(self) -> int:
-        """Number of coordinates."""
+        """Number of coordinates of the shape's points."""
         return len(self.bounds[0])
 
 
@@ -71,11 +72,11 @@ class Box(_Bounded):
 
     @property
     def bounds(self) -> Bounds:
-        """Lower and upper corner of the box."""
+        """Lower and upper corner of the box, in axis units."""
         return self.lower, self.upper
 
     def shifted(self, by: Point) -> Box:
-        """Return the box translated by a vector."""
+        """Return the box translated by the vector `by`, in axis units."""
         return Box(_add(self.lower, by), _add(self.upper, by))
 
 
@@ -87,9 +88,9 @@ class Ball(_Bounded):
     Parameters
     ----------
     centre : tuple of float
-        In axis units.
+        Centre, in axis units.
     radius : float
-        At least 0, in axis units.
+        Radius in axis units, at least 0.
 
     Raises
     ------
@@ -107,11 +108,11 @@ class Ball(_Bounded):
 
     @property
     def bounds(self) -> Bounds:
-        """Lower and upper corner of the ball's bounding box."""
+        """Lower and upper corner of the ball's bounding box, in axis units."""
         return tuple(c - self.radius for c in self.centre), tuple(c + self.radius for c in self.centre)
 
     def shifted(self, by: Point) -> Ball:
-        """Return the ball translated by a vector."""
+        """Return the ball translated by the vector `by`, in axis units."""
         return Ball(_add(self.centre, by), self.radius)
 
 
@@ -124,9 +125,10 @@ class Polygon(_Bounded):
     Parameters
     ----------
     vertices : tuple of (float, float)
-        Corners of the outer ring, at least three, clockwise or anticlockwise; the last is connected to the first.
-    holes : tuple of rings
-        Rings inside the outer ring whose interior is not part of the polygon.
+        Corners of the outer ring in axis units, at least three, clockwise or anticlockwise; the last is connected to
+        the first.
+    holes : tuple of tuple of (float, float)
+        Rings of corners inside the outer ring, whose interiors are not part of the polygon.
 
     Raises
     ------
@@ -155,17 +157,17 @@ class Polygon(_Bounded):
 
     @property
     def rings(self) -> tuple[tuple[Point, ...], ...]:
-        """The outer ring, followed by the holes."""
+        """Corners of the outer ring, followed by the corners of each hole."""
         return (self.vertices, *self.holes)
 
     @property
     def bounds(self) -> Bounds:
-        """Lower and upper corner of the polygon's bounding box."""
+        """Lower and upper corner of the polygon's bounding box, in axis units."""
         x, y = zip(*self.vertices, strict=True)
         return (min(x), min(y)), (max(x), max(y))
 
     def shifted(self, by: Point) -> Polygon:
-        """Return the polygon translated by a vector."""
+        """Return the polygon translated by the vector `by`, in axis units."""
         vertices, *holes = (tuple(_add(point, by) for point in ring) for ring in self.rings)
         return Polygon(vertices, tuple(holes))
 
@@ -180,7 +182,7 @@ class HalfSpace(_Bounded):
     normal : tuple of float
         Normal vector, not zero; its length is arbitrary.
     offset : float
-        In the units of ``normal @ x``.
+        Largest value of ``normal @ x`` in the half-space, where x is in axis units.
 
     Raises
     ------
@@ -205,7 +207,7 @@ class HalfSpace(_Bounded):
 
     @property
     def bounds(self) -> Bounds:
-        """Infinite lower and upper corner."""
+        """Lower and upper corner of the bounding box: minus infinity and infinity in every coordinate."""
         return (-inf,) * len(self.normal), (inf,) * len(self.normal)
 
 
@@ -225,18 +227,21 @@ class CellSet(_Bounded):
 
     @property
     def bounds(self) -> Bounds:
-        """Lower and upper corner of the grid."""
+        """Lower and upper corner of the whole grid, in axis units."""
         return tuple(axis.lower for axis in self.axes), tuple(axis.upper for axis in self.axes)
 
     def boxes(self) -> list[Box]:
-        """Return the marked cells of a plane grid as boxes, one per run of neighbours along the second axis."""
+        """Return the marked cells of a plane grid as boxes; a run of neighbours along the second axis is one box."""
         x, y = self.axes
         column, first, last = _runs(self.mask)
         corners = np.column_stack([x.edges[column], y.edges[first], x.edges[column + 1], y.edges[last]]).tolist()
         return [Box((x0, y0), (x1, y1)) for x0, y0, x1, y1 in corners]
 
     def borders(self) -> NDArray[np.float64]:
-        """Return the boundary of the set in a plane grid as edges (e, 4), merged along straight lines."""
+        """Return the boundary of the set in a plane grid as edges ``x0, y0, x1, y1``, shape (e, 4).
+
+        Collinear edges of neighbouring cells are merged.
+        """
         edges = []
         for mask, (across, along), columns in (
             (self.mask, self.axes, [0, 1, 2, 3]), (self.mask.T, self.axes[::-1], [1, 0, 3, 2])
@@ -247,7 +252,7 @@ class CellSet(_Bounded):
         return np.concatenate(edges)
 
     def inner_points(self) -> NDArray[np.float64]:
-        """Return one cell centre (p, 2) for every connected piece of the set in a plane grid."""
+        """Return the centre of one cell of every face-connected piece of the set in a plane grid, shape (pieces, 2)."""
         from scipy.ndimage import label
 
         pieces, count = label(self.mask)
@@ -257,7 +262,7 @@ class CellSet(_Bounded):
 
 
 def _runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return row, first column and end column of every run of True entries along the second axis; (runs,) each."""
+    """Return row, first column and end column (exclusive) of every run of True entries in a row, each (runs,)."""
     flips = np.diff(mask.astype(np.int8), axis=1, prepend=0, append=0)
     row, first = np.nonzero(flips > 0)
     _, last = np.nonzero(flips < 0)
@@ -269,7 +274,7 @@ Shape = Solid | CellSet
 
 
 def rings_of(shape: Box | Polygon) -> tuple[tuple[Point, ...], ...]:
-    """Return the outer ring and the holes of a polygon, or the ring of a box in the plane.
+    """Return the corners of the outer ring and of the holes of a polygon, or the corners of a box in the plane.
 
     A box narrower than four rounding errors is widened, so that its ring has an interior.
     """
@@ -282,14 +287,14 @@ def rings_of(shape: Box | Polygon) -> tuple[tuple[Point, ...], ...]:
 
 
 def require_plane(shape: Shape, whose: str) -> Shape:
-    """Return the shape; raise InputError unless it has two coordinates.  `whose`: robot, for the message."""
+    """Return the shape; raise InputError unless it has two coordinates.  `whose`: name of the robot in the message."""
     if shape.ndim != 2:
         raise InputError(f"{whose} moves in the plane: a shape needs 2 coordinates, got {shape.ndim}")
     return shape
 
 
 def to_shapely(shape: Shape) -> BaseGeometry:
-    """Convert a shape of the plane to shapely geometry.
+    """Return a shape of the plane as a shapely geometry.
 
     A disc becomes a polygon with 256 edges, and a half-plane a rectangle that extends 1e4 axis units.
     """
@@ -320,5 +325,5 @@ def to_shapely(shape: Shape) -> BaseGeometry:
 
 
 def _add(point: Point, by: Point) -> Point:
-    """Return a point translated by a vector."""
+    """Return the point translated by the vector `by`."""
     return tuple(a + b for a, b in zip(point, by, strict=True))

@@ -16,21 +16,22 @@ from resgrid.robots.geometry import ArmLinks, ObstacleArrays
 from resgrid.robots.kernels import Flags, Floats, Integers, near_solids, place_joints, segment_parameter
 
 MAX_BOXES = 200_000
-"""Limit of the branch-and-bound search: boxes (parts of a cell) examined per cell."""
+"""Maximum number of boxes (parts of a cell) that the branch-and-bound search examines per cell."""
 
 MAX_NEWTON_STEPS = 30
-"""Limit of Newton steps from the centre of a box."""
+"""Maximum number of Newton steps from the centre of a box."""
 
 MAX_DEPTH = 256
-"""Limit of boxes on the stack of the search: about fifty bisections along each of four joints."""
+"""Maximum number of boxes on the stack of the search, enough for about fifty bisections along each of four joints."""
 
 
 class _SearchArrays(NamedTuple):
     """Work arrays of the search in one cell, for n joints.
 
-    `low, high` (n,): limits of the cell; `at` (n,): current configuration; `best` (n,): nearest configuration of a
-    Newton iteration; `step` (n,): Newton step; `held` (n,): joints at an active limit; `jacobian` (n, 2): of the tip;
-    `joints` (n + 1, 2): joint positions; `middles, halves` (MAX_DEPTH, n): stack of boxes, centres and half widths.
+    `low, high` (n,): limits of the cell, in radians; `at` (n,): current configuration; `best` (n,): configuration of a
+    Newton iteration with the tip nearest to the goal region; `step` (n,): Newton step; `held` (n,): mask of joints that
+    are kept at a limit of the cell; `jacobian` (n, 2): derivative of the tip position by each joint angle; `joints`
+    (n + 1, 2): joint positions in metres; `middles, halves` (MAX_DEPTH, n): stack of boxes, centres and half widths.
     """
 
     low: Floats
@@ -47,10 +48,11 @@ class _SearchArrays(NamedTuple):
 
 @inner
 def _piece_distance(x: float, y: float, piece: int, goal: ObstacleArrays) -> tuple[float, float, float, bool]:
-    """Return distance and unit vector from a convex piece of a region to (x, y), and whether the piece acts as a point.
+    """Return the distance of (x, y) from a convex piece of a region, the unit vector away from the piece, and a flag.
 
-    The pieces are the edges of polygons, the discs and the half-planes, in this order.  A piece acts as a point if the
-    nearest place is the end of an edge, or if the disc is tiny.
+    The result is ``distance, ux, uy, is_point``.  The distance, in metres, is negative inside a disc or half-plane.
+    The flag is True if the piece acts as a point: the nearest place is the end of an edge, or the disc is tiny.
+    `piece`: index; the pieces are the edges of polygons, the discs and the half-planes of `goal`, in this order.
     """
     edges, discs = len(goal.edges), len(goal.discs)
     if piece < edges:
@@ -76,7 +78,7 @@ def _piece_distance(x: float, y: float, piece: int, goal: ObstacleArrays) -> tup
 
 @inner
 def _place_tip(work: _SearchArrays, links: ArmLinks) -> None:
-    """Compute joint positions and the Jacobian of the tip for the current configuration, in the work arrays."""
+    """Compute ``work.joints`` and ``work.jacobian`` (of the tip position) for the configuration ``work.at``."""
     n, joints = len(work.at), work.joints
     place_joints(joints, n - 1, work.at, links.lengths, links.base, links.relative)
     for j in range(n):
@@ -87,11 +89,11 @@ def _place_tip(work: _SearchArrays, links: ArmLinks) -> None:
 
 @inner
 def _newton_step(work: _SearchArrays, rx: float, ry: float, flat: bool) -> None:
-    """Apply the least-norm joint step whose linearized tip motion is ``r``, within the limits of the cell.
+    """Add to ``work.at`` the least-norm joint step whose linearized tip motion is ``(rx, ry)``, within the cell.
 
-    With `flat`, only the component of the tip motion along ``r`` is prescribed, as for a straight border.  A joint at a
-    limit of the cell that would move beyond it is held, and the step is recomputed for the other joints.  The result is
-    clipped to the cell.
+    With `flat`, only the component of the tip motion along ``(rx, ry)`` is prescribed, e.g. for a straight border.  A
+    joint at a limit of the cell that would move beyond it is held, and the step is recomputed for the other joints.
+    The result is clipped to the cell.
     """
     n, jacobian, step, at = len(work.at), work.jacobian, work.step, work.at
     for j in range(n):
@@ -130,9 +132,10 @@ def _newton_step(work: _SearchArrays, rx: float, ry: float, flat: bool) -> None:
 def _newton(work: _SearchArrays, piece: int, links: ArmLinks, goal: ObstacleArrays, tolerance: float) -> float:
     """Minimize the distance from the tip to a piece by Newton steps within the cell; return the smallest distance.
 
-    The nearest configuration is left in ``work.at``.  Steps prescribe only the tip motion towards the piece.  For a
-    piece that acts as a point, and after a step without sufficient decrease, the motion across that direction is
-    prescribed as well: it must be zero.
+    The configuration with the smallest distance is written to ``work.at``.  The iteration ends at a distance of
+    `tolerance`, in metres.  Steps prescribe only the tip motion towards the piece.  For a piece that acts as a point,
+    and after a step without sufficient decrease, steps also prescribe zero motion across that direction.
+    `piece`: index of an edge, disc or half-plane of `goal`.
     """
     n = len(work.at)
     nearest, stuck = math.inf, 0
@@ -156,11 +159,12 @@ def _newton(work: _SearchArrays, piece: int, links: ArmLinks, goal: ObstacleArra
 def _reachable_piece(
     work: _SearchArrays, box: int, links: ArmLinks, goal: ObstacleArrays, tolerance: float
 ) -> tuple[int, int]:
-    """Return the nearest piece of the goal region that the tip may reach within a box, and the joint to bisect.
+    """Return the index of the nearest piece of the goal region that the tip may reach, and the joint to bisect.
 
-    The piece is -1 if bounds exclude the whole region.  Bound 1: within the box the tip moves by at most the sum over
-    joints of ``2 sin(half / 2) * lever``.  Bound 2: towards a convex piece with unit vector ``u`` the tip moves by at
-    most the sum of ``|u . J| half`` over joints plus, for the remainder of the linearization, the sum of
+    `box`: index of the box on the stack, a part of the cell; `tolerance`: in metres.  The piece is an edge, disc or
+    half-plane of `goal`, or -1 if bounds exclude the whole region.  Bound 1: within the box the tip moves by at most
+    the sum over joints of ``2 sin(half / 2) * lever``.  Bound 2: towards a convex piece with unit vector ``u`` the tip
+    moves by at most the sum of ``|u . J| half`` over joints plus, for the remainder of the linearization, the sum of
     ``length * turn**2 / 2`` over links.  The joint to bisect is the one with the largest effect on the tip.
     """
     n, jacobian, halves = len(work.at), work.jacobian, work.halves
@@ -188,10 +192,12 @@ def _reachable_piece(
 
 @inner
 def _search_cell(work: _SearchArrays, links: ArmLinks, goal: ObstacleArrays, tolerance: float) -> bool:
-    """Return whether a cell contains a configuration with the tip in the goal region; leave it in ``work.at``.
+    """Return whether a cell contains a configuration with the tip in the goal region, and write it to ``work.at``.
 
+    ``work.middles[0]`` and ``work.halves[0]`` contain the cell on entry; `tolerance`: distance in metres up to which
+    the tip counts as in the region.
     Branch and bound: a box is discarded if bounds show that the tip cannot reach the region.  Otherwise Newton steps
-    search for a solution.  If they fail, the box is bisected, and the half that contains the last iterate is first.
+    search for a solution.  If they fail, the box is bisected, and the half with the last iterate is searched first.
     """
     n, middles, halves = len(work.at), work.middles, work.halves
     size, examined = 1, 0
@@ -230,8 +236,9 @@ def find_goal_cells(
     """Mark the cells that contain a configuration with the tip in a region, and record one configuration per cell.
 
     `out` (m,): mask of cells ``first .. first + m - 1``; `points` (m, n): configurations, written for marked cells;
-    `counts` (n,): cells per joint; `lower, widths` (n,): lower limits and cell widths in radians; `bounds` (4,): box
-    (x, y, x, y) outside which the tip of a cell's centre excludes the cell; `tolerance`: in metres.
+    `counts` (n,): cells per joint; `lower, widths` (n,): lower limits and cell widths in radians; `goal`: the region;
+    `bounds` (4,): box ``x0, y0, x1, y1``; a cell is excluded if, in the configuration at the cell's centre, the tip
+    lies outside this box; `tolerance`: distance in metres up to which the tip counts as in the region.
     """
     n = len(counts)
     work = _SearchArrays(
