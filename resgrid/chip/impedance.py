@@ -89,7 +89,9 @@ def resistive_parts(
 
 
 _Elements = tuple[sparse.csr_array, NDArray[np.float64]]
-"""Incidence matrix from unknowns to the voltages across elements, shape (m, n), and the conductances or capacitances of the elements, shape (m,)."""
+"""Incidence matrix from unknowns to the voltages across elements, shape (m, n), and the conductances or capacitances of
+the elements, shape (m,).
+"""
 
 
 def _elements(laplacian: Laplacian, basis: sparse.csr_array) -> tuple[sparse.csr_array, _Elements]:
@@ -127,7 +129,7 @@ def inverse_columns(factors: SupernodalFactors, size: int, rows: NDArray[np.int6
 
 
 def _weak_part_basis(G: Laplacian) -> sparse.csr_array:
-    """Return the matrix, shape (n, n), that maps unknowns to row voltages, with difference unknowns in weakly tied parts.
+    """Return the matrix, shape (n, n), that maps unknowns to row voltages; weakly tied parts use differences.
 
     In a part with weak or no resistive connections to the rails, the first unknown is the voltage of its first row; the
     other unknowns are the differences from this row.  Elsewhere unknowns are row voltages.  `G`: conductance matrix.

@@ -124,7 +124,7 @@ class Noise(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, the temperature in kelvin, the band in hertz and whether results are exact, as plain values."""
+        """Return the figures, the temperature (K), the band (Hz) and whether results are exact, as plain values."""
         band = None if self.band is None else list(self.band)
         return {**super().to_json(), "temperature": self.temperature, "band": band, "exact": self.exact}
 
@@ -236,7 +236,7 @@ def _elastance_factors(dynamics: Dynamics, tied: NDArray[np.bool_]) -> Supernoda
 
 
 def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
-    """Return the diagonal of ``C^-1`` in 1/F, shape (n,); infinite for rows without a capacitive connection to a rail."""
+    """Return the diagonal of ``C^-1`` in 1/F, shape (n,); infinite without a capacitive connection to a rail."""
     tied = _tied_by_capacitors(dynamics)
     elastance = np.full(dynamics.size, np.inf)
     if tied.any():

@@ -177,7 +177,7 @@ def analyse_sensitivity(op: OperatingPoint, cells: ArrayLike) -> Sensitivity:
 
 
 def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
-    """Return the lowest neighbour of a cell, the second lowest cell, and two numbers that give the voltage between them.
+    """Return the lowest neighbour of a cell, the second lowest cell, and two numbers for the voltage between them.
 
     The voltage is ``gap exp(scale)`` in volts, for the numbers `gap` and `scale`.  The second lowest may be the cell
     itself.  `steps`: voltage steps between neighbours; `cell`: flat index.  Raises InputError if no neighbour is lower.
@@ -237,7 +237,7 @@ class Adjoint:
     height: NDArray[np.float64]
 
     def derivatives(self, c: NDArray[np.float64]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-        """Return the derivatives of ``c . V`` with respect to the logarithm of every resistance, as signs and logarithms.
+        """Return the derivatives of ``c . V`` with respect to the log of every resistance, as signs and logarithms.
 
         `c` (nodes,): weights of the node voltages ``V``.  Returns the sign (-1, 0 or 1) and the natural logarithm of
         the size in volts, each of shape (resistors,).  Raises AccuracyError if the errors may be too large.
@@ -266,10 +266,10 @@ class Adjoint:
         )
 
     def _normwise(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return the differences of the adjoint ``lambda`` across resistors, and bounds on their errors, from one solve.
+        """Return the differences of the adjoint ``lambda`` across resistors, and their error bounds, from one solve.
 
-        `rhs` (n,): scaled weights; result: signs, logarithms of the sizes, and logarithms of the error bounds, each of
-        shape (resistors,).
+        `factors`: factors of the linearized circuit; `rhs` (n,): scaled weights; result: signs, logarithms of the
+        sizes, and logarithms of the error bounds, each of shape (resistors,).
         """
         matrix = factors.system.laplacian
         try:
@@ -282,10 +282,11 @@ class Adjoint:
         return *self._across([Scaled.of(x)]), self._log_error(residual)
 
     def _entrywise(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return the differences of the adjoint ``lambda`` across resistors, and bounds on their errors, from two solves.
+        """Return the differences of the adjoint ``lambda`` across resistors, and their error bounds, from two solves.
 
-        Each solve has currents of one sign and is accurate componentwise.  `rhs` (n,): scaled weights; result: signs,
-        logarithms of the sizes, and logarithms of the error bounds, each of shape (resistors,).
+        Each solve has currents of one sign and is accurate componentwise.  `factors`: factors of the linearized
+        circuit; `rhs` (n,): scaled weights; result: signs, logarithms of the sizes, and logarithms of the error bounds,
+        each of shape (resistors,).
         """
         parts, residual, matrix = [], np.zeros(len(rhs)), factors.system.laplacian
         diagonal, edges = matrix.diagonal, matrix.edges

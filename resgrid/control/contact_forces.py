@@ -16,8 +16,8 @@ values.
 """
 
 _LEAST_MOBILITY = 1e-12
-"""Largest entry of ``n . J`` (or ``t . J``) of a contact, as a fraction of that of all contacts, below which the contact
-(or its friction) is ignored.
+"""Largest entry of ``n . J`` (or ``t . J``) of a contact, as a fraction of that of all contacts, below which the
+contact (or its friction) is ignored.
 """
 _LEAST_PIVOT = 1e-13
 """Smallest accepted pivot of Lemke's method, relative to the largest entry of the inverse basis."""

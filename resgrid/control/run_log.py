@@ -21,7 +21,7 @@ from resgrid.scene.scene import Scene
 Vector = NDArray[np.float64]
 
 _AT_GOAL = 1e-8
-"""Distance from a goal that counts as 0, as a fraction of the robot's motion across a cell."""
+"""Distance from a goal that counts as 0, as a fraction of the robot's largest motion across a cell plus the cell diagonal."""
 
 
 class ControlMode(IntEnum):
@@ -258,7 +258,7 @@ class Run:
 
 
 class Recorder:
-    """Record of the steps of a run, in axis units."""
+    """Record of the steps of a run, in axis units; `ndim`: number of axes."""
 
     def __init__(self, ndim: int) -> None:
         self._ndim = ndim
@@ -271,14 +271,19 @@ class Recorder:
 
     @property
     def last_mode(self) -> ControlMode:
-        """Mode of the last row."""
+        """Mode of the last recorded step; `STREAMLINE` before the first."""
         return self._rows[-1][4] if self._rows else ControlMode.STREAMLINE
 
     def add(
         self, time: float, configuration: Vector, believed: Vector, velocity: Vector, mode: ControlMode,
         contacts: ContactSet | None, push: Vector,
     ) -> None:  # fmt: skip
-        """Append one step."""
+        """Append one step to the record.
+
+        `time`: begin of the step, in seconds; `configuration, believed` (ndim,): true configuration and that of the
+        sensor; `velocity` (ndim,): per second; `mode`: kind of motion; `contacts`: contacts, None for none; `push`
+        (ndim,): external generalised force; all along the axes.
+        """
         torque = np.zeros(self._ndim)
         if contacts is not None and contacts.pressing.any():
             torque = contacts.torque
@@ -292,9 +297,10 @@ class Recorder:
     ) -> Run:  # fmt: skip
         """Return the run with all recorded steps, converted to world coordinates.
 
-        `goal`: number of the goal region that the robot reached, or None; `lessons`: updates of the map; `field,
-        space`: state of the map at the end of the run.  If the robot penetrated an obstacle, the run ends with
-        `ENTERED` instead of `end`, unless its start was blocked.
+        `end`: termination reason and message; `goal`: number of the goal region that the robot reached, or None;
+        `lessons`: updates of the map; `field, space`: state of the map at the end of the run; `plant`: robot and true
+        obstacles; `scene`: scene of the run, or None.  If the robot penetrated an obstacle, the run ends with `ENTERED`
+        instead of `end`, unless its start was blocked.
         """
         frame = space.frame
         time, configuration, believed, velocity, mode, torque, push = zip(*self._rows, strict=True)
@@ -330,7 +336,7 @@ class Recorder:
         )
 
     def _contact_log(self, frame: Frame) -> ContactLog:
-        """Return the contacts with a force, in world coordinates."""
+        """Return all recorded contacts with a force, in world coordinates; `frame`: position of the axes in the world."""
 
         def column(name: str, empty: NDArray[Any]) -> NDArray[Any]:
             return np.concatenate([empty, *(getattr(each, name)[each.pressing] for _, each in self._contacts)])

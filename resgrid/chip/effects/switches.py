@@ -178,7 +178,7 @@ class RailResistance(Effect):
 
 
 def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
-    """Return the netlist with a mesh of segments in place of a rail; its switches lead to the rail nodes of their cells.
+    """Return the netlist with a mesh of segments in place of a rail; its switches then lead to the nodes of the mesh.
 
     `rail`: "goal" or "obstacle"; `ohms`: resistance of a segment.
     """
