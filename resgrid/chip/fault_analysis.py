@@ -112,6 +112,7 @@ class FaultAnalysis(Result):
         Returns
         -------
         ndarray of int64, shape (at most count,)
+            Indices of the elements, in the order of `open` and `short`.
 
         Raises
         ------

@@ -12,8 +12,8 @@ from resgrid._internal.jit import inner, kernel
 Floats = NDArray[np.float64]
 
 _FINE = 1e-9
-"""Smallest step of the search, as a fraction of the time; a sum that is still at the edge of the band at this step counts
-as leaving the band there.
+"""Smallest step of the search, as a fraction of the time; a sum at the edge of the band within this step counts as
+leaving the band there.
 """
 
 _EXACT = 1e-13

@@ -227,7 +227,7 @@ def _linearization(chip: Study) -> tuple[str, ...]:
 
 
 def power_section(chip: Study, _effort: Effort) -> Section:
-    """Return the section on the power of the chip and the voltage drop along its rails."""
+    """Return the section on the power of the chip, and on the supply droop at its obstacle and goal cells."""
     result = chip.power()
     text = [f"The chip takes {formatted(result.total, 'W')} once it has settled."]
     pictures = [Picture("power", "heat by cell, and the hottest resistors", result)]

@@ -161,6 +161,7 @@ class Study(CircuitStudy):
         Returns
         -------
         YieldLoss
+            Yield without each effect, and the limits of mismatch, offset and bits.
         """
         return analyse_yield_loss(
             self.ideal,
@@ -207,6 +208,7 @@ class Study(CircuitStudy):
         Returns
         -------
         Sweep
+            Yield and its interval for every pair of values.
 
         Raises
         ------
@@ -278,6 +280,7 @@ class Study(CircuitStudy):
         Returns
         -------
         FaultAnalysis
+            Number of starts that each fault loses.
         """
         if short_resistance is None:
             short_resistance = self.description.defects.short_resistance
@@ -345,6 +348,7 @@ def study(
     Returns
     -------
     Study
+        The chip with a method for each analysis.
 
     Raises
     ------

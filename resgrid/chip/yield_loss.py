@@ -41,7 +41,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "noise": {"readout.noise_bandwidth": None},
     "quantization": {"readout.bits": None, "readout.range": None},
 }
-"""Effects of a chip by name, and for each the chip keys that describe it, with their values for a chip without the effect."""
+"""Effects of a chip by name, and for each the chip keys that describe it, with their values without the effect."""
 
 _MOST_TRIALS, _LEAST_TRIALS, _CELLS = 400, 16, 2**18
 """Default number of chips; larger grids have fewer, for about 260,000 cells of all chips together.

@@ -23,7 +23,9 @@ from resgrid.errors import InputError
 from resgrid.scene.chip import Chip
 
 Progress = Callable[[int, int, Proportion], None]
-"""Function called after every batch with the number of trials, the expected number of trials, and the overall yield so far (a Proportion); returns None."""
+"""Function called after every batch with the number of trials, the expected number of trials, and the overall yield so
+far.
+"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -218,10 +220,10 @@ def _journal(checkpoint: str | os.PathLike[str] | None, experiment: Experiment) 
 
 
 def _expected_trials(overall: Proportion, half_width: float, batch: int, trials: int) -> int:
-    """Return an estimate of the number of trials that the wanted interval needs, a multiple of `batch`, at most `trials`.
+    """Return an estimate of the number of trials that the wanted interval needs, a multiple of `batch`.
 
-    Interval widths are inversely proportional to the square root of the number of trials.  `overall`: yield so far;
-    `half_width`: wanted half width of the interval.
+    The result is at most `trials`.  Interval widths are inversely proportional to the square root of the number of
+    trials.  `overall`: yield so far; `half_width`: wanted half width of the interval.
     """
     needed = int(overall.trials * max(overall.half_width / half_width, 1.0) ** 2)
     return min(-(-needed // batch) * batch, trials)

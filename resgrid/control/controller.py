@@ -289,6 +289,7 @@ def make_controller(
     Returns
     -------
     Controller
+        The controller.
 
     Raises
     ------

@@ -21,7 +21,9 @@ from resgrid.scene.scene import Scene
 Vector = NDArray[np.float64]
 
 _AT_GOAL = 1e-8
-"""Distance from a goal that counts as 0, as a fraction of the robot's largest motion across a cell plus the cell diagonal."""
+"""Distance from a goal that counts as 0, as a fraction of a length: the robot's largest motion across a cell plus the
+cell diagonal.
+"""
 
 
 class ControlMode(IntEnum):
@@ -336,7 +338,7 @@ class Recorder:
         )
 
     def _contact_log(self, frame: Frame) -> ContactLog:
-        """Return all recorded contacts with a force, in world coordinates; `frame`: position of the axes in the world."""
+        """Return all recorded contacts with a force, in world coordinates; `frame`: position of the axes."""
 
         def column(name: str, empty: NDArray[Any]) -> NDArray[Any]:
             return np.concatenate([empty, *(getattr(each, name)[each.pressing] for _, each in self._contacts)])
