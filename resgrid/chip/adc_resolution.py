@@ -130,7 +130,7 @@ def _across_elements(
 
 
 def _cells_of_faces(space: ConfigurationSpace) -> NDArray[np.int64]:
-    """Return the flat indices of the cells below and above every face, -1 outside the grid; shape (faces, 2)."""
+    """Return the flat indices of the cells below and above every cell face, -1 outside the grid, shape (faces, 2)."""
     wide = with_margin(np.arange(space.cell.size).reshape(space.shape), space.periodic, beyond=-1)
     sides = (cells_at_faces(wide, axis) for axis in range(space.ndim))
     return np.concatenate([np.stack([below.ravel(), above.ravel()], axis=1) for below, above in sides])
@@ -182,7 +182,7 @@ class ADCResolution(Result):
 
     @property
     def starts(self) -> NDArray[np.float64]:
-        """Bits that every start with a path to a goal needs, in C order of the cells."""
+        """Bits that every start with a path to a goal needs, shape (k,), in C order of the cells."""
         return self.start_bits[self.space.goal_connected]
 
     def served(self, bits: float) -> float:

@@ -41,7 +41,7 @@ _HELD = {
     "grid": (*_SCALE, "capacitance"),  # capacitors carry no current at the operating point
     "tiles": (*_SCALE, "capacitance", *_SWITCHES, *_DRAWN, *_SCATTERED),
 }
-"""Keys that a form of the circuit holds."""
+"""Keys of a chip that a form of the circuit contains, by the name of the form."""
 
 
 def build_chip(netlist: Netlist, chip: Chip | Iterable[Effect], seed: Any = None) -> Netlist:
@@ -158,7 +158,7 @@ class ConductanceModel:
 
 
 def chip_keys(chip: Chip) -> dict[str, Any]:
-    """Return the value of every key of a chip, with dots for nested tables (``readout.bits``)."""
+    """Return the value of every key of a chip by key, with dots for nested tables (``readout.bits``)."""
     return {key: attrgetter(key)(chip) for key in described_keys(Chip)}
 
 

@@ -35,7 +35,7 @@ BAND = 100.0
 """Upper limit of the noise band, as angular frequency times the fastest time constant (no unit)."""
 
 Words = dict[str, Any]
-"""Title and dialect of the decks, as options of `write_spice`."""
+"""Title and dialect of the decks, by the names of the options of `write_spice`."""
 
 _DESCRIPTIONS = {
     "op": "the chip, for its operating point",
@@ -45,7 +45,7 @@ _DESCRIPTIONS = {
 }
 """Descriptions of the decks, by name."""
 _POINTS = 20
-"""Number of frequencies per decade of the noise analysis."""
+"""Number of frequencies per decade of frequency in the noise analysis."""
 _STEPS = 400
 """Number of time steps of the transient analysis."""
 _MOMENTS = 10

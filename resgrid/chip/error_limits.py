@@ -136,13 +136,13 @@ _WORDS = {
     "largest_offset": ("largest standard deviation of the read-out's offset", "V"),
     "fewest_bits": ("fewest bits of the converter", "bit"),
 }
-"""Definition and unit of each limit."""
+"""Definition and unit of each limit, by the name of the limit."""
 _IDEAL = {
     "largest_mismatch": "zero mismatch",
     "largest_offset": "zero offset",
     "fewest_bits": "an ideal converter",
 }
-"""Text of the ideal value of each limit."""
+"""Text for the ideal value of each limit, by the name of the limit."""
 
 
 @dataclass(frozen=True)

@@ -126,7 +126,7 @@ class FaultAnalysis(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of merit by name, with units and definitions."""
+        """Numbers of critical elements and of lost starts by name, with units and definitions."""
         through = "an ideal read-out" if self.ideal else f"a {self.bits}-bit read-out without offset and noise"
         result = {
             "starts_served": Figure(

@@ -95,7 +95,7 @@ class Result:
         raise NotImplementedError
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures of merit by name, each as a dictionary of its fields."""
+        """Return the figures of merit by name, each as a dictionary with value, unit and definition."""
         return {name: asdict(figure) for name, figure in self.figures.items()}
 
     def __repr__(self) -> str:
@@ -146,7 +146,7 @@ class Proportion:
 
     @property
     def half_width(self) -> float:
-        """Half the width of the interval."""
+        """Half the width of the confidence interval, as a fraction of the trials."""
         return 0.5 * (self.high - self.low)
 
     def __str__(self) -> str:

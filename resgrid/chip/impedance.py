@@ -33,18 +33,18 @@ _ALLOWED = 1e-6
 """Largest accepted relative error of the real part of an impedance."""
 
 _ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
-"""Backward error of a solution: relative perturbation of the entries of the triangular factors."""
+"""Assumed relative perturbation of the entries of the triangular factors by rounding (backward error of a solution)."""
 
 _POINTS_PER_DECADE = 6
-"""Quadrature points per decade of frequency."""
+"""Number of quadrature points per decade of frequency."""
 _FLAT = 1e-2
 """Fraction of the lowest corner frequency below which the density is a parabola, to a relative error of 1e-8."""
 
 _MOST_ROUNDING = 1e-3
-"""Largest relative effect of rounding on a density within the band."""
+"""Largest accepted relative effect of rounding on a noise density within the band."""
 
 _MOST_ESTIMATED = 0.1
-"""Largest relative effect of rounding on an estimate, about as large as its sampling error."""
+"""Largest accepted relative effect of rounding on an estimate; about the sampling error of the estimate."""
 
 _EPS = float(np.finfo(np.float64).eps)
 _ITERATED = 1e-10

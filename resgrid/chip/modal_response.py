@@ -33,7 +33,7 @@ _SHIFT = 100.0
 _BLOCK = 8
 """Number of Lanczos steps between two tests of convergence."""
 _MOST_VECTORS = 400
-"""Maximum number of Lanczos vectors."""
+"""Maximum number of Lanczos vectors for one window of times."""
 _COMPLETE = 1e-13
 """Norm of a new Lanczos vector after orthogonalization, relative to its norm before, below which the Krylov space
 contains the whole motion."""

@@ -117,7 +117,7 @@ class Experiment:
 
 
 def differs(chip: Chip) -> bool:
-    """Return whether the circuits of a chip description contain randomness."""
+    """Return whether chips of one description may differ in their circuits, by mismatch or by defects."""
     return bool(chip.mismatch or chip.pelgrom or Faults.of(chip, 0))
 
 
@@ -127,7 +127,7 @@ def die_temperature(chip: Chip) -> float:
 
 
 Noises = dict[tuple[Chip, float], NDArray[np.float64]]
-"""Noise of chips without random errors, in volts, by the chip and the noise bandwidth in hertz; values (cells,)."""
+"""Rms noise voltages of chips without random errors: arrays (cells,) in volts, by chip and noise bandwidth in hertz."""
 
 
 def prepare_experiment(
@@ -201,7 +201,10 @@ def _converters(
 
 
 def _is_ideal(readout: Readout) -> bool:
-    """Return whether a read-out has no error; the robot then compares the currents through the faces."""
+    """Return whether a read-out has no errors; the robot then compares the currents through the cell faces.
+
+    Errors are quantization, offset and noise.
+    """
     return readout.bits is None and not readout.offset and readout.noise_bandwidth is None
 
 

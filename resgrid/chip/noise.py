@@ -259,7 +259,7 @@ def _checked_nodes(netlist: Netlist, nodes: ArrayLike) -> NDArray[np.int64]:
 
 
 def _checked_frequencies(frequencies: ArrayLike) -> NDArray[np.float64]:
-    """Return frequencies in hertz, shape (f,); raise InputError for negative or infinite ones."""
+    """Return frequencies in hertz as an array (f,); raise InputError for negative, infinite or other invalid ones."""
     listed = np.atleast_1d(np.asarray(frequencies))
     hertz = listed.astype(np.float64) if listed.dtype.kind in "iuf" else np.full(1, np.nan)
     if hertz.ndim != 1 or not np.all((hertz >= 0) & (hertz < _HIGHEST)):

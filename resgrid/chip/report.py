@@ -52,7 +52,7 @@ class Effort:
 
 
 USUAL = Effort()
-"""Default limits on the effort of the analyses of a report."""
+"""Default limits on the trials and the time of the analyses of a report."""
 
 
 @dataclass(frozen=True)

@@ -104,7 +104,7 @@ class Sensitivity(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of merit by name, with units and definitions."""
+        """Smallest margin, smallest drift and number of sensitive resistors by name, with units and definitions."""
         least = float(self.flip_drift.min(initial=np.inf))
         return {
             "smallest_margin": Figure(

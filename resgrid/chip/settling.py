@@ -46,7 +46,7 @@ _POINTS = 256
 _FEWEST_POINTS = 32
 """Minimum number of points of the settling curve."""
 _MOST_VALUES = 3e7
-"""Maximum number of deviations (points times rows) of the settling curve."""
+"""Maximum number of computed deviations (points times rows) of the settling curve."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -125,7 +125,7 @@ class Settling(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of merit by name, with units and definitions."""
+        """Time constants, settling time, energy and power by name, with units and definitions."""
         half = f"half a step of a {self.bits}-bit converter ({self.span / 2 ** (self.bits + 1):.3g} V)"
         return {
             "slowest_time_constant": Figure(

@@ -388,7 +388,7 @@ def study(
 
 
 def _with_values(chip: Chip, wiring: Wiring, options: WiringOptions) -> Chip:
-    """Return the chip with the resistance and the supply among `options`, and the wall resistance of `wiring`."""
+    """Return the chip with the resistance and supply in `options`, and the wall resistance of `wiring`, where given."""
     given: dict[str, Any] = {"resistance": options.get("resistance"), "supply": options.get("supply")}
     given["wall_resistance"] = wiring.wall_resistance
     changes = {name: value for name, value in given.items() if value is not None and value != getattr(chip, name)}

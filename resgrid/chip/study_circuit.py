@@ -78,7 +78,7 @@ class CircuitStudy(StudyInputs):
 
     @cached_property
     def usual_settling(self) -> Settling:
-        """Settling to the resolution and the range of the chip's own converter."""
+        """Settling of the chip, with the resolution and the range of its own converter."""
         return self.settling()
 
     @checked_method

@@ -58,7 +58,7 @@ class StudyInputs:
 
     @cached_property
     def op(self) -> OperatingPoint:
-        """The operating point of `netlist`, solved at the first access."""
+        """The operating point of `netlist`, solved at the first access unless it was given."""
         return solve(self.netlist) if self.solved is None else self.solved
 
     @cached_property
@@ -78,7 +78,7 @@ class StudyInputs:
 
     @property
     def bits(self) -> int:
-        """Resolution of the converter in bits; 10, for comparison, where the converter is ideal."""
+        """Resolution of the converter in bits; 10 where the converter is ideal."""
         return self.description.readout.bits or 10
 
     @property

@@ -24,12 +24,12 @@ from resgrid.errors import InputError
 from resgrid.scene.chip import Chip
 
 SweptKey = tuple[str, Sequence[Any]]
-"""A key of a chip description, with dots, and the values to try."""
+"""A key of a chip description, such as ``"readout.bits"``, and the values to try."""
 
 _BITS = (6, 8, 10, 12, 14, 16)
 """Default resolutions of the converter, in bits."""
 _SHARES = (0.0, 0.01, 0.02, 0.05, 0.1)
-"""Default mismatches: standard deviation of a resistance as a fraction of its mean."""
+"""Default mismatches to try: standard deviations of a resistance as fractions of its mean."""
 _MULTIPLES = (0.0, 0.3, 1.0, 3.0, 10.0)
 """Factors of the value in the description that give the default values of another key."""
 

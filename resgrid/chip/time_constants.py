@@ -40,8 +40,9 @@ LinearMap = Callable[[Floats], Floats]
 _SOLVE_RTOL = 1e-11
 """Largest normwise backward error of solutions that need no componentwise accuracy."""
 _SPOILT = 1e-9
-"""Relative difference between the normwise and the componentwise solution for the delays, above which the normwise
-solution is too inaccurate."""
+"""Relative difference between the normwise and the componentwise solution for the Elmore delays, above which the
+normwise solution is too inaccurate.
+"""
 
 _PROVED = 1e-3
 """Largest accepted (pessimistic) bound on the relative error of Elmore delays."""
@@ -51,7 +52,7 @@ _ENTRYWISE = 1e-10
 
 
 def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
-    """Return the root ``F`` of a Laplacian ``F^T F``, with one row for each element; shape (m, n)."""
+    """Return the root ``F`` of a Laplacian ``F^T F``, with one row for each element, shape (m, n)."""
     incidence, value = laplacian.elements
     return sparse.csr_array(sparse.diags_array(np.sqrt(value)) @ incidence)
 

@@ -68,7 +68,7 @@ class Converter:
 
     @property
     def random(self) -> bool:
-        """Whether readings of one chip contain random errors."""
+        """Whether readings contain random errors (offset or noise)."""
         return self.offset > 0 or bool(self.noise.any())
 
 

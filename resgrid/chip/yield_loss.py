@@ -49,7 +49,7 @@ _MOST_TRIALS, _LEAST_TRIALS, _CELLS = 400, 16, 2**18
 At least 381 chips without a failure are needed for a Wilson interval at 95 % that lies above 99 %.
 """
 _BISECTED = 10
-"""Typical number of mismatches that a bisection tries, for the progress bar."""
+"""Typical number of mismatches that a bisection tries, as the estimate for the progress bar."""
 
 
 @dataclass(frozen=True)
@@ -315,7 +315,7 @@ _LIMITS = {
 
 
 def _largest_loss(result: YieldLoss) -> str:
-    """Return a sentence with the effects that certainly cost yield, largest first."""
+    """Return a sentence on the effects whose removal certainly raises the yield, largest change first."""
     now = f"{100 * result.overall.value:.1f} %"
     losses = [cause for cause in result.causes if cause.low > 0]
     if not losses:

@@ -90,7 +90,7 @@ class Yield(Result):
 
     @property
     def interval(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Ends of the Wilson interval of every start, shape of the space; NaN outside the starts."""
+        """Lower and upper ends of the Wilson interval of every start, shape of the space; NaN outside the starts."""
         share = self.probability
         return wilson(share, self.trials, self.confidence) if self.random else (share, share)
 
@@ -101,7 +101,7 @@ class Yield(Result):
 
     @property
     def perfect(self) -> Proportion:
-        """Fraction of the chips on which every start reaches a goal."""
+        """Fraction of the chips on which every start reaches a goal, with its interval."""
         share = float(np.mean(self.served == self.starts.sum()))
         return proportion(share, self.trials, self.confidence, random=self.random)
 

@@ -30,7 +30,7 @@ _LEAST = 1e-3
 _POSES = 50
 """Maximum number of collision tests along a step, each at another pose of the robot."""
 _LIFTS = 3
-"""Maximum number of moves that lift a robot off an obstacle at the start."""
+"""Maximum number of moves at the start that separate a robot from obstacles it touches."""
 _LIFT = 10 * TOUCH
 """Gap in metres after such a move, as a factor of 1 m plus the largest radius."""
 
@@ -61,7 +61,7 @@ class ContactSet:
 
     @property
     def pressing(self) -> NDArray[np.bool_]:
-        """Mask of the contacts with a force, shape (m,)."""
+        """Mask of the contacts whose force is not 0, shape (m,)."""
         return np.asarray(np.any(self.force != 0.0, axis=1))
 
 
@@ -79,7 +79,7 @@ class Surroundings:
 
     @property
     def gap(self) -> NDArray[np.float64]:
-        """Gaps in metres, shape (n,)."""
+        """Gaps between robot and obstacle of all pairs, in metres, shape (n,)."""
         return np.asarray(self.pairs["gap"])
 
 

@@ -28,7 +28,7 @@ _GONE = 1e-9
 _CLOSED = 1e-6
 """Largest accepted relative residual of the complementarity problem."""
 _REFINEMENTS = 3
-"""Number of steps of iterative refinement."""
+"""Number of steps of iterative refinement of the contact forces."""
 
 
 def contact_forces(

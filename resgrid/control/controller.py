@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Response = Literal["admittance", "equipotential"]
 
 ALONG = 1e-3
-"""Sine of the angle between force and streamline below which the force causes a jam."""
+"""Sine of the angle between contact force and streamline, below which the robot cannot evade and is in a jam."""
 
 
 class Nominal(NamedTuple):
@@ -206,7 +206,7 @@ class Controller:
 
     @cached_property
     def axis_admittance(self) -> NDArray[np.float64]:
-        """The matrix `admittance` (velocity per generalised force) in the directions of the axes, shape (n, n)."""
+        """The matrix `admittance` (velocity per generalised force) in the directions of the grid axes, shape (n, n)."""
         # Rotate rows and columns.
         return self._frame.turned_from_world(self._frame.turned_from_world(self.admittance).T).T
 

@@ -26,7 +26,7 @@ _FLAT = (
 """Message for a cell with a path to a goal but without current."""
 
 DITHERS = 10
-"""Maximum number of random motions of a stalled robot."""
+"""Maximum number of random motions of a robot that has stalled at one place."""
 
 SAME = 1e-9
 """Distance below which two positions count as equal, as a fraction of a cell."""

@@ -29,9 +29,11 @@ PAIR = np.dtype(
         ("gap", np.float64), ("part", np.int64), ("body", np.int64),
     ]
 )  # fmt: skip
-"""A pair of near points: on the robot's surface and on the obstacle's surface, in metres; the unit normal out of the
-obstacle and the direction into it; the gap, in metres; the rigid part of the robot (the link of an arm); the
-obstacle's number.
+"""Record of a pair of near points of robot and obstacle.
+
+`on_robot, point`: points on the surfaces of robot and obstacle, in metres; `normal`: unit normal out of the obstacle;
+`inward`: unit direction into the obstacle; `gap`: in metres; `part`: index of the rigid part of the robot (the link of
+an arm); `body`: index of the obstacle.
 """
 
 _CAPACITY = 64
@@ -69,7 +71,7 @@ class Plant:
 
     @cached_property
     def arrays(self) -> ObstacleArrays:
-        """The obstacles as arrays for kernels."""
+        """The obstacles as arrays (edges, discs, half-planes, in metres) for compiled kernels."""
         return obstacle_arrays(self.obstacles, self.robot.workspace_axes(self.axes))
 
     @cached_property
@@ -117,7 +119,10 @@ class Plant:
 
     @cached_property
     def self_blocked(self) -> NDArray[np.bool_]:
-        """Mask of the cells that the robot blocks without obstacles: self-collisions and virtual obstacles."""
+        """Mask of the cells that the robot blocks without obstacles, shape of the space.
+
+        Causes are self-collisions and virtual obstacles of the robot.
+        """
         return self.robot.occupancy(self.axes, [], "conservative")
 
     def proven_cells(self, point: ArrayLike) -> NDArray[np.bool_]:
@@ -218,12 +223,12 @@ class Plant:
 
     @cached_property
     def _solids(self) -> list[Obstacle]:
-        """The obstacles as shapely geometries."""
+        """The obstacles as shapely geometries with a radius."""
         return obstacles_of(self.obstacles, self.robot.workspace_axes(self.axes))
 
 
 def plant_of(scene: Scene) -> Plant:
-    """Return the plant of a scene; raise InputError if its contacts cannot be simulated."""
+    """Return the plant of a scene, with hidden obstacles; raise InputError if its contacts cannot be simulated."""
     if scene.ndim != 2 and scene.robot.moves_in_workspace:
         raise InputError(
             f"contacts need a scene in the plane; this scene has {scene.ndim} ax{'is' if scene.ndim == 1 else 'es'}"
@@ -249,8 +254,9 @@ def make_plant(
 ) -> Plant:
     """Return the plant of a robot, its axes and the obstacles, given in world coordinates.
 
-    `known`: obstacles of the robot's map; `hidden`: obstacles that the map does not contain; `frame`: position of the
-    axes in the world, by default at the world's origin.
+    `robot`: plane robot; `axes`: axes of the configuration space; `known`: obstacles of the robot's map; `hidden`:
+    obstacles that the map does not contain; `frame`: position of the axes in the world, by default at the world's
+    origin.
     """
     place = Frame() if frame is None else frame
     obstacles = tuple(to_space(shape, place) for shape in (*known, *hidden))

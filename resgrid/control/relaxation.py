@@ -36,7 +36,7 @@ from resgrid.planning.blend import blend
 from resgrid.planning.fields import Field, read_field
 
 TICK = 0.2
-"""Interval between two readings of a chip, in cells that a robot at nominal speed crosses in that time."""
+"""Interval between two readings of a chip, in cells that a robot at nominal speed crosses in this interval."""
 
 _OMEGA = 1.8
 """Relaxation factor of successive over-relaxation, a number between 1 and 2."""

@@ -38,35 +38,41 @@ class ControlMode(IntEnum):
     """
 
     STREAMLINE = 0
-    """Followed the current."""
+    """The robot followed the current."""
     PUSHED = 1
-    """Followed the current under an external force."""
+    """The robot followed the current under an external force."""
     SLIDING = 2
-    """Slid along an obstacle."""
+    """The robot slid along an obstacle."""
     STICKING = 3
-    """Was held at an obstacle by friction: the contact force lies inside the friction cone."""
+    """Friction held the robot at an obstacle: the contact force lies inside the friction cone."""
     FOLLOWING = 4
-    """Responded to a contact force by motion along the equipotential."""
+    """The robot responded to a contact force by motion along the equipotential."""
     JAM = 5
     """The contact force lies along the streamline, so that equipotential following gives no velocity."""
     LEARNING = 6
-    """Stood still while contacts were marked in the map and the field was solved again."""
+    """The robot stood still while contacts were marked in the map and the field was solved again."""
     RETREATING = 7
-    """Moved back along its path, to a cell with a path to a goal."""
+    """The robot moved back along its path, to a cell with a path to a goal."""
     RECOVERING = 8
-    """In a cell without a path, because of a wrong belief or a learnt obstacle, moved to a near cell that has one."""
+    """The robot left a cell without a path (due to a wrong belief or a learnt obstacle) for a near cell with a path."""
     DITHERING = 9
-    """Made a small random motion after a long stall."""
+    """The robot made a small random motion after a long stall."""
     ARRIVED = 10
-    """Is in a goal cell, at the configuration that solves the goal if the space specifies one."""
+    """The robot is in a goal cell, at the configuration that solves the goal if the space specifies one."""
     WAITING = 11
-    """Stood still where a grid that has not settled has no outward current."""
+    """The robot stood still where a grid that has not settled has no outward current."""
     HOMING = 12
-    """In a goal cell, moved straight to the configuration that solves the goal."""
+    """In a goal cell, the robot moved straight to the configuration that solves the goal."""
 
 
 class TerminationReason(StrEnum):
-    """End of a motion: ``arrived`` in a goal, ``missed`` if only the believed configuration is in one, or a failure.
+    """Reason for the end of a controlled motion.
+
+    ``arrived``: the robot is in a goal; ``missed``: only the believed configuration is in a goal; ``no_path``: obstacle
+    cells separate the start from every goal; ``no_current``: no current flows in a cell with a path; ``goal_blocked``,
+    ``start_blocked``: obstacles cover every goal, or the start; ``jam``: the contact force lies along the streamline;
+    ``stalled``: the robot makes no progress; ``out_of_steps``: the maximum number of steps was taken; ``entered``: the
+    robot penetrated an obstacle.
 
     Examples
     --------
@@ -90,7 +96,7 @@ class TerminationReason(StrEnum):
 
 
 class End(NamedTuple):
-    """Termination reason of a run, with a sentence that explains it."""
+    """Termination reason of a run, and a sentence that explains it."""
 
     ending: TerminationReason
     message: str
@@ -252,7 +258,7 @@ class Run:
 
     @property
     def learnt(self) -> NDArray[np.bool_]:
-        """Mask of the learnt obstacle cells, shape of the space."""
+        """Mask of the cells that contacts added to the map as obstacles, shape of the space."""
         mask = np.zeros(self.space.shape, dtype=np.bool_)
         for lesson in self.lessons:
             mask[tuple(lesson.cells.T)] = True

@@ -56,7 +56,7 @@ class LiveMap:
 
     @property
     def spacing(self) -> Vector:
-        """Cell widths, shape (ndim,)."""
+        """Cell width along each axis, in axis units, shape (ndim,)."""
         return self.space.spacing
 
     def read(self, time: float) -> None:

@@ -26,7 +26,8 @@ from resgrid.scene.table_models import check_fields
 class Effect:
     """One effect of a chip on its netlist: a pure function with a seed where it is random.
 
-    Fields have the annotations of `Chip` fields, with range and unit.  `KEYS`: the chip keys that the fields come from.
+    The fields of a subclass are the parameters of the effect, with the range and the unit of the chip key.  `KEYS`:
+    chip key of each field, by field name.
     """
 
     KEYS: ClassVar[Mapping[str, str]] = {}

@@ -86,7 +86,7 @@ class Mismatch(Effect):
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Mismatch | None:
-        """Return the mismatch of a chip description; None without mismatch."""
+        """Return the mismatch of a chip description; None without mismatch; `seed`: seed of the chip."""
         if chip.mismatch:
             return cls(sigma=chip.mismatch, seed=seed)
         return cls(None, chip.pelgrom, chip.width, chip.length, chip.sheet_resistance, seed) if chip.pelgrom else None
@@ -147,7 +147,7 @@ class Faults(Effect):
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Faults | None:
-        """Return the faults of a chip description; None without open and shorted resistors."""
+        """Return the faults of a chip description; None without open or shorted resistors; `seed`: seed of the chip."""
         defects = chip.defects
         if not (defects.open_density or defects.short_density or defects.open_at):
             return None

@@ -100,7 +100,7 @@ class SheetResistors(Effect):
         return np.asarray(steps * self.drawing_grid)
 
     def area(self, netlist: Netlist) -> float:
-        """Return the total area of the strips of the grid's resistors, in square metres."""
+        """Return the total area of the strips that form the grid's resistors in a netlist, in square metres."""
         resistance = 1 / netlist.conductance[random_sites.on_grid(netlist)]
         nonlinear = netlist.nonlinear_voltage / netlist.nonlinear_current
         return float(self.width * self.length(np.append(resistance, nonlinear)).sum())
@@ -175,7 +175,7 @@ class Temperature(Effect):
 class Saturation(Effect):
     """Replace the grid's resistors by nonlinear ones of the same resistance at 0 V, ``I = V0 / R tanh(dV / V0)``.
 
-    `volts`: ``V0``, in volts.
+    `volts`: ``V0``, the voltage at which the current begins to saturate, in volts.
     """
 
     KEYS = {"volts": "saturation_voltage"}
