@@ -149,8 +149,8 @@ _IDEAL = {
 class Ladder:
     """Candidate values of one error from ideal to worst.
 
-    `name`: name of the limit; `values`: candidates, None for an ideal converter; `chip_with`: function that returns the
-    chip with a candidate.
+    `name`: name of the limit, such as ``"fewest_bits"``; `values`: candidates, None for an ideal converter;
+    `chip_with`: function from a candidate to the chip with this value of the error.
     """
 
     name: str

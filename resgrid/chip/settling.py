@@ -86,7 +86,7 @@ class Settling(Result):
     final : ndarray of float64, shape (nodes,)
         Final voltages, in volts; NaN where a node floats.
     times : ndarray of float64, shape (t,)
-        In seconds: 0, then in equal ratios until the last node has settled, or later.
+        Times in seconds: 0, then in equal ratios until the last node has settled, or later.
     distance : ndarray of float64, shape (t,)
         Largest distance of a node from its final voltage at those times, in volts.
     settle_time : float
@@ -289,8 +289,9 @@ def _curve(motion: Motion, deviation: Floats, first: float, last: float) -> tupl
 def _energy(dynamics: Dynamics, solve: LinearMap, final: Floats, start: Floats, end: Floats, time: float) -> float:
     """Return the energy that the sources deliver while the deviation changes from `start` to `end`, in joules.
 
-    The integral of the deviation over time is ``G^-1 C (start - end)``.  `solve`: product with ``G^-1``; `final` (n,):
-    final voltages; `start, end` (n,): deviations from them, in volts; `time`: duration, in seconds.
+    The integral of the deviation over time is ``G^-1 C (start - end)``.  `dynamics`: circuit equations; `solve`:
+    product with ``G^-1``; `final` (n,): final voltages; `start, end` (n,): deviations from the final voltages, in
+    volts; `time`: duration, in seconds.
     """
     if time == 0.0:
         return 0.0

@@ -241,7 +241,7 @@ class Study(CircuitStudy):
         netlist : Netlist
             The circuit without mismatch.
         conductances : ndarray of float64, shape (chips, resistors)
-            In siemens, equal to those of ``build_chip(study.ideal, study.chip, seed)``; input of
+            Conductances in siemens, equal to those of ``build_chip(study.ideal, study.chip, seed)``; input of
             `resgrid.circuit.solve_many`.
 
         Raises

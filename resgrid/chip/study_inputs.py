@@ -53,7 +53,7 @@ class StudyInputs:
 
     @cached_property
     def netlist(self) -> Netlist:
-        """The circuit with all effects of the chip."""
+        """The circuit with all effects of the chip, as a netlist."""
         return self.ideal if self.chip is None else build_chip(self.ideal, self.chip)
 
     @cached_property

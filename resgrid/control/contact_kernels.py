@@ -230,7 +230,8 @@ def _time_beyond(nx: float, ny: float, segment: Floats, moves: Floats, top: floa
     """Return the time for which both ends of a moving segment stay beyond the line ``n . x = top``.
 
     The unit of time is the duration of the motion.  `nx, ny`: unit normal of the line; `segment` (4,): ends, in metres;
-    `moves` (7,): motion of the segment (see the head of the module); `top`: offset of the line, in metres.
+    `moves` (7,): rates of both ends (4), bounds on their accelerations (2), turning rate; `top`: offset of the line, in
+    metres.
     """
     first = _time_to_zero(nx * segment[0] + ny * segment[1] - top, nx * moves[0] + ny * moves[1], moves[4])
     return min(first, _time_to_zero(nx * segment[2] + ny * segment[3] - top, nx * moves[2] + ny * moves[3], moves[5]))
@@ -241,8 +242,8 @@ def _time_beside(px: float, py: float, qx: float, qy: float, segment: Floats, mo
     """Return the time for which two fixed points stay on one side of the line of a moving segment.
 
     The points keep a distance of `keep` metres from the line.  The unit of time is the duration of the motion.  `px,
-    py, qx, qy`: the points, in metres; `segment` (4,): ends, in metres; `moves` (7,): motion of the segment (see the
-    head of the module).
+    py, qx, qy`: the points, in metres; `segment` (4,): ends, in metres; `moves` (7,): rates of both ends (4), bounds on
+    their accelerations (2), turning rate.
     """
     dx, dy = segment[2] - segment[0], segment[3] - segment[1]
     length = math.hypot(dx, dy)
@@ -286,8 +287,8 @@ def _distance(segment: Floats, edge: Floats) -> tuple[float, float, float]:
 def _time_clear_of_edge(segment: Floats, moves: Floats, edge: Floats, keep: float) -> float:
     """Return a time for which a line separates a moving segment from a fixed edge, as a fraction of the motion.
 
-    `segment` (4,): ends, in metres; `moves` (7,): motion of the segment (see the head of the module); `edge` (4,): ends
-    of the edge, equal for a point; `keep`: distance to keep, in metres.
+    `segment` (4,): ends, in metres; `moves` (7,): rates of both ends (4), bounds on their accelerations (2), turning
+    rate; `edge` (4,): ends of the edge, equal for a point; `keep`: distance to keep, in metres.
     """
     ax, ay, bx, by = edge
     apart, nx, ny = _distance(segment, edge)
