@@ -160,7 +160,7 @@ class CircuitStudy(StudyInputs):
         Returns
         -------
         ndarray of float64, shape (f, k)
-            In V^2/Hz; 0 on rails, NaN where a node floats.
+            Density in V^2/Hz; 0 on rails, NaN where a node floats.
 
         Raises
         ------
@@ -186,7 +186,7 @@ class CircuitStudy(StudyInputs):
         Returns
         -------
         ndarray of float64, shape (k, k)
-            In V^2; 0 on rails, NaN where a node floats.
+            Covariance in V^2; 0 on rails, NaN where a node floats.
 
         Raises
         ------
@@ -262,9 +262,9 @@ class CircuitStudy(StudyInputs):
         Returns
         -------
         ndarray of float64, shape (resistors,)
-            In volts.  The error is at most 1e-5 of the largest derivative, plus the errors of the currents of the
-            operating point; derivatives below their error are 0.  Nonlinear resistors follow the linear ones; for them
-            the derivative is with respect to ``-ln I0``.
+            Derivatives in volts.  The error is at most 1e-5 of the largest derivative, plus the errors of the currents
+            of the operating point; derivatives below their error are 0.  Nonlinear resistors follow the linear ones;
+            for them the derivative is with respect to ``-ln I0``.
 
         Raises
         ------

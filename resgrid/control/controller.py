@@ -338,7 +338,7 @@ def equipotential_velocity(
     Returns
     -------
     ndarray of float64, shape (n,)
-        In axis units per second.
+        Velocity in axis units per second.
 
     Raises
     ------

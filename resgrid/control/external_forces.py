@@ -31,7 +31,7 @@ class ExternalForce:
     Attributes
     ----------
     start, duration : float
-        In seconds.
+        Start time and duration of the force, in seconds.
     force : ndarray of float64, shape (ndim,)
         Generalised force on the robot; its product with `Control.admittance` is a velocity.
 
@@ -83,7 +83,7 @@ def random_forces(
     Returns
     -------
     list of ExternalForce
-        In order of time.
+        The forces, in order of their start times.
 
     Raises
     ------

@@ -40,7 +40,7 @@ class Simulation:
     Attributes
     ----------
     controller : Controller
-        With the field of the initial map.
+        The controller, with the field of the initial map.
     plant : Plant
         The robot and all obstacles, hidden ones included.
     friction : float
@@ -125,8 +125,7 @@ class Simulation:
         Parameters
         ----------
         start : array_like of float, shape (n,), optional
-            World coordinates; by default the first start of the scene.  Other defaults come from the ``control`` of the
-            scene.
+            In world coordinates, by default the scene's first start; other defaults: ``control`` of the scene.
         pushes : sequence of ExternalForce or callable, optional
             External generalised forces, scheduled or as a function of time and configuration; ``()`` for none.
         bias : array_like of float, shape () or (n,), optional
@@ -141,6 +140,7 @@ class Simulation:
         Returns
         -------
         Run
+            Steps, contacts and map updates of the motion, and the reason for its end.
 
         Raises
         ------
@@ -361,7 +361,7 @@ def wavefront(simulation: Simulation, cells: NDArray[np.float64]) -> Wavefront:
     Parameters
     ----------
     simulation : Simulation
-        In the plane, made with ``announce=True`` and a ``settle``.
+        A simulation in the plane, made with ``announce=True`` and a value of ``settle``.
     cells : ndarray of float64, shape (t,)
         Times, in cells that the robot could have crossed since the change, ascending.
 
