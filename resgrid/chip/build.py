@@ -107,10 +107,11 @@ def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -
 class ConductanceModel:
     """Distribution of the conductances of chips that share one circuit: everything that does not depend on the seed.
 
-    `netlist`: the circuit without mismatch; `site` (drawn resistors,): site of each resistor that mismatch applies to,
-    -1 for none; these are the first resistors of the netlist; `sites`: number of sites; `deviation`: standard deviation
-    of a resistance as a fraction of its mean, shape () or (sites,), None without mismatch; `switch` (drawn resistors,):
-    resistance in series with each resistor that has no mismatch, in ohms.
+    A site is the numbered place of a grid resistor, for which a random factor is drawn.  `netlist`: the circuit without
+    mismatch; `site` (drawn resistors,): site of each resistor that mismatch applies to, -1 for none; these are the
+    first resistors of the netlist; `sites`: number of sites; `deviation`: standard deviation of a resistance as a
+    fraction of its mean, shape () or (sites,), None without mismatch; `switch` (drawn resistors,): resistance in series
+    with each resistor that has no mismatch, in ohms.
     """
 
     netlist: Netlist

@@ -229,8 +229,8 @@ def settling_bound(dynamics: Dynamics, solve: LinearMap, deviation: Floats, tau:
     smallest capacitance to a rail, where every row has one or lies between rows that have one.  A voltage is also at
     most the second norm times the root of its ``(G^-1)_ii``, which is at most its ``(G^-1 1)_i``.
 
-    `solve`: product with ``G^-1``; `deviation` (n,): deviation at time 0, in volts; `tau`: slowest time constant, in
-    seconds; `band`: half width of the band, in the unit of `deviation`.
+    `dynamics`: circuit equations; `solve`: product with ``G^-1``; `deviation` (n,): row voltages at time 0 minus their
+    final values; `tau`: slowest time constant, in seconds; `band`: half width of the band, in the unit of `deviation`.
     """
     stiffness = dynamics.capacitance.ground[dynamics.charged]
     if (stiffness > 0).all():

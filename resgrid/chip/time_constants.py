@@ -58,11 +58,11 @@ def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
 
 
 def accurate_solver(factors: Factor, capacitance: Laplacian) -> LinearMap:
-    """Return a function that solves ``G x = b`` accurately enough for time constants.
+    """Return a function from a right-hand side (n,) to a solution (n,) that is accurate enough for time constants.
 
     The function is the normwise solver if it gives accurate Elmore delays, else a componentwise one.  Elmore delays are
-    dominated by the slowest parts, where rounding errors appear first.  `factors`: factors of ``G``; `capacitance`:
-    ``C``.
+    dominated by the slowest parts, where rounding errors appear first.  `factors`: factors of the matrix (``G``, or ``G
+    + s C``); `capacitance`: ``C``.
     """
 
     def plain(b: Floats) -> Floats:
@@ -84,10 +84,10 @@ def accurate_solver(factors: Factor, capacitance: Laplacian) -> LinearMap:
 
 
 def entrywise_solution(factors: Factor, b: Floats, watch: ProgressMonitor | None = None) -> Floats:
-    """Return the solution (n,) of ``G x = b``, from accurate solves for the positive and the negative part of `b`.
+    """Return the solution (n,) of a linear system, from separate solves for the positive and negative part of `b`.
 
-    `factors`: factors of ``G``; `b` (n,): currents, in amperes; `watch`: records the error bound of each solve.  Each
-    part of the solution is accurate componentwise; their difference need not be.
+    `factors`: factors of the matrix; `b` (n,): right-hand side (currents), in amperes; `watch`: records the error bound
+    of each solve.  Each part of the solution is accurate componentwise; their difference need not be.
     """
     x, low = np.zeros(len(b)), np.zeros(len(b))
     for sign in (1.0, -1.0):

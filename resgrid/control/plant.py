@@ -50,9 +50,9 @@ _INNER = np.linspace(0.0, 1.0, 17)
 class Plant:
     """A robot and the true obstacles.
 
-    `robot`: a plane robot (point, disc, polygon or arm); `axes`: of its configuration space; the ends of an axis that
-    is not periodic are mechanical stops; `obstacles`: all obstacles along the axes, those of the map first; `known`:
-    number of obstacles in the map; `frame`: position of the axes in the world.
+    `robot`: a plane robot (point, disc, polygon or arm); `axes`: axes of the configuration space; the ends of an axis
+    that is not periodic are mechanical stops; `obstacles`: all obstacles in the directions of the axes, those of the
+    map first; `known`: number of obstacles in the map; `frame`: position of the axes in the world.
     """
 
     robot: Robot
@@ -62,7 +62,7 @@ class Plant:
     frame: Frame
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
-        """Return the pose of the robot at a configuration along the axes (ndim,), wrapped into periodic axes."""
+        """Return the pose of the robot at a configuration (ndim,) along the axes, wrapped into periodic axes."""
         return self.robot.pose(self._within_seams(configuration))
 
     def _within_seams(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -228,7 +228,7 @@ class Plant:
 
 
 def plant_of(scene: Scene) -> Plant:
-    """Return the plant of a scene, with hidden obstacles; raise InputError if its contacts cannot be simulated."""
+    """Return the plant of a scene with all its obstacles; raise InputError if its contacts cannot be simulated."""
     if scene.ndim != 2 and scene.robot.moves_in_workspace:
         raise InputError(
             f"contacts need a scene in the plane; this scene has {scene.ndim} ax{'is' if scene.ndim == 1 else 'es'}"

@@ -123,12 +123,12 @@ class Mismatch(Effect):
 class Faults(Effect):
     """Open some resistors of the grid, and short others.
 
-    A resistor that is open (or shorted) at one density is so at every higher density of the same seed.  A current
-    source into nodes that opens isolate is removed, because its current has no return path.
+    A resistor that is open (or shorted) at one density is also open (or shorted) at every higher density of the same
+    seed.  A current source into nodes that opens isolate is removed, because its current has no return path.
 
-    `open_density, short_density`: fractions of the resistors, with a sum of at most 1; `short_resistance`: of a short,
-    in ohms; `seed`: seed of the chip; `open_at`: further open resistors, each given by a cell and the axis across whose
-    lower face it lies; a place without a resistor, such as the contact of an open obstacle, is allowed.
+    `open_density, short_density`: fractions of the resistors, with a sum of at most 1; `short_resistance`: resistance
+    of a short, in ohms; `seed`: seed of the chip; `open_at`: further open resistors, each given by a cell and the axis
+    across whose lower face it lies; a place without a resistor, such as the contact of an open obstacle, is allowed.
     """
 
     open_density: Density = 0.0
