@@ -108,7 +108,7 @@ class RelaxingGrid:
 
     @property
     def distance(self) -> float:
-        """Largest difference of a cell's potential from its final value, as a fraction of the supply."""
+        """Largest difference of a cell's normalised potential (0 to 1) from its final value."""
         apart = np.abs(self.field.potential - self._final.potential)
         return float(np.nanmax(apart, initial=0.0))
 
