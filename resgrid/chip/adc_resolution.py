@@ -26,22 +26,27 @@ from resgrid.core.space import Cell, ConfigurationSpace
 from resgrid.errors import InputError
 
 _MOST_CELLS = 400
-"""Maximum number of cells on a path whose decisions are examined."""
+"""Maximum number of cells on a path for which sensitivities are computed."""
 
 _SMALL = 1e-4
-"""Fraction of ``I0`` below which a nonlinear resistor is linear."""
+"""Current of a nonlinear resistor, as a fraction of its saturation current ``I0``, below which the resistor counts as
+linear.
+"""
 
 _SATURATED = 1.0 - 1e-16
-"""Fraction of ``I0`` above which rounding decides the voltage of a nonlinear resistor."""
+"""Current of a nonlinear resistor, as a fraction of its saturation current ``I0``, above which rounding decides its
+voltage.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Steps:
     """Voltage steps from cells to their face neighbours, one entry for each cell and each of its faces with a resistor.
 
-    `cell` (s,): flat index (C order) of the free cell, ascending; `neighbour` (s,): flat index of the free or goal cell
-    across the face; `sign` (s,): 1 where the neighbour is lower (nearer to the goal rail), -1 where it is higher, 0
-    where both are equal; `log_volts` (s,): natural logarithm of the size of the step, in volts.
+    `cells`: map of the cells; `cell` (s,): flat index (C order) of the free cell, ascending; `neighbour` (s,): flat
+    index of the free or goal cell across the face; `sign` (s,): 1 where the neighbour is lower (nearer to the goal
+    rail), -1 where it is higher, 0 where both are equal; `log_volts` (s,): natural logarithm of the size of the step,
+    in volts.
     """
 
     cells: CellMap
@@ -51,9 +56,10 @@ class Steps:
     log_volts: NDArray[np.float64]
 
     def lowest(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the lowest neighbour of every cell (-1 for none) and the log of the voltage step to it.
+        """Return the flat index of the lowest neighbour of every cell, and the natural log of the voltage step to it.
 
-        Among equal neighbours the first is returned.  Shapes: (cells,), (cells,).
+        Both arrays have shape (cells,); the step is in volts.  A cell without a lower neighbour has -1 and minus
+        infinity.  Among equal neighbours the first is returned.
         """
         size = self.cells.space.cell.size
         down = np.where(self.sign > 0, self.log_volts, -np.inf)
@@ -66,14 +72,14 @@ class Steps:
 
 
 def enterable(space: ConfigurationSpace) -> NDArray[np.bool_]:
-    """Return the mask of the cells that a robot can enter: free and goal cells, never obstacle cells."""
+    """Return the mask of the cells that a robot can enter (free and goal cells), shape of the space."""
     return np.asarray(space.cell != Cell.OBSTACLE)
 
 
 def steps_of(op: OperatingPoint) -> Steps:
-    """Return the voltage steps between neighbouring cells.
+    """Return the voltage steps between neighbouring cells at an operating point.
 
-    Cells without a common element are compared by their voltages.
+    Neighbours without a resistor between them are compared by their voltages.
     """
     cells = op.netlist.cells
     space, node = cells.space, cells.node.ravel()
@@ -102,9 +108,10 @@ def steps_of(op: OperatingPoint) -> Steps:
 def _across_elements(
     op: OperatingPoint, cells: CellMap
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]:
-    """Return the elements that cross a face: face, whether upwards, sign of the current, and log of the voltage.
+    """Return the resistors that cross a cell face: face, whether upwards, sign of the current, and log of the voltage.
 
-    All arrays have shape (elements,).
+    All four arrays have shape (elements,): number of the face; whether the element points to the upper cell; -1, 0 or
+    1; natural logarithm of the voltage across the element, in volts.
     """
     netlist = op.netlist
     linear, nonlinear = cells.resistor_face >= 0, cells.nonlinear_face >= 0
@@ -123,7 +130,7 @@ def _across_elements(
 
 
 def _cells_of_faces(space: ConfigurationSpace) -> NDArray[np.int64]:
-    """Return the flat indices of the cells below and above every face, -1 outside the grid; shape (faces, 2)."""
+    """Return the flat indices of the cells below and above every cell face, -1 outside the grid, shape (faces, 2)."""
     wide = with_margin(np.arange(space.cell.size).reshape(space.shape), space.periodic, beyond=-1)
     sides = (cells_at_faces(wide, axis) for axis in range(space.ndim))
     return np.concatenate([np.stack([below.ravel(), above.ravel()], axis=1) for below, above in sides])
@@ -175,7 +182,7 @@ class ADCResolution(Result):
 
     @property
     def starts(self) -> NDArray[np.float64]:
-        """Bits that every start with a path to a goal needs, in C order of the cells."""
+        """Bits that every start with a path to a goal needs, shape (k,), in C order of the cells."""
         return self.start_bits[self.space.goal_connected]
 
     def served(self, bits: float) -> float:
@@ -229,6 +236,7 @@ class ADCResolution(Result):
         Returns
         -------
         ndarray of int64, shape (k, axes)
+            Indices of the cells, in the order in which the paths pass them.
 
         Raises
         ------
@@ -271,7 +279,7 @@ class ADCResolution(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of merit by name, with units and definitions."""
+        """Bits that starts need, and fractions of the starts that converters serve, by name, with definitions."""
         most = float(self.starts.max(initial=-np.inf))
         typical = float(np.median(self.starts)) if self.starts.size else np.nan
         of = f"of a converter of range {self.span:g} V"
@@ -292,15 +300,15 @@ class ADCResolution(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures and the sentence as plain values."""
+        """Return the figures, the boundary condition and the sentence as plain values."""
         return {**super().to_json(), "boundary": self.boundary, "sentence": self.sentence()}
 
 
 def analyse_adc_resolution(op: OperatingPoint, *, span: Positive | None = None) -> ADCResolution:
-    """Compute the converter bits that every cell and every start needs.
+    """Compute the converter bits that every cell and every start needs; return them as an ADCResolution.
 
-    `span`: range of the converter, in volts; by default the supply or, with a uniform drive, the height of the highest
-    node above the goal rail.
+    `op`: operating point of the chip; `span`: range of the converter, in volts; by default the supply or, with a
+    uniform drive, the height of the highest node above the goal rail.
     """
     steps = steps_of(op)
     space, wiring = steps.cells.space, steps.cells.wiring
@@ -326,7 +334,11 @@ def analyse_adc_resolution(op: OperatingPoint, *, span: Positive | None = None) 
 def _largest_ahead(
     bits: NDArray[np.float64], following: NDArray[np.int64], space: ConfigurationSpace
 ) -> NDArray[np.float64]:
-    """Return the largest value from every cell to the end of its path, by pointer doubling.  Shapes: all (cells,)."""
+    """Return the largest value on the path from every cell to its end, shape (cells,), by pointer doubling.
+
+    `bits` (cells,): values, NaN outside the starts; `following` (cells,): flat index of the next cell on the path, -1
+    at an end.
+    """
     most = np.where(space.cell.ravel() == Cell.GOAL, -np.inf, bits)
     ahead = np.where(following < 0, np.arange(len(bits)), following)
     for _ in range(int(np.ceil(np.log2(len(bits) + 1)))):

@@ -29,7 +29,7 @@ Form = Literal["circuit", "tiles", "grid"]
 """Form of the exported circuit: the netlist of `build_chip`, the array of tiles, or the ideal grid without effects."""
 
 READING = ("readout.offset", "readout.noise_bandwidth", "readout.bits", "readout.range")
-"""Keys of the read-out that do not change the circuit."""
+"""Keys of the chip's read-out that do not change the circuit."""
 
 _SCALE = ("resistance", "supply", "wall_resistance")
 """Keys of a chip that every form of its circuit holds.  The next three constants are groups of further keys: switches,
@@ -41,7 +41,7 @@ _HELD = {
     "grid": (*_SCALE, "capacitance"),  # capacitors carry no current at the operating point
     "tiles": (*_SCALE, "capacitance", *_SWITCHES, *_DRAWN, *_SCATTERED),
 }
-"""Keys that a form of the circuit holds."""
+"""Keys of a chip that a form of the circuit contains, by the name of the form."""
 
 
 def build_chip(netlist: Netlist, chip: Chip | Iterable[Effect], seed: Any = None) -> Netlist:
@@ -85,7 +85,7 @@ def build_chip(netlist: Netlist, chip: Chip | Iterable[Effect], seed: Any = None
 def ideal_netlist(space: ConfigurationSpace, chip: Chip, wiring: Wiring) -> Netlist:
     """Return the ideal netlist of a space for `build_chip`: one node per cell, with the chip's resistance and supply.
 
-    A uniform drive is scaled to the supply.
+    A uniform drive is scaled to the supply.  `wiring`: boundary conditions of the circuit.
     """
     wall = chip.wall_resistance if wiring.boundary == "wall" else None
     own = dataclasses.replace(
@@ -95,7 +95,10 @@ def ideal_netlist(space: ConfigurationSpace, chip: Chip, wiring: Wiring) -> Netl
 
 
 def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -> tuple[Netlist, NDArray[np.float64]]:
-    """Return the circuit without mismatch, and the conductances of chips in siemens, shape (chips, resistors)."""
+    """Return the circuit without mismatch, and the conductances of chips in siemens, shape (chips, resistors).
+
+    `netlist`: ideal circuit; `seeds`: seed of every chip; `chip`: chip description.
+    """
     model = ConductanceModel.of(netlist, chip)
     return model.netlist, model.draw([seed_of(seed) for seed in seeds])
 
@@ -104,10 +107,11 @@ def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -
 class ConductanceModel:
     """Distribution of the conductances of chips that share one circuit: everything that does not depend on the seed.
 
-    `netlist`: the circuit without mismatch; `site` (drawn resistors,): site of each resistor that mismatch applies to,
-    -1 for none; these are the first resistors of the netlist; `sites`: number of sites; `deviation`: standard deviation
-    of a resistance as a fraction of its mean, shape () or (sites,), None without mismatch; `switch` (drawn resistors,):
-    resistance in series with each resistor that has no mismatch, in ohms.
+    A site is the numbered place of a grid resistor, for which a random factor is drawn.  `netlist`: the circuit without
+    mismatch; `site` (drawn resistors,): site of each resistor that mismatch applies to, -1 for none; these are the
+    first resistors of the netlist; `sites`: number of sites; `deviation`: standard deviation of a resistance as a
+    fraction of its mean, shape () or (sites,), None without mismatch; `switch` (drawn resistors,): resistance in series
+    with each resistor that has no mismatch, in ohms.
     """
 
     netlist: Netlist
@@ -118,7 +122,10 @@ class ConductanceModel:
 
     @classmethod
     def of(cls, netlist: Netlist, chip: Chip) -> ConductanceModel:
-        """Return the model of a chip; raise InputError where defects or saturation change the circuit."""
+        """Return the model of a chip; raise InputError where defects or saturation change the circuit.
+
+        `netlist`: ideal circuit; `chip`: chip description.
+        """
         if chip.saturation_voltage is not None or Faults.of(chip, 0):
             raise InputError(
                 "chips with defects or saturation differ in more than their conductances; build them one by one"
@@ -139,7 +146,7 @@ class ConductanceModel:
         return cls(circuit, random_sites.resistor_sites(drawn)[0], random_sites.site_count(drawn), deviation, switch)
 
     def draw(self, seeds: Sequence[Seed]) -> NDArray[np.float64]:
-        """Return the conductances of the chips of some seeds in siemens, shape (chips, resistors)."""
+        """Draw chips with the given seeds; return their conductances in siemens, shape (chips, resistors)."""
         samples = np.tile(self.netlist.conductance, (len(seeds), 1))
         if self.deviation is None:
             return samples
@@ -152,12 +159,15 @@ class ConductanceModel:
 
 
 def chip_keys(chip: Chip) -> dict[str, Any]:
-    """Return the value of every key of a chip, with dots for nested tables (``readout.bits``)."""
+    """Return the value of every key of a chip by key, with dots for nested tables (``readout.bits``)."""
     return {key: attrgetter(key)(chip) for key in described_keys(Chip)}
 
 
 def chip_with(chip: Chip, values: Mapping[str, Any]) -> Chip:
-    """Return a copy of a chip with other values, by key: ``{"mismatch": 0.02, "readout.bits": 8}``."""
+    """Return a copy of a chip with other values, given by key: ``{"mismatch": 0.02, "readout.bits": 8}``.
+
+    Raises InputError for an unknown key or an invalid value.
+    """
     known = list(described_keys(Chip))
     tables: dict[str, dict[str, Any]] = {"": {}}
     for key, value in values.items():
@@ -172,7 +182,10 @@ def chip_with(chip: Chip, values: Mapping[str, Any]) -> Chip:
 
 
 def described(chip: Chip, shape: Sequence[int], boundary: str) -> list[tuple[str, str, str]]:
-    """Return rows (key, value, meaning) of the keys of a chip that are set, after those of its grid."""
+    """Return texts (key, value, meaning) on the grid of a chip and on every key of the description that is set.
+
+    `shape`: number of cells along each axis; `boundary`: ``"dirichlet"``, ``"neumann"`` or ``"wall"``.
+    """
     meaning = {"dirichlet": "are a rail", "neumann": "are open", "wall": "are a rail with a series resistance"}[
         boundary
     ]
@@ -189,7 +202,7 @@ def described(chip: Chip, shape: Sequence[int], boundary: str) -> list[tuple[str
 
 
 def value_text(value: Any, unit: str) -> str:
-    """Return a value of a chip as text with its unit."""
+    """Return a value of a chip as text with its unit; ``"none"`` for None; parts of a tuple are separated by commas."""
     if isinstance(value, tuple):
         return ", ".join(value_text(part, unit) for part in value)
     if value is None:
@@ -200,7 +213,10 @@ def value_text(value: Any, unit: str) -> str:
 
 
 def keys_not_held(chip: Chip, form: Form) -> tuple[str, ...]:
-    """Return the keys of a chip that are set and that a form of its circuit cannot represent."""
+    """Return the keys of a chip that are set and that a form of its circuit cannot represent.
+
+    `form`: ``"circuit"`` (all effects), ``"tiles"`` (array of tiles) or ``"grid"`` (ideal grid).
+    """
     usual, values = chip_keys(Chip()), chip_keys(chip)
     held = values.keys() - set(READING) if form == "circuit" else _HELD[form]
     said = (key for key, value in values.items() if key not in held and value != usual[key])
@@ -208,7 +224,10 @@ def keys_not_held(chip: Chip, form: Form) -> tuple[str, ...]:
 
 
 def _matters(chip: Chip, key: str, usual: Any) -> bool:
-    """Return whether the chip would differ without the value of a key."""
+    """Return whether the chip would change if a key had its default value.
+
+    `key`: key of the chip description; `usual`: default value of the key.
+    """
     try:
         other = chip_with(chip, {key: usual})
     except InputError:  # other keys need this one

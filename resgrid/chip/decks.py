@@ -30,12 +30,12 @@ from resgrid.spice.analyses import Analysis, NoiseAnalysis, Probe, TemperatureAn
 from resgrid.spice.write.files import WrittenDeck, write_spice
 
 CELSIUS = (-40.0, 27.0, 85.0, 125.0)
-"""Temperatures of the temperature deck, in degrees Celsius."""
+"""Temperatures of the operating points of the temperature deck, in degrees Celsius."""
 BAND = 100.0
-"""Upper limit of the noise band: angular frequency times the fastest time constant."""
+"""Upper limit of the noise band, as angular frequency times the fastest time constant (no unit)."""
 
 Words = dict[str, Any]
-"""Title and dialect of the decks, as options of `write_spice`."""
+"""Title and dialect of the decks, by the names of the options of `write_spice`."""
 
 _DESCRIPTIONS = {
     "op": "the chip, for its operating point",
@@ -45,15 +45,15 @@ _DESCRIPTIONS = {
 }
 """Descriptions of the decks, by name."""
 _POINTS = 20
-"""Number of frequencies per decade of the noise analysis."""
+"""Number of frequencies per decade of frequency in the noise analysis."""
 _STEPS = 400
 """Number of time steps of the transient analysis."""
 _MOMENTS = 10
 """Number of times of the transient analysis for which the sidecar states expected voltages."""
 _MOST_PROBES = 1000
-"""Maximum number of nodes of which all voltages are recorded."""
+"""Maximum number of nodes of a netlist whose voltages are all recorded."""
 _FEW_PROBES = 64
-"""Number of recorded nodes of a larger grid."""
+"""Number of nodes with recorded voltages in a larger netlist."""
 
 
 def write_decks(
@@ -65,7 +65,12 @@ def write_decks(
     folder: Path,
     words: Words,
 ) -> dict[str, WrittenDeck]:
-    """Write the decks of a chip, by name; decks of dynamics only for a chip with capacitances."""
+    """Write the SPICE decks of a chip; return the written decks by name.
+
+    `op`: operating point; `linear`: the chip, linearized where it is nonlinear; `settling`: settling of the chip, None
+    without capacitances, which then has no transient and no noise deck; `ideal`: circuit before the effects; `chip`:
+    chip description; `folder`: existing folder; `words`: title and dialect.
+    """
     decks = {"op": write_spice(op, folder / "op.cir", **words)}
     if settling is not None:
         decks["transient"] = _transient(linear, settling, folder / "transient.cir", words)
@@ -75,7 +80,10 @@ def write_decks(
 
 
 def described_files(decks: Mapping[str, WrittenDeck], dialect: str) -> dict[str, str]:
-    """Return a description of every file of the decks, by file name."""
+    """Return a description of every file of the decks, by file name.
+
+    `decks`: written decks by name; `dialect`: name of the simulator's dialect.
+    """
     files = {}
     for name, deck in decks.items():
         files[deck.path.name] = _DESCRIPTIONS[name]
@@ -87,7 +95,11 @@ def described_files(decks: Mapping[str, WrittenDeck], dialect: str) -> dict[str,
 
 
 def _transient(netlist: Netlist, settling: Settling, path: Path, words: Words) -> WrittenDeck:
-    """Write the transient deck; time 0 of the expected result is the middle of the simulator's first step."""
+    """Write the transient deck to `path`; return the written deck.
+
+    Time 0 of the expected result is the middle of the simulator's first step.  `settling`: settling of the same
+    netlist; `words`: title and dialect.
+    """
     tau = float(settling.time_constants[0])
     stop = float(f"{max(1.1 * settling.settle_time, 6.0 * tau):.3g}")
     step = stop / _STEPS
@@ -118,7 +130,10 @@ def _transient(netlist: Netlist, settling: Settling, path: Path, words: Words) -
 
 
 def _noise(netlist: Netlist, settling: Settling, path: Path, words: Words) -> WrittenDeck:
-    """Write the noise deck of the noisiest cell."""
+    """Write the noise deck of the noisiest cell to `path`; return the written deck.
+
+    `settling`: settling of the same netlist, which gives the band; `words`: title and dialect.
+    """
     band = noise_band(settling)
     noise = analyse_noise(netlist, band=band)
     assert noise.total is not None
@@ -140,9 +155,10 @@ def _noise(netlist: Netlist, settling: Settling, path: Path, words: Words) -> Wr
 
 
 def noise_band(settling: Settling) -> tuple[float, float]:
-    """Return the band from 0.01 times the lowest to 100 times the highest corner frequency, in hertz.
+    """Return the lower and the upper limit of the noise band, in hertz, from the time constants of a settling.
 
-    The upper limit is a frequency point of the simulator, which would otherwise stop below it.
+    The band reaches from 0.01 times the lowest to 100 times the highest corner frequency.  The upper limit is a
+    frequency point of the simulator, which would otherwise stop below it.
     """
     low = float(f"{0.01 / (2.0 * np.pi * float(settling.time_constants[0])):.3g}")
     points = int(np.ceil(_POINTS * np.log10(BAND / (2.0 * np.pi * settling.fastest * low))))
@@ -150,7 +166,11 @@ def noise_band(settling: Settling) -> tuple[float, float]:
 
 
 def _temperature(ideal: Netlist, chip: Chip, path: Path, words: Words) -> WrittenDeck:
-    """Write the temperature deck, with the expected voltages at each temperature that the coefficients allow."""
+    """Write the temperature deck to `path`; return the written deck.
+
+    The expected voltages are given for every temperature at which the coefficients leave all resistances positive.
+    `ideal`: circuit before the effects; `chip`: chip description; `words`: title and dialect.
+    """
     cold = build_chip(ideal, dataclasses.replace(chip, temperature=None))
     nodes = _probed(cold, solve(cold).voltage)
     own = () if chip.temperature is None else (chip.temperature,)
@@ -172,7 +192,10 @@ def _temperature(ideal: Netlist, chip: Chip, path: Path, words: Words) -> Writte
 
 
 def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Return the nodes of cells with recorded voltages: all of a small grid, some spread evenly over a large one."""
+    """Return the nodes of cells whose voltages are recorded, shape (k,): all of a small netlist, 64 of a large one.
+
+    `volts` (nodes,): node voltages; nodes with NaN are left out.
+    """
     cell_map = netlist.cells
     nodes = np.unique(cell_map.node[cell_map.node >= 0])
     nodes = nodes[np.isfinite(volts[nodes])]
@@ -182,5 +205,5 @@ def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int32]:
 
 
 def _probe(netlist: Netlist, nodes: NDArray[np.int32]) -> list[Analysis]:
-    """Return the probe of a large netlist, which does not record all voltages."""
+    """Return the list of analyses that restricts recording to `nodes`: one probe for a large netlist, else empty."""
     return [Probe(tuple(netlist.names_of(nodes)))] if netlist.node_count > _MOST_PROBES else []

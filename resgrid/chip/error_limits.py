@@ -16,11 +16,11 @@ from resgrid.chip.figures_of_merit import Figure, Proportion, formatted
 from resgrid.scene.chip import Chip
 
 _E12 = (1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2)
-"""Preferred values of the E12 series."""
+"""Preferred values of the E12 series, per decade, without unit."""
 _MOST_BITS = 32
-"""Largest resolution that is tried, in bits."""
+"""Largest converter resolution that is tried, in bits."""
 _SMALLEST_OFFSET = 1e-6
-"""Smallest offset that is tried, as a fraction of the supply."""
+"""Smallest nonzero read-out offset that is tried, as a fraction of the supply."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Limit:
 
     @property
     def figure(self) -> Figure:
-        """The value with its unit and definition."""
+        """The value of the limit with its unit and definition, as a Figure."""
         definition, unit = _WORDS[self.name]
         ends = [self.sure, self.possible] if self.name != "fewest_bits" else [self.possible, self.sure]
         shown = " to ".join("not reached" if end is None else self._text(end) for end in ends)
@@ -96,7 +96,7 @@ class Limit:
 
     @property
     def answer(self) -> str:
-        """The value as text, with the yields on both sides of it."""
+        """The value of the limit as text, with the yields at this value and at the next worse one."""
         if not self.reached:
             return self.remark
         return f"{_IDEAL[self.name] if self.value is None else self._text(self.value)}, {self.remark}"
@@ -116,14 +116,14 @@ class Limit:
         return f"where the yield is {here} (at {self._text(self.beyond)} it is {next_one})"
 
     def _text(self, value: float) -> str:
-        """Return a value with its unit as text."""
+        """Return a value of this error as text with its unit, such as ``"11 bits"``."""
         if self.name == "fewest_bits":
             return f"{value} bit{'s' * (value != 1)}"
         return f"{100 * value:.3g} %" if self.name == "largest_mismatch" else formatted(value, _WORDS[self.name][1])
 
 
 def _distinguished(first: float, second: float) -> tuple[str, str]:
-    """Return two fractions in per cent, with enough decimals to differ."""
+    """Return two fractions as texts in per cent, with as many decimals (one to five) as they need to differ."""
     for decimals in range(1, 6):
         texts = f"{100 * first:.{decimals}f} %", f"{100 * second:.{decimals}f} %"
         if texts[0] != texts[1]:
@@ -136,18 +136,22 @@ _WORDS = {
     "largest_offset": ("largest standard deviation of the read-out's offset", "V"),
     "fewest_bits": ("fewest bits of the converter", "bit"),
 }
-"""Definition and unit of each limit."""
+"""Definition and unit of each limit, by the name of the limit."""
 _IDEAL = {
     "largest_mismatch": "zero mismatch",
     "largest_offset": "zero offset",
     "fewest_bits": "an ideal converter",
 }
-"""Text of the ideal value of each limit."""
+"""Text for the ideal value of each limit, by the name of the limit."""
 
 
 @dataclass(frozen=True)
 class Ladder:
-    """Candidate values of one error from ideal to worst, and a function that returns the chip with a value."""
+    """Candidate values of one error from ideal to worst.
+
+    `name`: name of the limit, such as ``"fewest_bits"``; `values`: candidates, None for an ideal converter;
+    `chip_with`: function from a candidate to the chip with this value of the error.
+    """
 
     name: str
     values: tuple[float | int | None, ...]
@@ -155,7 +159,10 @@ class Ladder:
 
 
 def mismatch_ladder(chip: Chip) -> Ladder:
-    """Return the mismatches to try: 0 and 0.01 % to 82 %; a chip with ``pelgrom`` keeps the area of its resistors."""
+    """Return the mismatches to try for a chip: 0 and 0.01 % to 82 %, as standard deviations of a resistance.
+
+    A chip described by ``pelgrom`` keeps the area of its resistors.
+    """
 
     def changed(deviation: float) -> Chip:
         area = _area(chip)
@@ -168,7 +175,7 @@ def mismatch_ladder(chip: Chip) -> Ladder:
 
 
 def _area(chip: Chip) -> float | None:
-    """Return the area of a resistor of nominal value, in square metres; None if the chip does not define it."""
+    """Return the area of a chip's resistor of nominal value, in square metres; None if the chip does not define it."""
     if chip.width is None:
         return None
     length = chip.length
@@ -178,7 +185,7 @@ def _area(chip: Chip) -> float | None:
 
 
 def offset_ladder(chip: Chip) -> Ladder:
-    """Return the offsets to try: 0, and from a millionth of the supply to the supply."""
+    """Return the read-out offsets to try for a chip, in volts: 0, and from a millionth of the supply to the supply."""
     supply = abs(chip.supply)
     every = (float(f"{mantissa}e{power}") for power in range(-18, 13) for mantissa in _E12)
     values = (value for value in every if _SMALLEST_OFFSET * supply <= value <= supply)
@@ -190,7 +197,7 @@ def offset_ladder(chip: Chip) -> Ladder:
 
 
 def bits_ladder(chip: Chip) -> Ladder:
-    """Return the converters to try: an ideal one, and 32 bits down to 1."""
+    """Return the converter resolutions to try for a chip: an ideal converter, and 32 bits down to 1."""
 
     def changed(bits: int | None) -> Chip:
         return dataclasses.replace(chip, readout=dataclasses.replace(chip.readout, bits=bits))
@@ -199,10 +206,11 @@ def bits_ladder(chip: Chip) -> Ladder:
 
 
 def find_limit(ladder: Ladder, target: float, yields: Callable[[int], Proportion], *, every: bool) -> Limit:
-    """Find the worst value of a ladder with a sufficient yield; value number `i` has the yield ``yields(i)``.
+    """Find the worst value of an error with a sufficient yield; return it as a Limit.
 
-    `target`: sufficient yield; `every`: try the values one after the other; otherwise bisect, assuming that the yield
-    falls from value to value.
+    `ladder`: candidate values; `target`: sufficient yield; `yields`: function from the number of a candidate to its
+    yield; `every`: try the values one after the other; otherwise bisect, assuming that the yield falls from value to
+    value.
     """
     count = len(ladder.values)
     seen: dict[int, Proportion] = {}
@@ -235,15 +243,19 @@ def find_limit(ladder: Ladder, target: float, yields: Callable[[int], Proportion
 
 
 def _last_by_scan(count: int, passes: Callable[[int], bool]) -> int:
-    """Return the last of `count` candidates before the first one that fails; -1 if candidate 0 fails."""
+    """Return the number of the last candidate before the first one that fails; -1 if candidate 0 fails.
+
+    `count`: number of candidates; `passes`: whether a candidate, given by its number, is sufficient.
+    """
     return next((candidate for candidate in range(count) if not passes(candidate)), count) - 1
 
 
 def _last_sure(last: int, passes: Callable[[int], bool], *, every: bool) -> int:
-    """Return the worst candidate, up to `last`, whose interval lies above the target; -1 for none.
+    """Return the number of the worst candidate, up to `last`, whose whole interval lies above the target; -1 for none.
 
     Better candidates need not pass: the interval of equal chips is wider than that of chips that differ a little.
-    `passes`: whether a candidate's interval lies above the target; `every`: try all candidates instead of bisecting.
+    `passes`: whether the interval of a candidate lies above the target; `every`: try all candidates instead of
+    bisecting.
     """
     if every:
         return next((candidate for candidate in range(last, -1, -1) if passes(candidate)), -1)
@@ -252,7 +264,11 @@ def _last_sure(last: int, passes: Callable[[int], bool], *, every: bool) -> int:
 
 
 def _last_by_bisection(count: int, passes: Callable[[int], bool]) -> int:
-    """Return one of `count` candidates that passes and whose successor fails, by bisection; -1 if candidate 0 fails."""
+    """Return the number of a candidate that passes and whose successor fails; -1 if candidate 0 fails.
+
+    `count`: number of candidates; `passes`: whether a candidate, given by its number, is sufficient.  If no candidate
+    fails, the last is returned.
+    """
     if not passes(0):
         return -1
     low, high = 0, count

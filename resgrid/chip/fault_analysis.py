@@ -33,15 +33,15 @@ from resgrid.scene.chip import Readout
 from resgrid.solvers.supernodal import factor_supernodes
 
 IDEAL_BITS = 40
-"""Resolution in bits that stands for an ideal read-out: a step of 1e-12 of the supply, larger than rounding errors."""
+"""Resolution in bits that stands for an ideal read-out; its step is 1e-12 of the supply, above rounding errors."""
 
 _BLOCK = 128
-"""Number of elements between two tests of the time limit."""
+"""Number of elements between two checks of the time limit."""
 _LEAKY, _BRIDGE = 1e-3, 1e-9
 """Denominators below `_LEAKY` need a refinement step; those below `_BRIDGE` need a new solve."""
 
 _WORST = 10
-"""Default number of elements in lists of the worst ones."""
+"""Default number of elements in a list of the worst ones."""
 
 Solve = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """Function from currents into the rows, in amperes, to their voltages in volts, both (n,)."""
@@ -112,6 +112,7 @@ class FaultAnalysis(Result):
         Returns
         -------
         ndarray of int64, shape (at most count,)
+            Indices of the elements, in the order of `open` and `short`.
 
         Raises
         ------
@@ -125,7 +126,7 @@ class FaultAnalysis(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of merit by name, with units and definitions."""
+        """Numbers of critical elements and of lost starts by name, with units and definitions."""
         through = "an ideal read-out" if self.ideal else f"a {self.bits}-bit read-out without offset and noise"
         result = {
             "starts_served": Figure(
@@ -155,7 +156,7 @@ class FaultAnalysis(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures and the worst elements as plain values."""
+        """Return the figures and the worst elements (nodes, starts lost) of each fault as plain values."""
         listed = {}
         for fault in ("open", "short"):
             worst = self.worst(fault)
@@ -195,7 +196,12 @@ def analyse_faults(
     seconds: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> FaultAnalysis:
-    """Simulate an open and a short of every element, and count the starts lost; parameters as in `Study.faults`."""
+    """Simulate an open and a short of every element of a netlist, and count the starts that each fault loses.
+
+    `readout`: read-out of the chip, whose offset and noise are ignored; `short_resistance`: resistance of a short, in
+    ohms; `starts` (shape of the space): mask of the start cells, by default all with a path to a goal; `seconds`: time
+    limit, None for no limit; `progress`: called with the numbers of finished and of all elements.
+    """
     cells = cells_with_nodes(netlist, "faults that cost starts")
     bits = IDEAL_BITS if readout.bits is None else readout.bits
     converter = converter_of(Readout(range=readout.range), cells)
@@ -223,9 +229,10 @@ def analyse_faults(
 def faulty_voltages(
     netlist: Netlist, volts: NDArray[np.float64], order: NDArray[np.int64], short_resistance: float
 ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
-    """Yield each element and the voltages of all nodes with the element open, and with the element shorted.
+    """Yield each element and the node voltages (nodes,) in volts with the element open, and with the element shorted.
 
-    Shapes: `volts` (nodes,): without a fault; `order` (elements,); yields an int, (nodes,), (nodes,); in volts.
+    `volts` (nodes,): voltages without a fault; `order`: numbers of the elements, in the order of simulation;
+    `short_resistance`: resistance of a short, in ohms.  Voltages are NaN if the faulty circuit has no operating point.
     """
     rows = solve_rows = None
     if not netlist.nonlinear_nodes.size:
@@ -244,8 +251,9 @@ def faulty_voltages(
 class _Change:
     """A change of the conductance of one element of a linear circuit.
 
-    `rows`: equations of the circuit; `solve`: product with ``A^-1``; `volts` (nodes,): voltages before the change;
-    `element`: index of the resistor; `z` (nodes,): ``A^-1 w``, 0 where voltages are known.
+    `rows`: equations of the circuit; `solve`: product with ``A^-1``; `volts` (nodes,): voltages before the change, in
+    volts; `element`: index of the resistor; `z` (nodes,): voltages for 1 A into the first end of the resistor and out
+    of the second (``A^-1 w``), 0 where voltages are known.
     """
 
     rows: Dynamics
@@ -256,19 +264,23 @@ class _Change:
 
     @classmethod
     def of(cls, rows: Dynamics, solve: Solve, volts: NDArray[np.float64], element: int) -> _Change:
-        """Return the change of an element, with the voltages ``z`` for 1 A into its first end and out of the second."""
+        """Return the change of an element, after a solve for the voltages ``z``.
+
+        `rows`: equations of the circuit; `solve`: product with ``A^-1``; `volts` (nodes,): voltages before the change,
+        in volts; `element`: index of the resistor.
+        """
         w = rows.injection(rows.netlist.resistor_nodes[element], np.array([1.0, -1.0]))
         return cls(rows, solve, volts, element, rows.at_nodes(solve(w)))
 
     def _across(self, volts: NDArray[np.float64]) -> float:
-        """Return the difference of voltages (nodes,) across the element."""
+        """Return the difference of voltages (nodes,) across the element, in the same unit."""
         a, b = self.rows.netlist.resistor_nodes[self.element]
         return float(volts[a] - volts[b])
 
     def voltages(self, siemens: float) -> NDArray[np.float64] | None:
-        """Return the voltages of all nodes at another conductance, in volts, shape (nodes,).
+        """Return the node voltages at another conductance of the element, in volts, shape (nodes,).
 
-        None where the circuit without the element is singular.
+        Returns None where the circuit without the element is singular, or nearly so.  `siemens`: the new conductance.
         """
         delta = siemens - float(self.rows.netlist.conductance[self.element])
         rest = 1.0 + delta * self._across(self.z)
@@ -281,7 +293,10 @@ class _Change:
         return np.asarray(changed)
 
     def _kcl_residual(self, volts: NDArray[np.float64], siemens: float) -> NDArray[np.float64]:
-        """Return the KCL residual of every row at voltages (nodes,) and another conductance, in amperes; shape (n,)."""
+        """Return the residual of Kirchhoff's current law in every row, in amperes, shape (n,).
+
+        `volts` (nodes,): node voltages, in volts; `siemens`: new conductance of the element.
+        """
         netlist = self.rows.netlist
         conductance = netlist.conductance.copy()
         conductance[self.element] = siemens
@@ -291,7 +306,10 @@ class _Change:
 
 
 def _voltages_with(netlist: Netlist, element: int, siemens: float) -> NDArray[np.float64]:
-    """Return the node voltages with another conductance of an element; NaN without an operating point."""
+    """Return the node voltages in volts with another conductance of an element; NaN without an operating point.
+
+    `element`: index among resistors and nonlinear resistors; `siemens`: new conductance, 0 for an open element.
+    """
     try:
         return solve(_netlist_with(netlist, element, siemens), accuracy="normwise").voltage
     except CircuitError:
@@ -299,7 +317,10 @@ def _voltages_with(netlist: Netlist, element: int, siemens: float) -> NDArray[np
 
 
 def _netlist_with(netlist: Netlist, element: int, siemens: float) -> Netlist:
-    """Return the netlist with another conductance of an element, in siemens; 0 removes it."""
+    """Return the netlist with another conductance of an element.
+
+    `element`: index among resistors and nonlinear resistors; `siemens`: new conductance, 0 removes the element.
+    """
     linear = len(netlist.conductance)
     if element < linear:
         keep = np.arange(linear) != element

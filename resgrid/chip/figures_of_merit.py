@@ -50,7 +50,10 @@ class Figure:
 
 
 def formatted(value: float | int | str | None, unit: str) -> str:
-    """Return a value with its unit as text, four digits with an engineering prefix: ``"38.12 µA"``."""
+    """Return a value with its unit as text, four digits with an engineering prefix: ``"38.12 µA"``.
+
+    `value`: number, text, or None for an undefined value; `unit`: SI unit, ``""`` for a pure number.
+    """
     if value is None:
         return "undefined"
     if isinstance(value, str):
@@ -61,19 +64,19 @@ def formatted(value: float | int | str | None, unit: str) -> str:
 
 
 def table_lines(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return the lines of a Markdown table."""
+    """Return the lines of a Markdown table; `head`: column titles; `rows`: cells of every row."""
     return [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
 
 
 def html_table(lines: Sequence[str]) -> str:
-    """Return Markdown lines as HTML, for notebooks."""
+    """Return Markdown lines with a table as HTML text, for notebooks."""
     from markdown_it import MarkdownIt
 
     return str(MarkdownIt("commonmark", {"html": False}).enable("table").render("\n".join(lines)))
 
 
 def figure_lines(figures: Mapping[str, Figure]) -> list[str]:
-    """Return the lines of a Markdown table of figures."""
+    """Return the lines of a Markdown table of figures of merit: name, value and definition."""
     rows = (
         (name.replace("_", " "), str(figure), figure.definition.replace("|", "\\|")) for name, figure in figures.items()
     )
@@ -92,7 +95,7 @@ class Result:
         raise NotImplementedError
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures of merit by name, each as a dictionary of its fields."""
+        """Return the figures of merit by name, each as a dictionary with value, unit and definition."""
         return {name: asdict(figure) for name, figure in self.figures.items()}
 
     def __repr__(self) -> str:
@@ -104,7 +107,7 @@ class Result:
 
 
 def defined(value: float) -> float | None:
-    """Return a value if it is finite, else None."""
+    """Return a number if it is finite, else None."""
     return float(value) if math.isfinite(value) else None
 
 
@@ -143,7 +146,7 @@ class Proportion:
 
     @property
     def half_width(self) -> float:
-        """Half the width of the interval."""
+        """Half the width of the confidence interval, as a fraction of the trials."""
         return 0.5 * (self.high - self.low)
 
     def __str__(self) -> str:
@@ -153,8 +156,9 @@ class Proportion:
 def proportion(
     share: float, trials: int, confidence: float, effective: float | None = None, *, random: bool
 ) -> Proportion:
-    """Return a fraction of trials with its score interval.
+    """Return a fraction of trials with its score interval, as a Proportion.
 
+    `share`: observed fraction; `trials`: number of trials; `confidence`: confidence of the interval, between 0 and 1;
     `effective`: number of independent trials, by default `trials`; `random`: False where a single trial is exact, so
     that the interval has no width.
     """
@@ -165,7 +169,10 @@ def proportion(
 
 
 def wilson(share: NDArray[np.float64] | float, trials: float, confidence: float) -> tuple[Any, Any]:
-    """Return the ends of the score interval of fractions of `trials` independent trials."""
+    """Return the lower and upper ends of the Wilson score interval of observed fractions, in the shape of `share`.
+
+    `share`: observed fractions; `trials`: number of independent trials; `confidence`: between 0 and 1.
+    """
     z = NormalDist().inv_cdf(0.5 + 0.5 * confidence)
     weight = 1.0 + z * z / trials
     middle = (share + 0.5 * z * z / trials) / weight
@@ -177,8 +184,8 @@ def effective_trials(counts: NDArray[np.int64], members: int) -> float:
     """Return the number of independent trials that are as precise as trials in clusters (Kish 1965).
 
     The members of a cluster may be correlated.  The result is ``p (1 - p)`` over the variance of the mean, estimated
-    from the spread between clusters; at least the number of clusters, at most the number of all members.  Shapes:
-    `counts` (trials,): successes in every cluster; `members`: size of a cluster.
+    from the spread between clusters; at least the number of clusters, at most the number of all members.  `counts`
+    (trials,): number of successes in every cluster; `members`: number of members of a cluster.
     """
     total, squares, trials = int(counts.sum()), int(counts @ counts), len(counts)
     share = total / (trials * members)

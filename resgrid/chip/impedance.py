@@ -33,18 +33,18 @@ _ALLOWED = 1e-6
 """Largest accepted relative error of the real part of an impedance."""
 
 _ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
-"""Backward error of a solution: relative perturbation of the entries of the triangular factors."""
+"""Assumed relative perturbation of the entries of the triangular factors by rounding (backward error of a solution)."""
 
 _POINTS_PER_DECADE = 6
-"""Quadrature points per decade of frequency."""
+"""Number of quadrature points per decade of frequency."""
 _FLAT = 1e-2
 """Fraction of the lowest corner frequency below which the density is a parabola, to a relative error of 1e-8."""
 
 _MOST_ROUNDING = 1e-3
-"""Largest relative effect of rounding on a density within the band."""
+"""Largest accepted relative effect of rounding on a noise density within the band."""
 
 _MOST_ESTIMATED = 0.1
-"""Largest relative effect of rounding on an estimate, about as large as its sampling error."""
+"""Largest accepted relative effect of rounding on an estimate; about the sampling error of the estimate."""
 
 _EPS = float(np.finfo(np.float64).eps)
 _ITERATED = 1e-10
@@ -54,7 +54,11 @@ _ITERATED = 1e-10
 def resistive_parts(
     dynamics: Dynamics, rows: NDArray[np.int64], frequencies: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the resistive parts of the impedances from rows to the rails, shape (frequencies, rows), in ohms."""
+    """Return the real parts of the impedances from rows to the rails, shape (frequencies, rows), in ohms.
+
+    `dynamics`: circuit equations; `rows`: numbers of the rows (unknown node voltages); `frequencies`: in hertz, at
+    least 0.  Raises AccuracyError if a relative error may exceed 1e-6.
+    """
     basis = _weak_part_basis(dynamics.conductance)
     (G, conductors), (C, capacitors) = (_elements(part, basis) for part in (dynamics.conductance, dynamics.capacitance))
     own = basis[rows].T.toarray()
@@ -85,11 +89,16 @@ def resistive_parts(
 
 
 _Elements = tuple[sparse.csr_array, NDArray[np.float64]]
-"""Incidence from unknowns to the voltages across elements, shape (m, n), and element values, shape (m,)."""
+"""Incidence matrix from unknowns to the voltages across elements, shape (m, n), and the conductances or capacitances of
+the elements, shape (m,).
+"""
 
 
 def _elements(laplacian: Laplacian, basis: sparse.csr_array) -> tuple[sparse.csr_array, _Elements]:
-    """Return the matrix of conductances or capacitances in a basis of the unknowns, shape (n, n), and its elements."""
+    """Return a matrix of conductances or capacitances in a basis of the unknowns, shape (n, n), and its elements.
+
+    `laplacian`: the matrix for node voltages; `basis` (n, n): node voltages as combinations of the unknowns.
+    """
     incidence, value = laplacian.elements
     across = sparse.csr_array(incidence @ basis)
     across.eliminate_zeros()
@@ -97,14 +106,20 @@ def _elements(laplacian: Laplacian, basis: sparse.csr_array) -> tuple[sparse.csr
 
 
 def _dissipated(elements: _Elements, y: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return the sum of ``value |across|^2`` for every column of unknowns.  Shapes: `y` (n, k); returns (k,)."""
+    """Return the sum of ``value |across|^2`` over all elements, for every column of unknowns, shape (k,).
+
+    `elements`: incidence matrix and element values; `y` (n, k): complex unknowns, in volts.
+    """
     incidence, value = elements
     across = incidence @ y
     return np.asarray(value @ (across.real**2 + across.imag**2))
 
 
 def inverse_columns(factors: SupernodalFactors, size: int, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return columns of a positive inverse, one in each row, shape (rows, size)."""
+    """Return columns of the inverse of a positive definite matrix, one in each row of the result, shape (rows, size).
+
+    `factors`: factors of the matrix; `size`: dimension of the matrix; `rows`: numbers of the columns.
+    """
     columns = np.empty((len(rows), size))
     for column, row in zip(columns, rows.tolist(), strict=True):
         unit = np.zeros(size)
@@ -114,10 +129,10 @@ def inverse_columns(factors: SupernodalFactors, size: int, rows: NDArray[np.int6
 
 
 def _weak_part_basis(G: Laplacian) -> sparse.csr_array:
-    """Return the matrix, shape (n, n), from unknowns to row voltages, for weakly tied parts.
+    """Return the matrix, shape (n, n), that maps unknowns to row voltages; weakly tied parts use differences.
 
     In a part with weak or no resistive connections to the rails, the first unknown is the voltage of its first row; the
-    other unknowns are the differences from this row.  Elsewhere unknowns are row voltages.
+    other unknowns are the differences from this row.  Elsewhere unknowns are row voltages.  `G`: conductance matrix.
     """
     n = len(G.ground)
     part = label_components(G.edges)
@@ -138,9 +153,10 @@ errors.
 
 
 def exact_integrals(dynamics: Dynamics, band: tuple[float, float] | None) -> Integrals:
-    """Compute effective resistances, and integrals of ``Re Z`` over a band in hertz, from the factors of ``G``.
+    """Compute effective resistances, and integrals of ``Re Z`` over a band, from the factors of ``G``.
 
-    Without a band the integrals are 0.
+    `dynamics`: circuit equations; `band`: limits in hertz; without a band the integrals are 0.  Returns `Integrals`:
+    resistances in ohms, their errors, integrals in ohm hertz, and their errors, each of shape (n,).
     """
     none = np.zeros(dynamics.size)
     if not dynamics.size:
@@ -159,9 +175,11 @@ def exact_integrals(dynamics: Dynamics, band: tuple[float, float] | None) -> Int
 
 
 def estimated_integrals(dynamics: Dynamics, band: tuple[float, float] | None, signs: NDArray[np.float64]) -> Integrals:
-    """Estimate effective resistances, and integrals of ``Re Z`` over a band in hertz, from products with random signs.
+    """Estimate effective resistances, and integrals of ``Re Z`` over a band, from products with random sign vectors.
 
-    `signs` (n, samples): random entries 1 and -1.  Without a band the integrals are 0.
+    `dynamics`: circuit equations; `band`: limits in hertz; without a band the integrals are 0; `signs` (n, samples):
+    random entries 1 and -1.  Returns `Integrals`: resistances in ohms, their standard errors, integrals in ohm hertz,
+    and their standard errors, each of shape (n,).
     """
     factors = factor_resolvent(dynamics, 0.0)
     currents = _largest_currents(dynamics, band or (0.0, 0.0))
@@ -178,17 +196,20 @@ def estimated_integrals(dynamics: Dynamics, band: tuple[float, float] | None, si
 
 
 def _largest_currents(dynamics: Dynamics, band: tuple[float, float]) -> NDArray[np.float64]:
-    """Return the currents into every row at 1 V and the lower end of the band, in amperes, shape (n,).
+    """Return the currents into every row at 1 V at the lower end of a band, in amperes, shape (n,).
 
     A change of ``G`` by a fraction ``eps`` of its entries changes ``R_i = (G^-1)_ii`` by at most ``2 eps (G^-1 D
     G^-1)_ii``, with the diagonal ``D`` of ``G``.  No entry of a row of ``G^-1`` exceeds ``R_i``, so that this is at
-    most ``2 eps R_i (G^-1 d)_i``, where ``d`` are the currents returned here.
+    most ``2 eps R_i (G^-1 d)_i``, where ``d`` are the currents returned here.  `band`: limits in hertz.
     """
     return dynamics.conductance.diagonal + 2.0 * np.pi * band[0] * dynamics.capacitance.diagonal
 
 
 def _require_digits(dynamics: Dynamics, rounding: NDArray[np.float64], most: float) -> None:
-    """Raise AccuracyError if the effect of rounding exceeds a fraction `most`.  Shapes: `rounding` (n,)."""
+    """Raise AccuracyError if the relative effect of rounding on the noise of a row exceeds `most`.
+
+    `rounding` (n,): relative effect of rounding errors on every row.
+    """
     worst = int(np.argmax(rounding))
     if not rounding[worst] <= most:
         node = dynamics.netlist.node_name(int(np.argmax(dynamics.row == worst)))
@@ -201,9 +222,10 @@ def _require_digits(dynamics: Dynamics, rounding: NDArray[np.float64], most: flo
 def _quadrature(
     dynamics: Dynamics, band: tuple[float, float]
 ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Return the weight of the resistance at 0 Hz, then frequencies and weights, each of shape (k,).
+    """Return the quadrature of a noise density over a band: the weight of 0 Hz, further frequencies, and their weights.
 
-    Below the corner frequency the density is a parabola.
+    Below the corner frequency the density is a parabola.  `band`: limits in hertz.  Frequencies and weights have shape
+    (k,), in hertz.
     """
     low, high = band
     if not dynamics.charged.any():
@@ -224,5 +246,5 @@ def _quadrature(
 
 
 def _admittance(dynamics: Dynamics, frequency: float) -> sparse.csr_array:
-    """Return ``G + 2 pi j f C``, shape (n, n)."""
+    """Return the admittance matrix ``G + 2 pi j f C`` at a frequency ``f`` in hertz, shape (n, n), in siemens."""
     return sparse.csr_array(dynamics.conductance.matrix + 2j * np.pi * frequency * dynamics.capacitance.matrix)

@@ -12,22 +12,26 @@ from resgrid._internal.jit import inner, kernel
 Floats = NDArray[np.float64]
 
 _FINE = 1e-9
-"""Step length of the search, as a fraction of the time, at which a sum that is still at the edge of the band is taken
-to leave the band there."""
+"""Smallest step of the search, as a fraction of the time; a sum at the edge of the band within this step counts as
+leaving the band there.
+"""
 
 _EXACT = 1e-13
 """Tolerance of a crossing: distance of the sum from the edge of the band, as a fraction of the width of the band."""
 
 _MOST_STEPS = 100
-"""Maximum number of iterations of the root search."""
+"""Maximum number of iterations of the root search for one crossing."""
 
 _GONE = 700.0
-"""Number of time constants after which an exponential underflows."""
+"""Number of time constants (rate times time) after which an exponential counts as 0."""
 
 
 @inner
 def _sums(share: Floats, rate: Floats, time: float) -> tuple[float, float]:
-    """Return ``sum_j share_j exp(-rate_j time)``, and a bound on its second derivative's magnitude at later times."""
+    """Return ``sum_j share_j exp(-rate_j time)``, and a bound on the size of its second derivative from then on.
+
+    `share, rate` (m,): coefficients, and decay rates in 1/s; `time`: in seconds.
+    """
     value, bend = 0.0, 0.0
     for j in range(len(rate)):
         if rate[j] * time > _GONE:
@@ -40,10 +44,11 @@ def _sums(share: Floats, rate: Floats, time: float) -> tuple[float, float]:
 
 @inner
 def _crossing(share: Floats, rate: Floats, out: float, above: float, into: float, below: float, band: float) -> float:
-    """Return the time at which the magnitude of a sum of exponentials falls below ``band``.
+    """Return the time in seconds at which the magnitude of a sum of exponentials falls below ``band``.
 
     The method is false position (Illinois; Dowell & Jarratt 1971) between the times ``out`` and ``into``, at which the
-    magnitude is ``above`` and ``below``.
+    magnitude is ``above`` and ``below``.  `share, rate` (m,): coefficients, and decay rates in 1/s; `band`: in the unit
+    of the coefficients.
     """
     above, below = above - band, below - band
     for _ in range(_MOST_STEPS):
@@ -62,9 +67,10 @@ def _crossing(share: Floats, rate: Floats, out: float, above: float, into: float
 def _last_between(
     share: Floats, rate: Floats, first: float, last: float, end: float, band: float
 ) -> float:  # fmt: skip
-    """Return the time at which the magnitude of a sum of exponentials last falls below ``band``; ``first`` if none.
+    """Return the last time at which the magnitude of a sum of exponentials falls below ``band``; ``first`` if none.
 
-    ``end``: magnitude at time ``last``.
+    `share, rate` (m,): coefficients, and decay rates in 1/s; `first, last`: limits of the search, in seconds; `end`:
+    magnitude at time ``last``; `band`: in the unit of the coefficients.
     """
     b = last
     h = b - first
@@ -91,9 +97,12 @@ def last_outside(
 
     The value of row ``i`` is ``sum_j shape[i, j] weight[j] exp(-rate[j] t)``.  Rows that stay below ``band`` keep their
     entry.  At the last of the ``times`` all rows must be below.  The search goes backwards from there, in steps of at
-    most the distance of two of the ``times``.  A step without a crossing is recognized by a bound: the line between
-    its ends, plus the largest deviation of the curve from that line (``h**2 / 8`` times its second derivative), lies
-    below ``band``.  Other steps are shortened until they contain exactly one crossing.
+    most the distance of two of the ``times``.  A step without a crossing is recognized by a bound: the line between its
+    ends, plus the largest deviation of the curve from that line (``h**2 / 8`` times its second derivative), lies below
+    ``band``.  Other steps are shortened until they contain exactly one crossing.
+
+    `shape` (n, m), `weight` (m,); `rate` (m,): in 1/s; `times` (t,): ascending, in seconds; `band`: in the unit of the
+    values; `rows` (k,): numbers of the rows to examine; `result` (n,): times, in seconds.
     """
     count = len(times)
     decay = np.empty((count, len(rate)))
@@ -127,9 +136,9 @@ _UNKNOWN, _REACHED, _LOST, _WALKING = 0, 1, 2, 3
 
 @inner
 def _reading(height: float, steps: float) -> float:
-    """Return the converter output: the number of whole steps, or the input itself without a converter (``steps`` 0).
+    """Return the converter output: the number of whole steps, or `height` itself without a converter (`steps` 0).
 
-    ``height``: voltage as a fraction of the range.
+    `height`: voltage as a fraction of the converter's range; `steps`: number of steps of the range.
     """
     if steps == 0.0 or math.isnan(height):
         return height
@@ -145,8 +154,9 @@ def lowest_neighbours(
 
     Among equal readings the first is taken.  ``height`` (cells,): voltage as a fraction of the converter's range;
     ``noise`` (cells,): its standard deviation; ``draw`` (cells, 2 ndim + 1): standard normal numbers for the readings
-    of the neighbours and of the cell itself, without rows if there is no noise; ``falling``: 1, or -1 where the goal
-    rail lies above the obstacle rail; ``following`` (cells,): result.
+    of the neighbours and of the cell itself, without rows if there is no noise; ``steps``: number of steps of the
+    range, 0 without a converter; ``falling``: 1, or -1 where the goal rail lies above the obstacle rail; ``around``
+    (cells, 2 ndim): flat indices of the neighbours, -1 for none; ``following`` (cells,): result.
     """
     last = around.shape[1]
     noisy = len(draw) > 0
@@ -166,9 +176,10 @@ def lowest_neighbours(
 
 @kernel
 def reach_goals(following: Integers, goal: NDArray[np.bool_], reached: NDArray[np.bool_]) -> None:
-    """Find the cells from which a walk along ``following`` reaches a goal.
+    """Find the cells from which a walk along ``following`` reaches a goal; write the mask to ``reached`` (cells,).
 
-    A walk fails at a cell without successor (-1), and where it returns to a cell that it has passed.
+    A walk fails at a cell without successor (-1), and where it returns to a cell that it has passed.  ``following``
+    (cells,): flat index of the next cell; ``goal`` (cells,): mask of the goal cells.
     """
     count = len(following)
     state = np.zeros(count, np.int8)

@@ -25,31 +25,32 @@ from resgrid.errors import AccuracyError
 Floats = NDArray[np.float64]
 
 SPAN = 256.0
-"""Ratio of the last to the first time of a window for which one sum of exponentials is computed."""
+"""Ratio of the last to the first time of a window that one sum of exponentials covers."""
 
 _SHIFT = 100.0
-"""Shift ``s`` of the resolvent ``(G + s C)^-1``, in reciprocals of the end of the window."""
+"""Shift ``s`` of the resolvent ``(G + s C)^-1``, as a multiple of the reciprocal of the last time of the window."""
 
 _BLOCK = 8
-"""Lanczos steps between two tests of convergence."""
+"""Number of Lanczos steps between two tests of convergence."""
 _MOST_VECTORS = 400
-"""Maximum number of Lanczos vectors."""
+"""Maximum number of Lanczos vectors for one window of times."""
 _COMPLETE = 1e-13
 """Norm of a new Lanczos vector after orthogonalization, relative to its norm before, below which the Krylov space
 contains the whole motion."""
 
 _INSTANT = 1e-14
-"""Fraction of the largest Ritz value below which Ritz values are rounding errors."""
+"""Size of a Ritz value, as a fraction of the largest one, below which the value is a rounding error."""
 
 _PROBES = 9
-"""Number of times at which convergence is tested."""
+"""Number of times of a window at which convergence is tested, besides its first time."""
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
     """A sum of exponentials: ``y(t) = shape @ (weight * exp(-rate t))``.
 
-    `shape` (n, m); `rate` (m,): in 1/s; `weight` (m,): the product with ``shape`` is in volts.
+    `shape` (n, m): shape of every exponential; `rate` (m,): decay rates, in 1/s; `weight` (m,): coefficients.  The
+    product of `shape` and `weight` is in volts.
     """
 
     shape: Floats
@@ -57,17 +58,18 @@ class Motion:
     weight: Floats
 
     def at(self, times: Floats) -> Floats:
-        """Return the deviations at times in seconds, shape (t, n), in volts."""
+        """Return the deviations from the final voltages at times (t,) in seconds, shape (t, n), in volts."""
         return np.asarray((self.weight * np.exp(-np.multiply.outer(times, self.rate))) @ self.shape.T)
 
 
 def motions(
     dynamics: Dynamics, modes: Modes, deviation: Floats, accuracy: float, method: str = "auto"
 ) -> Callable[[float, float], Motion]:
-    """Return a function from a window of times (first, last), in seconds, to the motion in that window.
+    """Return a function from the first and the last time of a window, in seconds, to the Motion in that window.
 
-    `modes`: some or all modes of the circuit; `deviation` (n,): voltages at time 0 minus their final values;
-    `accuracy`: largest error of a computed deviation, in the unit of `deviation`.
+    `dynamics`: circuit equations; `modes`: some or all modes of the circuit; `deviation` (n,): voltages at time 0 minus
+    their final values; `accuracy`: largest error of a computed deviation, in the unit of `deviation`; `method`: linear
+    solver.
     """
     root = laplacian_root(dynamics.capacitance)
     if modes.whole:
@@ -87,9 +89,10 @@ def motions(
 def _krylov(
     root: sparse.csr_array, solve: LinearMap, shift: float, deviation: Floats, accuracy: float, times: Floats
 ) -> Motion:
-    """Reduce the motion at some times to a few exponentials; ``solve`` is ``(G + shift C)^-1 F^T``.
+    """Return the motion at some times as a sum of a few exponentials, by Lanczos iteration.
 
-    `root`: ``F``; `deviation` (n,): initial deviation; `accuracy`: largest error of a deviation at the `times` (t,).
+    `root` (m, n): ``F``, with ``C = F^T F``; `solve`: product with ``(G + shift C)^-1 F^T``; `shift`: in 1/s;
+    `deviation` (n,): initial deviation; `accuracy`: largest error of a deviation at the `times` (t,) in seconds.
     """
     u = root @ deviation
     length = float(np.linalg.norm(u))
@@ -124,7 +127,7 @@ def _krylov(
 
 
 def _reduced(W: Floats, T: Floats, length: float, shift: float) -> Motion:
-    """Return the motion in Ritz vectors of the solutions ``W`` (Nour-Omid et al. 1987).
+    """Return the motion as a sum of exponentials, from the Ritz pairs of the Lanczos matrix (Nour-Omid et al. 1987).
 
     The vectors are valid for nodes without capacitance, too.  `W` (k, n): solutions for the Lanczos vectors; `T` (k,
     k): Lanczos matrix; `length`: norm of the initial deviation; `shift`: shift of the resolvent, in 1/s.

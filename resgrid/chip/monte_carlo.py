@@ -40,7 +40,7 @@ from resgrid.errors import CircuitError, InputError
 from resgrid.scene.chip import Chip, Defects, Readout
 
 _SCHEMA = 2
-"""Version of the trials' algorithm: part of the fingerprint of a checkpoint."""
+"""Version number of the trials' algorithm; a checkpoint with another version is rejected."""
 
 _BLOCK = 16
 """Number of chips that are drawn and solved together; limits the memory of a worker."""
@@ -49,8 +49,9 @@ _BLOCK = 16
 class ChipSolution(NamedTuple):
     """Solution of one chip: the values that its read-outs need.
 
-    `voltage` (nodes,): in volts, NaN without an operating point; None where every read-out is ideal; `lowest` (cells,):
-    neighbour with the lowest potential according to the face currents, -1 for none; None where no read-out is ideal.
+    `voltage` (nodes,): node voltages in volts, NaN if the chip has no operating point; None where every read-out is
+    ideal; `lowest` (cells,): flat index of the face neighbour with the lowest potential according to the face currents,
+    -1 if no neighbour is lower; None where no read-out is ideal.
     """
 
     voltage: NDArray[np.float64] | None
@@ -58,10 +59,11 @@ class ChipSolution(NamedTuple):
 
 
 class DrawnChips(NamedTuple):
-    """A block of chips.
+    """A block of randomly drawn chips.
 
-    `conductance` (chips, resistors): in siemens, of chips that share one circuit and one batch solve; None otherwise;
-    `netlists`: the same chips as netlists, built one at a time.
+    `seeds`: seed of every chip; `conductance` (chips, resistors): conductances in siemens, for chips that differ only
+    in conductances and are solved as one batch, otherwise None; `netlists`: the same chips as netlists, built one at a
+    time.
     """
 
     seeds: Sequence[Seed]
@@ -73,10 +75,11 @@ class DrawnChips(NamedTuple):
 class Experiment:
     """A chip description, the read-outs under test, and everything that does not depend on the trial.
 
-    `netlist`: the ideal circuit, with one node per cell; `seed`: trial ``k`` is chip ``(seed, k)``; `starts` (cells,):
-    mask of the start cells; `converters`: one for each read-out, None for an ideal read-out; `model, batch`:
-    distribution of the conductances and the prepared batch solve, for chips that differ only in conductances; `fixed`:
-    the solution of all chips, where chips do not differ.
+    `netlist`: the ideal circuit, with one node per cell; `chip`: description of the errors; `seed`: trial ``k`` is chip
+    ``(seed, k)``; `neighbours`: face neighbours of every cell; `starts` (cells,): mask of the start cells;
+    `converters`: one for each read-out, None for an ideal read-out; `model, batch`: distribution of the conductances
+    and the prepared batch solve, for chips that differ only in conductances, otherwise None; `fixed`: the solution of
+    every chip if chips do not differ, otherwise None.
     """
 
     netlist: Netlist
@@ -91,16 +94,16 @@ class Experiment:
 
     @property
     def random(self) -> bool:
-        """Whether trials differ."""
+        """Whether the result of a trial depends on its number: chips differ, or a read-out has random errors."""
         return differs(self.chip) or any(converter is not None and converter.random for converter in self.converters)
 
     def seeds(self, numbers: Sequence[int]) -> list[Seed]:
-        """Return the seeds of trials."""
+        """Return the seeds of the trials with the given numbers."""
         base = self.seed if isinstance(self.seed, tuple) else (self.seed,)
         return [(*base, number) for number in numbers]
 
     def fingerprint(self) -> str:
-        """Return a hexadecimal hash of all inputs of the trials."""
+        """Return a hexadecimal SHA-256 hash of all inputs of the trials, which identifies a checkpoint."""
         digest = hashlib.sha256(f"{_SCHEMA} {self.seed} {self.chip}".encode())
         digest.update(self.starts.tobytes())
         digest.update(self.neighbours.around.tobytes())
@@ -114,17 +117,17 @@ class Experiment:
 
 
 def differs(chip: Chip) -> bool:
-    """Return whether the circuits of a chip description contain randomness."""
+    """Return whether chips of one description may differ in their circuits, by mismatch or by defects."""
     return bool(chip.mismatch or chip.pelgrom or Faults.of(chip, 0))
 
 
 def die_temperature(chip: Chip) -> float:
-    """Return the temperature of the die, in kelvin."""
+    """Return the temperature of the die of a chip, in kelvin; the nominal temperature if the chip states none."""
     return NOMINAL_KELVIN if chip.temperature is None else NOMINAL_KELVIN + chip.temperature - NOMINAL_CELSIUS
 
 
 Noises = dict[tuple[Chip, float], NDArray[np.float64]]
-"""Noise of chips without random errors, in volts, by the chip and the noise bandwidth in hertz; values (cells,)."""
+"""Rms noise voltages of chips without random errors: arrays (cells,) in volts, by chip and noise bandwidth in hertz."""
 
 
 def prepare_experiment(
@@ -135,9 +138,11 @@ def prepare_experiment(
     starts: NDArray[np.bool_] | None = None,
     known: Noises | None = None,
 ) -> Experiment:
-    """Precompute everything that does not depend on the trial.
+    """Precompute everything that does not depend on the trial; return it as an Experiment.
 
-    `known`: noise of chips of the same space; new results are added.  Shapes: `starts` as the space.
+    `netlist`: the ideal circuit; `chip`: description of the errors; `readouts`: read-outs under test; `seed`: by
+    default that of the chip; `starts` (shape of the space): mask of the start cells, by default all with a path to a
+    goal; `known`: noise voltages computed before for chips of the same space, to which new ones are added.
     """
     cells = cells_with_nodes(netlist, "robots that see the read-out")
     mask = _checked_mask(cells.space, starts)
@@ -165,7 +170,10 @@ def prepare_experiment(
 
 
 def _checked_mask(space: ConfigurationSpace, starts: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
-    """Return the mask of the starts from which a goal can be reached; raise InputError if there are none."""
+    """Return the mask of the starts with a path to a goal, shape of the space; raise InputError if there are none.
+
+    `starts` (shape of the space): mask of the requested starts, or None for all cells.
+    """
     mask = space.goal_connected if starts is None else space.goal_connected & starts
     if not mask.any():
         raise InputError("there is no start: no free cell has a path to a goal")
@@ -175,7 +183,11 @@ def _checked_mask(space: ConfigurationSpace, starts: NDArray[np.bool_] | None) -
 def _converters(
     op: OperatingPoint, chip: Chip, flawless: Chip, readouts: Sequence[Readout], known: Noises
 ) -> tuple[Converter | None, ...]:
-    """Return the converters of read-outs, None for an ideal one; `op`: of the chip without random errors."""
+    """Return the converter of every read-out, None for an ideal one.
+
+    `op`: operating point of the chip without random errors; `chip`: full description; `flawless`: description without
+    random errors; `readouts`: read-outs; `known`: noise voltages computed before, to which new ones are added.
+    """
     bands = {readout.noise_bandwidth for readout in readouts if readout.noise_bandwidth is not None}
     for band in bands:
         if (flawless, band) not in known:
@@ -189,12 +201,19 @@ def _converters(
 
 
 def _is_ideal(readout: Readout) -> bool:
-    """Return whether a read-out has no error; the robot then compares the currents through the faces."""
+    """Return whether a read-out has no errors; the robot then compares the currents through the cell faces.
+
+    Errors are quantization, offset and noise.
+    """
     return readout.bits is None and not readout.offset and readout.noise_bandwidth is None
 
 
 def _noise(op: OperatingPoint, chip: Chip, bandwidth: float) -> NDArray[np.float64]:
-    """Return the rms thermal noise of a measurement in every cell, in volts, shape (cells,); `bandwidth` in hertz."""
+    """Return the rms thermal noise voltage of one measurement in every cell, in volts, shape (cells,).
+
+    `op`: operating point of the chip without random errors; `chip`: gives the temperature; `bandwidth`: upper limit of
+    the noise band, in hertz.  Cells without a node have noise 0.
+    """
     linear = linearize(op) if op.netlist.nonlinear_nodes.size else op.netlist
     noise = analyse_noise(linear, band=(0.0, bandwidth), temperature=die_temperature(chip))
     assert noise.total is not None
@@ -203,9 +222,10 @@ def _noise(op: OperatingPoint, chip: Chip, bandwidth: float) -> NDArray[np.float
 
 
 def run_trials(experiment: Experiment, numbers: Sequence[int]) -> list[NDArray[np.uint8]]:
-    """Run trials: draw chips, solve them, read them out, and walk from every start.
+    """Run trials: draw chips, solve them, read them out, walk from every start; return the starts that reach a goal.
 
-    Returns for each trial which starts reach a goal, as bits, shape (readouts, bytes); see `unpacked`.
+    `experiment`: from `prepare_experiment`; `numbers`: numbers of the trials.  The result has one array per trial, with
+    one packed bit per start and read-out, shape (readouts, bytes); `unpacked` turns it into a mask.
     """
     results: list[NDArray[np.uint8]] = []
     for begin in range(0, len(numbers), _BLOCK):
@@ -220,13 +240,13 @@ def run_trials(experiment: Experiment, numbers: Sequence[int]) -> list[NDArray[n
 
 
 def draw_chips(experiment: Experiment, seeds: Sequence[Seed]) -> DrawnChips:
-    """Draw the chips of some seeds."""
+    """Draw the chips with the given seeds at random; return them as a DrawnChips block."""
     conductance = None if experiment.model is None else experiment.model.draw(seeds)
     return DrawnChips(seeds, conductance, (build_chip(experiment.netlist, experiment.chip, seed) for seed in seeds))
 
 
 def solve_chips(experiment: Experiment, chips: DrawnChips) -> Iterator[ChipSolution]:
-    """Solve chips, and yield their solutions one by one."""
+    """Solve the chips of a block, and yield the solution of each."""
     converters, batch = experiment.converters, experiment.batch
     if experiment.fixed is not None:
         yield from (experiment.fixed for _ in chips.seeds)
@@ -240,7 +260,7 @@ def solve_chips(experiment: Experiment, chips: DrawnChips) -> Iterator[ChipSolut
 
 
 def _voltage(netlist: Netlist) -> NDArray[np.float64]:
-    """Return the node voltages in volts, shape (nodes,); NaN without an operating point."""
+    """Return the node voltages of a chip in volts, shape (nodes,); NaN everywhere if it has no operating point."""
     try:
         return solve(netlist, accuracy="normwise").voltage
     except CircuitError:
@@ -248,7 +268,10 @@ def _voltage(netlist: Netlist) -> NDArray[np.float64]:
 
 
 def _lowest_of(netlist: Netlist) -> NDArray[np.int64]:
-    """Return the lowest neighbour of every cell, shape (cells,); -1 everywhere without an operating point."""
+    """Return the flat index of the lowest face neighbour of every cell of a chip, shape (cells,).
+
+    The index is -1 where no neighbour is lower, and everywhere if the chip has no operating point.
+    """
     try:
         return _lowest(solve(netlist))
     except CircuitError:
@@ -256,12 +279,18 @@ def _lowest_of(netlist: Netlist) -> NDArray[np.int64]:
 
 
 def _lowest(op: OperatingPoint) -> NDArray[np.int64]:
-    """Return the lowest neighbour of every cell according to the face currents, -1 for none; shape (cells,)."""
+    """Return the flat index of the lowest face neighbour of every cell according to the face currents, shape (cells,).
+
+    The index is -1 where no neighbour is lower than the cell.
+    """
     return steps_of(op).lowest()[0]
 
 
 def _steps(experiment: Experiment, solution: ChipSolution, seed: Seed) -> Iterator[NDArray[np.int64]]:
-    """Yield the next cell of every cell, -1 for none, shape (cells,), for each read-out."""
+    """Yield for each read-out the flat index of the robot's next cell from every cell, shape (cells,); -1 for none.
+
+    `solution`: solution of the chip; `seed`: seed of the chip's read-out errors.
+    """
     for converter in experiment.converters:
         following = solution.lowest
         if converter is not None:
@@ -272,14 +301,18 @@ def _steps(experiment: Experiment, solution: ChipSolution, seed: Seed) -> Iterat
 
 
 def unpacked(bits: NDArray[np.uint8], starts: int) -> NDArray[np.bool_]:
-    """Return whether each start reaches a goal, shape (readouts, starts)."""
+    """Return the mask of the starts that reach a goal, shape (readouts, starts), from packed bits of `run_trials`.
+
+    `bits` (readouts, bytes): one bit per start; `starts`: number of starts.
+    """
     return np.unpackbits(bits, axis=-1, count=starts).view(np.bool_)
 
 
 class TrialSeries(NamedTuple):
-    """Trials of one chip description: their number, the number of read-outs, and a function that prepares them.
+    """Trials of one chip description.
 
-    `name`: noun for messages, in the plural; `random`: whether trials differ.
+    `trials`: number of trials; `readouts`: number of read-outs; `prepare`: function that returns the prepared
+    experiment; `name`: noun for messages, in the plural; `random`: whether trials differ.
     """
 
     trials: int
@@ -292,10 +325,12 @@ class TrialSeries(NamedTuple):
 def run_series(
     series: Sequence[TrialSeries], starts: int, executor: Executor | None, journal: Journal | None
 ) -> Generator[tuple[NDArray[np.bool_], bool], None, None]:
-    """Run several series, and yield the result of every trial in order.
+    """Run several series of trials, and yield the result of every trial in order.
 
-    A result is a mask of the starts that reach a goal, shape (readouts, starts), and whether the trial is new.  Trials
-    recorded in the journal come first; new trials are appended to the journal.
+    `series`: the series; `starts`: number of starts; `executor`: distributes blocks of trials, None for this process;
+    `journal`: checkpoint, None for none.  A result is the mask of the starts that reach a goal, shape (readouts,
+    starts), and whether the trial is new.  Trials recorded in the journal come first; new trials are appended to the
+    journal.
     """
     done = 0
     for served in _recorded_trials(series, starts, journal):
@@ -313,7 +348,10 @@ def run_series(
 def _recorded_trials(
     series: Sequence[TrialSeries], starts: int, journal: Journal | None
 ) -> Iterator[NDArray[np.bool_]]:
-    """Yield the results that a journal holds, shape (readouts, starts)."""
+    """Yield for every trial in a journal the mask of the starts that reach a goal, shape (readouts, starts).
+
+    `series`: all series, in the order of the journal; `starts`: number of starts.  Raises an error for a damaged line.
+    """
     readouts = [each.readouts for each in series for _ in range(each.trials)]
     for number, record in enumerate(journal or ()):
         assert journal is not None
@@ -326,7 +364,11 @@ def _recorded_trials(
 
 
 def _recorded(record: Mapping[str, Any], number: int, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Return the result in a line of a journal, shape (readouts, starts)."""
+    """Return the mask of the starts that reach a goal from a line of a journal, shape (readouts, starts).
+
+    `record`: the parsed line; `number`: expected number of the trial; `shape`: numbers of read-outs and of starts.
+    Raises ValueError for contradictory entries.
+    """
     data = zlib.decompress(base64.b64decode(record["starts"], validate=True))
     bits = np.frombuffer(data, dtype=np.uint8).reshape(shape[0], -1)
     if bits.shape[1] != -(-shape[1] // 8) or (record["chip"], record["served"]) != (number, np.unpackbits(bits).sum()):
@@ -335,7 +377,7 @@ def _recorded(record: Mapping[str, Any], number: int, shape: tuple[int, int]) ->
 
 
 def _remaining(series: Sequence[TrialSeries], done: int) -> Iterator[JobPart]:
-    """Yield the trials of all series except the first `done` ones."""
+    """Yield a job part with the trials of each series, without the first `done` trials of all series together."""
     for each in series:
         if done < each.trials:
             yield JobPart(run_trials, each.prepare(), range(done, each.trials), each.name)

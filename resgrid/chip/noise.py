@@ -33,9 +33,9 @@ NOMINAL_KELVIN = 300.15
 """Nominal temperature of SPICE, 27 degrees Celsius, in kelvin."""
 
 _HIGHEST = np.float64(1e300)
-"""Upper limit of frequencies, in hertz."""
+"""Upper limit of accepted frequencies, in hertz."""
 _EXACT_PLANE, _EXACT_VOLUME = 300_000, 15_000
-"""Maximum numbers of rows of plane grids and of other circuits for which factors are used."""
+"""Maximum numbers of rows (unknown node voltages) of plane grids and of other circuits for which results are exact."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,7 +97,7 @@ class Noise(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of the noisiest node, with units and definitions."""
+        """Figures of merit of the noisiest node by name, with units and definitions."""
         at = f"at {self.temperature:.6g} K"
         result = {
             "largest_effective_resistance": Figure(
@@ -124,7 +124,7 @@ class Noise(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, the band, the temperature and the kind of method as plain values."""
+        """Return the figures, the temperature (K), the band (Hz) and whether results are exact, as plain values."""
         band = None if self.band is None else list(self.band)
         return {**super().to_json(), "temperature": self.temperature, "band": band, "exact": self.exact}
 
@@ -138,7 +138,12 @@ def analyse_noise(
     samples: Annotated[int, Ge(2)] = 64,
     seed: Natural = 0,
 ) -> Noise:
-    """Compute the thermal noise of every node voltage; parameters as in `Study.noise`, without defaults from a chip."""
+    """Compute the thermal noise of every node voltage of a netlist.
+
+    `band`: limits of the noise integral in hertz, None for no integral; `temperature`: of the resistors, in kelvin;
+    `method`: exact, estimated, or chosen by size; `samples`: number of random vectors of an estimate; `seed`: their
+    seed.
+    """
     if band is not None and not 0 <= band[0] < band[1] < _HIGHEST:
         raise InputError(f"band = {band} must be two frequencies in hertz, the lower first (for all of them see limit)")
     dynamics = dynamics_of(netlist)
@@ -172,7 +177,11 @@ def analyse_noise(
 def noise_density(
     netlist: Netlist, nodes: ArrayLike, frequencies: ArrayLike, *, temperature: Positive = NOMINAL_KELVIN
 ) -> NDArray[np.float64]:
-    """Return the power spectral density ``4 k T Re Z(f)``, shape (frequencies, nodes); see `Study.noise_density`."""
+    """Return the power spectral density ``4 k T Re Z(f)`` of node voltages in V^2/Hz, shape (frequencies, nodes).
+
+    `nodes`: node numbers; `frequencies`: in hertz; `temperature`: of the resistors, in kelvin.  The density is 0 on
+    rails, NaN where a node floats.
+    """
     node = _checked_nodes(netlist, nodes)
     when = _checked_frequencies(frequencies)
     dynamics = dynamics_of(netlist)
@@ -190,7 +199,11 @@ def noise_density(
 def noise_covariance(
     netlist: Netlist, nodes: ArrayLike, *, temperature: Positive = NOMINAL_KELVIN
 ) -> NDArray[np.float64]:
-    """Return the covariance ``k T C^-1`` of node voltages, shape (nodes, nodes); see `Study.noise_covariance`."""
+    """Return the covariance ``k T C^-1`` of node voltages over all frequencies in V^2, shape (nodes, nodes).
+
+    `nodes`: node numbers; `temperature`: of the resistors, in kelvin.  The covariance is 0 on rails, NaN where a node
+    floats.  Raises InputError for a node without a capacitive connection to a rail.
+    """
     node = _checked_nodes(netlist, nodes)
     dynamics = dynamics_of(netlist)
     tied = _tied_by_capacitors(dynamics)
@@ -213,12 +226,12 @@ def noise_covariance(
 
 
 def _tied_by_capacitors(dynamics: Dynamics) -> NDArray[np.bool_]:
-    """Return the mask of the rows with a capacitive connection to a rail, shape (n,)."""
+    """Return the mask of the rows whose nodes have a capacitive connection to a rail, shape (n,)."""
     return np.asarray(np.diff(dynamics.null_space.indptr) == 0)
 
 
 def _elastance_factors(dynamics: Dynamics, tied: NDArray[np.bool_]) -> SupernodalFactors:
-    """Return the factors of the capacitance matrix of the rows in a mask."""
+    """Return the factors of the capacitance matrix, restricted to the rows in a mask `tied` (n,)."""
     return factor_supernodes(dynamics.capacitance.within(tied))
 
 
@@ -232,13 +245,13 @@ def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
 
 
 def _is_small(dynamics: Dynamics) -> bool:
-    """Return whether factors of the circuit are small enough for exact results."""
+    """Return whether the circuit has few enough rows for exact results by factors of the matrix."""
     plane = dynamics.conductance.edges.nnz <= 4.2 * max(dynamics.size, 1)
     return dynamics.size <= (_EXACT_PLANE if plane else _EXACT_VOLUME)
 
 
 def _checked_nodes(netlist: Netlist, nodes: ArrayLike) -> NDArray[np.int64]:
-    """Return node numbers, shape (k,); raise InputError for others."""
+    """Return node numbers as an array, shape (k,); raise InputError unless all are nodes of the netlist."""
     listed = np.atleast_1d(np.asarray(nodes))
     if listed.dtype.kind not in "iu" or listed.ndim != 1 or np.any((listed < 0) | (listed >= netlist.node_count)):
         raise InputError(f"nodes must be node numbers from 0 to {netlist.node_count - 1}")
@@ -246,7 +259,7 @@ def _checked_nodes(netlist: Netlist, nodes: ArrayLike) -> NDArray[np.int64]:
 
 
 def _checked_frequencies(frequencies: ArrayLike) -> NDArray[np.float64]:
-    """Return frequencies in hertz, shape (f,); raise InputError for negative or infinite ones."""
+    """Return frequencies in hertz as an array (f,); raise InputError for negative, infinite or other invalid ones."""
     listed = np.atleast_1d(np.asarray(frequencies))
     hertz = listed.astype(np.float64) if listed.dtype.kind in "iuf" else np.full(1, np.nan)
     if hertz.ndim != 1 or not np.all((hertz >= 0) & (hertz < _HIGHEST)):

@@ -22,9 +22,9 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 class SharedCircuit(NamedTuple, Generic[Key]):
-    """Points with the same circuit and different read-outs; their chips are solved once.
+    """Points of a comparison with the same circuit and different read-outs; their chips are solved once.
 
-    `keys`: of the points; `random`: whether the trials of each point differ.
+    `keys`: names of the points; `random`: whether the trials of each point differ; `series`: trials of the circuit.
     """
 
     keys: list[Key]
@@ -33,7 +33,7 @@ class SharedCircuit(NamedTuple, Generic[Key]):
 
 
 class StartsServed(NamedTuple):
-    """Number of starts that each chip serves.
+    """Number of starts from which the robot reaches a goal, for each chip.
 
     `counts` (trials,): the numbers, shape (1,) if all chips are equal; `random`: whether chips differ.
     """
@@ -45,7 +45,11 @@ class StartsServed(NamedTuple):
 def groups_of(
     netlist: Netlist, points: Mapping[Key, Chip], trials: int, known: Noises | None = None
 ) -> list[SharedCircuit[Key]]:
-    """Group points by the circuit of their chips; `known`: noise of chips without random errors (`Noises`)."""
+    """Return the points of a comparison, grouped by the circuit of their chips.
+
+    `netlist`: ideal circuit; `points`: chip description of every point by key; `trials`: number of chips per point;
+    `known`: noise voltages of chips without random errors, computed before, to which new ones are added.
+    """
     kinds: dict[Chip, list[Key]] = {}
     for key, chip in points.items():
         load = Readout(input_resistance=chip.readout.input_resistance)
@@ -59,7 +63,10 @@ def groups_of(
 def run_groups(
     groups: Sequence[SharedCircuit[Key]], starts: int, executor: Executor | None, journal: Journal | None = None
 ) -> Generator[dict[Key, StartsServed], None, None]:
-    """Run the trials of all groups, and yield the counts of each group."""
+    """Run the trials of all groups, and yield for each group the numbers of served starts by the key of the point.
+
+    `starts`: number of starts; `executor`: workers, None for this process; `journal`: checkpoint, None for none.
+    """
     with closing(run_series([group.series for group in groups], starts, executor, journal)) as results:
         for keys, random, series in groups:
             counts = np.array([served.sum(axis=1) for served, _ in islice(results, series.trials)])
@@ -70,7 +77,11 @@ def run_groups(
 def _group(
     netlist: Netlist, kind: Chip, keys: list[Key], readouts: Sequence[Readout], trials: int, known: Noises | None
 ) -> SharedCircuit[Key]:
-    """Return the trials of one circuit with several read-outs."""
+    """Return the trials of one circuit with several read-outs.
+
+    `netlist`: ideal circuit; `kind`: chip description without read-out errors; `keys, readouts`: names and read-outs of
+    the points; `trials`: number of chips; `known`: noise voltages computed before.
+    """
     cells = netlist.cells
     random = [differs(kind) or bool(item.offset or item.noise_bandwidth) for item in readouts]
 

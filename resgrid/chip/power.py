@@ -17,7 +17,7 @@ from resgrid.core.space import Cell
 from resgrid.spice.power import PowerBalance, power_balance
 
 _WORST = 10
-"""Default number of resistors in lists of the hottest ones."""
+"""Default number of resistors in a list of the hottest ones."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +124,7 @@ class Power(Result):
         Returns
         -------
         ndarray of int64, shape (at most count,)
+            Row numbers in `resistor`.
         """
         return np.argsort(-self.resistor, kind="stable")[:count]
 
@@ -138,7 +139,7 @@ class Power(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of merit by name, with units and definitions."""
+        """Power and droop figures by name, with units and definitions."""
         hottest = float(self.resistor.max(initial=0.0))
         result = {
             "power": Figure(self.total, "W", "heat in all resistors at the operating point"),
@@ -157,7 +158,7 @@ class Power(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures and the hottest resistors as plain values."""
+        """Return the figures and the ten hottest resistors (nodes, power in watts) as plain values."""
         worst = self.worst()
         names, heat = end_names(self.op.netlist, worst), self.resistor[worst].tolist()
         hottest = [{"nodes": pair, "power": watts} for pair, watts in zip(names, heat, strict=True)]
@@ -165,7 +166,7 @@ class Power(Result):
 
 
 def analyse_power(op: OperatingPoint) -> Power:
-    """Compute the power of the sources and the heat of the resistors of an operating point."""
+    """Compute the power of the sources and the heat of the resistors at an operating point; return them as a Power."""
     netlist = op.netlist
     balance = power_balance(op)
     heat, nonlinear = balance.resistor_power, balance.nonlinear_power
@@ -185,7 +186,10 @@ def analyse_power(op: OperatingPoint) -> Power:
 
 
 def _rails(op: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
-    """Return the power of the voltage sources, grouped by rail and voltage."""
+    """Return the power of the voltage sources, grouped by rail and voltage, as a tuple of RailPower.
+
+    `balance`: power of every element.  Sources of 0 V between two nodes are left out.
+    """
     netlist = op.netlist
     ties = (netlist.source_volts == 0.0) & (netlist.source_nodes != GROUND).all(axis=1)
     groups: dict[tuple[str, float], list[int]] = {}
@@ -205,7 +209,7 @@ def _rails(op: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
 
 
 def rail_names(netlist: Netlist) -> list[str]:
-    """Return the name of the rail of every voltage source."""
+    """Return the rail of every voltage source: ``"obstacle"``, ``"goal_0"`` ..., or else the name of its node."""
     plus, minus = netlist.source_nodes.T
     node = np.where(plus == GROUND, minus, plus)
     names = netlist.names_of(node)
@@ -221,7 +225,10 @@ def rail_names(netlist: Netlist) -> list[str]:
 
 
 def _droop(op: OperatingPoint) -> NDArray[np.float64]:
-    """Return the droop of obstacle and goal cells in volts, shape (nodes,)."""
+    """Return the voltage between obstacle or goal cells and their rail, in volts, shape (nodes,).
+
+    The value is positive towards the other rail, and NaN at other nodes; the array is empty without a map of cells.
+    """
     if op.netlist.cell_map is None:
         return np.empty(0)
     cells = op.netlist.cells

@@ -24,22 +24,22 @@ from resgrid.scene.chip import Chip
 from resgrid.scene.table_models import described_keys
 
 _SWEEP_TRIALS = 32
-"""Number of chips at every point of the sweep."""
+"""Number of chips at every point of the sweep section."""
 _DECKS = (
     "The expected results of a deck are in its sidecar of the same name with `.json`. The file with `.ngspice` (or "
     "the dialect's name) runs it; its first lines give the command. Node `n_3_7` is the node of cell (3, 7), from 0."
 )
-"""Text on the decks of a report."""
+"""Text of the report's section on SPICE decks."""
 
 
 @dataclass(frozen=True)
 class Effort:
     """Limits on the effort of the analyses of a report.
 
-    `half_width`: half the width of the yield's interval; `trials`: maximum number of chips; `seconds`: time limit of
-    the fault analysis; `sweep`: keys and values to sweep, none or two; `executor`: runs the trials; `checkpoints`:
-    files of trial results, by the name of the analysis; `progress`: called with the finished and the total number of
-    items, and a yield.
+    `half_width`: half the width of the yield's interval at which trials stop; `trials`: maximum number of chips;
+    `seconds`: time limit of the fault analysis; `sweep`: keys and values to sweep, none or two; `executor`: workers
+    that run the trials; `checkpoints`: files of trial results, by the name of the analysis; `progress`: called with the
+    finished and the total number of items, and a yield.
     """
 
     half_width: float = 0.01
@@ -52,7 +52,7 @@ class Effort:
 
 
 USUAL = Effort()
-"""Default limits on the effort of the analyses of a report."""
+"""Default limits on the trials and the time of the analyses of a report."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Picture:
     """A picture of a report.
 
     `name`: file name without suffix; `caption`: description; `value, options`: arguments of `resgrid.draw`; `is_map`:
-    whether it needs a space of two axes.
+    whether the picture needs a space of two axes.
     """
 
     name: str
@@ -74,7 +74,8 @@ class Picture:
 class Section:
     """Result of one analysis, as a section of a report.
 
-    `text`: sentences, the answer first; `data`: plain values for JSON; `table`: lines of Markdown.
+    `name`: name of the analysis; `text`: sentences, the answer first; `figures`: figures of merit by name; `pictures`:
+    pictures; `data`: plain values for JSON; `table`: lines of a Markdown table.
     """
 
     name: str
@@ -86,22 +87,25 @@ class Section:
 
     @property
     def title(self) -> str:
-        """Title for a heading."""
+        """Title of the section for a heading: the name of the analysis, with spaces and a capital."""
         return self.name.replace("_", " ").capitalize()
 
 
 def _section(name: str, result: Result, text: Sequence[str], *pictures: Picture) -> Section:
-    """Return the section of a result."""
+    """Return the section of a result; `name`: name of the analysis; `text`: sentences; `pictures`: pictures."""
     return Section(name, tuple(text), result.figures, pictures, result.to_json())
 
 
 def _missing(name: str, reason: str) -> Section:
-    """Return the section of an analysis that is impossible for this chip."""
+    """Return the section of an analysis that is impossible for this chip, with the reason as its text."""
     return Section(name, (f"Not analysed: {reason}.",), data={"reason": reason})
 
 
 def yield_section(chip: Study, effort: Effort) -> Section:
-    """Return the section on the yield: the fraction of starts from which robots reach a goal, over many chips."""
+    """Return the section on the yield: the fraction of starts from which robots reach a goal, over many chips.
+
+    `chip`: the chip under study; `effort`: limits on the trials.
+    """
     result = chip.yields(
         half_width=effort.half_width,
         trials=effort.trials,
@@ -128,7 +132,10 @@ def yield_section(chip: Study, effort: Effort) -> Section:
 
 
 def yield_loss_section(chip: Study, effort: Effort) -> Section:
-    """Return the section on the loss of yield by each effect, and on the limits of mismatch, offset and bits."""
+    """Return the section on the loss of yield by each effect, and on the limits of mismatch, offset and bits.
+
+    `chip`: the chip under study; `effort`: limits on the trials.
+    """
     trials = min(usual_trials(chip.ideal.cells.space), effort.trials)
     result = chip.yield_loss(trials=trials, executor=effort.executor, progress=effort.progress)
     section = _section("yield_loss", result, loss_sentences(result))
@@ -139,7 +146,7 @@ def yield_loss_section(chip: Study, effort: Effort) -> Section:
 
 
 def adc_resolution_section(chip: Study, _effort: Effort) -> Section:
-    """Return the section on the converter bits that starts need, for every boundary condition."""
+    """Return the section on the converter bits that starts need, for every boundary condition of the chip's space."""
     results = _by_boundary(chip)
     own = next(iter(results.values()))
     needed = own.bits_for(0.99)
@@ -156,7 +163,10 @@ def adc_resolution_section(chip: Study, _effort: Effort) -> Section:
 
 
 def _by_boundary(chip: Study) -> dict[str, ADCResolution]:
-    """Return the ADC resolution at the scene's own boundary, then at the others, for chips with the same seed."""
+    """Return the ADC resolution of a chip by boundary condition, the scene's own first, with the same seed.
+
+    Boundary conditions without a drive are left out.
+    """
     cells = chip.ideal.cells
     results: dict[str, ADCResolution] = {cells.wiring.boundary: chip.adc_resolution()}
     for boundary in ("dirichlet", "neumann", "wall"):
@@ -172,7 +182,7 @@ def _by_boundary(chip: Study) -> dict[str, ADCResolution]:
 
 
 def settling_section(chip: Study, _effort: Effort) -> Section:
-    """Return the section on the settling time and the energy of one settling."""
+    """Return the section on the settling time and the energy of one settling of the chip."""
     if not chip.netlist.capacitance.any():
         return _missing("settling", "the chip has no capacitance; give chip.capacitance, such as 50f")
     result = chip.usual_settling
@@ -192,7 +202,7 @@ def settling_section(chip: Study, _effort: Effort) -> Section:
 
 
 def noise_section(chip: Study, _effort: Effort) -> Section:
-    """Return the section on the thermal noise, in volts and in steps of the converter."""
+    """Return the section on the thermal noise of the chip, in volts and in steps of the converter."""
     bandwidth = None if chip.chip is None else chip.chip.readout.noise_bandwidth
     if bandwidth is None and not chip.netlist.capacitance.any():
         why = "neither a noise bandwidth nor a capacitance limits the noise; give chip.readout.noise_bandwidth"
@@ -210,14 +220,14 @@ def noise_section(chip: Study, _effort: Effort) -> Section:
 
 
 def _linearization(chip: Study) -> tuple[str, ...]:
-    """Return a remark on a chip with nonlinear resistors, or nothing."""
+    """Return a tuple with a remark if the chip has nonlinear resistors, else an empty tuple."""
     if not chip.netlist.nonlinear_nodes.size:
         return ()
     return ("The resistors saturate: the result holds for small signals around the operating point.",)
 
 
 def power_section(chip: Study, _effort: Effort) -> Section:
-    """Return the section on the power of the chip and the droop of its rails."""
+    """Return the section on the power of the chip, and on the supply droop at its obstacle and goal cells."""
     result = chip.power()
     text = [f"The chip takes {formatted(result.total, 'W')} once it has settled."]
     pictures = [Picture("power", "heat by cell, and the hottest resistors", result)]
@@ -232,7 +242,7 @@ def power_section(chip: Study, _effort: Effort) -> Section:
 
 
 def sensitivity_section(chip: Study, _effort: Effort) -> Section:
-    """Return the section on the resistors whose drift changes a step of the robot."""
+    """Return the section on the resistors whose drift changes a step of the robot on the chip."""
     result = chip.sensitivity()
     starts = 0 if chip.scene is None else len(chip.scene.starts)
     origin = {0: "the start that needs most bits", 1: "the start"}.get(starts, f"the {starts} starts")
@@ -248,7 +258,10 @@ def sensitivity_section(chip: Study, _effort: Effort) -> Section:
 
 
 def sweep_section(chip: Study, effort: Effort) -> Section:
-    """Return the section on the yield over a grid of two values of the chip description."""
+    """Return the section on the yield over a grid of two values of the chip description.
+
+    `chip`: the chip under study; `effort`: gives the keys, the values, and limits on the trials.
+    """
     result = chip.sweep(
         *effort.sweep,
         trials=_SWEEP_TRIALS,
@@ -271,7 +284,10 @@ def sweep_section(chip: Study, effort: Effort) -> Section:
 
 
 def defects_section(chip: Study, effort: Effort) -> Section:
-    """Return the section on the number of starts that are lost by single open or shorted elements."""
+    """Return the section on the number of starts that are lost by single open or shorted elements.
+
+    `chip`: the chip under study; `effort`: gives the time limit.
+    """
     result = chip.faults(seconds=effort.seconds, progress=effort.progress)
     opened, shorted = (int((np.nan_to_num(result.lost(fault)) > 0).sum()) for fault in ("open", "short"))
     seen = "an ideal read-out" if result.ideal else f"the {result.bits}-bit converter without offset and noise"
@@ -294,7 +310,7 @@ def defects_section(chip: Study, effort: Effort) -> Section:
 
 
 def _worst(result: FaultAnalysis) -> str:
-    """Return a sentence on the elements whose faults cost most starts."""
+    """Return a sentence on the elements whose open or short loses most starts."""
     words = []
     for fault in ("open", "short"):
         worst = result.worst(fault, 1)
@@ -314,25 +330,32 @@ SECTIONS: dict[str, Callable[[Study, Effort], Section]] = {
     "sweep": sweep_section,
     "defects": defects_section,
 }
-"""Section of each analysis, in the order of the report."""
+"""Functions that return the section of each analysis, by the name of the analysis, in the order of the report."""
 
 
 def report_section(name: str, chip: Study, effort: Effort = USUAL) -> Section:
-    """Return the section of an analysis, without maps unless the space has two axes."""
+    """Return the section of the analysis `name`; its maps are left out unless the space has two axes.
+
+    `chip`: the chip under study; `effort`: limits on the trials and the time.
+    """
     section = SECTIONS[name](chip, effort)
     is_plane = chip.ideal.cells.space.ndim == 2
     return replace(section, pictures=tuple(item for item in section.pictures if is_plane or not item.is_map))
 
 
 def seconds_needed(name: str, chip: Study, effort: Effort) -> float:
-    """Return a rough estimate of the time of an analysis, in seconds."""
+    """Return a rough estimate of the time that the analysis `name` takes, in seconds; 0 for a quick one."""
     nodes = chip.netlist.node_count
     known = {"settling": 1 + 2e-5 * nodes, "noise": 1 + 2e-4 * nodes, "sensitivity": 1 + 1e-4 * nodes, "yield": 2.0}
     return known.get(name, {"sweep": 5.0, "yield_loss": 3 + 6e-3 * nodes, "defects": effort.seconds}.get(name, 0.0))
 
 
 def checkpoints_beside(folder: Path, chip: Study, sweep: Sequence[SweptKey]) -> dict[str, Path]:
-    """Return the files of trial results next to a report folder, by the name of the analysis."""
+    """Return the paths of the files of trial results next to a report folder, by the name of the analysis.
+
+    The names contain a hash of the chip description, the space and the sweep.  `folder`: folder of the report; `sweep`:
+    keys and values to sweep.
+    """
     cells = chip.ideal.cells
     space, keys = cells.space, asdict(chip.chip or Chip())  # a repr would truncate long lists
     digest = hashlib.sha256(f"{keys} {cells.wiring} {sweep} {space.axes}".encode() + space.cell.tobytes())
@@ -343,7 +366,11 @@ def checkpoints_beside(folder: Path, chip: Study, sweep: Sequence[SweptKey]) -> 
 
 
 def report_markdown(chip: Study, parts: Sequence[Section], decks: Mapping[str, str], verdict: str) -> str:
-    """Return the report; `decks`: descriptions by file; `verdict`: sentence on the simulator's check of them."""
+    """Return the report on a chip as Markdown text.
+
+    `chip`: the chip under study; `parts`: sections; `decks`: descriptions of the deck files by file name; `verdict`:
+    sentence on the simulator's check of the decks.
+    """
     lines = [f"# {chip.title}", "", *(f"- **{section.title}.** {section.text[0]}" for section in parts), ""]
     for section in parts:
         lines += [f"## {section.title}", "", " ".join(section.text), ""]

@@ -36,7 +36,7 @@ from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.scaled import Scaled, logarithm, power
 
 _WORST = 10
-"""Maximum number of resistors in lists of the weakest ones."""
+"""Maximum number of resistors in the list of the most sensitive ones."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -104,7 +104,7 @@ class Sensitivity(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of merit by name, with units and definitions."""
+        """Smallest margin, smallest drift and number of sensitive resistors by name, with units and definitions."""
         least = float(self.flip_drift.min(initial=np.inf))
         return {
             "smallest_margin": Figure(
@@ -123,7 +123,7 @@ class Sensitivity(Result):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures and the most sensitive resistors as plain values."""
+        """Return the figures and the ten most sensitive resistors (nodes, drift, cell) as plain values."""
         worst = self.flips(np.finfo(np.float64).max)[:_WORST]
         names, cells = end_names(self.op.netlist, worst), self.cells[self.decision[worst]].tolist()
         weakest = [
@@ -136,7 +136,8 @@ class Sensitivity(Result):
 def voltage_sensitivity(op: OperatingPoint, weights: ArrayLike) -> NDArray[np.float64]:
     """Return the derivatives of ``c . V`` with respect to the log of every resistance, in volts, shape (resistors,).
 
-    `weights` (nodes,): ``c``.  See `Study.voltage_sensitivity`.
+    `op`: operating point, with node voltages ``V``; `weights` (nodes,): ``c``.  Derivatives below their error bound are
+    0.  Raises InputError for unsuitable weights.
     """
     netlist = op.netlist
     c = np.asarray(weights, dtype=np.float64)
@@ -150,7 +151,10 @@ def voltage_sensitivity(op: OperatingPoint, weights: ArrayLike) -> NDArray[np.fl
 
 
 def analyse_sensitivity(op: OperatingPoint, cells: ArrayLike) -> Sensitivity:
-    """Find the resistors whose drift can change the cell that the robot steps to; see `Study.sensitivity`."""
+    """Find the resistors whose drift can change the cell that the robot steps to; return them as a Sensitivity.
+
+    `op`: operating point of the chip; `cells` (k, axes): indices of the cells in which the robot decides.
+    """
     steps = steps_of(op)
     where, flat = _checked_cells(steps.cells.space, cells)
     adjoint = adjoint_of(op)
@@ -173,9 +177,10 @@ def analyse_sensitivity(op: OperatingPoint, cells: ArrayLike) -> Sensitivity:
 
 
 def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
-    """Return the lowest neighbour, the second lowest cell, and the voltage ``gap exp(scale)`` between them, in volts.
+    """Return the lowest neighbour of a cell, the second lowest cell, and two numbers for the voltage between them.
 
-    The second lowest may be the cell itself.
+    The voltage is ``gap exp(scale)`` in volts, for the numbers `gap` and `scale`.  The second lowest may be the cell
+    itself.  `steps`: voltage steps between neighbours; `cell`: flat index.  Raises InputError if no neighbour is lower.
     """
     first, last = np.searchsorted(steps.cell, [cell, cell + 1])
     if not np.any(steps.sign[first:last] > 0):
@@ -194,7 +199,10 @@ def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
 
 
 def _checked_cells(space: ConfigurationSpace, cells: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return cells without goal cells, shape (k, axes), and their flat indices; refuse obstacle cells."""
+    """Return the indices of cells without goal cells, shape (k, axes), and their flat indices, shape (k,).
+
+    `cells`: array of cell indices.  Raises InputError for obstacle cells, or if no cell is left.
+    """
     where = cell_indices(space, cells).reshape(-1, space.ndim)
     code = space.cell[tuple(where.T)]
     where = where[code != Cell.GOAL]
@@ -204,10 +212,10 @@ def _checked_cells(space: ConfigurationSpace, cells: ArrayLike) -> tuple[NDArray
 
 
 ENOUGH = 1e-5
-"""Largest accepted error of derivatives, relative to the largest derivative."""
+"""Largest accepted error of a derivative, as a fraction of the largest derivative."""
 
 _RTOL = 1e-12
-"""Tolerance of the linear solver."""
+"""Largest relative residual of solutions by the linear solver."""
 _EPS = float(np.finfo(np.float64).eps)
 
 
@@ -215,10 +223,10 @@ _EPS = float(np.finfo(np.float64).eps)
 class Adjoint:
     """Factors and currents for derivatives around an operating point.
 
-    `factors`: of the linearized circuit, None where the rails hold every node; `row` (resistors, 2): rows of the ends
-    of the resistors, nonlinear ones last, -1 where the voltage is known; `conductance` (resistors,): small-signal
-    conductances, in siemens; `log_amps` (resistors,): natural logarithm of the currents, in amperes; `direction`
-    (resistors,): sign of the currents; `height` (n,): ``G^-1`` times 1 A in every row, in volts.
+    `factors`: factors of the linearized circuit, None where the rails hold every node; `row` (resistors, 2): matrix
+    rows of the ends of the resistors, nonlinear ones last, -1 where the voltage is known; `conductance` (resistors,):
+    small-signal conductances, in siemens; `log_amps` (resistors,): natural logarithm of the currents, in amperes;
+    `direction` (resistors,): sign of the currents; `height` (n,): ``G^-1`` times 1 A in every row, in volts.
     """
 
     factors: CircuitFactor | None
@@ -229,9 +237,10 @@ class Adjoint:
     height: NDArray[np.float64]
 
     def derivatives(self, c: NDArray[np.float64]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-        """Return the derivatives of ``c . V`` with respect to the logarithm of every resistance.
+        """Return the derivatives of ``c . V`` with respect to the log of every resistance, as signs and logarithms.
 
-        Shapes: `c` (nodes,); returns `sign` (resistors,), `log_size` (resistors,).
+        `c` (nodes,): weights of the node voltages ``V``.  Returns the sign (-1, 0 or 1) and the natural logarithm of
+        the size in volts, each of shape (resistors,).  Raises AccuracyError if the errors may be too large.
         """
         zero = np.zeros_like(self.direction), np.full(len(self.row), -np.inf)
         if self.factors is None:
@@ -257,9 +266,10 @@ class Adjoint:
         )
 
     def _normwise(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return signs and logs of the differences of the adjoint ``lambda``, and logs of their errors, from one solve.
+        """Return the differences of the adjoint ``lambda`` across resistors, and their error bounds, from one solve.
 
-        `rhs` (n,); the results have shape (resistors,).
+        `factors`: factors of the linearized circuit; `rhs` (n,): scaled weights; result: signs, logarithms of the
+        sizes, and logarithms of the error bounds, each of shape (resistors,).
         """
         matrix = factors.system.laplacian
         try:
@@ -272,9 +282,11 @@ class Adjoint:
         return *self._across([Scaled.of(x)]), self._log_error(residual)
 
     def _entrywise(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return signs and logs of the differences of the adjoint ``lambda``, and logs of error bounds, by two solves.
+        """Return the differences of the adjoint ``lambda`` across resistors, and their error bounds, from two solves.
 
-        Each solve has currents of one sign and is accurate componentwise.
+        Each solve has currents of one sign and is accurate componentwise.  `factors`: factors of the linearized
+        circuit; `rhs` (n,): scaled weights; result: signs, logarithms of the sizes, and logarithms of the error bounds,
+        each of shape (resistors,).
         """
         parts, residual, matrix = [], np.zeros(len(rhs)), factors.system.laplacian
         diagonal, edges = matrix.diagonal, matrix.edges
@@ -311,15 +323,18 @@ class Adjoint:
         return bool(is_shut[injected > 0].all())
 
     def _log_error(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the log of the error across every resistor that a residual (n,) may cause; shape (resistors,)."""
+        """Return the natural log of the error across every resistor that a residual may cause, shape (resistors,).
+
+        `residual` (n,): bound on the residual of every row, in amperes.
+        """
         with np.errstate(divide="ignore"):
             energy = np.log(np.sum(self.height * residual**2))
         return np.asarray(0.5 * (energy - np.log(self.conductance)))
 
     def _across(self, parts: list[Scaled]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return sign and logarithm of the differences across resistors, of the first part minus the second.
+        """Return sign and natural logarithm of the differences across resistors, each of shape (resistors,).
 
-        `parts`: one or two solutions (n,); returns shapes (resistors,).
+        `parts`: one solution, or two whose difference is the solution, with one entry per row (n,).
         """
         hi, lo, e = (
             np.stack([np.append(getattr(x, name), 0)[self.row] for x in parts]) for name in ("hi", "lo", "exponent")
@@ -332,7 +347,7 @@ class Adjoint:
 
 
 def adjoint_of(op: OperatingPoint, factors: CircuitFactor | None = None) -> Adjoint:
-    """Return the adjoint of an operating point; ``factors``: those of the linearized circuit, if known."""
+    """Return the adjoint of an operating point; `factors`: factors of its linearized circuit, None to compute them."""
     signals = linearize(op)
     if factors is None:
         system = assemble(signals)

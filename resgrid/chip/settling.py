@@ -46,7 +46,7 @@ _POINTS = 256
 _FEWEST_POINTS = 32
 """Minimum number of points of the settling curve."""
 _MOST_VALUES = 3e7
-"""Maximum number of deviations (points times rows) of the settling curve."""
+"""Maximum number of computed deviations (points times rows) of the settling curve."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,7 +86,7 @@ class Settling(Result):
     final : ndarray of float64, shape (nodes,)
         Final voltages, in volts; NaN where a node floats.
     times : ndarray of float64, shape (t,)
-        In seconds: 0, then in equal ratios until the last node has settled, or later.
+        Times in seconds: 0, then in equal ratios until the last node has settled, or later.
     distance : ndarray of float64, shape (t,)
         Largest distance of a node from its final voltage at those times, in volts.
     settle_time : float
@@ -125,7 +125,7 @@ class Settling(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of merit by name, with units and definitions."""
+        """Time constants, settling time, energy and power by name, with units and definitions."""
         half = f"half a step of a {self.bits}-bit converter ({self.span / 2 ** (self.bits + 1):.3g} V)"
         return {
             "slowest_time_constant": Figure(
@@ -147,7 +147,7 @@ class Settling(Result):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, the resolution and the slowest time constants as plain values."""
+        """Return the figures, the resolution in bits and the slowest time constants in seconds, as plain values."""
         return {**super().to_json(), "bits": self.bits, "time_constants": self.time_constants.tolist()}
 
 
@@ -160,7 +160,12 @@ def analyse_settling(
     span: Positive | None = None,
     method: str = "auto",
 ) -> Settling:
-    """Compute settling time and energy; parameters as in `Study.settling`, without defaults from a chip description."""
+    """Compute the settling time and the energy of a netlist after its sources are switched on at time 0.
+
+    `bits`: resolution that defines a settled voltage, by default 10; `initial`: voltages before time 0, None for
+    discharged capacitors; `modes`: number of slow time constants; `span`: range of the converter in volts, by default
+    the largest difference of final voltages; `method`: linear solver.  Raises CircuitError if a part never settles.
+    """
     bits = 10 if bits is None else bits
     dynamics = dynamics_of(netlist)
     require_charge(dynamics)
@@ -203,7 +208,10 @@ def analyse_settling(
 
 
 def _largest_difference(settled: Floats) -> float:
-    """Return the largest difference of final voltages (nodes,), in volts."""
+    """Return the largest difference of two final voltages, in volts; `settled` (nodes,): final voltages, in volts.
+
+    Raises InputError if the difference is 0, AccuracyError if it overflows.
+    """
     with np.errstate(over="ignore"):
         reach = float(np.nanmax(settled) - np.nanmin(settled))
     if not np.isfinite(reach):
@@ -214,14 +222,15 @@ def _largest_difference(settled: Floats) -> float:
 
 
 def settling_bound(dynamics: Dynamics, solve: LinearMap, deviation: Floats, tau: float, band: float) -> float:
-    """Return a time, in seconds, after which ``exp(-t / tau)`` leaves no row outside a band.
+    """Return a time, in seconds, after which ``exp(-t / tau)`` leaves no row outside a band around its final value.
 
     In the norms ``sqrt(y^T C y)`` and ``sqrt(y^T G y)`` every deviation ``y`` decays at least as ``exp(-t / tau)``.  A
     voltage is at most the first norm over the root of the smallest eigenvalue of C.  That eigenvalue is at least the
     smallest capacitance to a rail, where every row has one or lies between rows that have one.  A voltage is also at
     most the second norm times the root of its ``(G^-1)_ii``, which is at most its ``(G^-1 1)_i``.
 
-    Shapes: `deviation` (n,).
+    `dynamics`: circuit equations; `solve`: product with ``G^-1``; `deviation` (n,): row voltages at time 0 minus their
+    final values; `tau`: slowest time constant, in seconds; `band`: half width of the band, in the unit of `deviation`.
     """
     stiffness = dynamics.capacitance.ground[dynamics.charged]
     if (stiffness > 0).all():
@@ -238,8 +247,9 @@ def _walk_back(
     """Find the time after which each row stays within a band, window by window from the bound back to time 0.
 
     Returns that time, shape (n,); the deviations when the last row has settled, shape (n,); and times, shape (t,), with
-    the largest deviation at each.  `window`: returns the motion between two times; `bound`: time after which all rows
-    lie within the band; `fastest`: shortest time constant; all times in seconds.
+    the largest deviation at each.  `deviation` (n,): deviations at time 0; `window`: returns the motion between two
+    times; `bound`: time after which all rows lie within the band; `fastest`: shortest time constant; `band`: largest
+    settled deviation, in the unit of `deviation`; all times in seconds.
     """
     from resgrid.chip.kernels import last_outside
 
@@ -265,7 +275,11 @@ def _walk_back(
 
 
 def _curve(motion: Motion, deviation: Floats, first: float, last: float) -> tuple[Floats, Floats]:
-    """Return time 0 and times of a window, and the largest deviation at each; shape (t,), (t,)."""
+    """Return time 0 and times of a window in seconds, shape (t,), and the largest deviation at each, shape (t,).
+
+    `motion`: sum of exponentials; `deviation` (n,): deviations at time 0, in the unit of the result; `first, last`:
+    limits of the window, in seconds.
+    """
     count = int(np.clip(_MOST_VALUES / len(deviation), _FEWEST_POINTS, _POINTS))
     times = np.geomspace(first, last, count)
     parts = [np.abs(motion.at(part)).max(axis=1) for part in np.array_split(times, _FEWEST_POINTS)]
@@ -275,7 +289,9 @@ def _curve(motion: Motion, deviation: Floats, first: float, last: float) -> tupl
 def _energy(dynamics: Dynamics, solve: LinearMap, final: Floats, start: Floats, end: Floats, time: float) -> float:
     """Return the energy that the sources deliver while the deviation changes from `start` to `end`, in joules.
 
-    The integral of the deviation over time is ``G^-1 C (start - end)``.
+    The integral of the deviation over time is ``G^-1 C (start - end)``.  `dynamics`: circuit equations; `solve`:
+    product with ``G^-1``; `final` (n,): final voltages; `start, end` (n,): deviations from the final voltages, in
+    volts; `time`: duration, in seconds.
     """
     if time == 0.0:
         return 0.0
@@ -285,7 +301,7 @@ def _energy(dynamics: Dynamics, solve: LinearMap, final: Floats, start: Floats, 
 
 
 def _within_range(name: str, value: float) -> float:
-    """Return a value; raise AccuracyError if it is not finite."""
+    """Return a value; raise AccuracyError if it is not finite; `name`: name of the quantity for the message."""
     if not np.isfinite(value):
         raise AccuracyError(f"the {name} overflows; give smaller voltages and conductances")
     return value

@@ -161,6 +161,7 @@ class Study(CircuitStudy):
         Returns
         -------
         YieldLoss
+            Yield without each effect, and the limits of mismatch, offset and bits.
         """
         return analyse_yield_loss(
             self.ideal,
@@ -207,6 +208,7 @@ class Study(CircuitStudy):
         Returns
         -------
         Sweep
+            Yield and its interval for every pair of values.
 
         Raises
         ------
@@ -239,7 +241,7 @@ class Study(CircuitStudy):
         netlist : Netlist
             The circuit without mismatch.
         conductances : ndarray of float64, shape (chips, resistors)
-            In siemens, equal to those of ``build_chip(study.ideal, study.chip, seed)``; input of
+            Conductances in siemens, equal to those of ``build_chip(study.ideal, study.chip, seed)``; input of
             `resgrid.circuit.solve_many`.
 
         Raises
@@ -278,6 +280,7 @@ class Study(CircuitStudy):
         Returns
         -------
         FaultAnalysis
+            Number of starts that each fault loses.
         """
         if short_resistance is None:
             short_resistance = self.description.defects.short_resistance
@@ -345,6 +348,7 @@ def study(
     Returns
     -------
     Study
+        The chip with a method for each analysis.
 
     Raises
     ------
@@ -384,7 +388,7 @@ def study(
 
 
 def _with_values(chip: Chip, wiring: Wiring, options: WiringOptions) -> Chip:
-    """Return the chip with the resistance and the supply among `options`, and the wall resistance of `wiring`."""
+    """Return the chip with the resistance and supply in `options`, and the wall resistance of `wiring`, where given."""
     given: dict[str, Any] = {"resistance": options.get("resistance"), "supply": options.get("supply")}
     given["wall_resistance"] = wiring.wall_resistance
     changes = {name: value for name, value in given.items() if value is not None and value != getattr(chip, name)}

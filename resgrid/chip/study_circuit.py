@@ -57,6 +57,7 @@ class CircuitStudy(StudyInputs):
         Returns
         -------
         Settling
+            Settling time of every node, time constants, energy and power.
 
         Raises
         ------
@@ -77,7 +78,7 @@ class CircuitStudy(StudyInputs):
 
     @cached_property
     def usual_settling(self) -> Settling:
-        """Settling to the resolution and the range of the chip's own converter."""
+        """Settling of the chip, with the resolution and the range of its own converter."""
         return self.settling()
 
     @checked_method
@@ -110,6 +111,7 @@ class CircuitStudy(StudyInputs):
         Returns
         -------
         Noise
+            Effective resistance, noise density and integrated noise of every node.
 
         Raises
         ------
@@ -129,10 +131,10 @@ class CircuitStudy(StudyInputs):
 
     @cached_property
     def _band(self) -> tuple[float, float] | None:
-        """Default noise band (lower and upper limit), in hertz.
+        """Default limits of the noise band in hertz, lower and upper; None for no band.
 
-        It ends at the noise bandwidth of the read-out, else above the highest corner frequency.  None without a
-        bandwidth for a circuit without capacitors, or without a chip description.
+        The upper limit is the noise bandwidth of the read-out, else a frequency above the highest corner frequency.
+        There is no band without a bandwidth for a circuit without capacitors, or without a chip description.
         """
         if self.description.readout.noise_bandwidth is not None:
             return 0.0, self.description.readout.noise_bandwidth
@@ -158,7 +160,7 @@ class CircuitStudy(StudyInputs):
         Returns
         -------
         ndarray of float64, shape (f, k)
-            In V^2/Hz; 0 on rails, NaN where a node floats.
+            Density in V^2/Hz; 0 on rails, NaN where a node floats.
 
         Raises
         ------
@@ -184,7 +186,7 @@ class CircuitStudy(StudyInputs):
         Returns
         -------
         ndarray of float64, shape (k, k)
-            In V^2; 0 on rails, NaN where a node floats.
+            Covariance in V^2; 0 on rails, NaN where a node floats.
 
         Raises
         ------
@@ -201,6 +203,7 @@ class CircuitStudy(StudyInputs):
         Returns
         -------
         Power
+            Power of every rail, heat of every resistor, and droop of the rails.
         """
         return analyse_power(self.op)
 
@@ -217,6 +220,7 @@ class CircuitStudy(StudyInputs):
         Returns
         -------
         ADCResolution
+            Bits that every cell and every start needs.
         """
         return analyse_adc_resolution(self.op, span=self.span if span is None else span)
 
@@ -233,6 +237,7 @@ class CircuitStudy(StudyInputs):
         Returns
         -------
         Sensitivity
+            Margins of the steps, and the relative change of each resistance that changes a step.
 
         Raises
         ------
@@ -257,9 +262,9 @@ class CircuitStudy(StudyInputs):
         Returns
         -------
         ndarray of float64, shape (resistors,)
-            In volts.  The error is at most 1e-5 of the largest derivative, plus the errors of the currents of the
-            operating point; derivatives below their error are 0.  Nonlinear resistors follow the linear ones; for them
-            the derivative is with respect to ``-ln I0``.
+            Derivatives in volts.  The error is at most 1e-5 of the largest derivative, plus the errors of the currents
+            of the operating point; derivatives below their error are 0.  Nonlinear resistors follow the linear ones;
+            for them the derivative is with respect to ``-ln I0``.
 
         Raises
         ------

@@ -25,7 +25,7 @@ Returned = TypeVar("Returned")
 
 
 def checked_method(method: Callable[Parameters, Returned]) -> Callable[Parameters, Returned]:
-    """Check the names and types of a method's arguments before the call."""
+    """Return a method of `Study` that first checks the names and types of its arguments, with InputError for others."""
     method.__qualname__ = f"Study.{method.__name__}"  # the name in Python's own messages
     call = guarded(method.__name__, method)
 
@@ -40,7 +40,11 @@ def checked_method(method: Callable[Parameters, Returned]) -> Callable[Parameter
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StudyInputs:
-    """Circuits and descriptions that the analyses of one chip share; each circuit is built and solved once."""
+    """Circuits and descriptions that the analyses of one chip share; each circuit is built and solved once.
+
+    `ideal`: circuit before the effects; `chip`: chip description, None for a circuit that is studied as it is; `scene`:
+    scene of the chip, or None; `solved`: operating point of the circuit, if known.
+    """
 
     ideal: Netlist
     chip: Chip | None = None
@@ -49,32 +53,32 @@ class StudyInputs:
 
     @cached_property
     def netlist(self) -> Netlist:
-        """The circuit with the chip's effects."""
+        """The circuit with all effects of the chip, as a netlist."""
         return self.ideal if self.chip is None else build_chip(self.ideal, self.chip)
 
     @cached_property
     def op(self) -> OperatingPoint:
-        """The operating point of `netlist`, solved at the first access."""
+        """The operating point of `netlist`, solved at the first access unless it was given."""
         return solve(self.netlist) if self.solved is None else self.solved
 
     @cached_property
     def linear(self) -> Netlist:
-        """A linear circuit: `netlist`, or its linearization at the operating point where it has nonlinear resistors."""
+        """A linear circuit: `netlist`, or its linearization at the operating point if it has nonlinear resistors."""
         return linearize(self.op) if self.netlist.nonlinear_nodes.size else self.netlist
 
     @property
     def title(self) -> str:
-        """Title for headings: that of the scene, else its file name, else "chip"."""
+        """Title for headings: the title of the scene, else the name of its file, else "chip"."""
         return (self.scene and (self.scene.title or Path(self.scene.source or "").stem)) or "chip"
 
     @property
     def description(self) -> Chip:
-        """The chip description, or that of an ideal chip."""
+        """The chip description; the default description if none was given."""
         return self.chip or Chip()
 
     @property
     def bits(self) -> int:
-        """Resolution of the converter in bits; 10, for comparison, where the converter is ideal."""
+        """Resolution of the converter in bits; 10 where the converter is ideal."""
         return self.description.readout.bits or 10
 
     @property

@@ -24,14 +24,14 @@ from resgrid.errors import InputError
 from resgrid.scene.chip import Chip
 
 SweptKey = tuple[str, Sequence[Any]]
-"""A key of a chip description, with dots, and the values to try."""
+"""A key of a chip description, such as ``"readout.bits"``, and the values to try."""
 
 _BITS = (6, 8, 10, 12, 14, 16)
 """Default resolutions of the converter, in bits."""
 _SHARES = (0.0, 0.01, 0.02, 0.05, 0.1)
-"""Default mismatches: standard deviation of a resistance as a fraction of its mean."""
+"""Default mismatches to try: standard deviations of a resistance as fractions of its mean."""
 _MULTIPLES = (0.0, 0.3, 1.0, 3.0, 10.0)
-"""Default values of another key, as multiples of the value in the description."""
+"""Factors of the value in the description that give the default values of another key."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -115,7 +115,7 @@ class Sweep(Result):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return all points as plain values."""
+        """Return the figures, keys, values, yields and intervals of all points as plain values."""
         plain = {**vars(self), "yield": self.share}
         del plain["share"]
         arrays = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in plain.items()}
@@ -134,7 +134,12 @@ def sweep_yield(
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> Sweep:
-    """Estimate the yield at every pair of two values of a chip; parameters as in `Study.sweep`."""
+    """Estimate the yield at every pair of two values of a chip; return the yields as a Sweep.
+
+    `netlist`: ideal circuit; `chip`: chip description; `first, second`: keys and values to try, None for the default;
+    `trials`: number of chips at every point; `confidence`: of the intervals; `executor`: workers; `checkpoint`: file of
+    finished trials; `progress`: called after every group of points.
+    """
     cells = netlist.cells
     first, second = first or _usual_sweep(chip), second or ("readout.bits", _BITS)
     if not len(first[1]) or not len(second[1]):
@@ -164,7 +169,7 @@ def sweep_yield(
 
 
 def _usual_sweep(chip: Chip) -> SweptKey:
-    """Return the default first key and its values: an error that the chip has, else the mismatch."""
+    """Return the default first key of a sweep and its values: an error that the chip has, else the mismatch."""
     for key, value in (("readout.offset", chip.readout.offset), ("pelgrom", chip.pelgrom)):
         if value:
             return key, tuple(float(f"{value * multiple:.3g}") for multiple in _MULTIPLES)

@@ -38,28 +38,31 @@ LinearMap = Callable[[Floats], Floats]
 """Function from a vector (n,) to the product of a matrix, or of its inverse, with the vector."""
 
 _SOLVE_RTOL = 1e-11
-"""Normwise backward error of solutions that need no componentwise accuracy."""
+"""Largest normwise backward error of solutions that need no componentwise accuracy."""
 _SPOILT = 1e-9
-"""Relative difference between the normwise and the componentwise solution for the delays, above which the normwise
-solution is too inaccurate."""
+"""Relative difference between the normwise and the componentwise solution for the Elmore delays, above which the
+normwise solution is too inaccurate.
+"""
 
 _PROVED = 1e-3
-"""Largest accepted (pessimistic) bound on the relative error of delays."""
+"""Largest accepted (pessimistic) bound on the relative error of Elmore delays."""
 
 _ENTRYWISE = 1e-10
 """Largest accepted componentwise backward error of a solution."""
 
 
 def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
-    """Return the root ``F`` of a Laplacian ``F^T F``, with one row for each element; shape (m, n)."""
+    """Return the root ``F`` of a Laplacian ``F^T F``, with one row for each element, shape (m, n)."""
     incidence, value = laplacian.elements
     return sparse.csr_array(sparse.diags_array(np.sqrt(value)) @ incidence)
 
 
 def accurate_solver(factors: Factor, capacitance: Laplacian) -> LinearMap:
-    """Return an accurate solver: the normwise one if it gives accurate Elmore delays, else a componentwise one.
+    """Return a function from a right-hand side (n,) to a solution (n,) that is accurate enough for time constants.
 
-    Elmore delays are dominated by the slowest parts, where rounding errors appear first.
+    The function is the normwise solver if it gives accurate Elmore delays, else a componentwise one.  Elmore delays are
+    dominated by the slowest parts, where rounding errors appear first.  `factors`: factors of the matrix (``G``, or ``G
+    + s C``); `capacitance`: ``C``.
     """
 
     def plain(b: Floats) -> Floats:
@@ -81,7 +84,11 @@ def accurate_solver(factors: Factor, capacitance: Laplacian) -> LinearMap:
 
 
 def entrywise_solution(factors: Factor, b: Floats, watch: ProgressMonitor | None = None) -> Floats:
-    """Solve for positive and for negative currents (n,) separately, each entrywise accurately, and subtract."""
+    """Return the solution (n,) of a linear system, from separate solves for the positive and negative part of `b`.
+
+    `factors`: factors of the matrix; `b` (n,): right-hand side (currents), in amperes; `watch`: records the error bound
+    of each solve.  Each part of the solution is accurate componentwise; their difference need not be.
+    """
     x, low = np.zeros(len(b)), np.zeros(len(b))
     for sign in (1.0, -1.0):
         currents = np.maximum(sign * b, 0.0)
@@ -106,7 +113,8 @@ def entrywise_solution(factors: Factor, b: Floats, watch: ProgressMonitor | None
 class Modes:
     """Modes of a circuit: some of the slowest, or, with `whole`, all modes of a small circuit.
 
-    `tau` (k,): time constants, slowest first, in seconds; `shape` (n, k): ``shape.T @ C @ shape`` is the identity.
+    `tau` (k,): time constants, slowest first, in seconds; `shape` (n, k): row voltages of every mode, normalised so
+    that ``shape.T @ C @ shape`` is the identity.
     """
 
     tau: Floats
@@ -115,7 +123,7 @@ class Modes:
 
 
 def all_modes(dynamics: Dynamics) -> Modes:
-    """Compute every mode by dense linear algebra."""
+    """Compute all modes of a small circuit by dense linear algebra; return them as Modes."""
     from scipy.linalg import solve_triangular
     from scipy.linalg.lapack import dgejsv
 
@@ -135,7 +143,10 @@ def all_modes(dynamics: Dynamics) -> Modes:
 
 
 def _star_mesh(laplacian: Laplacian) -> tuple[Floats, Floats]:
-    """Return ``L``, shape (n, n), and the diagonal of ``D``, shape (n,), of ``L D L^T``, without subtractions."""
+    """Return ``L``, shape (n, n), and the diagonal of ``D``, shape (n,), of the factors ``L D L^T`` of a Laplacian.
+
+    Star-mesh elimination computes both without subtractions.
+    """
     edges, ground = laplacian.edges.toarray(), laplacian.ground.copy()
     L, pivot = np.eye(len(ground)), np.empty(len(ground))
     for k in range(len(ground)):
@@ -150,12 +161,12 @@ def _star_mesh(laplacian: Laplacian) -> tuple[Floats, Floats]:
 
 
 DENSE = 200
-"""Maximum number of rows for which all modes are computed."""
+"""Maximum number of rows (unknown node voltages) of a circuit for which all modes are computed."""
 
 _RTOL = 1e-12
-"""Relative residual at which the iteration for slow modes stops: near the rounding error."""
+"""Relative residual of an eigenvector at which the iteration for slow modes stops: near the rounding error."""
 _PROBE_RTOL = 1e-3
-"""Relative residual at which a search for slower modes stops."""
+"""Relative residual of an eigenvector at which a search for further slow modes stops."""
 _FASTEST_RTOL = 5e-3
 """Relative residual at which the iteration for the fastest mode stops; the error of its time constant is of the order
 of the squared residual."""
@@ -168,7 +179,10 @@ _KRYLOV, _PROBE_KRYLOV = 20, 10
 
 
 def slowest_modes(dynamics: Dynamics, count: int, solve: LinearMap | None = None) -> Modes:
-    """Compute the `count` slowest modes, or all modes of a small circuit; ``solve``: from `accurate_solver`."""
+    """Compute the `count` slowest modes, or all modes of a small circuit; return them as Modes.
+
+    `dynamics`: circuit equations; `solve`: product with ``G^-1`` from `accurate_solver`, None to create it.
+    """
     live = require_charge(dynamics)
     solve = solve or accurate_solver(factor_resolvent(dynamics, 0.0), dynamics.capacitance)
     if dynamics.size <= max(DENSE, 2 * count):
@@ -177,7 +191,7 @@ def slowest_modes(dynamics: Dynamics, count: int, solve: LinearMap | None = None
 
 
 def require_charge(dynamics: Dynamics) -> int:
-    """Return the number of modes; raise InputError for a circuit without capacitance."""
+    """Return the number of modes of a circuit; raise InputError for a circuit without capacitance."""
     live = int(dynamics.charged.sum())
     if not live:
         raise InputError(
@@ -188,9 +202,10 @@ def require_charge(dynamics: Dynamics) -> int:
 
 
 def _slowest(dynamics: Dynamics, count: int, live: int, solve: LinearMap) -> Modes:
-    """Compute the `count` slowest modes by iteration on ``K = F G^-1 F^T``, until no slower mode remains.
+    """Compute the `count` slowest modes by Lanczos iteration on ``K = F G^-1 F^T``; return them as Modes.
 
-    `live`: number of all modes; `solve`: product with ``G^-1``.
+    The iteration is repeated until no slower mode remains.  `live`: number of all modes; `solve`: product with
+    ``G^-1``.
     """
     F = laplacian_root(dynamics.capacitance)
 
@@ -223,10 +238,10 @@ def _project_out(U: Floats, u: Floats) -> Floats:
 
 
 def _top(apply: LinearMap, start: Floats, count: int, rtol: float, least: int) -> tuple[Floats, Floats]:
-    """Return the `count` largest eigenvalues of an operator, largest first, and eigenvectors; shapes (k,), (m, k).
+    """Return the `count` largest eigenvalues of a symmetric operator, shape (k,), and eigenvectors, shape (m, k).
 
-    `apply`: product of the operator with a vector (m,); `start` (m,): start vector; `rtol`: relative residual; `least`:
-    minimum number of Lanczos vectors.
+    The largest eigenvalue comes first.  `apply`: product of the operator with a vector (m,); `start` (m,): start
+    vector; `rtol`: relative residual at which the iteration stops; `least`: minimum number of Lanczos vectors.
     """
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
@@ -243,13 +258,16 @@ def _top(apply: LinearMap, start: Floats, count: int, rtol: float, least: int) -
 
 
 def _sorted(tau: Floats, U: Floats) -> tuple[Floats, Floats]:
-    """Return eigenvalues and eigenvectors, largest first."""
+    """Return eigenvalues `tau` (k,) and eigenvectors `U` (m, k), largest eigenvalue first."""
     order = np.argsort(-tau, kind="stable")
     return tau[order], U[:, order]
 
 
 def fastest_time_constant(dynamics: Dynamics) -> float:
-    """Return the shortest time constant, to 1 % or better, in seconds; nodes without capacitance follow instantly."""
+    """Return the shortest time constant in seconds, with a relative error of at most 1 %.
+
+    Nodes without capacitance follow instantly and have no time constant.
+    """
     require_charge(dynamics)
     if dynamics.size <= DENSE:
         return float(all_modes(dynamics).tau[-1])

@@ -27,7 +27,7 @@ class Neighbours:
     """Cells between which the robot moves.
 
     `around` (cells, 2 ndim): flat indices of the free and goal neighbours of every free cell, -1 for none; axis by
-    axis, lower side first; `goal` (cells,): mask of the goal cells; `node` (cells,): node of every cell; ground for
+    axis, lower side first; `goal` (cells,): mask of the goal cells; `node` (cells,): node of every cell, 0 (ground) for
     cells without a node.
     """
 
@@ -37,7 +37,7 @@ class Neighbours:
 
 
 def neighbours_of(cells: CellMap) -> Neighbours:
-    """Return the neighbours of the cells of a netlist."""
+    """Return the face neighbours, goal mask and nodes of the cells of a netlist, as Neighbours."""
     space = cells.space
     walkable = enterable(space) & (cells.node >= 0)
     flat = np.where(walkable, np.arange(space.cell.size).reshape(space.shape), -1)
@@ -55,8 +55,8 @@ class Converter:
     """Read-out of the node voltages, with errors as fractions of the converter's range.
 
     `low, span`: lower end and width of the range, in volts; `steps`: ``2**bits``, 0 for an ideal converter; `offset`:
-    standard deviation of the offsets; `noise` (cells,): standard deviation of a measurement; `falling`: 1, or -1 where
-    the goal rail lies above the obstacle rail.
+    standard deviation of the offsets, as a fraction of the range; `noise` (cells,): standard deviation of a
+    measurement, as a fraction of the range; `falling`: 1, or -1 where the goal rail lies above the obstacle rail.
     """
 
     low: float
@@ -68,12 +68,15 @@ class Converter:
 
     @property
     def random(self) -> bool:
-        """Whether readings of one chip contain random errors."""
+        """Whether readings contain random errors (offset or noise)."""
         return self.offset > 0 or bool(self.noise.any())
 
 
 def converter_of(readout: Readout, cells: CellMap, noise: NDArray[np.float64] | None = None) -> Converter:
-    """Return the converter of a read-out.  Shapes: `noise` (cells,), in volts."""
+    """Return the converter of a read-out.
+
+    `cells`: map of the cells, which gives the default range; `noise` (cells,): rms noise in volts, None for 0.
+    """
     wiring = cells.wiring
     low, high = readout.range or sorted((wiring.goal_voltage, wiring.high))
     deviation = np.zeros(cells.space.cell.size) if noise is None else noise / (high - low)
@@ -85,17 +88,19 @@ def converter_of(readout: Readout, cells: CellMap, noise: NDArray[np.float64] | 
 def reaches_goal(
     volts: NDArray[np.float64], neighbours: Neighbours, converter: Converter, seed: Seed = 0
 ) -> NDArray[np.bool_]:
-    """Return the mask of the cells from which the robot reaches a goal.
+    """Return the mask of the cells from which the robot reaches a goal, shape (cells,).
 
-    Shapes: `volts` (nodes,); returns (cells,).
+    `volts` (nodes,): node voltages; `neighbours`: face neighbours of every cell; `converter`: read-out; `seed`: seed of
+    the chip, which determines offsets and noise.
     """
     return walk(read_out(volts, neighbours, converter, seed), neighbours)
 
 
 def read_out(volts: NDArray[np.float64], neighbours: Neighbours, converter: Converter, seed: Seed) -> NDArray[np.int64]:
-    """Return the neighbour with the lowest reading for every cell, -1 where the cell itself reads lowest.
+    """Return the flat index of the neighbour with the lowest reading for every cell, shape (cells,).
 
-    `seed`: the chip, which determines offsets and noise.  Shapes: `volts` (nodes,); returns (cells,).
+    The index is -1 where no neighbour reads lower than the cell.  `volts` (nodes,): node voltages; `neighbours`: face
+    neighbours of every cell; `converter`: read-out; `seed`: seed of the chip, which determines offsets and noise.
     """
     from resgrid.chip.kernels import lowest_neighbours
 
@@ -112,9 +117,9 @@ def read_out(volts: NDArray[np.float64], neighbours: Neighbours, converter: Conv
 
 
 def walk(following: NDArray[np.int64], neighbours: Neighbours) -> NDArray[np.bool_]:
-    """Return the mask of the cells from which a walk along `following` (-1: stuck) reaches a goal.
+    """Return the mask of the cells from which a walk reaches a goal, shape (cells,).
 
-    Shapes: `following` (cells,); returns (cells,).
+    `following` (cells,): flat index of the next cell, -1 where the robot is stuck; `neighbours`: gives the goal cells.
     """
     from resgrid.chip.kernels import reach_goals
 

@@ -41,7 +41,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "noise": {"readout.noise_bandwidth": None},
     "quantization": {"readout.bits": None, "readout.range": None},
 }
-"""Effects of a chip, and the values of its keys without each effect."""
+"""Effects of a chip by name, and for each the chip keys that describe it, with their values without the effect."""
 
 _MOST_TRIALS, _LEAST_TRIALS, _CELLS = 400, 16, 2**18
 """Default number of chips; larger grids have fewer, for about 260,000 cells of all chips together.
@@ -49,7 +49,7 @@ _MOST_TRIALS, _LEAST_TRIALS, _CELLS = 400, 16, 2**18
 At least 381 chips without a failure are needed for a Wilson interval at 95 % that lies above 99 %.
 """
 _BISECTED = 10
-"""Typical number of mismatches that a bisection tries, for the progress bar."""
+"""Typical number of mismatches that a bisection tries, as the estimate for the progress bar."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class YieldLoss(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of merit by name, with units and definitions."""
+        """The overall yield and the error limits by name, with units and definitions."""
         text = f"fraction of all starts that reach a goal, averaged over {self.trials} chips with all effects"
         figures = {"yield": Figure(self.overall.value, "", text)}
         return figures | {limit.name: limit.figure for limit in self.limits}
@@ -163,9 +163,11 @@ def analyse_yield_loss(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> YieldLoss:
-    """Estimate the yield without each effect of a chip, and the limits of its errors.
+    """Estimate the yield without each effect of a chip, and the limits of its errors; return them as a YieldLoss.
 
-    Parameters as in `Study.yield_loss`.
+    `netlist`: ideal circuit; `chip`: chip description; `target`: yield that the limits reach; `trials`: number of chips
+    of each kind, None for the default; `confidence`: of the intervals; `executor`: workers; `progress`: called after
+    every kind of chip.
     """
     space = netlist.cells.space
     starts = int(space.goal_connected.sum())
@@ -222,12 +224,12 @@ def analyse_yield_loss(
 
 
 def usual_trials(space: ConfigurationSpace) -> int:
-    """Return the default number of chips of each kind."""
+    """Return the default number of chips of each kind, between 16 and 400, for a space; large spaces get fewer."""
     return min(_MOST_TRIALS, max(_LEAST_TRIALS, _CELLS // space.cell.size))
 
 
 def _without(chip: Chip) -> dict[str, tuple[tuple[str, ...], Chip]]:
-    """Return the effects that a chip has: the keys that describe each, and the chip without it."""
+    """Return the effects that a chip has, by name: the keys that describe the effect, and the chip without it."""
     values = chip_keys(chip)
     found = {}
     for name, ideal in EFFECTS.items():
@@ -244,10 +246,10 @@ def _without(chip: Chip) -> dict[str, tuple[tuple[str, ...], Chip]]:
 def _cause(
     name: str, keys: tuple[str, ...], base: StartsServed, other: StartsServed, share: Proportion, size: tuple[int, int]
 ) -> Cause:
-    """Return the effect's gain in yield, compared chip by chip with and without it.
+    """Return the change of the yield by switching one effect off, compared chip by chip, as a Cause.
 
-    `base, other`: starts served with and without the effect; `share`: yield without it; `size`: numbers of starts and
-    of chips.
+    `name`: name of the effect; `keys`: chip keys that describe it; `base, other`: starts served with and without the
+    effect; `share`: yield without the effect; `size`: numbers of starts and of chips.
     """
     starts, trials = size
     differences = (other.counts - base.counts) / starts  # without randomness, one chip stands for all
@@ -258,10 +260,10 @@ def _cause(
 
 
 def paired_interval(differences: NDArray[np.float64], confidence: float) -> tuple[float, float]:
-    """Return the ends of the interval of a mean of paired differences, each between -1 and 1.
+    """Return the lower and upper ends of the confidence interval of a mean of paired differences.
 
     Student's t interval.  Where no chip of ``n`` differs, at most a fraction ``1 - (1 - confidence)**(1/n)`` of all
-    chips does, with this confidence.  Shapes: `differences` (trials,).
+    chips does, with this confidence.  `differences` (trials,): numbers between -1 and 1; `confidence`: between 0 and 1.
     """
     from scipy.special import stdtrit
 
@@ -276,7 +278,7 @@ def paired_interval(differences: NDArray[np.float64], confidence: float) -> tupl
 
 
 def loss_sentences(result: YieldLoss) -> tuple[str, ...]:
-    """Return sentences on the causes of yield loss, the answer first."""
+    """Return sentences on the causes of yield loss, the largest loss first."""
     mismatch = (cause for cause in result.causes if cause.name == "mismatch")
     return (
         _largest_loss(result),
@@ -289,7 +291,7 @@ def loss_sentences(result: YieldLoss) -> tuple[str, ...]:
 
 
 def loss_table(result: YieldLoss) -> tuple[str, ...]:
-    """Return the lines of a Markdown table of the causes."""
+    """Return the lines of a Markdown table of the causes of yield loss."""
     rows = (
         (
             f"{cause.name} ({', '.join(f'`{key}`' for key in cause.keys)})",
@@ -313,7 +315,7 @@ _LIMITS = {
 
 
 def _largest_loss(result: YieldLoss) -> str:
-    """Return a sentence with the effects that certainly cost yield, largest first."""
+    """Return a sentence on the effects whose removal certainly raises the yield, largest change first."""
     now = f"{100 * result.overall.value:.1f} %"
     losses = [cause for cause in result.causes if cause.low > 0]
     if not losses:
@@ -324,13 +326,13 @@ def _largest_loss(result: YieldLoss) -> str:
 
 
 def _change(cause: Cause) -> str:
-    """Return the change of a yield with its interval, in percentage points."""
+    """Return the change of the yield by a cause with its interval, in percentage points, as text."""
     if not cause.changed:
         return "0.00 (no chip changes)"
     return f"{_points(cause.gain)} ({_points(cause.low)} to {_points(cause.high)})"
 
 
 def _points(share: float) -> str:
-    """Return a change of a yield in percentage points; zero has no sign."""
+    """Return a change of a yield, given as a fraction, as text in percentage points; zero has no sign."""
     text = f"{100 * share:+.2f}"
     return "0.00" if float(text) == 0 else text

@@ -23,7 +23,9 @@ from resgrid.errors import InputError
 from resgrid.scene.chip import Chip
 
 Progress = Callable[[int, int, Proportion], None]
-"""Function called after every batch: number of trials, expected number of trials, and the overall yield so far."""
+"""Function called after every batch with the number of trials, the expected number of trials, and the overall yield so
+far.
+"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,7 +90,7 @@ class Yield(Result):
 
     @property
     def interval(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Ends of the Wilson interval of every start, shape of the space; NaN outside the starts."""
+        """Lower and upper ends of the Wilson interval of every start, shape of the space; NaN outside the starts."""
         share = self.probability
         return wilson(share, self.trials, self.confidence) if self.random else (share, share)
 
@@ -99,13 +101,13 @@ class Yield(Result):
 
     @property
     def perfect(self) -> Proportion:
-        """Fraction of the chips on which every start reaches a goal."""
+        """Fraction of the chips on which every start reaches a goal, with its interval."""
         share = float(np.mean(self.served == self.starts.sum()))
         return proportion(share, self.trials, self.confidence, random=self.random)
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of merit by name, with units and definitions."""
+        """Figures of merit of the yield by name, with units and definitions."""
         overall, perfect = self.overall, self.perfect
         interval = f"{self.confidence:.0%} confidence (Wilson)"
         worst = np.nanmin(self.probability) if self.starts.any() else np.nan
@@ -126,7 +128,7 @@ class Yield(Result):
         return {name: Figure(value, "", definition) for name, (value, definition) in shares.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, the confidence and whether chips differ as plain values."""
+        """Return the figures, the confidence of the intervals and whether chips differ, as plain values."""
         return {**super().to_json(), "confidence": self.confidence, "random": self.random}
 
 
@@ -144,10 +146,15 @@ def analyse_yield(
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> Yield:
-    """Estimate the yield of an ideal circuit with the effects of a chip; parameters as in `Study.yields`.
+    """Estimate the yield of an ideal circuit with the effects of a chip by Monte Carlo trials.
 
     The stages: precompute everything that does not depend on the trial; for each chip draw, solve, read out and walk
     (`resgrid.chip.monte_carlo.run_trials`); count the starts that reach a goal; stop at a narrow enough interval.
+
+    `netlist`: ideal circuit; `chip`: chip description; `starts` (shape of the space): mask of the start cells, by
+    default all with a path to a goal; `half_width`: half the width of the interval at which trials stop; `confidence`:
+    of the intervals; `trials`: maximum number of chips; `batch`: number of chips between two tests; `seed`: by default
+    that of the chip; `executor`: workers; `checkpoint`: file of finished trials; `progress`: called after every batch.
     """
     mask = None if starts is None else checked_starts(netlist.cells.space, starts)
     experiment = prepare_experiment(netlist, chip, [chip.readout], None if seed is None else seed_of(seed), mask)
@@ -168,7 +175,10 @@ def analyse_yield(
 
 
 class _Tally:
-    """Counts of the starts that reach a goal, trial by trial."""
+    """Counts of the starts that reach a goal, added up trial by trial.
+
+    `experiment`: the prepared trials; `confidence`: confidence of the intervals.
+    """
 
     def __init__(self, experiment: Experiment, confidence: float) -> None:
         self._experiment, self._confidence = experiment, confidence
@@ -177,7 +187,7 @@ class _Tally:
         self.starts = int(experiment.starts.sum())
 
     def add(self, served: NDArray[np.bool_]) -> None:
-        """Count one trial.  Shapes: `served` (starts,)."""
+        """Count one trial; `served` (starts,): mask of the starts that reach a goal."""
         self._reached[self._experiment.starts] += served
         self._served.append(int(served.sum()))
 
@@ -188,11 +198,11 @@ class _Tally:
 
     @property
     def overall(self) -> Proportion:
-        """Fraction of all starts that reach a goal, over all trials, with its interval."""
+        """Fraction of all starts that reach a goal, over all counted trials, with its interval."""
         return overall_yield(np.array(self._served), self.starts, self._confidence, random=self._experiment.random)
 
     def result(self) -> Yield:
-        """Return the yield of the trials counted."""
+        """Return the yield of all counted trials."""
         experiment = self._experiment
         space, counts = experiment.netlist.cells.space, np.array(self._served, dtype=np.int64)
         starts, reached = experiment.starts.reshape(space.shape), self._reached.reshape(space.shape)
@@ -200,14 +210,21 @@ class _Tally:
 
 
 def _journal(checkpoint: str | os.PathLike[str] | None, experiment: Experiment) -> Journal | None:
-    """Open the checkpoint of an experiment; None without randomness, where a single trial is exact."""
+    """Return the open checkpoint of an experiment, or None if no file is given or the chips do not differ.
+
+    A single trial is exact if chips do not differ.  `checkpoint`: path of the file, or None.
+    """
     if checkpoint is None or not experiment.random:
         return None
     return Journal(checkpoint, {"resgrid": "chips", "fingerprint": experiment.fingerprint()})
 
 
 def _expected_trials(overall: Proportion, half_width: float, batch: int, trials: int) -> int:
-    """Estimate the number of trials needed: interval widths are inversely proportional to its square root."""
+    """Return an estimate of the number of trials that the wanted interval needs, a multiple of `batch`.
+
+    The result is at most `trials`.  Interval widths are inversely proportional to the square root of the number of
+    trials.  `overall`: yield so far; `half_width`: wanted half width of the interval.
+    """
     needed = int(overall.trials * max(overall.half_width / half_width, 1.0) ** 2)
     return min(-(-needed // batch) * batch, trials)
 
@@ -215,14 +232,18 @@ def _expected_trials(overall: Proportion, half_width: float, batch: int, trials:
 def overall_yield(served: NDArray[np.int64], starts: int, confidence: float, *, random: bool) -> Proportion:
     """Return the fraction of all starts that reach a goal, with an interval that treats each chip as a cluster.
 
-    `starts`: number of starts of a chip.  Shapes: `served` (trials,): number of starts that reach a goal.
+    `served` (trials,): number of starts of each chip that reach a goal; `starts`: number of starts of a chip;
+    `confidence`: of the interval; `random`: whether chips differ.
     """
     fraction = int(served.sum()) / (len(served) * starts)
     return proportion(fraction, len(served), confidence, effective_trials(served, starts), random=random)
 
 
 def checked_starts(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.bool_]:
-    """Return the mask of start cells, shape of the space; raise InputError for another type or shape."""
+    """Return the mask of start cells, shape of the space; raise InputError for another type or shape.
+
+    `starts`: array of True and False with one entry per cell.
+    """
     mask = np.asarray(starts)
     if mask.dtype != np.bool_ or mask.shape != space.shape:
         raise InputError(f"starts must be True or False for every cell, shape {space.shape}")

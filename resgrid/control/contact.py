@@ -26,16 +26,16 @@ _LOOK = 4.0
 _AT_STOP = 1e-6
 """Distance from a mechanical stop, in cells, at which the robot is at the stop."""
 _LEAST = 1e-3
-"""Smallest collision-free fraction of a step that is taken."""
+"""Smallest collision-free fraction of a step at which the step is taken; below it the robot is blocked."""
 _POSES = 50
 """Maximum number of collision tests along a step, each at another pose of the robot."""
 _LIFTS = 3
-"""Maximum number of moves that lift a robot off an obstacle at the start."""
+"""Maximum number of moves at the start that separate a robot from obstacles it touches."""
 _LIFT = 10 * TOUCH
-"""Gap after such a move, relative to 1 m plus the largest radius, in metres."""
+"""Gap in metres after such a move, as a factor of 1 m plus the largest radius."""
 
 KEEP = 0.2
-"""Smallest gap of a step, as a fraction of the margin, unless the robot starts with a smaller gap."""
+"""Smallest gap after a step, as a fraction of the contact margin, unless the robot starts with a smaller gap."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +46,9 @@ class ContactSet:
     `sticking` (m,): the force lies inside the friction cone, and the point does not move; `torque` (ndim,): generalised
     force of all contacts, mechanical stops included; `normal_torque` (ndim,): generalised force of the obstacles'
     normal forces only; it points away from the obstacles in configuration space, while the force of a sticking contact
-    merely balances the drive along the streamline; `velocity` (ndim,): velocity of the robot with contacts; `solved`:
-    False where rounding, such as between axes of very different scales, prevented a solution; the robot then stands
-    still with unknown forces.
+    merely balances the drive along the streamline; `velocity` (ndim,): velocity of the robot with contacts, along the
+    axes, per second; `solved`: False where rounding, such as between axes of very different scales, prevented a
+    solution; the robot then stands still with unknown forces.
     """
 
     pairs: NDArray[Any]
@@ -61,7 +61,7 @@ class ContactSet:
 
     @property
     def pressing(self) -> NDArray[np.bool_]:
-        """Mask of the contacts with a force, shape (m,)."""
+        """Mask of the contacts whose force is not 0, shape (m,)."""
         return np.asarray(np.any(self.force != 0.0, axis=1))
 
 
@@ -69,7 +69,8 @@ class ContactSet:
 class Surroundings:
     """Pairs of near points, with the rates of their gaps for unit velocities of the axes.
 
-    `pairs` (n,): of dtype `PAIR`; `normal_rows, tangent_rows` (n, ndim): ``n . J`` and ``t . J``.
+    `pairs` (n,): pairs of dtype `PAIR`; `normal_rows, tangent_rows` (n, ndim): ``n . J`` and ``t . J``, the normal and
+    tangential velocity of the robot's point per unit velocity of each axis.
     """
 
     pairs: NDArray[Any]
@@ -78,12 +79,12 @@ class Surroundings:
 
     @property
     def gap(self) -> NDArray[np.float64]:
-        """Gaps in metres, shape (n,)."""
+        """Gaps between robot and obstacle of all pairs, in metres, shape (n,)."""
         return np.asarray(self.pairs["gap"])
 
 
 def surroundings(pose: Pose, pairs: NDArray[Any]) -> Surroundings:
-    """Return near points with the rows of their contact Jacobians.  Shapes: `pairs` (n,)."""
+    """Return pairs of near points (n,) of dtype `PAIR` with the rows of their contact Jacobians, as Surroundings."""
     from resgrid.control import contact_kernels
 
     ndim = pose.spin.shape[1]
@@ -102,10 +103,12 @@ def solve_contacts(
     opening: NDArray[np.float64],
     stops: NDArray[np.float64] | None = None,
 ) -> ContactSet:
-    """Compute contact forces and the resulting velocity.
+    """Compute contact forces and the resulting velocity; return them as a ContactSet.
 
-    `touching` (n,): mask of the pairs in contact; `opening` (n,): rates, in m/s, at which their gaps must grow; `stops`
-    (s, ndim): unit vectors away from mechanical stops.
+    `around`: all n pairs of near points; `touching` (n,): mask of the pairs in contact; `velocity` (ndim,): command
+    along the axes, per second; `admittance` (ndim, ndim): velocity per generalised force; `friction`: friction
+    coefficient; `opening` (n,): rates, in m/s, at which the gaps must grow; `stops` (s, ndim): unit vectors away from
+    the mechanical stops that the robot is at, None for none.
     """
     pairs = around.pairs[touching]
     ends = np.empty((0, len(velocity))) if stops is None else stops
@@ -139,8 +142,8 @@ class Body:
     the start is moved away by `_LIFT`, so that its side of the obstacle is unambiguous.  A robot that is wedged too
     tightly for that never moves.
 
-    `start` (ndim,); `step`: largest motion along an axis in one step, in cells; `margin`: gap at which the robot is in
-    contact, in metres.
+    `plant`: robot and true obstacles; `start` (ndim,): configuration along the axes; `step`: largest motion along an
+    axis in one step, in cells; `margin`: gap at which the robot is in contact, in metres.
     """
 
     def __init__(self, plant: Plant, start: Vector, step: float, margin: float) -> None:
@@ -155,7 +158,7 @@ class Body:
         self.configuration = self._lifted()
 
     def _lifted(self) -> Vector:
-        """Return the configuration, moved about 1e-8 m away from a touched obstacle where that is possible."""
+        """Return the configuration (ndim,), moved about 1e-8 m away from touched obstacles where possible."""
         none = np.zeros_like(self.configuration)
         for _ in range(_LIFTS):
             around = self._survey()
@@ -167,11 +170,14 @@ class Body:
         return self.configuration
 
     def look(self) -> Surroundings:
-        """Return the obstacles within reach of this step; none while the last search proves that there are none."""
+        """Return the pairs of near points at the present configuration.
+
+        Returns no pairs, without a search, while the last search proves that no obstacle is in reach of a step.
+        """
         return self._nothing if self._clear > 2.0 * self._reach else self._survey()
 
     def _survey(self) -> Surroundings:
-        """Search for near obstacles at the present configuration; return the pairs of near points."""
+        """Search for near obstacles at the present configuration; return the pairs of near points as Surroundings."""
         pose = self._pose = self.plant.pose(self.configuration)
         pairs = self.plant.near(pose, _LOOK * self._reach)
         self._clear = float(pairs["gap"].min()) if len(pairs) else _LOOK * self._reach
@@ -180,9 +186,11 @@ class Body:
     def contacts(
         self, around: Surroundings, velocity: Vector, admittance: Vector, friction: float, pause: float
     ) -> ContactSet | None:
-        """Return the contacts with obstacles and stops at a velocity, None without contacts.
+        """Return the contacts with obstacles and mechanical stops at a velocity; None without contacts.
 
-        Gaps that are too small open within about five pauses; `pause`: in seconds.
+        `around`: pairs of near points; `velocity` (ndim,): command along the axes, per second; `admittance` (ndim,
+        ndim): velocity per generalised force; `friction`: friction coefficient; `pause`: duration of a step, in
+        seconds.  A gap below half the margin opens within about five such durations.
         """
         stops = self._stops()
         touching = around.gap <= 1.5 * self.margin
@@ -192,7 +200,7 @@ class Body:
         return solve_contacts(around, touching, velocity, admittance, friction, opening, stops)
 
     def _stops(self) -> Vector:
-        """Return unit vectors away from the stops that the robot is at, shape (s, ndim)."""
+        """Return unit vectors away from the mechanical stops that the robot is at, shape (s, ndim)."""
         lower, upper = self.plant.stops
         low = self.configuration - lower <= _AT_STOP * self._spacing
         high = upper - self.configuration <= _AT_STOP * self._spacing
@@ -205,7 +213,9 @@ class Body:
     ) -> tuple[float, Vector]:
         """Take a step; return its duration in seconds and its velocity, or `pause` and 0 if the robot is blocked.
 
-        `longest`: maximum duration, in seconds; `keep`: smallest gap after the step, as a fraction of the margin.
+        `velocity` (ndim,): along the axes, per second; `longest`: maximum duration, in seconds; `pause`: duration to
+        return for a blocked robot, in seconds; `around`: pairs of near points; `keep`: smallest gap after the step, as
+        a fraction of the margin.
         """
         step = self._time_step(velocity, longest, around)
         fraction = self._free(step * velocity, around, keep)
@@ -216,7 +226,7 @@ class Body:
         return fraction * step, velocity
 
     def shaken(self, by: Vector) -> bool:
-        """Move by a small offset if that is collision-free; return whether the robot moved."""
+        """Move by an offset `by` (ndim,) along the axes if it is collision-free; return whether the robot moved."""
         around = self.look()
         motion = self.plant.within_stops(self.configuration + by) - self.configuration
         if not motion.any() or self._free(motion, around, KEEP) < 1.0:
@@ -226,7 +236,11 @@ class Body:
         return True
 
     def _time_step(self, velocity: Vector, longest: float, around: Surroundings) -> float:
-        """Return the time until an axis has moved by one step, or until a new contact."""
+        """Return the duration of a step in seconds: until an axis has moved by one step, or until a new contact.
+
+        `velocity` (ndim,): along the axes, per second; `longest`: maximum duration, in seconds; `around`: pairs of near
+        points.
+        """
         fastest = float((np.abs(velocity) / self._spacing).max())
         if fastest == 0.0:
             return longest
@@ -244,9 +258,10 @@ class Body:
         return step
 
     def _free(self, motion: Vector, around: Surroundings, keep: float) -> float:
-        """Return a fraction of a motion on which no gap falls below a limit.
+        """Return a fraction (0 to 1) of a motion on which no gap falls below a limit.
 
-        The limit is `keep` margins, or the present smallest gap if that is less.
+        The limit is `keep` margins, or the present smallest gap if that is less.  `motion` (ndim,): offset along the
+        axes; `around`: pairs of near points.
         """
         if around is self._nothing:
             return 1.0

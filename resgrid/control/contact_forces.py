@@ -11,32 +11,38 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 Basis = tuple[NDArray[np.int64], Vector]
-"""Nonzero columns (slacks, unknowns, or Lemke's artificial one), and the matrix from ``q`` to their values."""
+"""Indices of the nonzero columns (slacks, unknowns, Lemke's artificial variable), and the matrix from ``q`` to their
+values.
+"""
 
 _LEAST_MOBILITY = 1e-12
-"""Largest entry of ``n . J`` (or ``t . J``), relative to that of all contacts, below which a contact is ignored."""
+"""Largest entry of ``n . J`` (or ``t . J``) of a contact, as a fraction of that of all contacts, below which the
+contact (or its friction) is ignored.
+"""
 _LEAST_PIVOT = 1e-13
 """Smallest accepted pivot of Lemke's method, relative to the largest entry of the inverse basis."""
 _TIE = 1e-12
 """Relative difference of ratios that count as equal, and relative size of forces that count as 0."""
 _GONE = 1e-9
-"""Value of the artificial variable that counts as 0."""
+"""Largest value of Lemke's artificial variable, relative to the largest entry of ``q``, that counts as 0."""
 _CLOSED = 1e-6
 """Largest accepted relative residual of the complementarity problem."""
 _REFINEMENTS = 3
-"""Number of steps of iterative refinement."""
+"""Number of steps of iterative refinement of the contact forces."""
 
 
 def contact_forces(
     normal: Vector, tangent: Vector, target: Vector, velocity: Vector, admittance: Vector, friction: float
 ) -> tuple[Vector, Vector, bool]:
-    """Compute the velocity with contacts, normal and tangential forces, shape (m, 2), and whether they are a solution.
+    """Compute the velocity with contacts, the normal and tangential forces, and whether they are a solution.
 
-    Conditions: ``0 <= f_n, n . J qdot - target >= 0``, one of them 0, and ``|f_t| <= mu f_n``, opposing ``t . J
-    qdot``.  Contacts whose force cannot move the robot are ignored.  The tolerance is 1e-6 of the velocity.  A solution
-    exists if no target is positive.  Without a solution, velocity and forces are 0.
+    Conditions: ``0 <= f_n, n . J qdot - target >= 0``, one of them 0, and ``|f_t| <= mu f_n``, opposing ``t . J qdot``.
+    Contacts whose force cannot move the robot are ignored.  The tolerance is 1e-6 of the velocity.  A solution exists
+    if no target is positive.  Without a solution, velocity and forces are 0.
 
-    Shapes: `normal, tangent` (m, ndim): ``n . J`` and ``t . J``; `target` (m,).
+    `normal, tangent` (m, ndim): ``n . J`` and ``t . J``; `target` (m,): least rates at which the gaps grow, in m/s;
+    `velocity` (ndim,): command along the axes, per second; `admittance` (ndim, ndim): velocity per generalised force;
+    `friction`: friction coefficient ``mu``.  Shapes of the results: velocity (ndim,), forces (m, 2).
     """
     least = _LEAST_MOBILITY * max(np.abs(normal).max(initial=0.0), np.abs(tangent).max(initial=0.0))
     used = np.flatnonzero(np.abs(normal).max(axis=1) > least)
@@ -70,7 +76,8 @@ def _solution(rows: Vector, give: Vector, cone: Vector, offset: Vector) -> Vecto
     """Return ``z`` with ``z >= 0, w = M z + q >= 0, z . w = 0`` for ``M = rows give^T + cone``; None without solution.
 
     Iterative refinement uses the factors, because contacts that almost face each other give ``M = N A N^T`` the squared
-    condition number of ``N``.
+    condition number of ``N``.  `rows` (u, ndim): scaled contact Jacobian; `give` (u, ndim): its product with the
+    admittance; `cone` (u, u): conditions of the friction cones; `offset` (u,): ``q``.
     """
     size, z, w = len(offset), np.zeros(len(offset)), offset.copy()
     if w.min(initial=0.0) >= 0.0:
@@ -91,10 +98,10 @@ def _solution(rows: Vector, give: Vector, cone: Vector, offset: Vector) -> Vecto
 
 
 def _complementary(M: Vector, q: Vector) -> Basis | None:
-    """Return a basis of ``z >= 0, w = M z + q >= 0, z . w = 0`` by Lemke's method, for small copositive ``M``.
+    """Return a basis of ``z >= 0, w = M z + q >= 0, z . w = 0`` by Lemke's method; None without a solution.
 
     Columns of the tableau: the slacks ``w``, the unknowns ``z``, Lemke's artificial variable, and the right-hand side.
-    Returns None without a solution.
+    `M` (n, n): small copositive matrix; `q` (n,): right-hand side with a negative entry.
     """
     size = len(q)
     basis, artificial = np.arange(size), 2 * size
@@ -116,10 +123,10 @@ def _complementary(M: Vector, q: Vector) -> Basis | None:
 
 
 def _bounding_row(table: Vector, entering: int, basis: NDArray[np.int64]) -> int | None:
-    """Return the row of the tableau that bounds the entering column: the one with the smallest ratio; None without one.
+    """Return the row of Lemke's tableau that bounds the entering variable (smallest ratio); None if no row does.
 
     The ratio is the right-hand side over the entry of column `entering`.  Ties are broken by the ratios of the inverse
-    basis (lexicographic rule).
+    basis (lexicographic rule).  `table` (n, 2 n + 2): tableau; `basis` (n,): variable of each row.
     """
     size = len(table)
     rows = np.flatnonzero(table[:, entering] > _LEAST_PIVOT * np.abs(table[:, :size]).max())

@@ -23,7 +23,7 @@ from resgrid.robots.geometry import TOUCH, ObstacleArrays, Pose
 from resgrid.robots.kernels import segment_parameter
 
 _RIM = 1e-13
-"""Allowance for rounding in gaps, relative to the size of coordinates."""
+"""Allowance for rounding in gaps, as a fraction of 1 m plus the largest coordinate."""
 
 Floats = NDArray[np.float64]
 Pairs = Any
@@ -35,9 +35,12 @@ def _add(
     pairs: Pairs, count: int, px: float, py: float, ox: float, oy: float, inward: tuple[float, float],
     outward: tuple[float, float], owner: tuple[float, int, int], reach: float,
 ) -> int:  # fmt: skip
-    """Append a pair of near points: the robot's core at p and the obstacle's surface at o; return the new count.
+    """Append a pair of near points to an array unless it is a duplicate or too far; return the new number of pairs.
 
-    `outward`: normal for points that touch; `owner`: radius, part of the robot, number of the obstacle.
+    `pairs`: array of dtype `PAIR`; `count`: number of pairs so far; `px, py`: point on the robot's core (its skeleton
+    without the radius), in metres; `ox, oy`: point on the obstacle's surface, in metres; `inward`: unit direction into
+    the obstacle; `outward`: unit normal for points that coincide; `owner`: radius of the robot's part in metres, number
+    of the part, number of the obstacle; `reach`: largest gap of a pair, in metres.
     """
     dx, dy = px - ox, py - oy
     apart = math.hypot(dx, dy)
@@ -60,14 +63,21 @@ def _add(
 
 @inlined
 def misses(edge: Floats, x0: float, x1: float, y0: float, y1: float) -> bool:
-    """Return whether an edge lies outside a box."""
+    """Return whether an edge lies outside an axis-parallel box.
+
+    A sufficient test: edges that pass a corner of the box may count as inside.  `edge` (4,): ``ax, ay, bx, by``; `x0,
+    x1, y0, y1`: limits of the box; all in metres.
+    """
     ax, ay, bx, by = edge
     return bool(max(ax, bx) < x0 or min(ax, bx) > x1 or max(ay, by) < y0 or min(ay, by) > y1)
 
 
 @inlined
 def _left_of(edge: Floats) -> tuple[float, float]:
-    """Return the unit normal of an edge into the solid, which lies on its left."""
+    """Return the components of the unit normal of an edge into the solid, which lies on the left of the edge.
+
+    `edge` (4,): start and end, ``ax, ay, bx, by``, in metres.
+    """
     dx, dy = edge[2] - edge[0], edge[3] - edge[1]
     length = math.hypot(dx, dy)
     return -dy / length, dx / length
@@ -75,9 +85,10 @@ def _left_of(edge: Floats) -> tuple[float, float]:
 
 @inner
 def _inside_corner(edge: Floats, before: Floats) -> tuple[float, float]:
-    """Return the direction into the solid from the corner at the start of an edge.
+    """Return the unit direction ``(x, y)`` into the solid from the corner at the start of an edge.
 
-    It bisects the normals of the two edges; at a spike it points along the spike.
+    The direction bisects the normals of both edges; at a spike it points along the spike.
+    `edge` (4,): edge that starts at the corner; `before` (4,): edge that ends there.
     """
     (ax, ay), (bx, by) = _left_of(edge), _left_of(before)
     length = math.hypot(ax + bx, ay + by)
@@ -88,7 +99,10 @@ def _inside_corner(edge: Floats, before: Floats) -> tuple[float, float]:
 
 @inner
 def _off_side(ax: float, ay: float, bx: float, by: float, inward: tuple[float, float]) -> tuple[float, float]:
-    """Return the unit normal of a segment that points away from a solid."""
+    """Return the unit normal ``(x, y)`` of the segment from a to b on the side away from a solid.
+
+    `ax, ay, bx, by`: ends of the segment, in metres; `inward`: direction into the solid.
+    """
     length = math.hypot(bx - ax, by - ay)
     nx, ny = (ay - by) / length, (bx - ax) / length
     return (-nx, -ny) if nx * inward[0] + ny * inward[1] > 0.0 else (nx, ny)
@@ -99,7 +113,12 @@ def _add_end(
     pairs: Pairs, count: int, px: float, py: float, edge: Floats, before: Floats, owner: tuple[float, int, int],
     reach: float,
 ) -> int:  # fmt: skip
-    """Append the pair of a point of the robot and an edge, or the corner at the start of the edge; return the count."""
+    """Append the pair of a robot point and an edge (or the edge's start corner); return the new number of pairs.
+
+    `pairs`: array of dtype `PAIR`; `count`: number of pairs so far; `px, py`: point on the robot's core, in metres;
+    `edge` (4,): start and end of the edge; `before` (4,): edge that ends at its start; `owner`: radius in metres,
+    number of the robot's part, number of the obstacle; `reach`: largest gap of a pair, in metres.
+    """
     ax, ay, bx, by = edge
     t = segment_parameter(px, py, ax, ay, bx, by)
     if 0.0 < t < 1.0:
@@ -116,14 +135,16 @@ def _add_end(
 
 @kernel
 def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -> int:
-    """Find pairs of near points of a robot (segments with a radius) and obstacles, within a reach in metres.
+    """Find pairs of near points of a robot (segments with a radius) and obstacles; return the number of pairs.
 
     Two segments that do not cross are nearest at an end of one of them, so that the ends of both are tested; two
     parallel segments give both ends of their overlap.  A disc or half-plane that is entered by at most `TOUCH` is
     touched, with a gap of 0.  Edges have the solid on their left, and `edge_before` is the edge that ends at the start
     of an edge.  An end of the robot pairs with an edge only from its free side (or on it), and with a corner only where
-    the corner is nearer than its edges; other pairs would lie through a solid or across a corner.  `pairs`: result, of
-    dtype `PAIR`.  Returns the number of pairs.
+    the corner is nearer than its edges; other pairs would lie through a solid or across a corner.
+
+    `pose`: segments of the robot in the workspace; `solid`: obstacles; `reach`: largest gap of a pair, in metres;
+    `pairs`: output array of dtype `PAIR`, filled from its start; pairs beyond its length are dropped.
     """
     count, segments, radius, part = 0, pose.segments, pose.radius, pose.part
     edges, edge_before, discs, planes = solid.edges, solid.edge_before, solid.discs, solid.half_planes
@@ -174,9 +195,10 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -
 
 @kernel
 def contact_rows(pairs: Pairs, pose: Pose, normal: Floats, tangent: Floats) -> None:
-    """Compute rows ``n . J`` and ``t . J`` of every pair, with J the Jacobian of the robot's surface point.
+    """Write the rows ``n . J`` and ``t . J`` of every pair to `normal` and `tangent`, both of shape (pairs, ndim).
 
-    ``t`` is ``n`` turned left.
+    ``J`` is the Jacobian of the point on the robot's surface, in metres per axis unit; ``n`` is the unit normal out of
+    the obstacle, and ``t`` is ``n`` turned left.  `pairs`: array of dtype `PAIR`; `pose`: pose of the robot.
     """
     shift, spin, pivot = pose.shift, pose.spin, pose.pivot
     for k in range(len(pairs)):
@@ -190,7 +212,11 @@ def contact_rows(pairs: Pairs, pose: Pose, normal: Floats, tangent: Floats) -> N
 
 @inlined
 def _time_to_zero(height: float, rate: float, bend: float) -> float:
-    """Return the time until ``height + rate u - bend u^2 / 2`` becomes negative; 0 if it is at the start."""
+    """Return the time ``u`` at which ``height + rate u - bend u^2 / 2`` becomes negative; 0 for a negative height.
+
+    `height`: distance above a line, in metres; `rate`: its first derivative; `bend`: bound on its second derivative, at
+    least 0.  The unit of time is the duration of the whole motion.  Returns infinity if the parabola stays positive.
+    """
     if height < 0.0:
         return 0.0
     root = math.sqrt(rate * rate + 2.0 * bend * height)
@@ -201,16 +227,23 @@ def _time_to_zero(height: float, rate: float, bend: float) -> float:
 
 @inner
 def _time_beyond(nx: float, ny: float, segment: Floats, moves: Floats, top: float) -> float:
-    """Return the time for which both ends of a moving segment stay beyond the line ``n . x = top``."""
+    """Return the time for which both ends of a moving segment stay beyond the line ``n . x = top``.
+
+    The unit of time is the duration of the motion.  `nx, ny`: unit normal of the line; `segment` (4,): ends, in metres;
+    `moves` (7,): rates of both ends (4), bounds on their accelerations (2), turning rate; `top`: offset of the line, in
+    metres.
+    """
     first = _time_to_zero(nx * segment[0] + ny * segment[1] - top, nx * moves[0] + ny * moves[1], moves[4])
     return min(first, _time_to_zero(nx * segment[2] + ny * segment[3] - top, nx * moves[2] + ny * moves[3], moves[5]))
 
 
 @inner
 def _time_beside(px: float, py: float, qx: float, qy: float, segment: Floats, moves: Floats, keep: float) -> float:
-    """Return the time for which two fixed points keep a distance from the line of a moving segment.
+    """Return the time for which two fixed points stay on one side of the line of a moving segment.
 
-    Both points must stay on the same side of the line.
+    The points keep a distance of `keep` metres from the line.  The unit of time is the duration of the motion.  `px,
+    py, qx, qy`: the points, in metres; `segment` (4,): ends, in metres; `moves` (7,): rates of both ends (4), bounds on
+    their accelerations (2), turning rate.
     """
     dx, dy = segment[2] - segment[0], segment[3] - segment[1]
     length = math.hypot(dx, dy)
@@ -233,7 +266,10 @@ def _time_beside(px: float, py: float, qx: float, qy: float, segment: Floats, mo
 
 @inner
 def _distance(segment: Floats, edge: Floats) -> tuple[float, float, float]:
-    """Return the distance of two segments that do not cross, and the unit vector from the second to the first."""
+    """Return the distance of two segments in metres, and the components of the unit vector from `edge` to `segment`.
+
+    The segments (4,) must not cross.  All three values are 0 for segments that touch.
+    """
     best, vx, vy = np.inf, 0.0, 0.0
     for case in range(4):
         one, other = (segment, edge) if case < 2 else (edge, segment)
@@ -249,9 +285,10 @@ def _distance(segment: Floats, edge: Floats) -> tuple[float, float, float]:
 
 @inner
 def _time_clear_of_edge(segment: Floats, moves: Floats, edge: Floats, keep: float) -> float:
-    """Return the time for which some line keeps a moving segment at a distance from an edge.
+    """Return a time for which a line separates a moving segment from a fixed edge, as a fraction of the motion.
 
-    A point is an edge with equal ends.
+    `segment` (4,): ends, in metres; `moves` (7,): rates of both ends (4), bounds on their accelerations (2), turning
+    rate; `edge` (4,): ends of the edge, equal for a point; `keep`: distance to keep, in metres.
     """
     ax, ay, bx, by = edge
     apart, nx, ny = _distance(segment, edge)
@@ -274,9 +311,13 @@ def _segment_motion(
     segment: Floats, part: int, shift: Floats, spin: Floats, pivot: Floats, lever: Floats, motion: Floats,
     turn: Floats, moves: Floats,
 ) -> None:  # fmt: skip
-    """Compute the motion of a segment for a motion of the axes, as seven numbers in ``moves``.
+    """Write the motion of a segment for a motion of the axes to `moves` (7,).
 
-    Rates of both ends (4), bounds on their accelerations (2), and the turning rate (1).
+    Its entries are the rates of both ends (4), bounds on their accelerations (2), and the turning rate (1), with the
+    duration of the motion as the unit of time.  `segment` (4,): ends, in metres; `part`: number of the rigid part;
+    `shift, spin, pivot`: translation rate, turning rate and pivot of every part for each axis; `lever` (2, parts):
+    distances that bound the accelerations; `motion` (ndim,): motion of the axes; `turn` (parts,): turning rate of every
+    part.
     """
     moves[:] = 0.0
     for axis in range(len(motion)):
@@ -295,9 +336,10 @@ def _segment_motion(
 
 @kernel
 def free_fraction(pose: Pose, solid: ObstacleArrays, motion: Floats, least: float) -> float:
-    """Return a fraction of a straight motion in configuration space for which every gap stays at least ``least``.
+    """Return a fraction (0 to 1) of a straight motion in configuration space on which every gap stays at least `least`.
 
-    A proven lower bound: the true fraction may be larger.
+    The result is a proven lower bound: the true fraction may be larger.  `pose`: pose of the robot at the start;
+    `solid`: obstacles; `motion` (ndim,): offset of the configuration along the axes; `least`: smallest gap, in metres.
     """
     segments, radius, part, lever = pose.segments, pose.radius, pose.part, pose.lever
     edges, discs, planes = solid.edges, solid.discs, solid.half_planes

@@ -28,16 +28,16 @@ if TYPE_CHECKING:
 Response = Literal["admittance", "equipotential"]
 
 ALONG = 1e-3
-"""Sine of the angle between force and streamline below which the force causes a jam."""
+"""Sine of the angle between contact force and streamline, below which the robot cannot evade and is in a jam."""
 
 
 class Nominal(NamedTuple):
     """The nominal motion at a configuration.
 
-    `place`: "free" (in a free cell with a path to a goal), "goal" (in a goal cell) or "off"; `velocity` (n,): ``V0``,
-    per second, in world coordinates or along the axes, as the configuration was given; `longest`: maximum duration of a
-    straight step, in seconds.  The step ends just across the next cell face with outward current, and at most half way
-    to a zero of a component, so that it enters no cell that the current does not enter.
+    `place`: "free" (free cell with a path to a goal), "goal" (goal cell) or "off" (no path or no current); `velocity`
+    (n,): ``V0``, per second, in the coordinates in which the configuration was given (world or axes); `longest`:
+    maximum duration of a straight step, in seconds.  The step ends just across the next cell face with outward current,
+    and at most half way to a zero of a component, so that it enters no cell that the current does not enter.
     """
 
     place: str
@@ -96,7 +96,7 @@ class Controller:
         object.__setattr__(self, "speed_limits", limits)
 
     def command(self, configuration: ArrayLike, force: ArrayLike | None = None) -> NDArray[np.float64]:
-        """Return the velocity command for now; the only call that a robot's own control loop needs.
+        """Return the velocity command for the present moment; the only call that a robot's own control loop needs.
 
         Parameters
         ----------
@@ -109,13 +109,13 @@ class Controller:
         Returns
         -------
         ndarray of float64, shape (n,)
-            In world coordinates, per second.  The nominal part is 0 in a goal cell.
+            Velocity in world coordinates, per second.  The nominal part is 0 in a goal cell.
 
         Raises
         ------
         InputError
             If a value is not finite or has another shape, the configuration lies outside the grid, or it lies more than
-            `RECOVERY` cells from every cell with a path.
+            `RECOVERY` cells from every cell with a path to a goal.
         """
         velocity = self.axis_nominal(self._along_axes(configuration)).velocity
         if force is not None:
@@ -127,7 +127,10 @@ class Controller:
         return self._frame.turned_to_world(self.limited(velocity))
 
     def admitting(self, nominal: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return ``V0 + A F`` along the axes, shape (n,); on overflow, the largest representable velocity."""
+        """Return the velocity ``V0 + A F`` (n,) along the axes, per second; on overflow, the largest representable one.
+
+        `nominal` (n,): ``V0`` along the axes, per second; `force` (n,): generalised force ``F`` along the axes.
+        """
         admittance = self.axis_admittance
         with np.errstate(over="ignore", invalid="ignore"):
             velocity = nominal + admittance @ force
@@ -137,21 +140,25 @@ class Controller:
         return np.asarray(push * (np.finfo(np.float64).max / len(push)))
 
     def nominal(self, configuration: ArrayLike) -> Nominal:
-        """Return the nominal motion at a configuration in world coordinates, shape (n,).
+        """Return the nominal motion at a configuration (n,), both in world coordinates.
 
-        The velocity within a cell follows Pollock's interpolation of the face currents and is continuous.  Errors as in
-        `command`.
+        The velocity within a cell follows Pollock's interpolation of the face currents and is continuous.  Raises
+        InputError for a configuration that is not finite, outside the grid, or too far from every cell with a path to a
+        goal.
         """
         own = self.axis_nominal(self._along_axes(configuration))
         return own._replace(velocity=self._frame.turned_to_world(own.velocity))
 
     def axis_nominal(self, configuration: ArrayLike) -> Nominal:
-        """Return the nominal motion at a configuration along the axes, shape (n,), with the velocity along the axes."""
+        """Return the nominal motion at a configuration (n,) along the axes, with the velocity along the axes.
+
+        In a cell without a path to a goal, the velocity leads to the nearest cell with a path.
+        """
         seen = self.seen(configuration)
         return Nominal("off", self._recover(np.asarray(configuration)), np.inf) if seen.place == "off" else seen
 
     def seen(self, configuration: ArrayLike) -> Nominal:
-        """Return the nominal motion at a configuration along the axes; the velocity is 0 in a cell without a path."""
+        """Return the nominal motion at a configuration (n,) along the axes, with velocity 0 in cells without a path."""
         try:
             point = np.ascontiguousarray(configuration, dtype=np.float64)
         except (TypeError, ValueError):
@@ -174,7 +181,7 @@ class Controller:
         return Nominal(_PLACES[status], velocity, np.inf)
 
     def limited(self, velocity: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a velocity along the axes (n,), scaled down so that every speed limit holds."""
+        """Return a velocity (n,) along the axes, per second, scaled down as a whole so that every speed limit holds."""
         size = float(np.abs(velocity).max())
         if size == 0.0:
             return velocity
@@ -193,12 +200,13 @@ class Controller:
         Returns
         -------
         Controller
+            The copy.
         """
         return replace(self, field=field)
 
     @cached_property
     def axis_admittance(self) -> NDArray[np.float64]:
-        """The matrix `admittance` (velocity per generalised force) in the directions of the axes, shape (n, n)."""
+        """The matrix `admittance` (velocity per generalised force) in the directions of the grid axes, shape (n, n)."""
         # Rotate rows and columns.
         return self._frame.turned_from_world(self._frame.turned_from_world(self.admittance).T).T
 
@@ -223,12 +231,15 @@ class Controller:
 
     @cached_property
     def _served(self) -> NDArray[np.bool_]:
-        """Mask of goal cells and free cells with a path to a goal, shape of the space."""
+        """Mask of goal cells and of free cells with a path to a goal, shape of the space."""
         space = self.field.space
         return np.asarray(space.goal_connected | (space.cell == Cell.GOAL))
 
     def _recover(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the nominal velocity towards the centre of the nearest cell with a path."""
+        """Return the velocity (n,) at nominal speed, along the axes, towards the nearest cell with a path to a goal.
+
+        `point` (n,): configuration along the axes.  Raises InputError if no such cell is within `RECOVERY` cells.
+        """
         space = self.field.space
         cell = tuple(space.split(point)[0].tolist())
         if self._served[cell]:
@@ -248,7 +259,7 @@ class Controller:
 
 
 _PLACES = ("free", "goal", "off")
-"""Values of `Nominal.place`, by the kernel's status."""
+"""Values of `Nominal.place`, indexed by the status that the compiled function returns."""
 
 
 def make_controller(
@@ -278,6 +289,7 @@ def make_controller(
     Returns
     -------
     Controller
+        The controller.
 
     Raises
     ------
@@ -326,7 +338,7 @@ def equipotential_velocity(
     Returns
     -------
     ndarray of float64, shape (n,)
-        In axis units per second.
+        Velocity in axis units per second.
 
     Raises
     ------
@@ -355,19 +367,19 @@ def equipotential_velocity(
 
 
 def _across(v: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``|v|^2 f - v (v . f)``, shape (n,).
+    """Return ``|v|^2 f - v (v . f)``, shape (n,), for a velocity `v` (n,) and a force `f` (n,).
 
-    The antisymmetric matrix ``f v^T - v f^T`` makes it exactly 0 for a force along the streamline.
+    The antisymmetric matrix ``f v^T - v f^T`` makes the result exactly 0 for a force along the streamline.
     """
     turn = np.outer(f, v) - np.outer(v, f)
     return np.asarray(turn @ v)
 
 
 def following_velocity(streamline_velocity: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the equipotential velocity with the gain ``c = 1 / (|v| |f|)``.
+    """Return the equipotential velocity with the gain ``c = 1 / (|v| |f|)``, shape (n,).
 
-    Its length is the streamline speed times the sine of the angle between both vectors; 0 below an angle of `ALONG`.
-    Shapes: `streamline_velocity, force` (n,); returns (n,).
+    `streamline_velocity` (n,): ``v``, per second; `force` (n,): generalised force ``f``.  The length of the result is
+    the streamline speed times the sine of the angle between both vectors; the result is 0 for a sine below `ALONG`.
     """
     speed, size = math.hypot(*streamline_velocity), math.hypot(*force)
     if speed == 0.0 or size == 0.0:

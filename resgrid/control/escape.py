@@ -13,7 +13,7 @@ Vector = NDArray[np.float64]
 CellIndex = tuple[int, ...]
 
 RECOVERY = 2.0
-"""Largest distance from a cell with a path at which a robot is led back, in cells."""
+"""Largest distance in cells from a cell with a path at which a robot outside is still led back to it."""
 
 _INSIDE = 2e-9
 """Smallest distance of a target from the border of its cell, in cells."""
@@ -22,8 +22,9 @@ _INSIDE = 2e-9
 def goal_offset(space: ConfigurationSpace, place: Vector, *, sure: bool = True) -> Vector:
     """Return the offset from a point in a goal cell to the configuration that solves the goal, shape (ndim,).
 
-    The offset is 0 where the whole cell is a goal; with an inexact position (`sure` False) it then leads to the
-    centre.  A target on the border is moved 2e-9 of a cell inside, so that its cell is unambiguous.
+    The offset is 0 where the whole cell is a goal; with an inexact position (`sure` False) it then leads to the centre.
+    A target on the border is moved 2e-9 of a cell inside, so that its cell is unambiguous.  `place` (ndim,): the point,
+    along the axes.
     """
     cell, local = space.split(place)
     solution = (space.goal_point(cell) - space.lower) / space.spacing - cell
@@ -33,10 +34,11 @@ def goal_offset(space: ConfigurationSpace, place: Vector, *, sure: bool = True) 
 
 
 def goal_offsets(space: ConfigurationSpace, place: Vector, *, sure: bool = True) -> list[tuple[CellIndex, Vector]]:
-    """Return goal cells near a point with the offsets to their goals: the cell of the point first.
+    """Return goal cells near a point with the offsets (ndim,) to the configurations that solve their goals.
 
-    Its face neighbours follow in order of distance.  Two neighbours that share a face form a convex box, so that
-    straight lines between them stay in goal cells.  `sure`: whether the position is exact (see `goal_offset`).
+    The cell of the point comes first; its face neighbours follow in order of distance.  Two neighbours that share a
+    face form a convex box, so that straight lines between them stay in goal cells.  `place` (ndim,): the point, along
+    the axes; `sure`: whether the position is exact (see `goal_offset`).
     """
     cell, local = space.split(place)
     own = tuple(cell.tolist())
@@ -54,9 +56,10 @@ def goal_offsets(space: ConfigurationSpace, place: Vector, *, sure: bool = True)
 
 
 def exits(space: ConfigurationSpace, place: Vector) -> list[tuple[CellIndex, Vector]]:
-    """Return the cells with a path within `RECOVERY` cells of a point, nearest first.
+    """Return the cells with a path to a goal within `RECOVERY` cells of a point, nearest first.
 
-    Each comes with the offset of its centre.
+    Each entry is the index of a cell and the offset (ndim,) from the point to the centre of the cell, in axis units.
+    `place` (ndim,): the point, along the axes.
     """
     cell, local = space.split(place)
     most = int(RECOVERY)
@@ -74,6 +77,9 @@ def exits(space: ConfigurationSpace, place: Vector) -> list[tuple[CellIndex, Vec
 
 
 def neighbour(space: ConfigurationSpace, cell: NDArray[np.int64]) -> CellIndex | None:
-    """Return the index of a cell, wrapped across periodic seams; None beyond an edge."""
+    """Return a cell index as a tuple, wrapped across periodic axes; None beyond an end of another axis.
+
+    `cell` (ndim,): index that may lie outside the grid.
+    """
     other = np.where(space.periodic, cell % space.shape, cell)
     return None if np.any(other < 0) or np.any(other >= space.shape) else tuple(other.tolist())

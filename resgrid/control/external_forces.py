@@ -16,9 +16,9 @@ from resgrid.errors import InputError
 from resgrid.scene.control import Control
 
 Force = Callable[[float, NDArray[np.float64]], ArrayLike]
-"""Function from a time, in seconds, and a configuration to a generalised force.
+"""Function from a time in seconds and a configuration (ndim,) to a generalised force (ndim,).
 
-For a point or a disc, both are in world coordinates.
+For a point or a disc, configuration and force are in world coordinates.
 """
 
 
@@ -31,7 +31,7 @@ class ExternalForce:
     Attributes
     ----------
     start, duration : float
-        In seconds.
+        Start time and duration of the force, in seconds.
     force : ndarray of float64, shape (ndim,)
         Generalised force on the robot; its product with `Control.admittance` is a velocity.
 
@@ -83,7 +83,7 @@ def random_forces(
     Returns
     -------
     list of ExternalForce
-        In order of time.
+        The forces, in order of their start times.
 
     Raises
     ------
@@ -104,9 +104,10 @@ def random_forces(
 
 
 def control_pushes(control: Control, seed: int, space: ConfigurationSpace, speed: float) -> list[ExternalForce]:
-    """Return the external forces of a ``[control]`` table.
+    """Return the external forces of a ``[control]`` table of a scene: listed ones, then random ones.
 
-    Random forces start within the time that the robot needs along the longest axis.
+    Random forces start within the time that the robot needs along the longest axis.  `seed`: seed of the random forces;
+    `space`: gives the axes; `speed`: nominal speed, in world coordinates per second.
     """
     pushes = [ExternalForce(start, duration, np.array(force)) for start, duration, *force in control.push]
     until = float((space.upper - space.lower).max()) / speed
@@ -117,7 +118,10 @@ def control_pushes(control: Control, seed: int, space: ConfigurationSpace, speed
 
 
 def force_of(pushes: Sequence[ExternalForce] | Force, ndim: int) -> Force:
-    """Return external forces, a list or a function, as one function of time and configuration."""
+    """Return external forces, given as a list or a function, as one function of time and configuration.
+
+    `ndim`: number of axes.  The function raises InputError for a force of another shape or not finite.
+    """
     if callable(pushes):
         return lambda time, configuration: checked_force(pushes(time, configuration), ndim, f"the push at {time:g} s")
     schedule = list(pushes)
@@ -135,7 +139,10 @@ def force_of(pushes: Sequence[ExternalForce] | Force, ndim: int) -> Force:
 
 
 def checked_force(force: ArrayLike, ndim: int, name: str) -> NDArray[np.float64]:
-    """Return a generalised force, shape (ndim,); raise InputError for another shape or values that are not finite."""
+    """Return a generalised force as an array (ndim,); raise InputError for another shape or values that are not finite.
+
+    `name`: name of the force for the message.
+    """
     try:
         tau = np.asarray(force, dtype=np.float64)
     except (TypeError, ValueError):

@@ -17,11 +17,13 @@ Vector = NDArray[np.float64]
 
 
 def goal_distance(space: ConfigurationSpace, configuration: Vector, scene: Scene | None) -> float:
-    """Return the distance of a configuration (along the axes, shape (ndim,)) from the nearest goal; 0 inside a goal.
+    """Return the distance of a configuration from the nearest goal; 0 inside a goal.
 
-    For a goal in the workspace (a shape or a point) it is the distance of the robot's reference point, the tip of an
-    arm, in units of the workspace.  For a cell or joint angles it is a distance in axis units.  Without a scene it is
-    the distance to the goal point of the cell; NaN outside all goal cells.
+    For a goal in the workspace (a shape or a point) the result is the distance of the robot's reference point (the tip
+    of an arm), in units of the workspace.  For a cell or joint angles it is a distance in axis units.  Without a scene
+    it is the distance to the goal point of the cell; NaN outside all goal cells.
+
+    `space`: map; `configuration` (ndim,): along the axes; `scene`: gives the goals, None for the goal cells of the map.
     """
     if scene is not None and scene.goals:
         return min(_distance(scene, space, goal, configuration) for goal in scene.goals)
@@ -32,7 +34,7 @@ def goal_distance(space: ConfigurationSpace, configuration: Vector, scene: Scene
 
 
 def _distance(scene: Scene, space: ConfigurationSpace, goal: Goal, configuration: Vector) -> float:
-    """Return the distance of a configuration from one goal of a scene."""
+    """Return the distance of a configuration (ndim,) along the axes from one goal of a scene (see `goal_distance`)."""
     robot, frame, width = scene.robot, space.frame, space.spacing
     match goal:
         case GoalCell(cell):
@@ -54,7 +56,10 @@ def _distance(scene: Scene, space: ConfigurationSpace, goal: Goal, configuration
 
 
 def _from_place(robot: Robot, space: ConfigurationSpace, shape: Shape, configuration: Vector) -> float:
-    """Return the distance of the robot's reference point from a workspace shape given along the axes."""
+    """Return the distance of the robot's reference point from a workspace shape; NaN if no copy of the shape exists.
+
+    `shape`: shape in the directions of the axes; `configuration` (ndim,): along the axes.
+    """
     import shapely
 
     at = robot.reference_point(_wrapped(space, configuration)[np.newaxis])
@@ -64,13 +69,17 @@ def _from_place(robot: Robot, space: ConfigurationSpace, shape: Shape, configura
 
 
 def _from_box(space: ConfigurationSpace, configuration: Vector, lower: Vector, upper: Vector) -> float:
-    """Return the distance from a box in configuration space, in axis units, with wrap-around on periodic axes."""
+    """Return the distance of a configuration from a box in configuration space, in axis units.
+
+    Periodic axes wrap around.  `configuration, lower, upper` (ndim,): configuration and corners of the box, along the
+    axes.
+    """
     turn = np.where(space.periodic, space.upper - space.lower, 0.0)
     at = _wrapped(space, configuration) + np.multiply.outer([-1.0, 0.0, 1.0], turn)
     return float(np.linalg.norm(np.maximum(np.maximum(lower - at, at - upper), 0.0).min(axis=0)))
 
 
 def _wrapped(space: ConfigurationSpace, configuration: Vector) -> Vector:
-    """Return a configuration within the range of periodic axes, shape (ndim,)."""
+    """Return a configuration (ndim,) along the axes, shifted into the range of periodic axes."""
     turn = space.upper - space.lower
     return np.asarray(np.where(space.periodic, space.lower + np.mod(configuration - space.lower, turn), configuration))

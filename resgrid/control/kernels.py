@@ -28,13 +28,14 @@ _VANISHING = 4e-9
 """
 
 _LARGEST_TILT = 1e-3
-"""Largest correction away from a border, relative to the length of the step."""
+"""Largest distance by which a step is corrected away from a border, as a fraction of the length of the step."""
 
 
 class FlowGrid(NamedTuple):
     """Currents of a field, with the position of its cells.
 
-    `served` (cells,): mask of goal cells and cells with a path to a goal; `corner, periodic` (n,): of the axes.
+    `flow`: face currents, cell widths and cell codes; `served` (cells,): mask of goal cells and cells with a path to a
+    goal; `corner` (n,): lower ends of the axes; `periodic` (n,): mask of the periodic axes.
     """
 
     flow: Flow
@@ -45,7 +46,11 @@ class FlowGrid(NamedTuple):
 
 @inner
 def _cell_at(grid: FlowGrid, point: Floats, cell: Integers, local: Floats) -> int:
-    """Write the cell of a point, and its position in the cell in [0, 1], to `cell` and `local`; return a status."""
+    """Find the cell of a point; return a status (`MOVES`, or `OUTSIDE` or `NOT_FINITE` for an invalid point).
+
+    `point` (n,): configuration along the axes; `cell` (n,): result, index of the cell; `local` (n,): result, position
+    in the cell, 0 to 1 along each axis.
+    """
     for axis in range(len(cell)):
         count = grid.flow.shape[axis]
         x = (point[axis] - grid.corner[axis]) / grid.flow.spacing[axis]
@@ -62,18 +67,23 @@ def _cell_at(grid: FlowGrid, point: Floats, cell: Integers, local: Floats) -> in
 
 @inlined
 def _to_face(x: float, velocity: float, spacing: float) -> float:
-    """Return the time until a point lies just beyond the face in front of it."""
+    """Return the time until a point lies `_EDGE` of a cell beyond the face in front of it, along one axis.
+
+    `x`: position in the cell, 0 to 1; `velocity`: component along the axis; `spacing`: cell width.
+    """
     return ((1.0 - x if velocity > 0.0 else x) + _EDGE) * spacing / abs(velocity)
 
 
 @inner
 def _along_current(local: Floats, lower: Floats, upper: Floats, spacing: Floats, velocity: Floats) -> float:
-    """Compute the unit velocity within a cell; return the length of the longest straight step.
+    """Compute the unit velocity within a cell; return the length of the longest straight step, -1 without outflow.
 
-    The length is -1 without outward current.  Each component is linear between its two faces (Pollock 1988).  A
-    component is set to 0 where it changes by more than its value over `_VANISHING` of a cell: the point lies at a zero
-    of the component, and following the rounding error would take thousands of steps that are too short for the
-    coordinates of a robot.
+    Each component is linear between its two faces (Pollock 1988).  A component is set to 0 where it changes by more
+    than its value over `_VANISHING` of a cell: the point lies at a zero of the component, and following the rounding
+    error would take thousands of steps that are too short for the coordinates of a robot.
+
+    `local` (n,): position in the cell, 0 to 1; `lower, upper` (n,): current through the lower and the upper face of
+    each axis; `spacing` (n,): cell widths; `velocity` (n,): result.  The length is in axis units.
     """
     drifts, outward, out = False, 0.0, 0
     squares, decay = 0.0, 0.0
@@ -105,7 +115,11 @@ def _along_current(local: Floats, lower: Floats, upper: Floats, spacing: Floats,
 
 @inner
 def _cross(grid: FlowGrid, cell: Integers, local: Floats, lower: Floats, upper: Floats) -> bool:
-    """Move a point on faces with outward current across the face with the largest; return whether there is one."""
+    """Move a point on cell faces with outward current across the face with the largest; return whether it moved.
+
+    `cell, local` (n,): cell of the point and position in it (0 to 1), both updated; `lower, upper` (n,): current
+    through the lower and the upper face of each axis.
+    """
     out, step, outward = 0, 0, 0.0
     for axis in range(len(cell)):
         if local[axis] >= 1.0 - _BORDER and upper[axis] > outward:
@@ -120,6 +134,8 @@ def _keep_off(local: Floats, spacing: Floats, farthest: float, velocity: Floats)
     """Turn the velocity away from borders without current, by `_CLEARANCE` of a cell at the end of the step.
 
     On such a border the point could lie where two cells meet without a current between them, and belong to either.
+    `local` (n,): position in the cell, 0 to 1; `spacing` (n,): cell widths; `farthest`: length of the step, in axis
+    units; `velocity` (n,): direction, updated.
     """
     for axis in range(len(local)):
         inward = 0.0
@@ -133,7 +149,11 @@ def _keep_off(local: Floats, spacing: Floats, farthest: float, velocity: Floats)
 
 @inner
 def _step(grid: FlowGrid, cell: Integers, local: Floats, axis: int, step: int) -> bool:
-    """Move a point on a border to the same position in the next cell; return whether that cell exists."""
+    """Move a point on a border to the same position in the next cell; return whether that cell exists.
+
+    `cell, local` (n,): cell of the point and position in it (0 to 1), both updated; `axis`: axis to cross; `step`: 1
+    upwards, -1 downwards.
+    """
     other = cell[axis] + step
     if grid.periodic[axis]:
         other %= grid.flow.shape[axis]
@@ -146,7 +166,11 @@ def _step(grid: FlowGrid, cell: Integers, local: Floats, axis: int, step: int) -
 
 @inner
 def _enter_served_neighbour(grid: FlowGrid, cell: Integers, local: Floats) -> bool:
-    """Move a point on the border of a cell with a path, rounded out of it, into that cell; return whether it exists."""
+    """Move a point on the border of its cell into a neighbour with a path to a goal; return whether there is one.
+
+    Rounding may place a point on the border of a cell with a path just outside it.  `cell, local` (n,): cell of the
+    point and position in it (0 to 1), both updated.
+    """
     for axis in range(len(cell)):
         step = 1 if local[axis] >= 1.0 - _BORDER else -1
         if step < 0 and local[axis] > _BORDER:
@@ -163,13 +187,19 @@ def _enter_served_neighbour(grid: FlowGrid, cell: Integers, local: Floats) -> bo
 def nominal(
     flow: Flow, served: NDArray[np.bool_], corner: Floats, periodic: NDArray[np.bool_], point: Floats, velocity: Floats
 ) -> tuple[int, float]:
-    """Compute the unit velocity along the current at a point, by Pollock's interpolation within the cell of the point.
+    """Compute the unit velocity along the current at a point; return a status and the length of the longest step.
 
-    A point on a border belongs to the cell that the current enters there, cell by cell down the potential.  Otherwise a
-    robot at a corner could oscillate for ever between cells that both lead back to the corner.  Where no axis leads out
-    of the cell in finite time, the velocity points to the face with the largest outward current.  Returns a status and
-    the length of the longest straight step.  The step ends just across the next face with outward current, and at most
-    half way to a zero of a component, so that it never ends beyond a face without outward current.
+    The velocity follows Pollock's interpolation within the cell of the point.  A point on a border belongs to the cell
+    that the current enters there, cell by cell down the potential.  Otherwise a robot at a corner could oscillate for
+    ever between cells that both lead back to the corner.  Where no axis leads out of the cell in finite time, the
+    velocity points to the face with the largest outward current.  The (straight) step ends just across the next face
+    with outward current, and at most half way to a zero of a component, so that it never ends beyond a face without
+    outward current.
+
+    `flow`: currents of the field; `served` (cells,): mask of goal cells and cells with a path to a goal; `corner` (n,):
+    lower ends of the axes; `periodic` (n,): mask of the periodic axes; `point` (n,): configuration along the axes;
+    `velocity` (n,): result, 0 unless the status is `MOVES`.  Status: `MOVES`, `GOAL` (in a goal cell), `OFF` (no path
+    or current), `OUTSIDE` or `NOT_FINITE`.  The length is in axis units.
     """
     grid, ndim = FlowGrid(flow, served, corner, periodic), len(point)
     cell, local, lower, upper = np.empty(ndim, np.int64), np.empty(ndim), np.empty(ndim), np.empty(ndim)
@@ -203,10 +233,14 @@ def relax(
     first: NDArray[np.int32], column: NDArray[np.int32], coupling: Floats, diagonal: Floats, drive: Floats,
     omega: float, count: int, value: Floats, spare: Floats,
 ) -> None:  # fmt: skip
-    """Apply relaxation sweeps to ``G x = b``, row by row; ``omega = 0`` selects Jacobi sweeps.
+    """Apply relaxation sweeps to ``G x = b``, row by row; ``omega = 0`` selects Jacobi sweeps (old values only).
 
-    Jacobi sweeps read old values only.  The solution is nonnegative.  Over-relaxation may overshoot and is clipped at
-    0; projected SOR (Cryer 1971) converges to the same solution.
+    The solution is nonnegative.  Over-relaxation may overshoot and is clipped at 0; projected SOR (Cryer 1971)
+    converges to the same solution.
+
+    `first` (n + 1,), `column` and `coupling`: index pointers, column indices and values of the negated off-diagonal
+    part of ``G``, in compressed rows; `diagonal` (n,): diagonal of ``G``; `drive` (n,): ``b``; `omega`: relaxation
+    factor; `count`: number of sweeps; `value` (n,): ``x``, updated; `spare` (n,): work array.
     """
     for _ in range(count):
         if omega == 0.0:

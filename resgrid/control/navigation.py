@@ -17,7 +17,7 @@ from resgrid.errors import InputError
 Vector = NDArray[np.float64]
 
 STALL_LIMIT = 40.0
-"""Stall criterion: distance, in cells, that a robot could have moved while it stayed within half a cell."""
+"""Distance, in cells, that the robot could have moved while it stayed within half a cell, at which it has stalled."""
 
 _FLAT = (
     "no current flows here, although a path leads to a goal: these cells have no drive; open the obstacles (k below "
@@ -26,10 +26,10 @@ _FLAT = (
 """Message for a cell with a path to a goal but without current."""
 
 DITHERS = 10
-"""Maximum number of random motions of a stalled robot."""
+"""Maximum number of random motions of a robot that has stalled at one place."""
 
 SAME = 1e-9
-"""Distance, as a fraction of a cell, below which two places are equal."""
+"""Distance below which two positions count as equal, as a fraction of a cell."""
 
 
 class StallDetector:
@@ -43,11 +43,14 @@ class StallDetector:
         self.reset(place)
 
     def reset(self, place: Vector) -> None:
-        """Restart at a place."""
+        """Restart the detection with the position `place` (ndim,) as centre of the half cell."""
         self._anchor, self.crossed, self._dithers = place, 0.0, 0
 
     def update(self, place: Vector, cells: float) -> None:
-        """Add the distance, in cells, that the robot could have moved; restart if it has left the half cell."""
+        """Add a distance that the robot could have moved; restart if the robot has left the half cell.
+
+        `place` (ndim,): present position; `cells`: distance, in cells.
+        """
         if np.any(np.abs(place - self._anchor) > 0.5 * self._spacing):
             self.reset(place)
         else:
@@ -55,11 +58,14 @@ class StallDetector:
 
     @property
     def stalled(self) -> bool:
-        """Whether the robot has stalled."""
+        """Whether the robot could have moved `STALL_LIMIT` cells since it last left a half cell."""
         return self.crossed >= STALL_LIMIT * (1.0 - 1e-9)
 
     def may_dither(self) -> bool:
-        """Restart the distance and return True, unless the robot has dithered `DITHERS` times here."""
+        """Return whether another random motion is allowed here; if so, count the motion and restart the distance.
+
+        At most `DITHERS` motions are allowed within one half cell.
+        """
         if self._dithers >= DITHERS:
             return False
         self.crossed, self._dithers = 0.0, self._dithers + 1
@@ -67,9 +73,9 @@ class StallDetector:
 
 
 class Command(NamedTuple):
-    """The command without contact.
+    """The velocity command of one step, before contacts and external forces.
 
-    `mode`: kind of motion; `velocity` (ndim,): without external forces; `longest`: maximum duration, in seconds.
+    `mode`: kind of motion; `velocity` (ndim,): along the axes, per second; `longest`: maximum duration, in seconds.
     """
 
     mode: ControlMode
@@ -78,7 +84,10 @@ class Command(NamedTuple):
 
 
 class Navigator:
-    """Chooses the command without contact; keeps the trail of the robot and the cells that it could not reach."""
+    """Chooses the command without contact; keeps the trail of the robot and the cells that it could not reach.
+
+    `live`: map and controller of the robot; `sensor`: position sensor; `stall`: stall detector.
+    """
 
     def __init__(self, live: LiveMap, sensor: Sensor, stall: StallDetector) -> None:
         self._live, self._sensor, self._stall = live, sensor, stall
@@ -89,7 +98,11 @@ class Navigator:
         self.exit: CellIndex | None = None
 
     def choose(self, believed: Vector, configuration: Vector, seen: Nominal, torque: Vector) -> Command | End:
-        """Return the command without contact, or the end of the run."""
+        """Return the command of the next step without contact, or the end of the run.
+
+        `believed` (ndim,): configuration according to the sensor; `configuration` (ndim,): true configuration; `seen`:
+        nominal motion at `believed`; `torque` (ndim,): generalised contact force of the last step.
+        """
         live, controller = self._live, self._live.controller
         if self._first is None:
             self._first = believed
@@ -112,7 +125,11 @@ class Navigator:
         return Command(ControlMode.STREAMLINE, seen.velocity, seen.longest * float(slowed))
 
     def _to_goal(self, believed: Vector) -> Command | End:
-        """Return the command to the goal in this goal cell or, if obstructed, in a neighbour cell, else the end."""
+        """Return the command to the goal in this goal cell or a neighbouring one, or the end of the run at the goal.
+
+        A neighbour is tried where the robot could not reach the goal in its own cell.  `believed` (ndim,):
+        configuration according to the sensor.
+        """
         offsets = goal_offsets(self._live.space, believed, sure=self._sensor.exact)
         own = offsets[0][1]
         if np.all(np.abs(own) <= self._sensor.noise + SAME * self._live.spacing):
@@ -121,9 +138,10 @@ class Navigator:
         return self._straight(ControlMode.HOMING, own if self.exit is None else dict(offsets)[self.exit])
 
     def _recover(self, believed: Vector, configuration: Vector) -> Command | End:
-        """Return the command back along the trail or, if no cell of it has a path, to a near cell with a path.
+        """Return the command that leads out of a cell without a path to a goal, or the end of the run if there is none.
 
-        Without such a cell, return the end of the run.
+        The robot moves back along its trail or, if no cell of the trail has a path, straight to a near cell with a
+        path.  `believed` (ndim,): configuration according to the sensor; `configuration` (ndim,): true configuration.
         """
         if self._cut_off:
             for cell, offset in exits(self._live.space, believed):
@@ -146,13 +164,16 @@ class Navigator:
         return self._no_path()
 
     def _straight(self, mode: ControlMode, offset: Vector) -> Command:
-        """Return the command of a straight motion by an offset."""
+        """Return the command of a straight motion at nominal speed.
+
+        `mode`: kind of motion; `offset` (ndim,): vector from the present configuration to the target, along the axes.
+        """
         controller, length = self._live.controller, float(np.linalg.norm(offset))
         velocity = controller.limited(offset * (controller.speed / length))
         return Command(mode, velocity, length / float(np.linalg.norm(velocity)))
 
     def _no_path(self) -> End:
-        """Return the end of a run for lack of a path."""
+        """Return the end of a run that has no path to a goal, with a message about the start cell."""
         assert self._first is not None
         space = self._live.space
         cell = tuple(space.split(self._first)[0].tolist())
@@ -164,14 +185,17 @@ class Navigator:
         return End(TerminationReason.NO_PATH, message)
 
     def fail(self, mode: ControlMode, configuration: Vector) -> None:
-        """Discard a target that cannot be reached: a near cell, or the last place of the trail."""
+        """Discard the present target if it cannot be reached: a near cell, or the last place of the trail.
+
+        `mode`: kind of motion of the step; `configuration` (ndim,): present configuration.
+        """
         if self.exit is not None:
             self.give_up_exit(configuration)
         elif mode is ControlMode.RETREATING:
             self._trail.pop()
 
     def give_up_exit(self, configuration: Vector) -> None:
-        """Mark the present exit as unreachable."""
+        """Mark the present target cell as unreachable; `configuration` (ndim,): present configuration."""
         assert self.exit is not None
         self._tried.add(self.exit)
         self.exit = None
@@ -181,7 +205,8 @@ class Navigator:
     def remember(self, mode: ControlMode, before: Vector, after: Vector, *, pushed: bool) -> None:
         """Append the configuration `before` a step to the trail, so that each step back repeats an earlier step.
 
-        A robot on its way back is recorded only where it was `pushed` (by an external force) off its trail.
+        A robot on its way back is recorded only where an external force `pushed` it off its trail.  `mode`: kind of
+        motion of the step; `before, after` (ndim,): true configurations.
         """
         away = np.abs(after - self._trail[-1]) if self._trail else np.zeros_like(before)
         pushed_off = mode is ControlMode.RETREATING and pushed and np.any(away > SAME * self._live.spacing)
@@ -190,7 +215,11 @@ class Navigator:
             self._trail.append(before)
 
     def learnt(self, configuration: Vector) -> End | None:
-        """Respond to a changed map; return an end, or None if a place of the trail, or a cell near one, has a path."""
+        """Respond to a changed map; return the end of the run, or None if the robot can still find a path.
+
+        A path exists if some place of the trail, or a cell near one, has a path to a goal.  `configuration` (ndim,):
+        present true configuration.
+        """
         self._tried, self.exit = set(), None
         space = self._live.space
         if not space.goal_count:

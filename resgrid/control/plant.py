@@ -29,17 +29,19 @@ PAIR = np.dtype(
         ("gap", np.float64), ("part", np.int64), ("body", np.int64),
     ]
 )  # fmt: skip
-"""A pair of near points: on the robot's surface and on the obstacle's surface, in metres; the unit normal out of the
-obstacle and the direction into it; the gap, in metres; the rigid part of the robot (the link of an arm); the
-obstacle's number.
+"""Record of a pair of near points of robot and obstacle.
+
+`on_robot, point`: points on the surfaces of robot and obstacle, in metres; `normal`: unit normal out of the obstacle;
+`inward`: unit direction into the obstacle; `gap`: in metres; `part`: index of the rigid part of the robot (the link of
+an arm); `body`: index of the obstacle.
 """
 
 _CAPACITY = 64
-"""Initial capacity of the array of pairs."""
+"""Initial length of the array of near-point pairs."""
 _SPLIT = 4
-"""Number of pieces that an undecided line is cut into."""
+"""Number of pieces into which a line in configuration space is cut if its collision test is undecided."""
 _LEVELS = 10
-"""Maximum number of successive subdivisions of an undecided line."""
+"""Maximum number of successive subdivisions of a line in configuration space whose collision test is undecided."""
 _INNER = np.linspace(0.0, 1.0, 17)
 """Positions along each edge (0 to 1) of the intersection of robot and obstacle at which its depth is evaluated."""
 
@@ -48,9 +50,9 @@ _INNER = np.linspace(0.0, 1.0, 17)
 class Plant:
     """A robot and the true obstacles.
 
-    `robot`: a plane robot (point, disc, polygon or arm); `axes`: of its configuration space; the ends of an axis that
-    is not periodic are mechanical stops; `obstacles`: all obstacles along the axes, those of the map first; `known`:
-    number of obstacles in the map; `frame`: position of the axes in the world.
+    `robot`: a plane robot (point, disc, polygon or arm); `axes`: axes of the configuration space; the ends of an axis
+    that is not periodic are mechanical stops; `obstacles`: all obstacles in the directions of the axes, those of the
+    map first; `known`: number of obstacles in the map; `frame`: position of the axes in the world.
     """
 
     robot: Robot
@@ -60,16 +62,16 @@ class Plant:
     frame: Frame
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
-        """Return the pose of the robot at a configuration along the axes (ndim,), wrapped into periodic axes."""
+        """Return the pose of the robot at a configuration (ndim,) along the axes, wrapped into periodic axes."""
         return self.robot.pose(self._within_seams(configuration))
 
     def _within_seams(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return configurations wrapped into periodic axes."""
+        """Return configurations (..., ndim) along the axes, wrapped into the range of periodic axes."""
         return self.robot.within_seams(self.axes, configurations)
 
     @cached_property
     def arrays(self) -> ObstacleArrays:
-        """The obstacles as arrays for kernels."""
+        """The obstacles as arrays (edges, discs, half-planes, in metres) for compiled kernels."""
         return obstacle_arrays(self.obstacles, self.robot.workspace_axes(self.axes))
 
     @cached_property
@@ -79,7 +81,10 @@ class Plant:
         return float(self.robot.travel(np.zeros_like(spacing), spacing)[0])
 
     def near(self, pose: Pose, reach: float) -> NDArray[Any]:
-        """Return the pairs of near points within a reach in metres, of dtype `PAIR`, shape (n,)."""
+        """Return the pairs of near points of robot and obstacles, of dtype `PAIR`, shape (n,).
+
+        `pose`: pose of the robot; `reach`: largest gap of a pair, in metres.
+        """
         from resgrid.control import contact_kernels
 
         capacity = _CAPACITY
@@ -91,7 +96,10 @@ class Plant:
             capacity *= 4
 
     def free_fraction(self, pose: Pose, motion: NDArray[np.float64], least: float) -> float:
-        """Return a fraction of a straight motion on which every gap provably stays at least `least`."""
+        """Return a fraction (0 to 1) of a straight motion on which every gap provably stays at least `least` metres.
+
+        `pose`: pose of the robot at the start; `motion` (ndim,): offset of the configuration along the axes.
+        """
         from resgrid.control import contact_kernels
 
         return contact_kernels.free_fraction(pose, self.arrays, motion, least)
@@ -101,31 +109,38 @@ class Plant:
         return np.minimum(np.maximum(configurations, self.stops[0]), self.stops[1])
 
     def true_space(self, space: ConfigurationSpace) -> ConfigurationSpace:
-        """Return the map with all hidden obstacles, by the conservative rule."""
+        """Return a map with all hidden obstacles added; a cell is an obstacle if any configuration in it may collide.
+
+        `space`: map without the hidden obstacles.
+        """
         hidden = self.robot.occupancy(self.axes, self.obstacles[self.known :], "conservative")
         cell = np.where(hidden, np.uint8(Cell.OBSTACLE), space.cell)
         return space.with_cells(cell)
 
     @cached_property
     def self_blocked(self) -> NDArray[np.bool_]:
-        """Mask of the cells that the robot blocks without obstacles: self-collisions and virtual obstacles."""
+        """Mask of the cells that the robot blocks without obstacles, shape of the space.
+
+        Causes are self-collisions and virtual obstacles of the robot.
+        """
         return self.robot.occupancy(self.axes, [], "conservative")
 
     def proven_cells(self, point: ArrayLike) -> NDArray[np.bool_]:
-        """Return the mask of the cells that the conservative rule blocks for one point of the workspace, shape (2,).
+        """Return the mask of the cells that the conservative rule blocks for one workspace point, shape of the space.
 
-        If the point belongs to an obstacle, each of these cells is an obstacle cell by that rule.  A contact proves no
-        more (Connolly & Grupen 1992, section 7, figure 19).
+        The rule blocks a cell if the robot may touch the point at any configuration in the cell.  If the point (2,), in
+        metres, belongs to an obstacle, each of these cells is an obstacle cell by that rule.  A contact proves no more
+        (Connolly & Grupen 1992, section 7, figure 19).
         """
         place = tuple(np.asarray(point, dtype=np.float64).tolist())
         return self.robot.occupancy(self.axes, [Ball(place, 0.0)], "conservative") & ~self.self_blocked
 
     def only(self, number: int) -> Plant:
-        """Return the same robot with one of the obstacles."""
+        """Return a plant with the same robot and one of the obstacles; `number`: index of the obstacle."""
         return replace(self, obstacles=(self.obstacles[number],), known=1)
 
     def name_of(self, number: int) -> str:
-        """Return the name of an obstacle in the scene file."""
+        """Return the name of an obstacle in the scene file, such as ``hidden[0]``; `number`: index of the obstacle."""
         if number >= self.known:
             return f"hidden[{number - self.known}]"
         return "the map" if isinstance(self.obstacles[number], CellSet) else f"obstacle[{number}]"
@@ -138,17 +153,17 @@ class Plant:
         return np.array(lower), np.array(upper)
 
     def penetration(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Return the penetration depth of the robot into obstacles, in metres, computed with shapely.
+        """Return the penetration depth of the robot into obstacles, in metres, shape (n,), computed with shapely.
 
-        The computation is independent of the geometry that moves the robot.  Shapes: `configurations` (n, ndim);
-        returns (n,).
+        The computation is independent of the geometry that moves the robot.  `configurations` (n, ndim): in world
+        coordinates.
         """
         return self.axis_penetration(np.atleast_2d(self.frame.from_world(configurations)))
 
     def axis_penetration(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the penetration depth at configurations along the axes (n, ndim), in metres, shape (n,).
+        """Return the penetration depth of the robot into obstacles, in metres, shape (n,); a touch has depth 0.
 
-        A touch has depth 0.
+        `configurations` (n, ndim): along the axes.
         """
         depth = np.zeros(len(configurations))
         for part in self.robot.parts(self._within_seams(configurations)):
@@ -165,10 +180,11 @@ class Plant:
         return depth
 
     def deepest(self, route: NDArray[np.float64]) -> float:
-        """Return the largest penetration depth on the straight lines between configurations along the axes (n, ndim).
+        """Return the largest penetration depth of the robot on a route of straight lines, in metres.
 
         A line is free if no point of the robot moves farther on it than the sum of the gaps at its ends.  Other lines
-        are cut into four pieces, up to ten times, or twice if a penetration was found.
+        are cut into four pieces, up to ten times, or twice if a penetration was found.  `route` (n, ndim):
+        configurations along the axes.
         """
         deepest = float(self.axis_penetration(route).max(initial=0.0))
         moves = np.any(route[:-1] != route[1:], axis=1)
@@ -189,9 +205,9 @@ class Plant:
         return deepest
 
     def _gaps(self, configurations: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
-        """Return the distance to the nearest obstacle at every configuration, in metres, shape (n,).
+        """Return the distance from the robot to the nearest obstacle at every configuration, in metres, shape (n,).
 
-        Distances above `reach` are cut off there.
+        `configurations` (n, ndim): along the axes; `reach`: limit in metres, returned for all larger distances.
         """
         import shapely
 
@@ -207,12 +223,12 @@ class Plant:
 
     @cached_property
     def _solids(self) -> list[Obstacle]:
-        """The obstacles as shapely geometries."""
+        """The obstacles as shapely geometries with a radius."""
         return obstacles_of(self.obstacles, self.robot.workspace_axes(self.axes))
 
 
 def plant_of(scene: Scene) -> Plant:
-    """Return the plant of a scene; raise InputError if its contacts cannot be simulated."""
+    """Return the plant of a scene with all its obstacles; raise InputError if its contacts cannot be simulated."""
     if scene.ndim != 2 and scene.robot.moves_in_workspace:
         raise InputError(
             f"contacts need a scene in the plane; this scene has {scene.ndim} ax{'is' if scene.ndim == 1 else 'es'}"
@@ -238,8 +254,9 @@ def make_plant(
 ) -> Plant:
     """Return the plant of a robot, its axes and the obstacles, given in world coordinates.
 
-    `known`: obstacles of the robot's map; `hidden`: obstacles that the map does not contain; `frame`: position of the
-    axes in the world, by default at the world's origin.
+    `robot`: plane robot; `axes`: axes of the configuration space; `known`: obstacles of the robot's map; `hidden`:
+    obstacles that the map does not contain; `frame`: position of the axes in the world, by default at the world's
+    origin.
     """
     place = Frame() if frame is None else frame
     obstacles = tuple(to_space(shape, place) for shape in (*known, *hidden))
@@ -247,7 +264,11 @@ def make_plant(
 
 
 def _core_depth(cores: NDArray[Any], solid: Any) -> NDArray[np.float64]:
-    """Return the depth of cores inside an obstacle's core, at sampled points, shape (n,), in metres."""
+    """Return the depth of robot parts inside an obstacle, at sampled points, shape (n,), in metres.
+
+    `cores` (n,): shapely geometries of a part without its radius, one per configuration; `solid`: shapely geometry of
+    the obstacle without its radius.
+    """
     import shapely
 
     border = shapely.boundary(solid)

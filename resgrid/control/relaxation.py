@@ -36,16 +36,16 @@ from resgrid.planning.blend import blend
 from resgrid.planning.fields import Field, read_field
 
 TICK = 0.2
-"""Interval between two readings of a chip, in cells that a robot at nominal speed crosses in that time."""
+"""Interval between two readings of a chip, in cells that a robot at nominal speed crosses in this interval."""
 
 _OMEGA = 1.8
-"""Relaxation factor of successive over-relaxation, between 1 and 2."""
+"""Relaxation factor of successive over-relaxation, a number between 1 and 2."""
 
 _SETTLED = 1e-6
-"""Largest relative distance of voltages from their final values at which the grid counts as settled."""
+"""Largest relative difference of a voltage from its final value at which the voltage counts as settled."""
 
 _DIRECT = 100_000
-"""Maximum number of unknowns of the direct solver."""
+"""Maximum number of unknowns (circuit nodes without a source) of the direct solver."""
 
 Vector = NDArray[np.float64]
 
@@ -66,9 +66,10 @@ class Relaxation:
 
 
 class RelaxingGrid:
-    """Voltages of a changed map on the transition from the old operating point to the new one.
+    """Voltages of a grid during the transition from the operating point of an old map to that of a new map.
 
-    `before`: the field to which the grid had settled, with its wiring and blend.
+    `relaxation`: mechanism and speed of settling; `before`: the field to which the grid had settled; its wiring and
+    blend also apply to the new map.
     """
 
     def __init__(self, relaxation: Relaxation, before: Field) -> None:
@@ -78,7 +79,10 @@ class RelaxingGrid:
         self._pending = 0.0
 
     def change(self, space: ConfigurationSpace) -> None:
-        """Switch the rails to another map; all other nodes keep their voltages."""
+        """Connect the rails according to another map; the voltages of all other nodes stay.
+
+        `space`: the new map, with the axes of the old one.  Raises InputError for other axes.
+        """
         before = self.before.space
         if before.axes != space.axes or before.frame != space.frame:
             raise InputError(
@@ -88,7 +92,7 @@ class RelaxingGrid:
         self._parts = [_SettlingCircuit(self.relaxation, part.wiring, space, part.per_cell()) for part in self._parts]
 
     def advance(self, cells: float) -> bool:
-        """Continue settling while the robot could cross `cells` cells; return whether a step was taken."""
+        """Continue settling for the time in which the robot crosses `cells` cells; return whether a step was taken."""
         self._pending += cells * (self.relaxation.pace if self.relaxation.method != "chip" else 1.0 / TICK)
         due = int(self._pending * (1 + 1e-12))
         self._pending -= due
@@ -99,33 +103,41 @@ class RelaxingGrid:
 
     @property
     def settled(self) -> bool:
-        """Whether every voltage has its final value."""
+        """Whether every voltage has reached its final value."""
         return all(part.settled for part in self._parts)
 
     @property
     def distance(self) -> float:
-        """Largest distance of a potential of the displayed field from its final value."""
+        """Largest difference of a cell's normalised potential (0 to 1) from its final value."""
         apart = np.abs(self.field.potential - self._final.potential)
         return float(np.nanmax(apart, initial=0.0))
 
     @property
     def field(self) -> Field:
-        """The present field; not direction-safe until the grid has settled."""
+        """The field of the present voltages; it is direction-safe only after settling."""
         return self._shown([part.voltage for part in self._parts])
 
     @cached_property
     def _final(self) -> Field:
-        """The field after settling."""
+        """The field of the voltages after settling."""
         return self._shown([part.final_voltage for part in self._parts])
 
     def _shown(self, voltages: list[Vector]) -> Field:
-        """Return the field of the voltages of all circuits, blended where there are two."""
+        """Return the field of the circuits' node voltages; for a blend, combine the Dirichlet and the Neumann field.
+
+        `voltages`: for every circuit the node voltages, shape (nodes,), in volts.
+        """
         fields = [field_now(part.netlist, volts) for part, volts in zip(self._parts, voltages, strict=True)]
         return fields[0] if len(fields) == 1 else blend(fields[0], fields[1], self.before.k)
 
 
 class _SettlingCircuit:
-    """One circuit while it settles: in its final state, or starting from given voltages of the cells."""
+    """One circuit during its transition to the operating point.
+
+    `relaxation`: mechanism and speed of settling; `wiring`: rules that turn the space into a circuit; `space`: the map;
+    `cells`: voltages of the cells at the start (shape of the space, in volts; NaN for unknown), or None for a settled
+    circuit.
+    """
 
     def __init__(
         self, relaxation: Relaxation, wiring: Wiring, space: ConfigurationSpace, cells: Vector | None = None
@@ -145,12 +157,12 @@ class _SettlingCircuit:
 
     @property
     def voltage(self) -> Vector:
-        """Node voltages, in volts; NaN where a node floats."""
+        """Node voltages, shape (nodes,), in volts; NaN where a node floats."""
         return self._dynamics.voltage(self._x)
 
     @property
     def final_voltage(self) -> Vector:
-        """Node voltages after settling, in volts."""
+        """Node voltages after settling, shape (nodes,), in volts."""
         return self._dynamics.voltage(self._final)
 
     def per_cell(self) -> Vector:
@@ -159,7 +171,7 @@ class _SettlingCircuit:
         return np.where(node >= 0, self.voltage[node], np.nan)
 
     def advance(self, count: int) -> bool:
-        """Take `count` steps unless the circuit has settled; return whether steps were taken."""
+        """Take `count` sweeps or time steps unless the circuit has settled; return whether steps were taken."""
         if self.settled or not count:
             return False
         self._x = self._step(self._x, count)
@@ -170,7 +182,11 @@ class _SettlingCircuit:
 
 
 def _stepping(dynamics: Dynamics, relaxation: Relaxation, solver: Solver) -> Callable[[Vector, int], Vector]:
-    """Return a function that takes a number of sweeps, or time steps of a chip, from state to state."""
+    """Return a function ``(x, count)`` that returns the state after `count` sweeps, or time steps of a chip.
+
+    A state ``x`` (n,) holds the voltages of the nodes without a source, in volts.  `dynamics`: circuit equations;
+    `relaxation`: mechanism and speed; `solver`: linear solver of the time steps.
+    """
     if relaxation.method == "chip":
         stepper = transient_stepper(dynamics.netlist, relaxation.pace * TICK, method="backward_euler", solver=solver)
 
@@ -196,7 +212,10 @@ def _stepping(dynamics: Dynamics, relaxation: Relaxation, solver: Solver) -> Cal
 
 
 def _compiled(wiring: Wiring, space: ConfigurationSpace) -> Netlist:
-    """Return a circuit of 1 ohm and 1 farad, so that the time unit is ``R C``, with its reference rail at 0 V."""
+    """Return a netlist with resistors of 1 ohm and 1 farad at every free node, so that the time unit is ``R C``.
+
+    `wiring`: rules that turn the space into a circuit; `space`: the map.  The reference rail has 0 V.
+    """
     supply, goal = (1.0, 0.0) if wiring.is_driven else (-1.0, 1.0)
     wall = None if wiring.wall_resistance is None else wiring.wall_resistance / wiring.resistance
     unit = replace(wiring, resistance=1.0, supply=supply, goal_voltage=goal, wall_resistance=wall)
@@ -207,7 +226,7 @@ def _compiled(wiring: Wiring, space: ConfigurationSpace) -> Netlist:
 
 
 def field_now(netlist: Netlist, voltage: Vector) -> Field:
-    """Return the field of voltages that need not be an operating point.  Shapes: `voltage` (nodes,)."""
+    """Return the field of node voltages (nodes,), in volts, that need not be an operating point of the netlist."""
     cells = netlist.cells
     height = voltage - cells.wiring.goal_voltage
     volts = cells.wiring.supply if cells.wiring.drive != "uniform" else float(np.nanmax(height, initial=0.0)) or 1.0

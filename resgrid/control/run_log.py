@@ -21,7 +21,9 @@ from resgrid.scene.scene import Scene
 Vector = NDArray[np.float64]
 
 _AT_GOAL = 1e-8
-"""Distance from a goal that counts as 0, as a fraction of the robot's motion across a cell."""
+"""Distance from a goal that counts as 0, as a fraction of a length: the robot's largest motion across a cell plus the
+cell diagonal.
+"""
 
 
 class ControlMode(IntEnum):
@@ -36,35 +38,41 @@ class ControlMode(IntEnum):
     """
 
     STREAMLINE = 0
-    """Followed the current."""
+    """The robot followed the current."""
     PUSHED = 1
-    """Followed the current under an external force."""
+    """The robot followed the current under an external force."""
     SLIDING = 2
-    """Slid along an obstacle."""
+    """The robot slid along an obstacle."""
     STICKING = 3
-    """Was held at an obstacle by friction: the contact force lies inside the friction cone."""
+    """Friction held the robot at an obstacle: the contact force lies inside the friction cone."""
     FOLLOWING = 4
-    """Responded to a contact force by motion along the equipotential."""
+    """The robot responded to a contact force by motion along the equipotential."""
     JAM = 5
     """The contact force lies along the streamline, so that equipotential following gives no velocity."""
     LEARNING = 6
-    """Stood still while contacts were marked in the map and the field was solved again."""
+    """The robot stood still while contacts were marked in the map and the field was solved again."""
     RETREATING = 7
-    """Moved back along its path, to a cell with a path to a goal."""
+    """The robot moved back along its path, to a cell with a path to a goal."""
     RECOVERING = 8
-    """In a cell without a path, because of a wrong belief or a learnt obstacle, moved to a near cell that has one."""
+    """The robot left a cell without a path (due to a wrong belief or a learnt obstacle) for a near cell with a path."""
     DITHERING = 9
-    """Made a small random motion after a long stall."""
+    """The robot made a small random motion after a long stall."""
     ARRIVED = 10
-    """Is in a goal cell, at the configuration that solves the goal if the space specifies one."""
+    """The robot is in a goal cell, at the configuration that solves the goal if the space specifies one."""
     WAITING = 11
-    """Stood still where a grid that has not settled has no outward current."""
+    """The robot stood still where a grid that has not settled has no outward current."""
     HOMING = 12
-    """In a goal cell, moved straight to the configuration that solves the goal."""
+    """In a goal cell, the robot moved straight to the configuration that solves the goal."""
 
 
 class TerminationReason(StrEnum):
-    """End of a motion: ``arrived`` in a goal, ``missed`` if only the believed configuration is in one, or a failure.
+    """Reason for the end of a controlled motion.
+
+    ``arrived``: the robot is in a goal; ``missed``: only the believed configuration is in a goal; ``no_path``: obstacle
+    cells separate the start from every goal; ``no_current``: no current flows in a cell with a path; ``goal_blocked``,
+    ``start_blocked``: obstacles cover every goal, or the start; ``jam``: the contact force lies along the streamline;
+    ``stalled``: the robot makes no progress; ``out_of_steps``: the maximum number of steps was taken; ``entered``: the
+    robot penetrated an obstacle.
 
     Examples
     --------
@@ -88,7 +96,7 @@ class TerminationReason(StrEnum):
 
 
 class End(NamedTuple):
-    """Termination reason of a run, with a sentence that explains it."""
+    """Termination reason of a run, and a sentence that explains it."""
 
     ending: TerminationReason
     message: str
@@ -250,7 +258,7 @@ class Run:
 
     @property
     def learnt(self) -> NDArray[np.bool_]:
-        """Mask of the learnt obstacle cells, shape of the space."""
+        """Mask of the cells that contacts added to the map as obstacles, shape of the space."""
         mask = np.zeros(self.space.shape, dtype=np.bool_)
         for lesson in self.lessons:
             mask[tuple(lesson.cells.T)] = True
@@ -258,7 +266,7 @@ class Run:
 
 
 class Recorder:
-    """Record of the steps of a run, in axis units."""
+    """Record of the steps of a run, in axis units; `ndim`: number of axes."""
 
     def __init__(self, ndim: int) -> None:
         self._ndim = ndim
@@ -271,14 +279,19 @@ class Recorder:
 
     @property
     def last_mode(self) -> ControlMode:
-        """Mode of the last row."""
+        """Mode of the last recorded step; `STREAMLINE` before the first."""
         return self._rows[-1][4] if self._rows else ControlMode.STREAMLINE
 
     def add(
         self, time: float, configuration: Vector, believed: Vector, velocity: Vector, mode: ControlMode,
         contacts: ContactSet | None, push: Vector,
     ) -> None:  # fmt: skip
-        """Append one step."""
+        """Append one step to the record.
+
+        `time`: begin of the step, in seconds; `configuration, believed` (ndim,): true configuration and that of the
+        sensor; `velocity` (ndim,): per second; `mode`: kind of motion; `contacts`: contacts, None for none; `push`
+        (ndim,): external generalised force; all along the axes.
+        """
         torque = np.zeros(self._ndim)
         if contacts is not None and contacts.pressing.any():
             torque = contacts.torque
@@ -292,9 +305,10 @@ class Recorder:
     ) -> Run:  # fmt: skip
         """Return the run with all recorded steps, converted to world coordinates.
 
-        `goal`: number of the goal region that the robot reached, or None; `lessons`: updates of the map; `field,
-        space`: state of the map at the end of the run.  If the robot penetrated an obstacle, the run ends with
-        `ENTERED` instead of `end`, unless its start was blocked.
+        `end`: termination reason and message; `goal`: number of the goal region that the robot reached, or None;
+        `lessons`: updates of the map; `field, space`: state of the map at the end of the run; `plant`: robot and true
+        obstacles; `scene`: scene of the run, or None.  If the robot penetrated an obstacle, the run ends with `ENTERED`
+        instead of `end`, unless its start was blocked.
         """
         frame = space.frame
         time, configuration, believed, velocity, mode, torque, push = zip(*self._rows, strict=True)
@@ -330,7 +344,7 @@ class Recorder:
         )
 
     def _contact_log(self, frame: Frame) -> ContactLog:
-        """Return the contacts with a force, in world coordinates."""
+        """Return all recorded contacts with a force, in world coordinates; `frame`: position of the axes."""
 
         def column(name: str, empty: NDArray[Any]) -> NDArray[Any]:
             return np.concatenate([empty, *(getattr(each, name)[each.pressing] for _, each in self._contacts)])

@@ -40,7 +40,7 @@ class Simulation:
     Attributes
     ----------
     controller : Controller
-        With the field of the initial map.
+        The controller, with the field of the initial map.
     plant : Plant
         The robot and all obstacles, hidden ones included.
     friction : float
@@ -80,12 +80,12 @@ class Simulation:
 
     @property
     def space(self) -> ConfigurationSpace:
-        """The initial map."""
+        """The map of the robot at the start of a run."""
         return self.controller.field.space
 
     @property
     def margin(self) -> float:
-        """Gap at which the robot is in contact, in metres."""
+        """Gap between robot and obstacle at which the robot is in contact, in metres."""
         return MARGIN * self.plant.cell_motion
 
     def run(
@@ -125,8 +125,7 @@ class Simulation:
         Parameters
         ----------
         start : array_like of float, shape (n,), optional
-            World coordinates; by default the first start of the scene.  Other defaults come from the ``control`` of the
-            scene.
+            In world coordinates, by default the scene's first start; other defaults: ``control`` of the scene.
         pushes : sequence of ExternalForce or callable, optional
             External generalised forces, scheduled or as a function of time and configuration; ``()`` for none.
         bias : array_like of float, shape () or (n,), optional
@@ -141,6 +140,7 @@ class Simulation:
         Returns
         -------
         Run
+            Steps, contacts and map updates of the motion, and the reason for its end.
 
         Raises
         ------
@@ -170,9 +170,9 @@ class Simulation:
         return loop.recorder.run(end, goal, tuple(loop.lessons), field, live.space, self.plant, self.scene)
 
     def _checked_start(self, start: ArrayLike | None, *, exact: bool) -> NDArray[np.float64]:
-        """Return a start along the axes; raise InputError for a start in an obstacle that the map does not contain.
+        """Return a start (n,) along the axes; raise InputError for a start in an obstacle that the map does not have.
 
-        `exact`: whether the position sensor has no error; a start in an obstacle cell then ends the run at once.
+        `start` (n,): in world coordinates, None for the scene's first start; `exact`: whether the sensor has no error.
         """
         if start is None:
             if self.scene is None or not self.scene.starts:
@@ -194,7 +194,7 @@ class Simulation:
         return point
 
     def _grid(self) -> RelaxingGrid | None:
-        """Return the grid at time 0, switched to the present map; None if it settles at once or carries no current."""
+        """Return the settling grid at time 0 with the present map; None if it settles at once or carries no current."""
         if self.relaxation is None or not self.controller.field.is_flowing:
             return None
         grid = RelaxingGrid(self.relaxation, self.before or self.controller.field)
@@ -204,7 +204,7 @@ class Simulation:
 
 
 MARGIN = 5e-3
-"""Gap at contact, as a fraction of the largest motion of the robot across a cell."""
+"""Gap below which the robot is in contact, as a fraction of the robot's largest motion across a cell."""
 
 
 def simulation(
@@ -291,7 +291,7 @@ def simulation(
 
 
 def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
-    """Return a simulation in which the hidden obstacles enter the map at time 0, and the grid begins to settle."""
+    """Return a copy of a simulation whose hidden obstacles enter the map at time 0; then the grid begins to settle."""
     truth = sim.plant.true_space(sim.space)
     if not truth.goal_count:
         raise InputError("the hidden obstacles cover every goal cell: move a goal, or an obstacle")
@@ -361,7 +361,7 @@ def wavefront(simulation: Simulation, cells: NDArray[np.float64]) -> Wavefront:
     Parameters
     ----------
     simulation : Simulation
-        In the plane, made with ``announce=True`` and a ``settle``.
+        A simulation in the plane, made with ``announce=True`` and a value of ``settle``.
     cells : ndarray of float64, shape (t,)
         Times, in cells that the robot could have crossed since the change, ascending.
 

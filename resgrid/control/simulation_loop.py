@@ -18,13 +18,18 @@ from resgrid.core.space import Cell
 Vector = NDArray[np.float64]
 
 _PROGRESS = 0.1
-"""Smallest cosine of the angle between the velocity and the command at which the robot makes progress."""
+"""Smallest cosine of the angle between velocity and command (no unit) at which a step counts as progress."""
 _HUGE = 1e100
-"""Largest ratio between the command and its limited value that contacts are solved for."""
+"""Largest ratio of a command to its limited value; above this ratio, contacts are solved for the limited command."""
 
 
 class Loop:
-    """State of one run: the true body, the knowledge of the robot (sensor, map), and its navigator."""
+    """State of one simulation run: the true body, the sensor and map of the robot, its navigator, and the records.
+
+    `plant`: robot and true obstacles; `body`: true configuration; `sensor`: position sensor; `live`: the robot's map
+    and controller; `push_at`: external force as a function of time (s) and configuration; `rng`: random generator of
+    the small random motions; `friction`: friction coefficient; `learn`: whether contacts add obstacle cells to the map.
+    """
 
     def __init__(
         self, plant: Plant, body: Body, sensor: Sensor, live: LiveMap, push_at: Force, rng: np.random.Generator, *,
@@ -40,7 +45,7 @@ class Loop:
         self._known_points: Vector | None = None
 
     def run(self, max_steps: int) -> End:
-        """Take steps until the run ends; return its end."""
+        """Take time steps until the run ends, at most `max_steps`; return the reason and the message of the end."""
         end = self._end_by_map() if self.sensor.exact else None
         while end is None:
             if len(self.recorder) >= max_steps:
@@ -53,7 +58,10 @@ class Loop:
         return end
 
     def _end_by_map(self) -> End | None:
-        """Return the end of the run if the map decides it at the start, else None; None also for an inexact sensor."""
+        """Return the end of the run if the map decides it at the start, else None.
+
+        Reasons: the start is an obstacle cell, all goals are blocked, or no path leads from the start to a goal.
+        """
         space = self.live.space
         cell = tuple(space.split(self.believed)[0].tolist())
         if space.cell[cell] == Cell.OBSTACLE:
@@ -65,7 +73,7 @@ class Loop:
         return End(TerminationReason.NO_PATH, f"in the map the start's cell {cell} has no path to a goal")
 
     def _advance(self) -> End | None:
-        """Take one step and return None, or return the end of the run."""
+        """Take one time step: sense, choose a command, resolve contacts, move; return the end of the run, or None."""
         body, before = self.body, self.body.configuration
         self.live.read(self.time)
         believed = self.believed = self.sensor.sense(before)
@@ -106,7 +114,11 @@ class Loop:
         return self._check_progress(mode, elapsed * pace, pushed, seen)
 
     def _pace(self, velocity: Vector) -> float:
-        """Return the speed at a velocity in cells per second, as fast as the limits allow."""
+        """Return the speed of a velocity after the speed limits, in cells per second (largest axis component).
+
+        `velocity` (ndim,): along the axes, per second.  For a velocity of 0 the nominal speed of the controller is
+        used.
+        """
         controller, spacing = self.live.controller, self.live.spacing
         fastest = float((np.abs(controller.limited(velocity)) / spacing).max())
         if fastest > 0.0:
@@ -114,9 +126,11 @@ class Loop:
         return float(np.minimum(controller.speed, controller.speed_limits).max() / spacing.min())
 
     def _contacts(self, around: Surroundings, velocity: Vector, pause: float) -> ContactSet | None:
-        """Return the contacts at a velocity before speed limits; None without contacts.
+        """Return the contacts and their forces at a commanded velocity, or None without contacts.
 
-        The limits scale the whole velocity later, including the rates at which gaps open.  `pause`: in seconds.
+        The speed limits scale the whole velocity later, including the rates at which gaps open; `pause` is scaled
+        accordingly.  `around`: pairs of near points; `velocity` (ndim,): command along the axes, not yet limited;
+        `pause`: duration of the step, in seconds.
         """
         controller = self.live.controller
         limited = controller.limited(velocity)
@@ -126,9 +140,11 @@ class Loop:
         return self.body.contacts(around, velocity, controller.axis_admittance, self.friction, pause / scale)
 
     def _check_progress(self, mode: ControlMode, cells: float, pushed: bool, seen: Nominal) -> End | None:
-        """Return the end of a run that makes no progress, else None; give up an exit, or dither, before that.
+        """Return the end of a run that makes no progress, else None.
 
-        `cells`: distance, in cells, that the step could have covered; `pushed`: whether an external force acted.
+        A stalled robot first gives up its target cell, or makes a small random motion, before the run ends.  `mode`:
+        kind of motion of the step; `cells`: distance, in cells, that the step could have covered; `pushed`: whether an
+        external force acted; `seen`: nominal motion at the believed configuration.
         """
         stall, place, grid = self.stall, self.body.configuration, self.live.grid
         if pushed:
@@ -153,7 +169,10 @@ class Loop:
         return None
 
     def _end_of_stall(self, mode: ControlMode, seen: Nominal) -> End:
-        """Return the end of a run that has stalled."""
+        """Return the end of a stalled run; its message depends on the mode and on the place (goal cell or not).
+
+        `mode`: kind of motion of the last step; `seen`: nominal motion at the believed configuration.
+        """
         if mode is ControlMode.JAM:
             return End(
                 TerminationReason.JAM,
@@ -169,7 +188,7 @@ class Loop:
         )
 
     def _dither(self) -> None:
-        """Make a small random motion, if it is collision-free."""
+        """Move the robot by a random offset of at most 0.1 cell per axis, if collision-free, and record the step."""
         before, none = self.body.configuration, np.zeros_like(self.torque)
         self.torque = none
         if self.body.shaken(self.rng.uniform(-0.1, 0.1, len(none)) * self.live.spacing):
@@ -182,7 +201,11 @@ class Loop:
             self.navigator.remember(ControlMode.DITHERING, before, self.body.configuration, pushed=False)
 
     def _proven_cells(self, contacts: ContactSet, believed: Vector) -> tuple[NDArray[np.bool_], Vector] | None:
-        """Return the mask of new obstacle cells that contacts prove, and the touched points (p, 2); None if none."""
+        """Return the mask of new obstacle cells that contacts prove, and the touched points; None without a new cell.
+
+        Shapes: the mask has the shape of the space, the points (p, 2), in metres.  `contacts`: contacts with forces;
+        `believed` (ndim,): configuration according to the sensor, along the axes.
+        """
         pairs = contacts.pairs[contacts.pressing]
         points = pairs["point"] + INSIDE * self.plant.cell_motion * pairs["inward"]
         if not self.sensor.exact:
@@ -202,10 +225,11 @@ class Loop:
     def _learn(
         self, cells: NDArray[np.bool_], points: Vector, contacts: ContactSet, push: Vector, pause: float
     ) -> End | None:
-        """Stand still, mark cells, and solve the changed map; return the end if no place of the trail has a path.
+        """Stand still for a step, mark cells as obstacles, and solve the new map; return the end of the run, or None.
 
-        `cells`: mask of the new obstacle cells; `points` (p, 2): touched points; `pause`: duration, in seconds.
-        Otherwise returns None.
+        The run ends if no place of the robot's trail has a path to a goal any more.  `cells`: mask of the new obstacle
+        cells (shape of the space); `points` (p, 2): touched points, in metres; `contacts`: contacts of the step; `push`
+        (ndim,): external generalised force; `pause`: duration of the step, in seconds.
         """
         place, none = self.body.configuration, np.zeros_like(self.torque)
         world = self.live.space.frame.to_world(points)
@@ -222,13 +246,20 @@ class Loop:
 
 
 def _makes_progress(velocity: Vector, chosen: Vector) -> bool:
-    """Return whether a velocity has a component along the command."""
+    """Return whether the velocity of a step has a component along the command, with a cosine above `_PROGRESS`.
+
+    `velocity` (ndim,): velocity of the step; `chosen` (ndim,): command without contacts and external force.
+    """
     size = float(np.abs(chosen).max())
     return size > 0.0 and float((velocity / size) @ (chosen / size)) > _PROGRESS
 
 
 def _contact_mode(mode: ControlMode, contacts: ContactSet) -> ControlMode:
-    """Return the mode of a step with contacts."""
+    """Return the mode to record for a step with contact forces: sticking, sliding, or `mode` itself.
+
+    `mode`: mode without contacts; it is kept for jams and for motions along equipotentials, along the trail or to a
+    target.
+    """
     if mode in {
         ControlMode.RETREATING,
         ControlMode.JAM,

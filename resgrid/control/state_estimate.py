@@ -18,8 +18,8 @@ Vector = NDArray[np.float64]
 class Sensor:
     """Position sensor with a constant bias and bounded noise.
 
-    `bias` (ndim,): constant error along the axes, given in world coordinates; `noise` (ndim,): largest random error of
-    a measurement, in world coordinates.
+    `plant`: robot and world; `bias` (ndim,): constant error, in world coordinates; `noise` (ndim,): largest random
+    error of a measurement, in world coordinates; `rng`: random generator of the noise.
     """
 
     def __init__(self, plant: Plant, bias: Vector, noise: Vector, rng: np.random.Generator) -> None:
@@ -27,15 +27,15 @@ class Sensor:
 
     @property
     def exact(self) -> bool:
-        """Whether the sensor has no error."""
+        """Whether the sensor has neither bias nor noise."""
         return not (self.bias.any() or self.noise.any())
 
     def believed(self, configurations: Vector) -> Vector:
-        """Return the believed configurations without noise.  Shapes: (..., ndim)."""
+        """Return the measurements of configurations (..., ndim) along the axes without noise, in the same shape."""
         return self._plant.within_stops(configurations + self.bias)
 
     def sense(self, configuration: Vector) -> Vector:
-        """Return a measurement of a configuration, shape (ndim,)."""
+        """Return a measurement of a configuration (ndim,) with bias and noise, along the axes, shape (ndim,)."""
         if not self.noise.any():
             return self.believed(configuration)
         error = self.noise * self._rng.uniform(-1.0, 1.0, len(self.noise))
@@ -43,7 +43,11 @@ class Sensor:
 
 
 class LiveMap:
-    """The robot's map and the controller on its field, which is solved at once or on a relaxing grid."""
+    """The robot's map and the controller on its field, which is solved at once or on a settling grid.
+
+    `controller`: controller with the field of the initial map; `grid`: grid that settles step by step, None for at
+    once.
+    """
 
     def __init__(self, controller: Controller, grid: RelaxingGrid | None = None) -> None:
         self.space: ConfigurationSpace = controller.field.space
@@ -52,11 +56,11 @@ class LiveMap:
 
     @property
     def spacing(self) -> Vector:
-        """Cell widths, shape (ndim,)."""
+        """Cell width along each axis, in axis units, shape (ndim,)."""
         return self.space.spacing
 
     def read(self, time: float) -> None:
-        """Let the grid relax until a time, in seconds, and update the field if it has changed."""
+        """Let the grid settle until a time in seconds since the start, and update the field if it has changed."""
         if self.grid is None:
             return
         crossed = (time - self._read_at) * self.controller.speed / float(self.spacing.min())
@@ -65,11 +69,14 @@ class LiveMap:
             self.controller = self.controller.with_field(self.grid.field)
 
     def mark(self, cells: NDArray[np.bool_]) -> None:
-        """Mark cells as obstacles, goal cells included; the field does not change.  Shapes: `cells` as the space."""
+        """Mark cells (mask, shape of the space) as obstacles, goal cells included; the field does not change."""
         self.space = self.space.with_cells(np.where(cells, np.uint8(Cell.OBSTACLE), self.space.cell))
 
     def solve(self) -> None:
-        """Solve the present map, at once or on the relaxing grid; a map without current needs no grid."""
+        """Solve the present map and update the field, at once or, on a settling grid, over the following steps.
+
+        A map in which no cell has a path to a goal is solved at once.
+        """
         if not self.space.goal_connected.any():
             self.grid = None
         if self.grid is None:
@@ -80,5 +87,8 @@ class LiveMap:
 
 
 def solve_again(field: Field, space: ConfigurationSpace) -> Field:
-    """Return the field of a changed space, with the wiring and blend of another field."""
+    """Return the field of a changed map, with the wiring and the blend of a given field.
+
+    `field`: field of the old map; `space`: the new map.
+    """
     return solve_field(space, field.wiring, field.k if field.boundary == "blend" else None)

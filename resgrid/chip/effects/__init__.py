@@ -70,6 +70,7 @@ def of_chip(chip: Chip, seed: Any = None) -> tuple[Effect, ...]:
     Returns
     -------
     tuple of Effect
+        The effects, in the order in which they are applied.
     """
     which = seed_of(chip.seed if seed is None else seed)
     effects = (kind.of(chip, which) for kind in EFFECTS.values())
@@ -104,6 +105,7 @@ def from_json(entries: Sequence[Mapping[str, Any]]) -> tuple[Effect, ...]:
     Returns
     -------
     tuple of Effect
+        The effects, in the order in which they are applied.
 
     Raises
     ------

@@ -26,7 +26,8 @@ from resgrid.scene.table_models import check_fields
 class Effect:
     """One effect of a chip on its netlist: a pure function with a seed where it is random.
 
-    Fields have the annotations of `Chip` fields, with range and unit.  `KEYS`: the chip keys that the fields come from.
+    The fields of a subclass are the parameters of the effect, with the range and the unit of the chip key.  `KEYS`:
+    chip key of each field, by field name.
     """
 
     KEYS: ClassVar[Mapping[str, str]] = {}
@@ -38,19 +39,22 @@ class Effect:
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Self | None:
-        """Return the effect of a chip description; None where the description does not contain it."""
+        """Return the effect of a chip description; None if the description does not contain the effect.
+
+        `seed`: seed of random effects; not used here.
+        """
         del seed
         values = {name: attrgetter(key)(chip) for name, key in cls.KEYS.items()}
         given = {name: value for name, value in values.items() if value}
         return cls(**given) if given else None
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """Return the netlist with this effect."""
+        """Return a copy of the netlist with this effect."""
         raise NotImplementedError
 
 
 def checked(effects: Iterable[Effect]) -> Iterator[Effect]:
-    """Yield effects; raise InputError for another value."""
+    """Yield the given effects; raise InputError for a value that is not an Effect."""
     for effect in effects:
         if not isinstance(effect, Effect):
             raise InputError(f"{effect!r} is not an effect of a chip; see resgrid.chip.effects, such as Mismatch(0.01)")
@@ -58,7 +62,7 @@ def checked(effects: Iterable[Effect]) -> Iterator[Effect]:
 
 
 def cells_with_nodes(netlist: Netlist, what: str) -> CellMap:
-    """Return the cells of a netlist; raise InputError unless each cell has a node.
+    """Return the map of the cells of a netlist; raise InputError unless each cell has a node.
 
     `what`: plural noun for the message.
     """
@@ -68,7 +72,7 @@ def cells_with_nodes(netlist: Netlist, what: str) -> CellMap:
 
 
 def add_nodes(netlist: Netlist, count: int) -> tuple[Netlist, NDArray[np.int32]]:
-    """Append nodes; return the netlist and the numbers of the nodes, shape (count,)."""
+    """Append nodes; return the new netlist and the numbers of the new nodes, shape (count,)."""
     first = netlist.node_count
     names = netlist.node_names
     if names is not None:
@@ -77,14 +81,15 @@ def add_nodes(netlist: Netlist, count: int) -> tuple[Netlist, NDArray[np.int32]]
 
 
 def to_node(nodes: NDArray[np.int32], end: int) -> NDArray[np.int32]:
-    """Return the pairs of each node with one common node, shape (n, 2)."""
+    """Return the pairs of each node (n,) with one common node `end`, shape (n, 2)."""
     return np.stack([nodes, np.full(len(nodes), end, dtype=np.int32)], axis=1)
 
 
 def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
-    """Return the netlist with the supply pin of a rail, and the number of the pin.
+    """Return the netlist with the supply pin of a rail, and the number of the pin's node.
 
-    With a uniform drive both pins are at the goal voltage.
+    A pin is added, with a voltage source, if the rail has none.  With a uniform drive both pins are at the goal
+    voltage.  `rail`: ``"obstacle"`` or ``"goal"``.
     """
     cells = cells_with_nodes(netlist, "rails")
     wiring = cells.wiring
@@ -100,7 +105,10 @@ def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
 
 
 def without_stranded_currents(netlist: Netlist) -> Netlist:
-    """Remove current sources into parts without a connection to ground, where their current has no return path."""
+    """Return the netlist without current sources into parts that have no connection to ground.
+
+    The current of such a source has no return path.
+    """
     if not netlist.current_nodes.size:
         return netlist
     ties = np.concatenate([netlist.resistor_nodes, netlist.source_nodes, netlist.nonlinear_nodes])

@@ -49,7 +49,7 @@ class Gradient(Effect):
 
 
 def _face_centres(cells: CellMap) -> NDArray[np.float64]:
-    """Return the centre of every face as fractions of the die, shape (faces, ndim)."""
+    """Return the centres of all cell faces as fractions of the die along each axis (0 to 1), shape (faces, ndim)."""
     shape = cells.space.shape
     parts = []
     for axis in range(len(shape)):
@@ -86,13 +86,16 @@ class Mismatch(Effect):
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Mismatch | None:
-        """Return the mismatch of a chip description; None without mismatch."""
+        """Return the mismatch of a chip description; None without mismatch; `seed`: seed of the chip."""
         if chip.mismatch:
             return cls(sigma=chip.mismatch, seed=seed)
         return cls(None, chip.pelgrom, chip.width, chip.length, chip.sheet_resistance, seed) if chip.pelgrom else None
 
     def deviation(self, netlist: Netlist) -> float | NDArray[np.float64]:
-        """Return the standard deviation at every resistor site, as a fraction of the mean; shape () or (sites,)."""
+        """Return the standard deviation of the resistance at every resistor site, as a fraction of its mean.
+
+        The shape is () if all sites are equal, else (sites,).
+        """
         if self.sigma is not None:
             return self.sigma
         assert self.pelgrom is not None
@@ -109,7 +112,7 @@ class Mismatch(Effect):
         return np.asarray(1e-8 * self.pelgrom / np.sqrt(self.width * metres))
 
     def factors(self, netlist: Netlist) -> NDArray[np.float64]:
-        """Return the factors of the resistances, with mean 1; shape (sites,)."""
+        """Return the random factors of the resistances at all resistor sites, with mean 1, shape (sites,)."""
         return mismatch_factors(random_sites.site_count(netlist), self.deviation(netlist), self.seed)
 
     def apply(self, netlist: Netlist) -> Netlist:
@@ -120,12 +123,12 @@ class Mismatch(Effect):
 class Faults(Effect):
     """Open some resistors of the grid, and short others.
 
-    A resistor that is open (or shorted) at one density is so at every higher density of the same seed.  A current
-    source into nodes that opens isolate is removed, because its current has no return path.
+    A resistor that is open (or shorted) at one density is also open (or shorted) at every higher density of the same
+    seed.  A current source into nodes that opens isolate is removed, because its current has no return path.
 
-    `open_density, short_density`: fractions of the resistors, with a sum of at most 1; `short_resistance`: of a short,
-    in ohms; `seed`: seed of the chip; `open_at`: further open resistors, each given by a cell and the axis across whose
-    lower face it lies; a place without a resistor, such as the contact of an open obstacle, is allowed.
+    `open_density, short_density`: fractions of the resistors, with a sum of at most 1; `short_resistance`: resistance
+    of a short, in ohms; `seed`: seed of the chip; `open_at`: further open resistors, each given by a cell and the axis
+    across whose lower face it lies; a place without a resistor, such as the contact of an open obstacle, is allowed.
     """
 
     open_density: Density = 0.0
@@ -144,21 +147,25 @@ class Faults(Effect):
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Faults | None:
-        """Return the faults of a chip description; None without open and shorted resistors."""
+        """Return the faults of a chip description; None without open or shorted resistors; `seed`: seed of the chip."""
         defects = chip.defects
         if not (defects.open_density or defects.short_density or defects.open_at):
             return None
         return cls(**vars(defects), seed=seed)
 
     def places(self, netlist: Netlist) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return the masks of open and of shorted resistor sites, each of shape (sites,)."""
+        """Return the masks of the open and of the shorted resistor sites of a netlist, each of shape (sites,)."""
         draw = generator(self.seed, DEFECTS).random(random_sites.site_count(netlist))
         opened = draw < self.open_density
         opened[[self._face(netlist.cells.space, place) for place in self.open_at]] = True
         return opened, ~opened & (draw >= 1 - self.short_density)
 
     def _face(self, space: ConfigurationSpace, place: tuple[int, ...]) -> int:
-        """Return the number of a face, as in `CellMap`; on a periodic axis the last face is the first."""
+        """Return the number of a cell face, counted as in `CellMap`; raise InputError for an unknown place.
+
+        On a periodic axis the last face is the first.  `place`: indices of a cell, then the axis across whose lower
+        face it lies.
+        """
         *cell, axis = place
         if len(cell) == space.ndim > axis:
             if space.periodic[axis]:

@@ -26,10 +26,10 @@ from resgrid.scene.quantities import Quantity
 
 
 def _on_rail(cells: CellMap, rail: str) -> NDArray[np.bool_]:
-    """Return the mask of the cells that closed switches connect to a rail.
+    """Return the mask of the cells that closed switches connect to a rail, shape of the space.
 
     For a goal rail these are the goal cells; for the obstacle rail the obstacle cells or, where obstacles are open, the
-    driven start.
+    driven start.  `rail`: "goal" or "obstacle".
     """
     if rail == "goal":
         return np.asarray(cells.space.cell == Cell.GOAL)
@@ -68,9 +68,10 @@ class InternodalSwitches(Effect):
 
 
 def _in_series(netlist: Netlist, which: NDArray[np.bool_], ohms: float) -> Netlist:
-    """Add a resistance in series to some resistors.
+    """Return the netlist with a resistance in series with some resistors.
 
-    Temperature coefficients shrink to the resistor's fraction of the sum.
+    Temperature coefficients shrink to the resistor's fraction of the sum.  `which` (resistors,): mask; `ohms`:
+    resistance in ohms.
     """
     whole = np.where(which, 1 / (1 / netlist.conductance + ohms), netlist.conductance)
     share = whole / netlist.conductance
@@ -82,13 +83,13 @@ def _in_series(netlist: Netlist, which: NDArray[np.bool_], ohms: float) -> Netli
 
 
 def _between_cells(netlist: Netlist, cells: CellMap) -> NDArray[np.bool_]:
-    """Return the mask of grid resistors that do not lead to the rail beyond the edge."""
+    """Return the mask of grid resistors that do not lead to the obstacle rail beyond the edge, shape (resistors,)."""
     to_edge = (netlist.resistor_nodes == cells.obstacle_node).any(axis=1) & (cells.obstacle_node >= 0)
     return np.asarray(random_sites.on_grid(netlist) & ~to_edge)
 
 
 def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
-    """Add nodes for obstacles and for cells without a path to a goal, and the open connections that end there.
+    """Return the netlist with nodes for obstacles and for cells without a path to a goal, behind open switches.
 
     `on, off`: resistances of closed and of open switches, in ohms.
     """
@@ -143,7 +144,10 @@ class RailSwitches(Effect):
 
 
 def _tie(netlist: Netlist, nodes: NDArray[np.int32], pin: int, resistance: float) -> Netlist:
-    """Replace the voltage sources of nodes by resistors to a pin."""
+    """Return the netlist with resistors from nodes to a pin, in place of the voltage sources of these nodes.
+
+    `nodes` (k,): node numbers; `pin`: number of the rail's supply node; `resistance`: in ohms.
+    """
     freed = select_elements(netlist, "voltage source", ~np.isin(netlist.source_nodes[:, 0], nodes))
     return add_elements(freed, "resistor", to_node(nodes, pin), 1 / resistance)
 
@@ -174,7 +178,10 @@ class RailResistance(Effect):
 
 
 def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
-    """Replace a rail by a mesh of segments; move its switches from the pin to the rail nodes of their cells."""
+    """Return the netlist with a mesh of segments in place of a rail; its switches then lead to the nodes of the mesh.
+
+    `rail`: "goal" or "obstacle"; `ohms`: resistance of a segment.
+    """
     netlist, pin = rail_pin(netlist, rail)
     cells = netlist.cells
     own = cells.node >= 0
@@ -197,7 +204,11 @@ def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
 
 
 def _mesh_segments(mesh: NDArray[np.int32], pin: int) -> NDArray[np.int32]:
-    """Return segments between neighbours, and from both ends of every line of cells to the pin; shape (n, 2)."""
+    """Return the node pairs of the segments of a rail mesh, shape (n, 2).
+
+    Segments join neighbours, and both ends of every line of cells to the pin.  `mesh` (shape of the space): rail node
+    of every cell; `pin`: number of the supply node.
+    """
     parts = []
     for axis in range(mesh.ndim):
         lines = np.moveaxis(mesh, axis, 0)

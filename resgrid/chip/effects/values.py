@@ -19,17 +19,20 @@ from resgrid.scene.chip import ABSOLUTE_ZERO, Chip, Metres, Ohms
 from resgrid.scene.quantities import Quantity
 
 NOMINAL_CELSIUS = 27.0
-"""Temperature at which resistances are given: SPICE's ``TNOM``."""
+"""Temperature at which resistances are given (SPICE's ``TNOM``), in degrees Celsius."""
 
 _E24 = (10, 11, 12, 13, 15, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 43, 47, 51, 56, 62, 68, 75, 82, 91)
-"""Preferred values of the E24 series, in tenths."""
+"""Preferred values of the E24 series per decade, in tenths."""
 
 
 Series = Literal["E6", "E12", "E24", "E48", "E96", "E192"]
 
 
 def preferred_values(series: Series) -> NDArray[np.float64]:
-    """Return the preferred values of one decade, 1 to 10 (IEC 60063); shape (n,)."""
+    """Return the preferred values of a series in one decade, 1 to below 10 (IEC 60063), shape (n,).
+
+    `series`: name of the series, ``"E6"`` to ``"E192"``.
+    """
     count = int(series[1:])
     if count <= len(_E24):
         return np.array(_E24[:: len(_E24) // count]) / 10
@@ -73,14 +76,20 @@ class SheetResistors(Effect):
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> SheetResistors | None:
-        """Return the effect of a chip description with a sheet resistance and a width; None for another one."""
+        """Return the effect of a chip description; None without a sheet resistance and a width.
+
+        `seed`: seed of random effects; not used here.
+        """
         del seed
         if chip.sheet_resistance is None or chip.width is None:
             return None
         return cls(chip.sheet_resistance, chip.width, chip.drawing_grid)
 
     def length(self, resistance: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the drawn lengths of resistors in metres.  Shapes: as `resistance`."""
+        """Return the drawn lengths of resistors in metres, in the shape of `resistance` (ohms).
+
+        Raises InputError if a resistor is shorter than one drawing step.
+        """
         steps = np.rint(resistance * self.width / (self.sheet_resistance * self.drawing_grid))
         if np.any(steps < 1):
             raise InputError(
@@ -91,7 +100,7 @@ class SheetResistors(Effect):
         return np.asarray(steps * self.drawing_grid)
 
     def area(self, netlist: Netlist) -> float:
-        """Return the total area of the strips of the grid's resistors, in square metres."""
+        """Return the total area of the strips that form the grid's resistors in a netlist, in square metres."""
         resistance = 1 / netlist.conductance[random_sites.on_grid(netlist)]
         nonlinear = netlist.nonlinear_voltage / netlist.nonlinear_current
         return float(self.width * self.length(np.append(resistance, nonlinear)).sum())
@@ -101,7 +110,10 @@ class SheetResistors(Effect):
 
 
 def _with_resistances(netlist: Netlist, drawn: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Netlist:
-    """Replace the resistances of the grid's resistors by a function of them."""
+    """Return the netlist with new resistances of the grid's resistors.
+
+    `drawn`: function from nominal to new resistances, both (k,) in ohms.
+    """
     own = random_sites.on_grid(netlist)
     conductance = netlist.conductance.copy()
     conductance[own] = 1 / drawn(1 / conductance[own])
@@ -139,7 +151,10 @@ class Temperature(Effect):
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Temperature | None:
-        """Return the effect of a chip description; None without a temperature or temperature coefficients."""
+        """Return the effect of a chip description; None without a temperature or temperature coefficients.
+
+        `seed`: seed of random effects; not used here.
+        """
         del seed
         return None if chip.temperature is None or not (chip.tc1 or chip.tc2) else cls(chip.temperature)
 
@@ -160,7 +175,7 @@ class Temperature(Effect):
 class Saturation(Effect):
     """Replace the grid's resistors by nonlinear ones of the same resistance at 0 V, ``I = V0 / R tanh(dV / V0)``.
 
-    `volts`: ``V0``, in volts.
+    `volts`: ``V0``, the voltage at which the current begins to saturate, in volts.
     """
 
     KEYS = {"volts": "saturation_voltage"}
