@@ -58,7 +58,7 @@ class Contents:
     def temperature(self, key: str, scope: Scope) -> float | None:
         """Return the deck's temperature for `key`, in degrees Celsius; None if the deck states none or it has an error.
 
-        `key`: ``temp`` for the simulation temperature, ``tnom`` for the nominal one. `scope`: the scope of the deck.
+        `key`: ``temp`` for the simulation temperature, ``tnom`` for the nominal one.  `scope`: the scope of the deck.
         """
         try:
             return self._stated(key, scope)
@@ -67,7 +67,9 @@ class Contents:
             return None
 
     def _stated(self, key: str, scope: Scope) -> float | None:
-        """Return the deck's temperature in degrees Celsius, None if the deck states none; `key`: ``temp`` or ``tnom``.
+        """Return the deck's temperature in degrees Celsius, None if the deck states none.
+
+        `key`: ``temp`` or ``tnom``.
         """
         stated = self._temperatures.get(f".{key}") or self._temperatures.get(key)
         return None if stated is None else scope.number(*stated)
@@ -89,8 +91,7 @@ class Contents:
         return BuiltIns(self.rules, dialect.label, temperature, nominal, self._swept, self._redefined)
 
     def note_swept(self, card: Card) -> None:
-        """Record the names in a command that sweeps parameters; `card`: the card of the command (``.step``, ``.data``).
-        """
+        """Record the names in a command that sweeps parameters; `card`: the card of the command, such as ``.step``."""
         command, *words = card.text.lower().split()
         self._swept.update({word: (command, card.spot()) for word in words if word.isidentifier()})
 
@@ -192,8 +193,7 @@ class Contents:
             parameters[setting.key] = Definition(card, setting.values[0])
 
     def _note_redefined(self, card: Card, setting: Setting) -> None:
-        """Warn that `setting` defines a parameter again; raise CardError in a dialect that forbids a second definition.
-        """
+        """Warn that `setting` defines a parameter again; raise CardError in a dialect that forbids redefinitions."""
         if card.rules.instances:
             raise card.error(setting.offset, f"the parameter {setting.key} is defined twice: delete one definition")
         self._redefined = self._redefined or setting.key
