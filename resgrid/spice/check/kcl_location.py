@@ -94,10 +94,9 @@ def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: floa
 def _currents(
     circuit: Circuit, voltage: NDArray[np.float64]
 ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the nodes of all elements, the currents from first to second node, and the rounding errors of the
-    currents.
+    """Return the nodes of all elements, their currents from first to second node, and the currents' rounding errors.
 
-    Shapes: `voltage` (nodes,); returns (elements, 2), (elements,) and (elements,); currents in amperes.
+    Shapes: `voltage` (nodes,); returns (elements, 2), (elements,) and (elements,); currents and errors in amperes.
     """
     sizes = len(circuit.resistance), len(circuit.current_amps)
     ends = np.concatenate([circuit.resistor_nodes, circuit.current_nodes, circuit.nonlinear_nodes])

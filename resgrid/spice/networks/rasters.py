@@ -57,7 +57,10 @@ def read_raster(path: Path) -> NDArray[np.float64]:
 
 
 def _without_empty(cells: NDArray[np.float64], header: dict[str, float], path: Path) -> NDArray[np.float64]:
-    """Return the cells with NaN for empty ones, shape (cells,); raise InputError for a wrong number of cells."""
+    """Return the cells with NaN for empty ones, shape (cells,); raise InputError for a wrong number of cells.
+
+    `cells` (cells,): values row by row, changed in place; `header`: values of the header by key; `path`: for messages.
+    """
     rows, columns = header["nrows"], header["ncols"]
     if len(cells) != rows * columns:
         raise InputError(f"{path}: it holds {len(cells)} cells, but its header gives {rows:g} x {columns:g}")

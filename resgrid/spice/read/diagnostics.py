@@ -9,10 +9,10 @@ from resgrid.errors import InputError
 from resgrid.spice.findings import Note, Severity
 
 MAX_ERRORS = 20
-"""Number of errors after which reading stops."""
+"""Number of errors in a deck after which reading stops."""
 
 _MAX_TEXT = 300
-"""Longest message of one error, in characters."""
+"""Maximum length of the message of one error, in characters."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class DeckError(InputError):
 
 @dataclass
 class Diagnostics:
-    """The errors and notes of one deck."""
+    """The errors and notes of one deck; `errors`: messages of the errors."""
 
     errors: list[str] = field(default_factory=list)
     _notes: dict[tuple[Severity, str], tuple[Spot, int]] = field(default_factory=dict)
@@ -81,7 +81,7 @@ class Diagnostics:
         self._note("info", spot, text, 1)
 
     def _note(self, severity: Severity, spot: Spot, text: str, count: int) -> None:
-        """Add a note, or increment the count of a note with the same text."""
+        """Add a note, or increase the count of a note with the same text and severity by `count`."""
         first, seen = self._notes.get((severity, text), (spot, 0))
         self._notes[severity, text] = (first, seen + count)
 
