@@ -42,7 +42,7 @@ class OperatingAnalysis:
 @checked
 @dataclass(frozen=True, eq=False)
 class TransientAnalysis:
-    """Transient of the voltages, from the operating point of the deck.
+    """Transient analysis of the voltages, which starts from the operating point of the deck.
 
     Attributes
     ----------

@@ -34,7 +34,7 @@ CONDUCTING = ("resistor", "voltage source", "nonlinear resistor")
 
 _NOMINAL_TEMPERATURE = 27.0
 _SHARED = tuple(name for names in ARRAYS.values() for name in names if name != "conductance")
-"""Arrays that a circuit has in common with a netlist."""
+"""Names of the arrays that a circuit and a netlist have in common."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +196,7 @@ class Circuit:
 
     @cached_property
     def ends(self) -> Mapping[str, NDArray[np.int32]]:
-        """Nodes of every element by kind, shapes (elements, 2)."""
+        """Nodes of every element by kind of element, shapes (elements, 2)."""
         return {kind: getattr(self, nodes) for kind, (nodes, *_) in ARRAYS.items()}
 
     @cached_property

@@ -22,12 +22,13 @@ from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.findings import SEVERITIES, Note, Severity, Violation
 
 WIDEST_SPREAD = 1e15
-"""Largest ratio of resistances at which double precision still resolves the small currents next to the large ones."""
+"""Largest ratio of resistances at which double precision resolves the currents of the largest resistances."""
 
 SMALLEST_SAFE, LARGEST_SAFE = 1e-5, 1e12
-"""Resistances without simulator trouble, in ohms.
+"""Limits of the resistances that no simulator changes or loses, in ohms.
 
-HSPICE raises smaller ones to its RESMIN.  Larger ones carry less current than the 1e-12 S that a simulator may add.
+HSPICE raises smaller resistances to its RESMIN.  Larger resistances carry less current than the 1e-12 S that a
+simulator may add at a node.
 """
 
 

@@ -120,9 +120,10 @@ def _without_analyses(rows: Iterable[bytes]) -> Iterator[bytes]:
 
 
 def _gather_includes(deck: Path, data: bytes, root: Path) -> dict[str, bytes]:
-    """Return the content of every file that a simulator may include, by its path relative to the root.
+    """Return the content of every file that a simulator may include, by path relative to `root`.
 
-    The deck itself is not part of the result.
+    `deck, data`: path and content of the deck, which is not part of the result; `root`: folder that must contain all
+    files.
     """
     files: dict[str, bytes] = {}
     todo = [(deck, data)]

@@ -241,7 +241,10 @@ def _predict_deck(quirks: Quirks, case: _Case) -> _Result:
 
 
 def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
-    """Return the indices of the voltage sources that close a loop at which the simulator fails."""
+    """Return the indices of the voltage sources that close a loop at which the simulator fails.
+
+    `quirks`: behaviour of the simulator; `case`: the deck with its loops.
+    """
     ends = case.deck.source_nodes
     closing = [int(number) for number in case.loops.sources]
     inductive = case.deck.is_inductor
@@ -315,7 +318,7 @@ def _uncertain_spread(resistance: NDArray[np.float64]) -> tuple[str, ...]:
 
 
 def _elements_on_title_line(deck: Circuit) -> list[str]:
-    """Return the names of the elements on the first line, which simulators read as the title."""
+    """Return the names of the elements on the first line of a deck, which simulators read as the title."""
     if deck.title is not None:
         return []
     first = ((kind, (place == [0, 1]).all(axis=1)) for kind, place in deck.place.items())

@@ -25,7 +25,7 @@ GROUND_NAME = "0"
 
 
 SUFFIXES = {"t": 12, "g": 9, "meg": 6, "k": 3, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12, "f": -15}
-"""Powers of ten of the suffixes that all dialects except Spectre have, in lower case."""
+"""Power of ten by suffix of a number, in lower case; all dialects except Spectre have these suffixes."""
 
 _NAMES = (
     "sqrt exp ln log10 abs int floor ceil min max pow pwr sgn atan2 hypot "

@@ -145,7 +145,7 @@ _DOLLAR = re.compile(r"(?:^|[\s,])\$")
 
 
 def strip_comment(line: str, rules: ReadingRules) -> str:
-    """Return a line without its comment.
+    """Return a line without its comment; `rules`: reading rules of the dialect.
 
     Examples
     --------
@@ -197,7 +197,7 @@ def tokenise(card: Card) -> list[Token]:
 
 @lru_cache(maxsize=8192)
 def _split(text: str) -> tuple[Token, ...]:
-    """Return the tokens of a text; an unbalanced quote or brace is a token of kind "wrong"."""
+    """Return the tokens of a card's text; an unbalanced quote or brace is a token of kind "wrong"."""
     found = ((match.lastgroup or "", match) for match in _TOKEN.finditer(text))
     return tuple(
         [Token("expression" if kind == "quoted" else kind, match[kind], match.start(kind)) for kind, match in found]
@@ -205,7 +205,7 @@ def _split(text: str) -> tuple[Token, ...]:
 
 
 def refuse_quotes(card: Card, token: Token) -> None:
-    """Raise CardError for a value in double quotes where the dialect's simulator drops them."""
+    """Raise CardError if the value `token` is in double quotes and the dialect's simulator drops such quotes."""
     if token.kind == "string" and card.rules.words.drops_quotes:
         raise card.error(token.offset, f"{card.rules.name} misreads a value in double quotes: write it in braces")
 
@@ -216,7 +216,11 @@ def without_parentheses(tokens: Iterable[Token]) -> list[Token]:
 
 
 class Setting(NamedTuple):
-    """A ``key=value`` pair of a card: the key in lower case, its offset, and one or several values."""
+    """A ``key=value`` pair of a card.
+
+    `key`: the key in lower case; `offset`: position of the key in the text of the card; `values`: one or several
+    values.
+    """
 
     key: str
     offset: int
@@ -272,7 +276,7 @@ def _unquoted_settings(card: Card, tokens: list[Token]) -> list[Setting]:
 
 
 def _begins_pair(tokens: list[Token], i: int) -> bool:
-    """Return whether the token after index `i` is ``=``."""
+    """Return whether token `i` is a key, which means that the next token is ``=``."""
     return i + 1 < len(tokens) and tokens[i + 1].is_mark("=")
 
 

@@ -66,7 +66,10 @@ class Collector:
     _noted: set[Spot] = field(default_factory=set)
 
     def deck(self, source: SourceFile) -> None:
-        """Collect the cards of the deck file; the first line is the title unless it may be a command or an element."""
+        """Collect the cards of the deck file `source`.
+
+        The first line is the title unless it may be a command or an element.
+        """
         self._note_encoding(source)
         start = source.data.index(b"\n") + 1
         line = decode(source.data[:start])

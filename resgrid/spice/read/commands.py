@@ -75,7 +75,7 @@ class Contents:
         return None if stated is None else scope.number(*stated)
 
     def built_ins(self) -> BuiltIns:
-        """Return the dialect's reserved names with their values in this deck."""
+        """Return the dialect's reserved names (constants, variables, temperatures) with their values in this deck."""
         dialect = DIALECTS[self.rules.name]
 
         def nominal(scope: Scope) -> float:

@@ -51,7 +51,7 @@ class Diagnostics:
     _outcomes: dict[str, Literal["fails", "unsure"]] = field(default_factory=dict)
 
     def error(self, error: CardError) -> None:
-        """Add an error; raise DeckError at `MAX_ERRORS` errors."""
+        """Add an error; raise DeckError when the number of errors reaches `MAX_ERRORS`."""
         self.errors.append(str(error))
         if len(self.errors) >= MAX_ERRORS:
             self.errors.append(f"and there may be more: reading stopped after {MAX_ERRORS} errors")
@@ -63,21 +63,27 @@ class Diagnostics:
             raise DeckError("\n".join(self.errors))
 
     def warn(self, spot: Spot, text: str, count: int = 1) -> None:
-        """Add a warning: simulators disagree about the text, or it is probably a mistake."""
+        """Add a warning: simulators disagree about the text, or it is probably a mistake.
+
+        `spot`: position; `text`: the message; `count`: number of occurrences.
+        """
         self._note("warning", spot, text, count)
 
     def refuse(self, spot: Spot, text: str) -> None:
-        """Add a warning about text that is read here, but stops the dialect's own simulator."""
+        """Add a warning about deck text that can be read here but stops the dialect's own simulator.
+
+        `text`: the message.
+        """
         self._outcomes[text] = "fails"
         self._note("warning", spot, text, 1)
 
     def warn_ignored(self, spot: Spot, text: str) -> None:
-        """Add a warning about text that is ignored here, but may change the result of the dialect's own simulator."""
+        """Add a warning about deck text that is ignored here but may change the result of the dialect's simulator."""
         self._outcomes[text] = "unsure"
         self._note("warning", spot, text, 1)
 
     def inform(self, spot: Spot, text: str) -> None:
-        """Add a note of severity "info"."""
+        """Add a note of severity "info"; `spot`: position; `text`: the message."""
         self._note("info", spot, text, 1)
 
     def _note(self, severity: Severity, spot: Spot, text: str, count: int) -> None:

@@ -150,7 +150,7 @@ class ElementArrays:
 
     @property
     def ordered(self) -> NDArray[np.int64]:
-        """The array `order`, or the order of the elements' own cards if `order` is None; shape (n,)."""
+        """The array `order` (n,), or the positions of the elements' own cards if `order` is None."""
         return order_of(self.place) if self.order is None else self.order
 
 
@@ -185,7 +185,7 @@ class Elements:
         )
 
     def joined(self, kind: str) -> ElementArrays:
-        """Return all elements of a kind in the order of the deck."""
+        """Return all elements of a kind as arrays, in the order of the deck."""
         if not self.rows[kind]:
             return joined_parts(kind, self.parts[kind])
         names, nodes, values, places = zip(*self.rows[kind], strict=True)
@@ -228,7 +228,7 @@ def widened(kind: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _sorted(part: ElementArrays) -> ElementArrays:
-    """Return the elements sorted by their order in the deck."""
+    """Return the elements `part`, sorted by their order in the deck."""
     if part.order is None or np.all(part.order[1:] >= part.order[:-1]):
         return part
     order = np.argsort(part.order, kind="stable")
@@ -241,7 +241,7 @@ def _sorted(part: ElementArrays) -> ElementArrays:
 
 
 class LazyNames(Mapping[str, tuple[str, ...]]):
-    """Names of elements per kind, created at the first access."""
+    """Names of elements by kind of element, created at the first access of each kind."""
 
     def __init__(self, makers: Mapping[str, Callable[[], Sequence[str]]]) -> None:
         self._makers = makers

@@ -347,7 +347,7 @@ def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
 
 
 def _read_inductor(card: Card, scope: Scope, elements: Elements) -> None:
-    """Add an inductor as a source of 0 V, or as a resistor if it has a series resistance."""
+    """Add an inductor as a voltage source of 0 V, or as a resistor if it has a series resistance."""
     element = _split(card, scope, " ".join(("l nt", *card.rules.inductor_keys)))
     model, henries = _model_and_value(element, scope, frozenset({"l", "ind", "inductor"}), "", "l")
     if henries is None and model is None:

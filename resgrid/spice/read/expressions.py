@@ -236,7 +236,7 @@ class _Reader:
         return left
 
     def _check_truth(self, *values: float) -> None:
-        """Raise ExpressionError for a nonzero condition of at most 0.5 where the dialect's threshold is 0.5."""
+        """Raise ExpressionError for a nonzero condition value of at most 0.5 if the dialect's threshold is 0.5."""
         if self.rules.words.true_above_half and any(bool(value) != (value > 0.5) for value in values):
             label = self.rules.name
             raise ExpressionError(self._now.offset, f"in {label} only values above 0.5 are true: write a comparison")

@@ -161,6 +161,6 @@ def decode(data: bytes) -> str:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """Return the text of a file with LF line ends and a final one."""
+    """Return the text of a file with LF line ends and a final one; raise InputError if the file cannot be read."""
     name = os.fspath(path)
     return decode(normalise(deck_bytes(Path(name), name), name))

@@ -22,24 +22,24 @@ from resgrid.spice.read.files import SourceFile, decode
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 
 LEAST_BYTES = 40_000
-"""Smallest file, in bytes, that takes the fast path by default; below it saves less than a tenth of a second."""
+"""Smallest file, in bytes, that takes the fast path by default; in smaller files it saves less than 0.1 s."""
 
 _BLOCK_BYTES = 2**16
 """Bytes of text that one call of the regular expression splits, which limits the memory of the matches."""
 
 _KINDS = ("resistor", "voltage source", "current source", "capacitor")
 _OTHER, _EMPTY = 254, 255
-"""Codes of lines that are not plain cards: lines for the general reader; blank lines and comments."""
+"""Codes of lines that are not plain cards: `_OTHER` for the general reader, `_EMPTY` for blank lines and comments."""
 
 _CODES: dict[bytes | None, int] = {None: _OTHER}
 _CODES |= {bytes([c]): code for code, letters in enumerate((b"rR", b"vV", b"iI", b"cC")) for c in letters}
 """Index in `_KINDS` for the first letter of a card; `_OTHER` where the expression matched no card."""
 
 _COMMAND, _BACKSLASH, _CONTINUES = 1, 2, 4
-"""Properties of a line, as bits.
+"""Properties of a line, as bits: a command, a backslash, a line that may continue the card before it (``+``).
 
 After a command, and after a backslash, the next card belongs to the general reader, because the line before it decides
-its scope.  A line that may continue the card before it (``+``) leaves that card to the general reader.
+its scope.  A line that may continue a card leaves that card to the general reader.
 """
 
 _NAME = rb"[!#%&*+\-./0-9:<>?@A-Z\[\]^_`a-z|~]"
@@ -58,7 +58,7 @@ _FIRST_WORD = re.compile(rb"[ \t]*+(" + _NAME + rb"*+).*+\n")
 
 
 def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
-    """Yield number and text of every line of a file from a byte offset on."""
+    """Yield the number (counted from 1) and text of every line of a file from the byte offset `start` on."""
     number = data.count(b"\n", 0, start) + 1
     return enumerate(map(decode, data[start:].split(b"\n")), number)
 
@@ -192,7 +192,7 @@ class PlainCards:
         return pending, max(at, stop), stop - 1 if at < stop else last
 
     def other_lines(self, may_take: Callable[[], bool]) -> Iterator[tuple[int, str]]:
-        """Yield number and text of the lines that are not plain cards.
+        """Yield the number (counted from 1) and text of the lines that are not plain cards.
 
         `may_take` is called before every run of plain cards; if it returns False, the run is yielded too.
         """

@@ -17,7 +17,7 @@ MAX_CHAIN = 40
 """Maximum length of a chain of parameters that refer to parameters of later lines; earlier lines are unlimited."""
 
 _MOST_NOTED = 5
-"""Maximum number of notes about parameters without a value, per scope."""
+"""Maximum number of warnings about parameters without a value, per scope."""
 
 MAX_CALLS = 10_000
 """Maximum number of calls of the deck's functions during the evaluation of one value."""
@@ -93,8 +93,8 @@ class Block:
 class TemperatureUse:
     """Record of an evaluation.
 
-    `used`: whether it used the simulation temperature; `unsupported`: a function or operator in it that the dialect
-    does not support together with the temperature, or an empty string.
+    `used`: whether the evaluation used the simulation temperature; `unsupported`: a function or operator in the
+    expression that the dialect does not support together with the temperature, or an empty string.
     """
 
     used: bool = False
@@ -315,7 +315,7 @@ class Scope:
             self._busy.pop()
 
     def _note_unsupported(self, name: str) -> None:
-        """Record a function or operator that the dialect does not support in expressions of the temperature."""
+        """Record the function or operator `name` if the dialect does not support it together with the temperature."""
         if self.built_ins is not None and (name in self.built_ins.words.cold or " of " in name):
             self.built_ins.use.add(TemperatureUse(unsupported=name))
 

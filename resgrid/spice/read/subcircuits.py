@@ -29,7 +29,7 @@ MAX_ELEMENTS = 20_000_000
 """Maximum number of elements after the expansion of subcircuits."""
 
 FREE_GROWTH, MAX_GROWTH = 500_000, 5000
-"""Number of elements that every deck may expand to, and number per card that large decks may expand to."""
+"""Maximum number of elements after expansion: `FREE_GROWTH`, or `MAX_GROWTH` per card if that is more."""
 
 _OWN_MULTIPLIER = re.compile(r"^[^vs].*[\s,]m\s*=", re.IGNORECASE)
 
@@ -87,7 +87,7 @@ class Expander:
         return Elements(nodes, self.nominal, self.heating)
 
     def fill(self, scope: Scope, elements: Elements, cards: Iterable[Card]) -> None:
-        """Add the elements of the cards of a block, with instances expanded; CardErrors are collected."""
+        """Add the elements of `cards`, with instances expanded, to `elements`; errors of cards are collected."""
         groups: dict[FlatSubcircuit, list[tuple[Instance, float]]] = {}
         names: set[str] = set()
         for card in cards:
@@ -233,7 +233,7 @@ class Expander:
         inner: list[Scope] = []
 
         def looked_up(name: str) -> float | None:
-            """Return the value of a name at the instance, in some dialects inside the subcircuit; None if undefined."""
+            """Return the value of a name outside the subcircuit, in some dialects else inside; None if undefined."""
             names.add(name)
             value = scope.named(name)
             if value is None and instance.card.rules.words.inner_names and name != setting.key:
@@ -258,7 +258,7 @@ class Expander:
         ordered: dict[str, Setting] = {}
 
         def visit(setting: Setting, path: tuple[str, ...]) -> None:
-            """Add the parameters that a value refers to, then the parameter itself (depth first)."""
+            """Add the parameters that a value refers to, then the parameter itself; `path`: keys of the callers."""
             for name in sorted(names_in(setting.values[0].text)):
                 if name in last and name not in ordered and name not in path and not scope.defines(name):
                     visit(last[name], (*path, name))

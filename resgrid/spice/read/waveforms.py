@@ -11,7 +11,7 @@ from resgrid.spice.read.cards import Card, Token
 from resgrid.spice.read.scopes import Scope
 
 _DELAYS = {"pulse": (2,), "sin": (3,), "sine": (3,), "exp": (2, 4), "pwl": (), "sffm": ()}
-"""Supported waveforms, and the indices of their values that are delays."""
+"""Indices of the values that are delays, by the name of each supported waveform."""
 
 _OTHER_WAVEFORMS = frozenset(
     ("am", "trnoise", "trrandom", "external", "pat", "pattern", "prbs", "wavefile", "port", "lfsr", "trrand", "pwlz")

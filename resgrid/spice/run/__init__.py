@@ -12,7 +12,7 @@ SIMULATED = "ngspice"
 """Name of the dialect that all engines read."""
 
 ENGINES: dict[str, Callable[..., SimulatorRun]] = {"ngspice": simulate, "eecircuit": simulate_eecircuit}
-"""Function of each engine that computes the operating point of a deck's content."""
+"""Function that computes the operating point of a deck's content, by the name of the engine."""
 
 
 def engine_named(name: str) -> Callable[..., SimulatorRun]:

@@ -40,9 +40,9 @@ class Forecast:
     """Estimated cost of a simulator run.
 
     `engine`: ``"ngspice"`` (Markowitz ordering), ``"ngspice-klu"`` or ``"eecircuit"`` (both KLU); `seconds`: wall-clock
-    time, accurate to a factor of about three; `memory`: peak, in bytes; `core_nodes`: nodes of the core, whose
-    elimination causes fill-in (without dangling trees and nodes of known voltage); `core_width`: core nodes per
-    breadth-first level.
+    time, accurate to a factor of about three; `memory`: peak memory, in bytes; `core_nodes`: number of nodes of the
+    core, whose elimination causes fill-in (without dangling trees and nodes of known voltage); `core_width`: core nodes
+    per breadth-first level.
     """
 
     engine: str

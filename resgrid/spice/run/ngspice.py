@@ -39,7 +39,7 @@ _MAX_SECONDS = 2**31
 _MAX_COMPLAINTS = 10
 """Maximum number of a simulator's messages that a result contains."""
 MAX_ASCENT = 8
-"""Maximum number of ``..`` in the name of an included file; the deck runs in a folder at this depth."""
+"""Maximum number of ``..`` in the name of an included file; the deck runs in a folder at this nesting depth."""
 _VERSION = re.compile(r"ngspice-(\d[\w.+-]*)")
 _COMPLAINT = re.compile(
     r"warning|error|fatal|singular|gmin|source step|transient op|no convergence|timestep|abort|fail|unable|cannot|"
@@ -59,7 +59,7 @@ _BOM = b"\xef\xbb\xbf"
 _COMMANDS = rb"\*#|\*ng_script|\.(?:control|exec|csparam)\w*"
 _FILES, _MODELS, _CODE_MODELS = rb"|\.(?:inc|lib)\w*", rb"|\.(?:model|func)\w*", rb"|(?<=\n)[ \t\v\f]*a\S*"
 VERSIONS = ("39", "46")
-"""Versions that resgrid is tested with: those of Debian 12 and of its backports."""
+"""Versions of ngspice that resgrid is tested with: those of Debian 12 and of its backports."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,9 +60,9 @@ class FlatDeck:
 class Additions:
     """Changes of a deck's lines that analyses require.
 
-    `suffix`: text appended to the line of a voltage source (a waveform), by the source's index in the netlist; `first`:
-    text appended to the first voltage source that the deck holds; `spread`: relative standard deviation of the
-    resistances, which the simulator draws; 0 for fixed values.
+    `suffix`: text appended to the line of a voltage source (a waveform), by the netlist index of the source; `first`:
+    text appended to the voltage source in the deck with the lowest netlist index; `spread`: relative standard deviation
+    of the resistances, which the simulator draws; 0 for fixed values.
     """
 
     suffix: Mapping[int, str] = field(default_factory=dict)

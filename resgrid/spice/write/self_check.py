@@ -62,7 +62,10 @@ def format_self_check(name: str, deck: FlatDeck, expected: Expected, sha256: str
 
 
 def _errors(function: str, values: Mapping[str, float], scale: float) -> list[str]:
-    """Return expressions for the errors relative to `scale`; `values`: expected value of each name."""
+    """Return expressions for the errors of simulated values, relative to `scale`.
+
+    `function`: beginning of a simulated value's name, such as ``op1.v``; `values`: expected value by name.
+    """
     return [
         f" abs({function}({name}){'-' if value >= 0 else '+'}{abs(value)!r})/{scale!r}"
         for name, value in values.items()

@@ -30,7 +30,7 @@ from resgrid.spice.write.flat import FlatDeck
 SCHEMA = 1
 """Version of the sidecar's format."""
 _BLOCK_LINES = 16
-"""Number of lines per hashed block of a deck."""
+"""Number of lines in each hashed block of a deck."""
 _BLOCK_DIGITS = 16
 """Number of hexadecimal digits of a block's hash that a sidecar contains."""
 _MAX_BYTES = 2**31
@@ -101,7 +101,7 @@ def expect(deck: FlatDeck, op: OperatingPoint) -> Expected:
 
 
 def digest(data: bytes) -> str:
-    """Return the SHA-256 of bytes in hexadecimal."""
+    """Return the SHA-256 of bytes as 64 hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()
 
 
@@ -213,7 +213,10 @@ def _own_version() -> str:
 
 
 def read_sidecar(deck: Path) -> Sidecar:
-    """Read and validate the sidecar of a deck; raise InputError if it is damaged."""
+    """Return the validated content of a deck's sidecar; raise InputError if the sidecar is damaged.
+
+    `deck`: path of the deck.
+    """
     path = sidecar_path(deck)
     data = read_bytes(path, _MAX_BYTES)
     own = _OWN.search(data)
@@ -258,7 +261,7 @@ def altered_lines(data: bytes, sidecar: Sidecar) -> list[tuple[int, int]]:
 def altered_files(data: bytes, sidecar: Sidecar) -> list[str]:
     """Return a finding for each file that differs from the written one: the deck, its sidecar and further files.
 
-    `data`: content of the deck.  Further files that are absent are not a finding.
+    `data`: content of the deck.  A further file that is absent is not a finding.
     """
     name = sidecar.path.name
     problems = []
@@ -277,7 +280,10 @@ def altered_files(data: bytes, sidecar: Sidecar) -> list[str]:
 
 
 def with_parts(deck: Path, data: bytes, sidecar: Sidecar) -> bytes:
-    """Return the content of a tile deck with its included files inserted; `data`: content of the main file."""
+    """Return the content of a tile deck with its included files inserted.
+
+    `deck, data`: path and content of the main file.
+    """
     include = dialect_named(sidecar.dialect).include
     for name in sidecar.files:
         part = deck.with_name(Path(name).name)

@@ -136,7 +136,7 @@ def _wall(tiles: Tiles, axis: int) -> str:
 def _neighbour_state(tiles: Tiles, axis: int) -> str:
     """Return the name of a tile's parameter for the state of the next tile along an axis.
 
-    On a grid of one axis the name ``state_0`` is taken by the state of cell 0.
+    On a grid with one axis, the name ``state_0`` belongs to the state of cell 0, so ``state_beside`` is used.
     """
     return f"state_{axis}" if len(tiles.shape) > 1 else "state_beside"
 

@@ -28,7 +28,7 @@ from resgrid.scene.chip import Chip
 from resgrid.spice.write.flat import resistances, rounded
 
 RAILS = ("obstacle", "goal")
-"""Rails that every tile has a switch to."""
+"""Rails to which every tile has a switch; a rail is a node of fixed voltage that all tiles share."""
 SWITCHES = (*RAILS, "internodal")
 """Kinds of switches of a tile: to the obstacle rail, to the goal rail, and in series with the resistors."""
 ENDS = ("on", "off")
@@ -73,7 +73,7 @@ class Tiles:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of cells along each axis."""
+        """Number of cells of the grid along each axis."""
         return self.netlist.cells.space.shape
 
     @property
