@@ -108,11 +108,12 @@ def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
 class Loops:
     """Elements that close loops of voltage sources, inductors and resistors of 0 ohm.
 
-    The spanning tree takes voltage sources first, then inductors, then resistors: the last element of a loop closes it.
+    The spanning tree takes voltage sources first, then inductors, then resistors.  The last element of a loop closes
+    it.
 
     `sources, inductors, shorts`: indices of the voltage sources, the inductors (which are voltage sources, too) and the
-    resistors that close a consistent loop; `contradictions`: kind and index of each element whose voltage contradicts
-    the loop, and the difference in volts.
+    resistors that close a consistent loop (with a voltage sum of zero); `contradictions`: kind and index of each
+    element whose voltage contradicts the loop, and the difference in volts.
     """
 
     sources: NDArray[np.int64]
@@ -143,7 +144,7 @@ def loops_of(circuit: Circuit) -> Loops:
 def loop_voltages(
     ends: NDArray[np.int32], volts: NDArray[np.float64], node_count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return for every voltage source a voltage difference, whether it closes a loop, and whether it contradicts it.
+    """Return, for every voltage source, a voltage difference, whether it closes a loop, and whether it contradicts it.
 
     The difference, in volts, is that between the source and earlier sources in a spanning forest in which earlier
     sources come first.  Shapes: `ends` (sources, 2): nodes; `volts` (sources,): voltages; returns three arrays

@@ -134,8 +134,8 @@ def _check_own(
 ) -> Agreement:
     """Return the comparison of a deck that resgrid wrote with its sidecar or with the solution of a scene.
 
-    `path, data`: path and content of the deck; `sidecar`: None if it is missing; `reference`: solution of the scene,
-    None to compare with the sidecar; `dialect`: dialect of a deck without sidecar.
+    `path, data`: path and content of the deck; `sidecar`: content of the sidecar, None without a sidecar; `reference`:
+    solution of the scene, None to compare with the sidecar; `dialect`: dialect of a deck without sidecar.
     """
     name = dialect_named((SIMULATED if dialect == "auto" else dialect) if sidecar is None else sidecar.dialect).name
     findings = [] if sidecar is None else altered_files(data, sidecar)

@@ -145,7 +145,7 @@ def _gather_includes(deck: Path, data: bytes, root: Path) -> dict[str, bytes]:
 def _names(path: Path, data: bytes) -> Iterator[str]:
     """Yield the file names in the lines that include files; raise InputError for a name that is not plain.
 
-    `path`: path of the file, for messages; `data`: its content.
+    `path`: path of the file, for messages; `data`: content of the file.
     """
     lone = _LONE_RETURN.search(data)
     if lone is not None:

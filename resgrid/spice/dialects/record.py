@@ -133,7 +133,7 @@ class Refusals:
     encodings : frozenset of str
         Encodings of files that end the run: ``"latin-1"``, ``"utf-16"``, ``"cr"`` (carriage returns between lines).
     commas : bool
-        Whether a comma directly after a value and before the next name ends the run.
+        Whether the simulator hangs at a comma directly after a value and before the next name.
     idle_parameters : bool
         Whether a parameter without a value ends the run even if no expression refers to it.
     redefinitions : bool

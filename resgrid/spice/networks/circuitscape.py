@@ -181,7 +181,7 @@ def _habitat(job: Configuration) -> NDArray[np.float64]:
 def _siemens(cells: NDArray[np.float64], measure: Measure) -> NDArray[np.float64]:
     """Return the conductance of every cell in S, 0 for an empty cell (NaN); shape (rows, columns).
 
-    `cells` (rows, columns): values of the raster; `measure`: their quantity, "resistance" or "conductance".
+    `cells` (rows, columns): values of the raster; `measure`: quantity of the values, "resistance" or "conductance".
     """
     with np.errstate(divide="ignore"):
         return np.where(np.isnan(cells), 0.0, cells if measure == "conductance" else 1.0 / cells)

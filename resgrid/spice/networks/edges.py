@@ -162,7 +162,7 @@ def read_edges(
 
 
 def _accumulate(sums: NDArray[np.float64], nodes: list[int], values: NDArray[np.float64], last_counts: bool) -> None:
-    """Add the values to `sums` at their nodes in place, or with `last_counts` assign the last value of each node.
+    """Add the values to `sums` at the given nodes in place, or with `last_counts` assign the last value of each node.
 
     `sums` (nodes,): result; `nodes` (rows,), `values` (rows,): node and value of each row.
     """

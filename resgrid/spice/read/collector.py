@@ -53,7 +53,7 @@ class Collector:
     """The reader of a deck's files.
 
     `library`: opens the include files; `contents`: receives the cards; `quick`: whether plain cards (``name node node
-    value``) outside subcircuits take the fast path; `plain`: the plain cards of each file.
+    value``) outside subcircuits are read in bulk; `plain`: the plain cards of each file.
     """
 
     library: Library
@@ -138,9 +138,9 @@ class Collector:
         return cards(lines, source, self.contents.rules, self.contents.diagnostics)
 
     def _lines(self, source: SourceFile, start: int) -> Iterator[tuple[int, str]]:
-        """Return number and text of the lines of a file from the byte offset `start` on.
+        """Return the number and text of every line of a file from the byte offset `start` on.
 
-        On the fast path, the lines of plain cards are left out and kept in `plain`.
+        If plain cards are read in bulk, the result does not contain their lines, and the cards are added to `plain`.
         """
         words = self.contents.rules.words
         misread = words.misread.get("node", frozenset()) | words.common_nodes

@@ -134,7 +134,7 @@ class Contents:
             block.parameters[setting.key] = Definition(card, setting.values[0])
 
     def note_comma(self, card: Card, pairs: list[Setting]) -> None:
-        """Add a warning if a comma follows a value directly and the dialect's simulator does not end the value there.
+        """Add a warning if a comma directly after a value makes the dialect's simulator hang.
 
         `pairs`: the assignments ``key=value`` of `card`.
         """

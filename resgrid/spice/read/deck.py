@@ -118,7 +118,7 @@ def read_with(
     least_bytes: int = LEAST_BYTES,
     rules: ReadingRules | None = None,
 ) -> Circuit:
-    """Return the circuit of a deck; files of at least `least_bytes` bytes take the fast path for plain cards.
+    """Return the circuit of a deck; in files of at least `least_bytes` bytes, plain cards are read in bulk.
 
     `path`: path or open file; `dialect`: name of the dialect, or "auto"; `root`: folder that must contain all included
     files; `max_elements`: maximum number of elements after expansion; `rules`: replaces the rules of the dialect.

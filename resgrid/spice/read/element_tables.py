@@ -36,11 +36,11 @@ For other kinds the multiplier multiplies the first value, and for voltage sourc
 
 @dataclass(eq=False)
 class NodeTable:
-    """Node numbers of a block by name, regardless of case; a node keeps the spelling of its first use.
+    """Node numbers of a block (the deck or a subcircuit) by name, regardless of case.
 
-    `grounds`: names of ground in lower case; `exact`: whether the dialect is case-sensitive; `clashes`: names that
-    differ from earlier ones only by case in a case-sensitive dialect; `names`: names of the nodes by number; `aliases`:
-    other names of ground that were used.
+    A node keeps the spelling of its first use.  `grounds`: names of ground in lower case; `exact`: whether the dialect
+    is case-sensitive; `clashes`: names that differ from earlier ones only by case in a case-sensitive dialect; `names`:
+    names of the nodes by number; `aliases`: other names of ground that were used.
     """
 
     grounds: frozenset[str]
@@ -165,7 +165,7 @@ Row = tuple[str, tuple[int, ...], tuple[float, ...], tuple[int, int]]
 
 @dataclass(eq=False)
 class Elements:
-    """The elements of a block: single elements in `rows`, arrays of elements in `parts`, both by kind.
+    """The elements of a block (the deck or a subcircuit): single elements in `rows`, arrays in `parts`, both by kind.
 
     `nodes`: node numbers of the block; `nominal`: nominal temperature, in degrees Celsius; `heating`: temperature of
     the deck minus nominal temperature, in kelvin.

@@ -48,7 +48,7 @@ REFUSED = {
     "n": "a device of its simulator's own",
     "a": "a code model",
 }
-"""Descriptions of the elements that cannot be read, by their letter."""
+"""Descriptions of the elements that cannot be read, by the first letter of the card."""
 
 _SEVERAL = frozenset({"tc"})
 _WARM_KEYS = frozenset({"r", "resistance", "c", "l"})
@@ -141,8 +141,8 @@ def multiplier(card: Card, value: float) -> float:
 def _split(card: Card, scope: Scope, known: str = "") -> Element:
     """Return the parts of the card of an element with two nodes.
 
-    `known`: the keys of this kind of element besides the common ones, separated by blanks; if it is empty, no value is
-    evaluated.
+    `scope`: parameter values of the block; `known`: the keys of this kind of element besides the common ones, separated
+    by blanks; if `known` is empty, no value is evaluated.
     """
     tokens = tokenise(card)
     if card.rules.instances:

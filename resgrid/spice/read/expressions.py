@@ -60,7 +60,7 @@ class ReservedNameError(ValueError):
 class _Token(NamedTuple):
     """A token of an expression.
 
-    `kind`: "number", "name", "operator" or "end"; `text`: its characters; `offset`: position of `text` in the
+    `kind`: "number", "name", "operator" or "end"; `text`: characters of the token; `offset`: position in the
     expression.
     """
 
@@ -104,7 +104,7 @@ def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> floa
 def _names(text: str, exact: bool) -> tuple[str, ...] | None:
     """Return the parameter names in an expression, in order; None if the expression calls functions.
 
-    The deck itself may define functions, so such an expression needs the evaluation by tokens. `exact`: whether names
+    The deck itself may define functions, so such an expression needs the evaluation by tokens.  `exact`: whether names
     of Spectre's constants keep their case.
     """
     tokens = _tokens(text)
@@ -376,7 +376,10 @@ def _no_function(token: _Token, rules: ReadingRules) -> ExpressionError:
 
 
 def _built_in(token: _Token, values: list[float], rules: ReadingRules) -> float:
-    """Return the value of a built-in function of the dialect; `token`: its name; `values`: its arguments."""
+    """Return the value of a built-in function of the dialect.
+
+    `token`: name of the function; `values`: values of the arguments.
+    """
     own = rules.functions.get(token.text.lower())
     if own is None:
         raise _no_function(token, rules)

@@ -97,7 +97,7 @@ def _infix(text: str, rules: ReadingRules) -> Numeral | str | None:
 def _checked(text: str, value: float, digits: str, warning: str) -> Numeral | str:
     """Return the numeral `value` with its warning, or an error message if the value overflows or underflows.
 
-    `text`: the numeral as written; `digits`: its digits.
+    `text`: the numeral as written; `digits`: digits of the numeral without sign and exponent.
     """
     if math.isinf(value):
         return f"{text} is larger than the largest double (1.8e308)"

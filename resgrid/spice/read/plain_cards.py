@@ -22,14 +22,17 @@ from resgrid.spice.read.files import SourceFile, decode
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 
 LEAST_BYTES = 40_000
-"""Smallest file, in bytes, that takes the fast path by default; in smaller files it saves less than 0.1 s."""
+"""Smallest file, in bytes, whose plain cards are read in bulk by default.
+
+In smaller files this saves less than 0.1 s.
+"""
 
 _BLOCK_BYTES = 2**16
 """Bytes of text that one call of the regular expression splits, which limits the memory of the matches."""
 
 _KINDS = ("resistor", "voltage source", "current source", "capacitor")
 _OTHER, _EMPTY = 254, 255
-"""Codes of lines that are not plain cards: `_OTHER` for the general reader, `_EMPTY` for blank lines and comments."""
+"""Codes of lines that are not plain cards: `_OTHER` for the card-by-card reader, `_EMPTY` for blanks and comments."""
 
 _CODES: dict[bytes | None, int] = {None: _OTHER}
 _CODES |= {bytes([c]): code for code, letters in enumerate((b"rR", b"vV", b"iI", b"cC")) for c in letters}
@@ -38,8 +41,8 @@ _CODES |= {bytes([c]): code for code, letters in enumerate((b"rR", b"vV", b"iI",
 _COMMAND, _BACKSLASH, _CONTINUES = 1, 2, 4
 """Properties of a line, as bits: a command, a backslash, a line that may continue the card before it (``+``).
 
-After a command, and after a backslash, the next card belongs to the general reader, because the line before it decides
-its scope.  A line that may continue a card leaves that card to the general reader.
+The card after a command or a backslash goes to the card-by-card reader, because the line before it decides its scope.
+A line that may continue a card sends that card to the card-by-card reader.
 """
 
 _NAME = rb"[!#%&*+\-./0-9:<>?@A-Z\[\]^_`a-z|~]"
@@ -72,11 +75,11 @@ def _blocks(data: bytes, start: int) -> Iterator[tuple[int, int]]:
 
 
 class PlainCards:
-    """The plain cards of a file, and the other lines of the file.
+    """The plain cards of a file (``name node node value`` on one line), which are read in bulk, and the other lines.
 
     `_code` (lines,): index in `_KINDS`, `_OTHER` or `_EMPTY`; `_start` (lines,): byte offset; `_value` (lines,): ohms,
     volts, amperes or farads, NaN for other lines; `_spelling` (lines, 2): number of each node's spelling in
-    `_spellings`; `_is_taken` (lines,): whether the fast path has consumed the line.
+    `_spellings`; `_is_taken` (lines,): whether the line has been read in bulk.
     """
 
     def __init__(self, source: SourceFile, start: int, rules: ReadingRules) -> None:
@@ -99,7 +102,7 @@ class PlainCards:
         self._is_taken = np.zeros(lines, dtype=np.bool_)
 
     def _scan(self) -> None:
-        """Fill the arrays of codes, offsets, values and spellings, block by block."""
+        """Fill the arrays with the code, offset, value and node spellings of every line, block by block."""
         data, first = self._source.data, 0
         name = _NAME_WITHOUT_SLASHES if data.find(b"//", self._offset) >= 0 else _NAME  # // may begin a comment
         pattern = re.compile(_LINE.replace(b"NAME", name), re.VERBOSE)
@@ -124,14 +127,14 @@ class PlainCards:
     def _reject_keys(self, first: int, keys: list[bytes | None]) -> None:
         """Mark a card as `_OTHER` if its value has the key of another kind, such as a source with ``R=``.
 
-        `first`: index of the first line of a block; `keys`: key of the value in each line, None or empty without one.
+        `first`: index of the first line of a block; `keys`: key of the value in each line, None or empty without a key.
         """
         for line, key in enumerate(keys, first):
             if key and self._code[line] not in ((0,) if key[1:2] == b"=" else (1, 2)):
                 self._code[line] = _OTHER
 
     def _values(self, decimals: list[bytes], suffixed: list[bytes]) -> NDArray[np.float64]:
-        """Return the values (lines,) of a block's lines in SI units; NaN or infinity for cards of the general reader.
+        """Return the values (lines,) of a block's lines in SI units; NaN or infinity for cards that are not plain.
 
         `decimals, suffixed`: texts of the values without and with a suffix, per line.
         """
@@ -212,7 +215,7 @@ class PlainCards:
         return self._number + line, decode(data[start : data.index(b"\n", start)])
 
     def add_to(self, elements: Elements) -> None:
-        """Add the plain cards that the fast path has consumed to the elements of the deck."""
+        """Add the plain cards that have been read in bulk to the elements of the deck."""
         taken = np.flatnonzero(self._is_taken & self._is_plain)
         number, names, first = self._nodes(taken)
         file = self._source.number
@@ -263,7 +266,7 @@ def _parsed(parse: Callable[[bytes], float], words: list[bytes]) -> NDArray[np.f
 
 
 class _SuffixedValues(dict[bytes, float]):
-    """Values of numerals with a suffix, each parsed once; NaN if the general reader has an error or a warning."""
+    """Values of numerals with a suffix, each parsed once; NaN if the card-by-card reader has an error or a warning."""
 
     def __init__(self, rules: ReadingRules) -> None:
         super().__init__()

@@ -67,7 +67,7 @@ class FlatSubcircuit:
 
 @dataclass(eq=False)
 class Expander:
-    """Expansion of blocks; each block is flattened once per set of parameter values.
+    """Expansion of blocks (the deck and its subcircuits); each is flattened once per set of parameter values.
 
     `contents`: content of the deck; `nominal`: nominal temperature of the deck, in degrees Celsius; `heating`:
     simulation temperature minus nominal temperature, in kelvin; `used`: names of the subcircuits with instances.
@@ -82,7 +82,7 @@ class Expander:
     _sizes: dict[Block, int] = field(default_factory=dict)
 
     def elements(self) -> Elements:
-        """Return an empty collection of elements for a block."""
+        """Return an empty collection of elements for a block, with the deck's names of ground and temperatures."""
         nodes = NodeTable(self.contents.grounds, exact=self.contents.rules.instances)
         return Elements(nodes, self.nominal, self.heating)
 
@@ -311,7 +311,7 @@ class Expander:
     def _flat(self, instance: Instance, given: dict[str, float], outer: Scope) -> FlatSubcircuit:
         """Return the flattened subcircuit of an instance.
 
-        `given`: parameter values that it passes; `outer`: its scope.
+        `given`: parameter values that the instance passes, by name; `outer`: scope that contains the instance.
         """
         block = instance.block
         key = (outer, block, tuple(sorted(given.items())))

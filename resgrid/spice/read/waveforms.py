@@ -72,7 +72,7 @@ def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
 
 
 def _waveform(card: Card, token: Token, rest: list[Token], scope: Scope) -> tuple[Token, list[float], dict[str, float]]:
-    """Consume the values of a waveform from `rest`; return its token, its values, and its values with a key.
+    """Consume the values of a waveform; return its name's token, its values without a key, and its values by key.
 
     `token`: name of the waveform; `rest`: the remaining tokens of the card, in reverse order.
     """
@@ -95,12 +95,15 @@ def _waveform(card: Card, token: Token, rest: list[Token], scope: Scope) -> tupl
 
 
 def _takes(rest: list[Token], mark: str) -> bool:
-    """Consume `mark` if it is the next token; return whether it was; `rest`: remaining tokens, in reverse order."""
+    """Consume the next token if it is `mark`; return whether it was; `rest`: the remaining tokens, in reverse order."""
     return bool(rest) and rest[-1].is_mark(mark) and bool(rest.pop())
 
 
 def _number(card: Card, after: Token, rest: list[Token], scope: Scope) -> float:
-    """Consume the next token and return its value; `after`: the word before it; `rest`: tokens in reverse order."""
+    """Consume the next token and return its value.
+
+    `after`: the word before the number, for the message; `rest`: the remaining tokens, in reverse order.
+    """
     if not rest:
         raise card.error(after.offset, f"{after.text!r} has no value")
     return scope.number(card, rest.pop())
@@ -114,7 +117,7 @@ def _begins_number(token: Token) -> bool:
 def _at_zero(card: Card, token: Token, values: list[float], keys: dict[str, float]) -> float:
     """Return the value of a waveform at time 0, in volts or amperes; raise CardError where simulators disagree.
 
-    `token`: name of the waveform; `values`: its values without a key; `keys`: its values with a key.
+    `token`: name of the waveform; `values`: values of the waveform without a key; `keys`: values with a key, by key.
     """
     text = token.text
     delays = [*(values[i] for i in _DELAYS[text.lower()] if i < len(values)), keys.get("td", 0.0)]

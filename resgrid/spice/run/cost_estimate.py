@@ -118,7 +118,7 @@ def core_of(circuit: Circuit) -> tuple[int, float]:
 
 
 def _strip_leaves(graph: Any, degree: NDArray[np.int64]) -> None:
-    """Remove nodes with one neighbour repeatedly, by setting their `degree` to 0 in place.
+    """Remove nodes with one neighbour repeatedly, which sets the `degree` of removed nodes to 0 in place.
 
     `graph`: compressed sparse rows of the symmetric adjacency; `degree` (nodes,): number of neighbours of every node.
     """

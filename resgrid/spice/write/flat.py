@@ -85,9 +85,9 @@ def flatten(
     """Return the flat deck of a netlist.  The text does not depend on the order of the netlist's elements.
 
     `dialect`: name of the dialect; `title`: first line, None for a description of the netlist; `additions`: changes
-    that analyses require.  Floating nodes, the elements that touch them, and sources that close a consistent loop are
-    omitted.  Raises InputError for an unknown dialect, an overflowing resistance or a netlist without grounded nodes,
-    and CircuitError for a current source that drives a floating part.
+    that analyses require.  Floating nodes, the elements that touch floating nodes, and sources that close a consistent
+    loop are omitted.  Raises InputError for an unknown dialect, an overflowing resistance or a netlist without grounded
+    nodes, and CircuitError for a current source that drives a floating part.
     """
     rules = dialect_named(dialect)
     held = _grounded_nodes(netlist)
