@@ -338,7 +338,10 @@ class Circuit:
         )
 
     def _refuse_inadmissible(self, resistance: NDArray[np.float64]) -> None:
-        """Raise InputError for resistances (m,) that are negative, not finite, or too small to invert."""
+        """Raise InputError if a resistance is negative, not finite, or too small to invert.
+
+        `resistance` (m,): in ohms.
+        """
         with np.errstate(divide="ignore", over="ignore"):
             wrong = ~np.isfinite(resistance) | (resistance < 0) | ((resistance > 0) & ~np.isfinite(1.0 / resistance))
         if wrong.any():

@@ -24,8 +24,8 @@ from resgrid.spice.read.subcircuits import Expander
 def assemble_deck(collector: Collector, source: SourceFile, limit: int | None) -> Circuit:
     """Return the circuit of the collected cards.
 
-    `source`: file of the deck; `limit`: maximum number of elements after expansion, None for a limit that grows with
-    the number of cards.
+    `collector`: the cards; `source`: file of the deck; `limit`: maximum number of elements after expansion, None for a
+    limit that grows with the number of cards.
     """
     contents, diagnostics = collector.contents, collector.contents.diagnostics
     scope = Scope(contents.top, diagnostics, built_ins=contents.built_ins())

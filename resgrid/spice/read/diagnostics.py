@@ -72,13 +72,16 @@ class Diagnostics:
     def refuse(self, spot: Spot, text: str) -> None:
         """Add a warning about deck text that can be read here but stops the dialect's own simulator.
 
-        `text`: the message.
+        `spot`: position of the deck text; `text`: the message.
         """
         self._outcomes[text] = "fails"
         self._note("warning", spot, text, 1)
 
     def warn_ignored(self, spot: Spot, text: str) -> None:
-        """Add a warning about deck text that is ignored here but may change the result of the dialect's simulator."""
+        """Add a warning about deck text that is ignored here but may change the result of the dialect's simulator.
+
+        `spot`: position of the deck text; `text`: the message.
+        """
         self._outcomes[text] = "unsure"
         self._note("warning", spot, text, 1)
 

@@ -247,7 +247,7 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
 
 
 def _refuse_unspaced(card: Card, pairs: list[Setting]) -> None:
-    """Raise CardError for a list of values that the dialect's simulator misreads.
+    """Raise CardError if a list of values in `pairs` is one that the dialect's simulator misreads.
 
     Such a list is in parentheses, without blanks, or has a second value that begins with a point.
     """

@@ -307,7 +307,10 @@ class Scope:
         return self._value_of(definition, key, lambda name: given[name] if name in given else other_names(name))
 
     def _value_of(self, definition: Definition, key: str, lookup: Lookup) -> float:
-        """Return the value of a definition; `key`: name on the stack of evaluations, which detects cycles."""
+        """Return the value of a definition; raise CardError if it has none.
+
+        `key`: name on the stack of evaluations, which detects cycles; `lookup`: returns the value of a name, or None.
+        """
         self._busy.append(key)
         try:
             return self._evaluated(definition.card, definition.token, lookup)
@@ -320,7 +323,10 @@ class Scope:
             self.built_ins.use.add(TemperatureUse(unsupported=name))
 
     def _evaluated(self, card: Card, token: Token, lookup: Lookup) -> float:
-        """Return the value of the expression `token`; raise CardError at the position of an error in it."""
+        """Return the value of the expression `token`, a token of `card`; raise CardError at the position of an error.
+
+        `lookup`: function that returns the value of a name, or None.
+        """
         for operator in card.rules.words.cold & set(token.text):
             self._note_unsupported(operator)
         try:
@@ -338,9 +344,9 @@ class Scope:
         return self if self.block is block or self.outer is None else self.outer.scope_of(block)
 
     def number(self, card: Card, token: Token, lookup: Lookup | None = None) -> float:
-        """Return the value of a numeral, name or expression.
+        """Return the value of a numeral, name or expression; raise CardError if it has none.
 
-        `lookup`: returns the value of a name, by default in this scope.
+        `token`: a token of `card`; `lookup`: function that returns the value of a name, by default in this scope.
         """
         computed = lookup is not None
         lookup = lookup or self.named

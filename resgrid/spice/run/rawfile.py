@@ -92,7 +92,10 @@ def raw_of(op: OperatingPoint) -> RawFile:
 
 
 def format_raw(raw: RawFile, *, title: str = "resistor network", form: str = "binary") -> bytes:
-    """Return the content of a raw file that holds one plot; `form`: ``"binary"`` or ``"ascii"``."""
+    """Return the content of a raw file that holds one plot.
+
+    `title`: title of the file; `form`: ``"binary"`` or ``"ascii"``.  Raises InputError for another form.
+    """
     if form not in FORMS:
         raise InputError(f"form = {form!r} is not a form of a raw file; choose {' or '.join(FORMS)}")
     points, variables = raw.values.shape

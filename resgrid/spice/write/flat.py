@@ -237,7 +237,7 @@ def _lines_of(
     """Return the lines of the elements of one kind.
 
     `chosen` (m,): netlist indices of the elements; `names` (node_count,): deck names of all nodes; `columns`: names of
-    the elements and values of resistors, m texts each.
+    the elements and values of resistors, m texts each; `additions`: changes that analyses require.
     """
     template: str = getattr(rules, kind.replace(" ", "_"))
     first, second = getattr(netlist, ELEMENTS[kind][0])[chosen].T.tolist()

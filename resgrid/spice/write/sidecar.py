@@ -67,7 +67,10 @@ class Expected:
 
     @staticmethod
     def of(op: OperatingPoint, voltage: Mapping[str, float], source_current: Mapping[str, float]) -> Expected:
-        """Return expected voltages (volts) and source currents (amperes) with the scales of an operating point."""
+        """Return expected results with the scales of their tolerances, which are those of an operating point.
+
+        `voltage`: in volts by node; `source_current`: in amperes by voltage source, not finite if undetermined.
+        """
         netlist = op.netlist
         ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
         volts = op.voltage[ends if ends.size else netlist.source_nodes]

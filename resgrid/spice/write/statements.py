@@ -69,7 +69,10 @@ def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect) ->
 
 
 def _check_alike(before: Netlist, after: Netlist) -> None:
-    """Raise InputError unless two scenes have the same elements, apart from the values of resistors and sources."""
+    """Raise InputError unless two scenes differ only in the values of resistors and voltage sources.
+
+    `before, after`: netlists of the scenes; their current sources are not compared.
+    """
     for kind in (*_SAME_NODES, *_SAME_VALUES):
         for key in ELEMENTS[kind][1]:
             a, b = (_sums(netlist, kind, key) for netlist in (before, after))

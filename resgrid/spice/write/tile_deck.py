@@ -273,7 +273,8 @@ def _edge_names(tiles: Tiles, labels: Sequence[str]) -> list[str]:
 def _edge_values(rules: Dialect, tiles: Tiles, labels: Sequence[str]) -> list[str]:
     """Return the resistances between edge cells and the obstacle rail as text, in ohms, one per resistor.
 
-    A circuit with walls has expressions of the cell's state instead of numbers.
+    A circuit with walls has expressions of the cell's state instead of numbers.  `labels` (cells,): part of each cell's
+    names, such as ``0_1``.
     """
     ohms = plain(tiles.resistance[tiles.edges])
     if not tiles.wiring.wall_resistance:
