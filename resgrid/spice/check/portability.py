@@ -158,7 +158,8 @@ def _predict_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: li
 def _predict_file(dialect: Dialect, case: _Case) -> _Result:
     """Return outcome, error in volts or None, worst node or None, and reasons for a deck's file.
 
-    The file is read by the simulator's rules, and the resulting circuit is judged.
+    The file is read by the simulator's rules, and the resulting circuit is judged.  `case`: the deck as its own dialect
+    reads it, with the correct voltages.
     """
     label = dialect.label
     found = reread(case.deck, dialect)

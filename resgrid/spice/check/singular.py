@@ -44,7 +44,7 @@ def singularity(circuit: Circuit) -> Singular:
 def _part_singularity(circuit: Circuit, nodes: NDArray[np.int64]) -> Singular:
     """Return "yes", "no" or "unknown": whether elimination finds a zero pivot in one floating part.
 
-    `nodes` (n,): nodes of the part.
+    `nodes` (n,): node numbers of the part.
     """
     inside = {kind: np.isin(ends, nodes).all(axis=1) for kind, ends in circuit.ends.items()}
     if inside["nonlinear resistor"].any():

@@ -47,7 +47,7 @@ def node_link(netlist: Netlist) -> dict[str, Any]:
 
 
 def netlist_arrays(netlist: Netlist) -> dict[str, Any]:
-    """Return the arrays and names of a netlist, as arrays by their keys in an NPZ file."""
+    """Return the contents of an NPZ file of a netlist: arrays of elements and of names, by key."""
     arrays = {name: getattr(netlist, name) for name in _ARRAYS if getattr(netlist, name) is not None}
     arrays["node_names"] = np.array(netlist.names_of(np.arange(netlist.node_count)), dtype=np.str_)
     names = (netlist.element_names or {}).items()

@@ -13,7 +13,7 @@ from resgrid.errors import InputError
 from resgrid.spice.read.files import deck_bytes, decode, normalise
 
 NODATA = -9999.0
-"""Value of a cell that is empty, whatever empty value the header states (as in Circuitscape)."""
+"""Value of an empty cell, even if the header of a raster states another value (as in Circuitscape)."""
 
 _ORIGIN = ("xllcorner", "yllcorner", "xllcenter", "yllcenter")
 _KEYS = frozenset(("ncols", "nrows", *_ORIGIN, "cellsize", "dx", "dy", "nodata_value", "nodata"))

@@ -28,7 +28,7 @@ class Spot:
 
 
 class CardError(InputError):
-    """A card that cannot be read; the message begins with its position."""
+    """Error for a card that cannot be read; the message begins with the position of the error."""
 
     def __init__(self, spot: Spot, text: str) -> None:
         super().__init__(spot, text)
@@ -39,7 +39,7 @@ class CardError(InputError):
 
 
 class DeckError(InputError):
-    """A deck that cannot be read; the message has one line per error."""
+    """Error for a deck that cannot be read; the message has one line per error in the deck."""
 
 
 @dataclass

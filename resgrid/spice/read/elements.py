@@ -132,7 +132,7 @@ def read_nodes(card: Card, tokens: list[Token], count: int) -> tuple[list[str], 
 
 
 def multiplier(card: Card, value: float) -> float:
-    """Return `value`, the number of parallel elements of ``m=``; raise CardError unless it is positive."""
+    """Return `value` (of ``m=``, the number of parallel elements); raise CardError unless it is positive."""
     if value <= 0:
         raise card.error(None, f"m = {value:g} must be positive: it is the number of parallel elements")
     return value

@@ -255,7 +255,10 @@ class PlainCards:
 
 
 def _parsed(parse: Callable[[bytes], float], words: list[bytes]) -> NDArray[np.float64]:
-    """Return the values (words,) that `parse` gives for the words, NaN for a missing word (None or empty)."""
+    """Return the value of each word, shape (words,), NaN for a missing word (None or empty).
+
+    `parse`: returns a value.
+    """
     if all(words):
         return np.fromiter(map(parse, words), np.float64, len(words))
     value = np.full(len(words), np.nan)

@@ -188,7 +188,10 @@ def write_spice(
 def _apply_mismatch(
     circuit: Netlist | OperatingPoint, analyses: Sequence[Analysis]
 ) -> tuple[Netlist | OperatingPoint, list[Analysis]]:
-    """Return the circuit with a mismatch that resgrid draws applied, and the analyses that remain for the simulator."""
+    """Return the circuit with random resistances, if resgrid draws them, and the analyses for the simulator.
+
+    resgrid draws the resistances if `analyses` contains a `MismatchAnalysis` without runs of the simulator.
+    """
     mismatch: MismatchAnalysis | None = only_one(analyses, MismatchAnalysis)
     if mismatch is None or mismatch.runs:
         return circuit, list(analyses)

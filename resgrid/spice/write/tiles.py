@@ -38,7 +38,7 @@ _ON, _OFF = 10.0, 1e10
 
 
 class State(IntEnum):
-    """State of a cell, which sets the switches of its tile."""
+    """State of a cell (free, blocked, goal or driven), which sets the switches of its tile."""
 
     FREE = 0
     BLOCKED = 1
