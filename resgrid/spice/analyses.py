@@ -42,7 +42,7 @@ class OperatingAnalysis:
 @checked
 @dataclass(frozen=True, eq=False)
 class TransientAnalysis:
-    """Transient of the voltages, from the operating point of the deck.
+    """Transient analysis of the voltages, which starts from the operating point of the deck.
 
     Attributes
     ----------
@@ -197,11 +197,33 @@ class MismatchAnalysis:
             raise InputError(f"mismatch: seed = {self.seed} and runs = {self.runs} must not be negative")
 
     def factors(self, netlist: Netlist) -> NDArray[np.float64]:
-        """Return the factors of one chip's resistances, shape (sites on the chip,)."""
+        """Return the random factors of one chip's resistances.
+
+        Parameters
+        ----------
+        netlist : Netlist
+            Netlist of the chip.
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+            Factors with mean 1; n is the number of resistor sites on the chip.
+        """
         return random_sites.mismatch_factors(random_sites.site_count(netlist), self.sigma, self.seed)
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """Return the netlist of the chip with this seed."""
+        """Return the netlist of the chip that belongs to `seed`.
+
+        Parameters
+        ----------
+        netlist : Netlist
+            Netlist of the chip without mismatch.
+
+        Returns
+        -------
+        Netlist
+            The netlist with all resistances multiplied by `factors`.
+        """
         return random_sites.scale_resistances(netlist, self.factors(netlist))
 
 

@@ -21,20 +21,20 @@ KINDS = tuple(ARRAYS)
 """The kinds of element of a `Netlist`."""
 
 TOLERANCE = 1e-9
-"""Largest relative error of a correct result: of a voltage relative to the largest one, of a current likewise."""
+"""Largest error of a correct result, relative to the largest voltage or current of the circuit."""
 
 SHOWN = 5
 """Maximum number of names in a message."""
 
 LISTED = 1000
-"""Maximum number of names in a list."""
+"""Maximum number of node names in the list of a violation."""
 
 CONDUCTING = ("resistor", "voltage source", "nonlinear resistor")
-"""Kinds that conduct at direct current: all but current sources and capacitors."""
+"""Kinds of element that conduct at direct current: all but current sources and capacitors."""
 
 _NOMINAL_TEMPERATURE = 27.0
 _SHARED = tuple(name for names in ARRAYS.values() for name in names if name != "conductance")
-"""Arrays that a circuit has in common with a netlist."""
+"""Names of the arrays that a circuit and a netlist have in common."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +196,7 @@ class Circuit:
 
     @cached_property
     def ends(self) -> Mapping[str, NDArray[np.int32]]:
-        """Nodes of every element by kind, shapes (elements, 2)."""
+        """Nodes of every element by kind of element, shapes (elements, 2)."""
         return {kind: getattr(self, nodes) for kind, (nodes, *_) in ARRAYS.items()}
 
     @cached_property
@@ -221,17 +221,17 @@ class Circuit:
         return np.flatnonzero((component[:, 0] != component[:, 1]) & (self.current_amps != 0))
 
     def names_of(self, nodes: ArrayLike) -> list[str]:
-        """Return the names of nodes, shape (n,)."""
+        """Return the names of nodes; `nodes` (n,): node numbers."""
         if self.given is not None:
             return self.given.names_of(nodes)
         return [self.node_names[node] for node in np.asarray(nodes).tolist()]
 
     def listed(self, nodes: NDArray[np.integer[Any]]) -> tuple[str, ...]:
-        """Return the names of nodes, at most the first `LISTED`."""
+        """Return the names of at most the first `LISTED` nodes; `nodes` (n,): node numbers."""
         return tuple(self.names_of(nodes[:LISTED]))
 
     def shown(self, nodes: NDArray[np.integer[Any]]) -> str:
-        """Return the first names of nodes and the number of the other ones, as text."""
+        """Return the first names of nodes and the number of other nodes, as text; `nodes` (n,): node numbers."""
         return some(self.names_of(nodes[:SHOWN]), nodes.size)
 
     def element_name(self, kind: str, number: int) -> str:
@@ -271,7 +271,7 @@ class Circuit:
         return f"{self.files[file]}:{line}"
 
     def place_of_nodes(self, nodes: NDArray[np.integer[Any]]) -> str:
-        """Return ``file:line`` of the first element at some nodes of a deck, otherwise their cells or names."""
+        """Return ``file:line`` of the first element at some nodes of a deck, otherwise the nodes' cells or names."""
         if self.given is None:
             return next((f"{self.files[file]}:{line}" for file, line in self.places_at(nodes).tolist()), self.path)
         cell_map = self.given.cell_map
@@ -338,7 +338,10 @@ class Circuit:
         )
 
     def _refuse_inadmissible(self, resistance: NDArray[np.float64]) -> None:
-        """Raise InputError for resistances (m,) that are negative, not finite, or too small to invert."""
+        """Raise InputError if a resistance is negative, not finite, or too small to invert.
+
+        `resistance` (m,): in ohms.
+        """
         with np.errstate(divide="ignore", over="ignore"):
             wrong = ~np.isfinite(resistance) | (resistance < 0) | ((resistance > 0) & ~np.isfinite(1.0 / resistance))
         if wrong.any():
@@ -352,7 +355,7 @@ class Circuit:
 
 
 def connected_parts(joined: NDArray[np.int32], node_count: int) -> NDArray[np.int64]:
-    """Return the connected component of every node.  Shapes: `joined` (n, 2), pairs of nodes; returns (node_count,)."""
+    """Return the component number of every node, shape (node_count,); `joined` (n, 2): pairs of connected nodes."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -362,7 +365,7 @@ def connected_parts(joined: NDArray[np.int32], node_count: int) -> NDArray[np.in
 
 
 def some(words: Sequence[str], count: int) -> str:
-    """Return the first words, and the number of the remaining ones of ``count`` words, as text."""
+    """Return the first `SHOWN` words and the number of the remaining words, as text; `count`: number of all words."""
     more = f" and {count - SHOWN:,} more" if count > SHOWN else ""
     return ", ".join(words[:SHOWN]) + more
 
@@ -373,9 +376,9 @@ def rebase(
     tc2: NDArray[np.float64] | None,
     heating: float | NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return resistance, tc1 and tc2 at another reference temperature.
+    """Return resistance, tc1 and tc2 at another reference temperature; all shapes are (m,).
 
-    They are the expansion of ``R (1 + tc1 d + tc2 d^2)`` about ``d = heating``, in kelvin.  All shapes are (m,).
+    They are the expansion of ``R (1 + tc1 d + tc2 d^2)`` about ``d = heating``, in kelvin.  Units: ohms, 1/K and 1/K^2.
     """
     if np.all(heating == 0) or (tc1 is None and tc2 is None):
         return resistance, tc1, tc2
@@ -388,7 +391,7 @@ def rebase(
 
 
 def rebase_one(ohms: float, tc1: float, tc2: float, heating: float) -> tuple[float, float, float]:
-    """Return ohms, tc1 and tc2 of one resistor at a reference temperature higher by `heating`, in kelvin."""
+    """Return ohms, tc1 (1/K) and tc2 (1/K^2) of a resistor at a reference temperature higher by `heating` kelvin."""
     factor = 1.0 + (tc1 + tc2 * heating) * heating
     moved = ((tc1 + 2.0 * tc2 * heating) / factor, tc2 / factor) if factor else (0.0, 0.0)
     return ohms * factor, *moved

@@ -85,7 +85,12 @@ def compare(
     findings: Sequence[str] = (),
     place_of: Callable[[str], str] = lambda _: "",
 ) -> Agreement:
-    """Compare simulated with expected voltages and currents; ``place_of`` returns a node's place in the deck."""
+    """Return the comparison of simulated with expected voltages and currents.
+
+    `expected`: expected values and their scales; `simulation`: result of the simulator; `tolerance`: largest accepted
+    relative error; `reference`: source of the expected values; `findings`: further findings; `place_of`: function that
+    returns a node's place in the deck.
+    """
     error = _errors(expected.voltage, simulation.voltage)
     largest = next(iter(error.values()), np.inf)
     compared: tuple[tuple[str, str, Mapping[str, float | None], Mapping[str, float], float], ...] = (
@@ -123,14 +128,20 @@ def compare(
 
 
 def _errors(expected: Mapping[str, float | None], got: Mapping[str, float]) -> dict[str, float]:
-    """Return the absolute differences of the common names, the largest first; NaN becomes infinity."""
+    """Return the absolute differences of the values with a common name, the largest first; NaN becomes infinity.
+
+    `expected`: expected value by name, None if undetermined; `got`: simulated value by name.
+    """
     error_of = {name: abs(got[name] - value) for name, value in expected.items() if name in got and value is not None}
     finite = {name: error if error < np.inf else np.inf for name, error in error_of.items()}
     return dict(sorted(finite.items(), key=lambda entry: -entry[1]))
 
 
 def _unmatched(expected: Mapping[str, object], got: Mapping[str, object], kind: str) -> list[str]:
-    """Return a finding for the names that only one of the two mappings has; `kind`: node or voltage source."""
+    """Return findings for the names that only one of the two mappings has, at most one for each mapping.
+
+    `kind`: "node" or "voltage source", for the messages.
+    """
     missing = [name for name in expected if name not in got]
     extra = [name for name in got if name not in expected]
     return [
@@ -141,7 +152,10 @@ def _unmatched(expected: Mapping[str, object], got: Mapping[str, object], kind: 
 
 
 def unverified(agreement: Agreement, why: str) -> Agreement:
-    """Return the comparison of a rewritten deck as the unverified result of the deck itself, with the reason."""
+    """Return the comparison of a rewritten deck as the unverified result of the deck itself.
+
+    `agreement`: comparison of the rewritten deck; `why`: the reason why the deck itself was not run.
+    """
     return replace(
         agreement,
         agrees=None if agreement.agrees else False,

@@ -18,7 +18,7 @@ _MOST = 10
 
 
 def ground(circuit: Circuit) -> Iterator[Violation]:
-    """Report an error if no resistor and no voltage source touches ground."""
+    """Yield an error if neither a resistor nor a voltage source touches ground."""
     if not any((circuit.ends[kind] == GROUND).any() for kind in CONDUCTING):
         yield Violation(
             "error",
@@ -30,7 +30,10 @@ def ground(circuit: Circuit) -> Iterator[Violation]:
 
 
 def islands(circuit: Circuit) -> Iterator[Violation]:
-    """Report connected parts without a DC path to ground; parts that capacitors tie to ground get another message."""
+    """Yield violations for connected parts without a DC path to ground.
+
+    Parts that capacitors join to ground get another message than other parts.
+    """
     floating = np.flatnonzero(circuit.is_floating)
     if not floating.size:
         return
@@ -54,7 +57,10 @@ def islands(circuit: Circuit) -> Iterator[Violation]:
 def _floating_violation(
     circuit: Circuit, nodes: NDArray[np.int64], *, by_capacitor: bool, heading: str = ""
 ) -> Violation:
-    """Return the violation for floating nodes; `nodes` (n,), `heading`: begins the message."""
+    """Return the violation for floating nodes.
+
+    `nodes` (n,): node numbers; `by_capacitor`: whether capacitors touch the nodes; `heading`: beginning of the message.
+    """
     many = nodes.size > 1
     names = f" ({circuit.shown(nodes)})" if circuit.is_deck else ""
     if by_capacitor:
@@ -76,9 +82,10 @@ def _floating_violation(
 def _element_violation(
     circuit: Circuit, severity: Severity, rule: str, kind: str, numbers: NDArray[np.int64], message: str, remedy: str
 ) -> Violation:
-    """Return the violation for elements of one kind; `numbers` (n,): their indices.
+    """Return the violation for elements of one kind.
 
-    Fields of the message are ``count``, ``s`` (plural ending) and ``names``.
+    `severity, rule`: severity and name of the violation; `kind`: kind of the elements; `numbers` (n,): indices of the
+    elements; `message`: text with the fields ``count``, ``s`` (plural ending) and ``names``; `remedy`: the correction.
     """
     nodes = np.unique(circuit.ends[kind][numbers])
     names = some([circuit.element_name(kind, number) for number in numbers[:SHOWN].tolist()], numbers.size)
@@ -88,7 +95,7 @@ def _element_violation(
 
 
 def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
-    """Report current sources that drive a floating part, from which no current can return."""
+    """Yield a violation for current sources that drive a floating part, from which no current can return."""
     trapped = circuit.trapped_sources
     if trapped.size:
         drive = "drives" if trapped.size == 1 else "drive"
@@ -101,11 +108,12 @@ def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
 class Loops:
     """Elements that close loops of voltage sources, inductors and resistors of 0 ohm.
 
-    The spanning tree takes voltage sources first, then inductors, then resistors: the last element of a loop closes it.
+    The spanning tree takes voltage sources first, then inductors, then resistors.  The last element of a loop closes
+    it.
 
-    `sources, inductors, shorts`: indices of the voltage sources (inductors counted apart) and resistors that close a
-    consistent loop; `contradictions`: kind and index of each element whose voltage contradicts its loop, and the
-    difference in volts.
+    `sources, inductors, shorts`: indices of the voltage sources, the inductors (which are voltage sources, too) and the
+    resistors that close a consistent loop (with a voltage sum of zero); `contradictions`: kind and index of each
+    element whose voltage contradicts the loop, and the difference in volts.
     """
 
     sources: NDArray[np.int64]
@@ -115,7 +123,7 @@ class Loops:
 
 
 def loops_of(circuit: Circuit) -> Loops:
-    """Find the loops of voltage sources in a circuit; resistors of 0 ohm count as sources of 0 V."""
+    """Return the loops of voltage sources in a circuit; resistors of 0 ohm count as sources of 0 V."""
     zero = np.flatnonzero(circuit.resistance == 0)
     sources = len(circuit.source_volts)
     order = np.argsort(circuit.is_inductor, kind="stable")
@@ -136,10 +144,11 @@ def loops_of(circuit: Circuit) -> Loops:
 def loop_voltages(
     ends: NDArray[np.int32], volts: NDArray[np.float64], node_count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Classify voltage sources by a spanning forest in which earlier sources come first.
+    """Return, for every voltage source, a voltage difference, whether it closes a loop, and whether it contradicts it.
 
-    Shapes: `ends` (sources, 2); `volts` (sources,).  Returns three arrays (sources,): the difference in volts between a
-    source and the earlier ones, whether the source closes a loop, and whether it contradicts that loop.
+    The difference, in volts, is that between the source and earlier sources in a spanning forest in which earlier
+    sources come first.  Shapes: `ends` (sources, 2): nodes; `volts` (sources,): voltages; returns three arrays
+    (sources,).
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import minimum_spanning_tree
@@ -158,7 +167,7 @@ def loop_voltages(
 
 
 def source_loops(circuit: Circuit) -> Iterator[Violation]:
-    """Report loops of voltage sources, inductors and resistors of 0 ohm: contradictory, then consistent ones."""
+    """Yield violations for loops of voltage sources, inductors and resistors of 0 ohm, contradictory ones first."""
     loops = loops_of(circuit)
     for kind, number, volts in loops.contradictions[:_MOST]:
         names = circuit.names_of(circuit.ends[kind][number])
@@ -184,7 +193,7 @@ def source_loops(circuit: Circuit) -> Iterator[Violation]:
 
 
 def shorted(circuit: Circuit) -> Iterator[Violation]:
-    """Report elements with both ends on one node."""
+    """Yield violations for elements with both ends on one node."""
     for kind in ("resistor", "current source", "nonlinear resistor"):
         both = np.flatnonzero(circuit.ends[kind][:, 0] == circuit.ends[kind][:, 1])
         if both.size:
@@ -193,7 +202,7 @@ def shorted(circuit: Circuit) -> Iterator[Violation]:
 
 
 def dangling(circuit: Circuit) -> Iterator[Violation]:
-    """Report nodes with a single element, which therefore carries no current."""
+    """Yield a violation for the nodes with a single element, which therefore carries no current."""
     loose = (circuit.degree == 1) & ~circuit.is_floating
     nodes = np.flatnonzero(loose[1:]) + 1  # ground may be touched once
     if nodes.size:

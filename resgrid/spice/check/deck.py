@@ -28,7 +28,11 @@ from resgrid.spice.write.sidecar import Sidecar, altered_files, expect, read_sid
 
 @dataclass(frozen=True)
 class _Limits:
-    """Settings of one check: the simulator, the tolerance relative to the supply, and the timeout in seconds."""
+    """Settings of one check.
+
+    `engine`: name of the simulator engine; `tolerance`: largest accepted error relative to the supply; `timeout`:
+    longest run, in seconds.
+    """
 
     engine: str
     tolerance: float
@@ -43,7 +47,7 @@ class _Limits:
             )
 
     def run(self, data: bytes, source: str, **options: Any) -> SimulatorRun:
-        """Run the simulator on a deck's content and return its operating point."""
+        """Run the simulator on a deck's content and return the result; `source`: name of the deck in messages."""
         return engine_named(self.engine)(data, source=source, timeout=self.timeout, **options)
 
 
@@ -128,7 +132,11 @@ def check_deck(
 def _check_own(
     path: Path, data: bytes, sidecar: Sidecar | None, reference: OperatingPoint | None, dialect: str, limits: _Limits
 ) -> Agreement:
-    """Check a deck that resgrid wrote against its sidecar or against the solution of a scene."""
+    """Return the comparison of a deck that resgrid wrote with its sidecar or with the solution of a scene.
+
+    `path, data`: path and content of the deck; `sidecar`: content of the sidecar, None without a sidecar; `reference`:
+    solution of the scene, None to compare with the sidecar; `dialect`: dialect of a deck without sidecar.
+    """
     name = dialect_named((SIMULATED if dialect == "auto" else dialect) if sidecar is None else sidecar.dialect).name
     findings = [] if sidecar is None else altered_files(data, sidecar)
     if reference is not None:
@@ -164,9 +172,10 @@ def _check_external(
     limits: _Limits,
     root: str | os.PathLike[str] | None,
 ) -> Agreement:
-    """Compare the simulation of a foreign deck with the solution by resgrid, and locate the worst nodes in the file.
+    """Return the comparison of a foreign deck's simulation with the solution by resgrid, with the worst nodes located.
 
-    `data`: content of the file, None without a file; `op`: the solution, if known.
+    `data`: content of the file, None without a file; `op`: the solution, None to compute it; `root`: folder that must
+    contain all included files.
     """
     op = solve(deck.netlist()) if op is None else op
     job = runnable(deck, data, root=None if root is None else Path(root), engine=limits.engine)

@@ -22,12 +22,13 @@ from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.findings import SEVERITIES, Note, Severity, Violation
 
 WIDEST_SPREAD = 1e15
-"""Largest ratio of resistances at which double precision still resolves the small currents next to the large ones."""
+"""Largest ratio of resistances at which double precision resolves the currents of the largest resistances."""
 
 SMALLEST_SAFE, LARGEST_SAFE = 1e-5, 1e12
-"""Resistances without simulator trouble, in ohms.
+"""Limits of the resistances that no simulator changes or loses, in ohms.
 
-HSPICE raises smaller ones to its RESMIN.  Larger ones carry less current than the 1e-12 S that a simulator may add.
+HSPICE raises smaller resistances to its RESMIN.  Larger resistances carry less current than the 1e-12 S that a
+simulator may add at a node.
 """
 
 
@@ -56,7 +57,11 @@ def check_erc(circuit: Netlist | Circuit) -> tuple[Violation, ...]:
 
 
 class _Limit(NamedTuple):
-    """A rule on resistances: `is_beyond` marks violations; fields of the message are ``count`` and ``shown``."""
+    """A rule on the values of resistances.
+
+    `severity, rule`: severity and name of the violation; `is_beyond`: function of resistances (n,) in ohms that returns
+    the mask of the violations; `message`: text with the fields ``count`` and ``shown``; `remedy`: the correction.
+    """
 
     severity: Severity
     rule: str
@@ -66,7 +71,7 @@ class _Limit(NamedTuple):
 
 
 def _overflows(ohms: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return where a resistance or its reciprocal is infinite; shapes (n,)."""
+    """Return the mask (n,) of the resistances (n,), in ohms, that are infinite or have an infinite reciprocal."""
     with np.errstate(over="ignore", divide="ignore"):
         return np.asarray(np.isinf(ohms) | (np.isinf(1 / ohms) & (ohms != 0)))
 
@@ -113,7 +118,7 @@ _LIMITS = (
 
 
 def limits(circuit: Circuit) -> Iterator[Violation]:
-    """Report resistances that a simulator cannot use or changes: negative, zero, infinite, very small, very large."""
+    """Yield violations for resistances that simulators cannot use or change: negative, zero, infinite or extreme."""
     for limit in _LIMITS:
         beyond = np.flatnonzero(limit.is_beyond(circuit.resistance))
         if beyond.size:
@@ -127,7 +132,7 @@ def limits(circuit: Circuit) -> Iterator[Violation]:
 
 
 def spread(circuit: Circuit) -> Iterator[Violation]:
-    """Report resistances whose ratio exceeds `WIDEST_SPREAD`."""
+    """Yield a violation if the ratio of the largest to the smallest resistance exceeds `WIDEST_SPREAD`."""
     size = np.where(circuit.resistance > 0, circuit.resistance, np.nan)
     if np.isnan(size).all():
         return
@@ -147,9 +152,9 @@ def spread(circuit: Circuit) -> Iterator[Violation]:
 class _Trap(NamedTuple):
     """A class of node names that some simulators misread.
 
-    `pattern`: matches the whole name, case ignored; `severity`: at most a warning, because written decks rename such
-    nodes; `message, remedy`: text of the violation, with the field ``simulators``; `misreads`: whether the rules of a
-    dialect misread such names.
+    `pattern`: regular expression for the whole name, case ignored; `severity`: at most a warning, because written decks
+    rename such nodes; `message, remedy`: text of the violation, with the field ``simulators``; `misreads`: whether a
+    dialect with the given rules misreads such names.
     """
 
     pattern: str
@@ -204,7 +209,7 @@ _TRAPS = (
 
 
 def name_clashes(circuit: Circuit) -> Iterator[Violation]:
-    """Report names of elements, or of nodes of a netlist, that are used twice or differ in case only."""
+    """Yield violations for names of elements, or of nodes of a netlist, that are used twice or differ in case only."""
     nodes = {} if circuit.is_deck else {"node": circuit.node_names}
     for kind, names in {**nodes, **circuit.element_names}.items():
         folded = [name.lower() for name in names]
@@ -257,7 +262,7 @@ def repeated_names(circuit: Circuit) -> tuple[Note, ...]:
 
 
 def misread_names(circuit: Circuit) -> Iterator[Violation]:
-    """Report node names that some simulator misreads."""
+    """Yield violations for node names that some simulator misreads."""
     if len(circuit.node_names) < 2:
         return
     text = "\n".join(name.replace("\n", " ") for name in circuit.node_names[1:])
@@ -277,13 +282,13 @@ def misread_names(circuit: Circuit) -> Iterator[Violation]:
 
 
 def _simulators(trap: _Trap) -> str:
-    """Return the names of the simulators that misread such names, joined by commas and "and"."""
+    """Return the names of the simulators that misread node names of a class, joined by commas and "and"."""
     labels = [item.label for item in DIALECTS.values() if trap.misreads(item.reading)]
     return " and ".join(filter(None, (", ".join(labels[:-1]), labels[-1])))
 
 
 def _notes(circuit: Circuit) -> Iterator[Violation]:
-    """Report the notes of the reader of a deck."""
+    """Yield the notes of the deck's reader as violations."""
     for note in circuit.notes:
         remedy = "check whether this is intended" if note.severity != "info" else "nothing to do"
         yield Violation(note.severity, "reading", note.place, note.text, remedy)

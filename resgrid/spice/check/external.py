@@ -41,9 +41,9 @@ _WORD = re.compile(r"[\w.+,@=#%-][\w.+,@=#% -]*")
 class Runnable:
     """Input of a simulator for a foreign deck.
 
-    `data`: content of the deck, with the operating point as its only analysis; `why`: the reason if `data` is a flat
-    deck written from the circuit that was read, empty if it is the deck itself; `files`: content of the included files
-    by their paths relative to the working folder; `place`: relative path of the deck.
+    `data`: content of the deck, with the operating point as its only analysis; `why`: empty if `data` is the deck
+    itself, otherwise the reason why `data` is a flat deck written from the circuit; `files`: content of the included
+    files by their paths relative to the working folder; `place`: relative path of the deck.
     """
 
     data: bytes
@@ -56,7 +56,8 @@ def runnable(deck: Circuit, data: bytes | None, *, root: Path | None, engine: st
     """Return a safe simulator input for a deck, with the operating point as the only analysis.
 
     Lines of analyses and outputs are removed; all other lines are kept byte for byte, in their own files.  A deck that
-    is not safe to run is rewritten from the circuit that was read.
+    is not safe to run is rewritten from the circuit.  `data`: content of the deck's file, None without a file; `root`:
+    folder that must contain all included files, None for the deck's own folder; `engine`: name of the engine.
     """
     path = Path(deck.path).resolve()
     root = path.parent if root is None else root.resolve()
@@ -73,13 +74,17 @@ def runnable(deck: Circuit, data: bytes | None, *, root: Path | None, engine: st
 
 
 def rewritten(deck: Circuit) -> bytes:
-    """Return a flat deck of the circuit that was read, in the dialect of the simulator that is run."""
+    """Return the content of a flat deck of the circuit, in the dialect of the simulator that is run."""
     text = flatten(deck.netlist(), dialect=SIMULATED, title=f"{deck.title or deck.path}, as read").text
     return _only_operating_point(text.encode("ascii"))
 
 
 def _safe_files(deck: Circuit, path: Path, data: bytes, root: Path, engine: str) -> dict[str, bytes]:
-    """Return the content of all included files by relative path; raise InputError if the deck is not safe to run."""
+    """Return the content of all included files by relative path; raise InputError if the deck is not safe to run.
+
+    `path, data`: path and content of the deck; `root`: folder that must contain the included files; `engine`: name of
+    the engine.
+    """
     if not deck.is_deck:
         raise InputError("it is not a deck, and no simulator reads it")
     if deck.dialect != SIMULATED:
@@ -95,14 +100,17 @@ def _safe_files(deck: Circuit, path: Path, data: bytes, root: Path, engine: str)
 
 
 def _only_operating_point(data: bytes) -> bytes:
-    """Replace all analyses and outputs of a deck by an operating point; the first line, the title, is kept."""
+    """Return a deck with all analyses and outputs replaced by an operating point.
+
+    The first line is kept as the title.
+    """
     rows = data.split(b"\n")
     title = rows[0] if rows[0].strip() else b"* untitled"
     return b"\n".join([title, *_without_analyses(rows[1:]), b".options klu", b".op", b".end", b""])
 
 
 def _without_analyses(rows: Iterable[bytes]) -> Iterator[bytes]:
-    """Yield the lines of a deck, those of analyses and outputs replaced by an empty comment."""
+    """Yield the lines of a deck, with an empty comment in place of every line of an analysis or output."""
     dropping = False
     for row in rows:
         word = row.lstrip()
@@ -112,9 +120,10 @@ def _without_analyses(rows: Iterable[bytes]) -> Iterator[bytes]:
 
 
 def _gather_includes(deck: Path, data: bytes, root: Path) -> dict[str, bytes]:
-    """Return the content of every file that a simulator may include, by its path relative to the root.
+    """Return the content of every file that a simulator may include, by path relative to `root`.
 
-    The deck itself is not part of the result.
+    `deck, data`: path and content of the deck, which is not part of the result; `root`: folder that must contain all
+    files.
     """
     files: dict[str, bytes] = {}
     todo = [(deck, data)]
@@ -134,7 +143,10 @@ def _gather_includes(deck: Path, data: bytes, root: Path) -> dict[str, bytes]:
 
 
 def _names(path: Path, data: bytes) -> Iterator[str]:
-    """Yield the names in the lines that include files; raise InputError for a name that is not plain."""
+    """Yield the file names in the lines that include files; raise InputError for a name that is not plain.
+
+    `path`: path of the file, for messages; `data`: content of the file.
+    """
     lone = _LONE_RETURN.search(data)
     if lone is not None:
         number = data.count(b"\n", 0, lone.start()) + 1
@@ -149,7 +161,7 @@ def _names(path: Path, data: bytes) -> Iterator[str]:
 
 
 def _is_plain(name: str) -> bool:
-    """Return whether a name is a relative path of plain words, with at most `MAX_ASCENT` leading ``..``."""
+    """Return whether a file name is a relative path of plain words, with at most `MAX_ASCENT` leading ``..``."""
     words = name.split("/")
     steps = next((i for i, word in enumerate(words) if word != ".."), len(words))
     rest = words[steps:]
@@ -158,7 +170,10 @@ def _is_plain(name: str) -> bool:
 
 
 def _places(name: str, path: Path, root: Path) -> Iterator[Path]:
-    """Yield the existing files that a name can refer to: in the folder of the including file, and in the root."""
+    """Yield the existing files that `name` can refer to: in the folder of the including file `path`, and in `root`.
+
+    Raises InputError for a file outside `root` and for a symbolic link.
+    """
     for folder in dict.fromkeys((path.parent, root)):
         place = Path(os.path.normpath(folder / name))
         if not place.exists():
@@ -173,9 +188,9 @@ def _places(name: str, path: Path, root: Path) -> Iterator[Path]:
 
 
 def expected_of(deck: Circuit, op: OperatingPoint, *, as_written: bool) -> Expected:
-    """Return the expected voltages and source currents under the names that the simulator uses.
+    """Return the expected voltages and source currents by the names that the simulator uses.
 
-    `as_written`: whether the simulator runs the deck itself; otherwise the names of the rewritten deck are used.
+    `op`: operating point of the deck; `as_written`: whether the simulator runs the deck itself, not the rewritten deck.
     """
     if not as_written:
         return expect(flatten(op.netlist, dialect=SIMULATED), op)
@@ -187,6 +202,9 @@ def expected_of(deck: Circuit, op: OperatingPoint, *, as_written: bool) -> Expec
 
 
 def place_of(deck: Circuit, name: str) -> str:
-    """Return the place (``file:line: ``) where a node first occurs in a deck; `name` is in lower case."""
+    """Return the place (``file:line: ``) where a node first occurs in a deck, empty for an unknown node.
+
+    `name`: name of the node in lower case.
+    """
     numbers = [number for number, spelt in enumerate(deck.node_names) if spelt.lower() == name]
     return f"{deck.place_of_nodes(np.array(numbers))}: " if numbers else ""

@@ -15,14 +15,15 @@ from resgrid.spice.write.sidecar import Expected
 _MAX_FINDINGS = 5
 _OPTIONS = {"reltol", "abstol", "vntol"}
 _ROUNDING = 64 * np.finfo(np.float64).eps
-"""Relative rounding error that is allowed in a voltage difference."""
+"""Allowed rounding error of a voltage difference, as a fraction of the sum of the two voltage magnitudes."""
 
 
 def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]:
     """Return findings with line numbers where a flat deck contradicts its expected voltages.
 
-    Kirchhoff's current law is evaluated at every node with the deck's own values and the expected voltages.  This
-    detects a changed element even where the node voltages hardly change.
+    `data`: content of the deck; `tolerance`: largest accepted error, relative to the supply voltage or to the current
+    through a node.  Kirchhoff's current law is evaluated at every node with the deck's own values and the expected
+    voltages.  This detects a changed element even where the node voltages hardly change.
     """
     try:
         circuit = read_with(io.BytesIO(data), dialect="ngspice")
@@ -49,12 +50,15 @@ def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]
 
 
 def _by_line(text: str) -> str:
-    """Replace the reader's name of a text without a file by the word "line"."""
+    """Return a message with the word "line" in place of ``<text>:``, the reader's name for a text without a file."""
     return text.replace("<text>:", "line ")
 
 
 def _wrong_sources(circuit: Circuit, voltage: NDArray[np.float64], allowed: float) -> list[str]:
-    """Return findings for voltage sources off by more than `allowed` volts; `voltage` (nodes,): expected."""
+    """Return findings for voltage sources whose voltage differs from the expected one by more than `allowed` volts.
+
+    `voltage` (nodes,): expected node voltages, in volts.
+    """
     plus, minus = voltage[circuit.source_nodes].T
     error = np.abs(plus - minus - circuit.source_volts)
     line = circuit.place["voltage source"][:, 1]
@@ -66,7 +70,10 @@ def _wrong_sources(circuit: Circuit, voltage: NDArray[np.float64], allowed: floa
 
 
 def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: float) -> list[str]:
-    """Return findings for nodes with a KCL residual above `tolerance` times their current; `voltage` (nodes,)."""
+    """Return findings for nodes whose current residual exceeds `tolerance` times the current through the node.
+
+    `voltage` (nodes,): expected node voltages, in volts.
+    """
     count = circuit.node_count
     ends, current, rounding = _currents(circuit, voltage)
     out, into = (np.bincount(column, current, count) for column in ends.T)
@@ -87,9 +94,9 @@ def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: floa
 def _currents(
     circuit: Circuit, voltage: NDArray[np.float64]
 ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the nodes of all elements, their currents from first to second node, and the rounding errors of these.
+    """Return the nodes of all elements, their currents from first to second node, and the currents' rounding errors.
 
-    Shapes: `voltage` (nodes,); returns (elements, 2), (elements,) and (elements,); currents in amperes.
+    Shapes: `voltage` (nodes,); returns (elements, 2), (elements,) and (elements,); currents and errors in amperes.
     """
     sizes = len(circuit.resistance), len(circuit.current_amps)
     ends = np.concatenate([circuit.resistor_nodes, circuit.current_nodes, circuit.nonlinear_nodes])
@@ -104,6 +111,6 @@ def _currents(
 
 
 def _lines_at(circuit: Circuit, node: int) -> str:
-    """Return the numbers of the lines whose elements touch a node, shortened to a few."""
+    """Return the numbers of the lines whose elements touch a node, as text with at most a few numbers."""
     lines = [str(line) for _, line in circuit.places_at(np.array([node])).tolist()]
     return some(lines, len(lines))

@@ -32,13 +32,13 @@ Outcome = Literal["right", "wrong", "fails", "unsure"]
 _Result = tuple[Outcome, float | None, str | None, tuple[str, ...]]
 
 _LARGEST = 300_000
-"""Largest number of nodes of a deck that is solved."""
+"""Largest number of nodes of a deck whose voltages are computed for the prediction."""
 _SAFE_SPREAD = 1e12
-"""Ratio of resistances above which the result of a simulator is uncertain."""
+"""Ratio of the largest to the smallest resistance above which the result of a simulator is uncertain."""
 _ROUNDING = 2.0**-52
-"""Relative rounding error of a double."""
+"""Relative spacing of double-precision numbers (machine epsilon)."""
 _SHOWN = 3
-"""Maximum number of notes among the reasons."""
+"""Maximum number of notes of the reader that a prediction lists among its reasons."""
 
 
 @dataclass(frozen=True)
@@ -90,10 +90,10 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """A deck with the results that all simulators need.
+    """A deck with the results that the predictions for all simulators need.
 
-    `duplicates`: places of names that are given twice; `loops`: its loops of voltage sources; `voltage` (nodes,): the
-    right voltages, None if the deck has no operating point or is too large.
+    `duplicates`: places (``file:line``) of element names that occur twice; `loops`: loops of voltage sources in the
+    deck; `voltage` (nodes,): correct node voltages, None if the deck has no operating point or is too large.
     """
 
     deck: Circuit
@@ -142,7 +142,10 @@ def check_portability(
 
 
 def _predict_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: list[Violation]) -> _Result:
-    """Predict the result for a deck that resgrid writes, which avoids the known traps; `resistance` (m,) in ohms."""
+    """Return outcome, error (None), worst node (None) and reasons for a deck that resgrid writes.
+
+    Such a deck avoids the known pitfalls.  `resistance` (m,): in ohms; `errors`: rule violations that prevent a deck.
+    """
     if errors:
         return "fails", None, None, (f"the netlist has no deck: {errors[0].message}",)
     uncertainties = _uncertain_spread(resistance)
@@ -153,7 +156,11 @@ def _predict_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: li
 
 
 def _predict_file(dialect: Dialect, case: _Case) -> _Result:
-    """Predict the result for a deck's file: read it by the simulator's rules, then judge the circuit."""
+    """Return outcome, error in volts or None, worst node or None, and reasons for a deck's file.
+
+    The file is read by the simulator's rules, and the resulting circuit is judged.  `case`: the deck as its own dialect
+    reads it, with the correct voltages.
+    """
     label = dialect.label
     found = reread(case.deck, dialect)
     if found.circuit is None:
@@ -180,19 +187,25 @@ def _predict_file(dialect: Dialect, case: _Case) -> _Result:
 
 
 def _finite(volts: float) -> float | None:
-    """Return a finite number of volts, None for infinity."""
+    """Return `volts` if the number is finite, otherwise None."""
     return volts if np.isfinite(volts) else None
 
 
 def _case_of(deck: Circuit, violations: Iterable[Violation]) -> _Case:
-    """Compute the results of a deck that the predictions for all simulators need."""
+    """Return a deck with the results that the predictions for all simulators need.
+
+    `violations`: result of `check_erc`.
+    """
     duplicates = tuple(item.place for item in violations if item.severity == "error" and item.rule == "names")
     right = _voltages(deck.netlist) if deck.node_count <= _LARGEST else None
     return _Case(deck, duplicates, loops_of(deck), right)
 
 
 def _predict_deck(quirks: Quirks, case: _Case) -> _Result:
-    """Predict the result for a deck as read: fatal defects, changes of the circuit, then reasons for uncertainty."""
+    """Return outcome, error in volts or None, worst node or None, and reasons for a deck as a simulator reads it.
+
+    The order of the tests is: fatal defects, changes of the circuit by the simulator, reasons for uncertainty.
+    """
     fatal = [
         f"a loop of voltage sources makes the matrix singular ({case.deck.place_of('voltage source', number)})"
         for number in _failing_loops(quirks, case)[:1]
@@ -229,7 +242,10 @@ def _predict_deck(quirks: Quirks, case: _Case) -> _Result:
 
 
 def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
-    """Return the indices of the voltage sources that close a loop at which the simulator fails."""
+    """Return the indices of the voltage sources that close a loop at which the simulator fails.
+
+    `quirks`: behaviour of the simulator; `case`: the deck with its loops.
+    """
     ends = case.deck.source_nodes
     closing = [int(number) for number in case.loops.sources]
     inductive = case.deck.is_inductor
@@ -241,7 +257,7 @@ def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
 
 
 def _uncertainties(quirks: Quirks, case: _Case, resistance: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return reasons why the result is uncertain; `resistance` (m,): as the simulator uses them, in ohms."""
+    """Return the reasons why the result is uncertain; `resistance` (m,): values that the simulator uses, in ohms."""
     uncertainties = _uncertain_spread(np.abs(case.deck.resistance)) or _cancellation(case.deck, np.abs(resistance))
     continues = quirks.loops == "fail at ground"
     for kind, numbers in (("inductors", case.loops.inductors), ("voltage sources", case.loops.sources)):
@@ -262,7 +278,7 @@ def _uncertainties(quirks: Quirks, case: _Case, resistance: NDArray[np.float64])
 
 
 def _cancellation(deck: Circuit, size: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return a reason for uncertainty if elimination loses small conductances next to large ones, else ().
+    """Return a reason for uncertainty if elimination loses small conductances next to large ones, else an empty tuple.
 
     `size` (m,): magnitudes of the resistances, in ohms.
 
@@ -291,7 +307,10 @@ def _cancellation(deck: Circuit, size: NDArray[np.float64]) -> tuple[str, ...]:
 
 
 def _uncertain_spread(resistance: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return a reason for uncertainty if the ratio of resistances (m,), in ohms, is too large for doubles, else ()."""
+    """Return a reason for uncertainty if the ratio of the resistances is too large for double precision.
+
+    Otherwise the result is an empty tuple.  `resistance` (m,): in ohms.
+    """
     size = resistance[(resistance > 0) & np.isfinite(resistance)]
     if not size.size or size.max() <= _SAFE_SPREAD * size.min():
         return ()
@@ -300,7 +319,7 @@ def _uncertain_spread(resistance: NDArray[np.float64]) -> tuple[str, ...]:
 
 
 def _elements_on_title_line(deck: Circuit) -> list[str]:
-    """Return the names of the elements on the first line, which simulators read as the title."""
+    """Return the names of the elements on the first line of a deck, which simulators read as the title."""
     if deck.title is not None:
         return []
     first = ((kind, (place == [0, 1]).all(axis=1)) for kind, place in deck.place.items())
@@ -308,7 +327,7 @@ def _elements_on_title_line(deck: Circuit) -> list[str]:
 
 
 def _raised_resistances(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Return the resistances (m,) in ohms as a simulator uses them, and the reason if small ones are raised."""
+    """Return the resistances (m,) in ohms that a simulator uses, and the reason if it raises small ones."""
     resistance, _, _ = rebase(deck.resistance, deck.tc1, deck.tc2, deck.heating)
     least, size = quirks.smallest_resistance, np.abs(resistance)
     if least is None:
@@ -322,9 +341,9 @@ def _raised_resistances(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float
 
 
 def _shunt(quirks: Quirks, case: _Case) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
-    """Return the conductance that a simulator adds from every node to ground, in siemens.
+    """Return the shunt conductance, the reasons why the result is wrong, and the reasons why it is uncertain.
 
-    The second value are reasons why the result is wrong, the third one reasons why it is uncertain.
+    The first value is the conductance that the simulator adds from every node to ground, in siemens.
     """
     siemens, reasons, uncertainties = 0.0, [], []
     for option, unit in quirks.shunt_options.items():
@@ -347,7 +366,7 @@ def _shunt(quirks: Quirks, case: _Case) -> tuple[float, tuple[str, ...], tuple[s
 
 
 def _option(deck: Circuit, name: str) -> float:
-    """Return the value of an option, 0 if it is not set or not a positive number."""
+    """Return the value of the option `name` of a deck, 0 if the option is not set or not a positive number."""
     number = parse_numeral(deck.options.get(name, "0"), DIALECTS[deck.dialect].reading)
     return number.value if isinstance(number, Numeral) and number.value > 0 else 0.0
 
@@ -355,8 +374,8 @@ def _option(deck: Circuit, name: str) -> float:
 def _simulated(deck: Circuit, lost: list[str], resistance: NDArray[np.float64], siemens: float) -> Netlist:
     """Return the netlist that a simulator solves.
 
-    `lost`: names of the elements that it drops; `resistance` (m,): its resistances in ohms; `siemens`: its shunt from
-    every node to ground.
+    `lost`: names of the elements that the simulator omits; `resistance` (m,): resistances that it uses, in ohms;
+    `siemens`: conductance that it adds from every node to ground, in siemens.
     """
     netlist = replace(deck, resistance=resistance, tc1=None, tc2=None).netlist()
     for kind, names in (netlist.element_names or {}).items() if lost else ():
@@ -366,7 +385,7 @@ def _simulated(deck: Circuit, lost: list[str], resistance: NDArray[np.float64], 
 
 
 def _voltages(netlist: Callable[[], Netlist]) -> NDArray[np.float64] | None:
-    """Return the node voltages (nodes,) of a netlist, None if it has no operating point."""
+    """Return the node voltages (nodes,) in volts, None without an operating point; `netlist`: builds the netlist."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # undetermined currents in loops of shorts do not change voltages

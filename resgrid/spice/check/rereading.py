@@ -23,7 +23,7 @@ _MOST_BYTES = 20_000_000
 class Rereading:
     """Result of reading a deck's file by another simulator's rules.
 
-    `circuit`: the circuit, None if the file cannot be read by these rules; `why`: the first error in that case;
+    `circuit`: the circuit, None if the file cannot be read by these rules; `why`: the first error if `circuit` is None;
     `fails`: whether the simulator is certain to return no result.
     """
 
@@ -33,7 +33,10 @@ class Rereading:
 
 
 def reread(deck: Circuit, dialect: Dialect) -> Rereading:
-    """Read the file of a deck by the rules of a dialect; a deck without a file, or a large one, is returned as read."""
+    """Return the result of reading the file of a deck by the rules of a dialect.
+
+    A deck without a file, with large files or of this dialect is not read again; the result is then `deck`.
+    """
     if dialect.name == deck.dialect or deck.dialect not in DIALECTS:
         return Rereading(deck)
     if DIALECTS[deck.dialect].reading.instances and not dialect.reading.instances:
@@ -54,8 +57,8 @@ def first_difference(
 ) -> tuple[str, float] | None:
     """Return the node with the largest voltage difference between two readings of a file, and the difference in volts.
 
-    The difference is infinite for a node that only the first reading has.  Returns None if the readings agree.
-    Shapes: `volts` (nodes,) each.
+    `names`: the two circuits, for the node names; `volts` (nodes,) each: their node voltages.  The difference is
+    infinite for a node that only the first reading has.  Returns None if the readings agree.
     """
     first, second = (
         {name.lower(): value for name, value in zip(circuit.node_names, found.tolist(), strict=True)}
@@ -72,7 +75,7 @@ def first_difference(
 
 
 def _are_small(files: list[Path]) -> bool:
-    """Return whether the files exist and are small enough to read again."""
+    """Return whether the files exist and have at most `_MOST_BYTES` bytes together."""
     try:
         return bool(files) and sum(file.stat().st_size for file in files) <= _MOST_BYTES
     except OSError:

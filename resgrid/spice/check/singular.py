@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from resgrid.spice.circuit import Circuit
 
 _MOST = 50
-"""Maximum number of floating parts that are examined."""
+"""Maximum number of floating parts of a circuit that are examined."""
 
 Singular = Literal["yes", "no", "unknown"]
 
 
 def singularity(circuit: Circuit) -> Singular:
-    r"""Return whether elimination finds a zero pivot in a floating part of a circuit.
+    r"""Return "yes" if elimination finds a zero pivot in a floating part of a circuit, otherwise "no" or "unknown".
 
     Examples
     --------
@@ -42,7 +42,10 @@ def singularity(circuit: Circuit) -> Singular:
 
 
 def _part_singularity(circuit: Circuit, nodes: NDArray[np.int64]) -> Singular:
-    """Return whether elimination finds a zero pivot in one floating part.  Shapes: `nodes` (n,)."""
+    """Return "yes", "no" or "unknown": whether elimination finds a zero pivot in one floating part.
+
+    `nodes` (n,): node numbers of the part.
+    """
     inside = {kind: np.isin(ends, nodes).all(axis=1) for kind, ends in circuit.ends.items()}
     if inside["nonlinear resistor"].any():
         return "unknown"

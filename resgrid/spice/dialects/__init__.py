@@ -20,14 +20,14 @@ DIALECTS = {dialect.name: dialect for dialect in (NGSPICE, LTSPICE, XYCE, HSPICE
 """All dialects by name."""
 
 OWN_SUFFIXES = {item.reading.suffix: item.name for item in DIALECTS.values() if item.reading.suffix}
-"""File name suffixes that determine the dialect."""
+"""Name of the dialect by the file name suffix that determines it."""
 
 DECK_SUFFIXES = (".cir", ".sp", ".spice", ".ckt", ".net", ".cdl", *OWN_SUFFIXES)
 """File name suffixes of decks."""
 
 
 def dialect_named(name: str) -> Dialect:
-    """Return the dialect of a name; raise InputError for an unknown one."""
+    """Return the dialect named `name`; raise InputError for an unknown name."""
     if name not in DIALECTS:
         hint = suggestion(name, DIALECTS) or f"choose one of {', '.join(sorted(DIALECTS))}"
         raise InputError(f"there is no SPICE dialect {name!r}; {hint}")

@@ -207,7 +207,7 @@ NGSPICE = Dialect(
 
 
 def ngspice_name(name: str) -> str:
-    """Return ngspice's name of an element: ``r1`` at the top level, ``r.x1.r1`` inside a subcircuit.
+    """Return ngspice's name of an element, in lower case: ``r1`` at the top level, ``r.x1.r1`` inside a subcircuit.
 
     Examples
     --------

@@ -25,17 +25,17 @@ GROUND_NAME = "0"
 
 
 SUFFIXES = {"t": 12, "g": 9, "meg": 6, "k": 3, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12, "f": -15}
-"""Powers of ten of the suffixes that all dialects except Spectre have, in lower case."""
+"""Power of ten by suffix of a number, in lower case; all dialects except Spectre have these suffixes."""
 
 _NAMES = (
     "sqrt exp ln log10 abs int floor ceil min max pow pwr sgn atan2 hypot "
     "sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh"
 )
 FUNCTIONS = {name: name for name in _NAMES.split()}
-"""Functions with the same name and meaning in every dialect."""
+"""Functions with equal names and meanings in every dialect, each mapped to itself."""
 
 ARCS = {"arctan": "atan", "arcsin": "asin", "arccos": "acos"}
-"""Long names of the inverse trigonometric functions."""
+"""Long names of the inverse trigonometric functions, mapped to the short names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ class Refusals:
     encodings : frozenset of str
         Encodings of files that end the run: ``"latin-1"``, ``"utf-16"``, ``"cr"`` (carriage returns between lines).
     commas : bool
-        Whether a comma directly after a value and before the next name ends the run.
+        Whether the simulator hangs at a comma directly after a value and before the next name.
     idle_parameters : bool
         Whether a parameter without a value ends the run even if no expression refers to it.
     redefinitions : bool
@@ -165,34 +165,35 @@ LTSPICE_COMMANDS = frozenset({".backanno", ".loadbias", ".machine", ".savebias",
 class ReadingRules:
     """Rules for reading decks of one dialect.
 
-    `name`: of the dialect; `signs`: byte strings that only its decks contain, in lower case; `suffix`: of its file
-    names; `comments`: marks that begin a comment anywhere in a line; `dollar_comments`: whether ``$`` after a blank
-    or a comma, or first in a line, begins a comment; `suffixes`: power of ten of each suffix; `infix_suffixes`:
-    whether ``4k7`` is 4700; `d_exponents`: whether ``1d3`` is 1000; `milli_mil`: whether ``mil`` is milli in
-    expressions and 25.4e-6 elsewhere; `grounds`: names of node 0, in lower case; `no_grounds`: names of ordinary nodes
-    that are ground in other dialects; `powers`: operators that raise to a power; `functions`: names of functions in
-    expressions, mapped to those of `resgrid.spice.read.expressions.FUNCTIONS`; `model_factor`: whether the ``r`` of a
-    resistor model is a factor; `lengths_twice`: whether a model's ``narrow`` and ``short`` are subtracted at both ends;
-    `annotations`: keys of an element without effect on a simulation; `flags`: words of that kind; `operators`:
+    `name`: name of the dialect; `signs`: byte strings that only decks of this dialect contain, in lower case; `suffix`:
+    file name suffix of the decks, empty if none is typical; `comments`: marks that begin a comment anywhere in a line;
+    `dollar_comments`: whether ``$`` after a blank or a comma, or first in a line, begins a comment; `suffixes`: power
+    of ten of each suffix of a number; `infix_suffixes`: whether ``4k7`` is 4700; `d_exponents`: whether ``1d3`` is
+    1000; `milli_mil`: whether ``mil`` is milli in expressions and 25.4e-6 elsewhere; `grounds`: names of node 0, in
+    lower case; `no_grounds`: names of ordinary nodes that are ground in other dialects; `powers`: operators that raise
+    to a power; `functions`: names of functions in expressions, mapped to those of
+    `resgrid.spice.read.expressions.FUNCTIONS`; `model_factor`: whether the ``r`` of a resistor model is a factor;
+    `lengths_twice`: whether a model's ``narrow`` and ``short`` are subtracted at both ends; `annotations`: keys of an
+    element without effect on a simulation; `flags`: words without a value that have no effect either; `operators`:
     operators with another meaning than in `resgrid.spice.read.expressions`; `narrow_parser`: whether signs after
-    operators and nested conditionals are misread; `puts_in_text`: whether functions and the values of an ``X`` line
-    are substituted as text, so that their names are looked up in the place of substitution; `replaces_multipliers`:
+    operators and nested conditionals are misread; `puts_in_text`: whether functions and the values of an ``X`` line are
+    substituted as text, so that names in them are looked up in the place of substitution; `replaces_multipliers`:
     whether ``m=`` of an ``X`` line replaces ``m=`` in the subcircuit and does not apply to switches; `end_is_comment`:
     whether lines after ``.end`` are read; `first_counts`: whether the first of several models of one name is used, and
     the first of several options on a line; `temp_command_first`: whether ``.temp`` overrides ``.option temp``
     regardless of their order; `braced_temperatures`: whether a temperature must be a number or an expression in braces;
-    `sheet_first`: whether a model's ``rsh`` overrides its ``r``, even without length and width; `models_first`:
-    whether a model's name is ignored after a value that does not begin with a digit; `ignored_model_keys`: parameters
-    of resistor models that only other dialects apply, with the replacement to suggest (empty: this dialect applies
-    the parameter, but resgrid does not); `spaced_lists`: whether the values of ``tc=`` are separated by blanks, without
-    parentheses; `scale_key`: whether ``scale=`` of a resistor is applied; `refused_options`: options that change the
-    circuit in a way that resgrid does not model; `refused_elements`: first letters with another meaning than in SPICE,
-    and that meaning; `series_resistance`: whether voltage sources may have ``rser=``; `inductor_ohms`: series
-    resistance of an inductor without ``rser=0``; `inductor_keys, capacitor_keys`: keys of series resistances and
-    parasitics of an inductor and a capacitor; `off_ohms`: resistance of an open switch, in ohms; `holds_initial`:
-    whether ``.ic`` fixes node voltages at the operating point; `instances`: whether elements are instances of a master
-    and names are case-sensitive, as in Spectre; `spice`: rules after ``simulator lang=spice`` in such a deck; `words`:
-    reserved names and expression syntax; `refusals`: text that stops the simulator.
+    `sheet_first`: whether a model's ``rsh`` overrides ``r``, even without length and width; `models_first`: whether a
+    model's name is ignored after a value that does not begin with a digit; `ignored_model_keys`: parameters of resistor
+    models that only other dialects apply, with the replacement to suggest (empty: this dialect applies the parameter,
+    but resgrid does not); `spaced_lists`: whether the values of ``tc=`` are separated by blanks, without parentheses;
+    `scale_key`: whether ``scale=`` of a resistor is applied; `refused_options`: options that change the circuit in a
+    way that resgrid does not model; `refused_elements`: meaning of each first letter that means another element than in
+    SPICE; `series_resistance`: whether voltage sources may have ``rser=``; `inductor_ohms`: series resistance of an
+    inductor without ``rser=0``, in ohms; `inductor_keys, capacitor_keys`: keys of series resistances and parasitics of
+    an inductor and a capacitor; `off_ohms`: resistance of an open switch, in ohms; `holds_initial`: whether ``.ic``
+    fixes node voltages at the operating point; `instances`: whether elements are instances of a master and names are
+    case-sensitive, as in Spectre; `spice`: rules after ``simulator lang=spice`` in such a deck; `words`: reserved names
+    and expression syntax; `refusals`: text that stops the simulator.
     """
 
     name: str
@@ -244,15 +245,15 @@ class Statements:
     """Statements of a simulator that request analyses; templates for `str.format`, one line each.
 
     The fields are those of `resgrid.spice.analyses`, and ``deck``, ``results`` (name of the result file), ``source`` (a
-    voltage source of the deck, for analyses that need one) and its ``volts``.
+    voltage source of the deck, for analyses that need one) and ``volts`` (voltage of ``source``).
 
-    `first, last`: lines before and after all others; `deck_first`: whether the deck is included before the
-    statements; `operating, transient, noise, temperature, mismatch`: the analyses, where ``temperatures`` and
-    ``numbers`` (of the runs) are lists separated by blanks; `run`: lines that start the other analyses if one analysis
-    is a control block; `one_a_run`: whether a file may hold one analysis only; `print_all`: statement that prints all
-    voltages, with the analysis as ``kind``; empty if they are saved by default; `probe`: statement that saves
-    ``what``; `probe_voltage, probe_current`: a voltage and a current in that statement; `maximum, minimum, value,
-    crossing`: the measurements, by `Measure.what`; `measure_first, measure_last`: lines around the measurements.
+    `first, last`: lines before and after all others; `deck_first`: whether the deck is included before the statements;
+    `operating, transient, noise, temperature, mismatch`: the analyses, where ``temperatures`` and ``numbers`` (of the
+    runs) are lists separated by blanks; `run`: lines that start the other analyses if one analysis is a control block;
+    `one_a_run`: whether a file may hold one analysis only; `print_all`: statement that prints all voltages, with the
+    analysis as ``kind``; empty if they are saved by default; `probe`: statement that saves ``what``; `probe_voltage,
+    probe_current`: a voltage and a current in that statement; `maximum, minimum, value, crossing`: the measurements, by
+    `Measure.what`; `measure_first, measure_last`: lines around the measurements.
     """
 
     first: tuple[str, ...]
@@ -283,11 +284,12 @@ class Quirks:
 
     `basis`: whether the behaviour was measured or taken from the manual; `smallest_resistance`: value in ohms to which
     smaller resistances are raised, 0 ohm included; None if it is not known; `raises_zero_only`: whether only 0 ohm is
-    raised; `floating`: nodes that receive a conductance to ground if a part floats: all nodes, the floating nodes, or
-    unknown; `gmin`: that conductance, in siemens; `gmin_options`: options that set it, by decreasing precedence;
-    `shunt_options`: options that add a resistor from every node to ground, and their unit; `duplicates`: effect of a
-    second element of the same name; `loops`: whether all loops of voltage sources end the run, or only those tied to
-    ground; loops that do not are solved by a transient, as are loops of inductors.
+    raised; `floating`: nodes that receive a conductance to ground if a part floats: all nodes ("everywhere"), the
+    floating nodes ("there"), or "unknown"; `gmin`: that conductance, in siemens; `gmin_options`: options that set
+    `gmin`, by decreasing precedence; `shunt_options`: unit of each option that adds a resistor from every node to
+    ground; `duplicates`: effect of a second element of the same name; `loops`: whether all loops of voltage sources end
+    the run ("fail"), or only loops that are tied to ground; other loops, and loops of inductors, are solved by a
+    transient.
     """
 
     basis: Basis = "documented"
@@ -306,8 +308,8 @@ class Costs:
     """Cost model of one engine for an operating point, in seconds on one core of 2020s server hardware and in bytes.
 
     The time is ``start + element * elements + core * width**width_power * size**size_power`` and the memory
-    ``start_bytes + element_bytes * elements + fill_bytes * size * width``, with the size and width of the network's
-    core (`resgrid.spice.run.cost_estimate.core_of`).
+    ``start_bytes + element_bytes * elements + fill_bytes * size * width``.  `elements` is the number of elements;
+    `size` and `width` are those of the network's core (`resgrid.spice.run.cost_estimate.core_of`).
     """
 
     start: float
@@ -327,24 +329,25 @@ class Dialect:
     Templates are for `str.format`.  Their fields are ``name``, ``a`` and ``b`` (nodes), ``value``, and those named
     below.
 
-    `name`: used in options and arguments; `label`: as displayed; `reserved`: legal words with a special meaning as
+    `name`: name in options and arguments; `label`: name in messages; `reserved`: legal words with a special meaning as
     a node name; `comment`: beginning of a full-line comment; `preamble`: lines after the title of every deck;
-    `resistor, voltage_source, current_source, capacitor`: line of an element, values in SI units;
-    `nonlinear_resistor`: line of an element with ``I = current * tanh(V / voltage)``; `behavioural_current`: line of
-    a current source whose ``value`` is an expression; `spread_resistor`: line of a resistor with a normally distributed
-    value, drawn by the simulator, of standard deviation ``sigma * value``; `spread_preamble`: lines that define it, for
+    `resistor, voltage_source, current_source, capacitor`: line of an element, values in SI units; `nonlinear_resistor`:
+    line of an element with ``I = current * tanh(V / voltage)``; `behavioural_current`: line of a current source whose
+    ``value`` is an expression; `spread_resistor`: line of a resistor with a normally distributed value, drawn by the
+    simulator, of standard deviation ``sigma * value``; `spread_preamble`: lines that `spread_resistor` needs, for
     ``sigma``; `temperature_coefficients`: end of a resistor's line, for ``tc1`` in 1/K and ``tc2`` in 1/K^2;
     `piecewise`: end of a source's line for a piecewise linear waveform with ``points``, pairs of time and value;
     `small_signal`: end of the line of a source of 1 V in a small-signal analysis; `expression`: an expression ``value``
     in place of a number; `parameter`: definition of the parameter ``name``; `subcircuit`: first line of a subcircuit
-    (``name``, ``nodes``, ``defaults``); `parameters`: introduces its parameters, in a line of their own if
-    `parameters_in_body`, else in the first line; `instance`: an instance (``name``, ``nodes``, ``master``, ``values``);
-    `instance_parameters`: word before the values of an instance; `end_subcircuit`: last line of a subcircuit;
-    `include`: statement that includes ``file``; `precise`: options with which Newton's method converges to 1e-9 in
-    circuits with nonlinear resistors; `end`: last line of a deck, may be empty; `statements`: of the second file, which
-    includes the deck and requests analyses; `quirks`: behaviour for defective circuits; `nominal_temperature`: default
-    temperature of element values, in degrees Celsius; `engines`: programs that can run its decks, with their costs;
-    `checks_itself`: whether a self-check deck is written; `reading`: rules for reading its decks.
+    (``name``, ``nodes``, ``defaults``); `parameters`: definition of a subcircuit's parameters, in a line of their own
+    if `parameters_in_body`, else in the first line; `instance`: an instance (``name``, ``nodes``, ``master``,
+    ``values``); `instance_parameters`: word before the values of an instance; `end_subcircuit`: last line of a
+    subcircuit; `include`: statement that includes ``file``; `precise`: options with which Newton's method converges to
+    1e-9 in circuits with nonlinear resistors; `end`: last line of a deck, may be empty; `statements`: statements of the
+    second file, which includes the deck and requests analyses; `quirks`: behaviour for defective circuits;
+    `nominal_temperature`: default temperature of element values, in degrees Celsius; `engines`: programs that can run
+    the decks, with their costs; `checks_itself`: whether a self-check deck is written; `reading`: rules for reading
+    decks of the dialect.
     """
 
     name: str

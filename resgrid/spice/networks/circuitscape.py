@@ -36,15 +36,20 @@ _POLICIES = {
     "rmvgnd": (False, True),
     "rmvall": (True, True),
 }
-"""Whether sources and grounds are removed at nodes that have both; Circuitscape 3.5 wrote ``not entered``."""
+"""Whether a source, and whether a ground, is removed at a node with both, by the value of ``remove_src_or_gnd``.
+
+Circuitscape 3.5 wrote ``not entered``.
+"""
 
 
 def read_circuitscape(
     path: str | os.PathLike[str], *, root: str | os.PathLike[str] | None = None
 ) -> tuple[Network, NDArray[np.int64] | None]:
-    """Read a Circuitscape configuration in advanced mode, and the files that it names.
+    """Return the network of a Circuitscape configuration in advanced mode, and the node of every cell.
 
-    For a raster, the second value is the node of every cell, shape (rows, columns), top row first, -1 for none.
+    `path`: the configuration file; `root`: folder that must contain the files that it names, by default its own
+    folder.  The nodes have the shape (rows, columns), top row first, with -1 for a cell without a node; they are None
+    unless the data are rasters.
     """
     job = read_configuration(path, root)
     scenario = job.text("scenario")
@@ -73,7 +78,10 @@ def read_circuitscape(
 def _values_of_cells(
     job: Configuration, amps: NDArray[np.float64], siemens: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return currents (A) and conductances to ground (S) of cells, with unit currents and direct grounds applied."""
+    """Return currents (A) and conductances to ground (S) after unit currents and direct grounds are applied.
+
+    `amps, siemens`: values before that, one per cell or node, arrays of any shape; the results have the same shape.
+    """
     if job.flag("use_unit_currents"):
         amps = (amps != 0).astype(np.float64)
     if job.flag("use_direct_grounds"):
@@ -82,7 +90,10 @@ def _values_of_cells(
 
 
 def _resolved(job: Configuration, network: Network) -> Network:
-    """Return the network with ``remove_src_or_gnd`` applied, and without sources in components without a ground."""
+    """Return the network with ``remove_src_or_gnd`` applied, and without sources in components without a ground.
+
+    `job`: the configuration.
+    """
     policy = job.text("remove_src_or_gnd")
     if policy not in _POLICIES:
         words = ", ".join(word for word in _POLICIES if " " not in word)
@@ -105,11 +116,14 @@ def _resolved(job: Configuration, network: Network) -> Network:
 
 
 def _read_rasters(job: Configuration) -> tuple[Network, NDArray[np.int64]]:
-    """Return the network of a raster configuration, and the node of every cell, shape (rows, columns)."""
+    """Return the network of a raster configuration, and the node of every cell, shape (rows, columns), -1 for none."""
     conductance = _habitat(job)
 
     def raster_of(key: str) -> NDArray[np.float64]:
-        """Return the raster that a key names; raise InputError unless it has the shape of the habitat."""
+        """Return the raster of the file that the key `key` names.
+
+        Raise InputError unless it has the habitat's shape.
+        """
         other = read_raster(job.file(key))
         if other.shape != conductance.shape:
             sizes = (f"{rows} x {columns} cells" for rows, columns in (other.shape, conductance.shape))
@@ -148,7 +162,10 @@ def _read_rasters(job: Configuration) -> tuple[Network, NDArray[np.int64]]:
 
 
 def _habitat(job: Configuration) -> NDArray[np.float64]:
-    """Read the conductance of every cell, shape (rows, columns); 0 where a cell is empty."""
+    """Return the conductance of every cell in S, shape (rows, columns), 0 for an empty cell.
+
+    Raises InputError for a negative value and for 0 ohm.
+    """
     path = job.file("habitat_file")
     habitat, measure = read_raster(path), job.measure("habitat_map_is_resistances")
     wrong = (habitat < 0) | ((habitat == 0) & (measure == "resistance"))
@@ -162,7 +179,10 @@ def _habitat(job: Configuration) -> NDArray[np.float64]:
 
 
 def _siemens(cells: NDArray[np.float64], measure: Measure) -> NDArray[np.float64]:
-    """Return the conductance of every cell in S, 0 for an empty cell; shape (rows, columns)."""
+    """Return the conductance of every cell in S, 0 for an empty cell (NaN); shape (rows, columns).
+
+    `cells` (rows, columns): values of the raster; `measure`: quantity of the values, "resistance" or "conductance".
+    """
     with np.errstate(divide="ignore"):
         return np.where(np.isnan(cells), 0.0, cells if measure == "conductance" else 1.0 / cells)
 
@@ -172,7 +192,8 @@ def _number_cells(
 ) -> tuple[NDArray[np.int64], list[str]]:
     """Return the node of every cell, -1 for none, and the names of the nodes, ground first.
 
-    A polygon with a conducting cell is one node, and its empty cells belong to this node.
+    A polygon with a conducting cell is one node, and its empty cells belong to this node.  `conductance` (rows,
+    columns): in S, 0 for an empty cell; `polygon` (rows, columns): number of the cell's polygon, 0 for none.
     """
     conducts = conductance > 0
     cell = np.arange(conductance.size).reshape(conductance.shape)
@@ -190,9 +211,12 @@ def _number_cells(
 def _links(
     conductance: NDArray[np.float64], node: NDArray[np.int64], *, mean_resistance: bool, diagonals: bool
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Return the resistors between neighbouring cells: nodes, shape (n, 2), and siemens, shape (n,).
+    """Return the resistors between neighbouring cells: nodes, shape (n, 2), and conductances in S, shape (n,).
 
-    An empty cell of a polygon has 0 S: half of its neighbour's conductance is the mean, and no mean resistance exists.
+    `conductance` (rows, columns): of the cells, in S; `node` (rows, columns): node numbers, -1 for none;
+    `mean_resistance`: whether the mean of the resistances is used instead of the mean of the conductances; `diagonals`:
+    whether diagonal neighbours are joined.  An empty cell of a polygon has 0 S: half of its neighbour's conductance is
+    the mean, and no mean resistance exists.
     """
     steps: list[tuple[Any, Any, float]] = [(np.s_[:, :-1], np.s_[:, 1:], 1.0), (np.s_[:-1], np.s_[1:], 1.0)]
     if diagonals:

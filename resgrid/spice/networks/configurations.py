@@ -51,7 +51,7 @@ _WITHOUT_EFFECT = frozenset(
         "profiler_log_file",
     }
 )  # fmt: skip
-"""Keys of Circuitscape 3.5 to 5 that choose outputs, solvers or other scenarios."""
+"""Keys of Circuitscape 3.5 to 5 that choose outputs, solvers or other scenarios, and are ignored here."""
 
 _FLAGS = dict.fromkeys(("True", "true", "1"), True) | dict.fromkeys(("False", "false", "0"), False)
 _PLACEHOLDERS = ("", "None", "none")
@@ -61,7 +61,8 @@ _PLACEHOLDERS = ("", "None", "none")
 class Configuration:
     """The keys of one configuration file.
 
-    `folder`: folder of the file, to which file names are relative; `root`: folder that must contain all files.
+    `path`: displayed name of the file; `folder`: folder of the file, to which file names are relative; `root`: folder
+    that must contain all files; `values`: texts of the values by key.
     """
 
     path: str
@@ -70,11 +71,11 @@ class Configuration:
     values: Mapping[str, str]
 
     def text(self, key: str) -> str:
-        """Return the value of a key, or its default in Circuitscape."""
+        """Return the text of a key's value, or the default of Circuitscape if the file does not have the key."""
         return self.values.get(key, _DEFAULTS[key])
 
     def flag(self, key: str) -> bool:
-        """Return the value of a boolean key."""
+        """Return the value of a boolean key; raise InputError for text other than a boolean."""
         word = self.text(key)
         if word not in _FLAGS:
             raise InputError(
@@ -84,11 +85,17 @@ class Configuration:
         return _FLAGS[word]
 
     def measure(self, key: str) -> Measure:
-        """Return the quantity in a file, by a boolean key that is true for resistances."""
+        """Return the quantity in a file, "resistance" or "conductance".
+
+        `key`: boolean key that is true for resistances.
+        """
         return "resistance" if self.flag(key) else "conductance"
 
     def file(self, key: str) -> Path:
-        """Return the path of the file that a key names, or of the file with that name in the configuration's folder."""
+        """Return the path of the file that a key names; raise InputError if no such file exists below `root`.
+
+        If the file is missing at its path, a file with the same name in the configuration's folder is used.
+        """
         name = self.text(key)
         if name in _PLACEHOLDERS or name == _DEFAULTS[key]:
             raise InputError(f"{self.path}: the key {key!r} is missing; name the file")
@@ -103,7 +110,10 @@ class Configuration:
 
 
 def read_configuration(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Configuration:
-    """Return the keys of a configuration file; raise InputError for unknown keys and other lines."""
+    """Return the keys of a configuration file; raise InputError for unknown keys and other lines.
+
+    `root`: folder that must contain the files that the configuration names, by default the folder of `path`.
+    """
     name = os.fspath(path)
     values: dict[str, str] = {}
     for number, line in enumerate(read_text(path).split("\n"), 1):
@@ -121,7 +131,7 @@ def read_configuration(path: str | os.PathLike[str], root: str | os.PathLike[str
 
 
 def _advice(key: str) -> str:
-    """Return the message about an unknown key, with the nearest known key."""
+    """Return the message about an unknown key, with the nearest known key if one is similar."""
     near = difflib.get_close_matches(key.strip().lower(), [*_DEFAULTS, *sorted(_WITHOUT_EFFECT)], 1)
     if near and near[0] == key.strip().lower():
         return f"Circuitscape does not read the key {key!r}; write it {near[0]!r}, without blanks before it"

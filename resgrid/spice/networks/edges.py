@@ -23,18 +23,18 @@ MEASURES = ("resistance", "conductance")
 
 _COMMENT = re.compile(r"[#%].*")
 _DECIMAL = re.compile(r"[-+]?(\d+\.\d*|\.\d+|\d+(?=[eE][-+]))([eE][-+]?\d{1,3})?", re.ASCII)
-"""Decimals in the form that programs print, ``1.000e+00`` or ``1e+06``; a node may be named ``1e5``."""
+"""Pattern of decimals in the form that programs print, ``1.000e+00`` or ``1e+06``; a node may be named ``1e5``."""
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 _DIGITS = "+-.0123456789"
 _LONGEST = 20
-"""Maximum number of digits of a node's number."""
+"""Maximum number of digits of an integer node name in decimal form, such as ``1.000e+00``."""
 _GROUND = "ground"
 _MATRIX = "%%MatrixMarket"
 _HEADINGS = {
     "resistance": re.compile(r"resistances?|ohms?"),
     "conductance": re.compile(r"conductances?|siemens"),
 }
-"""Headings that state the quantity of a column."""
+"""Patterns of the column headings that state a quantity, by the quantity."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,8 @@ class Network:
     """Resistors between nodes, currents into nodes, and resistors from nodes to ground.
 
     `names` (nodes,): names of nodes, ground first; `edges` (n, 2): nodes of the resistors; `conductance` (n,): in S;
-    `amps` (nodes,): injected currents, in A; `to_ground` (nodes,): in S, infinite for nodes at 0 V.
+    `amps` (nodes,): injected currents, in A; `to_ground` (nodes,): conductance to ground in S, infinite for nodes at 0
+    V.
     """
 
     names: list[str]
@@ -52,7 +53,7 @@ class Network:
     to_ground: NDArray[np.float64]
 
     def netlist(self) -> Netlist:
-        """Return the netlist; nodes with infinite conductance to ground get a source of 0 V."""
+        """Return the network as a netlist; a node with infinite conductance to ground gets a source of 0 V."""
         held, driven = np.flatnonzero(np.isinf(self.to_ground)), np.flatnonzero(self.amps)
         resistive = np.flatnonzero(np.isfinite(self.to_ground) & (self.to_ground > 0))
         return Netlist(
@@ -68,7 +69,7 @@ class Network:
 
 
 def _with_ground(nodes: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Return pairs of each node and ground, shape (n, 2)."""
+    """Return pairs of each node and ground, shape (n, 2); `nodes` (n,): node numbers."""
     return np.stack([nodes, np.zeros_like(nodes)], axis=1).astype(np.int32)
 
 
@@ -76,8 +77,9 @@ def _with_ground(nodes: NDArray[np.int64]) -> NDArray[np.int32]:
 class EdgeTable:
     """Content of a file with lines ``name ... name number``.
 
-    `source`: displayed name of the file; `names`: per row its names; `values` (rows,): the numbers; `lines`: line
-    numbers; `measure`: quantity that the heading states.
+    `source`: displayed name of the file; `names`: names in each row; `values` (rows,): number in each row; `lines`:
+    line number of each row, counted from 1; `measure`: "resistance" or "conductance" if the heading states it, else
+    None.
     """
 
     source: str
@@ -87,13 +89,15 @@ class EdgeTable:
     measure: str | None
 
     def place(self, row: int) -> str:
-        """Return ``file:line`` of a row."""
+        """Return the place ``file:line`` of a row; `row`: index of the row, counted from 0."""
         return f"{self.source}:{self.lines[row]}"
 
     def siemens(self, measure: str | None, *, shorts: bool = False, absent: bool = False) -> NDArray[np.float64]:
-        """Return the values as conductances, shape (rows,), by the heading, or else by `measure`.
+        """Return the values as conductances in S, shape (rows,).
 
-        Zero is an error, except 0 ohm (infinite) and 0 S with `shorts`, and 0 S with `absent`.
+        The quantity of the values is that of the heading, else `measure`, else resistance.  Raises InputError for a
+        value below zero, or zero unless allowed: `shorts` allows 0 ohm (infinite conductance) and 0 S; `absent` allows
+        0 S.
         """
         if measure not in (None, *MEASURES):
             raise InputError(f"measure = {measure!r} is unknown; it may be one of {', '.join(MEASURES)}")
@@ -120,7 +124,7 @@ class EdgeTable:
 
 
 def _bound(zero: bool) -> str:
-    """Return the lower bound of a value in words; `zero`: whether 0 is allowed."""
+    """Return the lower bound of a value in words for an error message; `zero`: whether 0 is allowed."""
     return "not be negative" if zero else "be positive"
 
 
@@ -134,9 +138,11 @@ def read_edges(
     last_counts: bool = False,
     absent_edges: bool = False,
 ) -> Network:
-    """Read an edge list, and optional lists of injected currents and of resistors to ground.
+    """Return the network of an edge list, with optional lists of injected currents and of resistors to ground.
 
-    Every line is one resistor, so that repeated edges are in parallel.  The values of several lines of a node are
+    Every line of `edges` is one resistor, so that repeated edges are in parallel.  `sources`: file of injected
+    currents, in A; `grounds`: file of resistors to ground; `measure, ground_measure`: "resistance" or "conductance",
+    the quantity of the values of `edges` and `grounds` without a heading.  The values of several lines of a node are
     summed, or with `last_counts` the last one counts.  With `absent_edges` edges of 0 S are omitted.
     """
     table = _read_table(edges, 2, "edge")
@@ -156,7 +162,10 @@ def read_edges(
 
 
 def _accumulate(sums: NDArray[np.float64], nodes: list[int], values: NDArray[np.float64], last_counts: bool) -> None:
-    """Add the values of a list to their nodes in place, or with `last_counts` assign the last value of each node."""
+    """Add the values to `sums` at the given nodes in place, or with `last_counts` assign the last value of each node.
+
+    `sums` (nodes,): result; `nodes` (rows,), `values` (rows,): node and value of each row.
+    """
     if last_counts:
         sums[nodes] = values
     else:
@@ -164,7 +173,7 @@ def _accumulate(sums: NDArray[np.float64], nodes: list[int], values: NDArray[np.
 
 
 def edges_text(netlist: Netlist) -> str:
-    """Return the resistors of a netlist as the text of an edge list."""
+    """Return the resistors of a netlist as the text of an edge list, one line ``node node ohms`` each."""
     names = netlist.names_of(range(netlist.node_count))
     for node in np.unique(netlist.resistor_nodes).tolist():
         if node != GROUND and not _is_writable(names[node]):
@@ -177,12 +186,15 @@ def edges_text(netlist: Netlist) -> str:
 
 
 def _is_writable(name: str) -> bool:
-    """Return whether a node's name survives writing and reading."""
+    """Return whether a node's name remains the same after writing and reading an edge list."""
     return name.lower() != _GROUND and _words(name) == [name] and _node_name(name) == name
 
 
 def is_edge_list(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file begins like an edge list: two nodes and a number, possibly below a heading."""
+    """Return whether a file begins like an edge list: two nodes and a number, possibly below a heading.
+
+    `path`: the file, of which 4096 bytes are read; an unreadable file is not an edge list.
+    """
     try:
         with Path(path).open("rb") as file:
             text = decode(normalise(file.read(4096), os.fspath(path)))
@@ -195,14 +207,15 @@ def is_edge_list(path: str | os.PathLike[str]) -> bool:
 
 
 def _is_edge(words: list[str]) -> bool:
-    """Return whether the words of a line are an edge, and neither a SPICE command nor a comment."""
+    """Return whether the words of a line are two nodes and a number, and neither a SPICE command nor a comment."""
     return len(words) == 3 and words[0][0] not in ".*" and _NUMBER.fullmatch(words[2]) is not None
 
 
 def _read_table(path: str | os.PathLike[str], columns: int, entry: str) -> EdgeTable:
-    """Return lines of `columns` names and one number; `entry` names such a line in messages.
+    """Return the table of a file whose lines hold `columns` names and one number.
 
-    Blanks, commas and semicolons separate; ``#`` and ``%`` begin comments.
+    Blanks, commas and semicolons separate; ``#`` and ``%`` begin comments.  `entry`: the word for a line in messages,
+    such as "edge".
     """
     source = os.fspath(path)
     names: list[tuple[str, ...]] = []
@@ -234,13 +247,16 @@ def _read_table(path: str | os.PathLike[str], columns: int, entry: str) -> EdgeT
 
 
 def _measure_of(heading: str | None) -> str | None:
-    """Return the quantity that a heading states, or None."""
+    """Return the quantity that a heading states, "resistance" or "conductance"; None if it states neither."""
     word = (heading or "").lower()
     return next((measure for measure, form in _HEADINGS.items() if form.fullmatch(word)), None)
 
 
 def _node_name(word: str) -> str:
-    """Return the name of a node; an integer in decimal form (``1.000e+00``) becomes ``1``."""
+    """Return the name of a node.
+
+    An integer in decimal form (``1.000e+00``) becomes ``1``, other words stay unchanged.
+    """
     if not _DECIMAL.fullmatch(word):
         return word
     value = Decimal(word)
@@ -250,13 +266,16 @@ def _node_name(word: str) -> str:
 
 
 def _words(line: str) -> list[str]:
-    """Return the words of a line without comment and quotes."""
+    """Return the words of a line without its comment and without double quotes."""
     words = _COMMENT.sub("", line).replace(",", " ").replace(";", " ").split()
     return [word[1:-1] if len(word) > 2 and word[0] == word[-1] == '"' else word for word in words]
 
 
 def _numbers(table: EdgeTable, number: dict[str, int]) -> list[int]:
-    """Return the node numbers of a table's first column; raise InputError for a node without an edge."""
+    """Return the node number of every row's first name; raise InputError for a node without an edge.
+
+    `number`: node number by name.
+    """
     nodes = [number.get(names[0], -1) for names in table.names]
     if -1 in nodes:
         row = nodes.index(-1)

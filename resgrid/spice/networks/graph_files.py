@@ -19,13 +19,16 @@ if TYPE_CHECKING:
     import networkx as nx
 
 GRAPH_SUFFIXES = (".graphml", ".json", ".npz")
-"""Suffixes of GraphML, node-link JSON and NumPy arrays."""
+"""File name suffixes of GraphML, node-link JSON and NumPy arrays."""
 
 _ARRAYS = tuple(name for names in ARRAYS.values() for name in names)
 
 
 def graphml(netlist: Netlist) -> bytes:
-    """Return a netlist as GraphML; the nodes of an element are one string, because GraphML has no lists."""
+    """Return the content of a GraphML file of a netlist.
+
+    The two nodes of an element are one string, because GraphML has no lists.
+    """
     import networkx as nx
 
     graph, data = netlist.to_networkx(), BytesIO()
@@ -36,7 +39,7 @@ def graphml(netlist: Netlist) -> bytes:
 
 
 def node_link(netlist: Netlist) -> dict[str, Any]:
-    """Return a netlist as a graph in node-link form."""
+    """Return a netlist as a graph in node-link form: a dict for JSON with the keys ``nodes`` and ``edges``."""
     import networkx as nx
 
     record: dict[str, Any] = nx.node_link_data(netlist.to_networkx(), edges="edges")
@@ -44,7 +47,7 @@ def node_link(netlist: Netlist) -> dict[str, Any]:
 
 
 def netlist_arrays(netlist: Netlist) -> dict[str, Any]:
-    """Return the arrays and names of a netlist by their keys in an NPZ file."""
+    """Return the contents of an NPZ file of a netlist: arrays of elements and of names, by key."""
     arrays = {name: getattr(netlist, name) for name in _ARRAYS if getattr(netlist, name) is not None}
     arrays["node_names"] = np.array(netlist.names_of(np.arange(netlist.node_count)), dtype=np.str_)
     names = (netlist.element_names or {}).items()
@@ -52,7 +55,7 @@ def netlist_arrays(netlist: Netlist) -> dict[str, Any]:
 
 
 def read_graph(path: str | os.PathLike[str]) -> Netlist:
-    """Return the netlist of a GraphML, node-link JSON or NPZ file, by its suffix."""
+    """Return the netlist of a GraphML, node-link JSON or NPZ file, according to the suffix of `path`."""
     file = Path(path)
     readers = {".graphml": _read_graphml, ".json": _read_json, ".npz": _read_arrays}
     try:
@@ -90,14 +93,17 @@ def _read_json(path: Path) -> Netlist:
 
 
 def _netlist_of(graph: nx.Graph[Any]) -> Netlist:
-    """Return the netlist of a graph; ground is the node 0, or else the node named 0, or else an added node."""
+    """Return the netlist of a graph.
+
+    Ground is the node 0, or else the node whose attribute ``name`` is 0, or else an added node.
+    """
     by_node = (node for node in graph if str(node) == "0")
     by_name = (node for node, data in graph.nodes(data=True) if str(data.get("name")) == "0")
     return Netlist.from_networkx(graph, next(chain(by_node, by_name), GROUND))
 
 
 def _read_arrays(path: Path) -> Netlist:
-    """Return the netlist of an NPZ file."""
+    """Return the netlist of an NPZ file with the arrays of `netlist_arrays`."""
     with np.load(path, allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
     if "resistor_nodes" not in arrays or "node_names" not in arrays:

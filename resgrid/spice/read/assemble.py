@@ -22,7 +22,11 @@ from resgrid.spice.read.subcircuits import Expander
 
 
 def assemble_deck(collector: Collector, source: SourceFile, limit: int | None) -> Circuit:
-    """Return the circuit of the collected cards; `limit` is the maximum number of elements after expansion."""
+    """Return the circuit of the collected cards.
+
+    `collector`: the cards; `source`: file of the deck; `limit`: maximum number of elements after expansion, None for a
+    limit that grows with the number of cards.
+    """
     contents, diagnostics = collector.contents, collector.contents.diagnostics
     scope = Scope(contents.top, diagnostics, built_ins=contents.built_ins())
     temperature, nominal = (contents.temperature(key, scope) for key in ("temp", "tnom"))
@@ -71,9 +75,10 @@ def assemble_deck(collector: Collector, source: SourceFile, limit: int | None) -
 
 
 def _resolve_title(contents: Contents, scope: Scope, elements: Elements, expander: Expander) -> None:
-    """Decide whether the first line is an element or the title.
+    """Add the first line as an element, or set it as the title.
 
-    It is an element if it can be read as one and shares a node other than ground with the rest of the deck.
+    The first line is an element if it can be read as one and shares a node other than ground with the rest of the
+    deck.  `elements`: elements of the rest; `expander`: expansion of the deck.
     """
     first, diagnostics = contents.first, contents.diagnostics
     if first is None:
@@ -104,7 +109,10 @@ def _resolve_title(contents: Contents, scope: Scope, elements: Elements, expande
 def _with_switches(
     parts: dict[str, ElementArrays], node_count: int, files: tuple[str, ...], diagnostics: Diagnostics
 ) -> ElementArrays:
-    """Return the resistors and the switches, each switch as the resistance of its state."""
+    """Return the resistors together with the switches, each switch as the resistance of its state.
+
+    `parts`: elements by kind; `files`: displayed names of the files, for messages.  An undecided switch is an error.
+    """
     switches, resistors = parts["switch"], parts["resistor"]
     if not len(switches):
         return resistors
@@ -138,7 +146,8 @@ def _with_switches(
 def _held_voltages(parts: dict[str, ElementArrays], node_count: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the voltage of every node relative to the root of its tree of voltage sources and shorts, and the root.
 
-    Shapes (nodes,); the voltages are NaN if the sources contradict each other.
+    `parts`: elements by kind.  Both results have the shape (nodes,); the voltages are NaN if the sources contradict
+    each other.
     """
     from resgrid.circuit.sources import tie_sources
 
@@ -157,7 +166,10 @@ def _held_voltages(parts: dict[str, ElementArrays], node_count: int) -> tuple[ND
 def _note_zero_ohms_and_grounds(
     parts: dict[str, ElementArrays], nodes: NodeTable, files: tuple[str, ...], contents: Contents
 ) -> None:
-    """Add notes about resistors of 0 ohm and about names of ground."""
+    """Add notes about resistors of 0 ohm and about names of ground.
+
+    `parts`: elements by kind; `files`: displayed names.
+    """
     resistor, diagnostics, top = parts["resistor"], contents.diagnostics, Spot(files[0], 1)
     zero = np.flatnonzero(resistor.values[:, 0] == 0)
     if zero.size:
@@ -175,9 +187,10 @@ def _note_zero_ohms_and_grounds(
 
 
 def _by_first_use(nodes: list[NDArray[np.int64]], names: list[str]) -> tuple[NDArray[np.int32], tuple[str, ...]]:
-    """Renumber nodes in the order of their first use, ground first, without unused nodes.
+    """Return the new number of every node in the order of first use, -1 if unused, and the names in the new order.
 
-    Returns the new number of every old one (-1 if unused) and the names in the new order.
+    `nodes`: node numbers of the elements, arrays (elements, nodes per element); node 0 (ground) stays first; `names`:
+    names by old number.
     """
     used = np.concatenate([np.zeros(1, dtype=np.int64), *(ends.ravel() for ends in nodes)])
     first = np.full(len(names), -1, dtype=np.int64)

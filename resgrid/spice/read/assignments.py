@@ -12,10 +12,10 @@ _COMMA = re.compile(r"[}\'\")]*,")
 
 
 def assignments(card: Card, tokens: list[Token], *, blanks: bool = False) -> list[Setting]:
-    """Return the ``name=value`` pairs of a card.
+    """Return the ``name=value`` pairs in `tokens`, which are tokens of `card`.
 
-    ``blanks``: whether an expression may contain blanks where the dialect allows it, as after ``.param``; in an
-    instance of a subcircuit a blank ends a value.
+    `blanks`: whether an expression may contain blanks where the dialect allows it (after ``.param``); in an instance of
+    a subcircuit a blank ends a value.
     """
     if card.rules.instances:
         return settings(card, tokens)
@@ -33,7 +33,7 @@ def assignments(card: Card, tokens: list[Token], *, blanks: bool = False) -> lis
 
 
 def depths(tokens: list[Token]) -> list[int]:
-    """Return the nesting depth of parentheses before each token."""
+    """Return the nesting depth of parentheses before each token, 0 outside all parentheses."""
     depth, before = 0, []
     for token in tokens:
         before.append(depth)
@@ -42,7 +42,10 @@ def depths(tokens: list[Token]) -> list[int]:
 
 
 def misplaced_comma(card: Card, pairs: list[Setting]) -> int | None:
-    """Return the offset of a comma directly after a value and before the next name; None if there is no such comma."""
+    """Return the offset of a comma directly after a value and before the next name; None without such a comma.
+
+    `pairs`: the assignments of `card`.
+    """
     for pair, after in pairwise(pairs):
         value = pair.values[-1]
         match = _COMMA.match(card.text, value.offset + len(value.text))
@@ -52,7 +55,7 @@ def misplaced_comma(card: Card, pairs: list[Setting]) -> int | None:
 
 
 def _begins_definition(tokens: list[Token], i: int) -> bool:
-    """Return whether a token is a name before ``=``, and not an operand of ``==``, ``<=``, ``>=`` or ``!=``."""
+    """Return whether token `i` is a name before ``=``, and not an operand of ``==``, ``<=``, ``>=`` or ``!=``."""
     if (
         tokens[i].kind != "word"
         or tokens[i].text[-1] in "<>!"
@@ -65,7 +68,7 @@ def _begins_definition(tokens: list[Token], i: int) -> bool:
 
 
 def _value(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> Token | None:
-    """Return the value given by some tokens as one token; None if they are not a value.
+    """Return the value that the tokens `parts` form, as one token; None if they are not a value.
 
     `blanks`: whether an expression may contain blanks; `alone`: whether the card has only this definition.
     """
@@ -82,7 +85,8 @@ def _value(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> Toke
 def _unquoted(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> Token:
     """Return an expression without quotes as one token; raise CardError where the dialect does not read it.
 
-    ``alone``: whether the card has only this definition.
+    `parts`: tokens of the expression; `blanks`: whether it may contain blanks; `alone`: whether the card has only this
+    definition.
     """
     begin, end = parts[0].offset, parts[-1].offset + len(parts[-1].text)
     text, form = card.text[begin:end], card.rules.words.loose
@@ -99,9 +103,9 @@ def _unquoted(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> T
 
 
 def _first_gap(card: Card, parts: list[Token], *, inside: bool) -> int | None:
-    """Return the offset of the first token after a gap; None without a gap.
+    """Return the offset of the first token after a gap between the tokens `parts`; None without a gap.
 
-    A gap is a separator outside parentheses, and with ``inside`` also a blank within them.
+    A gap is a separator outside parentheses, and with `inside` also a blank within parentheses.
     """
     for depth, token, after in zip(depths(parts)[1:], parts, parts[1:], strict=False):
         gap = card.text[token.offset + len(token.text) : after.offset]

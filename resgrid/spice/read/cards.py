@@ -28,8 +28,8 @@ class Card:
     """A card (statement): a line and its continuation lines.
 
     `text`: the lines joined by blanks, without comments; `file`: index of the file; `name`: displayed name of the file;
-    `rules`: the dialect's rules; `joins`: per line its offset in ``text``, its number, and the column of its first
-    character, counted from 1.
+    `rules`: the dialect's rules; `joins`: for each line the offset in `text`, the line number, and the column of the
+    first character, counted from 1.
     """
 
     text: str
@@ -40,28 +40,31 @@ class Card:
 
     @property
     def line(self) -> int:
-        """Number of the first line."""
+        """Number of the card's first line in the file, counted from 1."""
         return self.joins[0][1]
 
     @property
     def first_word(self) -> str:
-        """The first word in lower case."""
+        """The first word of the card, in lower case."""
         return self.text.split(maxsplit=1)[0].lower()
 
     def spot(self, offset: int | None = None) -> Spot:
-        """Return the position of a character of the text, or of the whole card if `offset` is None."""
+        """Return the position of the character at `offset` in `text`, or of the whole card if `offset` is None."""
         if offset is None:
             return Spot(self.name, self.line)
         start, line, column = next(join for join in reversed(self.joins) if join[0] <= max(offset, 0))
         return Spot(self.name, line, column + max(offset, 0) - start)
 
     def error(self, offset: int | None, text: str) -> CardError:
-        """Return an error at a position in this card."""
+        """Return an error with the message `text` at `offset` in this card; None means the whole card."""
         return CardError(self.spot(offset), text)
 
 
 def cards(lines: Iterable[Line], source: SourceFile, rules: ReadingRules, diagnostics: Diagnostics) -> Iterator[Card]:
-    """Yield the cards of some lines; skip blank lines, comments and statements that change the language."""
+    """Yield the cards of some lines; skip blank lines, comments and statements that change the language.
+
+    `lines`: number and text of each line; `source`: the file that contains the lines.
+    """
     pieces: list[tuple[int, int, str]] = []
     language, glued = rules, False
     for number, line in lines:
@@ -110,7 +113,10 @@ _MICRO = "\N{MICRO SIGN}"
 
 
 def _check_letters(text: str, spot: Spot, source: SourceFile, rules: ReadingRules, diagnostics: Diagnostics) -> None:
-    """Add an error about non-ASCII blanks, and warnings about bytes that may stop the dialect's simulator."""
+    """Add an error about non-ASCII blanks, and warnings about bytes that may stop the dialect's simulator.
+
+    `text`: a line; `spot`: position of the line.
+    """
     blank = _WIDE_BLANK.search(text)
     if blank is not None:
         place, character = Spot(spot.file, spot.line, blank.start() + 1), f"U+{ord(blank.group()):04X}"
@@ -126,7 +132,7 @@ def _check_letters(text: str, spot: Spot, source: SourceFile, rules: ReadingRule
 
 
 def _joined(pieces: list[tuple[int, int, str]], source: SourceFile, rules: ReadingRules) -> Card:
-    """Return the card made of pieces, each with line, column and text."""
+    """Return the card that consists of `pieces`; each piece is a line number, a column (counted from 1) and a text."""
     joins: list[tuple[int, int, int]] = []
     offset = 0
     for line, column, text in pieces:
@@ -139,7 +145,7 @@ _DOLLAR = re.compile(r"(?:^|[\s,])\$")
 
 
 def strip_comment(line: str, rules: ReadingRules) -> str:
-    """Return a line without its comment.
+    """Return a line without its comment; `rules`: reading rules of the dialect.
 
     Examples
     --------
@@ -162,19 +168,26 @@ _TOKEN = re.compile(
 
 
 class Token(NamedTuple):
-    """A word, mark, expression or string: its text without quotes or braces, and its offset in the card's text."""
+    """A token of a card.
+
+    `kind`: "word", "mark", "expression" or "string"; `text`: its characters without quotes or braces; `offset`:
+    position in the text of the card.
+    """
 
     kind: str
     text: str
     offset: int
 
     def is_mark(self, text: str) -> bool:
-        """Return whether the token is one of the marks in `text`."""
+        """Return whether the token is a mark whose character is in `text`, such as ``"()"``."""
         return self.kind == "mark" and self.text in text
 
 
 def tokenise(card: Card) -> list[Token]:
-    """Split a card into tokens, which blanks and commas separate; raise CardError for an unbalanced quote or brace."""
+    """Return the tokens of a card, which blanks and commas separate.
+
+    Raise CardError for an unbalanced quote or brace.
+    """
     tokens = _split(card.text)
     for token in tokens:
         if token.kind == "wrong":
@@ -184,7 +197,7 @@ def tokenise(card: Card) -> list[Token]:
 
 @lru_cache(maxsize=8192)
 def _split(text: str) -> tuple[Token, ...]:
-    """Return the tokens of a text; an unbalanced quote or brace is a token of kind "wrong"."""
+    """Return the tokens of a card's text; an unbalanced quote or brace is a token of kind "wrong"."""
     found = ((match.lastgroup or "", match) for match in _TOKEN.finditer(text))
     return tuple(
         [Token("expression" if kind == "quoted" else kind, match[kind], match.start(kind)) for kind, match in found]
@@ -192,7 +205,7 @@ def _split(text: str) -> tuple[Token, ...]:
 
 
 def refuse_quotes(card: Card, token: Token) -> None:
-    """Raise CardError for a value in double quotes where the dialect's simulator drops them."""
+    """Raise CardError if the value `token` is in double quotes and the dialect's simulator drops such quotes."""
     if token.kind == "string" and card.rules.words.drops_quotes:
         raise card.error(token.offset, f"{card.rules.name} misreads a value in double quotes: write it in braces")
 
@@ -203,7 +216,11 @@ def without_parentheses(tokens: Iterable[Token]) -> list[Token]:
 
 
 class Setting(NamedTuple):
-    """A ``key=value`` pair of a card: the key in lower case, its offset, and one or several values."""
+    """A ``key=value`` pair of a card.
+
+    `key`: the key in lower case; `offset`: position of the key in the text of the card; `values`: one or several
+    values.
+    """
 
     key: str
     offset: int
@@ -211,7 +228,10 @@ class Setting(NamedTuple):
 
 
 def settings(card: Card, tokens: list[Token], several: frozenset[str] = frozenset()) -> list[Setting]:
-    """Return ``key=value`` pairs; ignore parentheses around them; keys in `several` may have several values."""
+    """Return the ``key=value`` pairs in `tokens`, without the parentheses around them.
+
+    `several`: keys that may have several values.
+    """
     if card.rules.instances:
         return _unquoted_settings(card, tokens)
     plain = without_parentheses(tokens)
@@ -238,7 +258,7 @@ _KEY = re.compile(r"([^\W\d]\w*)\s*=(?!=)\s*")
 
 
 def _unquoted_settings(card: Card, tokens: list[Token]) -> list[Setting]:
-    """Return ``key=value`` pairs of Spectre, where an unquoted expression ends at the next key."""
+    """Return the ``key=value`` pairs of a Spectre card, where an unquoted expression ends at the next key."""
     if not tokens:
         return []
     begin = tokens[0].offset
@@ -256,20 +276,20 @@ def _unquoted_settings(card: Card, tokens: list[Token]) -> list[Setting]:
 
 
 def _begins_pair(tokens: list[Token], i: int) -> bool:
-    """Return whether the token after index `i` is ``=``."""
+    """Return whether token `i` is a key, which means that the next token is ``=``."""
     return i + 1 < len(tokens) and tokens[i + 1].is_mark("=")
 
 
 def split_positional(tokens: list[Token]) -> tuple[list[Token], list[Token]]:
-    """Split tokens before the first ``key=``; return positional tokens and the rest."""
+    """Return the tokens before the first ``key=``, and the tokens from there on."""
     first = next((i for i in range(len(tokens)) if tokens[i].kind == "word" and _begins_pair(tokens, i)), len(tokens))
     return tokens[:first], tokens[first:]
 
 
 def split_call(tokens: list[Token]) -> tuple[list[Token], list[Token]]:
-    """Split the tokens of ``.subckt`` or of an instance; return positional tokens and ``key=value`` tokens.
+    """Return the positional tokens and the ``key=value`` tokens of ``.subckt`` or of an instance.
 
-    Parentheses and ``params:`` are dropped.
+    Parentheses and the word ``params:`` are left out.
     """
     positional, tail = split_positional(tokens)
     positional = without_parentheses(positional)
@@ -280,7 +300,10 @@ def split_call(tokens: list[Token]) -> tuple[list[Token], list[Token]]:
 
 
 def joined_names(card: Card, tokens: list[Token], count: int) -> list[Token]:
-    """Join a word and the parentheses directly after it, as in ``Net-(R1-Pad2)``, among the first `count` names."""
+    """Return tokens with names such as ``Net-(R1-Pad2)`` joined: a word and the parentheses directly after it.
+
+    `count`: number of tokens at the beginning to which this applies.  Only some dialects have such names.
+    """
     if not card.rules.words.joins_brackets or "(" not in card.text:
         return tokens
     joined: list[Token] = []
@@ -299,7 +322,7 @@ def joined_names(card: Card, tokens: list[Token], count: int) -> list[Token]:
 
 
 def _is_tight(tokens: list[Token]) -> bool:
-    """Return whether four tokens are a word and, without a gap, a word in parentheses."""
+    """Return whether four tokens are a word and, without a gap, a word in parentheses, such as ``net(1)``."""
     kinds = [token.text if token.kind == "mark" else token.kind for token in tokens]
     adjoin = all(after.offset == token.offset + len(token.text) for token, after in pairwise(tokens))
     return kinds[1:] == ["(", "word", ")"] and adjoin

@@ -26,24 +26,24 @@ _ANALYSES = frozenset(
 )
 _OUTPUTS = frozenset(".save .print .plot .probe .meas .measure .width .graph .wave .backanno".split())  # noqa: SIM905
 _HARMLESS = _ANALYSES | _OUTPUTS | {".end", ".control"}
-"""Commands that do not change the circuit if they stand after ``.end``."""
+"""Commands after ``.end`` that do not change the circuit."""
 _HINTS = frozenset(
     ".nodeset .ic .protect .unprotect .prot .unprot .csparam .machine .savebias .loadbias".split()  # noqa: SIM905
 )
 _SWEEPS = frozenset((".step", ".data", ".enddata", ".mc", ".wcase", ".variation", ".sampling"))
 _CONDITIONS = frozenset((".if", ".elseif", ".else", ".endif"))
 _BLOCKS = {".control": ".endc", ".data": ".enddata"}
-"""Commands that begin a block of skipped lines, and the commands that end it."""
+"""Commands that begin a block of skipped lines, and the commands that end such a block."""
 _CHANGING = frozenset(
     "alter altermod alterparam mc_source reset source remcirc codemodel setseed".split()  # noqa: SIM905
 )
-"""Commands of a control block that change the circuit."""
+"""Commands of a control block (``.control`` to ``.endc``) that change the circuit."""
 _SETS_TEMPERATURE = re.compile(r"(set|option|options)\s+temp\b", re.IGNORECASE)
 _INCLUSIONS = frozenset((".lib", ".inc", ".include", ".incl"))
 _STATEMENTS = frozenset((*COMMANDS, *_ANALYSES, *_OUTPUTS, *_INCLUSIONS, *_HINTS, ".control", ".end"))
 
 _LOOKED_AT = 200
-"""Bytes after the first line in which a continuation is looked for."""
+"""Number of bytes after the first line that are searched for a continuation line."""
 
 _ELEMENT_LETTERS = frozenset("rvilcsxRVILCSX")
 
@@ -52,7 +52,8 @@ _ELEMENT_LETTERS = frozenset("rvilcsxRVILCSX")
 class Collector:
     """The reader of a deck's files.
 
-    `quick`: whether plain cards outside subcircuits take the fast path; `plain`: the plain cards of each file.
+    `library`: opens the include files; `contents`: receives the cards; `quick`: whether plain cards (``name node node
+    value``) outside subcircuits are read in bulk; `plain`: the plain cards of each file.
     """
 
     library: Library
@@ -65,7 +66,10 @@ class Collector:
     _noted: set[Spot] = field(default_factory=set)
 
     def deck(self, source: SourceFile) -> None:
-        """Collect the cards of the deck file; the first line is the title unless it may be a command or an element."""
+        """Collect the cards of the deck file `source`.
+
+        The first line is the title unless it may be a command or an element.
+        """
         self._note_encoding(source)
         start = source.data.index(b"\n") + 1
         line = decode(source.data[:start])
@@ -86,7 +90,10 @@ class Collector:
         self._including.pop()
 
     def _note_encoding(self, source: SourceFile) -> None:
-        """Add warnings about encodings, line ends and comments that the dialect's simulator treats differently."""
+        """Add warnings about encodings, line ends and comments that the dialect's simulator treats differently.
+
+        `source`: the file to examine.
+        """
         rules = self.contents.rules
         for oddity in sorted(source.oddities & rules.refusals.encodings):
             form = "UTF-16" if oddity == "utf-16" else "lines that end in carriage returns alone"
@@ -100,9 +107,9 @@ class Collector:
             self.contents.diagnostics.warn_ignored(spot, text)
 
     def _role(self, line: str, continued: bool) -> str:
-        """Classify a first line: "title", "command", "element" (possibly), or "language" (of Spectre).
+        """Return the role of the first line: "title", "command", "element" or "language" (a Spectre statement).
 
-        `continued`: whether the next line continues it.
+        The role "element" is only a possibility.  `continued`: whether the next line continues the first one.
         """
         words = line.split()
         if not words or words[0][0] == "*":
@@ -118,7 +125,7 @@ class Collector:
         return "element" if words[0][0] in _ELEMENT_LETTERS and (len(words) > 3 or continued) else "title"
 
     def _with_first_command(self, stream: Iterator[Card]) -> Iterator[Card]:
-        """Yield all cards; warn if a command stands in place of the title."""
+        """Yield all cards of `stream`; add a warning if the first one is a command other than ``.title``."""
         for first in islice(stream, 1):
             if first.first_word != ".title":
                 text = "the first line is a command, not a title: it is applied; SPICE would ignore it"
@@ -127,11 +134,14 @@ class Collector:
         yield from stream
 
     def _cards(self, lines: Iterable[tuple[int, str]], source: SourceFile) -> Iterator[Card]:
-        """Yield the cards of some lines of a file."""
+        """Yield the cards of some lines of a file; `lines`: number and text of each line."""
         return cards(lines, source, self.contents.rules, self.contents.diagnostics)
 
     def _lines(self, source: SourceFile, start: int) -> Iterator[tuple[int, str]]:
-        """Return the lines of a file from a byte offset on, on the fast path without its plain cards."""
+        """Return the number and text of every line of a file from the byte offset `start` on.
+
+        If plain cards are read in bulk, the result does not contain their lines, and the cards are added to `plain`.
+        """
         words = self.contents.rules.words
         misread = words.misread.get("node", frozenset()) | words.common_nodes
         lower = source.data.lower() if self.quick and misread else b""
@@ -141,7 +151,10 @@ class Collector:
         return self.plain[-1].other_lines(lambda: len(self.contents.open) == 1 and not self._skipping)
 
     def _take(self, stream: Iterable[Card], source: SourceFile) -> None:
-        """Add the elements of a stream of cards to the open block, and apply its commands."""
+        """Add the elements of a stream of cards to the innermost open block, and apply the commands.
+
+        `source`: the file that contains the cards.
+        """
         contents = self.contents
         depth = len(contents.open)
         end: Card | None = None
@@ -173,14 +186,21 @@ class Collector:
         del contents.open[depth:]
 
     def _note_text_after(self, end: Card) -> None:
-        """Warn once about cards after ``.end`` where the dialect's simulator reads them."""
+        """Add one warning that cards after ``.end`` are read, because the dialect's simulator reads them.
+
+        `end`: the card.
+        """
         if end.spot() not in self._noted:
             text = f"cards after .end are read, as in {end.rules.name}; other simulators stop here"
             self.contents.diagnostics.warn(end.spot(), text)
         self._noted.add(end.spot())
 
     def _command(self, card: Card, word: str, source: SourceFile, stream: Iterable[Card]) -> str:
-        """Apply a command; return "stop" or "end" where reading ends, otherwise an empty string."""
+        """Apply a command; return "stop" or "end" if the file ends at the command, otherwise an empty string.
+
+        With "stop" no further card is read; with "end" (dialects that read on after ``.end``) a warning may follow.
+        `word`: the command in lower case; `stream`: the cards after it.
+        """
         rules, diagnostics = self.contents.rules, self.contents.diagnostics
         if word == ".end":
             return "end" if rules.end_is_comment else "stop"
@@ -208,7 +228,10 @@ class Collector:
         return ""
 
     def _note(self, card: Card, word: str) -> None:
-        """Add a note about a command that does not change the operating point; raise CardError for other commands."""
+        """Add a note about a command that leaves the operating point unchanged; raise CardError for any other command.
+
+        `word`: the command in lower case.
+        """
         diagnostics, shown = self.contents.diagnostics, spectre.command_of(card, word)
         if word == ".control":
             pass  # noted where it is skipped
@@ -226,7 +249,11 @@ class Collector:
             raise card.error(0, f"unknown command {word[:40]}")
 
     def _skip(self, card: Card, stream: Iterable[Card], until: str) -> None:
-        """Skip cards up to the command `until`; note commands of a control block that would change the circuit."""
+        """Skip the cards of `stream` up to the command `until`; raise CardError if that command is missing.
+
+        In a control block, a warning reports commands that would change the circuit.  `card`: the card that begins the
+        block.
+        """
         self._skipping = True
         changing: list[str] = []
         for skipped in stream:
@@ -244,12 +271,16 @@ class Collector:
             self.contents.diagnostics.inform(card.spot(), "the commands of .control ... .endc are not run")
 
     def _skip_braces(self, card: Card, stream: Iterable[Card]) -> None:
-        """Skip cards up to the brace that closes the one opened in `card`."""
+        """Skip the cards of `stream` up to the closing brace of the block that `card` opens."""
         if not any(depth <= 0 for depth in accumulate(map(_opened, chain([card], stream)))):
             raise card.error(0, f"the brace of {card.text.split()[0]} is not closed")
 
     def _include(self, card: Card, word: str, source: SourceFile, stream: Iterable[Card]) -> None:
-        """Collect the cards of an include file or library section; skip a section that is defined here."""
+        """Collect the cards of the include file or library section that `card` names.
+
+        A ``.lib`` card that begins the definition of a section is skipped to its ``.endl``.  `word`: the command in
+        lower case; `source`: the file that contains `card`; `stream`: the cards after it.
+        """
         words, section, place = _file_and_section(card, word)
         if len(words) != 1:
             more = " and perhaps a section" if word == ".lib" else ""
@@ -281,7 +312,10 @@ class Collector:
             self._including.pop()
 
     def _section(self, source: SourceFile, section: str, asked: Spot) -> Iterator[Card]:
-        """Yield the cards between ``.lib section`` and ``.endl``; in Spectre, ``section`` and ``endsection``."""
+        """Yield the cards between ``.lib section`` and ``.endl``; in Spectre, ``section`` and ``endsection``.
+
+        `section`: name in lower case; `asked`: position of the request, for the error about a missing section.
+        """
         begin, end = ("section", "endsection") if self.contents.rules.instances else (".lib", ".endl")
         inside = exists = False
         for card in self._cards(plain_lines(source.data, 0), source):
@@ -298,12 +332,15 @@ class Collector:
 
 
 def _opened(card: Card) -> int:
-    """Return the number of opening braces minus that of closing braces."""
+    """Return the number of opening braces in a card minus the number of closing braces."""
     return card.text.count("{") - card.text.count("}")
 
 
 def _file_and_section(card: Card, word: str) -> tuple[list[Token], str | None, int]:
-    """Return the file name of an inclusion as tokens, the library section or None, and the offset of its name."""
+    """Return the file name of an inclusion as tokens, the section's name or None, and the offset of the section's name.
+
+    `word`: the command in lower case.
+    """
     if card.rules.instances:
         words, tail = split_positional(tokenise(card)[1:])
         pairs = {pair.key: pair for pair in settings(card, tail)}

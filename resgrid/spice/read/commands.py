@@ -24,9 +24,11 @@ _PLAIN_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 class Contents:
     """The content of a deck, sorted by kind of statement.
 
-    `top`: the block outside all subcircuits; `open`: the nested blocks at the present line, the deck first; `first`: a
-    first line that may be an element; `global_nodes`: their names in lower case; `grounds`: names of ground; `options`:
-    values by name in lower case, ``""`` for a flag.
+    `rules`: reading rules of the dialect; `diagnostics`: collected errors, warnings and notes; `top`: the block outside
+    all subcircuits; `open`: the nested blocks at the present line, `top` first; `title`: title of the deck, None if it
+    has no title; `first`: card of a first line that may be an element, otherwise None; `global_nodes`: names of the
+    global nodes, in lower case; `grounds`: names of ground; `options`: values of the options by name in lower case,
+    ``""`` for a flag.
     """
 
     rules: ReadingRules
@@ -50,11 +52,14 @@ class Contents:
 
     @property
     def block(self) -> Block:
-        """The innermost open block."""
+        """The innermost open block: the subcircuit that contains the present line, or the deck."""
         return self.open[-1]
 
     def temperature(self, key: str, scope: Scope) -> float | None:
-        """Return the temperature (``temp``) or nominal temperature (``tnom``), in degrees Celsius; None without one."""
+        """Return the deck's temperature for `key`, in degrees Celsius; None if the deck states none or it has an error.
+
+        `key`: ``temp`` for the simulation temperature, ``tnom`` for the nominal one.  `scope`: the scope of the deck.
+        """
         try:
             return self._stated(key, scope)
         except CardError as error:
@@ -62,33 +67,39 @@ class Contents:
             return None
 
     def _stated(self, key: str, scope: Scope) -> float | None:
-        """Return the temperature that the deck states for a key, in degrees Celsius; None if it states none."""
+        """Return the deck's temperature in degrees Celsius, None if the deck states none.
+
+        `key`: ``temp`` or ``tnom``.
+        """
         stated = self._temperatures.get(f".{key}") or self._temperatures.get(key)
         return None if stated is None else scope.number(*stated)
 
     def built_ins(self) -> BuiltIns:
-        """Return the dialect's reserved names with their values in this deck."""
+        """Return the dialect's reserved names (constants, variables, temperatures) with their values in this deck."""
         dialect = DIALECTS[self.rules.name]
 
         def nominal(scope: Scope) -> float:
-            """Return the nominal temperature, in degrees Celsius."""
+            """Return the deck's nominal temperature, in degrees Celsius, by default that of the dialect."""
             stated = self._stated("tnom", scope)
             return dialect.nominal_temperature if stated is None else stated
 
         def temperature(scope: Scope) -> float:
-            """Return the simulation temperature, in degrees Celsius."""
+            """Return the deck's simulation temperature, in degrees Celsius, by default the nominal temperature."""
             stated = self._stated("temp", scope)
             return dialect.nominal_temperature if stated is None else stated
 
         return BuiltIns(self.rules, dialect.label, temperature, nominal, self._swept, self._redefined)
 
     def note_swept(self, card: Card) -> None:
-        """Record the names in a command that sweeps parameters."""
+        """Record the names in a command that sweeps parameters; `card`: the card of the command, such as ``.step``."""
         command, *words = card.text.lower().split()
         self._swept.update({word: (command, card.spot()) for word in words if word.isidentifier()})
 
     def _spell(self, card: Card, name: str, offset: int) -> None:
-        """Raise CardError for a name that differs from an earlier one only by case, in a case-sensitive dialect."""
+        """Raise CardError if an earlier name differs from `name` only by case and the dialect is case-sensitive.
+
+        `offset`: position of `name` in the text of `card`.
+        """
         if card.rules.instances and self._spellings.setdefault(name.lower(), name) != name:
             other = self._spellings[name.lower()]
             raise card.error(
@@ -96,7 +107,7 @@ class Contents:
             )
 
     def _subcircuit(self, card: Card) -> None:
-        """Open the block of a subcircuit: its name, ports and default parameters."""
+        """Open the block of a ``.subckt`` card and record its name, terminals and default parameters."""
         positional, tail = split_call(tokenise(card)[1:])
         if not positional or any(token.kind != "word" for token in positional):
             raise card.error(0, f"{word_for(card.rules, '.subckt')} needs a name and its terminals")
@@ -123,14 +134,20 @@ class Contents:
             block.parameters[setting.key] = Definition(card, setting.values[0])
 
     def note_comma(self, card: Card, pairs: list[Setting]) -> None:
-        """Add a warning about a comma between definitions where the dialect's simulator does not terminate at it."""
+        """Add a warning if a comma directly after a value makes the dialect's simulator hang.
+
+        `pairs`: the assignments ``key=value`` of `card`.
+        """
         place = misplaced_comma(card, pairs) if card.rules.refusals.commas else None
         if place is not None:
             text = f"{card.rules.name} does not terminate at a comma directly after a value: write a blank instead"
             self.diagnostics.refuse(card.spot(place), text)
 
     def _refuse_name(self, card: Card, key: str, offset: int) -> None:
-        """Raise CardError for a name that the dialect does not allow for a parameter, argument or function."""
+        """Raise CardError if the dialect does not allow the name `key` for a parameter, argument or function.
+
+        `offset`: position of the name in the text of `card`.
+        """
         words, label = card.rules.words, DIALECTS[card.rules.name].label
         name = card.text[offset : offset + len(key)]
         if re.fullmatch(words.parameter, name) is None:
@@ -140,14 +157,17 @@ class Contents:
             raise card.error(offset, f"{name!r} is a reserved name of {label}: rename the parameter")
 
     def refuse_misread(self, card: Card, kind: str, names: list[Token]) -> None:
-        """Raise CardError for a name that the dialect's simulator misreads."""
+        """Raise CardError if the dialect's simulator misreads a name.
+
+        `kind`: "node", "model" or "subcircuit"; `names`: tokens.
+        """
         misread = card.rules.words.misread.get(kind, frozenset())
         for token in names:
             if token.text.lower() in misread:
                 raise card.error(token.offset, f"{card.rules.name} misreads a {kind} called {token.text!r}: rename it")
 
     def _ends(self, card: Card) -> None:
-        """Close the block of a subcircuit."""
+        """Close the innermost open subcircuit; raise CardError if none is open or the name in the card differs."""
         words = card.text.split()
         if len(self.open) == 1:
             raise card.error(0, f"{words[0]} closes no open subcircuit: remove it, or add the missing beginning")
@@ -156,7 +176,7 @@ class Contents:
             raise card.error(0, f"{words[0]} {words[1]} closes the subcircuit {block.name}: one is missing or misspelt")
 
     def _parameters(self, card: Card) -> None:
-        """Add the definitions of ``.param`` to the open block."""
+        """Add the definitions of a ``.param`` card to the innermost open block."""
         tokens = tokenise(card)[1:]
         if len(tokens) > 1 and tokens[0].kind == "word" and tokens[1].is_mark("(") and not card.rules.instances:
             self._function(card)
@@ -173,14 +193,14 @@ class Contents:
             parameters[setting.key] = Definition(card, setting.values[0])
 
     def _note_redefined(self, card: Card, setting: Setting) -> None:
-        """Warn about a second definition of a parameter; raise CardError in a dialect that does not allow one."""
+        """Warn that `setting` defines a parameter again; raise CardError in a dialect that forbids redefinitions."""
         if card.rules.instances:
             raise card.error(setting.offset, f"the parameter {setting.key} is defined twice: delete one definition")
         self._redefined = self._redefined or setting.key
         self.diagnostics.warn(card.spot(setting.offset), "a parameter is defined again: the last definition counts")
 
     def _function(self, card: Card) -> None:
-        """Add the function of ``.func f(x, y) {body}`` or ``.param f(x, y) = 'body'`` to the open block."""
+        """Add the function of ``.func f(x, y) {body}`` or ``.param f(x, y) = 'body'`` to the innermost open block."""
         tokens = tokenise(card)[1:]
         texts = [token.text if token.kind in ("mark", "word") else "" for token in tokens]
         if len(tokens) < 4 or texts[1] != "(" or ")" not in texts:
@@ -205,7 +225,10 @@ class Contents:
         self.block.functions[name] = Definition(card, expression, arguments)
 
     def _body(self, card: Card, body: list[Token]) -> Token:
-        """Return the expression of a function; raise CardError if it lacks the quotes that the dialect needs."""
+        """Return the token of a function's expression; raise CardError if it lacks quotes that the dialect needs.
+
+        `body`: the tokens after the argument list.
+        """
         if len(body) == 1 and body[0].kind != "mark":
             refuse_quotes(card, body[0])
             return body[0]
@@ -218,7 +241,7 @@ class Contents:
         return Token("expression", card.text[begin:end], begin)
 
     def _model(self, card: Card) -> None:
-        """Add a model to the open block."""
+        """Add the model of a ``.model`` card to the innermost open block."""
         tokens = tokenise(card)[1:]
         if len(tokens) < 2 or tokens[0].kind != "word" or tokens[1].kind != "word":
             raise card.error(0, f"{word_for(card.rules, '.model')} needs a name and a kind")
@@ -239,22 +262,22 @@ class Contents:
         models[name] = Model(tokens[0].text, kind, keys, card, self.block)
 
     def _global(self, card: Card) -> None:
-        """Add the nodes of ``.global`` to the global nodes."""
+        """Add the node names of a ``.global`` card to the global nodes."""
         names = [word.lower() for word in card.text.split()[1:]]
         if card.rules.instances and names:  # the first one is ground
             self.grounds |= {names.pop(0)}
         self.global_nodes.update(names)
 
     def _title(self, card: Card) -> None:
-        """Set the title to the text of ``.title``."""
+        """Set the title of the deck to the text of a ``.title`` card."""
         self.title = card.text.split(maxsplit=1)[1] if " " in card.text.strip() else self.title
 
     def _connect(self, card: Card) -> None:
-        """Raise CardError: ``.connect`` is not supported."""
+        """Raise CardError because ``.connect`` is not supported."""
         raise card.error(0, ".connect is not supported; connect the two nodes by a source of 0 V")
 
     def _options(self, card: Card) -> None:
-        """Record the options of a card, and apply ``temp`` and ``tnom``."""
+        """Record the options of an ``.option`` card, and apply its ``temp`` and ``tnom``."""
         tokens = tokenise(card)[1 + card.rules.instances :]
         seen: set[str] = set()
         i = 0
@@ -268,7 +291,10 @@ class Contents:
         self.diagnostics.inform(card.spot(), "options are recorded, but only temp and tnom are applied")
 
     def _set_option(self, key: str, card: Card, token: Token, value: Token | None) -> None:
-        """Record one option; `value` is None for a flag."""
+        """Record one option.
+
+        `key`: its name; `token`: the token of its name; `value`: token of its value, None for a flag.
+        """
         option = word_for(card.rules, ".option")
         if key in self.rules.refused_options:
             raise card.error(
@@ -282,7 +308,7 @@ class Contents:
             self._set_temperature(key, card, value)
 
     def _temperature(self, card: Card) -> None:
-        """Set the temperature of ``.temp``."""
+        """Record the temperature of a ``.temp`` card; raise CardError if the card has none."""
         tokens = tokenise(card)[1:]
         if not tokens:
             raise card.error(0, ".temp needs a temperature")
@@ -294,7 +320,10 @@ class Contents:
         self._set_temperature(".temp" if self.rules.temp_command_first else "temp", card, tokens[0])
 
     def _set_temperature(self, key: str, card: Card, token: Token) -> None:
-        """Record a temperature, which is evaluated after all parameters are known."""
+        """Record the token of a temperature, which is evaluated after all parameters are known.
+
+        `key`: ``temp``, ``tnom``, or ``.temp`` for a command that precedes the options.
+        """
         unit = _WITH_UNIT.match(token.text) if token.kind == "word" and key[0] != "." else None
         if unit is not None and self.rules.braced_temperatures:  # ngspice drops all text after a number and its suffix
             token = token._replace(text=unit.group())
@@ -304,7 +333,7 @@ class Contents:
         self._temperatures[key] = (card, token)
 
     def _preprocess(self, card: Card) -> None:
-        """Apply ``.preprocess replaceground``; note other preprocessing."""
+        """Apply ``.preprocess replaceground``, which adds names of ground; add a note about other preprocessing."""
         words = card.text.lower()
         if "replaceground" in words and "true" in words:
             self.grounds = frozenset({"0", "gnd", "gnd!", "ground"})
@@ -332,4 +361,4 @@ COMMANDS: dict[str, Callable[[Contents, Card], None]] = {
     ".connect": Contents._connect,
     ".preprocess": Contents._preprocess,
 }
-"""Commands that change the circuit, in lower case, and the methods that apply them."""
+"""Methods that apply the commands that change the circuit, by the command in lower case."""

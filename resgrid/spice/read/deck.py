@@ -23,10 +23,10 @@ from resgrid.spice.read.files import Library, SourceFile, deck_bytes, resolve
 from resgrid.spice.read.plain_cards import LEAST_BYTES
 
 _HEAD = 4096
-"""Bytes of a sidecar in which its dialect is looked for."""
+"""Number of bytes at the beginning of a sidecar that are searched for the dialect."""
 
 _LOOKED_AT = 65536
-"""Bytes at the beginning and at the end of a deck in which signs of its dialect are looked for."""
+"""Number of bytes at the beginning and at the end of a deck that are searched for signs of its dialect."""
 
 _STATED = re.compile(rb'"dialect": "([a-z]+)"')
 
@@ -118,9 +118,10 @@ def read_with(
     least_bytes: int = LEAST_BYTES,
     rules: ReadingRules | None = None,
 ) -> Circuit:
-    """Return the circuit of a deck; files of at least ``least_bytes`` bytes take the fast path for plain cards.
+    """Return the circuit of a deck; in files of at least `least_bytes` bytes, plain cards are read in bulk.
 
-    ``rules`` replaces the rules of the dialect; the other arguments are those of `read_spice`.
+    `path`: path or open file; `dialect`: name of the dialect, or "auto"; `root`: folder that must contain all included
+    files; `max_elements`: maximum number of elements after expansion; `rules`: replaces the rules of the dialect.
     """
     if dialect != "auto":
         dialect_named(dialect)
@@ -138,7 +139,10 @@ def read_with(
 def _open(
     path: str | os.PathLike[str] | IO[str] | IO[bytes], root: str | os.PathLike[str] | None
 ) -> tuple[Library, SourceFile]:
-    """Return the files of a deck, which are only the deck so far, and the deck."""
+    """Return the collection of a deck's files, which contains only the deck so far, and the deck's file.
+
+    `path`: path or open file of the deck; `root`: folder that must contain all included files.
+    """
     folder = None if root is None else _folder(root)
     if not isinstance(path, str | os.PathLike):
         content = path.read()
@@ -154,7 +158,7 @@ def _open(
 
 
 def _folder(root: str | os.PathLike[str]) -> Path:
-    """Return the path of a root folder; raise InputError unless it is a folder."""
+    """Return the resolved path of a root folder; raise InputError unless it is a folder."""
     folder = resolve(Path(root), os.fspath(root))
     if not folder.is_dir():
         raise InputError(f"the root {os.fspath(root)!r} is not a folder; name an existing one")
@@ -162,7 +166,7 @@ def _folder(root: str | os.PathLike[str]) -> Path:
 
 
 def _dialect_of(source: SourceFile) -> str:
-    """Return the dialect that a deck's sidecar, suffix or text indicates; ngspice by default."""
+    """Return the name of the dialect that a deck's sidecar, suffix or text indicates; ngspice by default."""
     suffix = ""
     if source.path is not None:
         suffix = source.path.suffix.lower()

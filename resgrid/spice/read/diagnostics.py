@@ -9,10 +9,10 @@ from resgrid.errors import InputError
 from resgrid.spice.findings import Note, Severity
 
 MAX_ERRORS = 20
-"""Number of errors after which reading stops."""
+"""Number of errors in a deck after which reading stops."""
 
 _MAX_TEXT = 300
-"""Longest message of one error, in characters."""
+"""Maximum length of the message of one error, in characters."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Spot:
 
 
 class CardError(InputError):
-    """A card that cannot be read; the message begins with its position."""
+    """Error for a card that cannot be read; the message begins with the position of the error."""
 
     def __init__(self, spot: Spot, text: str) -> None:
         super().__init__(spot, text)
@@ -39,19 +39,19 @@ class CardError(InputError):
 
 
 class DeckError(InputError):
-    """A deck that cannot be read; the message has one line per error."""
+    """Error for a deck that cannot be read; the message has one line per error in the deck."""
 
 
 @dataclass
 class Diagnostics:
-    """The errors and notes of one deck."""
+    """The errors and notes of one deck; `errors`: messages of the errors."""
 
     errors: list[str] = field(default_factory=list)
     _notes: dict[tuple[Severity, str], tuple[Spot, int]] = field(default_factory=dict)
     _outcomes: dict[str, Literal["fails", "unsure"]] = field(default_factory=dict)
 
     def error(self, error: CardError) -> None:
-        """Add an error; raise DeckError at `MAX_ERRORS` errors."""
+        """Add an error; raise DeckError when the number of errors reaches `MAX_ERRORS`."""
         self.errors.append(str(error))
         if len(self.errors) >= MAX_ERRORS:
             self.errors.append(f"and there may be more: reading stopped after {MAX_ERRORS} errors")
@@ -63,25 +63,34 @@ class Diagnostics:
             raise DeckError("\n".join(self.errors))
 
     def warn(self, spot: Spot, text: str, count: int = 1) -> None:
-        """Add a warning: simulators disagree about the text, or it is probably a mistake."""
+        """Add a warning: simulators disagree about the text, or it is probably a mistake.
+
+        `spot`: position; `text`: the message; `count`: number of occurrences.
+        """
         self._note("warning", spot, text, count)
 
     def refuse(self, spot: Spot, text: str) -> None:
-        """Add a warning about text that is read here, but stops the dialect's own simulator."""
+        """Add a warning about deck text that can be read here but stops the dialect's own simulator.
+
+        `spot`: position of the deck text; `text`: the message.
+        """
         self._outcomes[text] = "fails"
         self._note("warning", spot, text, 1)
 
     def warn_ignored(self, spot: Spot, text: str) -> None:
-        """Add a warning about text that is ignored here, but may change the result of the dialect's own simulator."""
+        """Add a warning about deck text that is ignored here but may change the result of the dialect's simulator.
+
+        `spot`: position of the deck text; `text`: the message.
+        """
         self._outcomes[text] = "unsure"
         self._note("warning", spot, text, 1)
 
     def inform(self, spot: Spot, text: str) -> None:
-        """Add a note of severity "info"."""
+        """Add a note of severity "info"; `spot`: position; `text`: the message."""
         self._note("info", spot, text, 1)
 
     def _note(self, severity: Severity, spot: Spot, text: str, count: int) -> None:
-        """Add a note, or increment the count of a note with the same text."""
+        """Add a note, or increase the count of a note with the same text and severity by `count`."""
         first, seen = self._notes.get((severity, text), (spot, 0))
         self._notes[severity, text] = (first, seen + count)
 

@@ -19,15 +19,16 @@ WIDTHS = {
     "nonlinear resistor": (2, 2),
     "switch": (4, 5),
 }
-"""Number of nodes and number of values of an element, per kind.
+"""Number of nodes and number of values of an element, by kind.
 
 Values of a resistor: ohms, tc1 and tc2 at the deck's nominal temperature.  Values of a voltage source: volts, and 1 if
-it replaces an inductor.  Values of a nonlinear resistor: amperes and volts.  Values of a switch: on and off resistance
-in ohms, the control voltages at which it is on and off, and its state between them (1 on, 0 off).
+the source replaces an inductor.  Values of a nonlinear resistor: amperes and volts.  Values of a switch: on and off
+resistance in ohms, the control voltages at which the switch is on and off, and the state between these voltages (1 on,
+0 off).
 """
 
 RESISTIVE = {"resistor": 1, "switch": 2}
-"""Number of leading values that a multiplier ``m=`` divides.
+"""Number of leading values of an element that a multiplier ``m=`` divides, by kind.
 
 For other kinds the multiplier multiplies the first value, and for voltage sources it has no effect.
 """
@@ -35,11 +36,11 @@ For other kinds the multiplier multiplies the first value, and for voltage sourc
 
 @dataclass(eq=False)
 class NodeTable:
-    """Node numbers of a block by name, regardless of case; a node keeps the spelling of its first use.
+    """Node numbers of a block (the deck or a subcircuit) by name, regardless of case.
 
-    `grounds`: names of ground in lower case; `exact`: whether the dialect is case-sensitive; `clashes`: names that
-    differ from earlier ones only by case in such a dialect; `names`: per node its name; `aliases`: other names of
-    ground that were used.
+    A node keeps the spelling of its first use.  `grounds`: names of ground in lower case; `exact`: whether the dialect
+    is case-sensitive; `clashes`: names that differ from earlier ones only by case in a case-sensitive dialect; `names`:
+    names of the nodes by number; `aliases`: other names of ground that were used.
     """
 
     grounds: frozenset[str]
@@ -55,7 +56,7 @@ class NodeTable:
 
     @property
     def number(self) -> dict[str, int]:
-        """Node number by name in lower case."""
+        """Node number by name in lower case, including the names of ground."""
         count = len(self.names)
         if self._entered < count:
             later = self.names[self._entered :]
@@ -65,7 +66,10 @@ class NodeTable:
         return self._number
 
     def number_of(self, name: str, order: int) -> int:
-        """Return the number of a node, which is added if it is new; `order` is the position of its use in the deck."""
+        """Return the number of the node `name`, which is added if it is new.
+
+        `order`: position of this use in the deck.
+        """
         folded = name.lower()
         number = self._number.get(folded)
         if number is None:
@@ -82,9 +86,9 @@ class NodeTable:
         return number
 
     def _new(self, name: str, folded: str, order: int) -> int:
-        """Add a node, or an alias of ground; return its number.
+        """Add a node, or an alias of ground; return the node's number.
 
-        `folded`: the name in the form in which names are compared; `order`: position of its first use in the deck.
+        `folded`: the name in lower case; `order`: position of the first use in the deck.
         """
         ground = folded in self.grounds
         number = self._number["0"] if ground and "0" in self._number else len(self.names)
@@ -99,9 +103,10 @@ class NodeTable:
         return number
 
     def numbers_in_instances(self, names: list[str], orders: list[int]) -> NDArray[np.int64]:
-        """Return the numbers of nodes inside instances, shape (n,).
+        """Return the numbers of nodes inside instances of subcircuits, shape (n,).
 
-        The nodes are new, unless the deck itself uses names with a dot.
+        `names`: full names of the nodes; `orders`: position of each use in the deck.  The nodes are new, unless the
+        deck itself uses names with a dot.
         """
         if self._dotted:
             return np.fromiter(map(self.number_of, names, orders), np.int64, len(names))
@@ -110,7 +115,10 @@ class NodeTable:
         return np.arange(first, first + len(names))
 
     def numbers_of(self, names: list[str], orders: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the numbers of nodes whose names differ from each other regardless of case; shape (n,)."""
+        """Return the numbers (n,) of nodes whose names differ from each other regardless of case.
+
+        `names`: names of the nodes; `orders` (n,): position of each node's first use in the deck.
+        """
         if len(self.names) > 1:
             return np.fromiter(map(self.number_of, names, orders.tolist()), np.int64, len(names))
         is_ground = np.fromiter(map(self.grounds.__contains__, map(str.lower, names)), np.bool_, len(names))
@@ -125,9 +133,10 @@ class NodeTable:
 class ElementArrays:
     """Elements of one kind as arrays.
 
-    `names`: returns their names; `nodes` (n, nodes): node numbers; `values` (n, values), or (n, 1) if all values but
-    the first are zero; `place` (n, 2): file and line of the element's card; `order` (n,): position of the card outside
-    all subcircuits that adds it, as in `order_of`; None if it is the element's own card, and the elements are sorted.
+    `names`: function that returns the names of the elements; `nodes` (n, nodes): node numbers; `values` (n, values), or
+    (n, 1) if all values but the first are zero, columns see `WIDTHS`; `place` (n, 2): file and line of the element's
+    card; `order` (n,): position of the card outside all subcircuits that adds the element (see `order_of`), None if
+    this is the element's own card and the elements are sorted.
     """
 
     names: Callable[[], list[str]]
@@ -141,25 +150,25 @@ class ElementArrays:
 
     @property
     def ordered(self) -> NDArray[np.int64]:
-        """The array `order`, or the order of the elements' own cards if `order` is None; shape (n,)."""
+        """The array `order` (n,), or the positions of the elements' own cards if `order` is None."""
         return order_of(self.place) if self.order is None else self.order
 
 
 def order_of(place: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return file and line as one sortable number; shape (n,)."""
+    """Return file and line of each element as one sortable number, shape (n,); `place` (n, 2): file and line."""
     return np.asarray((place[:, 0] << 40) | place[:, 1])
 
 
 Row = tuple[str, tuple[int, ...], tuple[float, ...], tuple[int, int]]
-"""Name, node numbers, values, and file and line of an element."""
+"""Name, node numbers, values, and (file, line) of one element."""
 
 
 @dataclass(eq=False)
 class Elements:
-    """The elements of a block: single elements in `rows`, arrays of elements in `parts`.
+    """The elements of a block (the deck or a subcircuit): single elements in `rows`, arrays in `parts`, both by kind.
 
-    `nominal`: nominal temperature, in degrees Celsius; `heating`: temperature of the deck minus the nominal one, in
-    kelvin.
+    `nodes`: node numbers of the block; `nominal`: nominal temperature, in degrees Celsius; `heating`: temperature of
+    the deck minus nominal temperature, in kelvin.
     """
 
     nodes: NodeTable
@@ -169,14 +178,14 @@ class Elements:
     parts: dict[str, list[ElementArrays]] = field(default_factory=lambda: {kind: [] for kind in WIDTHS})
 
     def add(self, kind: str, name: str, nodes: Iterable[str], values: tuple[float, ...], card: Card) -> None:
-        """Add one element; new nodes are added to the table."""
+        """Add one element; new nodes are added to the node table; `nodes`: node names; `values`: see `WIDTHS`."""
         number_of, order = self.nodes.number_of, card.file << 40 | card.line
         self.rows[kind].append(
             (name, tuple([number_of(node, order) for node in nodes]), values, (card.file, card.line))
         )
 
     def joined(self, kind: str) -> ElementArrays:
-        """Return all elements of a kind in the order of the deck."""
+        """Return all elements of a kind as arrays, in the order of the deck."""
         if not self.rows[kind]:
             return joined_parts(kind, self.parts[kind])
         names, nodes, values, places = zip(*self.rows[kind], strict=True)
@@ -186,7 +195,7 @@ class Elements:
 
 
 def joined_parts(kind: str, parts: list[ElementArrays]) -> ElementArrays:
-    """Concatenate arrays of elements of one kind, sorted by their order in the deck."""
+    """Return arrays of elements of one kind as one, sorted by the order of the elements in the deck."""
     filled = [part for part in parts if len(part)]
     if not filled:
         width, count = WIDTHS[kind]
@@ -207,7 +216,10 @@ def joined_parts(kind: str, parts: list[ElementArrays]) -> ElementArrays:
 
 
 def widened(kind: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values with all columns, zeros where only the first is stored; shape (n, values)."""
+    """Return element values with all columns, shape (n, values); missing columns are zero.
+
+    `values`: shape (n, values), or (n, 1) if only the first column is stored.
+    """
     if values.shape[1] == WIDTHS[kind][1]:
         return values
     full = np.zeros((len(values), WIDTHS[kind][1]))
@@ -216,7 +228,7 @@ def widened(kind: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _sorted(part: ElementArrays) -> ElementArrays:
-    """Return the elements sorted by their order in the deck."""
+    """Return the elements `part`, sorted by their order in the deck."""
     if part.order is None or np.all(part.order[1:] >= part.order[:-1]):
         return part
     order = np.argsort(part.order, kind="stable")
@@ -229,7 +241,7 @@ def _sorted(part: ElementArrays) -> ElementArrays:
 
 
 class LazyNames(Mapping[str, tuple[str, ...]]):
-    """Names of elements per kind, created at the first access."""
+    """Names of elements by kind of element, created at the first access of each kind."""
 
     def __init__(self, makers: Mapping[str, Callable[[], Sequence[str]]]) -> None:
         self._makers = makers

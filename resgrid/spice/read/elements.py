@@ -48,11 +48,11 @@ REFUSED = {
     "n": "a device of its simulator's own",
     "a": "a code model",
 }
-"""Elements that cannot be read, by their letter."""
+"""Descriptions of the elements that cannot be read, by the first letter of the card."""
 
 _SEVERAL = frozenset({"tc"})
 _WARM_KEYS = frozenset({"r", "resistance", "c", "l"})
-"""Keys whose value may depend on the simulation temperature in every dialect."""
+"""Keys whose values may depend on the simulation temperature in every dialect."""
 
 _FREE_KEYS = frozenset({"ac", "noisy", "noise", "ic", "temp_ac", "isnoisy"})
 _VALUE_KEYS = frozenset({"tc", "tc1", "tc2", "m", "scale", "temp", "dtemp"})
@@ -63,7 +63,8 @@ _SPECTRE_KEYS = {"trise": "dtemp"}
 class Element:
     """The card of an element with two nodes, split into its parts.
 
-    `positional`: tokens without a key after the nodes; `pairs`: tokens with a key; `keys`: values by key.
+    `name`: name of the element; `nodes`: names of the nodes; `positional`: tokens after the nodes that have no key;
+    `pairs`: tokens with a key; `keys`: values by key.
     """
 
     card: Card
@@ -74,17 +75,21 @@ class Element:
     keys: dict[str, list[float]]
 
     def value(self, key: str, default: float) -> float:
-        """Return the first value of a key, or a default."""
+        """Return the first value of a key, `default` if the card does not have the key."""
         return self.keys[key][0] if key in self.keys else default
 
 
 def letter_of(card: Card, block: Block) -> str:
-    """Return the letter of an element's kind, in lower case."""
+    """Return the letter of an element's kind, in lower case; `block`: the block that contains the card."""
     return spectre.letter_of(card, block) if card.rules.instances else card.text[0].lower()
 
 
 def read_element(card: Card, letter: str, scope: Scope, elements: Elements) -> None:
-    """Add the element of a card to those of its block; raise CardError for elements that cannot be read."""
+    """Add the element of a card to `elements`; raise CardError if elements of its kind cannot be read.
+
+    `letter`: letter of the element's kind, in lower case; `scope`: parameter values of the block that contains the
+    card.
+    """
     refused = card.rules.refused_elements.get(letter)
     if refused is not None:
         raise card.error(0, f"{card.text.split()[0]} is {refused}")
@@ -107,7 +112,10 @@ def read_element(card: Card, letter: str, scope: Scope, elements: Elements) -> N
 
 
 def read_nodes(card: Card, tokens: list[Token], count: int) -> tuple[list[str], list[Token]]:
-    """Return the names of the terminals, which may be in parentheses or quotes, and the tokens after them."""
+    """Return the names of the first `count` terminals of a card, and the tokens after them.
+
+    `tokens`: all tokens of the card, the element's name first.  The terminals may be in parentheses or quotes.
+    """
     tokens = joined_names(card, tokens, count + 1)
     names: list[str] = []
     i = 1
@@ -124,14 +132,18 @@ def read_nodes(card: Card, tokens: list[Token], count: int) -> tuple[list[str], 
 
 
 def multiplier(card: Card, value: float) -> float:
-    """Return the number of parallel elements of ``m=``; raise CardError unless it is positive."""
+    """Return `value` (of ``m=``, the number of parallel elements); raise CardError unless it is positive."""
     if value <= 0:
         raise card.error(None, f"m = {value:g} must be positive: it is the number of parallel elements")
     return value
 
 
 def _split(card: Card, scope: Scope, known: str = "") -> Element:
-    """Split the card of an element with two nodes; `known` are its keys besides the common ones."""
+    """Return the parts of the card of an element with two nodes.
+
+    `scope`: parameter values of the block; `known`: the keys of this kind of element besides the common ones, separated
+    by blanks; if `known` is empty, no value is evaluated.
+    """
     tokens = tokenise(card)
     if card.rules.instances:
         head, tail = split_positional(without_parentheses(tokens))
@@ -151,7 +163,7 @@ def _split(card: Card, scope: Scope, known: str = "") -> Element:
 
 
 def _note_key(card: Card, key: str, offset: int, scope: Scope) -> None:
-    """Add a warning about a key at which the dialect's simulator stops."""
+    """Add a warning about a key at which the dialect's simulator stops; `offset`: position of the key in the card."""
     text = f"{card.rules.name} has no {key}= for {card.text[0].upper()}, and stops at it"
     scope.diagnostics.refuse(card.spot(offset), text)
 
@@ -159,7 +171,10 @@ def _note_key(card: Card, key: str, offset: int, scope: Scope) -> None:
 def _values_of(
     card: Card, pairs: list[Setting], known: frozenset[str] | set[str], scope: Scope
 ) -> dict[str, list[float]]:
-    """Evaluate the values of known keys; raise CardError for unknown and repeated ones."""
+    """Return the values of the keys in `pairs`, by key; raise CardError for unknown and repeated keys.
+
+    `known`: the keys that the element may have.  Keys without effect at direct current are left out.
+    """
     values: dict[str, list[float]] = {}
     for pair in pairs:
         if pair.key in card.rules.refusals.keys.get(card.text[0].lower(), ()):
@@ -185,7 +200,7 @@ def _values_of(
 
 
 def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
-    """Add a resistor at the nominal temperature: ohms with scale, multiplier and temperature keys applied."""
+    """Add a resistor in ohms at the nominal temperature, with its scale, multiplier and temperature keys applied."""
     with scope.recorded() as use:
         element = _split(card, scope, "r resistance l w")
         model, ohms = _model_and_value(element, scope, RESISTOR_KINDS, "resistance", "r", "resistance")
@@ -232,7 +247,10 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
 
 
 def _refuse_unspaced(card: Card, pairs: list[Setting]) -> None:
-    """Raise CardError for a list in parentheses, without blanks, or with a value that begins with a point."""
+    """Raise CardError if a list of values in `pairs` is one that the dialect's simulator misreads.
+
+    Such a list is in parentheses, without blanks, or has a second value that begins with a point.
+    """
     for first, second in (pair.values[:2] for pair in pairs if len(pair.values) > 1):
         gap = card.text[first.offset + len(first.text) : second.offset].strip("{}'")
         bracketed = card.text[: first.offset].rstrip(" {'").endswith("(")
@@ -244,10 +262,10 @@ def _refuse_unspaced(card: Card, pairs: list[Setting]) -> None:
 def _model_and_value(
     element: Element, scope: Scope, kinds: frozenset[str], quantity: str, *keys: str
 ) -> tuple[Model | None, float | None]:
-    """Return the model that an element names and its value, each None if missing.
+    """Return the model that an element names and the element's value, each None if missing.
 
-    The value is positional or has one of the `keys`.  `quantity`: name of the value for the message about a second
-    one; empty if several are allowed.
+    The value is positional or has one of the `keys`.  `kinds`: kinds of model that fit the element; `quantity`: name of
+    the value for the message about a second value, empty if several values are allowed.
     """
     card, model, values = element.card, None, []
     for token in element.positional:
@@ -277,12 +295,15 @@ def _model_and_value(
 
 
 def _is_literal(token: Token) -> bool:
-    """Return whether a token is a numeral."""
+    """Return whether a token is a word that begins with a number."""
     return token.kind == "word" and re.match(r"[+-]?\d", token.text) is not None
 
 
 def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> None:
-    """Add an independent source with its value at direct current, and its series resistance as a resistor."""
+    """Add an independent source with its value at direct current, and its series resistance as a resistor.
+
+    `kind`: "voltage source" or "current source".
+    """
     tokens = tokenise(card)
     if card.rules.instances:
         element = _split(card, scope)
@@ -311,7 +332,7 @@ def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> Non
 
 
 def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
-    """Add a capacitor, in farads."""
+    """Add a capacitor, in farads, to `elements`."""
     element = _split(card, scope, " ".join(("c l w", *card.rules.capacitor_keys)))
     model, farads = _model_and_value(element, scope, frozenset({"c", "cap", "capacitor"}), "capacitance", "c")
     if farads is None:
@@ -326,7 +347,7 @@ def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
 
 
 def _read_inductor(card: Card, scope: Scope, elements: Elements) -> None:
-    """Add an inductor as a source of 0 V, or as a resistor if it has a series resistance."""
+    """Add an inductor as a voltage source of 0 V, or as a resistor if it has a series resistance."""
     element = _split(card, scope, " ".join(("l nt", *card.rules.inductor_keys)))
     model, henries = _model_and_value(element, scope, frozenset({"l", "ind", "inductor"}), "", "l")
     if henries is None and model is None:
@@ -347,7 +368,7 @@ def _read_inductor(card: Card, scope: Scope, elements: Elements) -> None:
 
 
 def _read_switch(card: Card, scope: Scope, elements: Elements) -> None:
-    """Add a switch with its controlling nodes and the values of its model."""
+    """Add a switch with its four nodes (two of the contact, two of control) and the values of its model."""
     tokens = tokenise(card)
     nodes, rest = read_nodes(card, tokens, 4)
     words = [token for token in rest if token.kind == "word"]

@@ -34,4 +34,4 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
     "if_half": (3, lambda condition, this, that: this if condition > 0.5 else that),
     "limit": (3, lambda x, low, high: min(max(x, min(low, high)), max(low, high))),
 }
-"""Functions in expressions: number of arguments, and implementation."""
+"""Number of arguments and implementation of every function in expressions, by name."""

@@ -46,7 +46,7 @@ Call = Callable[[str, list[float], Lookup], float | None]
 
 
 class ExpressionError(ValueError):
-    """An error in an expression; `offset` is its position in the text."""
+    """An error in an expression; `offset`: zero-based position of the error in the text, in characters."""
 
     def __init__(self, offset: int, text: str) -> None:
         super().__init__(text)
@@ -58,7 +58,11 @@ class ReservedNameError(ValueError):
 
 
 class _Token(NamedTuple):
-    """A number, name, operator or the end of an expression, with its offset."""
+    """A token of an expression.
+
+    `kind`: "number", "name", "operator" or "end"; `text`: characters of the token; `offset`: position in the
+    expression.
+    """
 
     kind: str
     text: str
@@ -66,7 +70,7 @@ class _Token(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """The token as messages show it."""
+        """The text of this token as error messages display it: quoted, or ``the end``."""
         return repr(self.text) if self.kind != "end" else "the end"
 
 
@@ -98,7 +102,11 @@ def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> floa
 
 @lru_cache(maxsize=4096)
 def _names(text: str, exact: bool) -> tuple[str, ...] | None:
-    """Return the parameters in an expression; None if it calls functions, which the deck may define itself."""
+    """Return the parameter names in an expression, in order; None if the expression calls functions.
+
+    The deck itself may define functions, so such an expression needs the evaluation by tokens.  `exact`: whether names
+    of Spectre's constants keep their case.
+    """
     tokens = _tokens(text)
     if any(token.kind == "name" and after.text == "(" for token, after in pairwise(tokens)):
         return None
@@ -111,7 +119,7 @@ def names_in(text: str) -> frozenset[str]:
 
 
 def folded_name(name: str, exact: bool) -> str:
-    """Return a name in lower case; with `exact`, names of Spectre's constants keep their case.
+    """Return a name in lower case; with `exact`, a name of one of Spectre's constants (``M_``, ``P_``) unchanged.
 
     Examples
     --------
@@ -123,13 +131,13 @@ def folded_name(name: str, exact: bool) -> str:
 
 @lru_cache(maxsize=65536)
 def _value_with(text: str, rules: ReadingRules, values: tuple[float, ...]) -> float:
-    """Return the value of an expression without functions, given the values of its parameters in order."""
+    """Return the value of an expression without function calls; `values`: parameter values in the order of `_names`."""
     given = dict(zip(_names(text, rules.instances) or (), values, strict=True))
     return _value(text, rules, given.get, lambda *_: None)
 
 
 def _value(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
-    """Return the finite value of an expression; raise ExpressionError otherwise."""
+    """Return the finite value of the expression `text`; raise ExpressionError if its syntax or its value is invalid."""
     reader = _Reader(_tokens(text), rules, lookup, call)
     try:
         value = reader.choice()
@@ -143,7 +151,7 @@ def _value(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
 
 @lru_cache(maxsize=4096)
 def _tokens(text: str) -> tuple[_Token, ...]:
-    """Split an expression into tokens, an end token last."""
+    """Return the tokens of the expression `text`; the last token has the kind "end"."""
     tokens: list[_Token] = []
     position = 0
     while not tokens or tokens[-1].kind != "end":
@@ -161,8 +169,9 @@ def _tokens(text: str) -> tuple[_Token, ...]:
 class _Reader:
     """A precedence-climbing parser that evaluates the tokens of one expression.
 
-    `rules`: rules of the dialect; `lookup`: returns the value of a name, or None; `call`: returns the value of a
-    function of the deck; `position`: index of the next token; `depth`: nesting depth.
+    `tokens`: the tokens, with an end token last; `rules`: reading rules of the dialect; `lookup`: function that returns
+    the value of a name, or None; `call`: function that returns the value of one of the deck's functions, or None;
+    `position`: index of the next token; `depth`: present nesting depth of conditionals and parentheses.
     """
 
     tokens: tuple[_Token, ...]
@@ -173,7 +182,10 @@ class _Reader:
     depth: int = 0
 
     def choice(self, *, within: bool = False) -> float:
-        """Evaluate ``condition ? this : that`` or an operand; `within`: in the first branch of another conditional."""
+        """Return the value of ``condition ? this : that``, or of the condition alone if no ``?`` follows.
+
+        `within`: whether the expression is the first branch (``this``) of another conditional.
+        """
         self.depth += 1
         if self.depth > MAX_NESTING:
             raise ExpressionError(self._now.offset, f"nested more than {MAX_NESTING} deep")
@@ -199,17 +211,17 @@ class _Reader:
 
     @property
     def _now(self) -> _Token:
-        """The present token."""
+        """The next token, which is not consumed yet."""
         return self.tokens[self.position]
 
     def _expect(self, text: str) -> None:
-        """Consume the token `text`."""
+        """Consume the next token; raise ExpressionError if it is not `text`."""
         if self._now.text != text:
             raise ExpressionError(self._now.offset, f"{text!r} was expected, found {self._now.shown}")
         self.position += 1
 
     def _binary(self, level: int) -> float:
-        """Evaluate binary operators of at least a level of precedence."""
+        """Return the value of an operand and the binary operators after it of precedence `level` (1 to 5) or higher."""
         left = self._signed()
         while self._now.text in _BINARY and level <= _BINARY[self._now.text][0]:
             token = self._now
@@ -224,13 +236,13 @@ class _Reader:
         return left
 
     def _check_truth(self, *values: float) -> None:
-        """Raise ExpressionError for a nonzero condition of at most 0.5 where the dialect's threshold is 0.5."""
+        """Raise ExpressionError for a nonzero condition value of at most 0.5 if the dialect's threshold is 0.5."""
         if self.rules.words.true_above_half and any(bool(value) != (value > 0.5) for value in values):
             label = self.rules.name
             raise ExpressionError(self._now.offset, f"in {label} only values above 0.5 are true: write a comparison")
 
     def _signed(self) -> float:
-        """Evaluate an operand with its signs."""
+        """Return the value of an operand after application of its leading ``+``, ``-`` and ``!``."""
         sign = self._now
         if sign.kind != "operator" or sign.text not in ("-", "+", "!"):
             return self._power()
@@ -246,14 +258,14 @@ class _Reader:
         return -value if sign.text == "-" else value
 
     def _refuse_misread(self, sign: _Token) -> None:
-        """Raise ExpressionError for a sign after an operator unless it is a minus before a plain number."""
+        """Raise ExpressionError if `sign` follows an operator and is not a minus before a plain number."""
         number, after = (self.tokens[min(self.position + i, len(self.tokens) - 1)] for i in (1, 2))
         is_plain = number.kind == "number" and after.text not in _POWERS
         if sign.text == "+" or not is_plain or self.tokens[self.position - 1].text == "!":
             raise ExpressionError(sign.offset, f"{self.rules.name} misreads a sign after an operator: {_PARENS}")
 
     def _power(self) -> float:
-        """Evaluate a power, or its base if no exponent follows."""
+        """Return the value of a power, or of its base if no exponent follows."""
         negated = self.position > 0 and self.tokens[self.position - 1].text == "!"
         base = self._atom()
         sign = self._now
@@ -282,7 +294,7 @@ class _Reader:
         return float(base**exponent)
 
     def _atom(self) -> float:
-        """Evaluate a number, a name, a function call, or an expression in parentheses."""
+        """Return the value of a number, a name, a function call, or an expression in parentheses."""
         token = self._now
         self.position += token.kind != "end"
         if token.kind == "number":
@@ -299,7 +311,7 @@ class _Reader:
         raise ExpressionError(token.offset, f"a number or a name was expected, found {token.shown}")
 
     def _parameter(self, token: _Token) -> float:
-        """Return the value of a parameter."""
+        """Return the value of the parameter that `token` names; raise ExpressionError if the parameter is undefined."""
         try:
             value = self.lookup(folded_name(token.text, self.rules.instances))
         except ReservedNameError as reserved:
@@ -310,7 +322,7 @@ class _Reader:
         return value
 
     def _call_function(self, token: _Token) -> float:
-        """Return the value of a function of the deck, or else of a built-in one."""
+        """Return the value of the function call whose name is `token`; the deck's functions precede built-in ones."""
         try:
             values = self._arguments()
         except ExpressionError:
@@ -321,7 +333,7 @@ class _Reader:
         return _built_in(token, values, self.rules) if value is None else value
 
     def _arguments(self) -> list[float]:
-        """Evaluate the arguments of a function call."""
+        """Return the values of the arguments of a function call; consume the tokens from ``(`` to ``)``."""
         self.position += 1
         if self._now.text == ")":
             self.position += 1
@@ -353,18 +365,21 @@ _BINARY: dict[str, tuple[int, Callable[[float, float], float | bool]]] = {
     "\\": (_PRODUCT, lambda a, b: math.trunc(a / b)),
     "\\ of the magnitude": (_PRODUCT, lambda a, b: math.trunc(abs(a / b))),
 }
-"""Precedence and function of binary operators; `ReadingRules.operators` names a dialect's deviations."""
+"""Precedence (1 weakest) and function of each binary operator; `ReadingRules.operators` maps a dialect's deviations."""
 
 
 def _no_function(token: _Token, rules: ReadingRules) -> ExpressionError:
-    """Return the error for an unknown or unsupported function."""
+    """Return the error for a call of an unknown or unsupported function; `token`: the name of the function."""
     statistical = "is statistical, or depends on the solution, and is not evaluated: write a number"
     why = statistical if token.text.lower() in _STATISTICS else "is unknown"
     return ExpressionError(token.offset, f"the function {token.text!r} {why} ({rules.name})")
 
 
 def _built_in(token: _Token, values: list[float], rules: ReadingRules) -> float:
-    """Return the value of one of the dialect's own functions."""
+    """Return the value of a built-in function of the dialect.
+
+    `token`: name of the function; `values`: values of the arguments.
+    """
     own = rules.functions.get(token.text.lower())
     if own is None:
         raise _no_function(token, rules)

@@ -11,13 +11,13 @@ from resgrid._internal.files import read_bytes
 from resgrid.errors import InputError
 
 MAX_BYTES = 2**31 - 2**20
-"""Maximum size of a file, in bytes."""
+"""Maximum size of one file of a deck, in bytes."""
 
 MAX_FILES = 200
 """Maximum number of files of a deck."""
 
 _LOOKED_AT = 4096
-"""Bytes at even, and at odd offsets, from which UTF-16 is recognized."""
+"""Number of bytes at even offsets, and at odd offsets, that are searched for the zero bytes of UTF-16."""
 
 _BOMS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 
@@ -40,13 +40,19 @@ class SourceFile:
 
 @dataclass
 class Library:
-    """The files of one deck, and the root folder of its include files (None: no includes)."""
+    """The files of one deck.
+
+    `root`: folder that must contain the include files, None if includes are not allowed; `sources`: the files.
+    """
 
     root: Path | None
     sources: list[SourceFile] = field(default_factory=list)
 
     def add(self, name: str, path: Path | None, data: bytes) -> SourceFile:
-        """Add the content of a file; raise InputError above `MAX_FILES`."""
+        """Add a file and return it; raise InputError above `MAX_FILES` files.
+
+        `name`: displayed name; `path`: resolved path, None for text without a file; `data`: content.
+        """
         if len(self.sources) >= MAX_FILES:
             raise InputError(f"{name}: more than {MAX_FILES} files are included")
         source = SourceFile(len(self.sources), name, path, normalise(data, name), oddities_of(data))
@@ -54,13 +60,16 @@ class Library:
         return source
 
     def open(self, path: Path, name: str) -> SourceFile:
-        """Return a file, read at its first use only."""
+        """Return the file at `path`, which is read at the first use only; `name`: displayed name."""
         resolved = resolve(path, name)
         known = next((source for source in self.sources if source.path == resolved), None)
         return known or self.add(name, resolved, deck_bytes(resolved, name))
 
     def find(self, file: str, including: SourceFile) -> tuple[Path, str]:
-        """Return path and displayed name of an include file; raise InputError if it is missing or outside the root."""
+        """Return path and displayed name of an include file; raise InputError if it is missing or outside the root.
+
+        `file`: name in the include statement; `including`: the file with that statement.
+        """
         if self.root is None:
             raise InputError(f"{file!r} is included, but the deck has no folder: give the root to read below")
         folder = self.root if including.path is None else including.path.parent
@@ -78,7 +87,7 @@ class Library:
 
 
 def _exists(path: Path) -> bool:
-    """Return whether a path exists and can be looked up."""
+    """Return whether a path exists; False also if the system rejects the path."""
     try:
         return path.exists()
     except OSError:  # a name that is too long, a folder that may not be searched
@@ -86,7 +95,7 @@ def _exists(path: Path) -> bool:
 
 
 def resolve(path: Path, name: str) -> Path:
-    """Return a path without links and dots; ``name`` is its name in messages."""
+    """Return a path without symbolic links and dots; `name`: name of the path in messages."""
     try:
         return path.resolve()
     except (OSError, RuntimeError, ValueError) as error:
@@ -94,12 +103,15 @@ def resolve(path: Path, name: str) -> Path:
 
 
 def deck_bytes(path: Path, name: str) -> bytes:
-    """Return the bytes of a regular file of at most `MAX_BYTES`; ``name`` is its name in messages."""
+    """Return the bytes of a regular file of at most `MAX_BYTES` bytes; `name`: name of the file in messages."""
     return read_bytes(path, MAX_BYTES, name=name, piped=False)
 
 
 def normalise(data: bytes, name: str) -> bytes:
-    """Return bytes without byte order mark, with LF line ends and a final one; raise InputError for a zero byte."""
+    """Return bytes as UTF-8 or Latin-1 without byte order mark, with LF line ends and a final one.
+
+    Raises InputError for a zero byte.  `name`: name of the file in messages.
+    """
     mark, coding = coding_of(data)
     data = data[len(mark) :] if mark else data
     if coding.startswith("utf-16"):
@@ -113,7 +125,9 @@ def normalise(data: bytes, name: str) -> bytes:
 
 
 def coding_of(data: bytes) -> tuple[bytes, str]:
-    """Return a file's byte order mark and encoding; UTF-16 without a mark shows by zeros in every second byte.
+    """Return the byte order mark and the encoding of a file's bytes, each empty if there is none.
+
+    UTF-16 without a mark is recognized by zeros in every second byte.
 
     Examples
     --------
@@ -131,7 +145,7 @@ def coding_of(data: bytes) -> tuple[bytes, str]:
 
 
 def oddities_of(data: bytes) -> frozenset[str]:
-    """Return ``"utf-16"`` and ``"cr"`` as far as they apply to a file, as in `SourceFile`."""
+    """Return the properties of a file before normalization: ``"utf-16"``, ``"cr"`` (carriage returns as line ends)."""
     found = {"utf-16"} if coding_of(data)[1].startswith("utf-16") else set[str]()
     if b"\r" in data and b"\n" not in data:
         found.add("cr")
@@ -139,7 +153,7 @@ def oddities_of(data: bytes) -> frozenset[str]:
 
 
 def decode(data: bytes) -> str:
-    """Decode bytes as UTF-8 if they are valid UTF-8, otherwise as Latin-1."""
+    """Return bytes as text, decoded as UTF-8 if they are valid UTF-8, otherwise as Latin-1."""
     try:
         return data.decode()
     except UnicodeDecodeError:
@@ -147,6 +161,6 @@ def decode(data: bytes) -> str:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """Return the text of a file with LF line ends and a final one."""
+    """Return the text of a file with LF line ends and a final one; raise InputError if the file cannot be read."""
     name = os.fspath(path)
     return decode(normalise(deck_bytes(Path(name), name), name))

@@ -33,7 +33,10 @@ _SWITCH_KEYS = frozenset({"ron", "roff", "vt", "vh", "von", "voff"})
 
 
 def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str, float]:
-    """Evaluate the keys of a model in the scope of the block that contains it; raise CardError for unknown ones."""
+    """Return the values of a model's keys, by key; raise CardError for an unknown or repeated key.
+
+    `scope`: scope of the element that uses the model; `known`: the keys that the model may have.
+    """
     values: dict[str, float] = {}
     home, rules = scope.scope_of(model.block), model.card.rules
     for setting in model.settings:
@@ -62,7 +65,12 @@ def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str,
 def modelled_resistor(
     model: Model, scope: Scope, ohms: float | None, length: float | None, width: float | None, card: Card
 ) -> tuple[float, float, float, float, float]:
-    """Return ohms, tc1, tc2, the reference temperature (NaN: nominal) in degrees Celsius, and tce of a resistor."""
+    """Return the resistance in ohms, tc1, tc2, the reference temperature and tce of a resistor with a model.
+
+    `ohms`: value on the card, None without a value; `length, width`: in metres, None without a value; `card`: card of
+    the resistor.  The reference temperature is in degrees Celsius, NaN for the nominal one.  The units are 1/K for tc1
+    and 1/K^2 for tc2; tce is the exponent of 1.01 per kelvin.
+    """
     exponential = card.rules.words.exponential_coefficient
     values = model_values(model, scope, _RESISTOR_KEYS | ({"tce"} if exponential else set()))
     if ohms is None:
@@ -74,7 +82,10 @@ def modelled_resistor(
 
 
 def _from_model(values: dict[str, float], length: float | None, width: float | None, card: Card, model: Model) -> float:
-    """Return the resistance, in ohms, from a sheet resistance with length and width, or from the key r."""
+    """Return the resistance, in ohms, from a sheet resistance with length and width, or from the key ``r``.
+
+    `values`: values of the model by key; `length, width`: in metres, None for the model's own.
+    """
     rules = card.rules
     span = values.get("l", _DEFAULT_LENGTH) if length is None else length
     broad = values.get("w", _DEFAULT_LENGTH) if width is None else width
@@ -96,7 +107,11 @@ def _from_model(values: dict[str, float], length: float | None, width: float | N
 
 
 def modelled_switch(model: Model, scope: Scope, state: float, card: Card) -> tuple[float, float, float, float, float]:
-    """Return on and off resistance in ohms, upper and lower threshold in volts, and the state between (1 is on)."""
+    """Return on and off resistance in ohms, upper and lower threshold in volts, and the state between thresholds.
+
+    `state`: state between the thresholds on the card of the switch, 1 for on and 0 for off; the returned state is NaN
+    if the switch is neither on nor off there.
+    """
     values = model_values(model, scope, _SWITCH_KEYS)
     on, off = values.get("ron", 1.0), values.get("roff", card.rules.off_ohms)
     if model.kind == "vswitch" or "von" in values or "voff" in values:

@@ -13,9 +13,9 @@ from resgrid.spice.read.scopes import Scope
 
 
 def read_nonlinear(card: Card, scope: Scope, elements: Elements) -> bool:
-    """Add a nonlinear resistor ``I = current tanh(V / voltage)`` in the form that this package writes.
+    """Add a nonlinear resistor ``I = current tanh(V / voltage)`` to `elements`; return whether the card describes one.
 
-    Returns False if the card has another form.
+    Only the form that resgrid writes is recognized.
     """
     match = _nonlinear_form(card.rules.name).fullmatch(card.text.strip())
     if match is None:
@@ -31,7 +31,10 @@ def read_nonlinear(card: Card, scope: Scope, elements: Elements) -> bool:
 
 @lru_cache(maxsize=64)
 def _nonlinear_form(dialect: str) -> re.Pattern[str]:
-    """Return the pattern of a nonlinear resistor in the dialect's form, regardless of blanks and case."""
+    """Return the regular expression of a nonlinear resistor in a dialect, regardless of blanks and case.
+
+    The groups are ``name``, ``a``, ``b`` (nodes), ``current`` and ``voltage``.
+    """
     groups = {"name": r"b\S*", "a": r"[^\s,()]+", "b": r"[^\s,()]+"}
     pattern, seen = "", set()
     for literal, key, *_ in string.Formatter().parse(DIALECTS[dialect].nonlinear_resistor):

@@ -19,7 +19,8 @@ _UNIT = "Ω"
 class Numeral(NamedTuple):
     """The value of a numeral.
 
-    `warning`: how other simulators or readers may interpret it; empty if they agree.
+    `value`: the value without its unit, such as 2200 for ``2.2kOhm``; `warning`: how other simulators or readers may
+    interpret the numeral, empty if they agree.
     """
 
     value: float
@@ -29,7 +30,7 @@ class Numeral(NamedTuple):
 def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> Numeral | str | None:
     """Return the value of a numeral with suffix and unit; an error message if it is ambiguous; None for other text.
 
-    `computed`: whether the numeral stands in an expression.
+    `rules`: reading rules of the dialect; `computed`: whether the numeral stands in an expression.
 
     Examples
     --------
@@ -57,7 +58,10 @@ def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> 
 
 
 def _suffix(letters: str, rules: ReadingRules) -> tuple[int | None, str, str]:
-    """Return the power of ten of a suffix (None for ``mil``), the unit after it, and a warning."""
+    """Return the power of ten of a suffix (None for ``mil``), the unit after it, and a warning or an empty string.
+
+    `letters`: suffix and unit, such as ``kOhm``.
+    """
     if rules.instances:
         return rules.suffixes.get(letters[:1], 0), letters[letters[:1] in rules.suffixes :], ""
     folded = letters.lower()
@@ -77,7 +81,10 @@ def _suffix(letters: str, rules: ReadingRules) -> tuple[int | None, str, str]:
 
 
 def _infix(text: str, rules: ReadingRules) -> Numeral | str | None:
-    """Return the value of a numeral with its suffix as decimal point (``4k7``), an error message, or None."""
+    """Return the value of a numeral with its suffix as decimal point (``4k7``); None for other text.
+
+    In a dialect without such numerals, the result is an error message.
+    """
     match = _INFIX.fullmatch(text)
     if match is None:
         return None
@@ -88,7 +95,10 @@ def _infix(text: str, rules: ReadingRules) -> Numeral | str | None:
 
 
 def _checked(text: str, value: float, digits: str, warning: str) -> Numeral | str:
-    """Return a numeral, or an error message if its value overflows or underflows."""
+    """Return the numeral `value` with its warning, or an error message if the value overflows or underflows.
+
+    `text`: the numeral as written; `digits`: digits of the numeral without sign and exponent.
+    """
     if math.isinf(value):
         return f"{text} is larger than the largest double (1.8e308)"
     if value == 0 and digits.strip("0."):

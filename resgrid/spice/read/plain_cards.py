@@ -22,24 +22,27 @@ from resgrid.spice.read.files import SourceFile, decode
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 
 LEAST_BYTES = 40_000
-"""Smallest file, in bytes, that takes the fast path by default; below it saves less than a tenth of a second."""
+"""Smallest file, in bytes, whose plain cards are read in bulk by default.
+
+In smaller files this saves less than 0.1 s.
+"""
 
 _BLOCK_BYTES = 2**16
-"""Bytes of text that one call of the regular expression splits; limits the memory of its matches."""
+"""Bytes of text that one call of the regular expression splits, which limits the memory of the matches."""
 
 _KINDS = ("resistor", "voltage source", "current source", "capacitor")
 _OTHER, _EMPTY = 254, 255
-"""Codes of lines that are not plain cards: lines for the general reader; blank lines and comments."""
+"""Codes of lines that are not plain cards: `_OTHER` for the card-by-card reader, `_EMPTY` for blanks and comments."""
 
 _CODES: dict[bytes | None, int] = {None: _OTHER}
 _CODES |= {bytes([c]): code for code, letters in enumerate((b"rR", b"vV", b"iI", b"cC")) for c in letters}
 """Index in `_KINDS` for the first letter of a card; `_OTHER` where the expression matched no card."""
 
 _COMMAND, _BACKSLASH, _CONTINUES = 1, 2, 4
-"""Properties of a line, as bits.
+"""Properties of a line, as bits: a command, a backslash, a line that may continue the card before it (``+``).
 
-After a command, and after a backslash, the next card belongs to the general reader, because the line before it decides
-its scope.  A line that may continue the card before it (``+``) leaves that card to the general reader.
+The card after a command or a backslash goes to the card-by-card reader, because the line before it decides its scope.
+A line that may continue a card sends that card to the card-by-card reader.
 """
 
 _NAME = rb"[!#%&*+\-./0-9:<>?@A-Z\[\]^_`a-z|~]"
@@ -52,19 +55,19 @@ _LINE = rb"""[ \t]*+(?:
     |(.*+)                                                         # any other line
 )\n"""
 _PIECES = 8
-"""Pieces per line into which `_LINE` splits a text: the groups, and the empty text between two lines."""
+"""Pieces per line into which `_LINE` splits a text: the seven groups, and the empty text between two lines."""
 
 _FIRST_WORD = re.compile(rb"[ \t]*+(" + _NAME + rb"*+).*+\n")
 
 
 def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
-    """Yield number and text of every line of a file from a byte offset on."""
+    """Yield the number (counted from 1) and text of every line of a file from the byte offset `start` on."""
     number = data.count(b"\n", 0, start) + 1
     return enumerate(map(decode, data[start:].split(b"\n")), number)
 
 
 def _blocks(data: bytes, start: int) -> Iterator[tuple[int, int]]:
-    """Yield first and last offset of blocks of whole lines."""
+    """Yield the byte offsets (first, end) of consecutive blocks of whole lines of `data`, from `start` on."""
     while start < len(data):
         stop = data.index(b"\n", min(start + _BLOCK_BYTES, len(data)) - 1) + 1
         yield start, stop
@@ -72,11 +75,11 @@ def _blocks(data: bytes, start: int) -> Iterator[tuple[int, int]]:
 
 
 class PlainCards:
-    """The plain cards of a file, and its other lines.
+    """The plain cards of a file (``name node node value`` on one line), which are read in bulk, and the other lines.
 
     `_code` (lines,): index in `_KINDS`, `_OTHER` or `_EMPTY`; `_start` (lines,): byte offset; `_value` (lines,): ohms,
     volts, amperes or farads, NaN for other lines; `_spelling` (lines, 2): number of each node's spelling in
-    `_spellings`; `_is_taken` (lines,): whether the fast path has consumed the line.
+    `_spellings`; `_is_taken` (lines,): whether the line has been read in bulk.
     """
 
     def __init__(self, source: SourceFile, start: int, rules: ReadingRules) -> None:
@@ -99,7 +102,7 @@ class PlainCards:
         self._is_taken = np.zeros(lines, dtype=np.bool_)
 
     def _scan(self) -> None:
-        """Fill the arrays, block by block."""
+        """Fill the arrays with the code, offset, value and node spellings of every line, block by block."""
         data, first = self._source.data, 0
         name = _NAME_WITHOUT_SLASHES if data.find(b"//", self._offset) >= 0 else _NAME  # // may begin a comment
         pattern = re.compile(_LINE.replace(b"NAME", name), re.VERBOSE)
@@ -122,13 +125,19 @@ class PlainCards:
             first += len(letters)
 
     def _reject_keys(self, first: int, keys: list[bytes | None]) -> None:
-        """Leave cards to the general reader whose value has the key of another kind, such as a source with ``R=``."""
+        """Mark a card as `_OTHER` if its value has the key of another kind, such as a source with ``R=``.
+
+        `first`: index of the first line of a block; `keys`: key of the value in each line, None or empty without a key.
+        """
         for line, key in enumerate(keys, first):
             if key and self._code[line] not in ((0,) if key[1:2] == b"=" else (1, 2)):
                 self._code[line] = _OTHER
 
     def _values(self, decimals: list[bytes], suffixed: list[bytes]) -> NDArray[np.float64]:
-        """Return the values of a block's lines, shape (lines,); NaN or infinite for the general reader's cards."""
+        """Return the values (lines,) of a block's lines in SI units; NaN or infinity for cards that are not plain.
+
+        `decimals, suffixed`: texts of the values without and with a suffix, per line.
+        """
         value = _parsed(float, decimals)
         for line in np.flatnonzero(value == 0).tolist():
             if decimals[line].lower().partition(b"e")[0].strip(b"+-0."):  # not zero, but too small for a double
@@ -138,7 +147,10 @@ class PlainCards:
         return value
 
     def _note_properties(self, first: int, texts: list[bytes | None]) -> None:
-        """Note empty lines of a block, and the properties of those lines that are not cards."""
+        """Mark a block's empty lines as `_EMPTY`, and record the properties of other lines that are not plain cards.
+
+        `first`: index of the first line of the block; `texts`: text of each line, None for a plain card.
+        """
         for line in np.flatnonzero(self._code[first : first + len(texts)] == _OTHER).tolist():
             text = texts[line]
             if text is None:  # a card that was rejected for the key of its value
@@ -153,7 +165,7 @@ class PlainCards:
                 self._properties.append((first + line, bits))
 
     def _leave_to_general_reader(self) -> None:
-        """Mark the cards next to commands, backslashes and continuation lines as other lines."""
+        """Mark the cards next to commands, backslashes and continuation lines as `_OTHER`."""
         cards = np.flatnonzero(self._code < _OTHER)
         lines = np.array([line for line, _ in self._properties], dtype=np.int64)
         data, start = self._source.data, self._offset
@@ -170,7 +182,12 @@ class PlainCards:
     def _leave_next(
         self, cards: NDArray[np.int64], pending: int, at: int, stop: int, last: int
     ) -> tuple[int, int, int]:
-        """Leave one of the cards `at` to `stop` for every pending bit; return the three changed numbers."""
+        """Mark the next card as `_OTHER` for every pending bit, and return the new `pending`, `at` and `last`.
+
+        `cards`: line indices of the plain cards; `pending`: bits of earlier lines that concern the next card; `at,
+        stop`: range in `cards` up to the next special line; `last`: index in `cards` of the last card that stays plain,
+        -1 for none.
+        """
         while pending and at < stop:
             pending &= ~(_BACKSLASH if pending & _BACKSLASH else _COMMAND)
             self._code[cards[at]] = _OTHER
@@ -178,7 +195,7 @@ class PlainCards:
         return pending, max(at, stop), stop - 1 if at < stop else last
 
     def other_lines(self, may_take: Callable[[], bool]) -> Iterator[tuple[int, str]]:
-        """Yield number and text of the lines that are not plain cards.
+        """Yield the number (counted from 1) and text of the lines that are not plain cards.
 
         `may_take` is called before every run of plain cards; if it returns False, the run is yielded too.
         """
@@ -193,12 +210,12 @@ class PlainCards:
             begin = other + 1
 
     def _line(self, line: int) -> tuple[int, str]:
-        """Return number and text of a line, given its index."""
+        """Return the number (counted from 1) and the text of the line with index `line`."""
         start, data = int(self._start[line]), self._source.data
         return self._number + line, decode(data[start : data.index(b"\n", start)])
 
     def add_to(self, elements: Elements) -> None:
-        """Add the plain cards that were taken to the elements of the deck."""
+        """Add the plain cards that have been read in bulk to the elements of the deck."""
         taken = np.flatnonzero(self._is_taken & self._is_plain)
         number, names, first = self._nodes(taken)
         file = self._source.number
@@ -215,9 +232,10 @@ class PlainCards:
                 )
 
     def _nodes(self, cards: NDArray[np.int64]) -> tuple[NDArray[np.int32], list[str], NDArray[np.int64]]:
-        """Number the nodes of cards in order of first use, regardless of case.
+        """Return the nodes of plain cards, numbered in order of first use, regardless of case.
 
-        Returns numbers (2 cards,), names as first spelt, and the index of the first use of each (nodes,).
+        `cards`: indices of the lines.  The values are: node numbers (2 cards,), names as first spelt (nodes,), and the
+        index of the first use of each node (nodes,).
         """
         text = b"\n".join(word or b"" for word in self._spellings).decode("ascii")
         spellings, lower = text.split("\n"), text.lower()
@@ -237,7 +255,10 @@ class PlainCards:
 
 
 def _parsed(parse: Callable[[bytes], float], words: list[bytes]) -> NDArray[np.float64]:
-    """Return the values of words, NaN for missing ones (None); shape (words,)."""
+    """Return the value of each word, shape (words,), NaN for a missing word (None or empty).
+
+    `parse`: returns a value.
+    """
     if all(words):
         return np.fromiter(map(parse, words), np.float64, len(words))
     value = np.full(len(words), np.nan)
@@ -248,7 +269,7 @@ def _parsed(parse: Callable[[bytes], float], words: list[bytes]) -> NDArray[np.f
 
 
 class _SuffixedValues(dict[bytes, float]):
-    """Value of every numeral with a suffix, parsed once; NaN where the general reader has an error or a warning."""
+    """Values of numerals with a suffix, each parsed once; NaN if the card-by-card reader has an error or a warning."""
 
     def __init__(self, rules: ReadingRules) -> None:
         super().__init__()
@@ -262,7 +283,10 @@ class _SuffixedValues(dict[bytes, float]):
 
 
 def _first_words(data: bytes, start: int, lines: NDArray[np.int64]) -> list[str]:
-    """Return the first words of some lines of a text, which are names of elements."""
+    """Return the first words of some lines of a text, which are the names of the elements.
+
+    `start`: byte offset of the first line; `lines`: ascending indices of the lines, 0 for the line at `start`.
+    """
     is_wanted = np.zeros(data.count(b"\n", start), dtype=np.bool_)
     is_wanted[lines] = True
     first, names = 0, list[str]()

@@ -14,10 +14,10 @@ from resgrid.spice.read.expressions import ExpressionError, Lookup, ReservedName
 from resgrid.spice.read.numerals import parse_numeral
 
 MAX_CHAIN = 40
-"""Maximum depth of parameters that refer to parameters of later lines; references to earlier lines are unlimited."""
+"""Maximum length of a chain of parameters that refer to parameters of later lines; earlier lines are unlimited."""
 
 _MOST_NOTED = 5
-"""Maximum number of notes about parameters without a value, per scope."""
+"""Maximum number of warnings about parameters without a value, per scope."""
 
 MAX_CALLS = 10_000
 """Maximum number of calls of the deck's functions during the evaluation of one value."""
@@ -25,20 +25,23 @@ MAX_CALLS = 10_000
 
 @dataclass(frozen=True, eq=False)
 class Definition:
-    """Definition of a parameter or function: its card, its expression, and the names of its arguments."""
+    """Definition of a parameter or function.
+
+    `card`: the card with the definition; `token`: the expression; `arguments`: names of a function's arguments.
+    """
 
     card: Card
     token: Token
     arguments: tuple[str, ...] = ()
 
     def error(self, text: str) -> CardError:
-        """Return an error at the position of the expression."""
+        """Return an error with the message `text` at the position of the expression."""
         return self.card.error(self.token.offset, text)
 
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A ``.model`` card: the model's name, kind and keys, and the block that contains the card."""
+    """A ``.model`` card; `settings`: the keys with their values; `block`: the block that contains the card."""
 
     name: str
     kind: str
@@ -51,10 +54,10 @@ class Model:
 class Block:
     """The deck or a subcircuit.
 
-    `name`: name of the subcircuit, empty for the deck; `outer`: the block that contains its definition; `ports`: names
-    of its terminals, as written; `defaults`: names of the parameters that its first line defines; `parameters`: these
-    and those of its ``.param`` lines, keys in lower case; `functions, models, blocks`: its definitions by name in lower
-    case; `cards`: its elements.
+    `name`: name of the subcircuit, empty for the deck; `outer`: the block that contains the definition, None for the
+    deck; `ports`: names of the terminals, as written; `defaults`: names of the parameters in the first line of the
+    subcircuit; `parameters`: these parameters and those of ``.param`` lines, by name in lower case; `functions, models,
+    blocks`: other definitions by name in lower case; `cards`: the elements; `spot`: position of the first line.
     """
 
     name: str
@@ -69,7 +72,10 @@ class Block:
     spot: Spot = field(default_factory=lambda: Spot("", 0))
 
     def model(self, name: str) -> Model | None:
-        """Return the model of a name in this block or an enclosing one; None if there is no such model."""
+        """Return the model with a name in lower case of this block or an enclosing one.
+
+        None if there is no such model.
+        """
         model = self.models.get(name)
         return model if model is not None or self.outer is None else self.outer.model(name)
 
@@ -78,7 +84,7 @@ class Block:
         return self if name in self.functions or self.outer is None else self.outer.block_of_function(name)
 
     def block(self, name: str) -> Block | None:
-        """Return the subcircuit of a name in this block or an enclosing one; None if there is no such subcircuit."""
+        """Return the subcircuit with a name in lower case of this block or an enclosing one; None if there is none."""
         block = self.blocks.get(name)
         return block if block is not None or self.outer is None else self.outer.block(name)
 
@@ -87,15 +93,15 @@ class Block:
 class TemperatureUse:
     """Record of an evaluation.
 
-    `used`: whether it used the simulation temperature; `unsupported`: a function or operator in it that the dialect
-    does not support together with the temperature, or an empty string.
+    `used`: whether the evaluation used the simulation temperature; `unsupported`: a function or operator in the
+    expression that the dialect does not support together with the temperature, or an empty string.
     """
 
     used: bool = False
     unsupported: str = ""
 
     def add(self, other: TemperatureUse) -> None:
-        """Merge the record of another evaluation."""
+        """Merge the record of another evaluation into this record."""
         self.used |= other.used
         self.unsupported = self.unsupported or other.unsupported
 
@@ -126,10 +132,10 @@ class BuiltIns:
         return self.rules.words
 
     def value(self, name: str, scope: Scope) -> float | None:
-        """Return the value of a built-in constant or temperature; None for other names.
+        """Return the value of the built-in constant or temperature `name`; None for other names.
 
-        Constants that `scope` defines are other names, too.  Raises ReservedNameError for a built-in variable or
-        function, for a name that only a sweep defines, and for a temperature that the deck redefines.
+        A constant that `scope` defines as a parameter is another name, too.  Raises ReservedNameError for a built-in
+        variable or function, for a name that only a sweep defines, and for a temperature that the deck redefines.
         """
         words = self.words
         if name in words.temperature or name in words.nominal:
@@ -155,13 +161,16 @@ class BuiltIns:
         return None
 
     def _refuse_redefined(self, name: str, scope: Scope, meaning: str) -> None:
-        """Raise ReservedNameError if the deck defines a name that the dialect gives another meaning."""
+        """Raise ReservedNameError if the deck defines `name`, which the dialect uses for `meaning`."""
         if scope.defines(name):
             text = f"{self.label} takes {name!r} for {meaning} even if the deck defines it: rename the parameter"
             raise ReservedNameError(text)
 
     def _celsius(self, name: str, scope: Scope) -> float:
-        """Return the temperature or nominal temperature, in degrees Celsius, and record its use."""
+        """Return the simulation or nominal temperature, in degrees Celsius, and record that it was used.
+
+        `name`: a name of one of the two temperatures.
+        """
         kind = "nominal" if name in self.words.nominal else "temperature"
         self.use.used |= kind == "temperature"
         if kind not in self._known:
@@ -179,7 +188,8 @@ class BuiltIns:
 class Scope:
     """Values of a block's parameters in one instance of the block.
 
-    `outer`: scope of the enclosing block; `given`: values that the instance passes, by name in lower case.
+    `outer`: scope of the enclosing block, None for the deck; `given`: values that the instance passes, by name in lower
+    case; `built_ins`: reserved names of the dialect, by default those of `outer`.
     """
 
     block: Block
@@ -207,7 +217,7 @@ class Scope:
             self._note_idle()
 
     def _note_idle(self) -> None:
-        """Add warnings about parameters without a value, at which the simulator may stop even if they are unused."""
+        """Add warnings about parameters without a value, because the simulator may stop even if they are unused."""
         idle = [name for name in self.block.parameters if name not in self._known]
         for name in idle[:_MOST_NOTED]:
             definition = self.block.parameters[name]
@@ -220,7 +230,10 @@ class Scope:
                     self.diagnostics.warn_ignored(definition.card.spot(definition.token.offset), text)
 
     def parameter(self, name: str) -> float | None:
-        """Return the value of a parameter in this scope or an enclosing one; None if it is undefined."""
+        """Return the value of a parameter, by its name in lower case, in this scope or an enclosing one.
+
+        None if undefined.
+        """
         if name in self.given:
             return self.given[name]
         if name in self._known:
@@ -253,7 +266,7 @@ class Scope:
 
     @contextmanager
     def recorded(self) -> Iterator[TemperatureUse]:
-        """Record the use of the temperature in evaluations inside the ``with`` block, and in nested records."""
+        """Yield a record of the temperature use in evaluations inside the ``with`` block; outer records include it."""
         use, built_ins = TemperatureUse(), self.built_ins
         if built_ins is None:
             yield use
@@ -267,7 +280,10 @@ class Scope:
                 outer.add(use)
 
     def function(self, name: str, values: list[float], lookup: Lookup) -> float | None:
-        """Return the value of a function of the deck, None if it is undefined; ``lookup`` has the names at the call."""
+        """Return the value of a function of the deck, None if the deck does not define it.
+
+        `values`: values of the arguments; `lookup`: returns the value of a name in the scope of the call.
+        """
         home = self.scope_of(self.block.block_of_function(name))
         if home is not self:
             return home.function(name, values, lookup)
@@ -291,7 +307,10 @@ class Scope:
         return self._value_of(definition, key, lambda name: given[name] if name in given else other_names(name))
 
     def _value_of(self, definition: Definition, key: str, lookup: Lookup) -> float:
-        """Evaluate a definition, with its key on the stack of definitions under evaluation."""
+        """Return the value of a definition; raise CardError if it has none.
+
+        `key`: name on the stack of evaluations, which detects cycles; `lookup`: returns the value of a name, or None.
+        """
         self._busy.append(key)
         try:
             return self._evaluated(definition.card, definition.token, lookup)
@@ -299,12 +318,15 @@ class Scope:
             self._busy.pop()
 
     def _note_unsupported(self, name: str) -> None:
-        """Record a function or operator that the dialect does not support in expressions of the temperature."""
+        """Record the function or operator `name` if the dialect does not support it together with the temperature."""
         if self.built_ins is not None and (name in self.built_ins.words.cold or " of " in name):
             self.built_ins.use.add(TemperatureUse(unsupported=name))
 
     def _evaluated(self, card: Card, token: Token, lookup: Lookup) -> float:
-        """Return the value of an expression; raise CardError at its position."""
+        """Return the value of the expression `token`, a token of `card`; raise CardError at the position of an error.
+
+        `lookup`: function that returns the value of a name, or None.
+        """
         for operator in card.rules.words.cold & set(token.text):
             self._note_unsupported(operator)
         try:
@@ -322,7 +344,10 @@ class Scope:
         return self if self.block is block or self.outer is None else self.outer.scope_of(block)
 
     def number(self, card: Card, token: Token, lookup: Lookup | None = None) -> float:
-        """Return the value of a numeral, name or expression; ``lookup`` replaces this scope's names."""
+        """Return the value of a numeral, name or expression; raise CardError if it has none.
+
+        `token`: a token of `card`; `lookup`: function that returns the value of a name, by default in this scope.
+        """
         computed = lookup is not None
         lookup = lookup or self.named
         self.outermost._calls = 0
@@ -361,7 +386,10 @@ class Scope:
 
 
 def _shown_call(name: str, values: list[float]) -> str:
-    """Return the name of a function, with a property of its arguments that some dialects do not support."""
+    """Return the name of a function, with a property of its arguments that some dialects do not support.
+
+    `values`: values of the arguments.
+    """
     if name in ("min", "max") and len(values) == 3:
         return f"{name} of three arguments"
     return f"{name} of a negative number" if name in ("pow", "pwr") and values and values[0] < 0 else name

@@ -15,7 +15,7 @@ PRIMITIVES = {
     "bsource": "b",
     "iprobe": "v",
 }
-"""Masters that can be read, and the letter of the SPICE element."""
+"""Letter of the equivalent SPICE element by Spectre master; other masters cannot be read."""
 
 STATEMENTS = {
     "subckt": ".subckt",
@@ -33,7 +33,7 @@ STATEMENTS = {
     "unprotect": ".unprotect",
     "statistics": ".mc",
 }
-"""Keywords of statements, and the equivalent dot commands of SPICE."""
+"""Equivalent dot command of SPICE by the keyword of a Spectre statement."""
 
 _ANALYSES = (
     "dc ac tran noise xf sp stb sens pz hb pss pac pnoise pxf psp pstb qpss qpac qpnoise envlp dcmatch info check "
@@ -57,19 +57,19 @@ _WORDS = {dot: word for word, dot in STATEMENTS.items()} | {".option": "options"
 
 
 def word_for(rules: ReadingRules, dot: str) -> str:
-    """Return the dialect's keyword for a dot command of SPICE."""
+    """Return the dialect's keyword for a dot command of SPICE, such as ``subckt`` for ``.subckt`` in Spectre."""
     return _WORDS.get(dot, dot) if rules.instances else dot
 
 
 def words_of(card: Card) -> list[str]:
-    """Return the words before the first ``key=``, without parentheses."""
+    """Return the words of a Spectre card before the first ``key=``, without parentheses."""
     head, keyed, _ = card.text.partition("=")
     words = head.replace("(", " ").replace(")", " ").split()
     return words[:-1] if keyed else words
 
 
 def statement_of(card: Card) -> str:
-    """Return the dot command of SPICE that corresponds to a statement; empty for an instance."""
+    """Return the dot command of SPICE that corresponds to a Spectre statement; an empty string for an instance."""
     words = words_of(card) or [card.text.split()[0]]
     if words[0] in _REFUSED:
         raise card.error(0, f"the statement {words[0]} is not supported; replace it by the elements that it defines")
@@ -77,7 +77,10 @@ def statement_of(card: Card) -> str:
 
 
 def command_of(card: Card, dot: str) -> str:
-    """Return the name of a card's command as written: in Spectre the keyword or the master."""
+    """Return the name of a card's command as written, in Spectre the keyword or the master.
+
+    `dot`: the equivalent dot command of SPICE.
+    """
     words = words_of(card)
     if not card.rules.instances or not words:
         return dot
@@ -85,7 +88,10 @@ def command_of(card: Card, dot: str) -> str:
 
 
 def letter_of(card: Card, block: Block) -> str:
-    """Return the letter of the SPICE element for an instance, from its master or its model; "x" for a subcircuit."""
+    """Return the letter of the SPICE element for a Spectre instance, "x" for a subcircuit.
+
+    `block`: the block that contains the card, whose models may name the master.
+    """
     master = (words_of(card) or [""])[-1]
     model = block.model(master.lower())
     if model is not None and model.kind not in PRIMITIVES:
@@ -94,7 +100,10 @@ def letter_of(card: Card, block: Block) -> str:
 
 
 def source_value(card: Card, pairs: list[Setting], scope: Scope) -> tuple[float, float]:
-    """Return the value of a source at direct current, and the number of parallel sources."""
+    """Return the value of a source at direct current, in volts or amperes, and the number of parallel sources.
+
+    `pairs`: the ``key=value`` pairs of the card.
+    """
     values: dict[str, float] = {}
     waveform = False
     for pair in pairs:

@@ -26,10 +26,10 @@ MAX_DEPTH = 50
 """Maximum nesting depth of subcircuits."""
 
 MAX_ELEMENTS = 20_000_000
-"""Maximum number of elements after expansion."""
+"""Maximum number of elements after the expansion of subcircuits."""
 
 FREE_GROWTH, MAX_GROWTH = 500_000, 5000
-"""Number of elements that every deck may expand to, and number per card that large decks may expand to."""
+"""Maximum number of elements after expansion: `FREE_GROWTH`, or `MAX_GROWTH` per card if that is more."""
 
 _OWN_MULTIPLIER = re.compile(r"^[^vs].*[\s,]m\s*=", re.IGNORECASE)
 
@@ -38,7 +38,11 @@ _BLANK = re.compile(r"\s")
 
 @dataclass(frozen=True, eq=False)
 class Instance:
-    """An instance of a subcircuit (``X`` card): its nodes, its subcircuit, and the parameters that it passes."""
+    """An instance of a subcircuit (``X`` card).
+
+    `name`: name of the instance; `nodes`: names of the connected nodes; `block`: the subcircuit; `given`: the
+    parameters that the instance passes.
+    """
 
     card: Card
     name: str
@@ -51,8 +55,8 @@ class Instance:
 class FlatSubcircuit:
     """A flattened subcircuit with given parameter values.
 
-    `names`: names of its nodes, ports first; `ports`: number of ports; `is_global`: per node, whether it is global or
-    ground; `parts`: elements by kind.
+    `names` (n,): names of nodes, ports first; `ports`: number of ports; `is_global` (n,): whether a node is global or
+    ground; `parts`: arrays of the elements by kind.
     """
 
     names: tuple[str, ...]
@@ -63,10 +67,10 @@ class FlatSubcircuit:
 
 @dataclass(eq=False)
 class Expander:
-    """Expansion of blocks; each block is flattened once per set of parameter values.
+    """Expansion of blocks (the deck and its subcircuits); each is flattened once per set of parameter values.
 
-    `nominal`: nominal temperature of the deck, in degrees Celsius; `heating`: its temperature minus the nominal one,
-    in kelvin; `used`: names of the subcircuits with instances.
+    `contents`: content of the deck; `nominal`: nominal temperature of the deck, in degrees Celsius; `heating`:
+    simulation temperature minus nominal temperature, in kelvin; `used`: names of the subcircuits with instances.
     """
 
     contents: Contents
@@ -78,12 +82,12 @@ class Expander:
     _sizes: dict[Block, int] = field(default_factory=dict)
 
     def elements(self) -> Elements:
-        """Return an empty collection of elements for a block."""
+        """Return an empty collection of elements for a block, with the deck's names of ground and temperatures."""
         nodes = NodeTable(self.contents.grounds, exact=self.contents.rules.instances)
         return Elements(nodes, self.nominal, self.heating)
 
     def fill(self, scope: Scope, elements: Elements, cards: Iterable[Card]) -> None:
-        """Add the elements of the cards of a block, with instances expanded; CardErrors are collected."""
+        """Add the elements of `cards`, with instances expanded, to `elements`; errors of cards are collected."""
         groups: dict[FlatSubcircuit, list[tuple[Instance, float]]] = {}
         names: set[str] = set()
         for card in cards:
@@ -110,7 +114,7 @@ class Expander:
             )
 
     def _check_names(self, card: Card, letter: str) -> None:
-        """Raise CardError for a node name that the dialect's simulator misreads; warn about blanks in quoted names."""
+        """Raise CardError for a node name that the simulator misreads; warn about blanks in quoted names."""
         misread = card.rules.words.misread.get("node", ())
         if any(name in card.text.lower() for name in misread):
             tokens = [token for token in tokenise(card)[1:] if token.kind != "mark"]
@@ -122,7 +126,7 @@ class Expander:
                     break
 
     def _note_blank(self, card: Card, name: str, offset: int) -> None:
-        """Add a warning about a blank in a quoted name, with its consequence for the dialect's simulator."""
+        """Add a warning about a blank in a quoted name, which is at position `offset` in the text of `card`."""
         rules, diagnostics = card.rules, self.contents.diagnostics
         if rules.refusals.blank_names == "fails":
             diagnostics.refuse(card.spot(offset), f"{rules.name} cuts the quoted name {name} at its blank, and stops")
@@ -131,10 +135,10 @@ class Expander:
             diagnostics.warn_ignored(card.spot(offset), text)
 
     def check_size(self, limit: int | None) -> None:
-        """Check the size of the expanded deck before the expansion.
+        """Check the number of elements before the expansion.
 
-        Raises BudgetError above `limit` elements (None: a limit by the number of cards).  Recursive subcircuits are
-        collected as errors.
+        `limit`: maximum number of elements, None for a limit that grows with the number of cards.  Raises BudgetError
+        if the number exceeds the limit.  Recursive subcircuits are collected as errors.
         """
         top = self.contents.top
         count = self._size(top, [])
@@ -147,7 +151,7 @@ class Expander:
             )
 
     def _size(self, block: Block, path: list[Block]) -> int:
-        """Return the number of elements of an expanded block; `path` are the enclosing blocks."""
+        """Return the number of elements of an expanded block; `path`: the enclosing blocks, outermost first."""
         if block in self._sizes:
             return self._sizes[block]
         count = 0
@@ -169,7 +173,7 @@ class Expander:
         return count
 
     def _instance(self, card: Card, block: Block) -> Instance:
-        """Return the instance that a card describes; raise CardError if it does not match its subcircuit."""
+        """Return the instance that a card of `block` describes; raise CardError if it does not match its subcircuit."""
         if card in self._instances:
             return self._instances[card]
         tokens = tokenise(card)
@@ -198,7 +202,7 @@ class Expander:
         return instance
 
     def _given(self, instance: Instance, scope: Scope) -> tuple[dict[str, float], float]:
-        """Return the parameter values that an instance passes, and its multiplier (number of parallel copies)."""
+        """Return the parameter values that an instance passes, by name, and its multiplier (number of copies)."""
         rules, block = instance.card.rules, instance.block
         given: dict[str, float] = {}
         factor = 1.0
@@ -222,11 +226,14 @@ class Expander:
     def _given_value(
         self, instance: Instance, setting: Setting, scope: Scope, given: dict[str, float], names: set[str]
     ) -> float:
-        """Return one parameter value of an instance; add the names in its expression to `names`."""
+        """Return the value of one parameter of an instance; add the names in its expression to `names`.
+
+        `scope`: the scope that contains the instance; `given`: values of the parameters that precede this one, by name.
+        """
         inner: list[Scope] = []
 
         def looked_up(name: str) -> float | None:
-            """Return the value of a name at the instance, in some dialects inside the subcircuit; None if undefined."""
+            """Return the value of a name outside the subcircuit, in some dialects else inside; None if undefined."""
             names.add(name)
             value = scope.named(name)
             if value is None and instance.card.rules.words.inner_names and name != setting.key:
@@ -241,14 +248,17 @@ class Expander:
         return value
 
     def _ordered(self, instance: Instance, scope: Scope) -> list[Setting]:
-        """Return the parameters of an instance, each after those that it refers to; of equal names the last counts."""
+        """Return the parameters of an instance in an order in which each follows those that its expression uses.
+
+        If a parameter is given twice, the last value counts.
+        """
         last = {setting.key: setting for setting in instance.given}
         if not instance.card.rules.words.inner_names or len(last) < 2:
             return list(last.values())
         ordered: dict[str, Setting] = {}
 
         def visit(setting: Setting, path: tuple[str, ...]) -> None:
-            """Add the parameters that a value refers to, then the parameter itself (depth first)."""
+            """Add the parameters that a value refers to, then the parameter itself; `path`: keys of the callers."""
             for name in sorted(names_in(setting.values[0].text)):
                 if name in last and name not in ordered and name not in path and not scope.defines(name):
                     visit(last[name], (*path, name))
@@ -263,7 +273,8 @@ class Expander:
     ) -> None:
         """Raise CardError for a name in an instance's expression that has another value inside the subcircuit.
 
-        The dialect's simulator looks the name up there, other simulators where the instance stands.
+        The dialect's simulator looks the name up inside the subcircuit, other simulators outside.  `given`: parameter
+        values that the instance passes; `named`: names in the expression of each parameter.
         """
         ambiguous = [
             (setting, name)
@@ -284,7 +295,7 @@ class Expander:
                 )
 
     def _refuse_multiplier(self, instance: Instance, setting: Setting, scope: Scope, factor: float) -> None:
-        """Raise CardError for ``m=`` of an instance where the simulator does not take it for the number of copies."""
+        """Raise CardError if the simulator does not use the ``m=`` of an instance (`factor`) as number of copies."""
         dialect = instance.card.rules.name
         texts = [card.text for card in instance.block.cards]
         own = [text for text in texts if _OWN_MULTIPLIER.search(text)]
@@ -298,7 +309,10 @@ class Expander:
             raise instance.card.error(setting.offset, text)
 
     def _flat(self, instance: Instance, given: dict[str, float], outer: Scope) -> FlatSubcircuit:
-        """Return the flattened subcircuit of an instance with given parameter values."""
+        """Return the flattened subcircuit of an instance.
+
+        `given`: parameter values that the instance passes, by name; `outer`: scope that contains the instance.
+        """
         block = instance.block
         key = (outer, block, tuple(sorted(given.items())))
         if key in self._flats:
@@ -326,9 +340,9 @@ class Expander:
 
 
 def _stamp(flat: FlatSubcircuit, instances: list[tuple[Instance, float]], elements: Elements) -> None:
-    """Add the elements of a flattened subcircuit for all of its instances.
+    """Add the elements of a flattened subcircuit to `elements`, once for every instance.
 
-    `instances`: instances and their multipliers.
+    `instances`: pairs of an instance and its multiplier.
     """
     factor = np.array([factor for _, factor in instances])
     place = np.array([(instance.card.file, instance.card.line) for instance, _ in instances], dtype=np.int64)
@@ -353,7 +367,7 @@ def _stamp(flat: FlatSubcircuit, instances: list[tuple[Instance, float]], elemen
 
 
 def _names_of_instances(instances: list[tuple[Instance, float]], part: ElementArrays) -> list[str]:
-    """Return the names of copied elements: instance, point, name in the subcircuit."""
+    """Return the names of the copied elements, ``instance.element``; `part`: the elements of the subcircuit."""
     names = part.names()
     return [f"{instance.name}.{name}" for instance, _ in instances for name in names]
 
@@ -361,7 +375,11 @@ def _names_of_instances(instances: list[tuple[Instance, float]], part: ElementAr
 def _node_map(
     flat: FlatSubcircuit, instances: list[Instance], orders: list[int], table: NodeTable
 ) -> NDArray[np.int64]:
-    """Return the numbers of the subcircuit's nodes for every instance, shape (instances, nodes)."""
+    """Return the node numbers of the subcircuit's nodes for every instance, shape (instances, nodes).
+
+    `orders` (instances,): position of each instance in the deck, which determines the order of new nodes; `table`: node
+    table of the enclosing block, which gets the new nodes.
+    """
     number_of = table.number_of
     numbers = np.empty((len(instances), len(flat.names)), dtype=np.int64)
     numbers[:, : flat.ports] = [

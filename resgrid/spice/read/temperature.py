@@ -32,10 +32,12 @@ _BASE = 27.0
 def refuse_dropped(
     card: Card, use: TemperatureUse, keys: Collection[str], nodes: Collection[str], nominal: float
 ) -> None:
-    """Raise CardError for parts of a resistor that ngspice drops or misreads when its value depends on the temperature.
+    """Raise CardError for parts of a resistor that ngspice drops or misreads with a temperature-dependent value.
 
     ngspice replaces such a resistor by a B element.  A B element supports only ``tc1`` and ``tc2``, relative to 27
-    degrees Celsius for every nominal temperature, and misreads parentheses in names of nodes.
+    degrees Celsius for every nominal temperature, and misreads parentheses in names of nodes.  `use`: record of the
+    evaluation; `keys`: keys of the resistor, and "model" if it has a model; `nodes`: names of its nodes; `nominal`:
+    nominal temperature, in degrees Celsius.
     """
     if not use.used or not card.rules.words.temperature_in_values:
         return
@@ -54,7 +56,10 @@ def refuse_dropped(
 
 
 def refuse_temperature(card: Card, offset: int | None, place: str) -> None:
-    """Raise CardError where the dialect's simulator does not know the temperature; `place` names the value."""
+    """Raise CardError where the dialect's simulator does not know the temperature.
+
+    `offset`: position in the card, None for the whole card; `place`: description of the value in the message.
+    """
     words = card.rules.words
     if words.temperature_in_values:
         name = min(words.temperature)

@@ -11,7 +11,7 @@ from resgrid.spice.read.cards import Card, Token
 from resgrid.spice.read.scopes import Scope
 
 _DELAYS = {"pulse": (2,), "sin": (3,), "sine": (3,), "exp": (2, 4), "pwl": (), "sffm": ()}
-"""Supported waveforms, and the indices of their values that are delays."""
+"""Indices of the values that are delays, by the name of each supported waveform."""
 
 _OTHER_WAVEFORMS = frozenset(
     ("am", "trnoise", "trrandom", "external", "pat", "pattern", "prbs", "wavefile", "port", "lfsr", "trrand", "pwlz")
@@ -21,7 +21,10 @@ _IGNORED = frozenset({"ac", "distof1", "distof2", "acmag", "acphase"})
 
 @dataclass(frozen=True)
 class SourceValue:
-    """Value of a source at direct current, number of parallel sources, and series resistance in ohms."""
+    """Value of a source at direct current.
+
+    `volts_or_amps`: the value; `count`: number of parallel sources (``m=``); `series`: series resistance, in ohms.
+    """
 
     volts_or_amps: float
     count: float = 1.0
@@ -29,9 +32,10 @@ class SourceValue:
 
 
 def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
-    """Return the value of an independent source from the tokens after its nodes.
+    """Return the value of an independent source at direct current from the tokens after its nodes.
 
-    The value is the one with or without ``DC``; if it is missing, the value of the waveform at time 0; otherwise 0.
+    The value is the number with or without ``DC``; if it is missing, the value of the waveform at time 0; otherwise 0.
+    `scope`: parameter values for expressions.
     """
     rest, keys = tokens[::-1], dict[str, float]()
     value: float | None = None
@@ -68,9 +72,9 @@ def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
 
 
 def _waveform(card: Card, token: Token, rest: list[Token], scope: Scope) -> tuple[Token, list[float], dict[str, float]]:
-    """Consume the values of a waveform from the remaining tokens, which are in reverse order.
+    """Consume the values of a waveform; return its name's token, its values without a key, and its values by key.
 
-    Returns the token of the waveform, its values, and its values with a key.
+    `token`: name of the waveform; `rest`: the remaining tokens of the card, in reverse order.
     """
     bracketed, word = _takes(rest, "("), token.text.lower()
     values: list[float] = []
@@ -91,12 +95,15 @@ def _waveform(card: Card, token: Token, rest: list[Token], scope: Scope) -> tupl
 
 
 def _takes(rest: list[Token], mark: str) -> bool:
-    """Consume a mark if it is the next token; return whether it was."""
+    """Consume the next token if it is `mark`; return whether it was; `rest`: the remaining tokens, in reverse order."""
     return bool(rest) and rest[-1].is_mark(mark) and bool(rest.pop())
 
 
 def _number(card: Card, after: Token, rest: list[Token], scope: Scope) -> float:
-    """Consume and return the number after a word."""
+    """Consume the next token and return its value.
+
+    `after`: the word before the number, for the message; `rest`: the remaining tokens, in reverse order.
+    """
     if not rest:
         raise card.error(after.offset, f"{after.text!r} has no value")
     return scope.number(card, rest.pop())
@@ -108,7 +115,10 @@ def _begins_number(token: Token) -> bool:
 
 
 def _at_zero(card: Card, token: Token, values: list[float], keys: dict[str, float]) -> float:
-    """Return the value of a waveform at time 0; raise CardError where simulators disagree."""
+    """Return the value of a waveform at time 0, in volts or amperes; raise CardError where simulators disagree.
+
+    `token`: name of the waveform; `values`: values of the waveform without a key; `keys`: values with a key, by key.
+    """
     text = token.text
     delays = [*(values[i] for i in _DELAYS[text.lower()] if i < len(values)), keys.get("td", 0.0)]
     problem = ""

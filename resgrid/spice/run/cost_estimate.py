@@ -27,12 +27,12 @@ _RANDOM_WIDTH = 0.117
 """Factor in the upper limit of the core's width: this factor times neighbours per node times ``size**(2/3)``.
 
 The limit is for random networks.  They have few breadth-first levels, so that the nodes per level would overestimate
-their cost.
+the cost of elimination.
 """
 
 
 COSTS = {engine: costs for dialect in DIALECTS.values() for engine, costs in dialect.engines.items()}
-"""Cost model of every engine."""
+"""Coefficients of the cost model by engine."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class Forecast:
     """Estimated cost of a simulator run.
 
     `engine`: ``"ngspice"`` (Markowitz ordering), ``"ngspice-klu"`` or ``"eecircuit"`` (both KLU); `seconds`: wall-clock
-    time, accurate to a factor of about three; `memory`: peak, in bytes; `core_nodes`: nodes of the core, whose
-    elimination causes fill-in (without dangling trees and nodes of known voltage); `core_width`: core nodes per
-    breadth-first level.
+    time, accurate to a factor of about three; `memory`: peak memory, in bytes; `core_nodes`: number of nodes of the
+    core, whose elimination causes fill-in (without dangling trees and nodes of known voltage); `core_width`: core nodes
+    per breadth-first level.
     """
 
     engine: str
@@ -59,9 +59,10 @@ class Forecast:
 
 
 def forecast(circuit: Netlist | Circuit, engine: str = "ngspice", version: str = "") -> Forecast:
-    """Estimate time and memory of an operating point by an engine; takes time proportional to the elements.
+    """Return the estimated time and memory of an operating point; the estimate takes time proportional to the elements.
 
-    `version`: of ngspice; it determines the matrix package (KLU from 42 on).  Raises InputError for an unknown engine.
+    `engine`: name of the engine; `version`: version of ngspice, which determines the matrix package (KLU from 42 on).
+    Raises InputError for an unknown engine.
     """
     major = version.partition(".")[0].rstrip("+")
     if engine == "ngspice" and major.isdecimal() and int(major) >= _FIRST_WITH_KLU:
@@ -78,7 +79,7 @@ def forecast(circuit: Netlist | Circuit, engine: str = "ngspice", version: str =
 
 
 def require_time(expected: Forecast, timeout: float) -> None:
-    """Raise BudgetError if the estimated time exceeds `timeout` seconds."""
+    """Raise BudgetError if the estimated time exceeds `timeout` seconds; `expected`: the estimate."""
     if expected.seconds > timeout:
         other = "" if expected.engine != "ngspice" else ", use the faster engine (--engine eecircuit)"
         more = f"allow more (--timeout {max(expected.seconds * 3, 1):.0f})"
@@ -87,9 +88,10 @@ def require_time(expected: Forecast, timeout: float) -> None:
 
 
 def core_of(circuit: Circuit) -> tuple[int, float]:
-    """Return the size and the width of a network's core: the network without nodes of known voltage and dangling trees.
+    """Return the size and the width of a network's core.
 
-    The size counts core nodes with more than two neighbours; the width is the number of nodes per breadth-first level.
+    The core is the network without nodes of known voltage and dangling trees.  The size counts core nodes with more
+    than two neighbours; the width is the number of nodes per breadth-first level.
     """
     from scipy.sparse import coo_array
 
@@ -116,7 +118,10 @@ def core_of(circuit: Circuit) -> tuple[int, float]:
 
 
 def _strip_leaves(graph: Any, degree: NDArray[np.int64]) -> None:
-    """Remove nodes with one neighbour until there are none; updates `degree` (nodes,) in place, 0 for removed nodes."""
+    """Remove nodes with one neighbour repeatedly, which sets the `degree` of removed nodes to 0 in place.
+
+    `graph`: compressed sparse rows of the symmetric adjacency; `degree` (nodes,): number of neighbours of every node.
+    """
     leaves = np.flatnonzero(degree == 1).tolist()
     while leaves:
         node = leaves.pop()
@@ -129,7 +134,10 @@ def _strip_leaves(graph: Any, degree: NDArray[np.int64]) -> None:
 
 
 def _sweep(graph: Any, start: int) -> tuple[int, int, int]:
-    """Return the number of breadth-first levels from a node, the number of nodes reached, and the last node."""
+    """Return the number of breadth-first levels from node `start`, the number of nodes reached, and the last node.
+
+    `graph`: sparse adjacency of the network.
+    """
     from scipy.sparse.csgraph import breadth_first_order
 
     order, before = breadth_first_order(graph, start)
@@ -140,7 +148,7 @@ def _sweep(graph: Any, start: int) -> tuple[int, int, int]:
 
 
 def _duration(seconds: float) -> str:
-    """Format a duration in seconds, minutes, hours or days."""
+    """Return a duration, given in seconds, as text in seconds, minutes, hours or days."""
     if seconds < 1:
         return f"{seconds:.1g} s"
     if seconds < 120:

@@ -38,10 +38,11 @@ _END = re.compile(rb"^[ \t]*\.end[ \t\r]*$.*", re.IGNORECASE | re.MULTILINE | re
 def simulate_eecircuit(
     data: bytes, *, source: str = "deck", timeout: float = 600.0, direct: bool = False
 ) -> SimulatorRun:
-    """Compute the operating point of a deck's content with ``eecircuit-engine``.
+    """Compute the operating point of a deck's content with ``eecircuit-engine`` and return the result.
 
-    `source`: name of the deck in messages; `timeout` in seconds; `direct`: whether the deck holds its own analysis
-    statement.  Raises ToolMissingError, InputError for a deck with commands, and BudgetError after the timeout.
+    `data`: content of the deck; `source`: name of the deck in messages; `timeout`: longest run, in seconds; `direct`:
+    whether the deck contains its own analysis statement.  Raises ToolMissingError if the engine is not installed,
+    InputError for a deck with commands, and BudgetError after the timeout.
     """
     node, module = find_program(NODE_VARIABLE, "node", _INSTALL), find_module()
     refuse_commands(data, source, models=direct)
@@ -54,7 +55,7 @@ def simulate_eecircuit(
 
 
 def find_module() -> Path:
-    """Return the path of the package's ES module; raise ToolMissingError if it is not installed."""
+    """Return the path of the engine's ES module; raise ToolMissingError if the package is not installed."""
     for folder in _folders():
         manifest = folder / "package.json"
         try:
@@ -71,7 +72,7 @@ def find_module() -> Path:
 
 
 def _folders() -> Iterator[Path]:
-    """Yield the folders in which the package may be installed, by precedence."""
+    """Yield the folders in which the npm package may be installed, in the order of precedence."""
     named = os.environ.get(MODULE_VARIABLE)
     if named:
         yield Path(named)

@@ -33,13 +33,13 @@ _DECK, RAW, _LOG = "deck.cir", "operating_point.raw", "log.txt"
 _RUN = '* operating point of {deck}\n.include "{deck}"\n.options klu\n.op\n.end\n'
 _PLOT = "Operating Point"
 _MAX_LOG = 2**20
-"""Number of bytes that are read of a log."""
+"""Maximum number of bytes that are read from a simulator's log."""
 _MAX_SECONDS = 2**31
-"""Largest limit of processor time, in seconds."""
+"""Largest limit of a simulator's processor time, in seconds."""
 _MAX_COMPLAINTS = 10
-"""Maximum number of messages that are reported."""
+"""Maximum number of a simulator's messages that a result contains."""
 MAX_ASCENT = 8
-"""Maximum number of ``..`` in the name of an included file; the deck runs in a folder at this depth."""
+"""Maximum number of ``..`` in the name of an included file; the deck runs in a folder at this nesting depth."""
 _VERSION = re.compile(r"ngspice-(\d[\w.+-]*)")
 _COMPLAINT = re.compile(
     r"warning|error|fatal|singular|gmin|source step|transient op|no convergence|timestep|abort|fail|unable|cannot|"
@@ -59,16 +59,17 @@ _BOM = b"\xef\xbb\xbf"
 _COMMANDS = rb"\*#|\*ng_script|\.(?:control|exec|csparam)\w*"
 _FILES, _MODELS, _CODE_MODELS = rb"|\.(?:inc|lib)\w*", rb"|\.(?:model|func)\w*", rb"|(?<=\n)[ \t\v\f]*a\S*"
 VERSIONS = ("39", "46")
-"""Versions that resgrid is tested with: those of Debian 12 and of its backports."""
+"""Versions of ngspice that resgrid is tested with: those of Debian 12 and of its backports."""
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatorRun:
     """Result of a simulator run.
 
-    `voltage`: of every node, in volts; empty if there is no operating point; `source_current`: into the plus terminal
-    of every voltage source, in amperes; `simulator, version`: name and version of the simulator, ``"unknown"`` if it
-    prints none; `complaints`: defects of the run and suspicious messages of the simulator; empty if there are none.
+    `voltage`: voltage of every node by name, in volts; empty without an operating point; `source_current`: current into
+    the plus terminal of every voltage source by name, in amperes; `simulator, version`: name and version of the
+    simulator, ``"unknown"`` if it prints none; `complaints`: defects of the run and suspicious messages of the
+    simulator.
     """
 
     voltage: Mapping[str, float]
@@ -87,12 +88,13 @@ def simulate(
     files: Mapping[str, bytes] = MappingProxyType({}),
     place: str = _DECK,
 ) -> SimulatorRun:
-    """Compute the operating point of a deck's content with ngspice, in a temporary folder.
+    """Compute the operating point of a deck's content with ngspice, in a temporary folder, and return the result.
 
-    `source`: name of the deck in messages; `timeout` in seconds; `direct`: whether the deck holds its own analysis
-    statement; `files`: content of the included files by relative path; `place`: relative path of the deck.  A defective
-    deck gives complaints in the result, not an exception.  Raises ToolMissingError, InputError for a deck with
-    commands, and BudgetError after the timeout.
+    `data`: content of the deck; `source`: name of the deck in messages; `timeout`: longest run, in seconds; `direct`:
+    whether the deck contains its own analysis statement; `files`: content of the included files by relative path;
+    `place`: relative path of the deck.  A defective deck gives complaints in the result, not an exception.  Raises
+    ToolMissingError if ngspice is not installed, InputError for a deck with commands, and BudgetError after the
+    timeout.
     """
     program = find_program(EXECUTABLE_VARIABLE, "ngspice", _INSTALL)
     refuse_commands(data, source, models=direct, includes=bool(files))
@@ -116,9 +118,9 @@ def ngspice_version() -> str:
 
 
 def find_program(variable: str, name: str, remedy: str) -> str:
-    """Return the absolute path of a program, which an environment variable may override.
+    """Return the absolute path of the program `name`, which the environment variable `variable` may override.
 
-    Raises ToolMissingError with the text of `remedy` (its field ``name`` is the program) if it is not installed.
+    Raises ToolMissingError with the text `remedy` (its field ``name`` is the program) if the program is not installed.
     """
     named = os.environ.get(variable) or name
     path = shutil.which(named)
@@ -130,7 +132,8 @@ def find_program(variable: str, name: str, remedy: str) -> str:
 def refuse_commands(data: bytes, source: str, *, models: bool = False, includes: bool = False) -> None:
     """Raise InputError for a deck that could run commands or read other files.
 
-    `models`: whether ``.model`` and ``.func`` are allowed; `includes`: whether included files are.
+    `data`: content of the deck; `source`: name of the deck in messages; `models`: whether ``.model`` and ``.func`` are
+    allowed; `includes`: whether statements that include files are allowed.
     """
     words = _COMMANDS + (b"" if includes else _FILES) + (_CODE_MODELS if models else _MODELS)
     forbidden = re.compile(rb"^\s*(" + words + rb")", re.IGNORECASE | re.MULTILINE)
@@ -147,7 +150,10 @@ def refuse_commands(data: bytes, source: str, *, models: bool = False, includes:
 
 
 def _version(program: str, folder: Path) -> str:
-    """Return the version that a program prints, ``"unknown"`` if it prints none within 10 s."""
+    """Return the version that a program prints, ``"unknown"`` if it prints none within 10 s.
+
+    `folder`: folder for the log.
+    """
     try:
         run_quietly([program, "--version"], folder, 10.0, "--version")
     except BudgetError:
@@ -156,7 +162,7 @@ def _version(program: str, folder: Path) -> str:
 
 
 def version_in(folder: Path) -> str:
-    """Return the version of ngspice that the log in a folder contains, ``"unknown"`` without one."""
+    """Return the version of ngspice in the log of a folder, ``"unknown"`` if the log contains none."""
     match = _VERSION.search(_read_log(folder))
     return match.group(1) if match else "unknown"
 
@@ -166,8 +172,9 @@ def run_quietly(
 ) -> int:
     """Run a simulator with its output in a log in `folder`; return its exit status.
 
-    `timeout` in seconds; `source`: name of the deck in messages; `name`: of the simulator; `cwd`: working folder,
-    `folder` by default.  Raises ToolMissingError if the program cannot be run, and BudgetError after the timeout.
+    `command`: program and arguments; `timeout`: longest run, in seconds; `source`: name of the deck in messages;
+    `name`: name of the simulator; `cwd`: working folder, `folder` by default.  Raises ToolMissingError if the program
+    cannot be run, and BudgetError after the timeout.
     """
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("SPICE", "NGSPICE"))}
     environment |= {"LC_ALL": "C"}
@@ -205,7 +212,7 @@ def run_quietly(
 
 
 def _limit_processor_time(pid: int, seconds: float) -> None:
-    """Limit the processor time of a process (Linux only), which also ends it if this process is killed."""
+    """Limit the processor time of process `pid` to about `seconds` (Linux only), even if this program is killed."""
     if sys.platform != "linux":
         return
     limit = min(math.ceil(seconds) + 1, _MAX_SECONDS)
@@ -214,13 +221,16 @@ def _limit_processor_time(pid: int, seconds: float) -> None:
 
 
 def _read_log(folder: Path) -> str:
-    """Return the beginning of the log in a folder."""
+    """Return the first `_MAX_LOG` bytes of the log in a folder, as text."""
     with (folder / _LOG).open("rb") as log:
         return log.read(_MAX_LOG).decode("utf-8", "replace")
 
 
 def result_in(folder: Path, simulator: str, version: str, status: int) -> SimulatorRun:
-    """Return the result of a run from the raw file and the log in a folder; `status`: exit status, for messages."""
+    """Return the result of a run from the raw file and the log in a folder.
+
+    `simulator, version`: name and version of the simulator; `status`: exit status, for messages.
+    """
     lines = (re.sub(r"\s+", " ", line).strip() for line in re.split(r"[\r\n]+", _read_log(folder)))
     bad = dict.fromkeys(line for line in lines if _COMPLAINT.search(line) and not _HARMLESS.search(line))
     complaints = tuple(f"{simulator} says: {line[:200]}" for line in list(bad)[:_MAX_COMPLAINTS])
@@ -238,7 +248,7 @@ def result_in(folder: Path, simulator: str, version: str, status: int) -> Simula
 
 
 def _operating_point(path: Path) -> RawFile:
-    """Read the raw file of an operating point; raise InputError if it holds anything else."""
+    """Return the content of the raw file of an operating point; raise InputError for any other content."""
     if not path.is_file():
         raise InputError("ngspice wrote no raw file")
     raw = read_rawfile(path.read_bytes(), "ngspice's raw file")

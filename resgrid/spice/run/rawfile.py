@@ -24,9 +24,9 @@ FORMS = ("binary", "ascii")
 class RawFile:
     """One plot of a raw file.
 
-    `plot`: name of the analysis, e.g. ``"Operating Point"``; `names`: one per variable, e.g. ``v(n_0_0)`` or
-    ``i(v_obstacle)``; `kinds`: one per variable, e.g. ``"voltage"`` or ``"current"``; `values` (points, variables): in
-    SI units.
+    `plot`: name of the analysis, e.g. ``"Operating Point"``; `names` (variables,): e.g. ``v(n_0_0)`` or
+    ``i(v_obstacle)``; `kinds` (variables,): e.g. ``"voltage"`` or ``"current"``; `values` (points, variables): in SI
+    units.
     """
 
     plot: str
@@ -36,7 +36,10 @@ class RawFile:
 
 
 def read_rawfile(data: bytes, source: str = "raw file") -> RawFile:
-    """Read a binary raw file that holds one plot; raise InputError with the name `source` for any other content."""
+    """Return the plot of a binary raw file; raise InputError for content other than one plot.
+
+    `data`: content of the file; `source`: name of the file in messages.
+    """
     head, separator, body = data.partition(_BINARY)
     if not separator:
         if b"\nValues:\n" in data:
@@ -63,7 +66,10 @@ def read_rawfile(data: bytes, source: str = "raw file") -> RawFile:
 
 
 def _count(fields: Mapping[str, str], key: str, source: str) -> int:
-    """Return a number from the fields of the header; raise InputError for any other text."""
+    """Return the integer of the header's field `key`; raise InputError for any other text.
+
+    `fields`: texts of the header's fields; `source`: name of the file in messages.
+    """
     text = fields.get(key, "")
     if not (text.isascii() and text.isdigit() and len(text) < 12):
         raise InputError(f"{source} is damaged: {key!r} is {text!r}, not a number")
@@ -86,7 +92,10 @@ def raw_of(op: OperatingPoint) -> RawFile:
 
 
 def format_raw(raw: RawFile, *, title: str = "resistor network", form: str = "binary") -> bytes:
-    """Return the content of a raw file that holds one plot; `form`: ``"binary"`` or ``"ascii"``."""
+    """Return the content of a raw file that holds one plot.
+
+    `title`: title of the file; `form`: ``"binary"`` or ``"ascii"``.  Raises InputError for another form.
+    """
     if form not in FORMS:
         raise InputError(f"form = {form!r} is not a form of a raw file; choose {' or '.join(FORMS)}")
     points, variables = raw.values.shape
@@ -109,7 +118,7 @@ def format_raw(raw: RawFile, *, title: str = "resistor network", form: str = "bi
 
 
 def _rows(values: NDArray[Any]) -> Iterable[str]:
-    """Yield the lines of a text raw file; `values` (points, variables)."""
+    """Yield the lines of a text raw file; `values` (points, variables): in SI units."""
     for number, row in enumerate(values.tolist()):
         first, *rest = map(repr, row) if row else ("",)
         yield f" {number}\t{first}"

@@ -188,7 +188,10 @@ def write_spice(
 def _apply_mismatch(
     circuit: Netlist | OperatingPoint, analyses: Sequence[Analysis]
 ) -> tuple[Netlist | OperatingPoint, list[Analysis]]:
-    """Apply a mismatch that resgrid draws; return the circuit and the analyses that remain for the simulator."""
+    """Return the circuit with random resistances, if resgrid draws them, and the analyses for the simulator.
+
+    resgrid draws the resistances if `analyses` contains a `MismatchAnalysis` without runs of the simulator.
+    """
     mismatch: MismatchAnalysis | None = only_one(analyses, MismatchAnalysis)
     if mismatch is None or mismatch.runs:
         return circuit, list(analyses)
@@ -201,7 +204,7 @@ def _apply_mismatch(
 
 
 def _checked_target(target: Path) -> Path:
-    """Return the path of a deck; raise InputError if it cannot be written or included."""
+    """Return `target`, the path of a deck; raise InputError if it cannot be written or included."""
     sidecar_path(target)
     if target.exists() and not (target.is_file() or target.is_dir()):
         raise InputError(
@@ -216,7 +219,7 @@ def _checked_target(target: Path) -> Path:
 
 
 def _described(analysis: Analysis) -> dict[str, Any]:
-    """Return an analysis as JSON values for the sidecar."""
+    """Return an analysis as a dict of JSON values for the sidecar."""
     if isinstance(analysis, TransientAnalysis):
         changed = analysis.after is not None
         return {"kind": "transient", "stop": analysis.stop, "step": analysis.step, "changes_scene": changed}

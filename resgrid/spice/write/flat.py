@@ -22,15 +22,16 @@ _MAX_TITLE = 200
 
 @dataclass(frozen=True, eq=False)
 class FlatDeck:
-    """Text of a deck, and the correspondence of its names to the netlist.
+    """Text of a deck, and the correspondence between names in the deck and the netlist.
 
-    `netlist`: the netlist that was written; `text`: the deck, LF line ends; `dialect`: of the deck; `title`: one line
-    of ASCII; `nodes` (n,): nodes of the netlist that the deck holds, ascending, without ground; `node_names`: their
-    names in the deck; `sources` (s,): indices of the voltage sources that the deck holds, in the order of the deck;
-    `source_names`: their names in the deck; `left_out`: netlist names of the floating nodes, which the deck omits;
-    `renamed_nodes, renamed_elements`: deck name to netlist name, where they differ; `resistors`: the simulator's names
-    of the resistors; `resistor_value`: their resistances in ohms; `parts`: content of the included files, by suffix;
-    `dropped`: number of omitted elements of each kind (they touch a floating node, or close a loop of voltage sources).
+    `netlist`: the netlist that was written; `text`: the deck, LF line ends; `dialect`: dialect of the deck; `title`:
+    one line of ASCII; `nodes` (n,): netlist numbers of the nodes in the deck, ascending, without ground; `node_names`
+    (n,): names of `nodes` in the deck; `sources` (s,): netlist indices of the voltage sources in the deck, in the order
+    of the deck; `source_names` (s,): names of `sources` in the deck; `left_out`: netlist names of the floating nodes,
+    which the deck omits; `renamed_nodes, renamed_elements`: netlist name by deck name, where they differ; `resistors`
+    (m,): the simulator's names of the resistors; `resistor_value` (m,): resistances in ohms; `parts`: content of the
+    included files, by suffix; `dropped`: number of omitted elements of each kind (an omitted element touches a floating
+    node, or closes a loop of voltage sources).
     """
 
     netlist: Netlist
@@ -59,9 +60,9 @@ class FlatDeck:
 class Additions:
     """Changes of a deck's lines that analyses require.
 
-    `suffix`: text appended to the line of a voltage source (a waveform), by the source's index in the netlist; `first`:
-    text appended to the first voltage source that the deck holds; `spread`: relative standard deviation of the
-    resistances, which the simulator draws; 0 for fixed values.
+    `suffix`: text appended to the line of a voltage source (a waveform), by the netlist index of the source; `first`:
+    text appended to the voltage source in the deck with the lowest netlist index; `spread`: relative standard deviation
+    of the resistances, which the simulator draws; 0 for fixed values.
     """
 
     suffix: Mapping[int, str] = field(default_factory=dict)
@@ -69,7 +70,7 @@ class Additions:
     spread: float = 0.0
 
     def of(self, sources: Iterable[int]) -> list[str]:
-        """Return the text appended to each voltage source; `sources`: their indices in the netlist."""
+        """Return the text appended to the line of each voltage source; `sources`: netlist indices of the sources."""
         numbers = list(sources)
         least = min(numbers, default=0)
         return [self.suffix.get(number, "") + self.first * (number == least) for number in numbers]
@@ -83,9 +84,10 @@ def flatten(
 ) -> FlatDeck:
     """Return the flat deck of a netlist.  The text does not depend on the order of the netlist's elements.
 
-    Floating nodes, the elements that touch them, and sources that close a consistent loop are omitted.  Raises
-    InputError for an unknown dialect, an overflowing resistance or a netlist without grounded nodes, and CircuitError
-    for a current source that drives a floating part.
+    `dialect`: name of the dialect; `title`: first line, None for a description of the netlist; `additions`: changes
+    that analyses require.  Floating nodes, the elements that touch floating nodes, and sources that close a consistent
+    loop are omitted.  Raises InputError for an unknown dialect, an overflowing resistance or a netlist without grounded
+    nodes, and CircuitError for a current source that drives a floating part.
     """
     rules = dialect_named(dialect)
     held = _grounded_nodes(netlist)
@@ -133,7 +135,9 @@ def flatten(
 
 
 def fill(template: str, columns: Mapping[str, Iterable[str]]) -> list[str]:
-    r"""Return one line per row of the columns, filled into a `str.format` template.
+    """Return one line per row of the columns, filled into a `str.format` template.
+
+    `columns`: texts of each field of the template, by name; all columns have the same length.
 
     Examples
     --------
@@ -170,7 +174,7 @@ def resistances(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return positive numbers rounded to 12 significant digits; shapes (n,)."""
+    """Return positive numbers (n,) rounded to 12 significant digits, shape (n,)."""
     with np.errstate(all="ignore"):
         scale = 10.0 ** (11 - np.floor(np.log10(values)))
         return np.asarray(np.rint(values * scale) / scale)
@@ -179,7 +183,7 @@ def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def _grounded_nodes(netlist: Netlist) -> NDArray[np.bool_]:
     """Return the mask (node_count,) of the nodes that resistors and voltage sources connect to ground.
 
-    Raises InputError if only ground is left, and CircuitError for a current source that drives a floating part.
+    Raises InputError if only ground is in the mask, and CircuitError for a current source that drives a floating part.
     """
     circuit = Circuit.of(netlist)
     for source in circuit.trapped_sources.tolist():
@@ -198,9 +202,9 @@ def _grounded_nodes(netlist: Netlist) -> NDArray[np.bool_]:
 
 
 def _choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDArray[np.int64]]:
-    """Return the indices of the elements that the deck holds, per kind, sorted by nodes and values.
+    """Return the netlist indices of the elements in the deck, by kind, sorted by nodes and values.
 
-    `held` (node_count,): mask of the nodes that the deck holds.
+    `held` (node_count,): mask of the nodes in the deck.
     """
     from resgrid.circuit.sources import tie_sources
 
@@ -232,7 +236,8 @@ def _lines_of(
 ) -> list[str]:
     """Return the lines of the elements of one kind.
 
-    `chosen` (m,): their indices; `names`: of all nodes; `columns`: names of the elements, and values of resistors.
+    `chosen` (m,): netlist indices of the elements; `names` (node_count,): deck names of all nodes; `columns`: names of
+    the elements and values of resistors, m texts each; `additions`: changes that analyses require.
     """
     template: str = getattr(rules, kind.replace(" ", "_"))
     first, second = getattr(netlist, ELEMENTS[kind][0])[chosen].T.tolist()
@@ -254,21 +259,25 @@ def _lines_of(
 
 
 def _has_coefficients(netlist: Netlist) -> bool:
-    """Return whether a resistor has a nonzero temperature coefficient."""
+    """Return whether any resistor of the netlist has a nonzero temperature coefficient."""
     return any(tc is not None and tc.any() for tc in (netlist.tc1, netlist.tc2))
 
 
 def _preamble(netlist: Netlist, rules: Dialect, additions: Additions) -> list[str]:
-    """Return the lines between the comments at the top and the elements: dialect, tolerances, random resistors."""
+    """Return the lines between the comments at the top and the elements: dialect, tolerances, random resistors.
+
+    `additions`: changes of the deck that analyses require.
+    """
     precise = [rules.precise] if netlist.nonlinear_nodes.size else []
     spread = spread_preamble(rules, additions.spread, temperature=_has_coefficients(netlist))
     return [*rules.preamble, *precise, *spread]
 
 
 def spread_preamble(rules: Dialect, sigma: float, *, temperature: bool = False) -> list[str]:
-    """Return the definitions that resistors of random value need.
+    """Return the lines of the definitions that resistors of random value need.
 
-    `sigma`: relative standard deviation, 0 for fixed values; `temperature`: whether resistors have coefficients.
+    `sigma`: relative standard deviation of the resistances, 0 for fixed values; `temperature`: whether resistors have
+    temperature coefficients.
     """
     if not sigma:
         return []
@@ -277,7 +286,11 @@ def spread_preamble(rules: Dialect, sigma: float, *, temperature: bool = False) 
 
 
 def _renamed(names: Sequence[str], given: Sequence[str] | None, numbers: NDArray[np.int64]) -> dict[str, str]:
-    """Return a map of deck names to netlist names, where they differ; `names`: one for each index in `numbers` (n,)."""
+    """Return the netlist name by deck name, where the two names differ.
+
+    `names` (n,): deck names; `given`: all names in the netlist, None without names; `numbers` (n,): index in `given` of
+    each deck name.
+    """
     if given is None:
         return {}
     pairs = zip(names, (given[number] for number in numbers.tolist()), strict=True)
@@ -285,7 +298,10 @@ def _renamed(names: Sequence[str], given: Sequence[str] | None, numbers: NDArray
 
 
 def _one_line_title(netlist: Netlist, title: str | None) -> str:
-    """Return the title as one line of printable ASCII, since old simulators read only ASCII."""
+    """Return the title as one line of printable ASCII, since old simulators read only ASCII.
+
+    `title`: None for a description of the netlist.
+    """
     if title is None and netlist.cell_map is not None:
         cells = " x ".join(str(cells) for cells in netlist.cell_map.space.shape)
         title = f"resistor grid of {cells} cells, {netlist.cell_map.wiring.boundary} boundary"

@@ -22,7 +22,10 @@ _MAX_LENGTH = 200
 
 
 def name_nodes(netlist: Netlist, dialect: Dialect, held: NDArray[np.bool_]) -> list[str]:
-    """Return the deck's names of all nodes, empty for omitted ones; `held` (node_count,): mask of the others."""
+    """Return the deck's names of all nodes, empty for nodes that the deck omits.
+
+    `held` (node_count,): mask of the nodes in the deck.
+    """
     nodes = np.flatnonzero(held)
     nodes = nodes[nodes != GROUND]
     given = netlist.names_of(nodes)
@@ -38,7 +41,7 @@ def name_nodes(netlist: Netlist, dialect: Dialect, held: NDArray[np.bool_]) -> l
 def name_elements(netlist: Netlist, kind: str, numbers: NDArray[np.int64], node_names: Sequence[str]) -> list[str]:
     """Return the deck's names of elements, made from the netlist's names if it has any, else from the nodes' names.
 
-    `numbers` (n,): indices of the elements; `node_names`: of all nodes in the deck.
+    `kind`: kind of the elements; `numbers` (n,): netlist indices; `node_names` (node_count,): deck names of all nodes.
     """
     initial = INITIALS[kind]
     given = (netlist.element_names or {}).get(kind)
@@ -58,7 +61,8 @@ def legal_names(names: Sequence[str], initial: str, reserved: Iterable[str] = ()
     """Return unique legal names that change the given ones as little as possible.
 
     The first use of a legal name keeps it.  Other names are folded to lower case, illegal characters become ``_``, and
-    a number is appended if the result is in use already.
+    a number is appended if the result is in use already.  `initial`: prefix of names that do not begin with a letter;
+    `reserved`: names that may not be used.
 
     Examples
     --------

@@ -15,13 +15,16 @@ from resgrid.spice.write.flat import FlatDeck, plain
 from resgrid.spice.write.sidecar import Expected
 
 LARGEST = 400_000
-"""Maximum number of comparisons of a self-check deck; ngspice would take hours for the deck of a larger one."""
+"""Maximum number of comparisons in a self-check deck; with more, ngspice would take hours."""
 _PER_LINE = 40
-"""Number of errors per ``compose`` command."""
+"""Number of error expressions per ``compose`` command."""
 
 
 def format_self_check(name: str, deck: FlatDeck, expected: Expected, sha256: str) -> str:
-    """Return the text of the self-check deck; `name`: file name of the deck, `sha256`: its hash."""
+    """Return the text of the self-check deck.
+
+    `name`: file name of the deck; `expected`: expected voltages and currents; `sha256`: hash of the deck, hexadecimal.
+    """
     amps = {source: value for source, value in expected.source_current.items() if value is not None}
     values = zip(deck.resistors, plain(deck.resistor_value), strict=True)
     groups = {
@@ -59,7 +62,10 @@ def format_self_check(name: str, deck: FlatDeck, expected: Expected, sha256: str
 
 
 def _errors(function: str, values: Mapping[str, float], scale: float) -> list[str]:
-    """Return expressions for the errors relative to `scale`; `values`: expected value of each name."""
+    """Return expressions for the errors of simulated values, relative to `scale`.
+
+    `function`: beginning of a simulated value's name, such as ``op1.v``; `values`: expected value by name.
+    """
     return [
         f" abs({function}({name}){'-' if value >= 0 else '+'}{abs(value)!r})/{scale!r}"
         for name, value in values.items()
@@ -67,7 +73,10 @@ def _errors(function: str, values: Mapping[str, float], scale: float) -> list[st
 
 
 def _summary(groups: Mapping[tuple[str, str], list[str]]) -> list[str]:
-    """Return the commands that print PASS or FAIL with the largest errors, and set the exit status."""
+    """Return the commands that print PASS or FAIL with the largest errors, and set the exit status.
+
+    `groups`: error expressions of each group; the key is the quantity and the reference of its errors.
+    """
     total = sum(map(len, groups.values()))
     counts = ", ".join(
         f"{len(errors)} {quantity} ($&worst_{quantity} {unit})" for (quantity, unit), errors in groups.items()

@@ -30,32 +30,33 @@ from resgrid.spice.write.flat import FlatDeck
 SCHEMA = 1
 """Version of the sidecar's format."""
 _BLOCK_LINES = 16
-"""Number of lines per hashed block of a deck."""
+"""Number of lines in each hashed block of a deck."""
 _BLOCK_DIGITS = 16
-"""Number of hexadecimal digits that are kept of a block's hash."""
+"""Number of hexadecimal digits of a block's hash that a sidecar contains."""
 _MAX_BYTES = 2**31
 """Largest sidecar that is read, in bytes."""
 _BLANK = "0" * 64
-"""Placeholder of the sidecar's own hash while the hash is computed."""
+"""Placeholder for the sidecar's own hash during the computation of the hash."""
 _CONDUCTANCE_FRACTION = 1e-3
 """Smallest scale of current errors, as a fraction of the current in the largest conductance at the supply voltage.
 
-Where that current is much larger than the supply current, the rounding error of source currents is about 1e-13 of it
-(measured with ngspice 39 and 46); with this scale the tolerance of 1e-9 is ten times larger.
+Where that current is much larger than the supply current, the rounding error of source currents is about 1e-13 of that
+current (measured with ngspice 39 and 46); with this scale the tolerance of 1e-9 is ten times larger.
 """
 
 _OWN = re.compile(rb'(?<="own_sha256": ")[0-9a-f]{64}(?=")')
-"""Match of the sidecar's own hash in its text."""
+"""Regular expression for the sidecar's own hash in its text."""
 
 
 @dataclass(frozen=True, eq=False)
 class Expected:
     """Expected node voltages and source currents of a deck, with the scales of their tolerances.
 
-    `voltage`: of every node except ground, in volts; `source_current`: into the plus terminal of every voltage source,
-    in amperes, None if it is undetermined; `supply`: scale of voltage errors, the largest voltage difference in the
-    circuit, in volts (1 if all nodes have the same voltage); `current_scale`: scale of current errors, in amperes;
-    `kcl_residual`: largest violation of Kirchhoff's current law, relative to the current through the same node.
+    `voltage`: voltage of every node except ground by name, in volts; `source_current`: current into the plus terminal
+    of every voltage source by name, in amperes, None if it is undetermined; `supply`: scale of voltage errors, the
+    largest voltage difference in the circuit, in volts (1 if all nodes have the same voltage); `current_scale`: scale
+    of current errors, in amperes; `kcl_residual`: largest violation of Kirchhoff's current law, relative to the current
+    through the same node.
     """
 
     voltage: Mapping[str, float]
@@ -66,7 +67,10 @@ class Expected:
 
     @staticmethod
     def of(op: OperatingPoint, voltage: Mapping[str, float], source_current: Mapping[str, float]) -> Expected:
-        """Add the scales of an operating point to expected voltages (volts) and source currents (amperes)."""
+        """Return expected results with the scales of their tolerances, which are those of an operating point.
+
+        `voltage`: in volts by node; `source_current`: in amperes by voltage source, not finite if undetermined.
+        """
         netlist = op.netlist
         ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
         volts = op.voltage[ends if ends.size else netlist.source_nodes]
@@ -84,7 +88,7 @@ class Expected:
 
 
 def expect(deck: FlatDeck, op: OperatingPoint) -> Expected:
-    """Return the expected results of a deck from an operating point of the same netlist, by the deck's names."""
+    """Return the expected results of a deck, by the deck's names; `op`: an operating point of the same netlist."""
     if not op.is_of(deck.netlist):
         raise InputError("the operating point belongs to another netlist; solve this one first")
     voltage = op.voltage[deck.nodes]
@@ -100,7 +104,7 @@ def expect(deck: FlatDeck, op: OperatingPoint) -> Expected:
 
 
 def digest(data: bytes) -> str:
-    """Return the SHA-256 of bytes in hexadecimal."""
+    """Return the SHA-256 of bytes as 64 hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()
 
 
@@ -108,14 +112,17 @@ _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class _Blocks(BaseModel):
-    """Number of lines per block of a deck, and the beginning of the SHA-256 of every block."""
+    """Hashes of the blocks of a deck.
+
+    `lines`: number of lines per block; `sha256`: first hexadecimal digits of the SHA-256 of every block.
+    """
 
     lines: PositiveInt
     sha256: list[str]
 
 
 class _Node(BaseModel):
-    """Expected voltage of a node, in volts."""
+    """Node of a sidecar, with its expected voltage in volts."""
 
     voltage: FiniteFloat
 
@@ -123,9 +130,10 @@ class _Node(BaseModel):
 class Sidecar(BaseModel):
     """Content of a sidecar, without the keys that are only informative.
 
-    `path`: of the sidecar; `intact`: whether its bytes match its own hash; `sha256`: hash of the deck, hexadecimal;
-    `blocks`: lines per block, and the beginning of the hash of every block; `files`: hashes of the files that the deck
-    includes, empty for a flat deck; `companions`: hashes of the files that include the deck.
+    `path`: path of the sidecar; `intact`: whether its bytes match its own hash; `schema_`: version of the format;
+    `sha256`: hash of the deck, hexadecimal; `dialect`: name of the deck's dialect; `blocks`: hashes of the deck's
+    blocks; `nodes, sources, supply, current_scale, kcl_residual`: expected results, see `expected`; `files`: hashes of
+    the files that the deck includes, empty for a flat deck; `companions`: hashes of the files that include the deck.
     """
 
     model_config = ConfigDict(strict=True, frozen=True)
@@ -145,7 +153,7 @@ class Sidecar(BaseModel):
 
     @property
     def expected(self) -> Expected:
-        """Expected voltages and source currents."""
+        """Expected node voltages and source currents of the deck."""
         voltage = {name: node.voltage for name, node in self.nodes.items()}
         return Expected(voltage, self.sources, self.supply, self.current_scale, self.kcl_residual)
 
@@ -158,7 +166,10 @@ def sidecar_path(deck: Path) -> Path:
 
 
 def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected, more: Mapping[str, Any]) -> str:
-    """Return the text of a sidecar, one node per line; `more`: further keys and values."""
+    """Return the text of a sidecar, one node per line.
+
+    `deck_name`: file name of the deck; `expected`: expected results; `more`: further keys and values.
+    """
     data = deck.text.encode("utf-8")
     head = {
         "schema": SCHEMA,
@@ -184,7 +195,7 @@ def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected, more: Map
 
 
 def _node_lines(deck: FlatDeck, expected: Expected) -> Iterator[str]:
-    """Yield the JSON of every node: its cell and its expected voltage."""
+    """Yield one JSON line per node: coordinates of its cell (null without a cell) and expected voltage in volts."""
     cells = ["null"] * len(deck.nodes)
     if deck.netlist.cell_map is not None:
         flat = deck.netlist.cell_of_node()[deck.nodes]
@@ -205,7 +216,10 @@ def _own_version() -> str:
 
 
 def read_sidecar(deck: Path) -> Sidecar:
-    """Read and validate the sidecar of a deck; raise InputError if it is damaged."""
+    """Return the validated content of a deck's sidecar; raise InputError if the sidecar is damaged.
+
+    `deck`: path of the deck.
+    """
     path = sidecar_path(deck)
     data = read_bytes(path, _MAX_BYTES)
     own = _OWN.search(data)
@@ -221,14 +235,20 @@ def read_sidecar(deck: Path) -> Sidecar:
 
 
 def block_hashes(data: bytes, lines: int) -> list[str]:
-    """Return the beginning of the SHA-256 of every block of `lines` lines of a text."""
+    """Return the first hexadecimal digits of the SHA-256 of every block of a text.
+
+    `lines`: number of lines per block.
+    """
     rows = data.split(b"\n")
     blocks = (b"\n".join(rows[start : start + lines]) for start in range(0, len(rows), lines))
     return [digest(block)[:_BLOCK_DIGITS] for block in blocks]
 
 
 def altered_lines(data: bytes, sidecar: Sidecar) -> list[tuple[int, int]]:
-    """Return the ranges of lines (first and last, counted from 1) that differ from the deck that was written."""
+    """Return the ranges of lines (first and last, counted from 1) that differ from the deck that was written.
+
+    `data`: content of the deck.
+    """
     size = sidecar.blocks.lines
     ranges: list[tuple[int, int]] = []
     for block, (now, then) in enumerate(zip_longest(block_hashes(data, size), sidecar.blocks.sha256)):
@@ -244,7 +264,7 @@ def altered_lines(data: bytes, sidecar: Sidecar) -> list[tuple[int, int]]:
 def altered_files(data: bytes, sidecar: Sidecar) -> list[str]:
     """Return a finding for each file that differs from the written one: the deck, its sidecar and further files.
 
-    `data`: content of the deck.  Further files that are absent are not a finding.
+    `data`: content of the deck.  A further file that is absent is not a finding.
     """
     name = sidecar.path.name
     problems = []
@@ -263,7 +283,10 @@ def altered_files(data: bytes, sidecar: Sidecar) -> list[str]:
 
 
 def with_parts(deck: Path, data: bytes, sidecar: Sidecar) -> bytes:
-    """Return the content of a tile deck with its included files inserted; `data`: content of the main file."""
+    """Return the content of a tile deck with its included files inserted.
+
+    `deck, data`: path and content of the main file.
+    """
     include = dialect_named(sidecar.dialect).include
     for name in sidecar.files:
         part = deck.with_name(Path(name).name)

@@ -32,13 +32,13 @@ _KIND_WORDS: dict[type[Analysis], str] = {
     TemperatureAnalysis: "dc",
     MismatchAnalysis: "dc",
 }
-"""Word for each analysis in statements that save or print its results, empty if it needs none."""
+"""Word for each kind of analysis in the statements that save or print results, empty if the analysis needs none."""
 _SAME_NODES, _SAME_VALUES = ("resistor", "voltage source"), ("capacitor", "nonlinear resistor")
 """Kinds of element that keep their nodes when the scene changes, and kinds that also keep their values."""
 
 
 def only_one(analyses: Sequence[Analysis], kind: type[Analysis]) -> Any:
-    """Return the analysis of a kind, None without one; raise InputError for several."""
+    """Return the analysis of class `kind`, None if there is none; raise InputError if there are several."""
     own = [analysis for analysis in analyses if isinstance(analysis, kind)]
     if len(own) > 1:
         raise InputError(
@@ -49,7 +49,10 @@ def only_one(analyses: Sequence[Analysis], kind: type[Analysis]) -> Any:
 
 
 def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect) -> Additions:
-    """Return the changes of the deck's lines that analyses require: waveforms, AC sources and random resistors."""
+    """Return the changes of the deck's lines that analyses require: waveforms, AC sources and random resistors.
+
+    `netlist`: the netlist of the deck; `rules`: the dialect of the deck.
+    """
     suffix: dict[int, str] = {}
     transient: TransientAnalysis | None = only_one(analyses, TransientAnalysis)
     if transient is not None and transient.after is not None:
@@ -66,7 +69,10 @@ def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect) ->
 
 
 def _check_alike(before: Netlist, after: Netlist) -> None:
-    """Raise InputError unless two scenes have the same elements, apart from the values of resistors and sources."""
+    """Raise InputError unless two scenes differ only in the values of resistors and voltage sources.
+
+    `before, after`: netlists of the scenes; their current sources are not compared.
+    """
     for kind in (*_SAME_NODES, *_SAME_VALUES):
         for key in ELEMENTS[kind][1]:
             a, b = (_sums(netlist, kind, key) for netlist in (before, after))
@@ -78,13 +84,16 @@ def _check_alike(before: Netlist, after: Netlist) -> None:
 
 
 def _ends(netlist: Netlist, kind: str) -> list[tuple[str, str]]:
-    """Return the names of both nodes of every element; all scenes of a grid have the same names."""
+    """Return the names of both nodes of every element of a kind; the names are the same in all scenes of a grid."""
     first, second = getattr(netlist, ELEMENTS[kind][0]).T
     return list(zip(netlist.names_of(first), netlist.names_of(second), strict=True))
 
 
 def _sums(netlist: Netlist, kind: str, key: str) -> dict[tuple[str, str], float]:
-    """Return the sum of a value of parallel elements, such as ``"conductance"``, by the names of their nodes."""
+    """Return the sum of a value over parallel elements, by the names of their two nodes; empty if the netlist has none.
+
+    `kind`: kind of element; `key`: name of the value in the graph of a netlist, such as ``"conductance"``.
+    """
     values = getattr(netlist, ELEMENTS[kind][1][key])
     total: dict[tuple[str, str], float] = {}
     if values is not None:
@@ -125,7 +134,10 @@ def format_commands(name: str, deck: FlatDeck, requested: Sequence[Analysis]) ->
 
 
 def _check_names(deck: FlatDeck, analyses: Sequence[Analysis]) -> None:
-    """Raise InputError if analyses name nodes or sources that the deck does not hold, or lack a transient."""
+    """Raise InputError if analyses name nodes or sources that are not in the deck.
+
+    A measurement without a transient analysis and a noise analysis without a voltage source raise InputError, too.
+    """
     if only_one(analyses, TransientAnalysis) is None and any(isinstance(item, Measure) for item in analyses):
         raise InputError("measure: a measurement needs a transient; add a TransientAnalysis")
     if only_one(analyses, NoiseAnalysis) is not None and not deck.source_names:
@@ -145,7 +157,10 @@ def _check_names(deck: FlatDeck, analyses: Sequence[Analysis]) -> None:
 
 
 def _statement(words: Statements, name: str, deck: FlatDeck, analysis: Analysis) -> list[str]:
-    """Return the lines that request an analysis; none for probes and measurements."""
+    """Return the lines that request an analysis, an empty list for probes and measurements.
+
+    `words`: statement templates of the dialect; `name`: file name of the deck.
+    """
     if type(analysis) not in _KIND_WORDS:
         return []
     values: dict[str, Any] = {"deck": name, **_first_source(deck)}
@@ -164,7 +179,10 @@ def _statement(words: Statements, name: str, deck: FlatDeck, analysis: Analysis)
 
 
 def _first_source(deck: FlatDeck) -> dict[str, str]:
-    """Return name and voltage of the deck's first voltage source (by netlist index), which some statements need."""
+    """Return name and voltage of the voltage source with the lowest netlist index, which some statements need.
+
+    The keys are ``source`` and ``volts``; both values are empty if the deck has no voltage source.
+    """
     if not deck.source_names:
         return {"source": "", "volts": ""}
     number = int(np.argmin(deck.sources))
@@ -173,7 +191,10 @@ def _first_source(deck: FlatDeck) -> dict[str, str]:
 
 
 def _probes(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
-    """Return the statements that save the probed voltages and currents, or all voltages without a probe."""
+    """Return the statements that save the probed voltages and currents, or all voltages without a probe.
+
+    `words`: statement templates of the dialect.
+    """
     kinds = list(dict.fromkeys(kind for item in analyses if (kind := _KIND_WORDS.get(type(item), ""))))
     saved: list[str] = []
     for probe in analyses:
@@ -186,7 +207,7 @@ def _probes(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
 
 
 def _measures(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
-    """Return the statements of the measurements."""
+    """Return the statements of the measurements; `words`: statement templates of the dialect."""
     lines = [
         getattr(words, item.what).format(name=item.name, node=item.node, at=None if item.at is None else float(item.at))
         for item in analyses
@@ -196,7 +217,7 @@ def _measures(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
 
 
 def _change(deck: FlatDeck, transient: TransientAnalysis | None) -> Iterator[str]:
-    """Yield elements that turn the deck's scene into the next one at the step of a transient.
+    """Yield the lines of elements that change the deck's scene into the next one at the step of a transient analysis.
 
     A resistor that changes gets a parallel source of the additional current, ``(g_after - g_before) V``, times a step
     from 0 to 1.  A change of the injected currents is a source of the difference times that step.
@@ -226,7 +247,7 @@ def _change(deck: FlatDeck, transient: TransientAnalysis | None) -> Iterator[str
 
 
 def _injected(netlist: Netlist) -> dict[str, float]:
-    """Return the current that current sources inject into every node, in amperes, by the name of the node."""
+    """Return the net current that current sources inject into every node, in amperes, by the name of the node."""
     count = netlist.node_count
     into, out = (np.bincount(netlist.current_nodes[:, end], netlist.current_amps, count) for end in (1, 0))
     return dict(zip(netlist.names_of(np.arange(count)), (into - out).tolist(), strict=True))

@@ -31,7 +31,11 @@ _FREE = "(1-{0})*(2-{0})*(3-{0})/6"
 def write_tiles(
     netlist: Netlist, chip: Chip, name: str, *, dialect: str, title: str | None, additions: Additions
 ) -> FlatDeck:
-    """Return the tile deck of a netlist that was built from a chip; `name`: file name of the deck."""
+    """Return the tile deck of a netlist that was built from a chip.
+
+    `name`: file name of the deck; `dialect`: name of the simulator's dialect; `title`: first line, None for a
+    description of the array; `additions`: changes of the lines that analyses require.
+    """
     tiles = tiles_of(netlist, chip)
     size = " x ".join(map(str, tiles.shape))
     if title is None:
@@ -49,7 +53,10 @@ def write_tiles(
 
 
 def _deck_lines(tiles: Tiles, flat: FlatDeck, name: str, additions: Additions) -> Iterator[str]:
-    """Yield the lines of the main file: title, includes and supplies of the rails."""
+    """Yield the lines of the main file: title, includes and supplies of the rails.
+
+    `flat`: the same netlist as a flat deck; `name`: file name of the deck; `additions`: text appended to the supplies.
+    """
     rules, netlist = flat.dialect, tiles.netlist
     yield f"{rules.comment}{flat.title}"
     yield f"{rules.comment}{rules.name} dialect: the pattern sets the switches of the chip's tiles"
@@ -64,7 +71,10 @@ def _deck_lines(tiles: Tiles, flat: FlatDeck, name: str, additions: Additions) -
 
 
 def _pattern_lines(tiles: Tiles, flat: FlatDeck, labels: Sequence[str]) -> Iterator[str]:
-    """Yield the lines of the pattern: the state of every cell as a parameter; `labels`: one per cell."""
+    """Yield the lines of the pattern file, which set one parameter per cell to its `State`.
+
+    `flat`: the same netlist as a flat deck; `labels` (cells,): part of each cell's names, such as ``0_1``.
+    """
     rules = flat.dialect
     yield f"{rules.comment}pattern: {flat.title}"
     yield f"{rules.comment}state of every tile: 0 free, 1 blocked, 2 goal, 3 driven"
@@ -75,7 +85,11 @@ def _pattern_lines(tiles: Tiles, flat: FlatDeck, labels: Sequence[str]) -> Itera
 
 
 def _chip_lines(tiles: Tiles, rules: Dialect, labels: Sequence[str], spread: float) -> Iterator[str]:
-    """Yield the lines of the chip: subcircuits of the tiles, the array, and the resistors at the grid's edge."""
+    """Yield the lines of the chip file: subcircuits of the tiles, the array, and the resistors at the grid's edge.
+
+    `labels` (cells,): part of each cell's names, such as ``0_1``; `spread`: relative standard deviation of the
+    resistances, 0 for fixed values.
+    """
     dimensions, links = len(tiles.shape), tiles.links
     link = np.full((len(tiles.state), dimensions), -1)
     link[tiles.cell[links], tiles.axis[links]] = links
@@ -99,7 +113,10 @@ def _chip_lines(tiles: Tiles, rules: Dialect, labels: Sequence[str], spread: flo
 
 
 def _parameters(tiles: Tiles, axis: int) -> dict[str, tuple[NDArray[np.float64], float]]:
-    """Return the parameters of a tile's resistor along an axis: all values (n,) and the most frequent, in ohms."""
+    """Return the parameters of a tile's resistor along an axis, by name.
+
+    Each value is a pair: the parameter of every resistor of the grid (n,), in ohms, and its usual value, in ohms.
+    """
     own = tiles.resistance[tiles.links[tiles.axis[tiles.links] == axis]]
     values, count = np.unique(own, return_counts=True)
     parameters = {f"resistance_{axis}": (tiles.resistance, float(values[count.argmax()]) if values.size else 0.0)}
@@ -109,14 +126,17 @@ def _parameters(tiles: Tiles, axis: int) -> dict[str, tuple[NDArray[np.float64],
 
 
 def _wall(tiles: Tiles, axis: int) -> str:
-    """Return the name of the wall parameter: one per axis if walls have different values, else a common one."""
+    """Return the name of the parameter for the wall resistance along an axis.
+
+    All axes have the common name ``wall_resistance`` unless the walls of the grid have different values.
+    """
     return f"wall_resistance_{axis}" if len(np.unique(tiles.wall[tiles.links])) > 1 else "wall_resistance"
 
 
 def _neighbour_state(tiles: Tiles, axis: int) -> str:
     """Return the name of a tile's parameter for the state of the next tile along an axis.
 
-    On a grid of one axis the name ``state_0`` is taken by the state of cell 0.
+    On a grid with one axis, the name ``state_0`` belongs to the state of cell 0, so ``state_beside`` is used.
     """
     return f"state_{axis}" if len(tiles.shape) > 1 else "state_beside"
 
@@ -127,15 +147,15 @@ def _has_switched_links(tiles: Tiles) -> bool:
 
 
 def _depends_on_neighbours(tiles: Tiles) -> bool:
-    """Return whether a resistor between cells depends on the states of both cells."""
+    """Return whether the resistor between two cells depends on the states of both cells."""
     return tiles.wiring.boundary in ("neumann", "wall")
 
 
 def _subcircuit(rules: Dialect, tiles: Tiles, master: str, axes: Sequence[int], spread: float) -> Iterator[str]:
-    """Yield the lines of the subcircuit of a kind of tile.
+    """Yield the lines of the subcircuit of one kind of tile.
 
     `master`: name of the subcircuit; `axes`: axes along which the tile has a resistor; `spread`: relative standard
-    deviation of the resistors, 0 for fixed values.
+    deviation of the resistances, 0 for fixed values.
     """
     defaults: dict[str, float | int] = {"state": 0}
     if _depends_on_neighbours(tiles):
@@ -157,9 +177,10 @@ def _subcircuit(rules: Dialect, tiles: Tiles, master: str, axes: Sequence[int], 
 
 
 def _elements(rules: Dialect, tiles: Tiles, axes: Sequence[int], spread: float) -> Iterator[str]:
-    """Yield the element lines of a tile: resistors along the axes, switches, capacitor and drive.
+    """Yield the element lines of one kind of tile: resistors along its axes, switches, capacitor and drive.
 
-    `spread`: relative standard deviation of the resistors, 0 for fixed values.
+    `axes`: axes along which the tile has a resistor; `spread`: relative standard deviation of the resistances, 0 for
+    fixed values.
     """
 
     def expression(value: str) -> str:
@@ -188,12 +209,15 @@ def _elements(rules: Dialect, tiles: Tiles, axes: Sequence[int], spread: float) 
 
 
 def _switch(name: str, closed: str) -> str:
-    """Return the expression of a switch's resistance; `closed`: an expression that is 1 if closed, 0 if open."""
+    """Return the expression of a switch's resistance, in ohms.
+
+    `name`: name of the switch; `closed`: an expression that is 1 if the switch is closed and 0 if it is open.
+    """
     return f"{name}_switch_on*({closed})+{name}_switch_off*(1-({closed}))"
 
 
 def _internodal(tiles: Tiles, axis: int) -> str:
-    """Return the expression of the resistance in series with a resistor between two cells."""
+    """Return the expression of the resistance in series with the resistor to the next cell along an axis, in ohms."""
     own, other = _BLOCKED.format("state"), _BLOCKED.format(_neighbour_state(tiles, axis))
     if tiles.wiring.is_driven:
         return _switch("internodal", f"(1-{own})*(1-{other})")
@@ -205,9 +229,10 @@ def _internodal(tiles: Tiles, axis: int) -> str:
 def _instances(
     rules: Dialect, tiles: Tiles, link: NDArray[np.int64], masters: Sequence[str], labels: Sequence[str]
 ) -> Iterator[str]:
-    """Yield one instance per cell; `link` (cells, axes): index of its resistor along each axis, -1 for none.
+    """Yield one instance line per cell; a parameter with its most frequent value is left to the subcircuit's default.
 
-    `masters`: subcircuit of each cell; parameters with the most frequent value are left to the subcircuit's default.
+    `link` (cells, axes): index of the cell's resistor along each axis, -1 for none; `masters` (cells,): names of the
+    subcircuits; `labels` (cells,): part of each cell's names, such as ``0_1``.
     """
     usual = [
         {name: (ohms.tolist(), most) for name, (ohms, most) in _parameters(tiles, axis).items()}
@@ -234,7 +259,10 @@ def _instances(
 
 
 def _edge_names(tiles: Tiles, labels: Sequence[str]) -> list[str]:
-    """Return the names of the resistors at the grid's edge, from their cell and face."""
+    """Return the names of the resistors at the grid's edge: label of the cell, axis and side.
+
+    `labels` (cells,): part of each cell's names, such as ``0_1``.
+    """
     columns = (column[tiles.edges].tolist() for column in (tiles.cell, tiles.axis, tiles.upward))
     return [
         f"r_edge_{labels[cell]}_{axis}_{'upper' if upward else 'lower'}"
@@ -243,7 +271,11 @@ def _edge_names(tiles: Tiles, labels: Sequence[str]) -> list[str]:
 
 
 def _edge_values(rules: Dialect, tiles: Tiles, labels: Sequence[str]) -> list[str]:
-    """Return the resistances between edge cells and the obstacle rail; with walls, expressions in the cell's state."""
+    """Return the resistances between edge cells and the obstacle rail as text, in ohms, one per resistor.
+
+    A circuit with walls has expressions of the cell's state instead of numbers.  `labels` (cells,): part of each cell's
+    names, such as ``0_1``.
+    """
     ohms = plain(tiles.resistance[tiles.edges])
     if not tiles.wiring.wall_resistance:
         return ohms
@@ -255,7 +287,10 @@ def _edge_values(rules: Dialect, tiles: Tiles, labels: Sequence[str]) -> list[st
 
 
 def _simulated_resistors(tiles: Tiles, labels: Sequence[str]) -> tuple[list[str], NDArray[np.float64]]:
-    """Return ngspice's names of all resistors after expansion of the subcircuits, and their values (n,) in ohms."""
+    """Return ngspice's names of all resistors after expansion, and their resistances (n,) in ohms.
+
+    `labels` (cells,): part of each cell's names, such as ``0_1``.
+    """
     links, edges = tiles.links, tiles.edges
     places = [
         (labels[cell], axis) for cell, axis in zip(tiles.cell[links].tolist(), tiles.axis[links].tolist(), strict=True)

@@ -28,17 +28,17 @@ from resgrid.scene.chip import Chip
 from resgrid.spice.write.flat import resistances, rounded
 
 RAILS = ("obstacle", "goal")
-"""Rails that every tile has a switch to."""
+"""Rails to which every tile has a switch; a rail is a node of fixed voltage that all tiles share."""
 SWITCHES = (*RAILS, "internodal")
 """Kinds of switches of a tile: to the obstacle rail, to the goal rail, and in series with the resistors."""
 ENDS = ("on", "off")
-"""States of a switch, as in the keys of a chip."""
+"""States of a switch, which are the last words of a chip's keys, such as ``goal_switch_on``."""
 _ON, _OFF = 10.0, 1e10
 """Default resistances of a closed and an open switch, in ohms."""
 
 
 class State(IntEnum):
-    """State of a cell, which sets the switches of its tile."""
+    """State of a cell (free, blocked, goal or driven), which sets the switches of its tile."""
 
     FREE = 0
     BLOCKED = 1
@@ -50,12 +50,12 @@ class State(IntEnum):
 class Tiles:
     """A chip's circuit as an array of tiles.
 
-    `ohms`: resistances of the switches, by their keys in a chip; `capacitance`: of every cell, in farads; `amps`:
-    current injected into every free tile, in amperes; `state` (cells,): `State` of every tile.  The other arrays
-    describe the resistors of the grid, shapes (n,): `cell`: flat index of the cell whose tile holds the resistor;
-    `beyond`: index of the neighbouring cell, -1 for the obstacle rail beyond the grid's edge; `axis, upward`: direction
-    of the neighbour; `resistance`: in ohms; `wall`: wall resistance at a contact with an obstacle, in ohms; `series`:
-    total resistance in series with the resistor in this scene, in ohms.
+    `ohms`: resistances of the switches in ohms, by their keys in a chip; `capacitance`: capacitance of every cell, in
+    farads; `amps`: current injected into every free tile, in amperes; `state` (cells,): `State` of every tile.  The
+    other arrays describe the resistors of the grid, shapes (n,): `cell`: flat index of the cell whose tile holds the
+    resistor; `beyond`: index of the neighbouring cell, -1 for the obstacle rail beyond the grid's edge; `axis, upward`:
+    direction of the neighbour; `resistance`: in ohms; `wall`: wall resistance at a contact with an obstacle, in ohms;
+    `series`: total resistance in series with the resistor in this scene, in ohms.
     """
 
     netlist: Netlist
@@ -73,27 +73,27 @@ class Tiles:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of cells along each axis."""
+        """Number of cells of the grid along each axis."""
         return self.netlist.cells.space.shape
 
     @property
     def wiring(self) -> Wiring:
-        """Wiring of the space."""
+        """Wiring of the space, such as the boundary and the resistance between cells."""
         return self.netlist.cells.wiring
 
     @property
     def links(self) -> NDArray[np.int64]:
-        """Indices of the resistors between cells."""
+        """Indices of the resistors between two cells, in the arrays of the grid's resistors."""
         return np.flatnonzero(self.beyond >= 0)
 
     @property
     def edges(self) -> NDArray[np.int64]:
-        """Indices of the resistors to the obstacle rail beyond the grid's edge."""
+        """Indices of the resistors to the obstacle rail beyond the edge, in the arrays of the grid's resistors."""
         return np.flatnonzero(self.beyond < 0)
 
     @property
     def rail_switches(self) -> dict[str, NDArray[np.float64]]:
-        """Resistances of the switches to each rail in this scene, in ohms, shapes (cells,)."""
+        """Resistances (cells,) of the switches to each rail in this scene, in ohms, by the name of the rail."""
         closed = {"obstacle": State.DRIVEN if self.wiring.is_driven else State.BLOCKED, "goal": State.GOAL}
         return {
             rail: np.where(self.state == state, *(self.ohms[f"{rail}_switch_{end}"] for end in ENDS))
@@ -102,20 +102,26 @@ class Tiles:
 
 
 def with_tile_switches(chip: Chip, boundary: str) -> Chip:
-    """Return a chip with all switches that its tiles need; missing ones get 10 ohm (on) and 10 Gohm (off)."""
+    """Return a chip with all switches that its tiles need; missing switches get 10 ohm (on) and 10 Gohm (off).
+
+    `boundary`: boundary of the wiring, such as ``"neumann"``.
+    """
     assumed = {key: _ON if key.endswith("_on") else _OFF for key in _needed_switches(chip, boundary)}
     changes: dict[str, Any] = {key: ohms for key, ohms in assumed.items() if getattr(chip, key) is None}
     return dataclasses.replace(chip, **changes)
 
 
 def _needed_switches(chip: Chip, boundary: str) -> list[str]:
-    """Return the keys of the switches that tiles need with a boundary."""
+    """Return the keys of the switches that tiles need, such as ``goal_switch_on``.
+
+    `boundary`: boundary of the wiring.
+    """
     between = boundary in ("neumann", "wall") or any((chip.internodal_switch_on, chip.internodal_switch_off))
     return [f"{name}_switch_{end}" for name in (SWITCHES if between else RAILS) for end in ENDS]
 
 
 def tile_values(netlist: Netlist, chip: Chip) -> dict[str, float | None]:
-    """Return the element values of a tile by the keys of the ``[chip]`` table, in ohms and farads."""
+    """Return the element values of a tile by the keys of the ``[chip]`` table, in ohms and farads; None if unset."""
     switches = {key: getattr(chip, key) for key in (f"{name}_switch_{end}" for name in SWITCHES for end in ENDS)}
     return {"resistance": netlist.cells.wiring.resistance, "capacitance": chip.capacitance or 0.0, **switches}
 
@@ -123,7 +129,7 @@ def tile_values(netlist: Netlist, chip: Chip) -> dict[str, float | None]:
 def difference_from_ideal(op: OperatingPoint) -> float | None:
     """Return the largest voltage difference between a chip's free cells and those of ideal rails, in volts.
 
-    Returns None if the circuit with ideal rails has no operating point.
+    `op`: operating point of the chip.  Returns None if the circuit with ideal rails has no operating point.
     """
     cells = op.netlist.cells
     ideal = compile_space(cells.space, cells.wiring)
@@ -139,7 +145,7 @@ def difference_from_ideal(op: OperatingPoint) -> float | None:
 
 
 def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
-    """Decompose a netlist that was built from a chip into tiles.
+    """Return the tiles of a netlist that was built from a chip.
 
     The resistors and their nominal values are those of the same grid without obstacles.  The actual value of a resistor
     and its wall is the netlist's resistance between the two cells, minus the closed switch in series.  Raises
@@ -193,9 +199,9 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
 
 
 def _round_within_error(ohms: NDArray[np.float64], total: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Round resistances to 12 digits where the change is within the rounding error of their series sum.
+    """Return resistances rounded to 12 digits where the change is within the rounding error of their series sum.
 
-    Shapes: `ohms` (n,), `total` (n,): the sum of which the resistance is a part; returns (n,).
+    Shapes: `ohms` (n,), in ohms; `total` (n,): series sum that contains the resistance, in ohms; returns (n,).
     """
     with np.errstate(invalid="ignore"):
         short = rounded(ohms)
@@ -203,7 +209,7 @@ def _round_within_error(ohms: NDArray[np.float64], total: NDArray[np.float64]) -
 
 
 def _states(netlist: Netlist) -> NDArray[np.uint8]:
-    """Return the state (cells,) of every cell.
+    """Return the `State` of every cell, shape (cells,).
 
     With open obstacles, free cells without a path to a goal are blocked, because their nodes would float.
     """
