@@ -17,7 +17,7 @@ from resgrid.errors import InputError
 from resgrid.plot.style import DPI, TEXT
 
 FORMATS = ("png", "pdf", "svg")
-"""File formats of pictures."""
+"""File formats of pictures; the names are also the suffixes."""
 PAGE = 7.4
 """Width of a figure that spans both columns of a page, in inches."""
 
@@ -37,7 +37,7 @@ class NotebookFigure(Figure):
     """A figure that a notebook displays although it has no window."""
 
     def add_subplot(self, *place: Any, **options: Any) -> Any:
-        """Add axes that a notebook displays, too."""
+        """Return new axes, which a notebook displays, too; `place` and `options` are arguments of matplotlib."""
         return super().add_subplot(*place, **{"axes_class": NotebookAxes} | options)
 
     def _repr_png_(self) -> bytes:
@@ -52,19 +52,22 @@ class NotebookAxes(Axes):
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return a figure without a window; width and height in inches."""
+    """Return an empty figure without a window; `width` and `height` in inches."""
     figure = NotebookFigure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def axes_or_new(axes: Axes | None, aspect: float = 1.0) -> Axes:
-    """Return the given axes, or the axes of a new figure; `aspect`: height over width of the drawing."""
+    """Return the given axes, or the axes of a new figure if `axes` is None.
+
+    `aspect`: height over width of the drawing in a new figure.
+    """
     return new_figure(4.8, panel_height(3.6, aspect)).add_subplot() if axes is None else axes
 
 
 def add_title(figure: Figure, title: str, caption: str = "") -> None:
-    """Write a title above a figure and a caption below the title; empty ones are omitted.
+    """Write a title above a figure and a caption below the title; empty texts are omitted.
 
     All axes are moved to the upper edge of their places.
     """
@@ -77,7 +80,7 @@ def add_title(figure: Figure, title: str, caption: str = "") -> None:
 
 
 def caption_height(caption: str) -> float:
-    """Return the height of a caption, in inches."""
+    """Return the height that a figure needs for a caption, in inches; 0 for an empty caption."""
     return 0.2 + 0.19 * (caption.count("\n") + 1) if caption else 0.0
 
 
@@ -90,7 +93,10 @@ def panel_height(width: float, aspect: float) -> float:
 
 
 def render_figure(picture: Axes | Figure, file_format: str, *, dpi: float = DPI) -> bytes:
-    """Return the content of a picture file; `dpi`: dots per inch.  The same picture gives the same bytes."""
+    """Return the bytes of a picture file; equal pictures give equal bytes.
+
+    `file_format`: one of `FORMATS`; `dpi`: resolution in dots per inch, 10 to 2400.
+    """
     if file_format not in FORMATS:
         raise InputError(f"the picture format {file_format!r} is unknown; choose one of {', '.join(FORMATS)}")
     if not 10 <= dpi <= 2400:

@@ -27,10 +27,11 @@ from resgrid.scene.table_models import fields_from
 
 @dataclass(frozen=True)
 class MapFormat:
-    """A format of map files: its reader, the suffixes of its files, and their first bytes.
+    """A format of map files.
 
-    A reader returns the map, or only its cells if the format has no position and resolution.  The options of the reader
-    are keys of the ``[map]`` table; their ranges come from its annotations, their descriptions from its docstring.
+    `read`: reader, which returns the map, or only the cells if the format has no position and resolution; `suffixes`:
+    suffixes of the files; `magic`: first bytes of the files.  The options of the reader are keys of the ``[map]``
+    table; their ranges come from its annotations, their descriptions from its docstring.
     """
 
     read: Callable[..., NDArray[np.uint8] | MapCells]
@@ -64,7 +65,7 @@ COMMON = ("file", "format", "periodic", "headings")
 
 
 def map_options() -> dict[str, Any]:
-    """Return the options of all readers as fields of a pydantic model; their descriptions list the formats."""
+    """Return the options of all readers as pydantic fields by name; each description ends with the formats."""
     options = {name: entry.options for name, entry in FORMATS.items()}
     takers = {key: [name for name in options if key in options[name]] for known in options.values() for key in known}
     fields: dict[str, Any] = {}
@@ -76,7 +77,7 @@ def map_options() -> dict[str, Any]:
 
 
 def read_map(table: Mapping[str, Any]) -> MapCells:
-    """Read the map file of a ``[map]`` table, whose ``file`` is an absolute path."""
+    """Return the cells of the map file of a ``[map]`` table, whose ``file`` is an absolute path."""
     path = Path(table["file"])
     name = format_of(path, table)
     options = {key: value for key, value in table.items() if key not in COMMON}
@@ -100,7 +101,7 @@ def read_map(table: Mapping[str, Any]) -> MapCells:
 
 
 def format_of(path: Path, table: Mapping[str, Any]) -> str:
-    """Return the format of a map file: from its table, its suffix, or its first bytes."""
+    """Return the name of a map file's format: from its ``[map]`` table, its suffix, or its first bytes."""
     if table.get("format", "auto") != "auto":
         return str(table["format"])
     for name, entry in FORMATS.items():
@@ -131,7 +132,7 @@ def warn_of_header(path: Path) -> None:
 
 
 def describe_map(cells: MapCells) -> dict[str, Any]:
-    """Return the format, dialect and options of a map as read, and the meaning of its greys or letters."""
+    """Return format, dialect and options of a map, and the meaning of its grey values or letters, as JSON data."""
     table = cells.table
     file = Path(table["file"])
     name = format_of(file, table)
