@@ -288,8 +288,7 @@ def subcommand(name: str, *, examples: Sequence[str]) -> Decorator:
 def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
     """Return a decorator that passes the input and its options to a subcommand as the keyword ``source``.
 
-    `metavar`: name of the argument in the help text; `required`: whether the input must be given; without an input,
-    ``source`` is None.
+    `metavar`: name of the input in help texts; `required`: whether an input is necessary; ``source`` is None without.
     """
     options = (*_SCENE_OPTIONS, *(_DECK_OPTIONS if "DECK" in metavar else ()))
 
