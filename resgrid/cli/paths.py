@@ -84,7 +84,10 @@ def _failure(route: Route) -> tuple[object, ...]:
 
 
 def _reached_line(route: Route) -> str:
-    """Return the line of text for a route that reaches a goal, with length and clearance of path and streamline."""
+    """Return the line of text for a route that reaches a goal, with the lengths and clearances.
+
+    The values are those of the written path and of its streamline.
+    """
     path = route.streamline
     assert path is not None and path.goal is not None
     regions = path.space.goal_count

@@ -27,8 +27,9 @@ if TYPE_CHECKING:
 class Job:
     """A scene with its configuration space and the options of its solution.
 
-    `threads`: number of threads of the solver; `method`: solution method; `ranks`: number of processes of method petsc;
-    `launcher`: command that starts these processes.
+    `scene`: the scene; `space`: its cells; `threads`: number of threads of the solver; `method`: solution method;
+    `ranks`: number of processes of method petsc, None for the default; `launcher`: command that starts these processes,
+    None for mpiexec.
     """
 
     scene: rg.Scene
@@ -47,7 +48,7 @@ class Job:
 
     @cached_property
     def is_ideal(self) -> bool:
-        """Whether the scene's chip consists of resistors and ideal rails only."""
+        """Whether the scene's chip has no imperfections, so that it consists of nominal resistors and ideal rails."""
         from resgrid.chip.effects import of_chip
 
         return not of_chip(self.scene.chip)

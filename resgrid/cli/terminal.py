@@ -64,7 +64,7 @@ def verbosity() -> Verbosity:
 
 @contextmanager
 def quietly() -> Iterator[None]:
-    """Suppress messages and progress bars inside the context."""
+    """Suppress messages and progress bars while the context is active."""
     context = click.get_current_context()
     before, context.obj = context.obj, replace(verbosity(), quiet=True)
     try:
@@ -85,7 +85,7 @@ def counted(count: int, noun: str) -> str:
 
 
 def detail(message: str) -> None:
-    """Print a message on standard error if the command is verbose."""
+    """Print a message on standard error, only if the option ``--verbose`` is given."""
     if verbosity().verbose:
         say(message)
 
@@ -200,7 +200,7 @@ def _started_bar(name: str, running: Stage) -> Progress:
     from rich.progress import BarColumn, Progress, TextColumn
 
     class Bar(Progress):
-        """A bar that reads the progress of the stage whenever it is drawn."""
+        """Progress bar that queries the progress of the stage at every redraw."""
 
         def get_renderables(self) -> Iterable[Any]:
             for task in self.tasks:

@@ -18,7 +18,7 @@ from resgrid.planning.time_parameterization import Trajectory
 from resgrid.robots import PointRobot
 
 Timed = AnyPath | Trajectory
-"""A path, with or without times."""
+"""Type of a path with or without times."""
 
 
 def points_of(path: Timed) -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ from resgrid.planning.time_parameterization import Trajectory
 
 
 def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
-    """Write a result to a file, whole or not at all, in the format that the end of the file's name states.
+    """Write a result to a file in the format that the file's suffix selects.  The file is written atomically.
 
     Parameters
     ----------

@@ -222,5 +222,5 @@ def _names(netlist: Netlist, kind: str, letter: str, count: int) -> list[str]:
 
 
 def _node_names(op: OperatingPoint) -> list[str]:
-    """Return the names of all nodes, ground first."""
+    """Return the names of all nodes of a circuit, ordered by the index of the node, ground first."""
     return op.netlist.names_of(np.arange(op.netlist.node_count))

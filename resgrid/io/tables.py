@@ -96,7 +96,7 @@ FORMATS: dict[str, Format] = {
     ".txt": Format("edges", str.encode),
     ".graphml": Format("graph", bytes),
 }
-"""All formats by suffix; standard output (``-``) uses the first one for which a value has a view."""
+"""File formats by suffix; standard output (``-``) uses the first format for which a value has a representation."""
 
 
 def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str) -> str:

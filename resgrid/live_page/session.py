@@ -21,10 +21,9 @@ from resgrid.live_page.opening import example_titles, open_document, open_exampl
 from resgrid.live_page.solving import SolvedDrawing, WarmFields, solve_drawing
 
 MAX_EXACT_SECONDS = 0.035
-"""Limit of the computing time of a frame with full accuracy (a direction-safe field), in seconds.
-
-If the last such frame took less time, frames during a gesture have full accuracy, too; otherwise they are previews.
-"""
+"""Largest computing time, in seconds, of a direction-safe solution that is computed during a gesture: if the last
+direction-safe solution took less time, the solutions during a gesture are direction-safe, too; otherwise they are
+previews."""
 
 _log = logging.getLogger(__name__)
 Reply = tuple[dict[str, Any], list[bytes]]

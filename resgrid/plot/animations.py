@@ -140,7 +140,7 @@ class _GifWriter(PillowWriter):
     _frames: list[Image.Image]
 
     def grab_frame(self, **_: Any) -> None:
-        """Store the figure as a frame; draw it only if it changed (`savefig` would draw it twice)."""
+        """Append the figure to the frames; redraw the figure only if it changed (`savefig` would draw it twice)."""
         canvas = self.fig.canvas
         assert isinstance(canvas, FigureCanvasAgg)
         if self.fig.stale:

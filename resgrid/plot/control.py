@@ -48,7 +48,7 @@ MODES: dict[ControlMode, tuple[str, Any, str]] = {
     ControlMode.ARRIVED: ("#0072B2", "-", "has arrived"),
     ControlMode.HOMING: ("#0072B2", (0, (4, 1)), "goes straight to the goal in its cell"),
 }
-"""Colour and line style of the path in every mode, and a description of the robot's motion."""
+"""Colour, line style and description of the robot's motion for every control mode."""
 
 LEARNT = "#D55E00"
 FORCE = "#B2182B"
@@ -59,7 +59,7 @@ _FORCE_LENGTH = 0.12
 _MOST_ARROWS = 8
 """Largest number of contact forces that are drawn in the picture of a run."""
 _FAINT = 1e-4
-"""Smallest change of the potential with a colour of its own, as a fraction of the largest change."""
+"""Smallest change of the potential that the logarithmic colour scale resolves, as a fraction of the largest change."""
 
 
 def draw_run(run: Run, *, title: str = "", caption: str = "") -> Figure:

@@ -87,7 +87,7 @@ def caption_height(caption: str) -> float:
 def panel_height(width: float, aspect: float) -> float:
     """Return the height of a panel with labels and a legend, in inches.
 
-    `width`: of the drawing, in inches; `aspect`: height over width of the drawing.
+    `width`: width of the drawing, in inches; `aspect`: height over width of the drawing.
     """
     return min(max(width * aspect, 1.0), 2.2 * width) + 1.1
 
@@ -108,7 +108,7 @@ def render_figure(picture: Axes | Figure, file_format: str, *, dpi: float = DPI)
 
 
 def figure_of(picture: Axes | Figure) -> Figure:
-    """Return the figure of axes, or the figure itself."""
+    """Return the matplotlib figure that contains the given axes, or the given figure unchanged."""
     figure = picture.get_figure(root=True)
     assert figure is not None
     return figure
@@ -146,7 +146,7 @@ def save_figure(picture: Axes | Figure, file: str | os.PathLike[str], *, dpi: fl
 
 
 def picture_format(file: str | os.PathLike[str]) -> str:
-    """Return the format that a file's suffix selects; raise InputError for an unknown suffix."""
+    """Return the file format ("png", "pdf" or "svg") of a suffix; raise InputError for an unknown suffix."""
     suffix = Path(file).suffix.lower().lstrip(".")
     if suffix not in FORMATS:
         allowed = ", ".join("." + name for name in FORMATS)

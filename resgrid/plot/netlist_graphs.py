@@ -36,7 +36,7 @@ _NODES_APART = 2.2
 _HALF_LENGTH, _HALF_SYMBOL = 0.3, 0.18
 """Half the length of an element with its leads, and without them, in drawing units."""
 _LETTER = np.array([0.073, 0.15])
-"""Width and height of a letter, in drawing units."""
+"""Width and height of a letter of a text, in drawing units."""
 
 _ELEMENTS = {
     "resistor": ("resistor_nodes", "conductance", "Ω"),
@@ -44,7 +44,7 @@ _ELEMENTS = {
     "current source": ("current_nodes", "current_amps", "A"),
     "capacitor": ("capacitor_nodes", "capacitance", "F"),
 }
-"""Arrays of a netlist with the nodes and values of each kind of element, and the unit of the values."""
+"""Attributes of a netlist with the nodes and values of each kind of element, and the SI unit of the values."""
 
 Place = NDArray[np.float64]
 """Coordinates of a point, shape (2,), or of several points, shape (n, 2), in drawing units."""
@@ -167,7 +167,7 @@ def _draw_graph(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) ->
 
 
 def _groups(netlist: Netlist) -> Groups:
-    """Return the elements of a netlist, grouped by their two nodes."""
+    """Return the elements of a netlist in a dictionary whose keys are pairs of node indices, the higher index first."""
     groups: Groups = {}
     for kind, (nodes, values, _) in _ELEMENTS.items():
         value = getattr(netlist, values)
@@ -356,14 +356,15 @@ def _texts(
 
 
 def _all_shapes(bundles: list[Bundle]) -> Shapes:
-    """Return the shapes of all bundles."""
+    """Return the polygons and lines of all elements, wires and ground symbols of a list of bundles."""
     return [shape for bundle in bundles for shape in bundle.shapes]
 
 
 def _roomiest(choices: list[Shapes], drawn: Shapes, enough: float, within: BaseGeometry | None = None) -> int:
-    """Return the index of the first choice at a distance of at least `enough` from all drawn shapes, else the farthest.
+    """Return the index of the choice with the most distance to the drawn shapes.
 
-    `within`: area that is ignored, such as the common node of the shapes.
+    `choices`: shapes of each choice; `drawn`: shapes that are already drawn; `enough`: distance, in drawing units, from
+    which the first choice is taken; `within`: area that is ignored, such as the common node of the shapes.
     """
     touched = shapely.Point() if within is None else within
     others, *bodies = (shapely.difference(shapes, touched) for shapes in (drawn, *choices))

@@ -48,7 +48,7 @@ VIRTUAL = "#8c8c8c"
 """Colour of obstacle cells that no body occupies."""
 
 _MOST_SLICES = 6
-"""Default number of slices along an axis."""
+"""Default of the largest number of slices normal to one axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ class Panel:
                 self.axes.axvspan(left, right, color=colour, linewidth=0, label=label, zorder=0.5)
 
     def draw_cells(self) -> None:
-        """Draw obstacles, goals and unreachable cells, and set limits and labels."""
+        """Draw obstacles, goals and free cells without a path to a goal, and set limits and labels of the axes."""
         if self.plane is not None:
             draw_cells(self.plane, self.axes)
             finish(self.plane, self.axes, columns=0)
@@ -216,7 +216,7 @@ def paint_unknown(picture: Axes | Figure, space: ConfigurationSpace, unknown: ND
 
 
 def painter(*masks: Mask) -> Layer:
-    """Return a layer that paints masks of cells."""
+    """Return a layer (function of a panel) that paints masks of cells, each with a colour and a legend entry."""
     return lambda panel: panel.paint(*masks)
 
 

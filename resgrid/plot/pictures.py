@@ -113,7 +113,7 @@ def register(kind: type, *, several: bool = False) -> Callable[[PictureT], Pictu
 
 
 class _Draw(Protocol):
-    """Type of `draw`: a function with the decorator `register`."""
+    """Type of the function `draw`, which has the decorator `register` as an attribute."""
 
     register: Callable[..., Callable[[PictureT], PictureT]]
 

@@ -39,10 +39,10 @@ _MOST_RINGS = 30
 class PicturePlane:
     """Two axes, their cells, and their place in the picture.
 
-    `x, y`: horizontal and vertical axis; `cell` (x.cells, y.cells): `Cell` codes; `connected` (x.cells, y.cells): free
-    cells with a path to a goal (in the whole space, for a slice); `frame`: transforms axis units to coordinates of the
-    picture; `of_map`: whether these are coordinates of a map that is rotated or moved in the world; `obstacle`: name of
-    obstacle cells in the legend.
+    `x`, `y`: horizontal and vertical axis; `cell` (x.cells, y.cells): `Cell` codes; `connected` (x.cells, y.cells):
+    mask of free cells with a path to a goal (in the whole space, for a slice); `frame`: transformation from axis units
+    to coordinates of the picture; `of_map`: whether the coordinates of the picture are those of a map that is rotated
+    or moved in the world; `obstacle`: legend entry of obstacle cells.
     """
 
     x: Axis
@@ -138,7 +138,7 @@ def cells_with_path(space: ConfigurationSpace) -> NDArray[np.bool_]:
 
 
 Mask = tuple[NDArray[np.bool_], str, str]
-"""Mask of cells, their colour, and their name in the legend."""
+"""Mask of cells (shape of the plane or space), the colour of the cells, and their legend entry."""
 
 
 def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_], obstacle: str = "obstacle") -> list[Mask]:
@@ -184,7 +184,7 @@ def draw_image(plane: PicturePlane, values: NDArray[Any], axes: Axes, **style: A
 
 
 def draw_cells(plane: PicturePlane, axes: Axes) -> None:
-    """Draw obstacles, goals and unreachable cells above an image, with legend entries."""
+    """Draw obstacles, goals and free cells without a path to a goal above an image, with legend entries."""
     paint(plane, axes, *kinds_of(plane.cell, plane.connected, plane.obstacle), order=2.0)
     _ring_small_goals(plane, axes)
 

@@ -105,7 +105,7 @@ def strength_map() -> Colormap:
 def axis_label(axis: Axis, *, world: bool = False, of_map: bool = False) -> str:
     """Return the label of an axis: name (Greek letters as symbols), frame and unit.
 
-    `world`: whether the label says "world"; `of_map`: whether it says that the coordinates are those of the map.
+    `world`: whether to add the word "world"; `of_map`: whether to add that the coordinates are those of the map.
     """
     greek = _GREEK.fullmatch(axis.name)
     name = axis.name

@@ -75,7 +75,10 @@ def _axes_by_unit(axes: tuple[Axis, ...]) -> dict[str, list[int]]:
 
 
 def _times(trajectory: Trajectory) -> NDArray[np.float64]:
-    """Return ascending times (n,) in seconds that resolve the curves, each knot twice: just before and at it."""
+    """Return ascending times (n,), in seconds, at which the curves of a trajectory are drawn.
+
+    Each knot of the trajectory occurs twice: just before the knot and at the knot.
+    """
     knots = trajectory.times
     before = np.nextafter(knots[1:], 0.0)
     return np.unique(np.concatenate([np.linspace(0.0, trajectory.duration, _SAMPLES), knots, before]))

@@ -19,13 +19,19 @@ from resgrid.scene.world_coordinates import cell_centre, locate_point, to_space,
 
 
 def is_unknown(scene: Scene, cell: tuple[int, ...]) -> bool:
-    """Return whether a cell is blocked because its occupancy is unknown in the scene's map."""
+    """Return whether a cell is blocked because its occupancy is unknown in the scene's map.
+
+    `cell`: index of the cell along each axis.
+    """
     unknown = unknown_cells(scene.map, scene.axes)
     return unknown is not None and bool(unknown[cell])
 
 
 def are_unknown(scene: Scene, cells: NDArray[np.bool_]) -> bool:
-    """Return whether all cells of a mask (shape of the space) are blocked because their occupancy is unknown."""
+    """Return whether all cells of a mask are blocked because their occupancy is unknown in the scene's map.
+
+    `cells`: mask, shape of the space.
+    """
     unknown = unknown_cells(scene.map, scene.axes)
     return unknown is not None and bool(unknown[cells].all())
 

@@ -375,7 +375,7 @@ def _unknown_key(path: Path, raw: Any) -> str:
 
 
 def robot_of(table: Any) -> Robot | None:
-    """Return the robot of a ``[robot]`` table; None if the table is invalid."""
+    """Return the robot that a ``[robot]`` table describes; None if the table is invalid."""
     try:
         return _ROBOT.validate_python(table)
     except ValueError:

@@ -32,7 +32,7 @@ class TableModel(BaseModel):
 
 
 def meanings(value: Callable[..., Any]) -> dict[str, str]:
-    """Return the descriptions of a class's attributes or a function's parameters, from its docstring."""
+    """Return the descriptions of a class's attributes or a function's parameters by name, from its docstring."""
     described: dict[str, str] = {}
     names: list[str] = []
     for line in cleandoc(value.__doc__ or "").split("\n"):
@@ -52,7 +52,7 @@ def unit_of(hint: Any) -> str:
 
 
 def described_keys(value: type) -> dict[str, tuple[str, str]]:
-    """Return unit and description of every key of a dataclass's table, including nested keys (``readout.bits``)."""
+    """Return unit and description of every key of a dataclass's table by name, with nested keys (``readout.bits``)."""
     hints, about = get_type_hints(value, include_extras=True), meanings(value)
     described: dict[str, tuple[str, str]] = {}
     for item in dataclasses.fields(value):

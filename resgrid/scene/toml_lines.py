@@ -39,7 +39,7 @@ def line_of(lines: Mapping[Path, int], path: Path) -> int | None:
 
 
 class _Scanner:
-    """Scanner that passes once over the tokens of a document and records the lines of keys."""
+    """Scanner of the tokens of a TOML document that records the line numbers of keys in a single pass."""
 
     def __init__(self, text: str) -> None:
         tokens, line = [], 1

@@ -43,13 +43,19 @@ def unknown_cells(cells: MapCells | None, axes: tuple[Axis, ...]) -> NDArray[np.
 
 
 def over_map(values: NDArray[Any], axes: tuple[Axis, ...]) -> NDArray[Any]:
-    """Return values of a map's cells broadcast to the shape of a space whose first axes are those of the map."""
+    """Return values of a map's cells broadcast to the shape of a space.
+
+    `values`: shape of the map; `axes`: axes of the space, whose first axes are those of the map.
+    """
     planar = values.reshape(values.shape + (1,) * (len(axes) - values.ndim))
     return np.broadcast_to(planar, tuple(axis.cells for axis in axes))
 
 
 def _exchange_hint(axes: tuple[Axis, ...], point: NDArray[np.float64]) -> str:
-    """Return a hint if the point lies inside the grid with its first two coordinates exchanged; otherwise empty."""
+    """Return a hint as text if the point, with its first two coordinates exchanged, lies inside the grid.
+
+    `point` (ndim,): point in axis units.  The text is empty for other points.
+    """
     try:
         split_points(axes, point[..., [1, 0, *range(2, len(axes))]])
     except (InputError, IndexError):

@@ -166,7 +166,10 @@ def placed_axes(
 
 
 def read_npy(path: Path) -> NDArray[np.uint8]:
-    """Read a NumPy array of cell codes (0 free, 1 obstacle, 2 goal) or booleans (true is an obstacle)."""
+    """Return the cell codes of a file in NumPy format, one axis of the array per axis of the map.
+
+    The file holds codes (0 free, 1 obstacle, 2 goal) or booleans (true is an obstacle).
+    """
     data = read_bytes(path)
     _check_npy(data, path)
     try:

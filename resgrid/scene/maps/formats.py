@@ -40,13 +40,16 @@ class MapFormat:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Options of the reader, and of `placed_axes` for formats without position, as fields of a pydantic model."""
+        """Options of the reader as pydantic fields by name.
+
+        For formats without a position, the options of `placed_axes` are included.
+        """
         is_placed = get_type_hints(self.read).get("return") is MapCells
         return fields_from(self.read) | ({} if is_placed else fields_from(placed_axes))
 
 
 PICTURES = (".png", ".pgm", ".pnm", ".ppm", ".pbm", ".bmp", ".gif", ".tif", ".tiff", ".jpg", ".jpeg")
-"""Suffixes of pictures."""
+"""File name suffixes of pictures."""
 
 FORMATS: dict[str, MapFormat] = {
     "ros": MapFormat(read_ros, (".yaml", ".yml")),
@@ -119,7 +122,7 @@ def format_of(path: Path, table: Mapping[str, Any]) -> str:
 
 
 def warn_of_header(path: Path) -> None:
-    """Warn if a picture, which is read without a header, belongs to a ROS map in the same folder."""
+    """Issue a warning if a picture, which is read without a header, belongs to a ROS map in the same folder."""
     for suffix in FORMATS["ros"].suffixes:
         header = path.with_suffix(suffix)
         if header.is_file() and path.name.encode() in read_bytes(header, first=_HEADER_BYTES):
@@ -154,7 +157,10 @@ def describe_map(cells: MapCells) -> dict[str, Any]:
 
 
 def _runs(meanings: Sequence[str]) -> list[tuple[int, int, str]]:
-    """Return ranges of consecutive grey values with the same meaning, as (first, last, meaning)."""
+    """Return ranges of consecutive grey values with the same meaning, as tuples (first, last, meaning).
+
+    `meanings`: meaning of each grey value, from 0.
+    """
     runs, first = [], 0
     for meaning, group in groupby(meanings):
         last = first + len(list(group)) - 1

@@ -75,7 +75,7 @@ class MovingAIScenario:
 
 
 def read_movingai(path: Path, passable: str = PASSABLE) -> MapCells:
-    """Read a MovingAI map; cells are 1 x 1, in units of ``cell``.
+    """Return the cells of a MovingAI map; cells are 1 x 1, in units of ``cell``.
 
     Parameters
     ----------
@@ -100,7 +100,10 @@ def read_movingai(path: Path, passable: str = PASSABLE) -> MapCells:
 
 
 def read_voxels(path: Path) -> MapCells:
-    """Read a MovingAI voxel map, which lists its obstacle voxels; voxels are 1 x 1 x 1, in units of ``cell``."""
+    """Return the cells of a MovingAI voxel map; voxels are 1 x 1 x 1, in units of ``cell``.
+
+    The file lists the obstacle voxels; all other voxels are free.
+    """
     lines = read_text(path).split("\n")
     words = lines[0].split()
     sizes = [int(word) if word.isascii() and word.isdigit() and len(word) < 16 else 0 for word in words[1:]]

@@ -100,7 +100,7 @@ class Raster:
 
 
 def read_grey(path: Path, threshold: Annotated[int, Ge(0), Le(65536)] = THRESHOLD) -> NDArray[np.uint8]:
-    """Read a picture as cell codes (width, height): dark pixels are obstacles.
+    """Return the cell codes (width, height) of a picture, in which dark pixels are obstacles.
 
     Parameters
     ----------
@@ -112,10 +112,11 @@ def read_grey(path: Path, threshold: Annotated[int, Ge(0), Le(65536)] = THRESHOL
 
 
 def read_epic(path: Path) -> NDArray[np.uint8]:
-    """Read a picture by the convention of epic: 0 is an obstacle, 255 a goal, other values are free.
+    """Return the cell codes (width, height) of a picture by the convention of the program epic.
 
-    Colours are converted to grey by their rounded luma, opacity is ignored (K. Wray, D. Ruiken, R. Grupen and
-    S. Zilberstein, "Log-space harmonic function path planning", IROS 2016; OpenCV's ``IMREAD_GRAYSCALE``).
+    The grey value 0 is an obstacle, 255 a goal, other values are free.  Colours are converted to grey by their rounded
+    luma, opacity is ignored (K. Wray, D. Ruiken, R. Grupen and S. Zilberstein, "Log-space harmonic function path
+    planning", IROS 2016; OpenCV's ``IMREAD_GRAYSCALE``).
     """
     grey = read_raster(path).grey
     return cells_from_rows(
@@ -208,7 +209,10 @@ def _with_spare_bytes(image: Image, data: bytes) -> NDArray[np.uint8]:
 
 
 def _keeps_palette(image: Image) -> bool:
-    """Return whether SDL_image keeps the palette: at most one colour is transparent, and this colour fully."""
+    """Return whether SDL_image keeps the palette of an image.
+
+    It keeps a palette in which at most one colour is transparent, and this colour fully.
+    """
     opacity = image.info.get("transparency", b"")
     return not isinstance(opacity, bytes) or opacity.replace(b"\xff", b"") in (b"", b"\0")
 
@@ -249,7 +253,7 @@ def _deep_values(image: Image, data: bytes, layout: tuple[int, int] | None, path
 
 
 def _joined(higher: NDArray[np.uint8], lower: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Return 16-bit values from their high and low bytes."""
+    """Return 16-bit values composed of their high and low bytes, in the shape of `higher` and `lower`."""
     return (higher.astype(np.uint16) * np.uint16(256) + lower).astype(np.uint16)
 
 

@@ -32,7 +32,7 @@ def read_ros(
     lethal: Annotated[int, Ge(1), Le(100)] | None = None,
     least_conductivity: Annotated[float, Gt(0), Le(1)] | None = None,
 ) -> MapCells:
-    """Read a ROS map.
+    """Return the cells of a ROS map, read from its ``map.yaml`` and its picture.
 
     Parameters
     ----------

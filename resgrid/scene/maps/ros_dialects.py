@@ -46,7 +46,7 @@ from resgrid.scene.maps.pictures import Raster
 from resgrid.scene.maps.ros_header import Dialect, RosHeader
 
 OCCUPIED, FREE, UNKNOWN = 100, 0, -1
-"""Values of ``nav_msgs/OccupancyGrid``."""
+"""Values of occupied, free and unknown cells in ``nav_msgs/OccupancyGrid``."""
 
 QUANTUM = 65535
 """Channel value of white and of full opacity in GraphicsMagick."""

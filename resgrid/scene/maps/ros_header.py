@@ -21,7 +21,7 @@ Dialect = Literal["nav2", "nav2-jazzy", "ros1"]
 """ROS map readers: Nav2 since 2025, Nav2 from Dashing to Jazzy, ROS 1."""
 
 NEWEST: Dialect = "nav2"
-"""Default dialect."""
+"""Default dialect: the newest ROS map reader."""
 
 MODES = ("trinary", "scale", "raw")
 

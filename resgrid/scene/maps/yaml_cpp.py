@@ -20,7 +20,7 @@ from resgrid._internal.files import MAX_TEXT_BYTES, read_bytes
 from resgrid.errors import InputError
 
 Scalar: TypeAlias = "str | dict[str, str] | None"
-"""Text, None for null, or an empty dict for a node that is not a scalar."""
+"""Value of a YAML node: text, None for null, or an empty dictionary for a node that is not a scalar."""
 
 Value: TypeAlias = "Scalar | list[Scalar]"
 
@@ -42,13 +42,13 @@ _TRUTHS = {"y": True, "yes": True, "true": True, "on": True, "n": False, "no": F
 
 
 class _Loader(yaml.SafeLoader):
-    """Loader of untyped nodes that accepts the same deviations from YAML as yaml-cpp."""
+    """YAML loader without types, which accepts the same deviations from the YAML standard as yaml-cpp."""
 
     def check_printable(self, data: str) -> None:
         """Accept all characters without an error, such as bytes of a comment in another encoding."""
 
     def scan_to_next_token(self) -> None:
-        """Skip tabs between tokens like blanks; indentation by tabs stays an error."""
+        """Skip blanks, comments and tabs before the next token; indentation by tabs is still an error."""
         super().scan_to_next_token()
         while self.peek() == "\t" and (self.flow_level or self.column or self._is_blank_line()):
             if self.column and not self.flow_level:
@@ -66,7 +66,9 @@ class _Loader(yaml.SafeLoader):
 
 
 def read_mapping(path: Path, keys: Iterable[str]) -> dict[str, Value]:
-    """Return the values of `keys` in the first document of a YAML file; other keys are ignored.
+    """Return the values of `keys` in the first document of a YAML file by key; other keys are ignored.
+
+    Values are texts, None for null, or lists of these.
 
     Raises
     ------
