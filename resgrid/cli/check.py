@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
 _REFERENCES = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "resgrid's solution"}
 _LONG_SIMULATION = 10.0
-"""Estimated time of a simulation from which the estimate is always printed, in seconds."""
+"""Estimated duration above which the estimate for a simulation is always printed, in seconds."""
 
 TIMEOUT = 600.0
-"""Default time limit of a simulation, in seconds."""
+"""Default limit of the duration of a simulation, in seconds."""
 
 MAX_AUTOMATIC_SECONDS = 30.0
-"""Longest estimated time of a simulation that runs without ``--check``, in seconds."""
+"""Largest estimated duration of a simulation that runs without ``--check``, in seconds."""
 
 
 @subcommand(
@@ -115,7 +115,10 @@ def _check_rules(source: CommandInput, given: bool) -> int:
 def _check_scene(
     source: CommandInput, deck: str | None, limits: dict[str, Any]
 ) -> tuple[Agreement, dict[str, list[str]]]:
-    """Compare a scene's solution with the simulation of its own deck, or of a given deck; return ignored keys, too."""
+    """Return the comparison of a scene's solution with a simulation, and the ignored keys of the scene.
+
+    `deck`: simulated deck, None for the scene's own deck; `limits`: keywords of `check_deck`.
+    """
     job = open_job(source)
     ignored = report_ignored(job, "circuit")
     op = job.solve(job.problem.only_wiring()[1])
@@ -125,7 +128,10 @@ def _check_scene(
 
 
 def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
-    """Compare the simulation of a deck with its sidecar, or, without a sidecar, with resgrid's solution."""
+    """Return the comparison of a deck's simulation with its sidecar, or, without a sidecar, with resgrid's solution.
+
+    `limits`: keywords of `check_deck`.
+    """
     from resgrid.spice.read.deck import is_network
     from resgrid.spice.write.sidecar import sidecar_path
 
@@ -157,7 +163,10 @@ def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
 
 
 def _report_cost(circuit: rg.Netlist | Circuit, limits: dict[str, Any]) -> None:
-    """Print the estimated time and memory of a simulation; raise BudgetError if it exceeds the time limit."""
+    """Print the estimated time and memory of a simulation; raise BudgetError if the time exceeds the limit.
+
+    `limits`: keywords of `check_deck` with engine and time limit.
+    """
     from resgrid.spice.run.cost_estimate import forecast, require_time
     from resgrid.spice.run.ngspice import ngspice_version
 
@@ -168,9 +177,10 @@ def _report_cost(circuit: rg.Netlist | Circuit, limits: dict[str, Any]) -> None:
 
 
 def check_written(deck: Path, netlist: rg.Netlist, asked: bool | None, folder: Path) -> Agreement | str:
-    """Return the comparison of a new deck with its simulation, or the reason why it was not simulated.
+    """Return the comparison of a new deck with its simulation, or the reason, as text, why it was not simulated.
 
-    `asked`: option ``--check`` or ``--no-check``, None for neither; `folder`: final folder of the deck, for messages.
+    `netlist`: circuit of the deck, for the estimate of the time; `asked`: True for the option ``--check``, False for
+    ``--no-check``, None for neither; `folder`: final folder of the deck, for messages.
     """
     from resgrid.spice.run.cost_estimate import forecast
     from resgrid.spice.run.ngspice import ngspice_version
@@ -191,7 +201,7 @@ def check_written(deck: Path, netlist: rg.Netlist, asked: bool | None, folder: P
 
 
 def agreement_data(agreement: Agreement) -> dict[str, Any]:
-    """Return an agreement as JSON data."""
+    """Return the comparison of a deck with its simulation as a dictionary for JSON."""
     data = dataclasses.asdict(agreement)
     data["worst"] = [{"node": node, "expected": expected, "got": got} for node, expected, got in agreement.worst]
     data["as_read"] = None if agreement.as_read is None else agreement_data(agreement.as_read)
@@ -199,7 +209,7 @@ def agreement_data(agreement: Agreement) -> dict[str, Any]:
 
 
 def agreement_lines(agreement: Agreement) -> Iterable[str]:
-    """Yield the lines of text for an agreement: the verdict, then findings and remarks."""
+    """Yield the lines of text for a comparison with a simulation: the verdict, then findings and remarks."""
     read = agreement.as_read or agreement
     verdict = _comparison(read, _REFERENCES[agreement.reference])
     if agreement.verified:

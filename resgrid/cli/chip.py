@@ -35,13 +35,13 @@ if TYPE_CHECKING:
 
 
 class Names(Suggested):
-    """Type of an option: names of analyses, separated by commas."""
+    """Type of an option that consists of names of analyses, separated by commas."""
 
     def __init__(self) -> None:
         super().__init__("names", *ANALYSES)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
-        """Return the named analyses in the order of the report; fail for unknown names."""
+        """Return the named analyses in the order of the report; raise click's BadParameter for unknown names."""
         names = {word.strip() for word in value.split(",") if word.strip()}
         if not names or names - set(ANALYSES):
             self.fail(f"{value!r}: give names out of {', '.join(ANALYSES)}, separated by commas", param, ctx)
@@ -157,7 +157,10 @@ def _open(job: Job) -> Study:
 
 
 def _analyse(name: str, study: Study, effort: Effort, work: Path) -> Section:
-    """Return the report section of an analysis, and draw its pictures into a folder."""
+    """Return the report section of the analysis `name`, and draw its pictures into the folder `work`.
+
+    `effort`: limits of the numbers of trials and of the time.
+    """
     from resgrid.chip.report import report_section, seconds_needed
     from resgrid.plot.figures import save_figure
     from resgrid.plot.pictures import draw
@@ -170,7 +173,10 @@ def _analyse(name: str, study: Study, effort: Effort, work: Path) -> Section:
 
 
 def _verdict(name: str, agreement: Agreement | str) -> str:
-    """Return a sentence on the simulation of a deck: its result, or the reason why it was not simulated."""
+    """Return a sentence on the simulation of a deck: its result, or the reason why it was not simulated.
+
+    `name`: name of the deck; `agreement`: comparison with the simulation, or the reason as text.
+    """
     from resgrid.chip.figures_of_merit import formatted
 
     if isinstance(agreement, str):

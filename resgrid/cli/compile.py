@@ -82,7 +82,7 @@ def command(source: CommandInput, output: str | None, dialect: str, form: Form) 
 
 
 def _require_tiles(chip: rg.Chip) -> None:
-    """Raise InputError for a chip with keys that an array of tiles cannot represent."""
+    """Raise InputError, which names the keys, for a chip with keys that an array of tiles cannot represent."""
     from resgrid.chip.build import READING, keys_not_held
 
     keys = [f"chip.{key}" for key in keys_not_held(chip, "tiles") if key not in READING]
@@ -93,7 +93,10 @@ def _require_tiles(chip: rg.Chip) -> None:
 
 
 def _assume_switches(job: Job, boundary: str) -> tuple[Job, dict[str, float]]:
-    """Return a job whose chip has all switches of its tiles, and the assumed resistances by key, in ohms."""
+    """Return a job whose chip has all switches of its tiles, and the assumed resistances in ohms, by key.
+
+    `boundary`: boundary condition at obstacles, which determines the switches.
+    """
     from resgrid.spice.write.tiles import with_tile_switches
 
     chip = with_tile_switches(job.scene.chip, boundary)
@@ -107,7 +110,11 @@ def _assume_switches(job: Job, boundary: str) -> tuple[Job, dict[str, float]]:
 def write_deck(
     target: str | Path, job: Job, name: str, op: rg.OperatingPoint, dialect: str, form: Form = "flat"
 ) -> WrittenDeck:
-    """Write a chip's deck with its sidecar, simulator commands and self-check deck."""
+    """Write a chip's deck with its sidecar, simulator commands and self-check deck; return their file names.
+
+    `target`: name of the deck; `name`: name of the circuit, for the title; `op`: operating point of the circuit;
+    `dialect`: SPICE dialect; `form`: "flat", or "cells" for an array of tiles.
+    """
     source = Path(job.scene.source or "-")
     with stage("write the deck", seconds=5e-6 * len(op.netlist.conductance)):
         return rg.write_spice(

@@ -21,11 +21,14 @@ if TYPE_CHECKING:
     from resgrid.control.simulation import Simulation, Wavefront
 
 FRAMES = 120
-"""Number of frames of an animation."""
+"""Number of frames of an animation of a run or a wavefront."""
 
 
 def _control_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add an option for every key of the ``[control]`` table, except ``k``, which all subcommands have."""
+    """Return a function with an added option for every key of the ``[control]`` table except ``k``.
+
+    All subcommands have an option for ``k``.
+    """
     hints = get_type_hints(Control)
     for key, (_, meaning) in reversed(described_keys(Control).items()):
         if key != "k":
@@ -34,7 +37,10 @@ def _control_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _option(key: str, hint: Any, default: Any, meaning: str) -> Callable[..., Any]:
-    """Return the option of a key, from its type, default and description."""
+    """Return the decorator that adds the option of a key of the ``[control]`` table.
+
+    `key`: name of the key; `hint`: type annotation; `default`: default value; `meaning`: description for the help text.
+    """
     if type(None) in get_args(hint):
         hint = next(part for part in get_args(hint) if part is not type(None))
     name = f"--{key.replace('_', '-')}"
@@ -128,7 +134,10 @@ def command(
 
 
 def _check_pictures(picture: str | None, *films: str | None) -> None:
-    """Raise InputError for files whose format cannot be drawn."""
+    """Raise InputError or ToolMissingError unless the suffixes of the files select formats that can be written.
+
+    `picture`: file of a picture; `films`: files of animations; None for no file.
+    """
     from resgrid.plot.animations import check_animation
     from resgrid.plot.figures import picture_format
 
@@ -140,7 +149,7 @@ def _check_pictures(picture: str | None, *films: str | None) -> None:
 
 
 def _front(sim: Simulation, run: rg.control.Run) -> Wavefront:
-    """Return the change of the potential over the duration of a run."""
+    """Return the change of the potential over the duration of a run, after the hidden obstacles enter the map."""
     import numpy as np
 
     crossed = float(run.time[-1]) * sim.controller.speed / float(sim.space.spacing.min())
@@ -156,7 +165,7 @@ def _draw(file: str, value: rg.control.Run | Wavefront, **options: Any) -> None:
 
 
 def _line(start: Sequence[float], run: rg.control.Run) -> str:
-    """Return the line of text for a run."""
+    """Return the line of text that reports a run; `start`: requested start in world coordinates."""
     head = f"start {place_of(start)}, k = {run.field.k:g}: {run.ending} after {run.time[-1]:.4g} s"
     solves = counted(len(run.lessons), "re-solve")
     learnt = f", {counted(int(run.learnt.sum()), 'cell')} learnt in {solves}" if run.lessons else ""

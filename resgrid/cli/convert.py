@@ -75,7 +75,10 @@ def command(source: CommandInput, output: str, dialect: str | None, bare: bool) 
 def _circuit(
     source: CommandInput, *, solve: bool
 ) -> tuple[rg.Netlist, str | None, rg.OperatingPoint | None, dict[str, list[str]]]:
-    """Return the netlist, its title, its solution (None for a deck without `solve`), and the scene's ignored keys."""
+    """Return the netlist of an input, its title, its operating point, and the ignored keys of a scene.
+
+    `solve`: whether to solve a deck; otherwise its operating point is None.
+    """
     if not is_deck(source):
         job = open_job(source)
         ignored = report_ignored(job, "circuit")
@@ -91,7 +94,11 @@ def _circuit(
 def _write_deck(
     netlist: rg.Netlist, title: str | None, op: rg.OperatingPoint | None, output: str, dialect: str
 ) -> tuple[dict[str, Any], Mapping[str, int]]:
-    """Write a deck, with a sidecar if there is a solution; return JSON data, and counts of elements left out."""
+    """Write a deck, with a sidecar if `op` is given; return JSON data, and counts of elements left out by kind.
+
+    `title`: first line of the deck; `op`: operating point for the sidecar, None for none; `output`: name of the deck,
+    ``-`` for standard output; `dialect`: SPICE dialect.
+    """
     if op is None:
         from resgrid._internal.files import write_text
         from resgrid.spice.write.flat import flatten

@@ -21,13 +21,14 @@ _READ_SECONDS, _SOLVE_SECONDS = 3e-8, 6e-6
 """Approximate time for reading a byte of a deck and for solving per resistor, in seconds, for the progress bar."""
 
 _MAX_NOTES = 20
-"""Largest number of notes that are printed."""
+"""Largest number of notes on a deck that are printed."""
 
 
 def is_deck(source: CommandInput) -> bool:
-    """Return whether an input is a circuit instead of a scene, by its suffix or by the existence of a sidecar.
+    """Return whether an input is a circuit instead of a scene.
 
-    Standard input is a circuit if the option ``--read-as`` is given.
+    An input is a circuit by its suffix or if a sidecar exists.  Standard input is a circuit if the option ``--read-as``
+    is given.
     """
     from resgrid.spice.read.deck import is_network
 
@@ -40,13 +41,13 @@ def is_deck(source: CommandInput) -> bool:
 
 
 def refuse_scene_options(source: CommandInput) -> None:
-    """Raise InputError if options of scenes or maps are given for a deck."""
+    """Raise InputError if options of scenes or maps are given together with a deck."""
     if source.changes or source.map_options:
         raise InputError(f"{source.file} is a deck: options for keys of scenes and maps have no effect; remove them")
 
 
 def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
-    """Return the circuit of a deck or a network; `names`: repeated names are added to its notes."""
+    """Return the circuit of a deck or a network; `names`: whether a repeated name adds a note to the circuit."""
     refuse_scene_options(source)
     path = Path(source.file)
     size = path.stat().st_size if path.is_file() else 0
@@ -62,7 +63,7 @@ def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
 
 
 def _say_notes(deck: Circuit) -> None:
-    """Print the notes of the reader: warnings always, other notes if the command is verbose."""
+    """Print the notes of a deck's reader: warnings always, other notes only if the command is verbose."""
     warnings = [note for note in deck.notes if note.severity != "info"]
     for note in warnings[:_MAX_NOTES]:
         say(f"{note.severity}: {note}")
@@ -74,7 +75,10 @@ def _say_notes(deck: Circuit) -> None:
 
 
 def solve_deck(deck: Circuit, method: str = "auto") -> rg.OperatingPoint:
-    """Return the operating point of a deck; the message of a CircuitError lists the lines of electrical errors."""
+    """Return the operating point of a deck; `method`: solution method.
+
+    Raises CircuitError, whose message lists the lines of electrical errors, if the circuit has no solution.
+    """
     try:
         with stage("assemble the equations"):
             netlist = deck.netlist()
@@ -88,7 +92,7 @@ def solve_deck(deck: Circuit, method: str = "auto") -> rg.OperatingPoint:
 
 
 def deck_data(deck: Circuit) -> dict[str, Any]:
-    """Return the description of a deck as JSON data."""
+    """Return the description of a deck (title, files, numbers of elements, notes) as a dictionary for JSON."""
     return {
         "source": deck.path,
         "title": deck.title,

@@ -53,7 +53,7 @@ The subcommand is the object ``command`` of the module of its name.
 
 
 _GC_THRESHOLD = 50_000
-"""Number of new objects before a garbage collection; Python's default is 700."""
+"""Number of new objects that triggers a garbage collection; Python's default is 700."""
 
 
 class SubcommandGroup(click.Group):
@@ -71,19 +71,22 @@ class SubcommandGroup(click.Group):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """Write the short help of all subcommands."""
+        """Write the names of all subcommands with their short help."""
         with formatter.section("Commands"):
             formatter.write_dl(list(SUBCOMMANDS.items()))
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Return the subcommands and options that begin with the incomplete word."""
+        """Return the completions: subcommands and options that begin with the incomplete word."""
         names = [CompletionItem(name, help=about) for name, about in SUBCOMMANDS.items() if name.startswith(incomplete)]
         return names + click.Command.shell_complete(self, ctx, incomplete)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the subcommand of the first word; raise UsageError with a suggestion for an unknown word."""
+        """Return name, subcommand and remaining words of a command line.
+
+        Raises UsageError, with a suggestion, if the first word is not a subcommand.
+        """
         if args[0] not in SUBCOMMANDS:
             near = get_close_matches(args[0], SUBCOMMANDS, 1)
             if is_source(args[0]):
@@ -94,7 +97,10 @@ class SubcommandGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Call the subcommand and return its exit code; click has other exit codes for broken pipes and interrupts."""
+        """Call the subcommand and return its exit code.
+
+        Broken pipes and interrupts are handled here, because click has other exit codes for them.
+        """
         try:
             with warnings.catch_warnings(), _rare_garbage_collection():
                 warnings.showwarning = _show_warning
@@ -113,7 +119,10 @@ class SubcommandGroup(click.Group):
         return result
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> Any:
-        """Run a command line and exit the process; an error becomes one message and an exit code."""
+        """Run a command line and exit the process with its exit code; an error is reported as one message.
+
+        `args`: words of the command line, by default those of the process.
+        """
         words = list(sys.argv[1:] if args is None else args)
         extra["standalone_mode"] = False
         try:
@@ -130,9 +139,9 @@ class SubcommandGroup(click.Group):
 
 @contextlib.contextmanager
 def _interrupt_on_signals(*, is_process: bool) -> Iterator[None]:
-    """Handle SIGTERM like Ctrl-C, and ignore further signals during the cleanup.
+    """Handle SIGTERM like Ctrl-C inside the context, and ignore further signals during the cleanup.
 
-    `is_process`: the process ends after the command, so signals stay ignored until its end.
+    `is_process`: whether the process ends after the command; if so, signals stay ignored until its end.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -157,10 +166,10 @@ def _interrupt_on_signals(*, is_process: bool) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _rare_garbage_collection() -> Iterator[None]:
-    """Collect garbage less often, which otherwise takes a tenth of the time of a short command.
+    """Collect garbage less often inside the context; with Python's default it takes 10 % of a short command's time.
 
-    Imports and kernels produce little garbage.  At the end of the process there is no collection at all, because a
-    collection over all imported modules would take a quarter of the time of the shutdown.
+    Imports and kernels produce little garbage.  At the end of the process there is no collection, because a collection
+    over all imported modules would take a quarter of the time of the shutdown.
     """
     atexit.unregister(gc.freeze)
     atexit.register(gc.freeze)
@@ -173,7 +182,10 @@ def _rare_garbage_collection() -> Iterator[None]:
 
 
 def _print_failure(failure: Failure, *, as_json: bool) -> None:
-    """Print the message of a failure on standard error, and with `as_json` an object on standard output."""
+    """Print the message of a failure on standard error.
+
+    `as_json`: whether to print a JSON object with the failure on standard output, too.
+    """
     if failure.kind == "NoArgsIsHelpError":  # for a bare 'resgrid', click raises this error with the help as message
         click.echo(failure.message, err=True)
         return

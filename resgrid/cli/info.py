@@ -59,7 +59,7 @@ def command(source: CommandInput | None, schema: bool, shipped: bool, versions: 
 
 
 def describe(job: Job) -> dict[str, Any]:
-    """Return the description of a scene as JSON data."""
+    """Return the description of a scene (cells, goals, sketch, memory of a solution) as a dictionary for JSON."""
     from resgrid.cli.sketch import sketch
     from resgrid.scene.maps.formats import describe_map
     from resgrid.scene.world_coordinates import unknown_cells
@@ -96,7 +96,10 @@ def describe(job: Job) -> dict[str, Any]:
 
 
 def _cost(job: Job) -> dict[str, Any]:
-    """Return the size of the circuit and the memory of its solution, or the reason why there is no circuit."""
+    """Return the size of the circuit and the memory of its solution in bytes, as a dictionary for JSON.
+
+    Without a circuit, the values are None, and the key ``no_circuit`` holds the reason.
+    """
     from resgrid.circuit.equations import assemble
     from resgrid.solvers.method_choice import choose_method
 
@@ -112,7 +115,7 @@ def _cost(job: Job) -> dict[str, Any]:
 
 
 def describe_deck(deck: Circuit) -> dict[str, Any]:
-    """Return the description of a deck as JSON data."""
+    """Return the description of a deck (elements, values, cost of a simulation) as a dictionary for JSON."""
     import numpy as np
 
     from resgrid.spice.run.cost_estimate import forecast
@@ -152,7 +155,7 @@ def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
 
 
 def shipped_data() -> list[dict[str, Any]]:
-    """Return name, title and file of every shipped scene as JSON data."""
+    """Return name, title and file of every shipped scene as a list of dictionaries for JSON."""
     import tomllib
 
     from resgrid.scene.shipped import shipped_scenes
@@ -172,7 +175,7 @@ def _shipped_lines(data: Sequence[dict[str, Any]]) -> Iterable[str]:
 
 
 def installed_versions() -> dict[str, str | None]:
-    """Return the versions of resgrid, Python, its dependencies and the simulator; None for a missing simulator."""
+    """Return the versions of resgrid, Python, dependencies and ngspice, by name; None if ngspice is missing."""
     import platform
     from importlib import metadata
 
@@ -188,7 +191,7 @@ def installed_versions() -> dict[str, str | None]:
 
 
 def _map_lines(data: dict[str, Any]) -> Iterable[str]:
-    """Yield the lines of text on how a map was read."""
+    """Yield the lines of text on how a map was read; `data`: result of `describe`."""
     words = data["map"] or {}
     if words:
         rows = ", its first index along x" if words["format"] in ("npy", "voxels") else ", its top row at the largest y"
@@ -207,7 +210,7 @@ def _map_lines(data: dict[str, Any]) -> Iterable[str]:
 
 
 def _sketch_lines(data: dict[str, Any]) -> Iterable[str]:
-    """Yield the lines of the sketch of a space, after its key and its range."""
+    """Yield the lines of a space's text sketch, after its key and its range; `data`: result of `describe`."""
     across, up = data["axes"]
     whose = " in the map's own frame" if data["frame"]["yaw"] else ""
     yield f"  sketch        {across['name']} to the right, {up['name']} upwards{whose}: {data['sketch_key']}"

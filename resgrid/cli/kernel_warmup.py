@@ -55,9 +55,10 @@ _TURNING = rg.Scene(
 
 
 def _room(*shape: int, walls: int = 0) -> rg.ConfigurationSpace:
-    """Return a space with a goal in its last corner and a block in its middle, or with a wall every `walls` cells.
+    """Return a space with a goal in its last corner, and with a block in its middle or parallel walls.
 
-    Each wall leaves a passage on alternating sides.
+    `shape`: number of cells per axis; `walls`: distance of the walls in cells, 0 for the block.  Each wall leaves a
+    passage at one end, at alternating ends for successive walls.
     """
     cell = np.zeros(shape, dtype=np.uint8)
     if walls:
@@ -70,7 +71,7 @@ def _room(*shape: int, walls: int = 0) -> rg.ConfigurationSpace:
 
 
 def _solve(space: rg.ConfigurationSpace, **options: Any) -> rg.OperatingPoint:
-    """Compile and solve a space with options of `compile_space` and `solve`."""
+    """Return the operating point of a space; `options`: keywords of `compile_space` and `solve`."""
     solving = {name: options.pop(name) for name in ("accuracy", "method") if name in options}
     return rg.solve(rg.compile_space(space, **options), **solving)
 
@@ -115,7 +116,10 @@ def _corridors() -> None:
 
 
 def _netlist(nodes: int, per_node: float = 3.0) -> rg.Netlist:
-    """Return a netlist of resistors between random nodes, some of them in parallel, and two rails."""
+    """Return a netlist of resistors between random nodes, some of them in parallel, and one voltage source.
+
+    `nodes`: number of nodes; `per_node`: approximate number of resistors per node.
+    """
     pick = np.random.default_rng(0)
     ends = pick.integers(1, nodes, (int(nodes * per_node), 2))
     ends = ends[ends[:, 0] != ends[:, 1]]
@@ -178,13 +182,13 @@ CASES: dict[str, Callable[[], None]] = {
         _plane_of_voltages, _open_obstacles,
     )
 }  # fmt: skip
-"""Warm-up jobs by name, in the order of decreasing compile time."""
+"""Warm-up jobs by name, in the order of decreasing compile time; each job compiles the kernels of other methods."""
 
 
 def compile_last_stages() -> None:
     """Compile the kernels of the last stages of ``resgrid run``: streamlines and clearances.
 
-    Nothing is solved, so that a second process compiles none of the kernels that the run itself begins with.
+    The function solves no circuit, so that a second process compiles none of the kernels that the run compiles first.
     """
     nothing, along = -np.inf, np.zeros((4, 1), np.int8)
     along[2] = 1
@@ -201,12 +205,14 @@ def compile_last_stages() -> None:
 
 
 def compile_kernels(jobs: int | None = None) -> Iterator[str]:
-    """Run all cases in ``jobs`` processes, by default one per core, and yield the name of each finished case.
+    """Run all jobs of `CASES` in several processes, and yield the name of each finished job.
+
+    `jobs`: number of processes, by default one per core.
 
     Raises
     ------
     Exception
-        The exception of a case, which shows that the installation is broken.
+        The exception of a job, which shows that the installation is broken.
     """
     workers = min(jobs or os.cpu_count() or 1, len(CASES))
     pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_disable_collector)
@@ -220,10 +226,10 @@ def compile_kernels(jobs: int | None = None) -> Iterator[str]:
 
 
 def _disable_collector() -> None:
-    """Disable garbage collection: among the lasting objects of the compiler it takes a twentieth of the time."""
+    """Disable garbage collection, which takes 5 % of the time because the compiler holds many lasting objects."""
     gc.disable()
 
 
 def _run(name: str) -> None:
-    """Run a case in a worker process."""
+    """Run the job of `CASES` with a name in a worker process."""
     CASES[name]()

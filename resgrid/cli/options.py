@@ -28,7 +28,7 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 def _example(param: click.Parameter | None) -> str:
-    """Return words and an example for the form of an option's numbers, from its metavar (X,Y: a place, K: blends)."""
+    """Return a description and an example of an option's numbers as text, from the option's metavar (X,Y or K)."""
     metavar = (param.metavar if isinstance(param, click.Option) else None) or ""
     if metavar == "K":
         return "a number from 0 to 1, such as 0.9, or several separated by commas"
@@ -38,12 +38,12 @@ def _example(param: click.Parameter | None) -> str:
 
 
 class Numbers(_Type):
-    """Type of an option: finite numbers, separated by commas."""
+    """Type of an option that consists of finite numbers, separated by commas."""
 
     name = "numbers"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:  # noqa: ARG002
-        """Return the numbers of a text; raise InputError for other texts."""
+        """Return the numbers of a text as a tuple; raise InputError for any other text."""
         if isinstance(value, tuple):
             return value
         option = param.opts[0] if param else "numbers"
@@ -57,7 +57,7 @@ class Numbers(_Type):
 
 
 class Number(_Type):
-    """Type of an option: a finite number; `remedy` completes the message for other texts."""
+    """Type of an option that is a finite number; `remedy`: end of the error message for any other text."""
 
     name = "number"
 
@@ -65,7 +65,7 @@ class Number(_Type):
         self.remedy = remedy
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the number of a text; fail for other texts, infinity and NaN."""
+        """Return the number of a text; raise click's BadParameter for any other text, infinity and NaN."""
         try:
             number = float(value)
         except ValueError:
@@ -76,26 +76,26 @@ class Number(_Type):
 
 
 class NumberRange(click.FloatRange):
-    """Type of an option: a finite number within limits."""
+    """Type of an option that is a finite number within limits."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the number of a text; fail for other texts and for numbers outside the limits."""
+        """Return the number of a text; raise click's BadParameter for other texts or numbers outside the limits."""
         return super().convert(Number().convert(value, param, ctx), param, ctx)
 
 
 def fraction_below(limit: float) -> NumberRange:
-    """Return the type of an option that is a number between 0 and a limit, both excluded."""
+    """Return the type of an option that is a number between 0 and `limit`, both excluded."""
     return NumberRange(0, limit, min_open=True, max_open=True)
 
 
 class Suggested(_Type):
-    """Type of an option: a word that the library validates; the common words are completed."""
+    """Type of an option that is a word, which the library validates; the shell completes the common `words`."""
 
     def __init__(self, name: str, *words: str) -> None:
         self.name, self.words = name, words
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002
-        """Return the common words that begin with the incomplete word."""
+        """Return the completions: all common words that begin with the incomplete word."""
         return [CompletionItem(word) for word in self.words if word.startswith(incomplete)]
 
 
@@ -108,7 +108,7 @@ class SceneKey(_Type):
     name = "text"
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002
-        """Return the key paths that begin with the incomplete word, followed by a point (table) or an equals sign."""
+        """Return completed key paths that begin with the incomplete word, with a point (table) or an equals sign."""
         from resgrid.scene.schema import keys_of
 
         *tables, begin = incomplete.split(".")
@@ -117,7 +117,7 @@ class SceneKey(_Type):
 
 
 class SharedOption(click.Option):
-    """An option of many subcommands, which help lists in a group."""
+    """An option that many subcommands have; `group`: title of the section in the help texts."""
 
     def __init__(self, *names: Any, group: str, **options: Any) -> None:
         super().__init__(*names, **options)
@@ -125,14 +125,14 @@ class SharedOption(click.Option):
 
 
 class Subcommand(click.Command):
-    """A subcommand whose help lists its own options first, then groups of shared options, then examples."""
+    """A subcommand whose help lists own options, groups of shared options, and `examples` (command lines)."""
 
     def __init__(self, *arguments: Any, examples: Sequence[str] = (), **options: Any) -> None:
         super().__init__(*arguments, **options)
         self.examples = examples
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options by groups."""
+        """Write the sections of options of the help text: own options first, then each group of shared options."""
         groups: dict[str, list[tuple[str, str]]] = {title: [] for title in ("Options", OUTPUT, KEYS, MAP, DECK)}
         for parameter in sorted(self.get_params(ctx), key=lambda parameter: parameter.name != "output"):
             record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
@@ -145,7 +145,7 @@ class Subcommand(click.Command):
                     formatter.write_dl(records)
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the examples."""
+        """Write the section of examples at the end of the help text."""
         super().format_epilog(ctx, formatter)
         with formatter.section("Examples"):
             for example in self.examples:
@@ -153,10 +153,10 @@ class Subcommand(click.Command):
 
 
 class OutputPath(click.Path):
-    """Type of an option: an output file or folder; a file that cannot be written is rejected before the computation."""
+    """Type of an option that is an output file or folder, checked for writing before the computation."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ARG002
-        """Return the name; raise InputError if it is empty or cannot be written."""
+        """Return the name of the output unchanged; raise InputError if it is empty or the file cannot be written."""
         if not value.strip():
             option = param.opts[0] if param else "the output"
             raise InputError(f"{option}: the name is empty; give a file name, or - for standard output")
@@ -166,10 +166,10 @@ class OutputPath(click.Path):
 
 
 class SourceName(click.Path):
-    """Type of an argument: the name of a scene, a map or a deck; files and shipped scenes are completed."""
+    """Type of an argument that is the name of a scene, a map or a deck, with shell completion."""
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Return matching files and shipped scenes; if no scene matches, the shell completes the files."""
+        """Return the matching files and shipped scenes; without a matching scene, the shell completes files."""
         from resgrid.scene.shipped import shipped_scenes
 
         shipped = [name for name in shipped_scenes() if name.startswith(incomplete)]
@@ -181,7 +181,7 @@ class SourceName(click.Path):
 
 
 def is_source(word: str) -> bool:
-    """Return whether a word has the form of an input: a file, a link of the live page, or a shipped scene."""
+    """Return whether a word has the form of an input: a file, a link of the live page, or a shipped scene's name."""
     from resgrid.scene.shipped import shipped_scene
 
     path = Path(word)
@@ -249,8 +249,9 @@ _DECK_OPTIONS: tuple[Decorator, ...] = (
 class CommandInput:
     """The input of a subcommand, with the shared options.
 
-    `file`: name, or ``-`` for standard input; `map_options`: options of `read_scene`; `changes`: values by key path,
-    for `apply_overrides`; `threads`: number of threads of the solver; `dialect, root`: options of `read_spice`.
+    `file`: name, or ``-`` for standard input; `map_options`: keywords of `read_scene` for maps; `changes`: new values
+    of scene keys by key path, for `apply_overrides`; `threads`: number of threads of the solver; `dialect`, `root`:
+    options of `read_spice`.
     """
 
     file: str
@@ -262,7 +263,10 @@ class CommandInput:
 
 
 def subcommand(name: str, *, examples: Sequence[str]) -> Decorator:
-    """Return a decorator that makes a function a subcommand with the options of output (``--json``, ``-q``, ...)."""
+    """Return a decorator that makes a function a subcommand with the options of output (``--json``, ``-q``, ...).
+
+    `name`: name of the subcommand; `examples`: command lines for its help text.
+    """
 
     def decorate(function: Callable[..., Any]) -> click.Command:
         @functools.wraps(function)
@@ -282,7 +286,10 @@ def subcommand(name: str, *, examples: Sequence[str]) -> Decorator:
 
 
 def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
-    """Return a decorator that passes the input and its options to a subcommand as ``source``; None without an input."""
+    """Return a decorator that passes the input and its options to a subcommand as the keyword ``source``.
+
+    `metavar`: name of the input in help texts; `required`: whether an input is necessary; ``source`` is None without.
+    """
     options = (*_SCENE_OPTIONS, *(_DECK_OPTIONS if "DECK" in metavar else ()))
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -303,19 +310,22 @@ def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
 
 
 def _require_different_file(option: str, output: str | None, file: str) -> None:
-    """Raise InputError if the output file is the input file."""
+    """Raise InputError, which names the `option`, if the file `output` is the input `file`; None is no output."""
     if output is not None and Path(output).exists() and Path(file).exists() and Path(output).samefile(file):
         raise InputError(f"{option} {output}: this is the input; name another file")
 
 
 def output_option(help_text: str, *, required: bool = False, of_folder: bool = False) -> Decorator:
-    """Return the decorator for the option ``-o``."""
+    """Return the decorator that adds the option ``-o`` to a subcommand.
+
+    `help_text`: help of the option; `required`: whether it must be given; `of_folder`: whether it names a folder.
+    """
     metavar, kind = ("DIR", OUTPUT_FOLDER) if of_folder else ("FILE", OUTPUT_FILE)
     return _output("-o", "--output", metavar=metavar, type=kind, required=required, help=help_text)
 
 
 def with_method(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options ``--method``, ``--ranks`` and ``--launcher`` to a subcommand."""
+    """Return a subcommand's function with the added options ``--method``, ``--ranks`` and ``--launcher``."""
     options = (
         click.option("--method", type=click.Choice(["auto", "direct", "multigrid", "petsc"]), default="auto",
                      help="Solution method; petsc is for grids that do not fit in memory otherwise."),
@@ -329,7 +339,7 @@ def with_method(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def folder_of(output: str | None, source: CommandInput, end: str = "") -> Path:
-    """Return the output folder: the given one, or a folder in ``out`` with the name of the input."""
+    """Return the output folder: `output`, or by default the input's name with the suffix `end`, in ``out``."""
     if output == "-":
         raise InputError("-o -: the results are several files; name a folder")
     stem = "scene" if source.file == "-" or "://" in source.file else Path(source.file).stem
@@ -338,7 +348,7 @@ def folder_of(output: str | None, source: CommandInput, end: str = "") -> Path:
 
 
 def dialect_option(default: str | None = "ngspice") -> Decorator:
-    """Return the decorator for the option ``--dialect``, the dialect of the output deck."""
+    """Return the decorator that adds the option ``--dialect``, the SPICE dialect of the output deck."""
     return click.option(
         "--dialect", type=Suggested("dialect", *DIALECTS), default=default,
         help=f"SPICE dialect of the deck: {', '.join(DIALECTS)}.",
@@ -346,7 +356,7 @@ def dialect_option(default: str | None = "ngspice") -> Decorator:
 
 
 def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck: Mapping[str, Any]) -> CommandInput:
-    """Return the input of a subcommand from the values of the shared options."""
+    """Return a subcommand's input from its name and the values of the options for scene keys, maps and decks."""
     changes = {key: keys[key] for key in ("boundary", "drive", "edge", "resistance") if keys[key] is not None}
     for key in ("goal", "start"):
         if keys[key]:
@@ -371,12 +381,12 @@ def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck:
 
 
 def _shown(value: Any) -> str:
-    """Return a changed value in the form of the command line."""
+    """Return the value of a changed key in the form of the command line: numbers separated by commas."""
     return ",".join(map(_shown, value)) if isinstance(value, list | tuple) else f"{value}"
 
 
 def _cells(key: str, places: Sequence[tuple[float, ...]]) -> dict[str, list[tuple[int, ...]]]:
-    """Return the change of a scene for goals or starts that are cell indices; raise InputError for fractions."""
+    """Return the change of the `key` (goal or start) to cell indices (numbers); raise InputError for fractions."""
     for place in places:
         if not all(number.is_integer() for number in place):
             text = ",".join(f"{number:g}" for number in place)

@@ -109,7 +109,10 @@ def command(
 
 
 def _write(routes: Sequence[Route], output: str) -> bool:
-    """Write routes to a file and return True; for ROS only routes that reach a goal, False without such routes."""
+    """Write routes to a file and return True; for ROS, return False if no route reaches a goal.
+
+    A file for ROS contains only the routes that reach a goal.
+    """
     from resgrid.io.paths import write_routes
 
     if Path(output).suffix.lower() == ".yaml":
@@ -125,7 +128,10 @@ def _write(routes: Sequence[Route], output: str) -> bool:
 
 
 def _check_limits(option: str, limits: tuple[float, ...], space: rg.ConfigurationSpace) -> None:
-    """Raise InputError unless there is one positive limit, or one for each coordinate."""
+    """Raise InputError unless there is one positive limit, or one positive limit per coordinate.
+
+    `option`: name of the option, for the message; `limits`: speeds or accelerations, empty if the option is not given.
+    """
     if len(limits) not in (0, 1, space.ndim):
         names = ", ".join(axis.name for axis in space.axes)
         raise InputError(
@@ -142,7 +148,11 @@ def _shortened(route: Route, clearance: float | None) -> Route:
 
 
 def _timed(route: Route, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None) -> Route:
-    """Return a route with a timed path, sampled at `rate` (in hertz) if given."""
+    """Return a route with a timed path instead of its path.
+
+    `speed`, `acceleration`: largest values in axis units per s and s², one for all coordinates or one for each; no
+    limit for an empty `acceleration`; `rate`: sampling rate in hertz, None for no sampling.
+    """
     velocity, change = (limits[0] if len(limits) == 1 else limits for limits in (speed, acceleration))
     motion = rg.time_parameterize(
         cast("AnyPath", route.path), velocity_limits=velocity, acceleration_limits=change or None

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 class Plan:
     """The results of planning a scene.
 
-    `operating_points`: solved circuits by name; `fields`: fields with current, or one field without if no field has
-    current; `routes`: paths of all starts and blends.
+    `operating_points`: solved circuits by name; `fields`: all fields with current, or one field if no field has
+    current; `routes`: paths of all starts and weights k.
     """
 
     operating_points: Mapping[str, rg.OperatingPoint]
@@ -38,12 +38,12 @@ class Plan:
 
     @property
     def complete(self) -> bool:
-        """Whether all routes end in a goal."""
+        """Whether the streamlines of all routes end in a goal."""
         return all(route.reached for route in self.routes)
 
 
 def plan_routes(job: Job) -> Plan:
-    """Return circuits, fields and certified routes for all starts and blends of a scene."""
+    """Return circuits, fields and certified routes for all starts and weights k of a scene."""
     from resgrid.io.paths import Route
     from resgrid.planning.advice import Advisor
 
@@ -66,7 +66,7 @@ def plan_routes(job: Job) -> Plan:
 
 
 def route_lines(routes: Sequence[Route]) -> Iterator[str]:
-    """Yield one line of text per route; equal failures of a start for several k have one common line."""
+    """Yield one line of text per route; equal failures of one start at several k share one line."""
     failed: dict[tuple[object, ...], list[Route]] = {}
     for route in routes:
         if not route.reached:
@@ -84,7 +84,10 @@ def _failure(route: Route) -> tuple[object, ...]:
 
 
 def _reached_line(route: Route) -> str:
-    """Return the line of text for a route that reaches a goal, with length and clearance of path and streamline."""
+    """Return the line of text for a route that reaches a goal, with the lengths and clearances.
+
+    The values are those of the written path and of its streamline.
+    """
     path = route.streamline
     assert path is not None and path.goal is not None
     regions = path.space.goal_count
@@ -107,7 +110,11 @@ def _figures(length: float, clearance: float | None, path: rg.Streamline) -> str
 
 
 def answer_queries(job: Job, file: str, limit: int | None, output: str | None, ignored: dict[str, list[str]]) -> int:
-    """Compute and report the paths for the queries of a MovingAI scenario file; return the exit code."""
+    """Compute and report the paths for the queries of a MovingAI scenario file; return the exit code.
+
+    `file`: scenario file; `limit`: largest number of queries, None for all; `output`: JSON file, None for none;
+    `ignored`: ignored keys of the scene, for JSON.
+    """
     from resgrid.io.tables import suffix_of, write
 
     if output is not None:
@@ -129,7 +136,10 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, i
 
 
 def _require_own_map(job: Job, queries: Sequence[MovingAIScenario], file: str) -> None:
-    """Raise InputError for queries of another map; maps from a pipe have no name and are not checked."""
+    """Raise InputError for queries of another map than that of the job.
+
+    Maps from a pipe have no name and are not checked.  `file`: scenario file, for the message.
+    """
     cells = job.scene.map
     own = None if cells is None else Path(cells.table["file"])
     if own is None or own.suffix.lower() != ".map":
@@ -144,7 +154,10 @@ def _require_own_map(job: Job, queries: Sequence[MovingAIScenario], file: str) -
 
 
 def _answers(job: Job, query: MovingAIScenario, file: str) -> list[dict[str, Any]]:
-    """Return the JSON data of the paths for a query, one per k; the circuits are those of the query's goal."""
+    """Return the JSON data of the paths for one query, a dictionary per k.
+
+    The circuits are solved for the query's goal.  `file`: scenario file, for messages.
+    """
     if job.space.shape != (query.width, query.height):
         own = size_of(job.space.shape)
         raise InputError(

@@ -17,7 +17,7 @@ from resgrid.errors import InputError
 
 PICTURES = ("page", "space", "potential", "currents", "paths", "circuit", "slices", "robot")
 PAGE_AXES = 3
-"""Largest number of axes of a space that a page shows."""
+"""Largest number of axes of a space for which ``resgrid run`` draws overview pages."""
 
 CIRCUIT_CELLS = 8
 """Largest number of cells along an axis for which ``resgrid run`` draws the circuit."""
@@ -58,7 +58,7 @@ def command(source: CommandInput, output: str, what: str) -> int:
 
 
 def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
-    """Draw all pictures that apply to a scene into a folder; return captions by file name."""
+    """Draw all pictures that apply to a scene into a folder; return their captions by file name."""
     files = {}
     for name, caption, what, field in _album(job, plan):
         rg.plot.save_figure(_draw(what, job, plan, field), folder / f"{name}.png")
@@ -67,7 +67,7 @@ def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
 
 
 def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | None]]:
-    """Yield the pictures of a plan as file name, caption, name of the picture (of `PICTURES`), and field."""
+    """Yield file name, caption, kind (a name in `PICTURES`) and field of each picture; field None for a whole plan."""
     several = len(plan.fields) > 1
     for number, field in enumerate(plan.fields if job.space.ndim <= PAGE_AXES else ()):
         mark = f"chip_{number}" if job.scene.drive == "start" else f"k_{field.k:g}"
@@ -84,8 +84,8 @@ def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | Non
 def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
     """Draw one picture, and return its matplotlib axes or figure.
 
-    `what`: name of the picture, one of `PICTURES`; `field`: the field that it shows, None for pictures of a whole plan.
-    In a space of two axes, unknown cells of a map have their own colour.
+    `what`: kind of the picture, a name in `PICTURES`; `field`: field in the picture, None for pictures of a whole plan.
+    In a space of two axes, unknown cells of a map have a colour of their own.
     """
     picture = _drawn(what, job, plan, field)
     if what in ("page", "potential", "currents", "paths"):
@@ -127,7 +127,10 @@ def _title(job: Job, plan: Plan, field: rg.Field) -> str:
 
 
 def _draw_robot(job: Job, plan: Plan) -> Any:
-    """Return the picture of the robot along its first path in its workspace, and in its space if this has two axes."""
+    """Return the picture of the robot along its first path in the workspace, as axes or a figure.
+
+    The figure of a space with two axes also shows the path in configuration space.
+    """
     if job.scene.robot.moves_in_workspace:
         raise InputError(
             "--what robot: this robot is a point or a disc, whose picture is 'paths'; it draws arms and polygons"
@@ -141,7 +144,7 @@ def _draw_robot(job: Job, plan: Plan) -> Any:
 
 
 def _titled(picture: Any, title: str) -> Any:
-    """Return the figure of a picture, with a title above it."""
+    """Return the figure of a picture, after a title is written above the picture."""
     from resgrid.plot.figures import add_title, figure_of
 
     figure = figure_of(picture)

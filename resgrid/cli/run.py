@@ -70,7 +70,10 @@ def command(source: CommandInput, output: str | None, asked: bool | None, dialec
 
 @contextmanager
 def _compile_last_kernels() -> Iterator[None]:
-    """On a first run, compile the kernels of the last stages in a second process, in parallel to the first stages."""
+    """Compile the kernels of the last stages in a second process while the context runs.
+
+    The function has no effect if the kernels are cached, or on a single core.
+    """
     if not is_first_run() or (os.cpu_count() or 1) < 2:
         yield
         return
@@ -84,14 +87,20 @@ def _compile_last_kernels() -> Iterator[None]:
 
 
 def _described(job: Job, op: rg.OperatingPoint) -> rg.OperatingPoint:
-    """Return the operating point of the circuit that the decks describe: the chip's, or the ideal grid's."""
+    """Return the operating point of the circuit that a deck describes: the chip, or the ideal grid if they are equal.
+
+    `op`: operating point of the ideal grid.
+    """
     return op if job.is_ideal else job.solve(op.netlist.cells.wiring)
 
 
 def _write_all(
     work: Path, job: Job, plan: Plan, circuits: Mapping[str, rg.OperatingPoint], dialect: str
 ) -> dict[str, str]:
-    """Write all files except the summary; return descriptions by file name."""
+    """Write all files except the summary into the folder `work`; return descriptions by file name.
+
+    `circuits`: operating points by name, each for one deck; `dialect`: SPICE dialect of the decks.
+    """
     from resgrid.io.paths import write_routes
 
     files: dict[str, str] = {}
@@ -119,7 +128,7 @@ def _write_all(
 
 
 def _has_message(job: Job, plan: Plan) -> bool:
-    """Return whether a path on a ROS map reaches a goal and has the form of a ``nav_msgs/Path``."""
+    """Return whether a path on a ROS map reaches a goal and can be written as a ``nav_msgs/Path`` message."""
     from resgrid.io.ros_paths import has_poses
     from resgrid.scene.maps.formats import format_of
 

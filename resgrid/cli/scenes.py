@@ -27,8 +27,9 @@ if TYPE_CHECKING:
 class Job:
     """A scene with its configuration space and the options of its solution.
 
-    `threads`: number of threads of the solver; `method`: solution method; `ranks`: number of processes of method petsc;
-    `launcher`: command that starts these processes.
+    `scene`: the scene; `space`: its cells; `threads`: number of threads of the solver; `method`: solution method;
+    `ranks`: number of processes of method petsc, None for the default; `launcher`: command that starts these processes,
+    None for mpiexec.
     """
 
     scene: rg.Scene
@@ -40,30 +41,37 @@ class Job:
 
     @cached_property
     def problem(self) -> Problem:
-        """Circuits, blends and starts of the scene."""
+        """Circuits, weights k and starts of the scene, to be solved."""
         from resgrid.planning.pipeline import problem_of
 
         return problem_of(self.scene, space=self.space)
 
     @cached_property
     def is_ideal(self) -> bool:
-        """Whether the scene's chip consists of resistors and ideal rails only."""
+        """Whether the scene's chip has no imperfections, so that it consists of nominal resistors and ideal rails."""
         from resgrid.chip.effects import of_chip
 
         return not of_chip(self.scene.chip)
 
     def solution(self) -> Solution:
-        """Return the ideal circuits and fields of the scene, with drives scaled to the supply."""
+        """Return the ideal circuits of the scene with their fields; injected currents are scaled to the supply."""
         from resgrid.planning.pipeline import solve_problem
 
         return solve_problem(self.problem, scaled=True, work=self._work)
 
     def solve(self, wiring: rg.Wiring, *, ideal: bool = False) -> rg.OperatingPoint:
-        """Return the operating point of one circuit of the scene, of its chip or of an ideal grid."""
+        """Return the operating point of one circuit of the scene.
+
+        `wiring`: boundary conditions of the circuit; `ideal`: whether to solve the ideal grid instead of the chip.
+        """
         return self._work.solve(self.compile(wiring, ideal=ideal), f"solve the {wiring.boundary} chip")
 
     def compile(self, wiring: rg.Wiring, *, ideal: bool = False, scaled: bool = True) -> rg.Netlist:
-        """Return the netlist of one circuit of the scene; `scaled`: scale the drive of an ideal grid to the supply."""
+        """Return the netlist of one circuit of the scene.
+
+        `wiring`: boundary conditions of the circuit; `ideal`: whether to compile the ideal grid instead of the chip;
+        `scaled`: whether the injected currents of an ideal grid are scaled to the supply.
+        """
         from resgrid.planning.pipeline import compile_circuit
 
         if ideal or self.is_ideal:
@@ -72,7 +80,10 @@ class Job:
         return compile_circuit(self.space, replace(wiring, rails="cells"), build_chip=build_chip, work=self._work)
 
     def solve_ranked(self, wiring: rg.Wiring) -> Ranked:
-        """Return the field of one circuit of the scene by method petsc; raise InputError unless the chip is ideal."""
+        """Return the field of one circuit of the scene, solved by method petsc, with a report on the processes.
+
+        `wiring`: boundary conditions of the circuit.  Raises InputError unless the chip is ideal.
+        """
         if not self.is_ideal:
             raise InputError(
                 "--method petsc solves only the ideal grid: remove the keys of [chip], or choose another --method"
@@ -90,7 +101,11 @@ def open_job(
     source: CommandInput, *, require_goal: bool = True, method: str | None = None, ranks: int | None = None,
     launcher: str | None = None,
 ) -> Job:  # fmt: skip
-    """Return the job of a scene: read it with its changes, check the memory of the method, and build the space."""
+    """Return the job of an input: read the scene with its changes, check the memory, and build the space.
+
+    `require_goal`: whether a scene without a goal is an error; `method`: solution method, None if nothing is solved;
+    `ranks`: number of processes of method petsc; `launcher`: command that starts these processes.
+    """
     with stage("read the scene"):
         scene = _load_scene(source)
     _report_large_angles(scene)
@@ -106,7 +121,7 @@ def open_job(
 
 
 def _report_large_angles(scene: rg.Scene) -> None:
-    """Print a message for angles of starts beyond two turns, which are probably in degrees."""
+    """Print a message for each start angle beyond two turns, which is probably in degrees, not radians."""
     turning = scene.robot.turning_length
     for number, start in enumerate(scene.starts):
         for axis, value in zip(scene.axes, start, strict=True):
@@ -138,7 +153,10 @@ def _load_scene(source: CommandInput) -> rg.Scene:
 
 
 def _named_file(name: str) -> str | Path:
-    """Return the name of an input, or the file of a shipped scene, which is reported."""
+    """Return the name of an input, or the file of a shipped scene, which a message reports.
+
+    Raises InputError for a name without a folder that is neither a file nor a shipped scene.
+    """
     from resgrid.scene.shipped import shipped_scene, shipped_scenes
 
     shipped = shipped_scene(name)
@@ -157,7 +175,7 @@ def _refuse_map_options(source: CommandInput) -> None:
 
 
 def _piped_scene(source: CommandInput) -> rg.Scene:
-    """Return the scene from standard input: TOML, or a map, recognised by its first bytes."""
+    """Return the scene from standard input, which is TOML or a map, recognised by its first bytes."""
     import tempfile
 
     from resgrid._internal.files import decode
@@ -185,11 +203,11 @@ FIRST_RUN = (
     "('python -m resgrid.cli.warm' compiles all kernels in advance, on all cores)"
 )
 _FIRST_KERNEL = "csr_kernels.conductances_by_row*.nbi"
-"""Cache index of the first kernel that every solution compiles."""
+"""Pattern of numba's cache file of the first kernel that every solution compiles."""
 
 
 def is_first_run() -> bool:
-    """Return whether numba has not cached the kernels of a solution yet."""
+    """Return whether numba has no cached kernels of a solution, so that they will be compiled."""
     from resgrid._internal.jit import cache_folder
     from resgrid.solvers.csr_kernels import conductances_by_row
 
@@ -200,7 +218,7 @@ def is_first_run() -> bool:
 def _load_numba() -> None:
     """Import numba without scipy.linalg, whose import takes 0.2 s and which no kernel uses.
 
-    At its import, numba checks once for scipy.linalg, which it needs for ``np.cov`` in kernels.
+    During its import, numba checks whether scipy.linalg exists, which ``np.cov`` in kernels would need.
     """
     if "numba.np.arraymath" in sys.modules or "scipy.linalg" in sys.modules:
         return
@@ -212,7 +230,11 @@ def _load_numba() -> None:
 
 
 def _observe(name: str, function: Callable[..., Any], *arguments: Any, iterates: bool = False, **options: Any) -> Any:
-    """Call a function of the library as a reported stage, and return its value."""
+    """Call a function of the library as a stage with a progress report, and return the function's value.
+
+    `name`: name of the stage; `iterates`: whether the function takes a keyword ``progress``, which it calls in every
+    iteration.
+    """
     _load_numba()
     if iterates and is_first_run():
         say(FIRST_RUN)
@@ -220,7 +242,7 @@ def _observe(name: str, function: Callable[..., Any], *arguments: Any, iterates:
 
 
 def require_starts(scene: rg.Scene) -> None:
-    """Raise InputError for a scene without a start."""
+    """Raise InputError, with a remedy, for a scene without a start."""
     if not scene.starts:
         from resgrid.scene.sampling import adding
 
@@ -229,19 +251,19 @@ def require_starts(scene: rg.Scene) -> None:
 
 
 def size_of(shape: Sequence[int]) -> str:
-    """Return the size of a grid as text."""
+    """Return the numbers of cells of a grid as text, such as ``8 x 8``."""
     return " x ".join(str(size) for size in shape)
 
 
 def place_of(point: Sequence[float]) -> str:
-    """Return a point as text, to six digits."""
+    """Return a point as text in parentheses, with six significant digits per coordinate."""
     from resgrid.scene.nearest_place import place_text
 
     return place_text(point)
 
 
 def element_counts(netlist: rg.Netlist) -> dict[str, int]:
-    """Return the numbers of nodes and elements of a circuit as JSON data."""
+    """Return the numbers of nodes and of each kind of element of a circuit as a dictionary for JSON."""
     return {
         "nodes": netlist.node_count,
         "resistors": len(netlist.conductance),
@@ -253,13 +275,16 @@ def element_counts(netlist: rg.Netlist) -> dict[str, int]:
 
 
 def free_counts(space: rg.ConfigurationSpace) -> dict[str, int]:
-    """Return the numbers of free cells, and of free cells without a path to a goal, as JSON data."""
+    """Return the numbers of free cells, and of free cells without a path to a goal, as a dictionary for JSON."""
     free = space.cell == rg.Cell.FREE
     return {"free_cells": int(free.sum()), "unreachable_cells": int((free & ~space.goal_connected).sum())}
 
 
 def solution_summary(name: str, op: rg.OperatingPoint, space: rg.ConfigurationSpace) -> dict[str, Any]:
-    """Return the summary of an operating point as JSON data."""
+    """Return the summary of an operating point as a dictionary for JSON.
+
+    `name`: name of the circuit; `space`: space from which the circuit was compiled.
+    """
     return {
         "chip": name,
         "nodes": op.netlist.node_count,
@@ -277,7 +302,7 @@ def solution_summary(name: str, op: rg.OperatingPoint, space: rg.ConfigurationSp
 
 
 def ranked_summary(name: str, ranked: Ranked) -> dict[str, Any]:
-    """Return the summary of a solution by method petsc as JSON data."""
+    """Return the summary of a solution by method petsc as a dictionary for JSON; `name`: name of the circuit."""
     field, report = ranked.field, ranked.report
     assert field.safe is not None
     return {
@@ -300,13 +325,14 @@ _REASONS = {
     "grid": "fields and paths are those of the ideal grid (decks contain the chip); 'resgrid chip' computes their "
     "effect on a robot",
 }
-"""Reasons for ignored keys, by form of the circuit."""
+"""Reasons for ignored keys of the chip, by the form of the circuit that ignores them."""
 
 
 def report_ignored(job: Job, form: Form | Literal["chip"], *, k: Sequence[float] = ()) -> dict[str, list[str]]:
-    """Print the keys of a scene that a subcommand ignores, with reasons, and return them as JSON data.
+    """Print the keys of a scene that a subcommand ignores, with reasons, and return them as a dictionary for JSON.
 
-    `form`: form of the circuit, "chip" if no key of the chip is ignored; `k`: ignored blends.
+    `form`: form of the circuit that is used, "chip" if no key of the chip is ignored; `k`: weights k of the scene that
+    the subcommand ignores.
     """
     from resgrid.chip.build import keys_not_held
 
@@ -336,5 +362,5 @@ def report_ignored(job: Job, form: Form | Literal["chip"], *, k: Sequence[float]
 
 
 def several_k(scene: rg.Scene) -> tuple[float, ...]:
-    """Return the blends of a scene with several blends; empty for a scene with one or none."""
+    """Return the weights k of a scene with several weights; an empty tuple for a scene with at most one."""
     return scene.k if len(scene.k) > 1 else ()

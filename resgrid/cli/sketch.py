@@ -17,17 +17,18 @@ WIDTH, HEIGHT = 64, 24
 """Largest number of letters per row, and of rows."""
 
 MAX_UNKNOWN_FRACTION = 0.5
-"""Fraction of unknown cells above which a sketch shows only the known part."""
+"""Fraction of unknown cells above which a sketch shows only the surroundings of the known cells."""
 
 MARGIN = 2
-"""Number of unknown cells that a sketch shows around the known part."""
+"""Width of the border of unknown cells that a sketch shows around the known part, in cells."""
 
 
 @dataclass(frozen=True)
 class Sketch:
-    """A sketch as rows of letters, top row first: the first axis to the right, the second axis upwards.
+    """A text sketch of a space with two axes.
 
-    `lower, upper`: corners of the shown part, in the coordinates of the space; `cropped`: only a part is shown; `key`:
+    `rows`: rows of letters, top row first; the first axis points to the right, the second one upwards; `lower`,
+    `upper`: corners of the shown part, in the coordinates of the space; `cropped`: whether only a part is shown; `key`:
     meaning of the letters.
     """
 
@@ -41,7 +42,10 @@ class Sketch:
 def sketch(
     space: rg.ConfigurationSpace, starts: Sequence[Sequence[float]], unknown: NDArray[np.bool_] | None
 ) -> Sketch:
-    """Return the sketch of a space with two axes; `unknown`: mask of cells of unknown occupancy, or None."""
+    """Return the text sketch of a space with two axes.
+
+    `starts`: points in world coordinates; `unknown`: mask of cells of unknown occupancy, shape of the space, or None.
+    """
     import numpy as np
 
     unseen = np.zeros(space.shape, dtype=np.bool_) if unknown is None else unknown & (space.cell == rg.Cell.OBSTACLE)
@@ -63,7 +67,11 @@ def sketch(
 
 
 def _window(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """Return the range of cells to show: all, or, if most cells are unknown, the bounding box of the known cells."""
+    """Return the ranges of cells to show along both axes.
+
+    The ranges cover the grid, or, if most cells are unknown, the bounding box of the known cells with a margin.
+    `unseen`: mask of obstacle cells of unknown occupancy, shape of the space.
+    """
     import numpy as np
 
     whole = slice(0, space.shape[0]), slice(0, space.shape[1])
@@ -78,7 +86,10 @@ def _window(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_]) -> tuple[sl
 
 
 def _letters(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_], window: tuple[slice, slice]) -> NDArray[np.str_]:
-    """Return the letters (columns, rows from below) of the cells of a window, resampled to the size of the sketch."""
+    """Return the letters (columns, rows from below) of the cells in a window, resampled to the size of the sketch.
+
+    `unseen`: mask of obstacle cells of unknown occupancy; `window`: ranges of cells along both axes.
+    """
     import numpy as np
     from PIL import Image
 

@@ -105,7 +105,10 @@ def _ranked_lines(data: dict[str, Any], shape: tuple[int, ...]) -> Iterable[str]
 
 
 def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
-    """Yield the lines of text for a solved deck: counts, residual, power and largest drops."""
+    """Yield the lines of text for a solved deck: counts, residual, power and largest drops.
+
+    `data`: result of `solution_record` and `deck_data`.
+    """
     from resgrid.spice.circuit import some
 
     yield f"{data['title'] or data['source']} ({data['dialect']})"

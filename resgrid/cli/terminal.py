@@ -37,18 +37,18 @@ _CODES: tuple[tuple[type[BaseException], int], ...] = (
 )
 
 BAR_DELAY = 1.0
-"""Time before a progress bar appears, in seconds."""
+"""Delay between the begin of a stage and the display of its progress bar, in seconds."""
 
 _WORKER = "resgrid computes"
-"""Prefix of the names of threads that compute."""
+"""Prefix of the names of threads that run computations."""
 
 
 @dataclass(frozen=True)
 class Verbosity:
-    """Options for the output of results and progress, stored in the command's context.
+    """Options of the output of results and messages, stored in the command's context.
 
-    `json`: results are one JSON object instead of lines; `quiet`: no messages and progress bars; `verbose`: messages
-    with the time of every stage.
+    `json`: whether results are one JSON object instead of lines; `quiet`: whether messages and progress bars are
+    omitted; `verbose`: whether the time of every stage is printed.
     """
 
     json: bool = False
@@ -64,7 +64,7 @@ def verbosity() -> Verbosity:
 
 @contextmanager
 def quietly() -> Iterator[None]:
-    """Suppress messages and progress bars inside the context."""
+    """Suppress messages and progress bars while the context is active."""
     context = click.get_current_context()
     before, context.obj = context.obj, replace(verbosity(), quiet=True)
     try:
@@ -85,16 +85,17 @@ def counted(count: int, noun: str) -> str:
 
 
 def detail(message: str) -> None:
-    """Print a message on standard error if the command is verbose."""
+    """Print a message on standard error, only if the option ``--verbose`` is given."""
     if verbosity().verbose:
         say(message)
 
 
 def finish(data: Mapping[str, Any], lines: Iterable[str] = (), *, written: object = None, more: bool = False) -> None:
-    """Print the result on standard output, as one JSON object or as lines.
+    """Print the result on standard output, as one JSON object (`data`) or as lines.
 
-    `written`: file that already has the result; "-" is standard output, to which this function then adds no output.
-    With such a file, ``-q`` suppresses the lines, unless they contain `more` than the file.
+    `written`: file that already contains the result, None without a file; "-" is standard output, after which this
+    function prints nothing.  With a file, ``-q`` suppresses the lines, unless `more` is True (they contain more than
+    the file).
     """
     if written == "-":
         return
@@ -110,16 +111,16 @@ def finish(data: Mapping[str, Any], lines: Iterable[str] = (), *, written: objec
 
 
 def require_one_output(output: str | None) -> None:
-    """Raise InputError for ``-o -`` together with ``--json``."""
+    """Raise InputError for ``-o -`` together with ``--json``, because both write to standard output."""
     if output == "-" and verbosity().json:
         raise InputError("-o - and --json both write to standard output; remove one of them, or name a file with -o")
 
 
 class Stage:
-    """Progress of a stage, from counted steps, from the residual of an iteration, or from the estimated time.
+    """Progress of a stage of a command, from counted steps, an iteration's residual, or the estimated time.
 
-    `seconds`: estimated time of the whole stage; ignored below `BAR_DELAY`, because a delay of so short a stage has
-    other causes than its size, such as the compilation of kernels; `steps`: number of equal steps.
+    `seconds`: estimated time of the whole stage; estimates shorter than `BAR_DELAY` are ignored, because a long
+    duration then has other causes, such as the compilation of kernels; `steps`: number of equal steps, None if unknown.
     """
 
     def __init__(self, seconds: float | None = None, steps: int | None = None) -> None:
@@ -130,28 +131,32 @@ class Stage:
         self._begin = time.perf_counter()
 
     def advance(self) -> None:
-        """Add one finished step."""
+        """Increase the number of finished steps by one."""
         self._done += 1
 
     def count(self, done: int, total: int, note: object = "") -> None:
-        """Set the number of finished steps and of all steps, and a note with intermediate results."""
+        """Record the number of finished steps, the number of all steps, and a note with intermediate results."""
         self._done, self._steps = done, total
         self._counted = self._counted or (time.perf_counter(), done)  # steps of an interrupted run took no time
         self._note = f"{note}  " if note else self._note
 
     def follow(self, _steps: int, residual: float, seconds_left: float | None) -> None:
-        """Record the relative residual of an iteration, and the estimated remaining time in seconds."""
+        """Record the relative residual of an iteration and the estimated remaining time.
+
+        `residual`: residual norm relative to the right-hand side; `seconds_left`: remaining time in seconds, None if
+        unknown.
+        """
         self._note = f"residual {residual:.0e}  "
         self._seconds = None if seconds_left is None else time.perf_counter() - self._begin + seconds_left
 
     def fraction(self) -> float | None:
-        """Return the finished fraction of the stage, in [0, 0.99]; None if it is unknown."""
+        """Return the finished fraction of the stage, from 0 to 0.99; None if it is unknown."""
         if self._steps:
             return min(self._done / self._steps, 0.99)
         return min((time.perf_counter() - self._begin) / self._seconds, 0.99) if self._seconds else None
 
     def status(self) -> str:
-        """Return the note with intermediate results, and the elapsed or remaining time."""
+        """Return text with intermediate results and the remaining time, or the elapsed time if that is unknown."""
         elapsed, fraction = time.perf_counter() - self._begin, self.fraction()
         if not fraction:
             return f"{self._note}{elapsed:.0f} s so far"
@@ -169,7 +174,10 @@ class Stage:
 
 @contextmanager
 def stage(name: str, *, seconds: float | None = None, steps: int | None = None) -> Iterator[Stage]:
-    """Show a progress bar with the remaining time for a long stage, on a terminal; yields its `Stage`."""
+    """Yield the `Stage` of a computation; on a terminal, show a progress bar with the remaining time if it takes long.
+
+    `name`: name of the stage; `seconds`: estimated time; `steps`: number of equal steps; None if unknown.
+    """
     running, begin = Stage(seconds, steps), time.perf_counter()
     bars: list[Progress] = []
     timer = threading.Timer(BAR_DELAY, lambda: bars.append(_started_bar(name, running)))
@@ -192,7 +200,7 @@ def _started_bar(name: str, running: Stage) -> Progress:
     from rich.progress import BarColumn, Progress, TextColumn
 
     class Bar(Progress):
-        """A bar that reads the progress of the stage whenever it is drawn."""
+        """Progress bar that queries the progress of the stage at every redraw."""
 
         def get_renderables(self) -> Iterable[Any]:
             for task in self.tasks:
@@ -217,8 +225,9 @@ def compute(
 ) -> Value:
     """Call a function in a thread and return its value; an interrupt does not wait for the end of the call.
 
-    `name`: of the stage; `seconds`: its estimated time; `iterates`: the function takes a keyword ``progress``, which it
-    calls in every iteration.
+    `name`: name of the stage for the progress bar; `arguments`: arguments of the function; `seconds`: estimated time of
+    the call, None if unknown; `iterates`: whether the function takes a keyword ``progress``, which it calls in every
+    iteration.
     """
     context = click.get_current_context(silent=True)
     outcome: list[tuple[Value | None, BaseException | None]] = []
@@ -242,7 +251,10 @@ def compute(
 
 
 def is_computing(patience: float = 0.0) -> bool:
-    """Return whether a thread of `compute` or of the live page still runs after `patience` seconds."""
+    """Return whether a computation in a thread still runs after a wait of at most `patience` seconds.
+
+    The threads are those of `compute` and of the live page.
+    """
     until = time.perf_counter() + patience
     while any(thread.name.startswith((_WORKER, "resgrid answers")) for thread in threading.enumerate()):
         if time.perf_counter() >= until:
@@ -252,13 +264,16 @@ def is_computing(patience: float = 0.0) -> bool:
 
 
 def end_at_once(code: int) -> NoReturn:
-    """End the process without interpreter shutdown, which would wait for threads in compiled code."""
+    """End the process with an exit code, without the interpreter's shutdown, which would wait for compiled code."""
     weakref.finalize._exitfunc()  # type: ignore[attr-defined]  # ends child processes and removes temporary folders
     os._exit(code)
 
 
 class Failure(NamedTuple):
-    """Exit code, error class and message of a failed command."""
+    """Result of a failed command.
+
+    `code`: exit code; `kind`: class name of the error; `message`: text for the user.
+    """
 
     code: int
     kind: str
@@ -266,7 +281,7 @@ class Failure(NamedTuple):
 
 
 def failure_of(error: Exception) -> Failure:
-    """Return exit code, class name and message of an exception."""
+    """Return exit code, class name and message for an exception that ended a command."""
     kind = type(error).__name__
     if isinstance(error, click.Abort):
         return Failure(INTERRUPTED, kind, "interrupted")

@@ -25,9 +25,9 @@ from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline
 from resgrid.planning.time_parameterization import Trajectory
 
 _VIEWS = ("table", "record", "arrays", "message")
-"""Views of a path, which determine its file formats."""
+"""Names of the views (representations in `resgrid.io.tables`) of a path, which determine its file formats."""
 _FIXED_NAMES = {".csv": ["path", "k", "outcome"], ".json": ["schema", "k", "outcome"], ".npz": ["k", "outcome"]}
-"""Columns, keys and arrays of a file of one path, in addition to those of `column_names`, by suffix."""
+"""Names of columns, keys or arrays in a file of one path, in addition to those of `column_names`, by suffix."""
 
 
 def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
@@ -73,9 +73,10 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
 
 
 def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of a path by name, one entry per point; positions are continuous world coordinates.
+    """Return the columns of a path by name, arrays (n,) with one entry per point.
 
-    Shapes: returns arrays (n,).
+    Positions are world coordinates, continuous across periodic seams; a trajectory also has times in seconds and
+    velocities.
     """
     space, points = path.space, points_of(path)
     names = column_names(space, timed=isinstance(path, Trajectory))
@@ -89,7 +90,10 @@ def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
 
 
 def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
-    """Return the names of the columns of a path: time, position, tip of an arm, velocity; `timed`: of a trajectory."""
+    """Return the names of the columns of a path: time, position, tip of an arm, velocity.
+
+    `timed`: whether the path is a trajectory, which alone has time and velocity.
+    """
     axes = [axis.name for axis in space.axes]
     mounted = space.robot is not None and space.robot.base is not None
     tip = [f"{space.robot.reference}_{name}" for name in "xy"] if mounted else []
@@ -124,7 +128,7 @@ class Route:
 
     @property
     def outcome(self) -> str | None:
-        """Outcome of the streamline; None without a streamline."""
+        """Outcome of the streamline as text, such as ``"reached"``; None without a streamline."""
         return None if self.streamline is None else str(self.streamline.outcome)
 
     @property
@@ -139,7 +143,7 @@ class Route:
 
     @property
     def k(self) -> float | None:
-        """Fraction of the Dirichlet field; None without a field."""
+        """Weight of the Dirichlet field in the blend, 0 to 1; None without a field."""
         return None if self.streamline is None else self.streamline.field.k
 
     @cached_property
@@ -150,7 +154,10 @@ class Route:
 
     @cached_property
     def clearance(self) -> float | None:
-        """Smallest distance from that polyline to an obstacle cell, in axis units; None without a field."""
+        """Smallest distance from the polyline through the written points to an obstacle cell; None without a field.
+
+        The distance is in axis units.
+        """
         path = self.path
         if isinstance(path, Streamline | ShortPath):
             return path.clearance
@@ -166,25 +173,27 @@ class Route:
 
     @cached_property
     def columns(self) -> dict[str, NDArray[np.float64]]:
-        """Columns of the path by name, shapes (n,), as `path_columns` returns them."""
+        """Columns of the path by name, arrays (n,) with one entry per point, in world coordinates."""
         return path_columns(self.path)
 
 
 def _line(path: Polyline | Trajectory) -> NDArray[np.float64]:
-    """Return the written points in axis units, shape (n, ndim)."""
+    """Return the points of a path that are written to the file, in axis units, shape (n, ndim)."""
     return path.line if isinstance(path, Polyline) else path.space.from_world(path.positions)
 
 
 def _number(value: float | None) -> float:
-    """Return a number, NaN for None."""
+    """Return `value` unchanged; NaN for None."""
     return math.nan if value is None else value
 
 
 def write_routes(routes: Sequence[Route], target: str | os.PathLike[str]) -> Path:
-    """Write routes atomically: one table, record or set of arrays for all routes, or one message for ROS per route.
+    """Write several routes to one file atomically, and return the file.
 
-    With several routes, a comment before each message names the start; a route that reaches no goal has only the
-    comment, with its outcome.  Raises InputError if no route reaches a goal.
+    `target`: name of the file, whose suffix selects the format: one table, one record or one set of arrays for all
+    routes, or one message for ROS per route.  With several routes, a comment before each message names the start; a
+    route that reaches no goal has only the comment, with its outcome.  Raises InputError for messages if no route
+    reaches a goal.
     """
     views: Views = {
         "table": lambda: _routes_table(routes),
@@ -196,9 +205,9 @@ def write_routes(routes: Sequence[Route], target: str | os.PathLike[str]) -> Pat
 
 
 def check_routes_file(target: str, space: ConfigurationSpace | None = None, *, timed: bool = False) -> None:
-    """Raise InputError if routes cannot be written to a file of this name.
+    """Raise InputError if routes cannot be written to a file named `target`.
 
-    `space`: of the routes, if known; `timed`: whether they are trajectories.
+    `space`: space of the routes, None if unknown; `timed`: whether the routes are trajectories.
     """
     suffix = suffix_of(target, _VIEWS, "paths")
     if space is not None:
@@ -208,7 +217,8 @@ def check_routes_file(target: str, space: ConfigurationSpace | None = None, *, t
 def _check_names(space: ConfigurationSpace, suffix: str, fixed: dict[str, list[str]], *, timed: bool) -> None:
     """Raise InputError if an axis has the name of another column, or a message for ROS cannot hold the poses.
 
-    `fixed`: names of the further columns, by suffix; `timed`: whether the paths have times.
+    `suffix`: suffix of the file; `fixed`: names of columns in addition to those of `column_names`, by suffix; `timed`:
+    whether the paths are trajectories.
     """
     if suffix == ".yaml":
         require_plane(space)
@@ -217,10 +227,11 @@ def _check_names(space: ConfigurationSpace, suffix: str, fixed: dict[str, list[s
 
 
 def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
-    """Return outcome, length, clearance and further values of a route for a JSON file, with its points if `points`.
+    """Return outcome, length, clearance and further values of a route as a dictionary for a JSON file.
 
-    `length`, `clearance` and `points` (continuous world coordinates) are those of the written path.  For a shortened or
-    timed path, the key `streamline` holds length and clearance of the streamline.
+    `points`: whether to include the points and cells.  `length`, `clearance` and `points` (continuous world
+    coordinates) are those of the written path.  For a shortened or timed path, the key `streamline` holds length and
+    clearance of the streamline.
     """
     path = route.streamline
     record: dict[str, Any] = {
@@ -248,7 +259,7 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
 
 
 def _routes_table(routes: Sequence[Route]) -> dict[str, list[Any]]:
-    """Return the table of all routes, one row per point; entries of columns that a route lacks are empty."""
+    """Return the columns of a table of all routes, one row per point; entries are NaN in columns that a route lacks."""
     names = max((list(route.columns) for route in routes), key=len, default=[])
     table: dict[str, list[Any]] = {name: [] for name in (*_FIXED_NAMES[".csv"], *names)}
     for number, route in enumerate(routes):
@@ -261,7 +272,10 @@ def _routes_table(routes: Sequence[Route]) -> dict[str, list[Any]]:
 
 
 def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
-    """Return the arrays of all routes: one entry per route, and the columns of route ``i`` with the suffix ``_i``."""
+    """Return the arrays of all routes by name.
+
+    Each outcome array has one entry per route; the columns of route ``i`` are arrays with the suffix ``_i``.
+    """
     goals = [None if route.streamline is None else route.streamline.goal for route in routes]
     arrays: dict[str, Any] = {
         "outcome": [route.outcome or "" for route in routes],
@@ -280,7 +294,7 @@ def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
 
 
 def _documents(routes: Sequence[Route]) -> str:
-    """Return one message per route that reaches a goal, with comments on starts and outcomes of all routes."""
+    """Return YAML text with one message per route that reaches a goal, and a comment on each start and outcome."""
     if len(routes) == 1:
         return to_ros_path(routes[0].path)
     if not any(route.reached for route in routes):

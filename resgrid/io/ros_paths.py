@@ -18,11 +18,11 @@ from resgrid.planning.time_parameterization import Trajectory
 from resgrid.robots import PointRobot
 
 Timed = AnyPath | Trajectory
-"""A path, with or without times."""
+"""Type of a path with or without times."""
 
 
 def points_of(path: Timed) -> NDArray[np.float64]:
-    """Return the points of a path in world coordinates, continuous across periodic seams, shape (n, ndim)."""
+    """Return the points (n, ndim) of a path in world coordinates, continuous across periodic seams."""
     return path.positions if isinstance(path, Trajectory) else unwrap(path)
 
 
@@ -77,7 +77,7 @@ def to_ros_path(path: Timed, *, frame_id: str = "map") -> str:
 
 
 def require_reached(path: Timed) -> None:
-    """Raise InputError for a streamline that reached no goal, because its message would look like a path to one."""
+    """Raise InputError if the streamline of a path reached no goal; its message would look like a path to a goal."""
     streamline = streamline_of(path)
     if streamline is not None and streamline.outcome is not Outcome.REACHED:
         raise InputError(
@@ -87,7 +87,7 @@ def require_reached(path: Timed) -> None:
 
 
 def require_plane(space: ConfigurationSpace) -> None:
-    """Raise InputError unless configurations are poses in the plane."""
+    """Raise InputError unless the configurations of a space are poses in the plane."""
     if not has_poses(space):
         robot, axes = (
             with_article(type(space.robot or PointRobot()).__name__),
@@ -99,16 +99,17 @@ def require_plane(space: ConfigurationSpace) -> None:
 
 
 def has_poses(space: ConfigurationSpace) -> bool:
-    """Return whether configurations are poses in the plane: x and y with one unit, or with a heading."""
+    """Return whether the configurations of a space are poses in the plane: x and y with one unit, or with a heading."""
     robot = space.robot or PointRobot()
     is_flat = space.ndim == 2 and space.axes[0].unit == space.axes[1].unit and robot.moves_in_workspace
     return is_flat or robot.heading(np.zeros((1, space.ndim))) is not None
 
 
 def headings(place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the direction (n,) from every point (n, 2) to the next distinct one, in radians.
+    """Return the direction (n,) from every point to the next distinct point, in radians.
 
-    The last point has the direction of the one before; a single point has 0.
+    `place` (n, 2): the points.  The last point has the direction of the previous point; the direction of a single point
+    is 0.
     """
     step = np.diff(place, axis=0)
     moved = np.flatnonzero(np.any(step != 0, axis=1))
@@ -119,7 +120,11 @@ def headings(place: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _message(times: Sequence[float], places: Sequence[Sequence[float]], yaws: Sequence[float], frame_id: str) -> str:
-    """Return a ``nav_msgs/Path`` message as YAML; `times` in seconds, `places` (n, 2), `yaws` in radians."""
+    """Return a ``nav_msgs/Path`` message as YAML text.
+
+    `times` (n,): stamps in seconds; `places` (n, 2): positions; `yaws` (n,): headings in radians; `frame_id`: name of
+    the coordinate frame.
+    """
 
     def header(time: float) -> dict[str, Any]:
         seconds, nanoseconds = divmod(round(time * 1e9), 10**9)

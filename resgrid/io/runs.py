@@ -15,10 +15,10 @@ from resgrid.core.axis import Axis
 from resgrid.io.tables import Views, require_names, suffix_of, write
 
 _STEP = {"": "configuration", "_believed": "believed", "_rate": "velocity", "_torque": "torque", "_push": "push"}
-"""Arrays of a run with one column per axis, by the end of the column's name."""
+"""Attributes of a run with one column per axis, by the end of the name of the column in a file."""
 
 _CONTACT = ("contact_x", "contact_y", "force_x", "force_y", "part", "body", "sticking")
-"""Columns of the strongest contact of a step."""
+"""Names of the columns of the strongest contact of a time step."""
 
 
 def write_run(run: Run | Sequence[Run], file: str | os.PathLike[str]) -> Path:
@@ -54,13 +54,13 @@ def write_run(run: Run | Sequence[Run], file: str | os.PathLike[str]) -> Path:
 
 
 def check_run_file(file: str | os.PathLike[str], axes: Sequence[Axis] = ()) -> None:
-    """Raise InputError if runs with these axes cannot be written to a file of this name."""
+    """Raise InputError if runs cannot be written to a file of this name; `axes`: axes of the runs, empty if unknown."""
     if suffix_of(file, _views(()), "a run") == ".csv":
         require_names(axes, _names(axes))
 
 
 def run_record(run: Run) -> dict[str, Any]:
-    """Return outcome, times, contacts and further totals of a run, for JSON."""
+    """Return outcome, times, contacts and further totals of a run as a dictionary for JSON."""
     modes, counts = np.unique(run.mode, return_counts=True)
     return {
         "outcome": str(run.ending),
@@ -85,19 +85,19 @@ def run_record(run: Run) -> dict[str, Any]:
 
 
 def _views(runs: Sequence[Run]) -> Views:
-    """Return the views of runs, which determine their file formats."""
+    """Return functions that return the views of runs, which determine their file formats, by name of the view."""
     return {"table": lambda: _table(runs), "record": lambda: _record(runs), "arrays": lambda: _arrays(runs)}
 
 
 def _names(axes: Sequence[Axis]) -> list[str]:
-    """Return the names of the columns of the table."""
+    """Return the names of the columns of a table of runs with these axes."""
     return [
         "run", "k", "t", "mode", *(axis.name + end for end in _STEP for axis in axes), "contacts", *_CONTACT,
     ]  # fmt: skip
 
 
 def _table(runs: Sequence[Run]) -> dict[str, list[Any]]:
-    """Return the table of all runs, one row per step."""
+    """Return the columns of a table of all runs by name, with one row per time step."""
     names = _names(runs[0].space.axes)
     require_names(runs[0].space.axes, names)
     rows = [(number, run.field.k, *row) for number, run in enumerate(runs) for row in _rows(run)]
@@ -105,7 +105,7 @@ def _table(runs: Sequence[Run]) -> dict[str, list[Any]]:
 
 
 def _rows(run: Run) -> list[list[Any]]:
-    """Return the rows of one run: time, mode, values per axis, number of contacts, strongest contact."""
+    """Return the rows of one run: time, mode, values per axis, number of contacts, and the strongest contact."""
     contacts = run.contacts
     size = np.hypot(*contacts.force.T)
     values = np.hstack([getattr(run, name) for name in _STEP.values()]).tolist()
@@ -122,7 +122,7 @@ def _rows(run: Run) -> list[list[Any]]:
 
 
 def _arrays(runs: Sequence[Run]) -> dict[str, NDArray[np.generic]]:
-    """Return the arrays of all runs: one entry per run, and the columns of run ``i`` with the suffix ``_i``."""
+    """Return the arrays of all runs by name: one entry per run, and the columns of run ``i`` with the suffix ``_i``."""
     arrays: dict[str, NDArray[np.generic]] = {
         "k": np.array([run.field.k for run in runs]),
         "start": np.array([run.configuration[0] for run in runs]),
@@ -135,7 +135,7 @@ def _arrays(runs: Sequence[Run]) -> dict[str, NDArray[np.generic]]:
 
 
 def _record(runs: Sequence[Run]) -> dict[str, Any]:
-    """Return names of modes, and outcome and columns of each run, for JSON."""
+    """Return the names of the control modes, and outcome and columns of each run, as a dictionary for JSON."""
     return {
         "mode_names": [mode.name.lower() for mode in ControlMode],
         "runs": [run_record(run) | {"columns": _columns(run)} for run in runs],
@@ -143,6 +143,6 @@ def _record(runs: Sequence[Run]) -> dict[str, Any]:
 
 
 def _columns(run: Run) -> dict[str, NDArray[np.generic]]:
-    """Return all arrays of a run in world coordinates, with one entry per step or per contact."""
+    """Return all arrays of a run by name, in world coordinates, with one entry per time step or per contact."""
     columns = {name: getattr(run, name) for name in ("time", "mode", *_STEP.values(), "learnt")}
     return columns | {f"contact_{name}": column for name, column in vars(run.contacts).items()}

@@ -23,7 +23,7 @@ from resgrid.planning.time_parameterization import Trajectory
 
 
 def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
-    """Write a result to a file, whole or not at all, in the format that the end of the file's name states.
+    """Write a result to a file in the format that the file's suffix selects.  The file is written atomically.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
 
 @singledispatch
 def _save(value: object, file: str | os.PathLike[str]) -> Path:
-    """Save a sequence of runs, or raise InputError for a value without a writer."""
+    """Write a sequence of runs and return the file; raise InputError for a value without a writer."""
     if isinstance(value, Sequence) and value and all(isinstance(one, Run) for one in value):
         return write_run(value, file)
     raise InputError(

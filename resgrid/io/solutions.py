@@ -66,12 +66,18 @@ def write_solution(
 
 
 def check_solution_file(file: str | os.PathLike[str], *, of_space: bool) -> None:
-    """Raise InputError if a solution cannot be written to a file of this name; `of_space`: solution of a space."""
+    """Raise InputError if a solution cannot be written to a file of this name.
+
+    `of_space`: whether the circuit was compiled from a space.
+    """
     suffix_of(file, ("arrays",) if of_space else ("table", "record", "arrays", "waveforms"), "a solution")
 
 
 def solution_record(op: OperatingPoint, worst: int = 10) -> dict[str, Any]:
-    """Return residual, powers, the `worst` largest drops from the supply and the largest source currents, for JSON."""
+    """Return residual, powers, largest drops and largest source currents of a circuit as a dictionary for JSON.
+
+    `worst`: number of nodes with the largest drop from the supply, and of sources with the largest currents.
+    """
     netlist = op.netlist
     drops, balance = ir_drop(op), power_balance(op)
     lowest = drops.worst(worst)
@@ -92,7 +98,10 @@ def solution_record(op: OperatingPoint, worst: int = 10) -> dict[str, Any]:
 
 
 def _supplies(op: OperatingPoint, count: int) -> list[dict[str, Any]]:
-    """Return name, voltage and current of the voltage sources with the largest currents; undetermined ones first."""
+    """Return name, voltage (V) and current (A) of the `count` voltage sources with the largest currents.
+
+    Sources with an undetermined current come first.
+    """
     amps = np.nan_to_num(np.abs(op.source_current), nan=np.inf)
     names = _names(op.netlist, "voltage source", "v", len(amps))
     order = np.argsort(-amps, kind="stable")[:count].tolist()
@@ -100,7 +109,10 @@ def _supplies(op: OperatingPoint, count: int) -> list[dict[str, Any]]:
 
 
 def _views(op: OperatingPoint | Field, title: str, form: str, about: Mapping[str, Any]) -> Views:
-    """Return the views of a solution, which determine its file formats."""
+    """Return functions that return the views of a solution, which determine its file formats, by name of the view.
+
+    `title`: first line of a raw file; `form`: "binary" or "ascii" encoding of a raw file; `about`: further JSON keys.
+    """
     if isinstance(op, Field):
         arrays = {"potential": op.potential, "log_drop": op.log_drop, "cell": op.space.cell, "safe": op.safe}
         return {"arrays": lambda: {name: array for name, array in arrays.items() if array is not None}}
@@ -117,8 +129,8 @@ def _views(op: OperatingPoint | Field, title: str, form: str, about: Mapping[str
 def _field_arrays(op: OperatingPoint) -> dict[str, NDArray[Any]]:
     """Return the arrays of a space's circuit by name: potential, logarithm of the drop, and cell codes.
 
-    All have the shape of the space.  The logarithm is left out if the circuit has no high rail.  In cells without a
-    node, the potential and the logarithm are NaN.
+    All arrays have the shape of the space.  The logarithm is omitted if the circuit has no high rail.  In cells without
+    a node, the potential and the logarithm are NaN.
     """
     cell_map = op.netlist.cell_map
     if cell_map is None or op.potential is None:
@@ -136,7 +148,7 @@ def _field_arrays(op: OperatingPoint) -> dict[str, NDArray[Any]]:
 
 
 def _table(op: OperatingPoint) -> dict[str, list[Any]]:
-    """Return the table with one row per node, then one row per element."""
+    """Return the columns of a table with one row per node, followed by one row per element; values in SI units."""
     nodes = _node_names(op)
     names = "kind", "name", "first", "second", "value", "voltage", "current", "power"
     rows: list[tuple[Any, ...]] = [
@@ -153,7 +165,7 @@ def _table(op: OperatingPoint) -> dict[str, list[Any]]:
 
 
 def _record(op: OperatingPoint) -> dict[str, Any]:
-    """Return the voltages of all nodes and the values of all elements by name, for JSON."""
+    """Return the voltages of all nodes and the values of all elements as a nested dictionary by name, for JSON."""
     nodes = _node_names(op)
     elements = {
         kind: {
@@ -166,7 +178,7 @@ def _record(op: OperatingPoint) -> dict[str, Any]:
 
 
 def _arrays(op: OperatingPoint) -> dict[str, Any]:
-    """Return arrays of nodes and of each kind of element."""
+    """Return arrays of node names and voltages, and of the values of each kind of element, by name of the array."""
     arrays: dict[str, Any] = {"node": np.array(_node_names(op)), "voltage": op.voltage}
     for kind, columns in _elements(op).items():
         arrays |= {f"{kind.replace(' ', '_')}_{name}": column for name, column in columns.items()}
@@ -174,14 +186,14 @@ def _arrays(op: OperatingPoint) -> dict[str, Any]:
 
 
 def _lists(columns: Mapping[str, NDArray[Any]]) -> list[list[Any]]:
-    """Return the columns as lists."""
+    """Return the columns of a table, without their names, as lists."""
     return [column.tolist() for column in columns.values()]
 
 
 def _elements(op: OperatingPoint) -> dict[str, dict[str, NDArray[Any]]]:
-    """Return the columns of each kind of element.
+    """Return the columns of each kind of element, by kind and by name of the column.
 
-    They are nodes (m, 2), values in SI units, currents from first to second node, dissipated powers, and names.
+    The columns are nodes (m, 2), values in SI units, currents from first to second node, dissipated powers, and names.
     """
     netlist, balance = op.netlist, power_balance(op)
     columns = {
@@ -201,11 +213,14 @@ def _elements(op: OperatingPoint) -> dict[str, dict[str, NDArray[Any]]]:
 
 
 def _names(netlist: Netlist, kind: str, letter: str, count: int) -> list[str]:
-    """Return the names of elements of one kind, numbered from ``r1`` (with their own letter) if they have none."""
+    """Return the names of `count` elements of one kind; elements without names are numbered from ``r1``.
+
+    `kind`: kind of element; `letter`: first letter of a numbered name, such as ``r``.
+    """
     given = (netlist.element_names or {}).get(kind)
     return list(given) if given is not None else [f"{letter}{i + 1}" for i in range(count)]
 
 
 def _node_names(op: OperatingPoint) -> list[str]:
-    """Return the names of all nodes, ground first."""
+    """Return the names of all nodes of a circuit, ordered by the index of the node, ground first."""
     return op.netlist.names_of(np.arange(op.netlist.node_count))

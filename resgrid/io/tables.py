@@ -21,21 +21,25 @@ from resgrid.core.axis import Axis
 from resgrid.errors import InputError
 
 SCHEMA = 1
-"""Version of the JSON records."""
+"""Version number of the JSON records, stored under the key ``schema``."""
 
 Views = Mapping[str, Callable[[], Any]]
-"""Functions that return the views of a value, by name; called only for the view that is written."""
+"""Functions that return the views (representations) of a value, by name; only the written view is computed."""
 
 
 class Format(NamedTuple):
-    """A file format: name of the view that it holds, and the function that encodes the view as bytes."""
+    """A file format.
+
+    `view`: name of the representation that the file holds, such as "table"; `encode`: function that converts this
+    representation to the bytes of the file.
+    """
 
     view: str
     encode: Callable[[Any], bytes]
 
 
 def csv_bytes(table: Mapping[str, Sequence[Any]]) -> bytes:
-    """Encode named columns of the same length as comma-separated text; NaN becomes an empty entry."""
+    """Return the bytes of a CSV table; `table`: columns of equal length by name; NaN becomes an empty entry."""
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table)
@@ -44,23 +48,23 @@ def csv_bytes(table: Mapping[str, Sequence[Any]]) -> bytes:
 
 
 def _cells(column: Sequence[Any]) -> list[Any]:
-    """Return the entries of a column, NaN as empty text."""
+    """Return the entries of a column as a list in which NaN is replaced by empty text."""
     values = column.tolist() if isinstance(column, np.ndarray) else column
     return ["" if isinstance(value, float) and math.isnan(value) else value for value in values]
 
 
 def json_bytes(record: Mapping[str, Any]) -> bytes:
-    """Encode a record as one JSON object with its schema number."""
+    """Return the bytes of a record as one JSON object that starts with the schema number."""
     return f"{json_text(record)}\n".encode()
 
 
 def json_text(record: Mapping[str, Any]) -> str:
-    """Return the text of a record as one JSON object, with the schema number first."""
+    """Return the text of a record as one JSON object that starts with the schema number."""
     return json.dumps({"schema": SCHEMA, **as_json(record)}, allow_nan=False, indent=2)
 
 
 def as_json(value: Any) -> Any:
-    """Convert a value to JSON types: arrays to lists, NaN and infinity to null, other objects to text."""
+    """Return a value converted to JSON types: arrays to lists, NaN and infinity to null, other objects to text."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, Mapping):
@@ -73,7 +77,7 @@ def as_json(value: Any) -> Any:
 
 
 def npz_bytes(arrays: Mapping[str, Any]) -> bytes:
-    """Encode named arrays as an NPZ file; equal arrays give equal bytes (no timestamps)."""
+    """Return the bytes of an NPZ file of named arrays; equal arrays give equal bytes (no timestamps)."""
     data = BytesIO()
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, array in arrays.items():
@@ -92,13 +96,13 @@ FORMATS: dict[str, Format] = {
     ".txt": Format("edges", str.encode),
     ".graphml": Format("graph", bytes),
 }
-"""All formats by suffix; standard output (``-``) uses the first one for which a value has a view."""
+"""File formats by suffix; standard output (``-``) uses the first format for which a value has a representation."""
 
 
 def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str) -> str:
-    """Return the suffix that selects the format of a file; raise InputError if the value has no view for it.
+    """Return the suffix that selects the format of the file `target`; raise InputError if no view has this format.
 
-    `views`: names of the value's views; `kind`: the value in messages, e.g. "a path".
+    `views`: names of the value's views (representations); `kind`: name of the value in messages, such as "a path".
     """
     known = [suffix for suffix, form in FORMATS.items() if form.view in views]
     suffix = known[0] if os.fspath(target) == "-" else Path(target).suffix.lower()
@@ -110,13 +114,17 @@ def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str)
 
 
 def write(target: str | os.PathLike[str], views: Views, kind: str) -> Path:
-    """Write a value atomically, in the format that the suffix selects; ``-`` is standard output."""
+    """Write a value atomically in the format that the suffix selects, and return the file.
+
+    `target`: name of the file, ``-`` for standard output; `views`: functions that return the representations of the
+    value, by name; `kind`: name of the value in messages.
+    """
     form = FORMATS[suffix_of(target, views, kind)]
     return emit(target, form.encode(views[form.view]()))
 
 
 def emit(target: str | os.PathLike[str], data: bytes) -> Path:
-    """Write bytes to a file atomically; ``-`` is standard output."""
+    """Write bytes to a file atomically, or to standard output for ``-``; return the file."""
     if os.fspath(target) == "-":
         stream = getattr(sys.stdout, "buffer", None)
         if stream is None:
@@ -128,7 +136,7 @@ def emit(target: str | os.PathLike[str], data: bytes) -> Path:
 
 
 def require_names(axes: Iterable[Axis], names: Sequence[str]) -> None:
-    """Raise InputError if the name of an axis occurs twice among the names of columns."""
+    """Raise InputError if the name of an axis occurs more than once in `names`, the names of the columns of a file."""
     for axis in axes:
         if names.count(axis.name) > 1:
             raise InputError(
@@ -138,7 +146,7 @@ def require_names(axes: Iterable[Axis], names: Sequence[str]) -> None:
 
 
 def html_page(title: str, markdown: str) -> str:
-    """Return an HTML page of a Markdown text."""
+    """Return an HTML page with a title and the content of a Markdown text."""
     from markdown_it import MarkdownIt
 
     body = MarkdownIt("commonmark").enable("table").render(markdown)

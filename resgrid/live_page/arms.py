@@ -18,11 +18,14 @@ if TYPE_CHECKING:
     from resgrid.robots import Arm
 
 _MAX_POSES = 60
-"""Largest number of poses along a path."""
+"""Largest number of poses that are sent to the page along a path."""
 
 
 def resample(drawing: Drawing) -> Drawing:
-    """Return a drawing with cells recomputed from its workspace; k, starts and wiring are unchanged."""
+    """Return a drawing whose cells are computed again from its workspace; k, starts and wiring are unchanged.
+
+    Raises InputError for a drawing without a workspace.
+    """
     from resgrid.scene.reading import build_scene
 
     if drawing.world is None:
@@ -39,7 +42,10 @@ def resample(drawing: Drawing) -> Drawing:
 
 
 def poses(frame: SolvedDrawing) -> list[list[Any]]:
-    """Return the arm's joints along each path, as lists of shape (poses, links + 1, 2); empty without an arm."""
+    """Return the positions of the arm's joints along each path, as lists of shape (poses, links + 1, 2).
+
+    The positions are in the workspace; the list is empty without an arm, and so is the entry of a missing path.
+    """
     if frame.drawing.world is None:
         return []
     arm = _arm(frame.drawing.world)
@@ -47,7 +53,10 @@ def poses(frame: SolvedDrawing) -> list[list[Any]]:
 
 
 def pose(frame: SolvedDrawing, configuration: list[float]) -> list[Any] | None:
-    """Return the positions of the arm's joints in a configuration, a list (links + 1, 2); None without an arm."""
+    """Return the workspace positions of the arm's joints in a configuration, a list (links + 1, 2).
+
+    `configuration`: joint angles in radians.  The result is None without an arm.
+    """
     if frame.drawing.world is None:
         return None
     joints: list[Any] = _arm(frame.drawing.world).joints(np.array(configuration)).tolist()
@@ -65,5 +74,5 @@ def _arm(world: Mapping[str, Any]) -> Arm:
 
 
 def _thinned(line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return at most `_MAX_POSES` points of a line (points, 2), including the first and the last."""
+    """Return at most `_MAX_POSES` points (n, 2) of a line (points, 2), including the first and the last point."""
     return line[np.unique(np.linspace(0, len(line) - 1, _MAX_POSES).round().astype(np.int64))]

@@ -25,10 +25,10 @@ MAX_CELLS = 1 << 20
 """Largest number of cells of a drawing."""
 
 _MAX_LEVELS = 64
-"""Largest number of different conductivities of a drawing."""
+"""Largest number of different conductivities in a drawing."""
 
 _MAX_GOAL_POINTS = 50_000
-"""Largest number of goal cells for which goal configurations are sent; above, the whole cells are goals."""
+"""Largest number of goal cells for which configurations are stored; with more goal cells, whole cells are goals."""
 
 _INSIDE = 1e-9
 """Smallest distance of a goal point from the border of its cell, as a fraction of the cell's width."""
@@ -39,12 +39,13 @@ _INSIDE = 1e-9
 class Drawing:
     """The state of the page: cells, starts and settings of the circuit.
 
+    `title`: title of the scene; `axes`: two axes of the grid; `edge`: boundary condition at the border, for each axis;
     `cell` (nx, ny): codes of `Cell`; `level` (nx, ny): index of each cell's conductivity in `palette`; `starts` (n, 2):
-    in axis units; `k`: weight of the Dirichlet field; `wall`: wall resistance in ohms, 0 for none; `driven`: the first
-    start drives open obstacles, instead of the uniform drive; `chip`: the ``[chip]`` table of the scene; `world`: for
-    an arm, the document of its scene with the workspace from which the cells are computed; `broken`: open resistors,
-    as cell (i, j) and axis, for the resistor at the cell's lower face; `goal_points`: configurations that solve the
-    goal, as cell numbers in C order and points in axis units.
+    in axis units; `k`: weight of the Dirichlet field, 0 to 1; `wall`: wall resistance in ohms, 0 for none; `driven`:
+    whether the first start drives open obstacles, instead of the uniform drive; `chip`: the ``[chip]`` table of the
+    scene; `world`: for an arm, the document of its scene with the workspace from which the cells are computed;
+    `broken`: open resistors, as cell (i, j) and axis, for the resistor at the cell's lower face; `goal_points`:
+    configurations that solve the goal, as cell numbers in C order and points in axis units.
     """
 
     title: str
@@ -64,7 +65,7 @@ class Drawing:
 
     @property
     def space(self) -> ConfigurationSpace:
-        """Configuration space with the drawn cells and the goal configurations."""
+        """Configuration space with the cells of the drawing and the goal configurations."""
         costs = np.array(self.palette)[self.level] if self.level.any() or self.palette[0] != 1.0 else None
         points = np.full((*self.cell.shape, 2), np.nan)
         for number, *point in self.goal_points:
@@ -74,14 +75,14 @@ class Drawing:
 
     @cached_property
     def _robot(self) -> Robot | None:
-        """The arm of the drawing; None if cells are places in the plane."""
+        """Arm of the drawing; None if configurations are points in the plane."""
         from resgrid.scene.schema import robot_of
 
         return None if self.world is None else robot_of(self.world.get("robot", {}))
 
     @property
     def problem(self) -> Problem:
-        """Circuits, blends and starts to solve, equal to those of the scene of `document`."""
+        """Circuits, weights k and starts to solve; equal to those of the scene that `document` describes."""
         from resgrid.planning.pipeline import Problem
 
         chip = dict(self.chip or {})
@@ -92,7 +93,10 @@ class Drawing:
         return Problem(self.space, wiring, () if self.driven else (self.k,), self.starts, self.driven)
 
     def document(self) -> dict[str, Any]:
-        """Return the document of a scene with exactly these cells; of an arm's scene if its workspace gives them."""
+        """Return the keys and tables of a scene file with exactly the cells of the drawing, as a dictionary.
+
+        For an arm, the result is the document of the arm's scene if its workspace still gives these cells.
+        """
         chip = dict(self.chip or {})
         if self.wall:
             chip["wall_resistance"] = self.wall
@@ -126,7 +130,7 @@ class Drawing:
         return {key: value for key, value in document.items() if value not in ([], {})}
 
     def _has_cells_of_world(self) -> bool:
-        """Return whether the cells are those of the arm's workspace, without later changes."""
+        """Return whether the cells equal those that the arm's workspace gives, without changes on the page."""
         from pathlib import Path
 
         from resgrid.scene.reading import build_scene
@@ -137,7 +141,7 @@ class Drawing:
         return own.axes == self.axes and np.array_equal(own.cell, self.cell) and np.array_equal(own.level, self.level)
 
     def scene(self) -> Scene:
-        """Return the validated scene of `document`."""
+        """Return the validated scene of the drawing's document."""
         from pathlib import Path
 
         from resgrid.scene.reading import build_scene
@@ -153,7 +157,7 @@ class Drawing:
 
 
 def drawing_of(scene: Scene) -> Drawing:
-    """Return the drawing of a scene with two axes."""
+    """Return the drawing of a scene with two axes; raise InputError for another number of axes."""
     from resgrid.scene import build_space
     from resgrid.scene.overrides import document_of
 
@@ -189,7 +193,10 @@ def drawing_of(scene: Scene) -> Drawing:
 
 
 def is_same_circuit(one: Drawing, other: Drawing) -> bool:
-    """Return whether two drawings have the same circuit; titles, and starts that do not drive it, may differ."""
+    """Return whether two drawings have the same circuit.
+
+    Titles may differ, and so may starts that do not drive the circuit.
+    """
 
     def parts(drawing: Drawing) -> tuple[object, ...]:
         driver = tuple(drawing.starts[0]) if drawing.driven else None
@@ -203,7 +210,7 @@ def is_same_circuit(one: Drawing, other: Drawing) -> bool:
 
 
 def drawing_of_space(space: ConfigurationSpace) -> Drawing:
-    """Return the drawing of a space with two axes."""
+    """Return the drawing of a space with two axes; raise InputError for another number of axes."""
     if space.ndim != 2:
         raise InputError(f"this space has {space.ndim} axes, but the live page needs two; choose a space of two axes")
     check_size(list(space.shape))
@@ -214,7 +221,10 @@ def drawing_of_space(space: ConfigurationSpace) -> Drawing:
 
 
 def _goal_points(space: ConfigurationSpace) -> tuple[tuple[int, float, float], ...]:
-    """Return the goal configurations of a space as cell numbers and points, at least 1e-9 of a cell from its border."""
+    """Return the goal configurations of a space as tuples of cell number (in C order) and point in axis units.
+
+    Points at the border of their cell are moved inside by 1e-9 of the cell's width.
+    """
     cells = np.argwhere(space.cell == Cell.GOAL)
     points = space.goal_point(cells)
     known = ~np.isnan(points).any(axis=1) & (len(cells) <= _MAX_GOAL_POINTS)
@@ -226,7 +236,7 @@ def _goal_points(space: ConfigurationSpace) -> tuple[tuple[int, float, float], .
 
 
 def blank(cells: int = 96) -> Drawing:
-    """Return an empty square drawing with one goal and one start."""
+    """Return an empty square drawing with one goal and one start; `cells`: number of cells along each axis."""
     axes = tuple(Axis(name, 0.0, float(cells), cells, unit="cell") for name in "xy")
     cell = np.zeros((cells, cells), dtype=np.uint8)
     cell[cells * 3 // 4, cells * 3 // 4] = Cell.GOAL
@@ -235,7 +245,7 @@ def blank(cells: int = 96) -> Drawing:
 
 
 def check_size(cells: list[int]) -> None:
-    """Raise InputError for a grid that is too large to draw."""
+    """Raise InputError for a grid with more than `MAX_CELLS` cells; `cells`: number of cells along each axis."""
     count = int(np.prod([float(number) for number in cells]))
     if count > MAX_CELLS:
         size = " x ".join(f"{number:,}" for number in cells)
@@ -243,7 +253,10 @@ def check_size(cells: list[int]) -> None:
 
 
 def boxes(mask: NDArray[np.bool_]) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    """Yield lower corners (inclusive) and upper corners (exclusive) of disjoint boxes that cover a mask (nx, ny)."""
+    """Yield disjoint boxes that cover the cells of a mask (nx, ny).
+
+    A box is a pair of cell indices: lower corner (inclusive) and upper corner (exclusive).
+    """
     edges = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     begun: dict[tuple[int, int], int] = {}
     for column in range(len(mask) + 1):
@@ -267,7 +280,7 @@ def _palette(space: ConfigurationSpace) -> tuple[tuple[float, ...], NDArray[np.u
 
 
 def _changed(chip: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of a ``[chip]`` table that differ from the defaults."""
+    """Return the entries of a ``[chip]`` table that differ from the default values."""
     from resgrid.scene import Chip
     from resgrid.scene.table_models import plain
 

@@ -21,24 +21,25 @@ from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, Streamline
 
 MAX_CIRCUIT_SIDE = 10
-"""Largest number of cells per axis of a grid whose circuit is drawn."""
+"""Largest number of cells per axis of a grid whose circuit the page draws."""
 
 NO_VALUE = 65535
-"""Pixel value of cells without a value, in pictures of 16-bit integers."""
+"""Pixel value of cells without a value in 16-bit pictures."""
 
 _SPEED_DECADES = 6.0
-"""Range of currents over which the speed of dots varies, in orders of magnitude."""
+"""Range of currents, in orders of magnitude, over which the speed of the moving dots on the page varies."""
 
 _SMALLEST_DROP = 1e-7
 """Smallest drop that a preview (a normwise solution) resolves, as a fraction of the voltage between the rails."""
 
 
 def describe(frame: SolvedDrawing) -> tuple[dict[str, Any], list[bytes]]:
-    """Return the head of a frame and its body: lines of paths, picture, face currents and speeds.
+    """Return the description of a solved drawing for the page: a dictionary for JSON, and four arrays as bytes.
 
-    Lines: float32 (points, 2), in cells from the lower corner, continuous across seams.  Picture: uint16 (nx, ny),
-    `NO_VALUE` for cells without a value.  Currents: int8 (nx, ny, 4), through the lower and the upper face across each
-    axis, 127 for the largest current of the cell.  Speeds: uint8 (nx, ny).
+    The arrays are lines of paths, picture, face currents and speeds of dots.  Lines: float32 (points, 2), in cells from
+    the lower corner, continuous across seams.  Picture: uint16 (nx, ny), `NO_VALUE` for cells without a value.
+    Currents: int8 (nx, ny, 4), through the lower and the upper face across each axis, 127 for the largest current of
+    the cell.  Speeds: uint8 (nx, ny).
     """
     field = frame.field
     lines = [_line(path) for path in frame.paths]
@@ -61,10 +62,10 @@ def describe(frame: SolvedDrawing) -> tuple[dict[str, Any], list[bytes]]:
 
 
 def describe_others(drawing: Drawing, names: Sequence[str]) -> tuple[dict[str, Any], list[bytes]]:
-    """Return the head and the lines of certified paths for comparison with those of a drawing.
+    """Return certified paths for comparison with those of a drawing: numbers of points for JSON, and lines as bytes.
 
-    `names`: ``"ideal"`` for the chip without imperfections, ``"k = 0"`` and ``"k = 1"`` for the fields of the blend.
-    Lines have the form of those of `describe`.
+    `names`: ``"ideal"`` for the chip without imperfections, ``"k = 0"`` and ``"k = 1"`` for the fields of the blend.  A
+    line is float32 (points, 2), in cells from the lower corner, continuous across seams.
     """
     others = {"ideal": without_imperfections(drawing)}
     if not drawing.driven:
@@ -97,7 +98,11 @@ def _path_head(path: Streamline | None, points: int) -> dict[str, Any]:
 
 
 def picture_of(frame: SolvedDrawing) -> tuple[dict[str, Any], NDArray[np.uint16]]:
-    """Return scale and picture of a field: the logarithm of the drop if it is known, otherwise the potential."""
+    """Return the scale and the picture uint16 (nx, ny) of a field.
+
+    The picture shows log10 of the drop if the drop is known, otherwise the potential; the scale holds the kind, the
+    lowest and the highest value.
+    """
     field = frame.field
     goal, log_drop = field.space.cell == Cell.GOAL, _log_drop(frame)
     if log_drop is not None:
@@ -110,13 +115,19 @@ def picture_of(frame: SolvedDrawing) -> tuple[dict[str, Any], NDArray[np.uint16]
 
 
 def quantised(value: NDArray[np.float64], shown: NDArray[np.bool_], low: float, high: float) -> NDArray[np.uint16]:
-    """Return values scaled from [low, high] to [0, 65534] as uint16, `NO_VALUE` for cells that are not shown."""
+    """Return values scaled from [low, high] to [0, 65534] as uint16; `NO_VALUE` for cells outside the mask `shown`.
+
+    `value` and `shown` have the same shape.
+    """
     fraction = np.where(shown, (value - low) / (high - low), 0.0) if high > low else np.zeros_like(value)
     return np.where(shown, np.rint(fraction * (NO_VALUE - 1)), NO_VALUE).astype("<u2")
 
 
 def _log_drop(frame: SolvedDrawing) -> NDArray[np.float64] | None:
-    """Return the natural logarithm of the drop, ``k u_D + (1 - k) (1 - phi_N)`` for a blend, in the space's shape."""
+    """Return the natural logarithm of the drop, shape of the space; None if the drop is not known.
+
+    The drop of a blend is ``k u_D + (1 - k) (1 - phi_N)``, with the Dirichlet drop u_D and the Neumann potential phi_N.
+    """
     field = frame.field
     if not 0.0 < field.k < 1.0:
         return _log_drop_of(field)
@@ -130,14 +141,20 @@ def _log_drop(frame: SolvedDrawing) -> NDArray[np.float64] | None:
 
 
 def _log_drop_of(field: Field) -> NDArray[np.float64] | None:
-    """Return the natural logarithm of the drop of one circuit, for a preview down to its error; None without rail."""
+    """Return the natural logarithm of the drop of one circuit, shape of the space; None without a high rail.
+
+    For a preview, the drop is limited from below by the error of the preview.
+    """
     if field.log_drop is not None or field.wiring.is_driven:
         return field.log_drop
     return np.asarray(np.log(np.maximum(1.0 - field.potential, _SMALLEST_DROP)))
 
 
 def _currents(field: Field) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
-    """Return relative face currents int8 (nx, ny, 4) and the speed of dots uint8 (nx, ny), as in `describe`."""
+    """Return the relative face currents int8 (nx, ny, 4) and the speeds of the moving dots uint8 (nx, ny).
+
+    Currents flow through the lower and the upper face across each axis; 127 is the largest current of the cell.
+    """
     log_current, direction = (
         [part for axis in range(2) for part in sides_of_cells(values[axis], axis)]
         for values in (field.face_log_current, field.face_direction)
@@ -156,7 +173,10 @@ def _currents(field: Field) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
 
 
 def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
-    """Return the properties of a cell: volts, current through each face in amperes, converter bits, certificate."""
+    """Return the properties of a cell as a dictionary for JSON: volts, amperes per face, converter bits, certificate.
+
+    `cell`: index along each axis.
+    """
     space, drawing = frame.field.space, frame.drawing
     index = (int(cell[0]), int(cell[1]))
     if not all(0 <= part < size for part, size in zip(index, space.shape, strict=True)):
@@ -183,7 +203,7 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
 
 
 def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
-    """Return the statements of the certificates about a cell."""
+    """Return the certified statements about a cell as sentences; `index`: index of the cell along each axis."""
     if not frame.exact:
         return ["preview: not certified"]
     if frame.drawing.cell[index] != Cell.FREE or not frame.field.space.goal_connected[index]:
@@ -196,7 +216,10 @@ def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
 
 
 def _bits(frame: SolvedDrawing, index: tuple[int, ...]) -> float | None:
-    """Return the converter bits that resolve the drop to the cell's lowest neighbour; None for blends and drives."""
+    """Return the converter resolution, in bits, that resolves the drop from a cell to its lowest neighbour.
+
+    `index`: index of the cell.  The result is None for blends, drives and cells that are not free.
+    """
     from resgrid.chip.adc_resolution import analyse_adc_resolution
 
     points = frame.solution.operating_points
@@ -206,11 +229,11 @@ def _bits(frame: SolvedDrawing, index: tuple[int, ...]) -> float | None:
 
 
 def _circuit(op: OperatingPoint) -> dict[str, Any] | None:
-    """Return resistors, supplies and injected currents; None for a grid that is too large to draw its circuit.
+    """Return resistors, supplies and injected currents as a dictionary for JSON; None for a grid that is too large.
 
     `resistors`: lists of axis, i, j (the resistor at the lower face of cell (i, j)), ohms, and volts and amperes from
     the lower to the upper side; `supplies`: name, volts and delivered amperes of every rail; `fed`: amperes that are
-    injected into every driven node.
+    injected into every driven node, None without injected currents.
     """
     netlist, cells = op.netlist, op.netlist.cells
     shape = cells.space.shape

@@ -34,7 +34,7 @@ _WORKERS = 8
 """Number of requests that are answered in parallel, so that browsers do not wait for each other."""
 
 _WARM_CELLS = 256
-"""Largest number of cells per axis of the drawing that is solved at the start to load the kernels."""
+"""Largest number of cells per axis of the drawing that is solved at the start in order to load the kernels."""
 
 
 class LivePage:
@@ -90,12 +90,12 @@ class LivePage:
             self._ended.set()
 
     def wait(self) -> None:
-        """Wait until the server ends, or until an interrupt."""
+        """Block until the server ends, or until the user interrupts the process."""
         while not self._ended.wait(0.5):
             pass
 
     def close(self) -> None:
-        """Stop the server; unfinished requests are dropped."""
+        """Stop the server and drop unfinished requests."""
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # dropped requests would be logged as errors
         self._server.should_exit = True
         self._ended.wait(_STOP_SECONDS)
@@ -166,8 +166,8 @@ def serve(
 ) -> LivePage:
     """Start a server of the live page, and return the page.
 
-    `where`: initial drawing, an empty square for None; `host, port`: address of the server; `read_only`: visitors can
-    only change k and starts; `browser`: open the page in a browser.
+    `where`: initial drawing, an empty square for None; `host`, `port`: address of the server; `read_only`: whether
+    visitors can only change k and starts; `browser`: whether to open the page in a browser.
     """
     page = LivePage(_drawing(where), host, port, read_only)
     if browser:
@@ -182,13 +182,13 @@ def _drawing(where: Scene | ConfigurationSpace | None) -> Drawing:
 
 
 def _in_notebook() -> bool:
-    """Return whether this process is the kernel of a notebook."""
+    """Return whether the running process is the kernel of a notebook."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return hasattr(shell, "kernel")
 
 
 def _load_engine(first: Drawing) -> None:
-    """Import the solvers and load their kernels by solving the first drawing, or a smaller one, at the start."""
+    """Import the solvers and load their kernels, by the solution of the first drawing or of a smaller blank one."""
     from resgrid.live_page.solving import solve_drawing
 
     cells = max(first.cell.shape)

@@ -21,20 +21,20 @@ from resgrid.live_page.drawing import Drawing, check_size
 from resgrid.scene.table_models import TableModel
 
 LARGEST = 8 << 20
-"""Size of the longest message, in bytes."""
+"""Largest size of a message, in bytes."""
 
 _PAGE_WORDS = {
     "use --drive uniform": "choose the uniform drive",
     "--drive uniform": "the uniform drive",
     "boundary = 'neumann'": "k = 0",
 }
-"""Controls of the page, by the option of the command line that has the same effect."""
+"""Names of the page's controls, by the option of the command line that has the same effect."""
 
 _Point = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]
 
 
 class AxisHead(TableModel):
-    """An axis of a drawing."""
+    """An axis of a drawing in the JSON head of a message."""
 
     name: Annotated[str, Len(1, 40)]
     lower: float
@@ -45,7 +45,7 @@ class AxisHead(TableModel):
 
 
 class DrawingHead(TableModel):
-    """The attributes of a drawing except its cells."""
+    """The attributes of a drawing, except for its cells, in the JSON head of a message."""
 
     title: Annotated[str, Len(0, 200)] = ""
     axes: Annotated[list[AxisHead], Len(2, 2)]
@@ -62,14 +62,14 @@ class DrawingHead(TableModel):
 
 
 class File(TableModel):
-    """A file that the user opens on the page; `data`: its bytes in base64."""
+    """A file that the user opens on the page; `name`: file name; `data`: content of the file in base64."""
 
     name: Annotated[str, Len(1, 200)]
     data: str
 
 
 class Request(TableModel):
-    """A request of the page."""
+    """The JSON head of a request of the page; `type` determines the request and which other keys apply."""
 
     type: Literal["solve", "paths", "save", "probe", "settle", "world", "example", "files", "link"]
     seq: Annotated[int, Ge(0)]
@@ -84,7 +84,7 @@ class Request(TableModel):
 
 
 def read_request(message: bytes) -> tuple[Request, bytes]:
-    """Return the request and the body of a message; raise InputError if the message is invalid."""
+    """Return the JSON head and the body of a request; raise InputError if the message is invalid."""
     size = int.from_bytes(message[:4], "little")
     if len(message) < 4 or size > len(message) - 4:
         raise InputError("this message is cut short; it must have a length, a JSON head and a body: reload the page")
@@ -99,7 +99,10 @@ def read_request(message: bytes) -> tuple[Request, bytes]:
 
 
 def read_drawing(head: DrawingHead | None, body: bytes) -> Drawing:
-    """Return the drawing of a request; raise InputError if it is missing or inconsistent."""
+    """Return the drawing of a request; raise InputError if the drawing is missing or inconsistent.
+
+    `head`: attributes of the drawing, None if they are missing; `body`: one byte per cell, in C order.
+    """
     if head is None:
         raise InputError("this request needs a drawing")
     shape = [axis.cells for axis in head.axes]
@@ -134,7 +137,10 @@ def read_drawing(head: DrawingHead | None, body: bytes) -> Drawing:
 
 
 def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
-    """Return the head and body of a message with a drawing and its goal regions, as lists of cell numbers."""
+    """Return the JSON head and the body of a message with a drawing and its goal regions.
+
+    The head lists the cell numbers (in C order) of each goal region; the body has one byte per cell.
+    """
     space = drawing.space
     region, goals = space.goal_region.ravel(), []
     for number in range(space.goal_count):
@@ -157,14 +163,14 @@ def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
 
 
 def in_page_words(text: str) -> str:
-    """Return a message of the library with options of the command line replaced by controls of the page."""
+    """Return a message of the library in which names of the page's controls replace options of the command line."""
     for option, words in _PAGE_WORDS.items():
         text = text.replace(option, words)
     return text
 
 
 def pack(head: dict[str, Any], *body: bytes) -> bytes:
-    """Return a message with a head and a body, as bytes."""
+    """Return the bytes of a message with a JSON head and the concatenated parts of its body."""
     text = json_text(head).encode()
     text += b" " * (-len(text) % 4)
     return b"".join((len(text).to_bytes(4, "little"), text, *body))

@@ -25,33 +25,36 @@ _PLAIN = re.compile(r"[\w. +()-]+")
 
 @cache
 def examples() -> Mapping[str, Path]:
-    """Return the files of the shipped scenes with two axes, by name."""
+    """Return the files of the shipped scenes with two axes, by the name of the scene."""
     return {name: file for name, file in shipped_scenes().items() if _is_plane(file)}
 
 
 @cache
 def example_titles() -> Mapping[str, str]:
-    """Return the titles of the shipped scenes with two axes, by name."""
+    """Return the titles of the shipped scenes with two axes, by the name of the scene."""
     tables = {name: tomllib.loads(file.read_text(encoding="utf-8")) for name, file in examples().items()}
     return {name: table.get("title", name) for name, table in tables.items()}
 
 
 def _is_plane(file: Path) -> bool:
-    """Return whether a scene file has two axes."""
+    """Return whether the scene in a TOML file has two axes."""
     table = tomllib.loads(file.read_text(encoding="utf-8"))
     links, grid = table.get("robot", {}).get("links"), table.get("grid", {})
     return len(links or grid.get("axes", [])) == 2
 
 
 def open_example(name: str | None) -> Scene:
-    """Return the shipped scene of a name."""
+    """Return the shipped scene with a name; raise InputError for an unknown name."""
     if name is None or name not in examples():
         raise InputError(f"there is no example {name!r}; the examples are {', '.join(examples())}")
     return read_scene(examples()[name])
 
 
 def open_document(document: Mapping[str, Any] | None) -> Drawing:
-    """Return the drawing of a link's document."""
+    """Return the drawing of the scene in a link; raise InputError for a scene with a map file.
+
+    `document`: keys and tables of the scene, None if the link contains none.
+    """
     if document is None:
         raise InputError("this link contains no scene; copy the whole link again")
     _refuse_files(document)
@@ -59,7 +62,10 @@ def open_document(document: Mapping[str, Any] | None) -> Drawing:
 
 
 def open_files(files: Sequence[File] | None) -> Drawing:
-    """Return the drawing of a scene file, or of a map with its picture; other files are not accessible."""
+    """Return the drawing of a scene file, or of a map with its picture; raise InputError for invalid files.
+
+    `files`: files that the user opens; the scene has no access to other files.
+    """
     if not files:
         raise InputError("there is no file to open; drop a scene or a map on the page")
     with tempfile.TemporaryDirectory() as folder:
@@ -90,13 +96,16 @@ def _bytes(file: File) -> bytes:
 
 
 def _refuse_files(document: Mapping[str, Any]) -> None:
-    """Raise InputError for a scene with a map file, because the page must not read files of the server."""
+    """Raise InputError for a scene with a map file, because the page has no access to the files of the server.
+
+    `document`: keys and tables of the scene.
+    """
     if "map" in document:
         raise InputError("this scene needs a map file, to which the page has no access; drop the map itself")
 
 
 def _refuse_foreign_picture(map_file: Path, files: Sequence[File]) -> None:
-    """Raise InputError unless the picture of a ROS map is one of the opened files."""
+    """Raise InputError unless the picture of a ROS map is one of the opened files; `map_file`: the ``map.yaml``."""
     from resgrid.scene.maps.yaml_cpp import read_mapping
 
     picture = read_mapping(map_file, ("image",)).get("image")

@@ -21,7 +21,7 @@ from resgrid.spice.write.files import write_spice
 
 
 def save(drawing: Drawing, kind: str | None) -> tuple[str, bytes]:
-    """Return name and content of an exported file.
+    """Return name and content (bytes) of an exported file.
 
     `kind`: ``toml`` or ``json`` (the scene), ``csv`` (paths), ``deck`` (decks with sidecars, zipped), ``svg`` (field
     and paths, drawn by `rg.draw`) or ``circuit`` (the circuit of a small grid, as SVG).
@@ -88,7 +88,7 @@ def _paths(drawing: Drawing) -> bytes:
 
 
 def _picture(drawing: Drawing) -> bytes:
-    """Return a picture of the field and the certified paths, as SVG."""
+    """Return the bytes of an SVG picture of the field and the certified paths."""
     from resgrid.plot.figures import render_figure
     from resgrid.plot.pictures import draw
 
@@ -99,7 +99,7 @@ def _picture(drawing: Drawing) -> bytes:
 
 
 def _circuit(drawing: Drawing) -> bytes:
-    """Return a picture of the circuit with its voltages, as SVG."""
+    """Return the bytes of an SVG picture of the circuit with its voltages; raise InputError for a large grid."""
     from resgrid.plot.figures import render_figure
     from resgrid.plot.pictures import draw
 
@@ -115,7 +115,10 @@ def _circuit(drawing: Drawing) -> bytes:
 
 
 def _deck(drawing: Drawing) -> bytes:
-    """Return a ZIP archive of the decks of the field's circuits, with imperfections, and their sidecars."""
+    """Return the bytes of a ZIP archive with the decks of the drawing's circuits and their sidecars.
+
+    The circuits include the imperfections of the chip.
+    """
     problem = drawing.problem
     content = io.BytesIO()
     with tempfile.TemporaryDirectory() as folder:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 STATIC = Path(__file__).parent / "static"
 MAX_BROWSERS = 32
-"""Largest number of connected browsers."""
+"""Largest number of browsers that are connected at the same time."""
 
 _HEADERS = {
     "content-security-policy": "default-src 'self'; img-src 'self' blob: data:; style-src 'self'; object-src 'none'; "
@@ -42,7 +42,11 @@ _LOOPBACK = {"127.0.0.1", "localhost", "::1"}
 
 
 def make_app(first: Drawing, executor: Executor, *, host: str, read_only: bool = False) -> Starlette:
-    """Return the ASGI application for a drawing; `host`: address of the server; `executor`: answers requests."""
+    """Return the ASGI application that serves the page of a drawing.
+
+    `first`: initial drawing; `executor`: pool in which requests are answered; `host`: address of the server;
+    `read_only`: whether visitors can only change k and starts.
+    """
     served = set[WebSocket]()
 
     async def serve(socket: WebSocket) -> None:
@@ -93,7 +97,7 @@ class _Guard:
 
 
 def _name_in(headers: Headers) -> str | None:
-    """Return the host name of a request, without its port; None if it is invalid."""
+    """Return the host name, without the port, that a request is addressed to; None if it is invalid."""
     try:
         return urlsplit(f"//{headers.get('host', '')}").hostname
     except ValueError:
@@ -101,14 +105,16 @@ def _name_in(headers: Headers) -> str | None:
 
 
 def _is_own(socket: WebSocket) -> bool:
-    """Return whether a connection comes from the page itself instead of another site in the browser."""
+    """Return whether a WebSocket was opened by the page itself instead of by another site in the same browser."""
     return urlsplit(socket.headers.get("origin", "")).netloc == socket.headers.get("host")
 
 
 async def _talk(socket: WebSocket, first: Drawing, read_only: bool, executor: Executor) -> None:
-    """Answer the requests of one browser in sequence, so that the browsers take turns.
+    """Answer the requests of one browser in sequence, so that the browsers take turns, until it disconnects.
 
-    Transients are computed in parallel, one at a time, so that changes of the drawing do not wait for them.
+    Transients are computed in parallel, one at a time, so that changes of the drawing do not wait for them.  `first`:
+    initial drawing; `read_only`: whether the visitor can only change k and starts; `executor`: pool in which requests
+    are answered.
     """
     loop = asyncio.get_running_loop()
     sending = asyncio.Lock()

@@ -21,17 +21,19 @@ from resgrid.live_page.opening import example_titles, open_document, open_exampl
 from resgrid.live_page.solving import SolvedDrawing, WarmFields, solve_drawing
 
 MAX_EXACT_SECONDS = 0.035
-"""Limit of the computing time of a frame with full accuracy (a direction-safe field), in seconds.
-
-If the last such frame took less time, frames during a gesture have full accuracy, too; otherwise they are previews.
-"""
+"""Largest computing time, in seconds, of a direction-safe solution that is computed during a gesture: if the last
+direction-safe solution took less time, the solutions during a gesture are direction-safe, too; otherwise they are
+previews."""
 
 _log = logging.getLogger(__name__)
 Reply = tuple[dict[str, Any], list[bytes]]
 
 
 class Session:
-    """Session of one browser, which answers requests and stores the last frames."""
+    """Session of one browser, which answers requests and stores the last solved drawings.
+
+    `first`: initial drawing; `read_only`: whether the visitor can only change k and starts.
+    """
 
     def __init__(self, first: Drawing, read_only: bool) -> None:
         self.first, self.read_only = first, read_only
@@ -44,14 +46,14 @@ class Session:
         self._warm = WarmFields()
 
     def hello(self) -> bytes:
-        """Return the first message to a page: examples, settings and the initial drawing."""
+        """Return the first message to a page, as bytes: examples, settings and the initial drawing."""
         head, body = write_drawing(self.first)
         colours = {"height": list(HEIGHT), "goal": GOAL}
         about = {"examples": example_titles(), "read_only": self.read_only, "colours": colours}
         return pack({"hello": about, **head}, body)
 
     def answer(self, message: bytes) -> bytes:
-        """Return the reply to a message, with an error message if the request failed."""
+        """Return the reply to a message, both as bytes; the reply contains an error message if the request failed."""
         seq: int | None = None
         try:
             request, body = read_request(message)
@@ -104,19 +106,25 @@ class Session:
         return head, [cells]
 
     def _drawing(self, request: Request, body: bytes) -> Drawing:
-        """Return the drawing of a request; for a read-only page the initial drawing with the request's k and starts."""
+        """Return the drawing of a request; on a read-only page, the initial drawing with k and starts of the request.
+
+        `body`: one byte per cell of the drawing.
+        """
         drawing = read_drawing(request.drawing, body)
         return replace(self.first, k=drawing.k, starts=drawing.starts) if self.read_only else drawing
 
     def _origin(self, drawing: Drawing) -> OperatingPoint | None:
-        """Return the circuit before the last change, from which a transient starts; None for a new grid or a blend."""
+        """Return the operating point before the last change, from which a transient of the drawing starts.
+
+        The result is None for a new grid or a blend.
+        """
         if self.before is None or self.before.drawing.axes != drawing.axes:
             return None
         points = list(self.before.solution.operating_points.values())
         return points[0] if len(points) == 1 else None
 
     def requests_transient(self, message: bytes) -> bool:
-        """Return whether a message requests a transient, which may take many seconds."""
+        """Return whether a message, as bytes, requests a transient, which may take many seconds."""
         head = message[4 : 4 + int.from_bytes(message[:4], "little")]
         if b'"settle"' not in head:  # avoids parsing heads that contain whole files
             return False
@@ -125,19 +133,23 @@ class Session:
         return False
 
     def begin_transient(self) -> None:
-        """Announce the computation of a transient, which ends when a drawing of another circuit is solved."""
+        """Record that a transient is computed; the computation stops when a drawing of another circuit is solved."""
         self._has_transient, self._newer = True, None
 
     def leave(self) -> None:
-        """End the computation of a transient, because the browser has left."""
+        """Record that the browser has disconnected, which stops the computation of a transient."""
         self._has_left = True
 
     def _is_wanted(self, drawing: Drawing) -> bool:
-        """Return whether a transient is still that of the circuit on the page."""
+        """Return whether the transient of a drawing is still that of the circuit on the page."""
         return not self._has_left and (self._newer is None or is_same_circuit(self._newer, drawing))
 
     def _solve(self, drawing: Drawing, exact: bool) -> Reply:
-        """Return the frame of a drawing; previews are direction-safe, too, if the last such frame was fast."""
+        """Return the head and the body of the reply with the solution of a drawing.
+
+        `exact`: whether the field must be direction-safe; if the last direction-safe solution was fast, previews are
+        direction-safe, too.
+        """
         if self._has_transient:
             self._newer = drawing
         self.frame = solve_drawing(drawing, exact=exact or self.exact_seconds < MAX_EXACT_SECONDS, warm=self._warm)

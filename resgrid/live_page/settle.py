@@ -24,13 +24,13 @@ _FARADS = 1e-12
 """Default capacitance of a node, in farads."""
 
 _FIRST = 0.25
-"""First time, in units of R C, divided by `_RATIO`."""
+"""Ratio of the first time of a transient to `_RATIO`, in units of the time constant R C of a cell."""
 
 _RATIO = 1.4
-"""Ratio of successive times."""
+"""Ratio of two successive times of a transient."""
 
 _MAX_TIMES = 80
-"""Largest number of times of a transient."""
+"""Largest number of times at which a transient is computed."""
 
 _STEPS = ((0.3, 24), (0.1, 12), (0.02, 6), (0.0, 3))
 """Smallest logarithmic difference of fine and coarse levels at the last time, and number of coarse steps to the next.
@@ -39,7 +39,8 @@ The steps are of backward Euler; fine steps are half as long as coarse steps.
 """
 
 _VISIBLE = 0.004
-"""Difference from the steady-state picture, as a fraction of its scale, below which the circuit counts as settled."""
+"""Largest difference from the steady-state picture, as a fraction of its scale, at which a circuit counts as settled.
+"""
 
 
 def settle(
@@ -85,7 +86,12 @@ def _transient(
     farads: float,
     is_wanted: Callable[[], bool],
 ) -> tuple[NDArray[np.uint16], NDArray[np.float64]] | None:
-    """Return pictures and volts (times, nx, ny) until the circuit is settled; None if it is settled initially."""
+    """Return pictures uint16 and volts float64 (times, nx, ny) until the circuit is settled.
+
+    The result is None if the circuit is settled initially.  `op`: steady state; `before`: initial operating point, None
+    for zero voltage; `farads`: capacitance of a node; `is_wanted`: function that is called before every time step, and
+    returns False to stop the computation.
+    """
     cells, wiring = op.netlist.cells, frame.field.wiring
     scale, steady = picture_of(frame)
     shown = frame.field.space.goal_connected & (cells.node >= 0) & (steady != NO_VALUE)
@@ -121,7 +127,7 @@ def _transient(
 
 
 def _unit(op: OperatingPoint, is_drop: bool) -> float:
-    """Return the voltage that the page shows as a potential of 1, in volts."""
+    """Return the voltage, in volts, that the page shows as a potential of 1, or as a drop of 1 if `is_drop`."""
     wiring, free = op.netlist.cells.wiring, op.netlist.cells.free_node
     if is_drop:
         return float(wiring.supply)
@@ -129,10 +135,11 @@ def _unit(op: OperatingPoint, is_drop: bool) -> float:
 
 
 def _in_levels(netlist: Netlist, unit: float, goal: float, farads: float, is_drop: bool) -> Netlist:
-    """Return the circuit scaled to potentials, or to drops, with a capacitor at the node of every free cell.
+    """Return the circuit scaled to potentials, or to drops if `is_drop`, with a capacitor per free cell.
 
-    Backward Euler keeps the relative accuracy of drops and potentials over many orders of magnitude, because they are
-    not negative.
+    `unit`: voltage of a potential or drop of 1, in volts; `goal`: voltage of the goal rail, in volts; `farads`:
+    capacitance of a node.  Backward Euler keeps the relative accuracy of drops and potentials over many orders of
+    magnitude, because they are not negative.
     """
     nodes = netlist.cells.free_node
     pairs = np.stack([nodes, np.full_like(nodes, GROUND)], axis=1)
@@ -146,7 +153,11 @@ def _in_levels(netlist: Netlist, unit: float, goal: float, farads: float, is_dro
 
 
 def _first_levels(op: OperatingPoint, before: OperatingPoint | None, unit: float, is_drop: bool) -> NDArray[np.float64]:
-    """Return the potential, or the drop, of every node at time 0: zero voltage, or the operating point `before`."""
+    """Return the potential, or the drop if `is_drop`, of every node at time 0, shape (nodes,).
+
+    `op`: steady state; `before`: initial operating point, None for zero voltage; `unit`: voltage of a level of 1, in
+    volts.
+    """
     goal = op.netlist.cells.wiring.goal_voltage
     if before is None:
         level = np.full(op.netlist.node_count, -goal / unit)
@@ -159,9 +170,11 @@ def _first_levels(op: OperatingPoint, before: OperatingPoint | None, unit: float
 
 
 def _levels(netlist: Netlist, start: NDArray[np.float64], unit: float) -> Iterator[NDArray[np.float64]]:
-    """Yield the levels of all nodes at geometric times, extrapolated from coarse and fine steps of backward Euler.
+    """Yield the potentials or drops (nodes,) of all nodes at geometrically spaced times.
 
-    The geometric extrapolation ``fine**2 / coarse`` has second order and keeps all levels positive.
+    The values are extrapolated from coarse and fine steps of backward Euler.  The geometric extrapolation ``fine**2 /
+    coarse`` has second order and keeps all values positive.  `start` (nodes,): values at time 0; `unit`: time constant
+    R C, in seconds.
     """
     times = unit * _FIRST * np.array([0.0, *_RATIO ** np.arange(1, _MAX_TIMES + 1)])
     coarse = fine = start
@@ -179,7 +192,10 @@ def _levels(netlist: Netlist, start: NDArray[np.float64], unit: float) -> Iterat
 
 
 def _advanced(netlist: Netlist, level: NDArray[np.float64], seconds: float, steps: int) -> NDArray[np.float64]:
-    """Return the levels after a number of steps of equal length over a time in seconds."""
+    """Return the potentials or drops (nodes,) after `steps` equal steps of backward Euler over a time in seconds.
+
+    `level` (nodes,): values before the steps.
+    """
     stepper = transient_stepper(netlist, seconds / steps, method="backward_euler")
     level = stepper.start(level)
     for _ in range(steps):

@@ -28,17 +28,17 @@ if TYPE_CHECKING:
     from resgrid.chip.effects import Effect
 
 _TOLERANCE = 1e-6
-"""Normwise backward error of previews."""
+"""Largest normwise backward error of previews, dimensionless."""
 
 
 class WarmFields:
-    """Solver of previews of ideal circuits, which starts from the previous fields."""
+    """Solver of previews of ideal circuits; its iterations start from the previous fields."""
 
     def __init__(self) -> None:
         self._starts: dict[str, WarmStart] = {}
 
     def solve(self, problem: Problem) -> Solution:
-        """Return the normwise fields of a problem; raises the errors of `WarmStart.solve` and `read_cells`."""
+        """Return the normwise fields of a problem; raise the errors of `WarmStart.solve` and `read_cells`."""
         pure = dict[str, Field]()
         for name, wiring in problem.wirings.items():
             start = self._starts.pop(name, None)  # after an error, the next call starts without previous fields
@@ -52,9 +52,11 @@ class WarmFields:
 
 @dataclass(frozen=True, eq=False)
 class SolvedDrawing:
-    """The solution of a drawing: direction-safe with certified paths (`exact`), or a preview.
+    """The solution of a drawing.
 
-    `paths`: one per start, None if the field of a preview is too inaccurate for a path; `seconds`: computing time.
+    `drawing`: the drawing; `solution`: its circuits and fields; `paths`: one per start, None if the field of a preview
+    is too inaccurate for a path; `exact`: whether the field is direction-safe and the paths are certified, otherwise
+    the solution is a preview; `seconds`: computing time.
     """
 
     drawing: Drawing
@@ -65,15 +67,15 @@ class SolvedDrawing:
 
     @property
     def field(self) -> Field:
-        """The displayed field."""
+        """Field that the page displays."""
         return self.solution.fields[0]
 
 
 def solve_drawing(drawing: Drawing, *, exact: bool, warm: WarmFields | None = None) -> SolvedDrawing:
-    """Return the solution of a drawing, with a path for every start.
+    """Return the solution of a drawing, with a path for every start; raise InputError without a goal.
 
-    `exact`: compute a direction-safe field and certified paths, otherwise a preview; `warm`: solver of previews for
-    chips without imperfections.
+    `exact`: whether to compute a direction-safe field and certified paths, otherwise a preview; `warm`: solver of
+    previews for chips without imperfections, None to solve without previous fields.
     """
     began = time.perf_counter()
     if not (drawing.cell == Cell.GOAL).any():
@@ -112,7 +114,10 @@ def _path(field: Field, point: NDArray[np.float64], exact: bool) -> Streamline |
 
 
 def imperfections_of(drawing: Drawing) -> list[Effect]:
-    """Return the imperfections of a drawing's chip, as functions from netlist to netlist; empty for an ideal chip."""
+    """Return the imperfections of a drawing's chip, as functions from netlist to netlist.
+
+    The list is empty for an ideal chip.
+    """
     chip = drawing.chip or {}
     sigma = chip.get("mismatch", 0.0)
     if not sigma and not drawing.broken:
@@ -124,13 +129,13 @@ def imperfections_of(drawing: Drawing) -> list[Effect]:
 
 
 def without_imperfections(drawing: Drawing) -> Drawing:
-    """Return the drawing with an ideal chip."""
+    """Return a copy of the drawing whose chip has no mismatch and no open resistors."""
     chip = {key: value for key, value in (drawing.chip or {}).items() if key not in ("mismatch", "seed")}
     return replace(drawing, chip=chip, broken=())
 
 
 def _with_imperfections(solver: Solver, imperfections: list[Effect]) -> Solver:
-    """Return a solver that adds the imperfections to a netlist before solving it."""
+    """Return a solver that adds the imperfections of a chip to a netlist before the solution."""
     from resgrid.chip.build import build_chip
 
     def solve_imperfect(netlist: Netlist, **options: object) -> OperatingPoint:

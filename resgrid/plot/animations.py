@@ -43,16 +43,16 @@ from resgrid.plot.workspace import draw_pose, draw_robot
 ROBOT = "#0072B2"
 SUFFIXES = (".gif", ".mp4")
 MOST_FRAMES = 600
-"""Maximum number of frames."""
+"""Largest number of frames of an animation."""
 _COLOURS = 255
-"""Maximum number of colours of a GIF's palette."""
+"""Largest number of colours of a GIF's palette."""
 _DPI = 100
 """Resolution of frames, in dots per inch."""
 _HELD = 12
-"""Number of repetitions of the last frame."""
+"""Number of times that the last frame of a run is repeated."""
 
 _PANEL = 3.6
-"""Width of a panel, in inches."""
+"""Width of a panel of an animation, in inches."""
 
 
 def animate(
@@ -118,12 +118,12 @@ def animate(
 
 
 def check_animation(path: str | os.PathLike[str]) -> None:
-    """Raise the errors of `animate` for a file with an unknown suffix, or an MP4 without ffmpeg."""
+    """Raise InputError for an unknown suffix of an animation file, or ToolMissingError for an MP4 without ffmpeg."""
     _writer(path, 20.0)
 
 
 def _writer(path: str | os.PathLike[str], rate: float) -> AbstractMovieWriter:
-    """Return the writer for a file's suffix; `rate`: frames per second."""
+    """Return the animation writer that the suffix of `path` selects; `rate`: frames per second."""
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"cannot write an animation as {str(path)!r}: its suffix must be {' or '.join(SUFFIXES)}")
@@ -140,7 +140,7 @@ class _GifWriter(PillowWriter):
     _frames: list[Image.Image]
 
     def grab_frame(self, **_: Any) -> None:
-        """Store the figure as a frame; draw it only if it changed (`savefig` would draw it twice)."""
+        """Append the figure to the frames; redraw the figure only if it changed (`savefig` would draw it twice)."""
         canvas = self.fig.canvas
         assert isinstance(canvas, FigureCanvasAgg)
         if self.fig.stale:
@@ -164,16 +164,17 @@ class _GifWriter(PillowWriter):
 
 
 def _packed(frame: Image.Image) -> NDArray[np.uint32]:
-    """Return the colours of a frame as one integer per pixel, shape (height, width)."""
+    """Return the colours of a frame as integers ``0xRRGGBB``, shape (height, width)."""
     red, green, blue = np.moveaxis(np.asarray(frame, dtype=np.uint32), -1, 0)
     return np.asarray(red << 16 | green << 8 | blue)
 
 
 def _palette(frames: Iterator[NDArray[np.uint32]]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return a palette of at most 255 colours, and the index of the nearest palette colour for every colour.
+    """Return a palette of at most 255 colours, and the palette index of the nearest colour for every colour.
 
     Half of the palette are the most frequent colours, counted over the pixels that change between frames; the others
-    are the colours farthest from all chosen ones.  Shapes: `frames` (height, width); returns (n, 3), (2**24,).
+    are the colours farthest from all chosen ones.  `frames`: colours (height, width) as integers ``0xRRGGBB``.  Returns
+    the palette (n, 3), RGB from 0 to 255, and the indices (2**24,), indexed by the colour's integer.
     """
     from scipy.spatial import KDTree
 
@@ -196,7 +197,10 @@ def _palette(frames: Iterator[NDArray[np.uint32]]) -> tuple[NDArray[np.uint8], N
 
 
 def _run_frames(run: Run, count: int) -> Iterator[Figure]:
-    """Yield the figure of a run, redrawn for every frame."""
+    """Yield the figure of a run, redrawn for each frame.
+
+    `count`: number of frames, 2 to 588, without repetitions of the last one.
+    """
     if not 2 <= count <= MOST_FRAMES - _HELD:
         raise InputError(f"count = {count} must lie between 2 and {MOST_FRAMES - _HELD}: it is the number of frames")
     flat = run.space.ndim == 2
@@ -218,7 +222,10 @@ def _run_frames(run: Run, count: int) -> Iterator[Figure]:
 
 
 def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
-    """Return rows (n,) of a run's log: evenly spaced in time, the last one, and those at which cells are learnt."""
+    """Return the row indices (n,) of a run's log that are shown as frames.
+
+    The rows are `count` times evenly spaced, the last row, and rows at which obstacle cells are learnt.
+    """
     times = np.linspace(run.time[0], run.time[-1], count)
     rows = np.searchsorted(run.time, times).clip(0, len(run.time) - 1)
     lessons = [lesson.step for lesson in run.lessons][:count]
@@ -226,7 +233,10 @@ def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
 
 
 def _workspace(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
-    """Draw the static part of a workspace; return a function that adds robot and contact forces of a row of the log."""
+    """Draw the static part of a workspace; return a function that adds the moving part of one frame.
+
+    The function takes the index of a row of the log, draws the robot and the contact forces, and returns their artists.
+    """
     robot, contacts = scene_of(run).robot, run.contacts
     draw_robot(run.configuration[:1], scene_of(run), axes, ghosts=1)
     tips = robot.reference_point(run.configuration)
@@ -246,7 +256,11 @@ def _workspace(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
 
 
 def _configurations(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
-    """Draw a configuration space of two axes; return a function that adds position, path and learnt cells of a row."""
+    """Draw a configuration space of two axes; return a function that adds the moving part of one frame.
+
+    The function takes the index of a row of the log, draws the robot's position, the path so far and learnt cells, and
+    returns their artists.
+    """
     draw_configurations(run, axes, path=False)
     mark(wrapped(run.configuration[:1], run.space), axes, "start")
     axes.plot([], [], "o", color=ROBOT, markersize=5, label="robot")
@@ -268,7 +282,10 @@ def _configurations(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
 
 
 def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
-    """Yield the figure of a wavefront, redrawn for each of its times, with the robot's position at that time."""
+    """Yield the figure of a wavefront, redrawn for each of its times.
+
+    `run`: motion of a robot whose position at that time is marked, None for no robot.
+    """
     if len(front.cells) > MOST_FRAMES:
         raise InputError(
             f"the wavefront has {len(front.cells)} times, but an animation has at most {MOST_FRAMES} frames; "
@@ -296,7 +313,10 @@ def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
 
 
 def _places(front: Wavefront, run: Run) -> NDArray[np.float64]:
-    """Return the robot's positions (times, 2) at the times of a wavefront."""
+    """Return the robot's positions (times, 2) in world coordinates at the times of a wavefront.
+
+    A wavefront measures time in cells that the robot crosses at its largest speed.
+    """
     speeds = np.linalg.norm(run.velocity, axis=1)
     seconds = front.cells * float(front.after.spacing.min()) / max(float(speeds.max()), 1e-300)
     rows = np.searchsorted(run.time, seconds).clip(0, len(run.time) - 1)
@@ -304,7 +324,7 @@ def _places(front: Wavefront, run: Run) -> NDArray[np.float64]:
 
 
 def _settle_layout(figure: Figure) -> None:
-    """Compute the layout once, so that axes do not move between frames."""
+    """Compute the layout of a figure once and fix it, so that axes do not move between frames."""
     figure.set_dpi(_DPI)
     for _ in range(2):  # the layout of axes with a fixed aspect converges in two passes
         figure.canvas.draw()

@@ -34,19 +34,26 @@ from resgrid.scene.chip import Chip
 from resgrid.scene.table_models import described_keys
 
 _MOST_LABELS = 80
-"""Largest number of points of a sweep with their values as text."""
+"""Largest number of points of a sweep whose values are written as text."""
 _CONTOUR = "#E69F00"
 _FRACTIONS = {"mismatch", "defects.open_density", "defects.short_density"}
 """Keys of a chip with dimensionless fractions, which are labelled in per cent."""
 
 
 def draw_settled(result: Settling, ax: Axes | None = None, *, quantity: Literal["map", "curve"] = "map") -> Axes:
-    """Draw the settling time of every cell, or the settling curve of the slowest node."""
+    """Draw a map of the settling time of every cell, or the settling curve of the slowest node; return the axes.
+
+    `ax`: axes to draw on, by default those of a new figure; `quantity`: "map" or "curve".
+    """
     return draw_settling(result, ax) if quantity == "map" else draw_settling_curve(result, ax)
 
 
 def draw_settling_curve(result: Settling, ax: Axes | None = None) -> Axes:
-    """Draw the largest distance of a node from its final voltage over time, with the slowest exponential."""
+    """Draw the largest distance of a node voltage from its final value over time; return the axes.
+
+    A second curve is the exponential of the slowest time constant.  `ax`: axes to draw on, by default those of a new
+    figure.
+    """
     axes = axes_or_new(ax, 0.7)
     band = result.span / 2.0 ** (result.bits + 1)
     times, distance = result.times, result.distance
@@ -75,9 +82,11 @@ def draw_adc_resolutions(
     results: Mapping[str, ADCResolution], ax: Axes | None = None, *,
     quantity: Literal["page", "served", "histogram"] = "page", bits: int = 10, title: str = "",
 ) -> Axes | Figure:  # fmt: skip
-    """Draw required converter bits of several chips: a page, the fraction of starts served, or a histogram.
+    """Draw the converter bits that the starts of several chips require; return the axes, or the figure of a page.
 
-    `results`: by name, e.g. of the boundary; `bits`: resolution that is marked; `title`: of the page.
+    `results`: resolutions by name, such as the name of a boundary; `ax`: axes to draw on, by default those of a new
+    figure; `quantity`: "page", "served" (fraction of starts served) or "histogram"; `bits`: resolution that is marked,
+    in bits; `title`: title of the page.
     """
     if quantity == "served":
         return _draw_served(results, ax, bits)
@@ -89,7 +98,10 @@ def draw_adc_resolutions(
 
 
 def _draw_served(results: Mapping[str, ADCResolution], ax: Axes | None, bits: int) -> Axes:
-    """Draw the fraction of starts that a read-out serves against its bits."""
+    """Draw the fraction of starts that a read-out serves against its resolution in bits; return the axes.
+
+    `results`: resolutions by name; `bits`: resolution that is marked.
+    """
     axes = axes_or_new(ax, 0.6)
     most = _most_bits(results, bits)
     ticks = np.linspace(0.0, most, 400)
@@ -105,7 +117,10 @@ def _draw_served(results: Mapping[str, ADCResolution], ax: Axes | None, bits: in
 
 
 def _draw_histogram(results: Mapping[str, ADCResolution], ax: Axes | None, bits: int) -> Axes:
-    """Draw the histogram of whole bits that starts require: a start that requires 9.3 bits counts at 10."""
+    """Draw the histogram of the whole numbers of bits that starts require; return the axes.
+
+    A start that requires 9.3 bits counts at 10.  `results`: resolutions by name; `bits`: resolution that is marked.
+    """
     axes = axes_or_new(ax, 0.6)
     most = int(np.ceil(_most_bits(results, bits)))
     for number, (name, result) in enumerate(results.items()):
@@ -120,7 +135,10 @@ def _draw_histogram(results: Mapping[str, ADCResolution], ax: Axes | None, bits:
 
 
 def _adc_resolution_page(results: Mapping[str, ADCResolution], bits: int, title: str) -> Figure:
-    """Draw a page: one map per result, the histogram, and the fraction of starts served."""
+    """Return a figure with one map per result, the histogram, and the fraction of starts served.
+
+    `results`: resolutions by name; `bits`: resolution that is marked; `title`: title of the page.
+    """
     aspect = max(plane_of(result.space).aspect for result in results.values())
     height = panel_height(PAGE / len(results) - 1.0, aspect) + 0.2
     figure = new_figure(PAGE, height + 3.2)
@@ -139,13 +157,16 @@ def _adc_resolution_page(results: Mapping[str, ADCResolution], bits: int, title:
 
 
 def _line(number: int) -> dict[str, Any]:
-    """Return colour and line style of curve `number`, counted from 0."""
+    """Return matplotlib's options for colour and line style of curve `number`, counted from 0."""
     colour, style = PATHS[number % len(PATHS)], LINE_STYLES[number % len(LINE_STYLES)]
     return {"color": colour, "linestyle": style, "linewidth": 1.4}
 
 
 def _most_bits(results: Mapping[str, ADCResolution], bits: int) -> float:
-    """Return the upper limit of the bits' axis."""
+    """Return the upper limit of an axis that shows the resolution, in bits.
+
+    `results`: resolutions by name; `bits`: resolution that the axis must contain.
+    """
     return max(bits + 2.0, *(_largest(result) for result in results.values()))
 
 
@@ -156,10 +177,10 @@ def _largest(result: ADCResolution) -> float:
 
 
 def draw_sweep(result: Sweep, ax: Axes | None = None, *, share: float = 0.99) -> Axes:
-    """Draw the yield over two parameters of a chip, with contours.
+    """Draw the yield over two parameters of a chip, with contours; return the axes.
 
-    `share`: fraction of starts; for each value of the first parameter, the smallest sufficient value of the second one
-    is marked.
+    `ax`: axes to draw on, by default those of a new figure; `share`: required fraction of starts; for each value of the
+    first parameter, the smallest sufficient value of the second parameter is marked.
     """
     axes = axes_or_new(ax, 0.8)
     values = 100.0 * result.share.T
@@ -192,7 +213,7 @@ def draw_sweep(result: Sweep, ax: Axes | None = None, *, share: float = 0.99) ->
 
 
 def _mark_cheapest(result: Sweep, share: float, axes: Axes) -> None:
-    """Mark the smallest second value that serves a fraction `share` of the starts, for each first value."""
+    """Mark, for each first value, the smallest second value that serves the fraction `share` of the starts."""
     marks = [(column, value) for column, value in enumerate(result.cheapest(share)) if value is not None]
     if marks:
         rows = [result.second_values.index(value) for _, value in marks]

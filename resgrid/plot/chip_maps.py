@@ -36,18 +36,18 @@ _MOST_DRIFT = 100.0
 """Largest drift of a resistor in the picture, in per cent."""
 
 _HEAT_DECADES = 5.0
-"""Range of the heat's colour scale, in decades."""
+"""Range of the heat's colour scale, in decades below the hottest cell."""
 _NOISE = {
     "total": ("rms noise within the band", "V"),
     "limit": ("rms noise, all frequencies", "V"),
     "resistance": ("resistance to the rails", "Ω"),
 }
-"""Label and unit of each quantity of the noise."""
+"""Colour bar label and unit of each quantity of the noise."""
 _POWER = {"heat": ("heat per cell", "W"), "droop": ("droop of rail cells", "V")}
 
 
 def draw_settling(result: Settling, ax: Axes | None = None) -> Axes:
-    """Draw the settling time of every cell."""
+    """Draw a map of the settling time of every cell, in seconds; return the axes (`ax`, or those of a new figure)."""
     values = _of_free_cells(result.netlist.cells, result.node_time)
     axes = draw_map(result.netlist.cells.space, values, ax, f"time to settle to {result.bits} bits", "s")
     settled, slowest = (format_quantity(t, "s", 3) for t in (result.settle_time, float(result.time_constants[0])))
@@ -58,9 +58,10 @@ def draw_settling(result: Settling, ax: Axes | None = None) -> Axes:
 def draw_noise(
     result: Noise, ax: Axes | None = None, *, quantity: Literal["total", "limit", "resistance"] | None = None
 ) -> Axes:
-    """Draw the rms thermal noise of every cell, or its resistance to the rails.
+    """Draw the rms thermal noise of every cell, or its resistance to the rails; return the axes.
 
-    `quantity`: "total" (band), "limit" (all frequencies) or "resistance"; by default the first one available.
+    `ax`: axes to draw on, by default those of a new figure; `quantity`: "total" (V, within the band), "limit" (V, all
+    frequencies) or "resistance" (Ω); by default "total" if a band was analysed, otherwise "resistance".
     """
     shown = quantity or ("resistance" if result.total is None else "total")
     label, unit = _NOISE[shown]
@@ -76,7 +77,10 @@ def draw_noise(
 
 
 def draw_power(result: Power, ax: Axes | None = None, *, quantity: Literal["heat", "droop"] = "heat") -> Axes:
-    """Draw the heat per cell with the hottest resistors, or the voltage droop of rail cells."""
+    """Draw the heat per cell with the hottest resistors, or the voltage droop of rail cells; return the axes.
+
+    `ax`: axes to draw on, by default those of a new figure; `quantity`: "heat" (W) or "droop" (V).
+    """
     label, unit = _POWER[quantity]
     netlist = result.op.netlist
     cells = netlist.cells
@@ -100,9 +104,10 @@ def draw_power(result: Power, ax: Axes | None = None, *, quantity: Literal["heat
 
 
 def draw_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: float = 0.01) -> Axes:
-    """Draw the resistors, coloured by the smallest drift that changes a robot's step; red if `drift` suffices.
+    """Draw the resistors, coloured by the smallest drift that changes a robot's step; return the axes.
 
-    `drift`: relative change of one resistance.
+    `ax`: axes to draw on, by default those of a new figure; `drift`: relative change of one resistance; the resistors
+    for which it suffices are red.
     """
     netlist = result.op.netlist
     space = netlist.cells.space
@@ -133,10 +138,11 @@ def draw_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: floa
 def draw_adc_resolution(
     result: ADCResolution, ax: Axes | None = None, *, starts: bool = True, most: float | None = None
 ) -> Axes:
-    """Draw a map of the converter resolution, in bits, that a robot needs.
+    """Draw a map of the converter resolution, in bits, that a robot needs; return the axes.
 
-    `starts`: draw for every start the bits for its whole path to a goal, or else for every cell the bits for its own
-    step; `most`: upper limit of the colour scale, in bits.
+    `ax`: axes to draw on, by default those of a new figure; `starts`: whether the value of a cell is the resolution for
+    the whole path from this cell to a goal, or only for the step at this cell; `most`: upper limit of the colour scale,
+    in bits.
     """
     values = result.start_bits if starts else result.cell_bits
     shown = np.where(np.isfinite(values), values, np.nan)
@@ -151,7 +157,10 @@ def draw_adc_resolution(
 
 
 def draw_yield(result: Yield, ax: Axes | None = None) -> Axes:
-    """Draw, for every start, the percentage of chips on which a robot reaches the goal."""
+    """Draw, for every start, the percentage of chips on which a robot reaches the goal; return the axes.
+
+    `ax`: axes to draw on, by default those of a new figure.
+    """
     per_cent, label = 100.0 * result.probability, "chips on which a start is served"
     axes = draw_map(result.space, per_cent, ax, label, "%", norm=Normalize(0, 100))
     overall = result.overall
@@ -162,7 +171,11 @@ def draw_yield(result: Yield, ax: Axes | None = None) -> Axes:
 
 
 def draw_faults(result: FaultAnalysis, ax: Axes | None = None, *, fault: Literal["open", "short"] = "open") -> Axes:
-    """Draw the number of starts lost by an open or shorted resistor; switches and loads are squares in their cells."""
+    """Draw the number of starts that lose their path to a goal by one faulty resistor; return the axes.
+
+    Switches and loads are squares in their cells.  `ax`: axes to draw on, by default those of a new figure; `fault`:
+    "open" or "short".
+    """
     netlist, cells = result.netlist, result.netlist.cells
     plane = plane_of(cells.space)
     axes = axes_or_new(ax, plane.aspect)
@@ -197,7 +210,11 @@ def draw_faults(result: FaultAnalysis, ax: Axes | None = None, *, fault: Literal
 
 
 def _switches(netlist: Netlist, lost: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return flat indices (n,) of cells with a critical switch or load, and starts (n,) lost by the worst fault."""
+    """Return the flat indices (n,) of cells with a critical switch or load, and lost starts (n,).
+
+    The second array counts the starts lost by the worst fault of a switch or load in the cell.  `lost` (resistors,):
+    starts lost by a fault of each resistor, NaN if not analysed.
+    """
     extra = np.flatnonzero(netlist.cells.resistor_face < 0)
     cell = netlist.cell_of_node()[netlist.resistor_nodes[extra, 0]]
     own = (cell >= 0) & (np.nan_to_num(lost[extra]) > 0)
@@ -218,10 +235,11 @@ def draw_map(
     log: bool = False,
     rails: bool = False,
 ) -> Axes:
-    """Draw a value per cell with its colour bar; `values`: shape of the space, NaN for no value.
+    """Draw a map of one value per cell with its colour bar; return the axes.
 
-    `label, unit`: of the colour bar; `norm`: colour scale; `log`: whether the scale is logarithmic; `rails`: whether
-    obstacles and goals have values, too.
+    `values`: shape of the space, NaN for no value; `ax`: axes to draw on, None for a new figure; `label`, `unit`:
+    quantity and SI unit in the colour bar; `norm`: colour scale, by default from the smallest to the largest value;
+    `log`: whether the default scale is logarithmic; `rails`: whether obstacles and goals have values, too.
     """
     plane = plane_of(space)
     axes = axes_or_new(ax, plane.aspect)
@@ -245,7 +263,7 @@ def draw_map(
 
 
 def _plain_ticks(mappable: ScalarMappable) -> None:
-    """Label a logarithmic colour bar with plain decimal numbers: 0.01, 20, 500."""
+    """Label the logarithmic colour bar of an image or of lines with plain decimal numbers: 0.01, 20, 500."""
     bar = mappable.colorbar
     low, high = mappable.get_clim()
     if bar is not None and low and high:
@@ -258,9 +276,10 @@ def _plain_ticks(mappable: ScalarMappable) -> None:
 def draw_resistors(
     netlist: Netlist, which: NDArray[np.int64], axes: Axes, faces: NDArray[np.integer[Any]] | None = None
 ) -> LineCollection:
-    """Draw resistors as lines between cell centres, or to the grid's edge.
+    """Draw resistors as lines between cell centres, or from a cell centre to the grid's edge; return the lines.
 
-    `which` (n,): indices of the elements; `faces`: cell face of every element, by default of the resistors.
+    `which` (n,): indices of the elements; `faces` (elements,): index of the cell face of every element, -1 for none, by
+    default of the netlist's resistors.
     """
     space = netlist.cells.space
     across, index = crossed_faces((netlist.cells.resistor_face if faces is None else faces)[which], space.shape)
@@ -274,5 +293,8 @@ def draw_resistors(
 
 
 def _of_free_cells(cells: CellMap, value: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values of nodes (nodes,) on free cells, NaN elsewhere; shape of the space."""
+    """Return the node values of free cells, NaN elsewhere; shape of the space.
+
+    `value` (nodes,): value of every node.
+    """
     return np.where((cells.space.cell == Cell.FREE) & (cells.node >= 0), value[cells.node], np.nan)

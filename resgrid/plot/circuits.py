@@ -34,24 +34,24 @@ SYMBOLS = {
     "current source": "SourceI",
     "capacitor": "Capacitor",
 }
-"""Names of schemdraw's symbols for every kind of element."""
+"""Name of the schemdraw symbol of each kind of element."""
 
 MOST_CELLS_A_SIDE = 10
 """Largest number of cells along an axis in a circuit diagram."""
 
 HALF = 0.3
-"""Half the side of the square of a rail cell, in cells."""
+"""Half the side of the square that is drawn in a rail cell, in cells."""
 
 _GAP = 0.5 - HALF
-"""Distance between the border of a rail cell and its square, in cells."""
+"""Distance between the border of a rail cell and the square in this cell, in cells."""
 _BAND = 0.5
-"""Width of the rail around the grid, in cells, including a gap on both sides."""
+"""Width of the band around the grid that is drawn for a rail at the edge, in cells, including a gap on both sides."""
 
 _BODY = 0.36
-"""Length of a symbol without its leads, in cells."""
+"""Length of an element's symbol without its leads, in cells."""
 
 _INCHES = 0.8
-"""Size of a cell in a new figure, in inches."""
+"""Side of a cell in a new figure, in inches."""
 _DRIVE = "#8E2A84"
 _SUPPLY_GAP, _SUPPLY_HEIGHT, _SUPPLY_WIDTH = 0.5, 1.5, 2.4
 """Distance between the grid and the first row of supplies, height and width of a supply, in cells."""
@@ -59,7 +59,7 @@ _SUPPLY_GAP, _SUPPLY_HEIGHT, _SUPPLY_WIDTH = 0.5, 1.5, 2.4
 
 @contextmanager
 def symbols_on(axes: Axes) -> Iterator[Any]:
-    """Yield a schemdraw drawing to which symbols can be added; draw it on the axes at the end."""
+    """Yield a schemdraw drawing for symbols; when the context ends, draw the symbols on the axes."""
     import schemdraw
 
     drawing = schemdraw.Drawing(canvas=axes, show=False)
@@ -69,7 +69,10 @@ def symbols_on(axes: Axes) -> Iterator[Any]:
 
 
 def add_symbol(drawing: Any, kind: str, start: ArrayLike, end: ArrayLike) -> None:
-    """Add the symbol of an element between two points (2,): from plus to minus, or along the current."""
+    """Add the symbol of an element to a schemdraw drawing, from plus to minus, or along the current.
+
+    `kind`: key of `SYMBOLS`; `start`, `end` (2,): ends of the element with its leads, in coordinates of the axes.
+    """
     import schemdraw.elements
 
     first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
@@ -80,7 +83,11 @@ def add_symbol(drawing: Any, kind: str, start: ArrayLike, end: ArrayLike) -> Non
 
 
 def add_ground(drawing: Any, at: ArrayLike, along: ArrayLike = (0.0, -1.0)) -> None:
-    """Add a ground symbol at a point (2,), pointing in a direction (2,), by default downwards."""
+    """Add a ground symbol to a schemdraw drawing.
+
+    `at` (2,): position of its terminal, in coordinates of the axes; `along` (2,): direction from the terminal to the
+    symbol, by default downwards.
+    """
     import schemdraw.elements
 
     x, y = np.asarray(along, dtype=np.float64)
@@ -89,7 +96,11 @@ def add_ground(drawing: Any, at: ArrayLike, along: ArrayLike = (0.0, -1.0)) -> N
 
 
 def draw_compiled(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) -> Axes:
-    """Draw the circuit of a space with one or two axes: nodes at the cell centres, resistors, rails and supplies."""
+    """Draw the circuit of a space with one or two axes: nodes at cell centres, resistors, rails and supplies.
+
+    `op`: operating point with the voltages and currents to write, None to omit them; `ax`: axes to draw on, None for a
+    new figure.  Returns the axes.
+    """
     columns, rows = in_plane(netlist.cells.node).shape
     number, start, end, seam = resistor_ends(netlist.cells)
     supplies = _supplies(netlist)
@@ -139,7 +150,7 @@ def _draw_rails(netlist: Netlist, axes: Axes) -> None:
 
 
 def resistor_note(netlist: Netlist) -> str:
-    """Return the legend entry of the resistors: their values, or their range if there are more than three values."""
+    """Return the legend entry of the resistors: their values, or the range of more than three different values."""
     drawn = netlist.cells.resistor_face >= 0
     hidden = int(np.count_nonzero(~drawn))
     rest = f"; not drawn: {hidden} of switches, rails, loads" if hidden else ""
@@ -155,9 +166,9 @@ def resistor_note(netlist: Netlist) -> str:
 def _draw_seam(
     netlist: Netlist, number: int, terminal: NDArray[np.float64], end: NDArray[np.float64], axes: Axes
 ) -> None:
-    """Draw the terminal of a resistor across a seam, and a wire with a terminal at its other node.
+    """Draw the terminals of a resistor across a periodic seam, each labelled with the node at the other terminal.
 
-    Each terminal has the name of the node at the other one; `terminal, end` (2,): ends of the resistor.
+    `number`: index of the resistor; `terminal`, `end` (2,): both ends of the drawn resistor, in cells.
     """
     names = netlist.names_of(netlist.resistor_nodes[number])
     before, after = names if netlist.cells.resistor_upward[number] else names[::-1]
@@ -174,7 +185,10 @@ def _draw_seam(
 
 
 def _draw_nodes(netlist: Netlist, op: OperatingPoint | None, axes: Axes) -> None:
-    """Draw the nodes of free cells with names and voltages, coloured by their potential."""
+    """Draw the nodes of free cells with their names and voltages, coloured by their potential.
+
+    `op`: operating point with the voltages, None to omit them.
+    """
     cells = netlist.cells
     free = (in_plane(cells.space.cell) == Cell.FREE) & (in_plane(cells.node) >= 0)
     nodes, places = in_plane(cells.node)[free], np.argwhere(free) + 0.5
@@ -194,7 +208,10 @@ def _draw_nodes(netlist: Netlist, op: OperatingPoint | None, axes: Axes) -> None
 
 
 def voltage_texts(op: OperatingPoint | None, nodes: NDArray[np.integer[Any]]) -> tuple[list[str], str]:
-    """Return the voltages of nodes (n,) as text, rounded to 1/10000 of the largest voltage, and their unit."""
+    """Return the voltages of nodes as n texts, rounded to 1/10000 of the largest voltage, and their unit.
+
+    `op`: operating point with the voltages, None for empty texts; `nodes` (n,): node indices.
+    """
     if op is None:
         return [""] * len(nodes), "V"
     largest = float(np.nanmax(np.abs(op.voltage), initial=0.0))
@@ -204,7 +221,7 @@ def voltage_texts(op: OperatingPoint | None, nodes: NDArray[np.integer[Any]]) ->
 
 
 def _draw_drive(netlist: Netlist, axes: Axes) -> None:
-    """Draw an arrow at every node with an injected current."""
+    """Draw an arrow at every node into which a current source injects a current."""
     if not len(netlist.current_nodes):
         return
     cell = netlist.cell_of_node()[netlist.current_nodes[:, 1]]
@@ -219,7 +236,7 @@ def _draw_drive(netlist: Netlist, axes: Axes) -> None:
 
 
 def _supplies(netlist: Netlist) -> dict[tuple[str, float], list[int]]:
-    """Return the indices of the voltage sources of each rail and voltage, which share one symbol."""
+    """Return the indices of the voltage sources for every pair of rail name and voltage; each pair has one symbol."""
     groups: dict[tuple[str, float], list[int]] = {}
     for number, supply in enumerate(zip(rail_names(netlist), netlist.source_volts.tolist(), strict=True)):
         groups.setdefault(supply, []).append(number)
@@ -229,7 +246,11 @@ def _supplies(netlist: Netlist) -> dict[tuple[str, float], list[int]]:
 def _draw_supply(
     drawing: Any, axes: Axes, rail: tuple[str, float], count: int, amps: float | None, at: tuple[float, float]
 ) -> None:
-    """Draw the symbol for `count` sources of a rail, with their current (into the plus terminals) in amperes."""
+    """Draw one symbol for all voltage sources of a rail.
+
+    `rail`: name and voltage in volts; `count`: number of sources; `amps`: total current into the plus terminals in
+    amperes, None to omit it; `at`: position of the plus terminal, in cells.
+    """
     (name, volts), (x, y) = rail, at
     colour = {"obstacle": OBSTACLE, "goal": GOAL}.get(name.partition("_")[0], INK)
     axes.plot([x - 0.28, x + 0.28], [y, y], color=colour, linewidth=3.0, solid_capstyle="butt", zorder=2)
@@ -243,7 +264,10 @@ def _draw_supply(
 
 
 def rail_areas(cells: CellMap) -> tuple[BaseGeometry, BaseGeometry, BaseGeometry]:
-    """Return the areas of the obstacle rails (also around the grid), the goal rails, and cells without a node."""
+    """Return the areas of the obstacle rails (also around the grid), the goal rails, and cells without a node.
+
+    The areas are polygons in cells.
+    """
     cell = in_plane(cells.space.cell)
     has_node = in_plane(cells.node) >= 0
     edges = (*cells.wiring.edges(cells.space), "open")[:2]
@@ -258,16 +282,17 @@ def rail_areas(cells: CellMap) -> tuple[BaseGeometry, BaseGeometry, BaseGeometry
 
 
 def in_plane(values: NDArray[Any]) -> NDArray[Any]:
-    """Return values of cells of one or two axes as an array of two dimensions."""
+    """Return values of cells of one or two axes, shape (n,) or (n, m), as an array (n, 1) or (n, m)."""
     return values.reshape(len(values), -1)
 
 
 def resistor_ends(
     cells: CellMap,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Return indices (m,), lower and upper ends (m, 2) of the grid's resistors, and whether they cross a seam (m,).
+    """Return indices, lower ends, upper ends, and seam mask of the resistors between cells.
 
-    A resistor across a seam is drawn outwards from the upper end of its axis.
+    Shapes: indices (m,); lower and upper ends (m, 2), in cells; mask (m,) of resistors across a periodic seam, which
+    are drawn outwards from the upper end of their axis.
     """
     across, index = crossed_faces(cells.resistor_face, cells.space.shape)
     number = np.flatnonzero(across >= 0)
@@ -284,9 +309,10 @@ def resistor_ends(
 
 
 def _end(cell: NDArray[np.uint8], at: NDArray[np.int64], along: NDArray[np.int64], side: int) -> NDArray[np.float64]:
-    """Return the ends (n, 2) of resistors in cells `at` (n, 2): cell centre, or border of a rail's square.
+    """Return the ends (n, 2) of resistors, in cells: cell centres, or borders of the squares of rail cells.
 
-    `along` (n, 2): unit vectors of the axes; `side`: direction from the cell to the resistor.
+    `cell`: `Cell` codes of the grid; `at` (n, 2): indices of the cells; `along` (n, 2): unit vectors of the axes along
+    the resistors; `side`: direction from the cell to the resistor, 1 or -1.
     """
     inside = np.all((at >= 0) & (at < cell.shape), axis=1)
     free = inside & (cell[tuple(np.clip(at, 0, np.array(cell.shape) - 1).T)] == Cell.FREE)
@@ -294,12 +320,15 @@ def _end(cell: NDArray[np.uint8], at: NDArray[np.int64], along: NDArray[np.int64
 
 
 def _squares(mask: NDArray[np.bool_]) -> list[BaseGeometry]:
-    """Return the squares of the cells in a mask (n, m)."""
+    """Return the unit squares of the cells in a mask (n, m), as polygons in cells."""
     return [shapely.box(i, j, i + 1, j + 1) for i, j in np.argwhere(mask).tolist()]
 
 
 def _bands(shape: tuple[int, ...], railed: list[bool]) -> list[BaseGeometry]:
-    """Return the parts of the rail around a grid; `railed`: for each axis, whether its ends have a rail."""
+    """Return the rectangles of the rail around a grid, in cells.
+
+    `shape`: number of cells per axis; `railed`: for each axis, whether its two ends have a rail.
+    """
     (width, height), (x, y) = shape, (_BAND * rail for rail in railed)
     sides = [(-x, -y, 0, height + y), (width, -y, width + x, height + y)] if railed[0] else []
     sides += [(-x, -y, width + x, 0), (-x, height, width + x, height + y)] if railed[1] else []
@@ -307,6 +336,6 @@ def _bands(shape: tuple[int, ...], railed: list[bool]) -> list[BaseGeometry]:
 
 
 def _area(groups: list[list[BaseGeometry]]) -> BaseGeometry:
-    """Return the union of groups of squares; each group is merged and shrunk by the gap."""
+    """Return the union of groups of squares as a polygon; each group is first merged and shrunk by the gap."""
     joined = [shapely.union_all(group).buffer(-_GAP, join_style="mitre") for group in groups if group]
     return shapely.union_all(joined)

@@ -48,7 +48,7 @@ MODES: dict[ControlMode, tuple[str, Any, str]] = {
     ControlMode.ARRIVED: ("#0072B2", "-", "has arrived"),
     ControlMode.HOMING: ("#0072B2", (0, (4, 1)), "goes straight to the goal in its cell"),
 }
-"""Colour and line style of the path in every mode, and a description of the robot's motion."""
+"""Colour, line style and description of the robot's motion for every control mode."""
 
 LEARNT = "#D55E00"
 FORCE = "#B2182B"
@@ -57,15 +57,16 @@ _FORCE_LENGTH = 0.12
 """Length of the arrow of the largest contact force, as a fraction of the picture's width."""
 
 _MOST_ARROWS = 8
-"""Largest number of contact forces in the picture of a run."""
+"""Largest number of contact forces that are drawn in the picture of a run."""
 _FAINT = 1e-4
-"""Smallest change of the potential with a colour of its own, as a fraction of the largest change."""
+"""Smallest change of the potential that the logarithmic colour scale resolves, as a fraction of the largest change."""
 
 
 def draw_run(run: Run, *, title: str = "", caption: str = "") -> Figure:
     """Draw a run: poses and contact forces in the workspace, and the path in a configuration space of two axes.
 
-    The colours of the path are the modes; learnt cells are circled.  `title, caption`: texts above the figure.
+    The colours of the path are the control modes; learnt obstacle cells are circled.  `title`, `caption`: texts above
+    the figure.  Returns the figure.
     """
     flat = run.space.ndim == 2
     height = panel_height(PAGE / 2 - 0.6, panel_aspect(run)) + 0.4 + caption_height(caption)
@@ -83,7 +84,10 @@ def draw_run(run: Run, *, title: str = "", caption: str = "") -> Figure:
 
 
 def draw_runs(runs: Sequence[Run], *, title: str = "", caption: str = "") -> Figure:
-    """Draw runs of the same scene at several k: paths of the reference point, and paths in configuration space."""
+    """Draw runs of the same scene at several k: paths of the reference point, and paths in configuration space.
+
+    `title`, `caption`: texts above the figure.  Returns the figure.
+    """
     runs = sorted(runs, key=lambda run: run.field.k)
     figure = new_figure(PAGE, panel_height(PAGE / 2 - 0.6, 1.0) + 0.5 + caption_height(caption))
     left, right = figure.subplots(1, 2)
@@ -114,13 +118,16 @@ def scene_of(run: Run) -> Scene:
 
 
 def panel_aspect(run: Run) -> float:
-    """Return height over width of the taller panel; the workspace of an arm or a turning robot is a square."""
+    """Return height over width of the taller panel of a run's picture; 1 for an arm or a turning robot."""
     flat = run.space.ndim == 2 and scene_of(run).robot.moves_in_workspace
     return plane_of(run.space).aspect if flat else 1.0
 
 
 def draw_forces(contacts: ContactLog, rows: NDArray[np.int64], axes: Axes, **style: Any) -> list[Artist]:
-    """Draw arrows of the contact forces in some rows of a log, scaled to the picture's width; return the artists."""
+    """Draw arrows of contact forces, scaled to the picture's width; return the artists.
+
+    `rows` (n,): indices of the contacts in the log; `style`: options of matplotlib's quiver.
+    """
     if not len(rows):
         return []
     left, right = axes.get_xlim()
@@ -133,7 +140,10 @@ def draw_forces(contacts: ContactLog, rows: NDArray[np.int64], axes: Axes, **sty
 
 
 def draw_configurations(run: Run, axes: Axes, *, path: bool = True) -> None:
-    """Draw a run in a configuration space of two axes: the path in the colours of its modes, and the learnt cells."""
+    """Draw a run in a configuration space of two axes, with known, hidden and learnt obstacle cells.
+
+    `path`: whether to draw the path, in the colours of its control modes, and circles around learnt cells.
+    """
     if run.space.ndim != 2:
         raise InputError(f"this picture needs a configuration space of two axes, but this run has {run.space.ndim}")
     learnt = run.learnt
@@ -157,14 +167,14 @@ def draw_configurations(run: Run, axes: Axes, *, path: bool = True) -> None:
 
 
 def without_rests(configuration: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return configurations (n, ndim) without consecutive repetitions."""
+    """Return configurations (m, ndim) without consecutive repetitions; `configuration` has the shape (n, ndim)."""
     keep = np.ones(len(configuration), dtype=np.bool_)
     keep[1:] = np.any(np.diff(configuration, axis=0) != 0.0, axis=1)
     return configuration[keep]
 
 
 def _draw_path(run: Run, axes: Axes) -> None:
-    """Draw the path in the colours of its modes, with copies across periodic seams, and its ends."""
+    """Draw the path of a run in the colours of its control modes, with copies across periodic seams, and its ends."""
     path, space = run.configuration, run.space
     own = [(shift, space.from_world(path + shift)) for shift in seam_shifts(space)]
     copies = [shift for shift, at in own if np.any(np.all((at >= space.lower) & (at <= space.upper), axis=-1))]
@@ -190,7 +200,10 @@ def _draw_path(run: Run, axes: Axes) -> None:
 
 
 def draw_lessons(centres: NDArray[np.float64], axes: Axes) -> Any:
-    """Circle learnt cells; `centres` (c, 2): their centres."""
+    """Draw circles around learnt obstacle cells; return the artist.
+
+    `centres` (c, 2): centres of the cells in world coordinates.
+    """
     return axes.scatter(
         centres[:, 0], centres[:, 1], s=9 if len(centres) < 60 else 5, marker="o", facecolor="none", edgecolor=LEARNT,
         linewidth=0.6, zorder=3, label="learnt cell",
@@ -257,7 +270,7 @@ def draw_velocities(
 
 
 def _arrow(axes: Axes, tail: NDArray[np.float64], vector: NDArray[np.float64], colour: str, label: str) -> None:
-    """Draw an arrow from a point (2,), in the units of the axes."""
+    """Draw an arrow; `tail` (2,): start; `vector` (2,): direction and length, both in the units of the axes."""
     axes.quiver(
         tail[:1], tail[1:], vector[:1], vector[1:], color=colour, angles="xy", scale_units="xy", scale=1.0,
         width=0.011, zorder=7, label=label,
@@ -308,7 +321,10 @@ def draw_dirichlet_fraction(dirichlet: Field, neumann: Field, k: float, ax: Axes
 
 
 def draw_wavefront(front: Wavefront, *, shown: Sequence[int] | None = None) -> Figure:
-    """Draw the spread of a change of the map in one panel per time; `shown`: indices of the times, by default six."""
+    """Draw the spread of a map change through the grid, in one panel per time; return the figure.
+
+    `shown`: indices of the times, by default at most six, evenly spaced.
+    """
     plane_of(front.after)
     count = len(front.cells)
     rows = np.unique(np.linspace(0, count - 1, min(count, 6)).astype(int)) if shown is None else np.asarray(shown)
@@ -330,7 +346,10 @@ def draw_wavefront(front: Wavefront, *, shown: Sequence[int] | None = None) -> F
 
 
 def draw_moment(front: Wavefront, row: int, axes: Axes) -> AxesImage:
-    """Draw a wavefront at the time with index `row`: change of the potential, cells and the new obstacle."""
+    """Draw a wavefront at one time: change of the potential, cells and the new obstacle.
+
+    `row`: index of the time.  Returns the image of the change.
+    """
     plane = plane_of(front.after)
     image = draw_change(front, row, axes)
     draw_cells(plane, axes)
@@ -341,7 +360,10 @@ def draw_moment(front: Wavefront, row: int, axes: Axes) -> AxesImage:
 
 
 def draw_change(front: Wavefront, row: int, axes: Axes) -> AxesImage:
-    """Draw the change of the potential since the map changed, with the time in the title; `row`: index of the time."""
+    """Draw the change of the potential since the map changed, with the time in the title; return the image.
+
+    `row`: index of the time.
+    """
     changes = np.abs(front.potential - front.first)
     finite = changes[np.isfinite(changes)]
     limit = max(float(np.quantile(finite, 0.995)), 1e-12) if len(finite) else 1.0
@@ -353,7 +375,7 @@ def draw_change(front: Wavefront, row: int, axes: Axes) -> AxesImage:
 
 
 def add_change_bar(image: AxesImage, axes: Axes) -> None:
-    """Add the colour bar of a wavefront, with ticks at zero and at the four largest decades of both signs."""
+    """Add the colour bar of a wavefront's image, with ticks at zero and at four decades of both signs."""
     add_colour_bar(image, axes, r"change of $\phi$")
     largest = int(np.floor(np.log10(image.norm.vmax or 1.0)))
     decades = 10.0 ** np.arange(largest - 3, largest + 1)

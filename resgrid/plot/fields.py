@@ -35,12 +35,12 @@ from resgrid.plot.shading import Scale, Shading, add_border, fill_open_walls, no
 from resgrid.plot.style import NO_DROP, TEXT, add_colour_bar, spanning, strength_map
 
 _ARROWS = 26
-"""Number of arrows along the longer side of a map."""
+"""Largest number of current arrows along the longer side of a map."""
 _ARROW_LENGTH = 0.85
 """Length of an arrow, as a fraction of a block of cells."""
 
 _WIDE = 0.55
-"""Height over width of a map below which the panels of a page are stacked."""
+"""Height over width of a map below which the two panels of a page are stacked."""
 
 
 def draw_field(
@@ -53,7 +53,13 @@ def draw_field(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw the potential of a field (profile, image or slices for one, two or three axes), or its currents."""
+    """Draw the potential of a field with one to three axes (profile, image or slices), or the currents.
+
+    `ax`: axes to draw on, by default those of a new figure; `quantity`: "potential" or "currents"; `scale`: "linear",
+    "log" (logarithm of the drop) or "auto" (by the range of the drop); `contours`: whether to draw equipotentials;
+    `axis`, `indices`: normal axis and cell indices of the slices of a space with three axes.  Returns the axes, or the
+    figure of a space with three axes.
+    """
     if quantity == "currents":
         return draw_currents(field, ax)
     return _draw_potential(field, ax, scale=scale, contours=contours, axis=axis, indices=indices)
@@ -70,7 +76,11 @@ def _draw_potential(
     paths: Sequence[Streamline] = (),
     k: Sequence[float] | None = None,
 ) -> Axes | Figure:
-    """Draw the potential and paths; with one axis, a mark on the curve is the start of a path."""
+    """Draw the potential and paths; return the axes, or the figure of a space with three axes.
+
+    With one axis, a mark on the curve is the start of a path.  `paths`: streamlines; `k`: weight k of the Dirichlet
+    field of each path, None for paths of one field; the other options are those of `draw_field`.
+    """
     shading = shading_of(field, scale)
     shown = np.where(field.space.cell == Cell.OBSTACLE, np.nan, shading.values)
     high = no_drop(field, shading)
@@ -140,7 +150,10 @@ def draw_summary(
 
 
 def _plane_page(field: Field, paths: Sequence[Streamline], k: Sequence[float] | None, scale: Scale) -> Figure:
-    """Draw potential with paths, and currents, of a field with two axes in two panels."""
+    """Return a figure of a field with two axes: one panel with potential and paths, one panel with currents.
+
+    `k`: weight k of the Dirichlet field of each path, None for paths of one field; `scale`: "auto", "linear" or "log".
+    """
     aspect = plane_of(field.space).aspect
     stacked = aspect < _WIDE
     width = PAGE if stacked else PAGE / 2
@@ -155,7 +168,10 @@ def _plane_page(field: Field, paths: Sequence[Streamline], k: Sequence[float] | 
 
 
 def draw_currents(field: Field, ax: Axes | None = None) -> Axes:
-    """Draw the currents as arrows of equal length, coloured by the logarithm of the magnitude."""
+    """Draw the currents as arrows of equal length, coloured by the logarithm of the magnitude; return the axes.
+
+    `ax`: axes to draw on, by default those of a new figure.
+    """
     plane = plane_of(field.space)
     axes = axes_or_new(ax, plane.aspect)
     draw_cells(plane, axes)
@@ -175,7 +191,10 @@ def draw_currents(field: Field, ax: Axes | None = None) -> Axes:
 def draw_shading(
     plane: PicturePlane, shading: Shading, values: NDArray[np.float64], axes: Axes, *, contours: bool = True
 ) -> AxesImage:
-    """Draw values (x.cells, y.cells) of a field in a plane, with equipotentials if `contours`."""
+    """Draw values of a field in a plane as an image, with equipotentials if `contours` is True; return the image.
+
+    `values` (x.cells, y.cells): potential or logarithm of the drop, NaN for none; `shading`: colour scale and levels.
+    """
     image = draw_image(
         plane, values, axes, cmap=shading.colours, vmin=shading.lower, vmax=shading.upper,
         zorder=0.5,
@@ -186,7 +205,7 @@ def draw_shading(
 
 
 def _draw_contours(plane: PicturePlane, shading: Shading, values: NDArray[np.float64], axes: Axes) -> None:
-    """Draw the equipotentials of values (x.cells, y.cells), of block means for large maps."""
+    """Draw the equipotentials of values (x.cells, y.cells); for large maps, those of block means."""
     block = block_size(values.shape, MOST_CELLS)
     coarse = block_means(values, block)
     if shading.wall is None:
@@ -211,10 +230,10 @@ def _draw_contours(plane: PicturePlane, shading: Shading, values: NDArray[np.flo
 
 
 class Arrows(NamedTuple):
-    """Arrows of the current, of equal length in cells.
+    """Arrows of the current through cells.
 
-    `tail` (n, 2): cells with an arrow; `vector` (n, 2): in axis units; `decades` (n,): log10 of the current through the
-    cell in units of supply / resistance.
+    `tail` (n, 2): indices of the cells with an arrow; `vector` (n, 2): arrow in axis units, of equal length when
+    measured in cells; `decades` (n,): log10 of the current through the cell in units of supply / resistance.
     """
 
     tail: NDArray[np.int64]
@@ -223,9 +242,9 @@ class Arrows(NamedTuple):
 
 
 def current_arrows(field: Field, block: int) -> Arrows:
-    """Return one arrow per block of `block` x `block` cells, with the mean current of opposite faces.
+    """Return one arrow per block of `block` x `block` cells, with the mean current of opposite faces of one cell.
 
-    Currents are averaged relative to the largest one at the cell, because small ones underflow.
+    Currents are averaged relative to the largest current at the cell, because small currents underflow.
     """
     cells = nearest_to_middles(field.space.goal_connected, block)
     log_face, sign = _both_faces(field.face_log_current, cells), _both_faces(field.face_direction, cells)
@@ -240,7 +259,11 @@ def current_arrows(field: Field, block: int) -> Arrows:
 
 
 def nearest_to_middles(eligible: NDArray[np.bool_], block: int) -> NDArray[np.int64]:
-    """Return the eligible cell nearest to the middle of each block, shape (blocks, 2); `eligible` (n, m): mask."""
+    """Return, for each block of `block` x `block` cells, the eligible cell nearest to the block's middle.
+
+    `eligible` (n, m): mask of cells.  The result (blocks, 2) holds cell indices; blocks without an eligible cell are
+    omitted.
+    """
     padded = np.pad(eligible, [(0, -size % block) for size in eligible.shape])
     rows, columns = padded.shape[0] // block, padded.shape[1] // block
     blocks = padded.reshape(rows, block, columns, block).swapaxes(1, 2).reshape(rows * columns, block * block)
@@ -254,7 +277,10 @@ def nearest_to_middles(eligible: NDArray[np.bool_], block: int) -> NDArray[np.in
 
 
 def _both_faces(faces: Sequence[NDArray[Any]], cells: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the values on the faces of cells (n, 2); shape (n, 2, 2): axis across the face, lower or upper face."""
+    """Return the values on the four faces of cells, shape (n, 2, 2): cell, axis across the face, lower or upper face.
+
+    `faces`: values on the faces across each of two axes; `cells` (n, 2): cell indices.
+    """
     i, j = cells.T
     across, up = faces
     return np.array([[across[i, j], across[i + 1, j]], [up[i, j], up[i, j + 1]]], dtype=np.float64).transpose(2, 0, 1)

@@ -17,7 +17,7 @@ from resgrid.errors import InputError
 from resgrid.plot.style import DPI, TEXT
 
 FORMATS = ("png", "pdf", "svg")
-"""File formats of pictures."""
+"""File formats of pictures; the names are also the suffixes."""
 PAGE = 7.4
 """Width of a figure that spans both columns of a page, in inches."""
 
@@ -37,7 +37,7 @@ class NotebookFigure(Figure):
     """A figure that a notebook displays although it has no window."""
 
     def add_subplot(self, *place: Any, **options: Any) -> Any:
-        """Add axes that a notebook displays, too."""
+        """Return new axes, which a notebook displays, too; `place` and `options` are arguments of matplotlib."""
         return super().add_subplot(*place, **{"axes_class": NotebookAxes} | options)
 
     def _repr_png_(self) -> bytes:
@@ -52,19 +52,22 @@ class NotebookAxes(Axes):
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return a figure without a window; width and height in inches."""
+    """Return an empty figure without a window; `width` and `height` in inches."""
     figure = NotebookFigure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def axes_or_new(axes: Axes | None, aspect: float = 1.0) -> Axes:
-    """Return the given axes, or the axes of a new figure; `aspect`: height over width of the drawing."""
+    """Return the given axes, or the axes of a new figure if `axes` is None.
+
+    `aspect`: height over width of the drawing in a new figure.
+    """
     return new_figure(4.8, panel_height(3.6, aspect)).add_subplot() if axes is None else axes
 
 
 def add_title(figure: Figure, title: str, caption: str = "") -> None:
-    """Write a title above a figure and a caption below the title; empty ones are omitted.
+    """Write a title above a figure and a caption below the title; empty texts are omitted.
 
     All axes are moved to the upper edge of their places.
     """
@@ -77,20 +80,23 @@ def add_title(figure: Figure, title: str, caption: str = "") -> None:
 
 
 def caption_height(caption: str) -> float:
-    """Return the height of a caption, in inches."""
+    """Return the height that a figure needs for a caption, in inches; 0 for an empty caption."""
     return 0.2 + 0.19 * (caption.count("\n") + 1) if caption else 0.0
 
 
 def panel_height(width: float, aspect: float) -> float:
     """Return the height of a panel with labels and a legend, in inches.
 
-    `width`: of the drawing, in inches; `aspect`: height over width of the drawing.
+    `width`: width of the drawing, in inches; `aspect`: height over width of the drawing.
     """
     return min(max(width * aspect, 1.0), 2.2 * width) + 1.1
 
 
 def render_figure(picture: Axes | Figure, file_format: str, *, dpi: float = DPI) -> bytes:
-    """Return the content of a picture file; `dpi`: dots per inch.  The same picture gives the same bytes."""
+    """Return the bytes of a picture file; equal pictures give equal bytes.
+
+    `file_format`: one of `FORMATS`; `dpi`: resolution in dots per inch, 10 to 2400.
+    """
     if file_format not in FORMATS:
         raise InputError(f"the picture format {file_format!r} is unknown; choose one of {', '.join(FORMATS)}")
     if not 10 <= dpi <= 2400:
@@ -102,7 +108,7 @@ def render_figure(picture: Axes | Figure, file_format: str, *, dpi: float = DPI)
 
 
 def figure_of(picture: Axes | Figure) -> Figure:
-    """Return the figure of axes, or the figure itself."""
+    """Return the matplotlib figure that contains the given axes, or the given figure unchanged."""
     figure = picture.get_figure(root=True)
     assert figure is not None
     return figure
@@ -140,7 +146,7 @@ def save_figure(picture: Axes | Figure, file: str | os.PathLike[str], *, dpi: fl
 
 
 def picture_format(file: str | os.PathLike[str]) -> str:
-    """Return the format that a file's suffix selects; raise InputError for an unknown suffix."""
+    """Return the file format ("png", "pdf" or "svg") of a suffix; raise InputError for an unknown suffix."""
     suffix = Path(file).suffix.lower().lstrip(".")
     if suffix not in FORMATS:
         allowed = ", ".join("." + name for name in FORMATS)

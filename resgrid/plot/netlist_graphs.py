@@ -30,13 +30,13 @@ from resgrid.plot.style import SMALL
 from resgrid.scene.quantities import format_quantity
 
 MOST_NODES = 40
-"""Largest number of nodes, including ground, in a diagram."""
+"""Largest number of nodes, including ground, in a circuit diagram."""
 _NODES_APART = 2.2
-"""Smallest distance between two nodes, in drawing units."""
+"""Smallest distance between two nodes of a layout, in drawing units."""
 _HALF_LENGTH, _HALF_SYMBOL = 0.3, 0.18
 """Half the length of an element with its leads, and without them, in drawing units."""
 _LETTER = np.array([0.073, 0.15])
-"""Width and height of a letter, in drawing units."""
+"""Width and height of a letter of a text, in drawing units."""
 
 _ELEMENTS = {
     "resistor": ("resistor_nodes", "conductance", "Ω"),
@@ -44,22 +44,23 @@ _ELEMENTS = {
     "current source": ("current_nodes", "current_amps", "A"),
     "capacitor": ("capacitor_nodes", "capacitance", "F"),
 }
-"""Arrays of a netlist with the nodes and values of each kind of element, and the unit of the values."""
+"""Attributes of a netlist with the nodes and values of each kind of element, and the SI unit of the values."""
 
 Place = NDArray[np.float64]
-"""Coordinates of a point, shape (2,), or of several, shape (n, 2)."""
+"""Coordinates of a point, shape (2,), or of several points, shape (n, 2), in drawing units."""
 Elements = list[tuple[str, float, bool]]
-"""Kind, value and direction (from the higher to the lower node index) of parallel elements."""
+"""Parallel elements: kind, value (in the kind's SI unit), and whether the first terminal has the higher node index."""
 Groups = dict[tuple[int, int], Elements]
-"""Elements between two nodes, by the node indices, the higher one first."""
+"""Parallel elements of every pair of nodes; the key holds the two node indices, the higher one first."""
 Shapes = list[BaseGeometry]
 
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """An element in the picture: kind, value, and both ends (2,).
+    """An element of a circuit diagram.
 
-    `outward` (2,): unit vector towards the side on which the value is preferably written.
+    `kind`: key of `_ELEMENTS`; `value`: value in the kind's SI unit; `start`, `end` (2,): ends of the element with its
+    leads, in drawing units; `outward` (2,): unit vector towards the side on which the value is preferably written.
     """
 
     kind: str
@@ -70,12 +71,12 @@ class Branch:
 
     @property
     def half_width(self) -> float:
-        """Half the width of the symbol across the branch."""
+        """Half the width of the symbol across the branch, in drawing units."""
         return _HALF_SYMBOL if "source" in self.kind else 0.1
 
     @property
     def symbol(self) -> BaseGeometry:
-        """Area of the symbol."""
+        """Rectangle of the symbol without its leads, as a polygon in drawing units."""
         along = np.array([self.outward[1], -self.outward[0]])
         ends = (self.start + self.end) / 2 + np.outer((-_HALF_SYMBOL, _HALF_SYMBOL), along)
         return shapely.LineString(ends).buffer(self.half_width, cap_style="flat")
@@ -83,7 +84,11 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """Parallel elements between two nodes: branches, wires, and point and direction of a ground symbol, if any."""
+    """Parallel elements between two nodes of a circuit diagram.
+
+    `branches`: the elements; `wires`: start and end (2,) of each wire, first the two wires to the nodes; `ground`:
+    position (2,) and direction (2,) of a ground symbol, None without ground.
+    """
 
     branches: list[Branch]
     wires: list[tuple[Place, Place]]
@@ -91,13 +96,13 @@ class Bundle:
 
     @property
     def body(self) -> Shapes:
-        """Shapes of the elements and the wires between them, without the two wires to the nodes."""
+        """Polygons and lines of the elements and the wires between them, without the two wires to the nodes."""
         lines = [*self.wires[2:], *((branch.start, branch.end) for branch in self.branches)]
         return [*(branch.symbol for branch in self.branches), *map(shapely.LineString, lines)]
 
     @property
     def shapes(self) -> Shapes:
-        """Shapes of all elements, wires and the ground symbol."""
+        """Polygons and lines of all elements, all wires and the ground symbol."""
         ground = [] if self.ground is None else [shapely.Point(self.ground[0] + 0.1 * self.ground[1]).buffer(0.1)]
         return [*self.body, *map(shapely.LineString, self.wires[:2]), *ground]
 
@@ -106,7 +111,8 @@ def draw_circuit(netlist: Netlist, ax: Axes | None = None, *, op: OperatingPoint
     """Draw the circuit diagram of a small netlist: nodes with names and voltages, elements with values.
 
     Nodes of a netlist compiled from one or two axes lie at the cell centres; other netlists are laid out as graphs.
-    `op`: operating point of the netlist, whose voltages are written.
+    `ax`: axes to draw on, by default those of a new figure; `op`: operating point of the netlist, whose node voltages
+    are written into the diagram.  Returns the axes.  Raises InputError for a netlist that is too large or nonlinear.
     """
     if netlist.nonlinear_nodes.size:
         raise InputError("circuit diagrams have no symbol for nonlinear resistors; draw the field of this circuit")
@@ -126,7 +132,10 @@ def draw_circuit(netlist: Netlist, ax: Axes | None = None, *, op: OperatingPoint
 
 
 def _draw_graph(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) -> Axes:
-    """Draw the circuit diagram of a netlist without cells."""
+    """Draw the circuit diagram of a netlist without cells; return its axes.
+
+    `op`: operating point with the voltages to write, None to omit them; `ax`: axes to draw on, None for a new figure.
+    """
     if netlist.node_count > MOST_NODES:
         raise InputError(
             f"a circuit diagram of {netlist.node_count} nodes is not legible; at most {MOST_NODES} are drawn.  "
@@ -158,7 +167,7 @@ def _draw_graph(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) ->
 
 
 def _groups(netlist: Netlist) -> Groups:
-    """Return the elements of a netlist, grouped by their two nodes."""
+    """Return the elements of a netlist in a dictionary whose keys are pairs of node indices, the higher index first."""
     groups: Groups = {}
     for kind, (nodes, values, _) in _ELEMENTS.items():
         value = getattr(netlist, values)
@@ -169,7 +178,10 @@ def _groups(netlist: Netlist) -> Groups:
 
 
 def _places(netlist: Netlist, groups: Groups) -> Place:
-    """Return the positions (nodes, 2) of the nodes; ground has none, since each of its elements has a ground symbol."""
+    """Return the positions (nodes, 2) of the nodes, in drawing units.
+
+    The row of ground is zero and unused, since each element to ground has a ground symbol of its own.
+    """
     import networkx as nx
 
     graph: nx.Graph[int] = nx.Graph()
@@ -194,7 +206,11 @@ def _places(netlist: Netlist, groups: Groups) -> Place:
 
 
 def _oriented(places: Place) -> Place:
-    """Scale a layout (n, 2) by the distance of nearest nodes; turn an elongated one horizontal, first node left."""
+    """Return a layout scaled by the distance of nearest nodes; an elongated layout is turned horizontal.
+
+    The first node of an elongated layout is on the left.  `places` (n, 2): node positions of any scale; the result (n,
+    2) is in drawing units.
+    """
     centred = places - places.mean(axis=0)
     _, extent, axes = np.linalg.svd(np.concatenate([centred, np.zeros((1, 2))]), full_matrices=False)
     if extent[0] > 1.2 * extent[1]:
@@ -207,14 +223,20 @@ def _oriented(places: Place) -> Place:
 
 
 def _closeness(edges: NDArray[np.float64]) -> float:
-    """Return the length over which edges (edges, 2, 2) run close to other edges, away from their ends."""
+    """Return the total length over which edges run close to other edges, in units of the layout.
+
+    `edges` (edges, 2, 2): both ends of each edge; the outer 15 % at each end are ignored.
+    """
     lines = np.array(shapely.linestrings(edges + 0.15 * (edges[:, ::-1] - edges)))
     near = shapely.length(shapely.intersection(lines[:, None], shapely.buffer(lines, 0.3)))
     return float(near.sum() - near.trace())
 
 
 def _bundles(groups: Groups, place: Place) -> list[Bundle]:
-    """Return the bundles of all elements: first those between two nodes, then those to ground, placed in free space."""
+    """Return one bundle per pair of nodes: first pairs without ground, then elements to ground and loops at one node.
+
+    `groups`: elements of each pair of nodes; `place` (nodes, 2): node positions, in drawing units.
+    """
     nodes: Shapes = [*map(shapely.Point, place[1:])]
     lines = {pair: shapely.LineString(place[list(pair)]) for pair in groups if GROUND not in pair and len({*pair}) == 2}
     bundles: list[Bundle] = []
@@ -231,7 +253,10 @@ def _bundles(groups: Groups, place: Place) -> list[Bundle]:
 
 
 def _to_ground(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
-    """Return the bundle from a node to ground: downwards if there is room, else into the widest free sector."""
+    """Return the bundle from a node to ground: downwards if there is room, otherwise into the widest free sector.
+
+    `node` (2,): position of the node; `drawn`: shapes that the bundle should not overlap.
+    """
     around = shapely.Point(node).buffer(0.4).boundary
     arms = shapely.get_coordinates(shapely.intersection(drawn, around)) - node
     angles = np.sort(np.arctan2(arms[:, 1], arms[:, 0])) if len(arms) else np.zeros(1)
@@ -246,14 +271,20 @@ def _to_ground(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
 
 
 def _to_itself(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
-    """Return the bundle of elements with both ends at a node: nested loops in the direction with the most room."""
+    """Return the bundle of elements with both ends at one node: nested loops in the direction with the most room.
+
+    `node` (2,): position of the node; `drawn`: shapes that the bundle should not overlap.
+    """
     angles = np.pi / 4 * (np.arange(8) + 2)
     choices = [_loop(elements, node, np.array([np.cos(angle), np.sin(angle)])) for angle in angles.tolist()]
     return choices[_roomiest([choice.body for choice in choices], drawn, 0.4, shapely.Point(node).buffer(0.3))]
 
 
 def _loop(elements: Elements, node: Place, out: Place) -> Bundle:
-    """Return nested loops at a node in the direction `out` (unit vector)."""
+    """Return a bundle of nested loops, one per element, with both ends at the position `node` (2,).
+
+    `out` (2,): unit vector from the node to the loops.
+    """
     across = np.array([-out[1], out[0]])
     middles = [node + (0.8 + 0.75 * rank) * out for rank in range(len(elements))]
     lower, upper = ([middle + side * _HALF_LENGTH * across for middle in middles] for side in (-1.0, 1.0))
@@ -265,9 +296,9 @@ def _loop(elements: Elements, node: Place, out: Place) -> Bundle:
 
 
 def _bundle(elements: Elements, a: Place, b: Place, slide: float, *, grounded: bool = False) -> Bundle:
-    """Return parallel elements, symmetrical about the line from `a` to `b` (2,).
+    """Return the bundle of parallel elements, symmetrical about the line from `a` to `b` (2,).
 
-    `slide`: position of the elements as a fraction of the line; `grounded`: whether `b` is a ground symbol.
+    `slide`: position of the elements as a fraction of the line; `grounded`: whether `b` has a ground symbol.
     """
     length = max(float(np.linalg.norm(b - a)), 1e-9)
     along = (b - a) / length
@@ -290,7 +321,11 @@ def _bundle(elements: Elements, a: Place, b: Place, slide: float, *, grounded: b
 def _texts(
     netlist: Netlist, op: OperatingPoint | None, place: Place, bundles: list[Bundle]
 ) -> list[tuple[str, BaseGeometry]]:
-    """Return the values of elements and the names of nodes with the boxes in which they are written."""
+    """Return each text of the diagram with its rectangle: values of elements, names and voltages of nodes.
+
+    `op`: operating point with the voltages, None to omit them; `place` (nodes, 2): node positions in drawing units;
+    `bundles`: elements, which the texts should not overlap.
+    """
     drawn = [*map(shapely.Point, place[1:]), *_all_shapes(bundles)]
     texts: list[tuple[str, BaseGeometry]] = []
 
@@ -321,14 +356,15 @@ def _texts(
 
 
 def _all_shapes(bundles: list[Bundle]) -> Shapes:
-    """Return the shapes of all bundles."""
+    """Return the polygons and lines of all elements, wires and ground symbols of a list of bundles."""
     return [shape for bundle in bundles for shape in bundle.shapes]
 
 
 def _roomiest(choices: list[Shapes], drawn: Shapes, enough: float, within: BaseGeometry | None = None) -> int:
-    """Return the index of the first choice at a distance of at least `enough` from all drawn shapes, else the farthest.
+    """Return the index of the choice with the most distance to the drawn shapes.
 
-    `within`: area that is ignored, such as the common node of the shapes.
+    `choices`: shapes of each choice; `drawn`: shapes that are already drawn; `enough`: distance, in drawing units, from
+    which the first choice is taken; `within`: area that is ignored, such as the common node of the shapes.
     """
     touched = shapely.Point() if within is None else within
     others, *bodies = (shapely.difference(shapes, touched) for shapes in (drawn, *choices))

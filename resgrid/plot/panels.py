@@ -48,14 +48,15 @@ VIRTUAL = "#8c8c8c"
 """Colour of obstacle cells that no body occupies."""
 
 _MOST_SLICES = 6
-"""Default number of slices along an axis."""
+"""Default of the largest number of slices normal to one axis."""
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Content of one ax: a space of one or two axes, or the slice `index` normal to the axis `normal` of three.
+    """Content of one ax: a space of one or two axes, or a slice of a space with three axes.
 
-    `plane`: the plane of the picture; None for one axis.
+    `space`: the space; `axes`: matplotlib axes; `plane`: plane of the picture, None for one axis; `normal`: number of
+    the axis normal to the slice, None without a slice; `index`: cell index of the slice along `normal`.
     """
 
     space: ConfigurationSpace
@@ -65,23 +66,27 @@ class Panel:
     index: int = 0
 
     def of(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the panel's part of values of all cells; `values`: shape of the space."""
+        """Return the part of cell values in the panel; `values`: shape of the space."""
         return values if self.normal is None else np.asarray(np.moveaxis(values, self.normal, 0)[self.index])
 
     def seen(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return picture coordinates (n, 2) of points (n, ndim) in axis units; in a slice, their projections."""
+        """Return the picture coordinates (n, 2) of points (n, ndim) in axis units; in a slice, of their projections."""
         if self.plane is None:
             return np.column_stack([points, np.full(len(points), np.mean(self.axes.get_ylim()))])
         return self.plane.frame.to_world(points if self.normal is None else np.delete(points, self.normal, axis=1))
 
     def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return the mask (n,) of the points (n, 3) inside the slice."""
+        """Return the mask (n,) of points inside the slice; `points` (n, 3): in axis units."""
         assert self.normal is not None
         lower, upper = self.space.axes[self.normal].edges[[self.index, self.index + 1]]
         return np.asarray((points[:, self.normal] >= lower) & (points[:, self.normal] <= upper))
 
     def paint(self, *masks: Mask, order: float = 2.2) -> None:
-        """Paint masks of the space's cells above the image; masks with cells get a legend entry."""
+        """Paint masks of the space's cells above the image; masks with at least one cell get a legend entry.
+
+        `masks`: mask (shape of the space), colour and legend entry of each; `order`: drawing order of matplotlib
+        (zorder).
+        """
         if self.plane is not None:
             own: list[Mask] = [(self.of(where), colour, label) for where, colour, label in masks]
             paint(self.plane, self.axes, *own, order=order)
@@ -92,7 +97,7 @@ class Panel:
                 self.axes.axvspan(left, right, color=colour, linewidth=0, label=label, zorder=0.5)
 
     def draw_cells(self) -> None:
-        """Draw obstacles, goals and unreachable cells, and set limits and labels."""
+        """Draw obstacles, goals and free cells without a path to a goal, and set limits and labels of the axes."""
         if self.plane is not None:
             draw_cells(self.plane, self.axes)
             finish(self.plane, self.axes, columns=0)
@@ -104,7 +109,10 @@ class Panel:
         dress(self.axes)
 
     def plot_curve(self, values: NDArray[np.float64], quantity: str, **style: Any) -> None:
-        """Draw values (cells,) over the axis of a space with one axis; `quantity`: label."""
+        """Draw values (cells,) over the axis of a space with one axis.
+
+        `quantity`: label of the vertical axis; `style`: options of matplotlib's plot.
+        """
         centres = self.space.axes[0].centres
         self.axes.plot(centres, values, "o-", markersize=3, linewidth=1.2, color=PATHS[3], **style)
         self.axes.set_ylabel(quantity, fontsize=TEXT)
@@ -112,7 +120,7 @@ class Panel:
 
 
 Layer = Callable[[Panel], tuple[ScalarMappable, str] | None]
-"""A function that draws on a panel; it returns the colours and the label of a colour bar, or None."""
+"""Function that draws on a panel; it returns the image and the label of a colour bar, or None for no colour bar."""
 
 
 def draw_panels(
@@ -125,10 +133,12 @@ def draw_panels(
     columns: int = 3,
     strip: float = 0.3,
 ) -> Axes | Figure:
-    """Draw layers above each other on an ax, or, for a space with three axes, in slices.
+    """Draw layers above each other on one ax, or on slices of a space with three axes.
 
-    `axis, indices`: normal axis and indices of the slices, by default one slice normal to each axis; `through`: cell
-    that the slices contain, by default a goal cell; `columns`: of the legend; `strip`: height over width for one axis.
+    `ax`: axes to draw on, None for a new figure; `layers`: functions that draw on a panel; `axis`, `indices`: normal
+    axis and cell indices of the slices, by default one slice normal to each axis; `through`: cell that the slices
+    contain, by default a goal cell; `columns`: number of legend columns; `strip`: height over width of the picture of
+    one axis.  Returns the axes, or the figure of a space with three axes.
     """
     if space.ndim <= 2:
         plane = plane_of(space) if space.ndim == 2 else None
@@ -149,9 +159,9 @@ def draw_panels(
 
 
 def draw_known(panel: Panel) -> tuple[ScalarMappable, str] | None:
-    """Draw the cells and the conductivity, if the space has one: as colours, or as a curve for one axis.
+    """Draw the cells and, if the space has one, the conductivity: as colours, or as a curve for one axis.
 
-    Returns colours and label of the colour bar; None without colours.
+    Returns image and label of the colour bar; None without a colour bar.
     """
     conductivity, label = panel.space.conductivity, "conductivity (relative)"
     if conductivity is None or panel.plane is None:
@@ -177,22 +187,27 @@ def draw_space(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw obstacles, goals and the conductivity of a space.
+    """Draw obstacles, goals and the conductivity of a space; return the axes, or the figure of a space with three axes.
 
-    `virtual`: mask of obstacle cells that no body occupies; `unknown`: mask of obstacle cells of unknown occupancy.
+    `ax`: axes to draw on, by default those of a new figure; `virtual`: mask of obstacle cells that no body occupies;
+    `unknown`: mask of obstacle cells of unknown occupancy; `axis`, `indices`: normal axis and cell indices of the
+    slices.
     """
     painted = painter(*virtual_cells(virtual), *unknown_cells(space.cell, unknown))
     return draw_panels(space, ax, _name_free_cells, draw_known, painted, axis=axis, indices=indices)
 
 
 def _name_free_cells(panel: Panel) -> None:
-    """Add free cells to the legend, unless they have the colours of the conductivity."""
+    """Add a legend entry for free cells, unless they have the colours of the conductivity."""
     if panel.space.conductivity is None and (panel.of(panel.space.cell) == Cell.FREE).any():
         add_swatch(panel.axes, "free", FREE)
 
 
 def paint_unknown(picture: Axes | Figure, space: ConfigurationSpace, unknown: NDArray[np.bool_] | None) -> None:
-    """Paint unknown cells over the obstacles in every panel of a picture of a space with two axes."""
+    """Paint cells of unknown occupancy over the obstacles in every panel of a picture of a space with two axes.
+
+    `unknown`: mask of these cells, shape of the space; None for no change.
+    """
     masks = unknown_cells(space.cell, unknown)
     for axes in figure_of(picture).axes if masks and space.ndim == 2 else ():
         if axes.get_legend() is not None:  # a colour bar has none
@@ -201,17 +216,23 @@ def paint_unknown(picture: Axes | Figure, space: ConfigurationSpace, unknown: ND
 
 
 def painter(*masks: Mask) -> Layer:
-    """Return a layer that paints masks of cells."""
+    """Return a layer (function of a panel) that paints masks of cells, each with a colour and a legend entry."""
     return lambda panel: panel.paint(*masks)
 
 
 def virtual_cells(virtual: NDArray[np.bool_] | None) -> list[Mask]:
-    """Return the mask of obstacle cells that no body occupies, with its colour; empty for None."""
+    """Return a list with the mask of obstacle cells that no body occupies, its colour and legend entry.
+
+    The list is empty if `virtual` is None.
+    """
     return [] if virtual is None else [(virtual, VIRTUAL, "virtual obstacle")]
 
 
 def _slices(space: ConfigurationSpace, ax: Axes | None, cuts: list[tuple[int, int]]) -> list[Panel]:
-    """Return one panel of a new figure for each slice; `cuts`: normal axis and index."""
+    """Return one panel of a new figure for each slice; raise InputError if `ax` is given.
+
+    `cuts`: number of the normal axis and cell index of each slice.
+    """
     if ax is not None:
         raise InputError("a space with 3 axes is drawn in several slices and cannot use one ax; omit ax")
     planes = [plane_of(space, cut) for cut in cuts]
@@ -234,7 +255,11 @@ def _slices(space: ConfigurationSpace, ax: Axes | None, cuts: list[tuple[int, in
 def _cuts(
     space: ConfigurationSpace, axis: int | None, indices: Sequence[int] | None, through: Sequence[int] | None
 ) -> list[tuple[int, int]]:
-    """Return normal axis and index of every slice; raise InputError for ones that the space does not have."""
+    """Return the number of the normal axis and the cell index of every slice of a space with three axes.
+
+    `axis`: normal axis, None for one slice per axis; `indices`: cell indices along `axis`, by default at most six;
+    `through`: cell that the slices contain, by default a goal cell.  Raises InputError for slices outside the space.
+    """
     if space.ndim != 3:
         raise InputError(f"a space of {space.ndim} axes has no picture: fix an axis, and draw the space of the others")
     goals = np.argwhere(space.cell == Cell.GOAL)
@@ -261,7 +286,7 @@ def _cuts(
 
 
 def _add_legend(figure: Figure, panels: list[Panel]) -> None:
-    """Add one legend of all panels below a figure."""
+    """Add one legend below a figure, with the entries of all panels."""
     entries: dict[str, Artist] = {}
     for panel in panels:
         handles, labels = panel.axes.get_legend_handles_labels()

@@ -26,9 +26,9 @@ from resgrid.plot.plane import at_small_goals, finish, seam_shifts
 from resgrid.plot.style import FAILURE, FEW, PATHS, TEXT, blend_styles, dress, mark
 
 _PIECES = 256
-"""Number of pieces of a straight line in slices of a space with three axes."""
+"""Number of pieces into which each segment of a polyline is divided for slices of a space with three axes."""
 MOST_ENDS = 12
-"""Largest number of paths whose ends are marked; more marks would hide the goals."""
+"""Largest number of paths whose end points are marked; more marks would hide the goals."""
 
 _REGION = "#9ecae1"
 _REACHABLE, _SEPARATING = "reachable from the start", "to be removed for a path to a goal"
@@ -37,7 +37,11 @@ _REACHABLE, _SEPARATING = "reachable from the start", "to be removed for a path 
 def draw_path(
     path: Streamline, ax: Axes | None = None, *, axis: int | None = None, indices: Sequence[int] | None = None
 ) -> Axes | Figure:
-    """Draw a streamline with its start and end, on the cells of its space unless `ax` is given."""
+    """Draw a streamline with its start and end; return the axes, or the figure of a space with three axes.
+
+    `ax`: axes to draw on; None for a new figure that also shows the cells of the space; `axis`, `indices`: normal axis
+    and cell indices of the slices of a space with three axes.
+    """
     return draw_streamlines([path], ax, axis=axis, indices=indices)
 
 
@@ -49,20 +53,25 @@ def draw_streamlines(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw streamlines with their starts and ends, on the cells of their space unless `ax` is given.
+    """Draw streamlines with their starts and ends; return the axes, or the figure of a space with three axes.
 
-    Streamlines of the same k have the same colour.  A cross marks a start without a path to a goal.
+    Streamlines of the same k have the same colour; a cross marks a start without a path to a goal.  `ax`: axes to draw
+    on; None for a new figure that also shows the cells of the space; `k`: weight k of the Dirichlet field of each path;
+    `axis`, `indices`: normal axis and cell indices of the slices of a space with three axes.
     """
     return draw_panels(paths[0].space, ax, *_ground(ax), path_layer(paths, k), axis=axis, indices=indices)
 
 
 def _ground(ax: Axes | None) -> list[Layer]:
-    """Return the layers below paths: the cells of the space, or nothing on a given ax."""
+    """Return the layers below paths: the cells of the space in a new figure, an empty list on a given `ax`."""
     return [draw_known] if ax is None else []
 
 
 def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
-    """Return a layer with the paths that reach a goal, by k, and the starts and ends of all paths."""
+    """Return a layer that draws the paths that reach a goal, grouped by k, and the starts and ends of all paths.
+
+    `k`: weight k of the Dirichlet field of each path, None for paths of one field.
+    """
     groups, reached = by_blend(paths, k), [path for path in paths if path.outcome is Outcome.REACHED]
     failed = Counter(path.outcome for path in paths if path.outcome is not Outcome.REACHED)
 
@@ -90,7 +99,10 @@ def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
 
 
 def by_blend(paths: Sequence[Streamline], k: Sequence[float] | None) -> list[tuple[float | None, list[Streamline]]]:
-    """Return the values of k in ascending order, each with its paths that reach a goal; None without `k`."""
+    """Return pairs of a value of k and its paths that reach a goal, in ascending order of k.
+
+    `k`: weight k of the Dirichlet field of each path; None gives one pair with the value None.
+    """
     if k is not None and len(k) != len(paths):
         raise InputError(f"{len(k)} values of k for {len(paths)} paths; give one for each")
     if paths:
@@ -104,7 +116,7 @@ def by_blend(paths: Sequence[Streamline], k: Sequence[float] | None) -> list[tup
 
 
 def _blend_label(k: float | None) -> str:
-    """Return the name of the paths of one k in the legend."""
+    """Return the legend entry of the paths of one k; "path" if `k` is None."""
     kind = {0.0: " (Neumann)", 1.0: " (Dirichlet)"}.get(-1.0 if k is None else k, "")
     return "path" if k is None else f"$k$ = {k:g}{kind}"
 
@@ -113,9 +125,10 @@ def _draw_lines(
     lines: list[NDArray[np.float64]], panel: Panel, label: str, *, color: str = PATHS[0],
     linestyle: str | tuple[int, tuple[float, ...]] = "-", linewidth: float = 1.5, is_cased: bool = True,
 ) -> None:  # fmt: skip
-    """Draw lines (n, ndim) in axis units; in a slice, projections are thin and the parts inside the slice bold.
+    """Draw lines in a panel; in a slice, the projections are thin and the parts inside the slice bold.
 
-    `is_cased`: whether the lines have a white outline; the other options are those of matplotlib.
+    `lines` (n, ndim): points of each line in axis units; `label`: legend entry; `is_cased`: whether the lines have a
+    white outline; the other options are those of matplotlib.
     """
     axes, colour = panel.axes, color
     if panel.normal is not None:
@@ -138,13 +151,16 @@ def _draw_lines(
 
 
 def mark_outcome(path: Streamline, place: ArrayLike, axes: Axes) -> None:
-    """Mark the start of a path at a point (2,) of the picture: a disc, or a cross with the outcome in the legend."""
+    """Mark the start of a path: a disc if the path reaches a goal, otherwise a cross with the outcome in the legend.
+
+    `place` (2,): position of the mark, in coordinates of the picture.
+    """
     reached = path.outcome == Outcome.REACHED
     mark(place, axes, "start" if reached else "failure", None if reached else path.outcome.value.replace("_", " "))
 
 
 def require_paths(paths: Sequence[Streamline], space: ConfigurationSpace) -> None:
-    """Raise InputError if a streamline has another number of coordinates than the space has axes."""
+    """Raise InputError if the number of coordinates of a streamline differs from the number of axes of the space."""
     for number, path in enumerate(paths):
         if path.axis_points.shape[1:] != (space.ndim,):
             raise InputError(
@@ -174,7 +190,11 @@ def draw_line(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw a polyline with its start, on the cells of its space unless `ax` is given."""
+    """Draw a polyline with its start; return the axes, or the figure of a space with three axes.
+
+    `ax`: axes to draw on; None for a new figure that also shows the cells of the space; `axis`, `indices`: normal axis
+    and cell indices of the slices of a space with three axes.
+    """
     space, points = path.space, unwrap(path)
     copies = [space.from_world(points + shift) for shift in seam_shifts(space)] if len(points) > 1 else []
     lines = [_subdivided(line) if space.ndim == 3 else line for line in copies]
@@ -187,7 +207,10 @@ def draw_line(
 
 
 def _subdivided(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points (n, ndim) on a polyline, close enough to show the part of each line inside a slice."""
+    """Return points (m, ndim) on a polyline, dense enough to show the part of a segment inside a slice.
+
+    `points` (n, ndim): points of the polyline.
+    """
     along = np.linspace(0.0, len(points) - 1.0, _PIECES * (len(points) - 1) + 1)
     return np.stack([np.interp(along, np.arange(len(points)), column) for column in points.T], axis=1)
 
@@ -200,9 +223,11 @@ def draw_separation(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw the cells reachable from a start, and the obstacle cells to be removed for a path to a goal.
+    """Draw the cells reachable from a start, and the obstacle cells whose removal opens a path to a goal.
 
-    `virtual`: mask of obstacle cells that no body occupies.
+    Returns the axes, or the figure of a space with three axes.  `virtual`: mask of obstacle cells that no body
+    occupies, shape of the space; `axis`, `indices`: normal axis and cell indices of the slices of a space with three
+    axes.
     """
     space, outcome = result.space, result.outcome
     reachable = result.region & (space.cell == Cell.FREE)
@@ -220,9 +245,10 @@ def draw_separation(
 
 
 def draw_clearance_curve(curve: ClearanceCurve, ax: Axes | None = None, *, unit: str = "", cell: float = 0.0) -> Axes:
-    """Draw the mean clearance of paths against k or the wall resistance, with the quartiles over starts.
+    """Draw the mean clearance of paths against k or the wall resistance, with quartiles; return the axes.
 
-    `unit`: of the clearance; `cell`: width of a cell, whose half is drawn as an error bar (the discretization error).
+    The quartiles are taken over the starts.  `unit`: unit of the clearance; `cell`: width of a cell in this unit, half
+    of which is drawn as an error bar (the discretization error), 0 for no bar.
     """
     axes = axes_or_new(ax, 0.7)
     part = curve.clearance[:, curve.counted]

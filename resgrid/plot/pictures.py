@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from resgrid.scene.scene import Scene
 
 Picture = Callable[..., Axes | Figure]
-"""A function that draws a value: it takes the value, perhaps ``ax``, and options."""
+"""Function that draws a value: its arguments are the value, optionally ``ax``, and options; its result is axes or a
+figure."""
 
 PictureT = TypeVar("PictureT", bound=Picture)
 
@@ -51,32 +52,34 @@ PICTURES = {
     "resgrid.planning.time_parameterization:Trajectory": "trajectories:draw_trajectory",
     "resgrid.scene.scene:Scene": "pictures:draw_scene_or_cells",
 }
-"""Picture of each type, a module of `resgrid.plot` and a function; imported when the first such value is drawn."""
+"""Function that draws each type.  A key is "module:class" of the value; the entry is "module:function" in
+`resgrid.plot`, imported when the first such value is drawn."""
 
 PICTURES_OF_SEVERAL = {
     "resgrid.chip.adc_resolution:ADCResolution": "chip_curves:draw_adc_resolutions",
     "resgrid.control.run_log:Run": "control:draw_runs",
     "resgrid.planning.streamline:Streamline": "paths:draw_streamlines",
 }
-"""Picture of a sequence of values of a type, or of a mapping of names to values."""
+"""Function that draws a sequence of values of a type, or a mapping of names to such values; keys and values as strings.
+"""
 
 SHOWN_PARTS: dict[str, Callable[[Any], object]] = {
     "resgrid.chip.study_analyses:Study": attrgetter("op"),
     "resgrid.planning.planner:Planner": attrgetter("field"),
     "resgrid.spice.circuit:Circuit": methodcaller("netlist"),
 }
-"""For types without a picture: the part of the value that is drawn instead."""
+"""For types without a picture: function that returns the attribute of the value that is drawn instead."""
 
 
 @functools.singledispatch
 def _one(value: object) -> Axes | Figure:
-    """Draw one value by the function registered for its type; this default raises an error, as there is no picture."""
+    """Draw one value by the function for its type, and return axes or a figure; raise for other types."""
     raise NotImplementedError
 
 
 @functools.singledispatch
 def _several(value: object) -> Axes | Figure:
-    """Draw several values by the function registered for their type; this default raises an error."""
+    """Draw several values by the function for their type, and return axes or a figure; raise for other types."""
     raise NotImplementedError
 
 
@@ -110,7 +113,7 @@ def register(kind: type, *, several: bool = False) -> Callable[[PictureT], Pictu
 
 
 class _Draw(Protocol):
-    """Type of `draw`: a function with the decorator `register`."""
+    """Type of the function `draw`, which has the decorator `register` as an attribute."""
 
     register: Callable[..., Callable[[PictureT], PictureT]]
 
@@ -118,7 +121,7 @@ class _Draw(Protocol):
 
 
 def _with_register(function: Callable[..., Any]) -> _Draw:
-    """Attach `register` to a function."""
+    """Return a function to which `register` was attached as an attribute."""
     function.register = register  # type: ignore[attr-defined]
     return cast("_Draw", function)
 
@@ -209,7 +212,7 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
 
 
 def image_html(value: object) -> str | None:
-    """Return the picture of a value as an HTML image; None if the value cannot be drawn."""
+    """Return the picture of a value as an HTML ``<img>`` element; None if the value cannot be drawn."""
     try:
         content = render_figure(draw(value), "png", dpi=NOTEBOOK_DPI)
     except ResgridError:
@@ -218,7 +221,11 @@ def image_html(value: object) -> str | None:
 
 
 def draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes | Figure:
-    """Draw a circuit with its voltages; for a grid that is too large, its potential."""
+    """Draw a circuit with its voltages, or the potential of a grid with more than 10 cells a side.
+
+    Returns the axes, or the figure of a space with three axes.  `ax`: axes to draw on, by default those of a new
+    figure.
+    """
     from resgrid.planning.fields import field
     from resgrid.plot.circuits import MOST_CELLS_A_SIDE
     from resgrid.plot.fields import draw_field
@@ -231,7 +238,11 @@ def draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes | F
 
 
 def draw_scene_or_cells(scene: Scene, ax: Axes | None = None) -> Axes | Figure:
-    """Draw the workspace of a scene in the plane; for a point or disc robot in another dimension, its cells."""
+    """Draw the workspace of a scene, or the cells if a point or disc robot has other than two axes.
+
+    Returns the axes, or the figure of a space with three axes.  `ax`: axes to draw on, by default those of a new
+    figure.
+    """
     from resgrid.plot.panels import draw_space
     from resgrid.plot.workspace import draw_scene
     from resgrid.scene.sampling import build_space
@@ -242,7 +253,7 @@ def draw_scene_or_cells(scene: Scene, ax: Axes | None = None) -> Axes | Figure:
 
 
 def _picture_of(value: object) -> Picture:
-    """Return the picture of a value, or of several values in a sequence or mapping; raise InputError without one."""
+    """Return the function that draws a value or a sequence or mapping of values; raise InputError without one."""
     registry, table, one = _one, PICTURES, value
     if isinstance(value, Mapping | Sequence) and not isinstance(value, str | bytes) and len(value):
         registry, table = _several, PICTURES_OF_SEVERAL
@@ -260,7 +271,7 @@ def _picture_of(value: object) -> Picture:
 
 
 def _shown_part(value: object) -> object:
-    """Return the part of a value that is drawn: the value itself, unless its type is in `SHOWN_PARTS`."""
+    """Return the object that is drawn: the value, or its attribute if its type is in `SHOWN_PARTS`."""
     for kind in type(value).__mro__:
         if _key(kind) in SHOWN_PARTS and kind not in _one.registry:
             return SHOWN_PARTS[_key(kind)](value)
@@ -268,10 +279,10 @@ def _shown_part(value: object) -> object:
 
 
 def _key(kind: type) -> str:
-    """Return the name of a type in the tables."""
+    """Return the key of a type in `PICTURES`: module and class name, separated by a colon."""
     return f"{kind.__module__}:{kind.__qualname__}"
 
 
 def _named(value: object) -> str:
-    """Return the name of a value's type with its article, for messages."""
+    """Return the name of a value's type with its article, for messages ("a Field")."""
     return with_article(type(value).__name__)

@@ -25,24 +25,24 @@ from resgrid.errors import InputError
 from resgrid.plot.style import OBSTACLE, UNKNOWN, UNREACHABLE, add_swatch, axis_label, dress, refresh_legend
 
 MOST_CELLS = 1024
-"""Largest number of cells along an axis that are drawn one by one; larger grids are drawn as means over blocks."""
+"""Largest number of cells along an axis that are drawn individually; larger grids are drawn as means over blocks."""
 
 _VISIBLE = 0.015
-"""Size of a goal that needs no ring, as a fraction of the picture."""
+"""Size above which a goal is drawn without a ring, as a fraction of the picture's longer side."""
 _SMALL_PART = 0.6
-"""The picture is cropped if its content is smaller than this fraction of the grid."""
+"""Fraction of the grid's width and height below which the picture is cropped to free cells and goals."""
 _MOST_RINGS = 30
-"""Largest number of goals that are ringed."""
+"""Largest number of small goals for which rings are drawn; with more small goals there are no rings."""
 
 
 @dataclass(frozen=True, eq=False)
 class PicturePlane:
     """Two axes, their cells, and their place in the picture.
 
-    `x, y`: horizontal and vertical axis; `cell` (x.cells, y.cells): `Cell` codes; `connected` (x.cells, y.cells): free
-    cells with a path to a goal (in the whole space, for a slice); `frame`: transforms axis units to coordinates of the
-    picture; `of_map`: whether these are coordinates of a map that is rotated or moved in the world; `obstacle`: name of
-    obstacle cells in the legend.
+    `x`, `y`: horizontal and vertical axis; `cell` (x.cells, y.cells): `Cell` codes; `connected` (x.cells, y.cells):
+    mask of free cells with a path to a goal (in the whole space, for a slice); `frame`: transformation from axis units
+    to coordinates of the picture; `of_map`: whether the coordinates of the picture are those of a map that is rotated
+    or moved in the world; `obstacle`: legend entry of obstacle cells.
     """
 
     x: Axis
@@ -55,7 +55,7 @@ class PicturePlane:
 
     @property
     def aspect(self) -> float:
-        """Height of the picture over its width; 1 if the axes have different units."""
+        """Height over width of the picture, dimensionless; 1 if the two axes have different units."""
         if self.x.unit != self.y.unit:
             return 1.0
         width, height = np.ptp(self.view, axis=0)
@@ -63,7 +63,11 @@ class PicturePlane:
 
     @cached_property
     def window(self) -> tuple[slice, slice]:
-        """Cells in the picture: all, or only those around free cells and goals that fill a small part of the grid."""
+        """Index ranges of the cells in the picture, along x and y.
+
+        The ranges cover the grid, or only the surroundings of free cells and goals if these fill a small part of the
+        grid.
+        """
         inside = self.cell != Cell.OBSTACLE
         slices = []
         for axis, size in enumerate(self.cell.shape):
@@ -76,16 +80,19 @@ class PicturePlane:
 
     @property
     def view(self) -> NDArray[np.float64]:
-        """Corners of the window in the picture, shape (4, 2)."""
+        """Corners of the window, shape (4, 2), in coordinates of the picture."""
         return self._corners(*self.window)
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """Corners of the whole grid in the picture, shape (4, 2)."""
+        """Corners of the whole grid, shape (4, 2), in coordinates of the picture."""
         return self._corners(slice(0, self.x.cells), slice(0, self.y.cells))
 
     def _corners(self, across: slice, up: slice) -> NDArray[np.float64]:
-        """Return the corners (4, 2) of a block of cells in the picture."""
+        """Return the corners (4, 2) of a block of cells, in coordinates of the picture.
+
+        `across`, `up`: index ranges of the block along x and y.
+        """
         (left, right), (bottom, top) = (
             axis.edges[[part.start, part.stop]] for axis, part in ((self.x, across), (self.y, up))
         )
@@ -93,7 +100,7 @@ class PicturePlane:
 
     @property
     def centres(self) -> NDArray[np.float64]:
-        """Coordinates of the cell centres in the picture, shape (2, x.cells, y.cells)."""
+        """Coordinates of the cell centres in the picture, shape (2, x.cells, y.cells); the first index is x or y."""
         own = np.stack(np.meshgrid(self.x.centres, self.y.centres, indexing="ij"), axis=-1)
         return np.moveaxis(self.frame.to_world(own), -1, 0)
 
@@ -104,7 +111,10 @@ class PicturePlane:
 
 
 def plane_of(space: ConfigurationSpace, cut: tuple[int, int] | None = None) -> PicturePlane:
-    """Return the plane of a space with two axes, or a slice of one with three; `cut`: normal axis and index."""
+    """Return the plane of a space with two axes, or of a slice of a space with three axes.
+
+    `cut`: number of the axis normal to the slice, and cell index along this axis; None for a space with two axes.
+    """
     connected = cells_with_path(space)
     if cut is not None:
         normal, index = cut
@@ -123,16 +133,20 @@ def plane_of(space: ConfigurationSpace, cut: tuple[int, int] | None = None) -> P
 
 
 def cells_with_path(space: ConfigurationSpace) -> NDArray[np.bool_]:
-    """Return the cells with a path to a goal, shape of the space; all cells if there is no goal yet."""
+    """Return the mask of cells with a path to a goal, shape of the space; all True if the space has no goal cell."""
     return space.goal_connected if (space.cell == Cell.GOAL).any() else np.ones(space.shape, dtype=np.bool_)
 
 
 Mask = tuple[NDArray[np.bool_], str, str]
-"""Mask of cells, their colour, and their name in the legend."""
+"""Mask of cells (shape of the plane or space), the colour of the cells, and their legend entry."""
 
 
 def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_], obstacle: str = "obstacle") -> list[Mask]:
-    """Return the masks of obstacles, goals and free cells without a path to a goal."""
+    """Return the masks of obstacles, goals and free cells without a path to a goal, with colours and legend entries.
+
+    `cell`: `Cell` codes; `connected`: mask of cells with a path to a goal, same shape; `obstacle`: legend entry of
+    obstacles.
+    """
     return [
         (cell == Cell.OBSTACLE, OBSTACLE, obstacle),
         (cell == Cell.GOAL, GOAL, "goal"),
@@ -141,14 +155,18 @@ def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_], obstacle: st
 
 
 def unknown_cells(cell: NDArray[np.uint8], unknown: NDArray[np.bool_] | None) -> list[Mask]:
-    """Return the mask of obstacle cells of unknown occupancy; empty without `unknown`."""
+    """Return a list with the mask of obstacle cells of unknown occupancy; an empty list if `unknown` is None.
+
+    `cell`: `Cell` codes; `unknown`: mask of cells of unknown occupancy, same shape.
+    """
     return [] if unknown is None else [((cell == Cell.OBSTACLE) & unknown, UNKNOWN, "unknown")]
 
 
 def draw_image(plane: PicturePlane, values: NDArray[Any], axes: Axes, **style: Any) -> AxesImage:
-    """Draw one value or colour per cell, first axis to the right, second axis upwards.
+    """Draw one value or colour per cell, first axis to the right, second axis upwards; return the image.
 
-    `values`: shape (x.cells, y.cells), or (x.cells, y.cells, 4) for colours.
+    `values`: shape (x.cells, y.cells), NaN for transparent cells, or (x.cells, y.cells, 4) for RGBA colours from 0 to
+    255; `style`: options of matplotlib's imshow.
     """
     block = block_size(values.shape, MOST_CELLS)
     coloured = values.ndim == 3
@@ -166,15 +184,15 @@ def draw_image(plane: PicturePlane, values: NDArray[Any], axes: Axes, **style: A
 
 
 def draw_cells(plane: PicturePlane, axes: Axes) -> None:
-    """Draw obstacles, goals and unreachable cells above an image, with legend entries."""
+    """Draw obstacles, goals and free cells without a path to a goal above an image, with legend entries."""
     paint(plane, axes, *kinds_of(plane.cell, plane.connected, plane.obstacle), order=2.0)
     _ring_small_goals(plane, axes)
 
 
 def paint(plane: PicturePlane, axes: Axes, *masks: Mask, order: float = 2.2) -> None:
-    """Paint masks of cells above an image, each in its colour; masks with cells get a legend entry.
+    """Paint masks of cells above an image, each in its colour; masks with at least one cell get a legend entry.
 
-    `order`: matplotlib's drawing order.
+    `masks`: mask (x.cells, y.cells), colour and legend entry of each; `order`: drawing order of matplotlib (zorder).
     """
     present = [mask for mask in masks if mask[0].any()]
     if not present:
@@ -187,7 +205,11 @@ def paint(plane: PicturePlane, axes: Axes, *masks: Mask, order: float = 2.2) -> 
 
 
 def _small_goals(plane: PicturePlane) -> NDArray[np.int64]:
-    """Return the index ranges of goals too small to be seen, shape (n, 2, 2): first index and end, axis."""
+    """Return the cell index ranges of goals too small to be seen, shape (n, 2, 2).
+
+    The second index selects first cell or end (exclusive), the third one the axis.  Without such goals, or with too
+    many of them, n is 0.
+    """
     from scipy.ndimage import find_objects
 
     boxes = find_objects(label_regions(plane.cell == Cell.GOAL, (False, False)))
@@ -198,12 +220,15 @@ def _small_goals(plane: PicturePlane) -> NDArray[np.int64]:
 
 
 def _in_picture(plane: PicturePlane, cells: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the picture coordinates (n, 2) of points; `cells` (n, 2): in cells from the lower corner."""
+    """Return the picture coordinates (n, 2) of points.
+
+    `cells` (n, 2): positions of the points, measured in cells from the lower corner of the grid.
+    """
     return plane.frame.to_world((plane.x.lower, plane.y.lower) + cells * (plane.x.spacing, plane.y.spacing))
 
 
 def _ring_small_goals(plane: PicturePlane, axes: Axes) -> None:
-    """Draw a ring around goals too small to be seen."""
+    """Draw a ring around each goal that is too small to be seen."""
     boxes = _small_goals(plane)
     if not len(boxes):
         return
@@ -216,7 +241,7 @@ def _ring_small_goals(plane: PicturePlane, axes: Axes) -> None:
 
 
 def at_small_goals(plane: PicturePlane, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points (n, 2) of the picture; points in a ringed goal are moved to the centre of its ring."""
+    """Return a copy of picture coordinates (n, 2); points in a ringed goal are moved to the centre of its ring."""
     moved = points.copy()
     own = (plane.frame.from_world(points) - (plane.x.lower, plane.y.lower)) / (plane.x.spacing, plane.y.spacing)
     for box in _small_goals(plane):
@@ -226,10 +251,10 @@ def at_small_goals(plane: PicturePlane, points: NDArray[np.float64]) -> NDArray[
 
 
 def finish(plane: PicturePlane, axes: Axes, points: Sequence[NDArray[np.float64]] = (), columns: int = 3) -> None:
-    """Set limits, aspect, labels and legend.
+    """Set limits, labels and legend of a picture.
 
-    `points`: points (n, 2) of the picture that the limits must contain; `columns`: of the legend, 0 for no legend.  The
-    aspect is equal if both axes have the same unit.
+    `points`: arrays (n, 2) of picture coordinates that the limits must contain; `columns`: number of legend columns, 0
+    for no legend.  The aspect is equal if both axes have the same unit.
     """
     shown = np.concatenate([plane.view, *points])
     (left, bottom), (right, top) = shown.min(axis=0), shown.max(axis=0)
@@ -244,24 +269,31 @@ def finish(plane: PicturePlane, axes: Axes, points: Sequence[NDArray[np.float64]
 
 
 def seam_shifts(space: ConfigurationSpace) -> list[NDArray[np.float64]]:
-    """Return the shifts (ndim,) in the world at which copies of a path that crosses seams are drawn."""
+    """Return the shifts (ndim,) in world coordinates at which copies of a path that crosses periodic seams are drawn.
+
+    The list holds all combinations of -2 to 2 periods along the periodic axes; it includes the zero shift.
+    """
     turns = [range(-2, 3) if ring else range(1) for ring in space.periodic]
     return list(space.frame.turned_to_world(np.array(list(product(*turns))) * (space.upper - space.lower)))
 
 
 def wrapped(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Return points (n, ndim) of the world shifted into the grid by whole periods."""
+    """Return world points (n, ndim) shifted into the grid by whole periods along the periodic axes."""
     own, extent = space.from_world(points), space.upper - space.lower
     return space.to_world(np.where(space.periodic, space.lower + np.mod(own - space.lower, extent), own))
 
 
 def block_size(shape: tuple[int, ...], most: int) -> int:
-    """Return the side of a block in cells, such that there are at most `most` blocks along each axis."""
+    """Return the side of square blocks, in cells, such that there are at most `most` blocks along each of two axes."""
     return -(-max(shape[:2]) // most)
 
 
 def block_means(values: NDArray[np.float64], block: int) -> NDArray[np.float64]:
-    """Return the means over square blocks of cells, without NaN.  Shapes: `values` (n, m)."""
+    """Return the means over square blocks of cells; NaN only for blocks without a finite value.
+
+    `values` (n, m): value per cell, NaN for none; `block`: side of a block in cells.  The result has the shape (ceil(n
+    / block), ceil(m / block)).
+    """
     if block == 1:
         return values
     known = np.isfinite(values)
@@ -271,7 +303,11 @@ def block_means(values: NDArray[np.float64], block: int) -> NDArray[np.float64]:
 
 
 def block_colours(colours: NDArray[np.uint8], block: int) -> NDArray[np.uint8]:
-    """Return the mean colours over square blocks of cells, weighted by opacity.  Shapes: `colours` (n, m, 4)."""
+    """Return the mean colours over square blocks of cells, weighted by opacity.
+
+    `colours` (n, m, 4): RGBA from 0 to 255; `block`: side of a block in cells.  The result has the shape (ceil(n /
+    block), ceil(m / block), 4).
+    """
     if block == 1:
         return colours
     opacity = colours[..., 3:].astype(np.float32)
@@ -282,7 +318,7 @@ def block_colours(colours: NDArray[np.uint8], block: int) -> NDArray[np.uint8]:
 
 
 def _block_sums(values: NDArray[Any], block: int) -> NDArray[Any]:
-    """Return the sums over square blocks along the first two dimensions."""
+    """Return the sums of values over square blocks of `block` x `block` cells along the first two dimensions."""
     for axis in (0, 1):
         values = np.add.reduceat(values, np.arange(0, values.shape[axis], block), axis=axis)
     return values

@@ -16,22 +16,22 @@ from resgrid.plot.style import height_map
 
 Scale = Literal["auto", "linear", "log"]
 _DECADES_WORTH_A_LOG = 2.0
-"""Range of the drop, in decades, above which the automatic scale is logarithmic."""
+"""Range of the drop, in decades, above which the scale "auto" is logarithmic."""
 _LINES = 16
 """Approximate number of equipotentials on a logarithmic scale."""
 _TAIL = 0.02
-"""Fraction of cells that may lie below the colour scale."""
+"""Largest fraction of cells that may lie below the lower limit of the colour scale."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shading:
-    """Values of a field with their scale.
+    """Values of a field's picture with their colour scale.
 
-    `values`, shape of the space: the potential, or log10 of the drop ``u = 1 - phi``; NaN in cells without a value;
-    `lower, upper`: limits of the colour scale; `levels`: equipotentials, strictly between the limits; `label`: of the
-    colour bar; `lines`: legend entry of the equipotentials; `is_log`: whether the values are logarithms of the drop;
-    `wall`: value of an obstacle, NaN if it has none on this scale, None if obstacles are open; `edge`: per axis
-    ``"periodic"``, ``"obstacle"`` or ``"open"``.
+    `values`: potential, or log10 of the drop ``u = 1 - phi``, shape of the space, NaN in cells without a value;
+    `lower`, `upper`: limits of the colour scale; `levels` (n,): values of the equipotentials, strictly between the
+    limits; `label`: label of the colour bar; `lines`: legend entry of the equipotentials; `is_log`: whether the values
+    are logarithms of the drop; `wall`: value of an obstacle, NaN if it has none on this scale, None if obstacles are
+    open; `edge`: boundary of each axis, ``"periodic"``, ``"obstacle"`` or ``"open"``.
     """
 
     values: NDArray[np.float64]
@@ -46,12 +46,16 @@ class Shading:
 
     @property
     def colours(self) -> Colormap:
-        """Colour map, yellow at the goal on both scales."""
+        """Colour map of the values; the goal is yellow on both scales."""
         return height_map().reversed() if self.is_log else height_map()
 
 
 def shading_of(field: Field, scale: Scale = "auto") -> Shading:
-    """Return the values and the scale of a field's picture; raise InputError for a logarithm without a drop."""
+    """Return the values of a field's picture with their colour scale.
+
+    `scale`: "linear", "log" (logarithm of the drop) or "auto" (by the range of the drop).  Raises InputError for "log"
+    if the field has no drop.
+    """
     if field.log_drop is None:
         if scale == "log":
             kind = "a blend" if field.boundary == "blend" else f"drive = {field.wiring.drive!r}"
@@ -68,14 +72,17 @@ def shading_of(field: Field, scale: Scale = "auto") -> Shading:
 
 
 def no_drop(field: Field, shading: Shading) -> NDArray[np.bool_]:
-    """Return the mask of goal-connected free cells with a drop of exactly 0, which has no logarithm."""
+    """Return the mask of goal-connected free cells with a drop of exactly 0, which has no logarithm.
+
+    The mask has the shape of the space; all its values are False on a linear scale.
+    """
     if field.log_drop is None or not shading.is_log:
         return np.zeros(field.space.shape, dtype=np.bool_)
     return np.asarray(field.space.goal_connected & np.isneginf(field.log_drop))
 
 
 def _linear(field: Field) -> Shading:
-    """Return the potential on a linear scale from 0 to 1."""
+    """Return a linear scale from 0 to 1 with the potential as values."""
     step = 0.05 if max(field.space.shape) > 24 else 0.1
     return Shading(
         values=field.potential,
@@ -91,7 +98,7 @@ def _linear(field: Field) -> Shading:
 
 
 def _potential_label(field: Field) -> str:
-    """Return the label of the potential, by boundary and drive."""
+    """Return the colour bar's label for the potential, by the boundary and the drive of the field."""
     if field.boundary == "blend":
         return rf"potential $\phi$ of the blend, $k$ = {field.k:g}"
     if field.wiring.drive == "uniform":
@@ -101,7 +108,11 @@ def _potential_label(field: Field) -> str:
 
 
 def _logarithmic(field: Field, decades: NDArray[np.float64], smallest: float) -> Shading:
-    """Return the drop on a logarithmic scale; `decades`: its log10, `smallest`: lower limit of the colours."""
+    """Return a logarithmic scale with the drop as values.
+
+    `decades`: log10 of the drop, shape of the space; `smallest`: lowest value of `decades` that the colour scale must
+    contain.
+    """
     step = nice_step(-smallest / _LINES)
     lower = min(np.floor(smallest / step) * step, -step)
     rail = "start" if field.wiring.drive == "start" else "obstacle"
@@ -119,22 +130,26 @@ def _logarithmic(field: Field, decades: NDArray[np.float64], smallest: float) ->
 
 
 def span(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the limits of the colour scale: minimum and maximum, without the lowest 2 % if these lie far below."""
+    """Return the limits of the colour scale: minimum and maximum of the finite values.
+
+    The lowest 2 % of the values are ignored if they lie far below the others.
+    """
     finite = values[np.isfinite(values)]
     lowest, low, high = (float(value) for value in (finite.min(), np.quantile(finite, _TAIL), finite.max()))
     return (low if high - lowest > 2 * (high - low) > 0 else lowest), high
 
 
 def nice_step(smallest: float) -> float:
-    """Return the smallest of 1, 2 or 5 times a power of ten that is at least `smallest`."""
+    """Return the smallest number of the form 1, 2 or 5 times a power of ten that is at least `smallest`."""
     power = 10.0 ** np.floor(np.log10(smallest))
     return float(next(factor * power for factor in (1, 2, 5, 10) if factor * power >= smallest * (1 - 1e-9)))
 
 
 def fill_open_walls(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Fill cells without a value with the mean of their face neighbours.
+    """Return values in which cells without a value have the mean of their face neighbours.
 
-    Equipotentials then meet open walls at right angles.  Shapes: `values` (n, m); returns (n, m).
+    Equipotentials then meet open walls at right angles.  `values` (n, m): NaN in cells without a value; the result has
+    the same shape.
     """
     padded = np.pad(values, 1, constant_values=np.nan)
     around = np.stack([padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]])
@@ -145,7 +160,11 @@ def fill_open_walls(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def add_border(values: NDArray[np.float64], edge: tuple[str, ...], wall: float | None) -> NDArray[np.float64]:
-    """Pad a field by one layer of cells: periodic copies, copies of the edge, or the value of a wall."""
+    """Return values padded by one layer of cells: periodic copies, copies of the edge, or the value of a wall.
+
+    `values` (n, m): value per cell; `edge`: boundary of each axis, "periodic", "obstacle" or "open"; `wall`: value of
+    an obstacle, None for open obstacles.  The result has the shape (n + 2, m + 2).
+    """
     padded = values
     for axis, rule in enumerate(edge):
         width = [(1, 1) if number == axis else (0, 0) for number in range(values.ndim)]

@@ -63,22 +63,23 @@ _AMONG_MANY: dict[str, dict[str, Any]] = {
     "failure": {"s": 4, "path_effects": []},
 }
 FEW = 40
-"""Largest number of marks or paths that are drawn at full size; more are drawn small."""
+"""Largest number of marks or paths that are drawn at full size; more than these are drawn small."""
 
 TEXT = 8.0
 """Size of labels and titles, in points."""
 SMALL = 7.0
 """Size of ticks and legends, in points."""
 DPI = 200
-"""Default resolution of files, in dots per inch."""
+"""Default resolution of picture files, in dots per inch."""
 
 _GREEK = re.compile(r"(alpha|beta|gamma|theta|phi|psi|omega)(?:_(\w+))?")
 
 
 def blend_styles(blends: Sequence[float | None]) -> list[dict[str, Any]]:
-    """Return colour, line style and width of the paths of every k; `blends`: the values of k, ascending.
+    """Return matplotlib's options for colour, line style and width of the paths of every k.
 
-    k = 0 is blue and k = 1 orange, as on the live page.  Lines of larger k are narrower, so that all stay visible.
+    `blends`: values of k in ascending order, None for paths of one field.  k = 0 is blue and k = 1 orange, as on the
+    live page.  Lines of larger k are narrower, so that all lines stay visible.
     """
     between = [blend for blend in blends if blend not in _ENDS]
     return [
@@ -97,14 +98,14 @@ def height_map() -> Colormap:
 
 
 def strength_map() -> Colormap:
-    """Return the colour map of a magnitude on white ground: pale blue for small values, dark purple for large ones."""
+    """Return the colour map of a magnitude on white ground, from pale blue (small) to dark purple (large)."""
     return LinearSegmentedColormap.from_list("strength", mpl.colormaps["BuPu"](np.linspace(0.3, 1.0, 64)), N=256)
 
 
 def axis_label(axis: Axis, *, world: bool = False, of_map: bool = False) -> str:
     """Return the label of an axis: name (Greek letters as symbols), frame and unit.
 
-    `world`: whether the label says "world"; `of_map`: whether it says that the coordinates are those of the map.
+    `world`: whether to add the word "world"; `of_map`: whether to add that the coordinates are those of the map.
     """
     greek = _GREEK.fullmatch(axis.name)
     name = axis.name
@@ -115,7 +116,7 @@ def axis_label(axis: Axis, *, world: bool = False, of_map: bool = False) -> str:
 
 
 def dress(axes: Axes) -> None:
-    """Set the sizes of ticks, labels and frame."""
+    """Set the text sizes of ticks and labels, and the line widths of ticks and frame."""
     axes.tick_params(labelsize=SMALL, width=0.6, length=2.5)
     for label in (axes.xaxis.label, axes.yaxis.label):
         label.set_fontsize(TEXT)
@@ -124,16 +125,17 @@ def dress(axes: Axes) -> None:
 
 
 def add_swatch(axes: Axes, label: str, colour: str) -> None:
-    """Add a coloured square to the legend, for cells that are drawn as part of an image."""
+    """Add a coloured square with a label to the legend, for cells that are drawn as part of an image."""
     axes.add_line(
         Line2D([], [], linestyle="", marker="s", markersize=6, color=colour, markeredgecolor="#00000080", label=label)
     )
 
 
 def mark(places: ArrayLike, axes: Axes, kind: str, label: str | None = None) -> None:
-    """Mark points (n, 2) of one kind: "start", "goal", "end" (at a goal) or "failure".
+    """Mark points of the picture by symbols.
 
-    `label`: name in the legend, by default the kind.
+    `places` (n, 2): positions in coordinates of the picture; `kind`: "start", "goal", "end" (of a path, at a goal) or
+    "failure"; `label`: legend entry, by default the kind.
     """
     x, y = np.reshape(places, (-1, 2)).T
     if len(x):
@@ -142,7 +144,10 @@ def mark(places: ArrayLike, axes: Axes, kind: str, label: str | None = None) -> 
 
 
 def refresh_legend(axes: Axes, columns: int = 3, gap: float = 4.6) -> None:
-    """Draw one legend below the axes with every label once; `gap`: distance in text heights."""
+    """Draw one legend below the axes with every label once.
+
+    `columns`: largest number of columns; `gap`: distance from the axes in text heights.
+    """
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(reversed(labels), reversed(handles), strict=True))
     names = list(dict.fromkeys(labels))
@@ -155,7 +160,10 @@ def refresh_legend(axes: Axes, columns: int = 3, gap: float = 4.6) -> None:
 
 
 def add_colour_bar(colours: ScalarMappable, where: Axes | Figure, label: str) -> None:
-    """Add a colour bar to the right of axes, with their height, or one to the right of all axes of a figure."""
+    """Add a colour bar to the right of axes, or to the right of all axes of a figure.
+
+    `colours`: image or lines with the colour scale; `where`: axes or figure; `label`: quantity and unit.
+    """
     values, lowest = colours.get_array(), colours.norm.vmin
     below = values is not None and lowest is not None and bool(np.any(values < lowest))
     figure = where.get_figure(root=True)
@@ -170,5 +178,5 @@ def add_colour_bar(colours: ScalarMappable, where: Axes | Figure, label: str) ->
 
 
 def spanning(low: float, high: float) -> Normalize:
-    """Return a linear colour scale between two values; of width 1 if they are equal."""
+    """Return a linear colour scale between two values; its width is 1 if they are equal."""
     return Normalize(low, high if high > low else low + 1.0)

@@ -16,7 +16,7 @@ from resgrid.plot.figures import PAGE, axes_or_new, new_figure
 from resgrid.plot.style import LINE_STYLES, PATHS, TEXT, axis_label, dress, refresh_legend
 
 _SAMPLES = 800
-"""Number of times at which a motion is evaluated, in addition to its knots."""
+"""Number of evenly spaced times at which a trajectory is evaluated, in addition to its knots."""
 
 
 def draw_trajectory(
@@ -27,7 +27,8 @@ def draw_trajectory(
 ) -> Axes | Figure:
     """Draw a timed path: its speed over time and its positions over time, or one of these.
 
-    Axes with the same unit share a panel.  On a given ax the speed is drawn, unless ``quantity`` selects the position.
+    Axes with the same unit share a panel.  `ax`: axes to draw on, on which the speed is drawn by default; `quantity`:
+    "page" (both, the default without `ax`), "speed" or "position".  Returns the axes, or the figure of several panels.
     """
     shown = quantity or ("page" if ax is None else "speed")
     groups = _axes_by_unit(trajectory.space.axes)
@@ -49,7 +50,10 @@ def draw_trajectory(
 
 
 def _page(trajectory: Trajectory, groups: dict[str, list[int]], shown: str = "page") -> Figure:
-    """Draw the panels of a trajectory: a row for speed, a row for position, a column for each unit."""
+    """Return a figure with the panels of a trajectory: a row for speed, a row for position, a column for each unit.
+
+    `groups`: indices of the axes with each unit; `shown`: "page" for both rows, or only "speed" or "position".
+    """
     rows = [draw for name, draw in (("speed", _draw_speed), ("position", _draw_positions)) if shown in ("page", name)]
     figure = new_figure(PAGE if len(groups) > 1 else PAGE * 0.7, 0.6 + 2.2 * len(rows))
     panels = figure.subplots(len(rows), len(groups), squeeze=False, sharex=True)
@@ -63,7 +67,7 @@ def _page(trajectory: Trajectory, groups: dict[str, list[int]], shown: str = "pa
 
 
 def _axes_by_unit(axes: tuple[Axis, ...]) -> dict[str, list[int]]:
-    """Return the indices of the axes with each unit, in the order of their first axis."""
+    """Return the indices of the axes with each unit; the units are ordered by their first axis."""
     groups: dict[str, list[int]] = {}
     for number, axis in enumerate(axes):
         groups.setdefault(axis.unit, []).append(number)
@@ -71,14 +75,20 @@ def _axes_by_unit(axes: tuple[Axis, ...]) -> dict[str, list[int]]:
 
 
 def _times(trajectory: Trajectory) -> NDArray[np.float64]:
-    """Return ascending times (n,) in seconds that resolve the curves, each knot twice: just before and at it."""
+    """Return ascending times (n,), in seconds, at which the curves of a trajectory are drawn.
+
+    Each knot of the trajectory occurs twice: just before the knot and at the knot.
+    """
     knots = trajectory.times
     before = np.nextafter(knots[1:], 0.0)
     return np.unique(np.concatenate([np.linspace(0.0, trajectory.duration, _SAMPLES), knots, before]))
 
 
 def _draw_speed(trajectory: Trajectory, numbers: list[int], axes: Axes) -> None:
-    """Draw the speed in the axes with some numbers, or for a single axis its signed velocity."""
+    """Draw the Euclidean speed over some axes against time; for a single axis, draw its signed velocity.
+
+    `numbers`: indices of axes with the same unit.
+    """
     times = _times(trajectory)
     velocity = trajectory.at(times)[1][:, numbers]
     unit = trajectory.space.axes[numbers[0]].unit
@@ -97,7 +107,7 @@ def _draw_speed(trajectory: Trajectory, numbers: list[int], axes: Axes) -> None:
 
 
 def _draw_positions(trajectory: Trajectory, numbers: list[int], axes: Axes) -> None:
-    """Draw the world coordinates of the axes with some numbers."""
+    """Draw the world coordinates along some axes against time; `numbers`: indices of axes with the same unit."""
     times = _times(trajectory)
     position = trajectory.at(times)[0]
     for rank, number in enumerate(numbers):

@@ -47,13 +47,16 @@ Motion = AnyPath | ArrayLike
 """A path, or an array of configurations (n, ndim) in the world."""
 
 _GHOSTS = 12
-"""Default number of poses along a path."""
+"""Default number of poses that are drawn along a path."""
 _START, _END = "#2b2b2b", "#0072B2"
 _EARLY, _LATE = np.array(to_rgb("#b5b5b5")), np.array(to_rgb("#7fb2d6"))
 
 
 def draw_scene(scene: Scene, ax: Axes | None = None) -> Axes:
-    """Draw the workspace of a scene: obstacles, hidden obstacles, goals and starts."""
+    """Draw the workspace of a scene: obstacles, hidden obstacles, goals and starts; return the axes.
+
+    `ax`: axes to draw on, by default those of a new figure.
+    """
     axes = _draw_surroundings(scene, ax)
     places = np.array([_reference(start, scene) for start in scene.starts]).reshape(-1, 2)
     mark(places, axes, "start")
@@ -220,14 +223,17 @@ def draw_workspace_and_space(
 
 
 def empty_space(scene: Scene) -> ConfigurationSpace:
-    """Return the configuration space of a scene with free cells only."""
+    """Return the configuration space of a scene in which all cells are free, without obstacles and goals."""
     return ConfigurationSpace(
         scene.axes, np.zeros([axis.cells for axis in scene.axes], np.uint8), frame=scene.frame, robot=scene.robot
     )
 
 
 def mark_shapes(shapes: Sequence[Shape], axes: Axes, colour: str, label: str, order: float = 2.2) -> None:
-    """Fill shapes of the workspace with a colour, with a legend entry."""
+    """Fill shapes of the workspace with a colour, and add a legend entry.
+
+    `label`: legend entry; `order`: drawing order of matplotlib (zorder).
+    """
     for shape in shapes:
         fill(to_shapely(shape), axes, facecolor=colour, edgecolor="#00000080", linewidth=0.5, zorder=order)
     if shapes:
@@ -235,7 +241,10 @@ def mark_shapes(shapes: Sequence[Shape], axes: Axes, colour: str, label: str, or
 
 
 def fill(shape: Any, axes: Axes, **style: Any) -> list[PathPatch]:
-    """Fill a shapely polygon, or the polygons of a collection; holes are not filled."""
+    """Fill a shapely polygon, or the polygons of a collection, except for their holes; return the patches.
+
+    `style`: options of matplotlib's PathPatch.
+    """
     patches = []
     for part in map(orient, getattr(shape, "geoms", [shape])):
         rings = [part.exterior, *part.interiors]
@@ -246,7 +255,10 @@ def fill(shape: Any, axes: Axes, **style: Any) -> list[PathPatch]:
 
 
 def _draw_surroundings(scene: Scene, ax: Axes | None) -> Axes:
-    """Draw map cells, obstacles, hidden obstacles and goals of a scene whose robot moves in the plane."""
+    """Draw map cells, obstacles, hidden obstacles and goals of a scene; return the axes.
+
+    `ax`: axes to draw on, None for a new figure.  Raises InputError if the robot does not move in a plane.
+    """
     if scene.robot.moves_in_workspace and scene.ndim != 2:
         raise InputError(
             f"the workspace of a scene with {scene.ndim} axes is not a plane; draw its space or its field instead"
@@ -268,14 +280,17 @@ def _draw_surroundings(scene: Scene, ax: Axes | None) -> Axes:
 
 
 def _goal_regions(scene: Scene) -> list[Shape]:
-    """Return the goals that are shapes in the plane."""
+    """Return the goals of a scene that are shapes in the plane."""
     return [
         goal for goal in scene.goals if isinstance(goal, Shape) and not isinstance(goal, CellSet) and goal.ndim == 2
     ]
 
 
 def goal_places(scene: Scene) -> NDArray[np.float64]:
-    """Return the positions (g, 2) of the reference point at goals that are points, cells or joint ranges."""
+    """Return the workspace positions (g, 2) of the robot's reference point at goals.
+
+    Only goals that are points, cells or joint ranges are included.
+    """
     places: list[Any] = []
     for goal in scene.goals:
         match goal:
@@ -289,19 +304,19 @@ def goal_places(scene: Scene) -> NDArray[np.float64]:
 
 
 def _reference(configuration: Any, scene: Scene) -> NDArray[np.float64]:
-    """Return the position (2,) of the robot's reference point in a configuration (ndim,) of the world."""
+    """Return the workspace position (2,) of the robot's reference point in a configuration (ndim,)."""
     return scene.robot.reference_point(np.reshape(configuration, (1, -1)))[0, :2]
 
 
 def _dense(path: Motion, scene: Scene) -> NDArray[np.float64]:
-    """Return configurations (n, ndim) along a path, at most 1/400 of its length apart."""
+    """Return configurations (n, ndim) in world coordinates along a path, at most 1/400 of its length apart."""
     own = path if isinstance(path, AnyPath) else Polyline(path, empty_space(scene))
     travel = float(scene.robot.travel(own.line[:-1], own.line[1:]).sum())
     return own.space.to_world(sample_path(own, travel / 400)[0] if travel else own.line)
 
 
 def _draw_poses(robot: Robot, poses: NDArray[np.float64], axes: Axes) -> None:
-    """Draw poses (n, ndim) along a path, the first and the last one in strong colours."""
+    """Draw poses (n, ndim) of a robot along a path; the first and the last one have strong colours."""
     ends = {len(poses) - 1: ("robot at the end", _END), 0: ("robot at the start", _START)}
     for number, (pose, part) in enumerate(zip(poses, np.linspace(0.0, 1.0, len(poses)).tolist(), strict=True)):
         label, colour = ends.get(number, ("", to_hex((1 - part) * _EARLY + part * _LATE)))
@@ -312,7 +327,11 @@ def draw_pose(
     robot: Robot, pose: NDArray[np.float64], axes: Axes, colour: str, label: str = "", *, bold: bool = True,
     order: float = 7.5,
 ) -> list[Artist]:  # fmt: skip
-    """Draw the bodies and joints of a robot in a configuration (ndim,); return the artists, none for a point."""
+    """Draw the bodies and joints of a robot in one configuration; return the artists, an empty list for a point.
+
+    `pose` (ndim,): configuration in world coordinates; `label`: legend entry, empty for none; `bold`: whether the lines
+    are thick and the fill is strong; `order`: drawing order of matplotlib (zorder).
+    """
     drawn: list[Artist] = []
     for shape in robot.shapes_at(pose):
         if shape.area:
@@ -331,7 +350,10 @@ def draw_pose(
 
 
 def skeleton(robot: Robot, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the joints (n, 2) of a robot whose parts are a chain of segments; empty for other robots."""
+    """Return the joint positions (n, 2) of a robot whose bodies are a chain of segments; shape (0, 2) for other robots.
+
+    `pose` (ndim,): configuration in world coordinates.
+    """
     cores = [part.core[0] for part in robot.parts(pose[np.newaxis])]
     if not all(isinstance(core, shapely.LineString) for core in cores):
         return np.empty((0, 2))
@@ -340,9 +362,10 @@ def skeleton(robot: Robot, pose: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _frame(axes: Axes, scene: Scene, lines: list[NDArray[np.float64]]) -> None:
-    """Set the limits of a workspace: those of the grid, or around lines (n, 2), bounded shapes and an arm's reach.
+    """Set the limits of a workspace picture.
 
-    The reach gives all pictures of an arm the same limits.
+    The limits are those of the grid, or contain `lines` (n, 2), bounded shapes and an arm's reach.  The reach gives all
+    pictures of an arm the same limits.
     """
     robot = scene.robot
     if robot.moves_in_workspace:

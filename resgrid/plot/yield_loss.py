@@ -11,7 +11,10 @@ from resgrid.plot.style import PATHS, TEXT, dress
 
 
 def draw_yield_loss(result: YieldLoss, ax: Axes | None = None) -> Axes:
-    """Draw the change of the yield without each effect, in percentage points, with its confidence interval."""
+    """Draw the change of the yield when each effect is switched off, with its confidence interval; return the axes.
+
+    The changes are in percentage points.  `ax`: axes to draw on, by default those of a new figure.
+    """
     axes = axes_or_new(ax, 0.25 + 0.06 * len(result.causes))
     places = np.arange(len(result.causes))[::-1]
     gain, low, high = (

@@ -24,11 +24,11 @@ def inconsistencies(
     *,
     has_wall: bool,
 ) -> list[Problem]:
-    """Return all inconsistencies between parts of a scene, by key path.
+    """Return all inconsistencies between parts of a scene, as pairs of key path and message.
 
     `settings`: the scene, or the typed document of its file; `robot`: the robot, or its class if other keys of its
-    table are invalid; `axes`: None if some axes are invalid; `names`: of all axes, None where unknown; `values`:
-    shapes, goals, areas and starts, by key path; `has_wall`: the chip has a wall resistance.
+    table are invalid; `axes`: None if some axes are invalid; `names`: names of all axes, None where unknown; `values`:
+    shapes, goals, areas and starts, by key path; `has_wall`: whether the chip has a wall resistance.
     """
     ndim = len(names)
     return [
@@ -102,9 +102,10 @@ def _coordinate_problems(robot: Robot | type[Robot] | None, ndim: int, values: M
 
 
 def _allowed(robot: Robot | type[Robot], ndim: int, key: str, value: Any) -> tuple[tuple[int, ...], str]:
-    """Return the allowed numbers of coordinates of a value, and words for their meaning.
+    """Return the allowed numbers of coordinates of a value, and words for their meaning in a message.
 
-    The coordinates are those of the workspace, of configuration space, or of either.
+    The coordinates are those of the workspace, of configuration space, or of either.  `ndim`: number of axes; `key`:
+    key of the scene file that holds the value, such as "goal".
     """
     in_space = key in ("area", "start", "starts") or isinstance(value, GoalCell | GoalJoints)
     if robot.moves_in_workspace or in_space:
@@ -115,7 +116,10 @@ def _allowed(robot: Robot | type[Robot], ndim: int, key: str, value: Any) -> tup
 
 
 def _count_of(value: Any) -> tuple[int, tuple[str, ...]]:
-    """Return the number of coordinates of a value, and the key of its table that holds them."""
+    """Return the number of coordinates of a shape, goal or start, and the key of the table that holds them.
+
+    The key is an empty tuple for a start, which has no table.
+    """
     if isinstance(value, tuple):
         return len(value), ()
     first = fields(value)[0].name

@@ -124,9 +124,10 @@ class Control:
 
 
 def admittance_matrix(admittance: ArrayLike, ndim: int) -> NDArray[np.float64]:
-    """Return the symmetric positive definite admittance matrix (ndim, ndim), read-only.
+    """Return the symmetric positive definite admittance matrix (ndim, ndim), which is read-only.
 
-    `admittance`: one number (), (1,); the diagonal (ndim,); or all entries row by row (ndim**2,), (ndim, ndim).
+    `admittance`: one number (), (1,); the diagonal (ndim,); or all entries row by row (ndim**2,), (ndim, ndim);
+    velocity per force; `ndim`: number of axes.
     """
     try:
         matrix = np.array(admittance, dtype=np.float64)

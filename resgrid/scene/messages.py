@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
 Problem = tuple[Path, str]
-"""Key path of a problem, and its message."""
+"""Key path of a problem in a scene file, and the message for it."""
 
 MAX_SHOWN = 40
 """Largest number of problems that one message lists."""
@@ -27,7 +27,10 @@ def key_path(path: Sequence[str | int]) -> str:
 
 
 def report(problems: Sequence[Problem], source: str, lines: Mapping[Path, int] | None = None) -> str:
-    """Return one message with all problems of a document, sorted by line."""
+    """Return one message with all problems of a document, sorted by line.
+
+    `source`: name of the document; `lines`: line numbers by key path, None if unknown.
+    """
     placed = [(line_of(lines or {}, path) or 0, key_path(path), message) for path, message in problems]
     placed.sort(key=lambda entry: entry[0])
     listed = [f"{f'line {line}: ' if line else ''}{key}: {message}" for line, key, message in placed[:MAX_SHOWN]]
@@ -54,9 +57,10 @@ def message_of(detail: ErrorDetails) -> str:
 
 
 def problems_of(error: ValidationError, message: Callable[[ErrorDetails], str] = message_of) -> list[Problem]:
-    """Return the problems of a validation; `message`: returns the message of one of pydantic's errors.
+    """Return the key path and message of each problem of a failed validation.
 
-    Errors of length are omitted for lists whose entries have errors.
+    `message`: function that returns the message for one of pydantic's errors.  Errors of length are omitted for lists
+    whose entries have errors.
     """
     details = error.errors(include_url=False)
     inner = {each["loc"][:size] for each in details for size in range(len(each["loc"]))}
@@ -65,21 +69,24 @@ def problems_of(error: ValidationError, message: Callable[[ErrorDetails], str] =
 
 
 def unknown_option(words: str, given: Any, choice: str, options: Sequence[str]) -> str:
-    """Return the message for a value that is not among its options, with the option of the nearest spelling."""
+    """Return the message for a value that is not among its options, with the option of the nearest spelling.
+
+    `words`: subject of the message; `given`: the value; `choice`: the options as text; `options`: the options.
+    """
     meant = _ALIASES.get(given.lower(), given) if isinstance(given, str) else ""
     near = suggestion(meant, options)
     return f"{words} is unknown: it may be {choice}{near and f'; {near}'}"
 
 
 def shown(value: Any) -> str:
-    """Return an invalid value as short text."""
+    """Return an invalid value as short text for a message."""
     if isinstance(value, Mapping):
         return "a table"
     return f"a list of {len(value)}" if isinstance(value, list) else short(value)
 
 
 def _choice_message(detail: ErrorDetails) -> str:
-    """Return the message for a value that is not among a key's options."""
+    """Return the message for one of pydantic's errors about a value that is not among a key's options."""
     expected = str(detail.get("ctx", {}).get("expected", ""))
     options = [option.strip(" '") for option in expected.replace(" or ", ", ").split(",")]
     if detail["input"] in options:  # the option is a number, the input is text
@@ -117,4 +124,4 @@ _TEMPLATES = {
     "too_short": "needs at least {min_length} entries, got {actual_length}",
     "too_long": "needs at most {max_length} entries, got {actual_length}",
 }
-"""Message templates by pydantic's type of error; the placeholders are the error's context."""
+"""Message templates by pydantic's type of error; the placeholders are keys of the error's context."""

@@ -19,13 +19,19 @@ from resgrid.scene.world_coordinates import cell_centre, locate_point, to_space,
 
 
 def is_unknown(scene: Scene, cell: tuple[int, ...]) -> bool:
-    """Return whether a cell is blocked because its occupancy is unknown in the scene's map."""
+    """Return whether a cell is blocked because its occupancy is unknown in the scene's map.
+
+    `cell`: index of the cell along each axis.
+    """
     unknown = unknown_cells(scene.map, scene.axes)
     return unknown is not None and bool(unknown[cell])
 
 
 def are_unknown(scene: Scene, cells: NDArray[np.bool_]) -> bool:
-    """Return whether all cells of a mask (shape of the space) are blocked because their occupancy is unknown."""
+    """Return whether all cells of a mask are blocked because their occupancy is unknown in the scene's map.
+
+    `cells`: mask, shape of the space.
+    """
     unknown = unknown_cells(scene.map, scene.axes)
     return unknown is not None and bool(unknown[cells].all())
 
@@ -37,7 +43,10 @@ def has_unknown(scene: Scene) -> bool:
 
 
 def why_blocked(scene: Scene, cell: tuple[int, ...]) -> str:
-    """Return the reason why a cell is blocked as text: unknown space, an obstacle, or too small a distance from one."""
+    """Return the reason why a cell is blocked as text: unknown space, an obstacle, or too small a distance from one.
+
+    `cell`: index of the cell along each axis.
+    """
     words = f"(cell {cell})"
     if is_unknown(scene, cell):
         return f"lies in unknown space {words}"
@@ -50,7 +59,7 @@ def why_blocked(scene: Scene, cell: tuple[int, ...]) -> str:
 
 
 def _is_solid(scene: Scene, cell: tuple[int, ...]) -> bool:
-    """Return whether a point robot at the centre of a cell would touch an obstacle."""
+    """Return whether a point robot, without a radius, at the centre of a cell would touch an obstacle."""
     if scene.map is not None and _on_map(scene) and scene.map.cell[cell[: scene.map.cell.ndim]] == Cell.OBSTACLE:
         return True
     axes = tuple(
@@ -67,18 +76,25 @@ def _on_map(scene: Scene) -> bool:
 
 
 def nearest_place(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequence[Axis], frame: Frame) -> str | None:
-    """Return the centre of the nearest allowed cell, in world coordinates, as text; None if no cell is allowed."""
+    """Return the centre of the nearest allowed cell as text, in world coordinates; None if no cell is allowed.
+
+    `allowed`: mask of cells, shape of the space; `cell`: index of the cell from which distances are measured.
+    """
     nearest = nearest_cell(allowed, cell, axes)
     return None if nearest is None else place_text(cell_centre(tuple(axes), frame, nearest, ""))
 
 
 def place_text(point: Sequence[float]) -> str:
-    """Return a point as text, to six digits."""
+    """Return a point as text in parentheses, with six significant digits per coordinate."""
     return "(" + ", ".join(f"{value:.6g}" for value in point) + ")"
 
 
 def nearest_cell(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequence[Axis]) -> tuple[int, ...] | None:
-    """Return the allowed cell with the nearest centre, by a search in growing windows; None if no cell is allowed."""
+    """Return the index of the allowed cell with the nearest centre; None if no cell is allowed.
+
+    `allowed`: mask of cells, shape of the space; `cell`: index of the cell from which distances are measured.  The
+    search uses growing windows around this cell.
+    """
     spacing = np.array([axis.spacing for axis in axes])
     for power in count(3, 2):
         ranges = [_window(index, 2**power, axis) for index, axis in zip(cell, axes, strict=True)]
@@ -97,7 +113,10 @@ def nearest_cell(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequen
 
 
 def _window(index: int, reach: int, axis: Axis) -> NDArray[np.int64]:
-    """Return the indices within `reach` of an index, in order; across the seam of a periodic axis, each cell once."""
+    """Return the indices along an axis that differ from `index` by at most `reach` cells, in order.
+
+    On a periodic axis, indices may lie outside the grid, and each cell occurs once.
+    """
     if axis.periodic:
         before = min(reach, (axis.cells - 1) // 2)
         return np.arange(index - before, index + min(reach, axis.cells // 2) + 1)
@@ -105,7 +124,10 @@ def _window(index: int, reach: int, axis: Axis) -> NDArray[np.int64]:
 
 
 def usable(scene: Scene, blocked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the mask of free cells connected with a start; without a free start, the largest free region."""
+    """Return the mask of free cells connected with a start; without a free start, of the largest free region.
+
+    `blocked`: mask of obstacle cells; both masks have the shape of the space.
+    """
     region = label_regions(~blocked, [axis.periodic for axis in scene.axes])
     starts = [_cell_of(scene, start) for start in scene.starts]
     numbers = {int(region[cell]) for cell in starts if cell is not None} - {0}
@@ -115,7 +137,7 @@ def usable(scene: Scene, blocked: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _cell_of(scene: Scene, point: Point) -> tuple[int, ...] | None:
-    """Return the cell of a point in world coordinates; None outside the grid."""
+    """Return the index of the cell that contains a point in world coordinates; None outside the grid."""
     try:
         return locate_point(scene.axes, scene.frame, point, "")[0]
     except InputError:

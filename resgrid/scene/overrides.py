@@ -17,14 +17,14 @@ from resgrid.scene.table_models import plain
 from resgrid.scene.toml_lines import Path as KeyPath
 
 SHORT_KEYS = {"resistance": "chip.resistance", "supply": "chip.supply", "radius": "robot.radius"}
-"""Key paths of keys that may be given without their table."""
+"""Full key paths of the keys that may be given without the name of their table."""
 
 PLACE_KEYS = {"goal": "point", "goal_cell": "cell", "start": "point", "start_cell": "cell"}
-"""Keys that replace all goals or starts, and the key of a place's table that holds their value."""
+"""Keys that replace all goals or starts, mapped to the key that holds the value in the table of a goal or start."""
 
 
 def document_of(scene: Scene) -> dict[str, Any]:
-    """Return the document of a scene, the keys and tables of its file; inverse of `build_scene`."""
+    """Return the keys and tables of a scene's file as a dictionary; inverse of `build_scene`."""
     document = {"schema": 1, "robot": _robot_table(scene.robot), "starts": plain(scene.starts)}
     for key in IN_FILES:
         value = getattr(scene, key)
@@ -42,7 +42,7 @@ def document_of(scene: Scene) -> dict[str, Any]:
 
 
 def _table(value: Any) -> dict[str, Any]:
-    """Return a shape, a goal or a cost area as a table of a scene file."""
+    """Return a shape, a goal or a cost area in the form of a scene file's table, as a dictionary."""
     from resgrid.scene.schema import SHAPES
 
     if isinstance(value, CostArea):
@@ -82,16 +82,20 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
 
 
 def build_changed(document: Document, changes: Mapping[str, Any]) -> Scene:
-    """Return the scene of a document with some keys changed, as by `apply_overrides`.
+    """Return the validated scene of a document with some keys changed.
 
-    Only the changed document is validated, so the document alone may be incomplete.
+    `changes`: new values by key path, in the form that `apply_overrides` describes.  Only the changed document is
+    validated, so the unchanged document may be incomplete.
     """
     lines = _lines_of_file(document.lines, changes)
     return build_scene(_apply(document.raw, changes), document.source, document.folder, lines)
 
 
 def _lines_of_file(lines: Mapping[KeyPath, int], changes: Mapping[str, Any]) -> dict[KeyPath, int]:
-    """Return the line of every key that still comes from the file; 0 for changed keys."""
+    """Return the line number of every key that still comes from the file; 0 for changed keys.
+
+    `lines`: line numbers in the file by key path; `changes`: new values by key path.
+    """
     changed = {_parts(key) for key in _by_key(changes)}
     if ("start",) in changed:
         changed.add(("starts",))
@@ -100,14 +104,17 @@ def _lines_of_file(lines: Mapping[KeyPath, int], changes: Mapping[str, Any]) -> 
 
 
 def _parts(key: str) -> KeyPath:
-    """Return the parts of a key path: ``obstacle.2.radius`` is ``("obstacle", 2, "radius")``."""
+    """Return the parts of a key path as a tuple: ``obstacle.2.radius`` becomes ``("obstacle", 2, "radius")``."""
     head, *rest = key.split(".")
     head = head.removesuffix("_cell") if head in PLACE_KEYS else head
     return (head, *(int(part) if part.isascii() and part.isdigit() else part for part in rest))
 
 
 def _by_key(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the changes by full key path, tables before their entries; text of several edge rules as a list."""
+    """Return the changes by full key path, with tables before their entries.
+
+    A text of several edge rules becomes a list.  Raises InputError if a key is given twice with different values.
+    """
     by_key: dict[str, Any] = {}
     for key, value in changes.items():
         full = SHORT_KEYS.get(key, key).replace("[", ".").replace("]", "")
@@ -121,7 +128,7 @@ def _by_key(changes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _apply(raw: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a document with some keys changed; goals and starts replace all goals or starts of the document.
+    """Return a copy of the document `raw` with some keys changed; goals and starts replace all goals or starts.
 
     Keys of the robot are set first, because the robot may imply axes, whose keys the changes may contain.
     """
@@ -149,7 +156,11 @@ def _apply(raw: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
 
 
 def parse_value(text: str) -> Any:
-    """Return the value of a text from the command line: ``0.5, 2`` is a list, ``4k7`` text, ``false`` False."""
+    """Return the value of a text from the command line.
+
+    A text of a TOML value gives this value (``false`` is False), numbers separated by commas give a list (``0.5, 2``),
+    and any other text is returned unchanged (``4k7``).
+    """
     for attempt in (text, f"[{text}]") if "," in text else (text,):
         try:
             table = tomllib.loads(f"value = {attempt}")
@@ -189,9 +200,10 @@ def _set(document: dict[str, Any], key: str, value: Any) -> None:
 
 
 def _drop_sizes(document: dict[str, Any], keys: Sequence[str]) -> None:
-    """Remove ``cells`` and ``spacing`` of the axes whose number of cells `keys` change; write out implied axes.
+    """Remove ``cells`` and ``spacing`` from the axes of a document whose number of cells the changes set.
 
-    ``grid.cells`` applies only to axes that have neither key.
+    `keys`: changed key paths.  Implied axes are first written into the document.  The key ``grid.cells`` applies only
+    to axes that have neither of the two keys.
     """
     from resgrid.scene.schema import robot_of
 

@@ -26,16 +26,16 @@ _VALUE = re.compile(PATTERN, re.ASCII)
 
 @dataclass(frozen=True)
 class Quantity:
-    """Annotation of a number with its SI unit, which may be written as an engineering value.
+    """Annotation of a number with its SI unit, which may be written as an engineering value such as ``4k7``.
 
-    If `is_fraction` is true, the number may also be written as a percentage.
+    `unit`: the unit; `is_fraction`: whether the number may also be written as a percentage.
     """
 
     unit: str
     is_fraction: bool = False
 
     def read(self, value: object) -> float:
-        """Return the number of a written value; raise ValueError, as pydantic expects, if it is invalid."""
+        """Return the number of a written value as a float; raise ValueError, as pydantic expects, if it is invalid."""
         try:
             number = parse_fraction(value) if self.is_fraction else parse_quantity(value)
         except InputError as error:
@@ -47,7 +47,7 @@ class Quantity:
         return number
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
-        """Return pydantic's validator of the number."""
+        """Return pydantic's validator, which converts an engineering value to a number."""
         from pydantic_core import core_schema
 
         return core_schema.no_info_before_validator_function(self.read, handler(source))
@@ -64,7 +64,7 @@ class Listed:
     """Annotation of a list that may be written without brackets if it has one entry."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
-        """Return pydantic's validator of the list."""
+        """Return pydantic's validator, which converts a single entry to a list."""
         from pydantic_core import core_schema
 
         def listed(value: Any) -> Any:
@@ -94,7 +94,7 @@ def parse_quantity(value: object) -> float:
 
 
 def parse_fraction(value: object) -> float:
-    """Return a fraction that is given as a percentage such as ``"10 %"``, or as a number such as 0.1."""
+    """Return the fraction of a percentage (``"10 %"``) or a number (0.1); raise InputError for other values."""
     if isinstance(value, str) and value.endswith("%"):
         number = _parsed(value[:-1].rstrip(" "))
         if number is not None and isfinite(number):
@@ -106,14 +106,20 @@ def parse_fraction(value: object) -> float:
 
 
 def prefix_of(value: float) -> tuple[int, str]:
-    """Return the exponent, a multiple of three, that scales a value into 1 to 1000, and its SI prefix."""
+    """Return the exponent of a value's SI prefix and the prefix: (3, "k") for 4700.
+
+    The exponent is the multiple of three for which ``value / 10**exponent`` has a magnitude from 1 to 1000.
+    """
     power = 3 * floor(log10(abs(value)) / 3) if value and isfinite(value) else 0
     power = min(max(power, min(PREFIXES)), max(PREFIXES))
     return power, PREFIXES[power]
 
 
 def format_quantity(value: float, unit: str = "", digits: int = 4) -> str:
-    """Return a value as text, rounded to `digits` digits, with an SI prefix: ``38.1 µA``, ``10 kΩ``."""
+    """Return a value as text with an SI prefix: ``38.1 µA``, ``10 kΩ``.
+
+    `unit`: SI unit, empty for none; `digits`: number of significant digits.
+    """
     power, prefix = prefix_of(float(f"{value:.{digits}g}"))
     gap = " " if unit else ""
     return f"{value / 10.0**power:.{digits}g}{gap}{prefix}{unit}"

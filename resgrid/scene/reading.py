@@ -29,7 +29,8 @@ from resgrid.scene.shipped import shipped_scene
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
 
 _LINK = re.compile(r"https?://\S*#(?:\S*&)?s=(?P<code>[^&\s]+)")
-"""Link of the live page: its fragment holds a scene's document as JSON, compressed by zlib, in base64url."""
+"""Pattern of a link of the live page: its fragment holds a scene's document as JSON, compressed by zlib, in base64url.
+"""
 
 _MAX_DOCUMENT_BYTES = 1 << 26
 """Largest size of the document in a link, in bytes, after decompression."""
@@ -38,8 +39,8 @@ _MAX_DOCUMENT_BYTES = 1 << 26
 class Document(NamedTuple):
     """The content of a scene file before validation.
 
-    `raw`: keys and tables; `source`: its name, for messages; `folder`: base of relative names of map files; `lines`:
-    line numbers of keys, by key path; empty for maps and links.
+    `raw`: keys and tables; `source`: name of the file, for messages; `folder`: base of relative names of map files;
+    `lines`: line numbers of keys by key path, empty for maps and links.
     """
 
     raw: dict[str, Any]
@@ -89,7 +90,7 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
 
 
 def read_document(file: str | os.PathLike[str], table: Mapping[str, Any]) -> Document:
-    """Return the document of a scene file or map; `table`: map options, as in `read_scene`."""
+    """Return the unvalidated document of a scene file or map; `table`: map options, as keywords of `read_scene`."""
     path = shipped_scene(file) or Path(file)
     if path.suffix.lower() != ".toml":
         map_table = {**table, "file": path.name, "format": format_of(path, table)}
@@ -148,23 +149,29 @@ def parse_scene(text: str, source: str = "scene", folder: str | os.PathLike[str]
 
 
 def parse_document(text: str, source: str, folder: Path = Path()) -> Document:
-    """Return the document of a TOML text."""
+    """Return the unvalidated document of a TOML text.
+
+    `source`: name of the text, for messages; `folder`: base of relative names of map files.
+    """
     raw, lines = _toml(text, source)
     return Document(raw, source, folder, lines)
 
 
 def is_link(text: str) -> bool:
-    """Return whether a text has the form of a link to a scene."""
+    """Return whether a text has the form of a link of the live page that contains a scene."""
     return _LINK.match(text) is not None
 
 
 def read_link(text: str) -> Scene:
-    """Return the scene in a link of the live page."""
+    """Return the validated scene in a link of the live page."""
     return build_scene(*link_document(text))
 
 
 def link_document(text: str) -> Document:
-    """Return the document in a link of the live page, without network access; raise InputError for map files."""
+    """Return the unvalidated document in a link of the live page, without network access.
+
+    Raises InputError if the link is damaged or its scene needs a map file.
+    """
     match = _LINK.match(text)
     code = "" if match is None else match["code"]
     unpacking = zlib.decompressobj()
@@ -201,10 +208,11 @@ def build_scene(
     lines: dict[KeyPath, int] | None = None,
     known: MapCells | None = None,
 ) -> Scene:
-    """Return the validated scene of a document.
+    """Return the validated scene of a document; raise one InputError that lists all problems.
 
-    `folder`: base of relative names of map files; `lines`: line numbers by key path; `known`: the cells of its map, if
-    they have been read already.
+    `raw`: keys and tables of the document; `source`: name of the document, for messages; `folder`: base of relative
+    names of map files; `lines`: line numbers by key path; `known`: cells of the scene's map, None if the map file must
+    be read.
     """
     from resgrid.scene.schema import robot_of, validate
 
@@ -244,9 +252,10 @@ def build_scene(
 def _axes_of(
     document: Any, robot: Robot | None, folder: Path, known: MapCells | None
 ) -> tuple[tuple[Axis, ...] | None, Frame, MapCells | None]:
-    """Return axes and frame of the configuration space, and the cells of the map.
+    """Return axes and frame of the configuration space, and the cells of the map (None without a map).
 
-    Without a robot (None, for a document with errors) the map is not read, and the axes are those of the grid, if any.
+    `robot`: None for a document with errors; then the map is not read, and the axes are those of the grid, or None.
+    `folder`: base of relative names of map files; `known`: cells of the map, None if the map file must be read.
     """
     grid = None if document.grid is None else tuple(document.grid.axes)
     if document.map is None or robot is None:
@@ -277,7 +286,7 @@ def _grid_or_map_problems(raw: Mapping[str, Any], robot: Robot | None) -> list[P
 
 
 def _axis_names(raw: Mapping[str, Any]) -> list[str | None]:
-    """Return the names of the axes of a document; None for axes without a valid name."""
+    """Return the names of the axes of an unvalidated document; None for axes without a valid name."""
     grid = raw.get("grid")
     tables = grid.get("axes") if isinstance(grid, Mapping) else None
     tables = tables if isinstance(tables, list) else []
@@ -286,7 +295,7 @@ def _axis_names(raw: Mapping[str, Any]) -> list[str | None]:
 
 
 def with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the document with a robot's ``footprint`` replaced by ``type`` and ``vertices`` of a polygon."""
+    """Return a document in which ``type`` and ``vertices`` of a polygon replace a robot's ``footprint``."""
     robot = raw.get("robot")
     if not isinstance(robot, Mapping) or "footprint" not in robot:
         return raw
@@ -295,7 +304,10 @@ def with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]:
-    """Return the document with missing keys of its axes filled in from the robot and from ``grid.cells``."""
+    """Return a document with missing keys of its axes added from the robot and from ``grid.cells``.
+
+    `robot`: robot that implies keys of its axes, None if it is invalid.
+    """
     grid = raw.get("grid")
     if not isinstance(grid, Mapping):
         return raw

@@ -78,14 +78,17 @@ def build_space(scene: Scene, *, require_goal: bool = True, progress: Progress |
 
 
 def adding(scene: Scene, key: str, option: str) -> str:
-    """Return the remedy for a missing key: an option, or, for a scene file, the key or the option."""
+    """Return the remedy for a missing key as text: an option of the command line, or, for a scene file, also the key.
+
+    `key`: key of the scene file, such as "a [[goal]]"; `option`: option of the command line, such as "--goal".
+    """
     by_option = f"give {option} X,Y"
     is_map = scene.map is not None and scene.source is not None and Path(scene.source).suffix.lower() != ".toml"
     return by_option if is_map else f"add {key} to the scene, or {by_option}"
 
 
 def remedy_of_size(scene: Scene) -> str:
-    """Return the remedy for a scene whose cells do not fit in memory."""
+    """Return the remedy, as text, for a scene whose cells do not fit in memory."""
     if scene.map is None or scene.axes[: len(scene.map.axes)] != scene.map.axes:
         return FEWER_CELLS
     return (FEWER_HEADINGS + ", or " if len(scene.axes) > len(scene.map.axes) else "") + SMALLER_MAP
@@ -124,9 +127,10 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
 
 
 def _single_cell(scene: Scene, goal: Goal, key: str) -> tuple[str, tuple[int, ...], Point] | None:
-    """Return words, cell and point of a goal that is a single cell; None for other goals.
+    """Return description, cell and point of a goal that is a single cell; None for other goals.
 
-    The point is NaN in every coordinate if the goal is the whole cell.
+    `key`: key path of the goal, for messages.  The point is in the coordinates of the space, or NaN in every coordinate
+    if the whole cell is the goal.
     """
     match goal:
         case GoalCell(cell):
@@ -176,9 +180,10 @@ def _conductivity(scene: Scene) -> NDArray[np.float64] | None:
 
 
 def _over_map(scene: Scene, values: NDArray[Any], subject: str) -> NDArray[Any]:
-    """Broadcast values of the map's cells to the shape of the space, constant along the heading.
+    """Return values of the map's cells broadcast to the shape of the space, constant along the heading.
 
-    `subject`: words for the values, for messages.
+    `subject`: description of the values, for messages.  Raises InputError if the first axes of the space are not those
+    of the map.
     """
     assert scene.map is not None
     if scene.axes[: values.ndim] != scene.map.axes:
@@ -189,7 +194,10 @@ def _over_map(scene: Scene, values: NDArray[Any], subject: str) -> NDArray[Any]:
 
 
 def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -> str:
-    """Return the remedies for a goal in a blocked cell: the nearest reachable free place, and options that free it."""
+    """Return the remedies for a goal in a blocked cell as text: a reachable free place, and helpful options.
+
+    `blocked`: mask of obstacle cells, shape of the space; `cell`: index of the goal's cell.
+    """
     allowed = usable(scene, blocked)
     place = nearest_place(allowed, cell, scene.axes, scene.frame)
     if place is None:
@@ -213,7 +221,10 @@ def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -
 
 
 def _grey(scene: Scene, cell: tuple[int, ...]) -> str:
-    """Return words for the grey value of an obstacle cell of a picture, and the threshold of free cells."""
+    """Return text with the grey value of an obstacle cell of a picture, and the threshold of free cells.
+
+    The text is empty for other maps.
+    """
     if scene.map is None or format_of(Path(scene.map.table["file"]), scene.map.table) != "image":
         return ""
     threshold: int = scene.map.table.get("threshold", THRESHOLD)

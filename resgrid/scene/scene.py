@@ -208,7 +208,7 @@ class Scene:
 
 
 def check_attributes(names: Iterable[str], *also: str) -> None:
-    """Raise InputError unless all `names` are attributes of a scene, ``goal``, ``start`` or names of `also`."""
+    """Raise InputError unless all `names` are attributes of a scene, ``goal``, ``start`` or names in `also`."""
     known = [*(attribute.name for attribute in dataclasses.fields(Scene)), "goal", "start", *also]
     for name in names:
         if name not in known:
@@ -217,14 +217,21 @@ def check_attributes(names: Iterable[str], *also: str) -> None:
 
 
 def start_point(start: GoalPoint | GoalCell | Point, axes: tuple[Axis, ...], frame: Frame, key: str = "start") -> Point:
-    """Return the world coordinates of a start; `key`: its key path, for messages."""
+    """Return the world coordinates of a start, which is a point or a cell.
+
+    `axes`, `frame`: axes of the space and their transformation to the world; `key`: key path of the start, for
+    messages.
+    """
     if isinstance(start, GoalCell):
         return cell_centre(axes, frame, start.cell, key)
     return start.point if isinstance(start, GoalPoint) else start
 
 
 def _places(key: str, given: Any) -> list[Any]:
-    """Return one place or a list of places as a list; points as tuples, other places unchanged."""
+    """Return one place or a list of places as a list, in which points are tuples; other places are unchanged.
+
+    `key`: "goal" or "start", for messages.
+    """
     if isinstance(given, Goal):
         return [given]
     entries = given.tolist() if hasattr(given, "tolist") else given

@@ -56,7 +56,7 @@ SHAPES: dict[str, tuple[type, bool]] = {
     "polygon": (Polygon, True),
     "half_plane": (HalfSpace, False),
 }
-"""Shape classes by their names in files, each with a flag: the name is restricted to two coordinates."""
+"""Shape classes by their names in files, each with a flag: whether points have exactly two coordinates."""
 
 
 class Joints(TableModel):
@@ -96,7 +96,7 @@ def _arm(links: list[Link], **rest: Any) -> Arm:
 
 
 def _arm_table() -> Any:
-    """Return the model of an arm's table: one list of links in place of the lists of lengths, widths and limits."""
+    """Return the pydantic model of an arm's table, in which one list of links replaces the lists per property."""
     whole = table_of(Arm, ("type", "arm"))
     keys: dict[str, Any] = {name: (field.rebuild_annotation(), field) for name, field in whole.model_fields.items()}
     for name in ("lengths", "widths", "limits"):
@@ -106,7 +106,7 @@ def _arm_table() -> Any:
 
 
 def _area(shape: type, name: str, is_planar: bool) -> Any:
-    """Return the annotation of a cost area: the table of a shape with a conductivity."""
+    """Return the pydantic annotation of a cost area: the table of a shape (`name` in files) with a conductivity."""
     keys: dict[str, Any] = {"conductivity": (Conductivity, Field(description=meanings(CostArea)["conductivity"]))}
     table: Any = create_model(f"area_{name}", __base__=table_of(shape, ("shape", name), is_planar), **keys)
     return filled_as(table, lambda conductivity, **keys: CostArea(shape(**keys), conductivity), "shape")
@@ -127,11 +127,11 @@ KINDS: dict[str, dict[str, Any]] = {
     "robot": {name: value_of(robot, ("type", name)) for name, robot in ROBOTS.items()}
     | {"arm": filled_as(_arm_table(), _arm, "type")},
 }
-"""Annotations of tables that have several kinds, by key and kind."""
+"""Pydantic annotations of tables that have several kinds, by key of the scene file and by kind."""
 
 
 def _checked_kind(key: str, kind: str, kinds: Iterable[str]) -> str:
-    """Return `kind`; raise ValueError unless it is one of `kinds`."""
+    """Return `kind`; raise ValueError, whose message names the key `key`, unless `kind` is one of `kinds`."""
     options = list(kinds)
     if kind not in options:
         raise ValueError(unknown_option(f"{key} = {kind!r}", kind, f"one of {', '.join(options)}", options))
@@ -147,7 +147,7 @@ def _robot_kind(table: Any) -> str:
 
 
 def _kind_of(name: str, given: Any) -> str:
-    """Return the kind of a table of shapes or places, such as ``circle`` or ``point``, from its keys."""
+    """Return the kind of a shape's or place's table `given`, such as ``circle``; `name`: key of the scene file."""
     places = [kind for kind in KINDS[name] if kind not in SHAPES]
     if not isinstance(given, Mapping) and places:
         raise ValueError(f"must be a table, such as {{ point = [...] }} or {{ cell = [...] }}, got {short(given)}")
@@ -172,11 +172,11 @@ def _kind_of(name: str, given: Any) -> str:
 
 
 KIND_OF = {name: partial(_kind_of, name) for name in KINDS} | {"robot": _robot_kind}
-"""Functions that return the kind of a table from its keys, and raise ValueError if a key is missing."""
+"""Functions from a table to its kind, by key of the scene file; they raise ValueError without a kind."""
 
 
 def _one_of(name: str) -> Any:
-    """Return the annotation of a table that has several kinds."""
+    """Return the pydantic annotation of a table that has several kinds; `name`: key of the scene file."""
     kinds = {kind: TypeAdapter(table) for kind, table in KINDS[name].items()}
 
     def read(table: Any) -> Any:
@@ -186,7 +186,7 @@ def _one_of(name: str) -> Any:
 
 
 def _without_required(schema: dict[str, Any]) -> None:
-    """Remove ``required`` from a JSON Schema: a robot may imply the missing keys."""
+    """Remove the key ``required`` from a JSON Schema, because a robot may imply the missing keys."""
     schema.pop("required", None)
 
 
@@ -197,7 +197,7 @@ class _Implied(TableModel):
 
 
 def _axis(cells: int | None, spacing: float | None, lower: float, upper: float, **keys: Any) -> Axis:
-    """Return the axis of a table that holds either the number of cells or their width."""
+    """Return the axis of a table with either the number of cells or their width; raise ValueError otherwise."""
     if (cells is None) == (spacing is None):
         raise ValueError("give either cells or spacing, not " + ("both" if cells else "neither"))
     if spacing is not None and lower < upper:
@@ -315,14 +315,14 @@ TABLES: dict[str, Any] = {
 
 
 def keys_of(path: tuple[str | int, ...], kind: str | None) -> list[str]:
-    """Return the keys of the table at `path`; `kind`: its kind, if such tables have several."""
+    """Return the allowed keys of the table at a key path; `kind`: kind of the table, None if there is one kind only."""
     name = next((part for part in reversed(path) if isinstance(part, str)), "")
     table: Any = TABLES.get(name) or (KINDS[name][kind].__origin__ if kind in KINDS.get(name, {}) else None)
     return [] if table is None else [field.alias or key for key, field in table.model_fields.items()]
 
 
 def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any]]:
-    """Return the typed document, its problems, and the entries of its lists by key path.
+    """Return the typed document of a scene file, a list of problems, and the entries of its lists by key path.
 
     The typed document omits invalid entries, so that the valid ones can still be checked for consistency.
     """
@@ -342,13 +342,13 @@ def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any
 
 
 def _message(detail: ErrorDetails, raw: Mapping[str, Any]) -> str:
-    """Return the message for one of pydantic's errors; for unknown keys with the nearest key of the table."""
+    """Return the message for one of pydantic's errors; for an unknown key, with the nearest key of the table."""
     is_unknown = detail["type"] == "extra_forbidden"
     return _unknown_key(_path_in(raw, detail["loc"]), raw) if is_unknown else message_of(detail)
 
 
 def _path_in(raw: Any, location: Path) -> Path:
-    """Return the part of pydantic's location that exists in the document, where a single value may stand for a list."""
+    """Return the leading part of pydantic's location that exists in the document; a value may stand for a list."""
     node = raw
     for depth, part in enumerate(location):
         if not isinstance(node, Mapping | list):
@@ -358,7 +358,7 @@ def _path_in(raw: Any, location: Path) -> Path:
 
 
 def _unknown_key(path: Path, raw: Any) -> str:
-    """Return the message for an unknown key: the nearest key, its proper place, or all keys of the table."""
+    """Return the message for an unknown key: the nearest key, the proper table, or all keys of the table."""
     kind = None  # of a table that has several kinds
     if path[0] in KIND_OF and len(path) == (2 if path[0] == "robot" else 3):
         kind = KIND_OF[str(path[0])](raw["robot"] if path[0] == "robot" else raw[path[0]][path[1]])
@@ -375,7 +375,7 @@ def _unknown_key(path: Path, raw: Any) -> str:
 
 
 def robot_of(table: Any) -> Robot | None:
-    """Return the robot of a ``[robot]`` table; None if the table is invalid."""
+    """Return the robot that a ``[robot]`` table describes; None if the table is invalid."""
     try:
         return _ROBOT.validate_python(table)
     except ValueError:

@@ -22,9 +22,9 @@ def shipped_scenes() -> Mapping[str, Path]:
 
 
 def shipped_scene(name: str | os.PathLike[str]) -> Path | None:
-    """Return the file of the shipped scene with a name (``rooms`` or ``rooms.toml``).
+    """Return the file of the shipped scene with a name (``rooms`` or ``rooms.toml``), or None.
 
-    None for other names, for names with a folder, and if a file of this name exists.
+    The result is None for other names, for names with a folder, and if a file of this name exists.
     """
     given = Path(name)
     if str(name) != given.name or (given.exists() and not given.is_dir()):

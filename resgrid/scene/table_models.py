@@ -32,7 +32,7 @@ class TableModel(BaseModel):
 
 
 def meanings(value: Callable[..., Any]) -> dict[str, str]:
-    """Return the descriptions of a class's attributes or a function's parameters, from its docstring."""
+    """Return the descriptions of a class's attributes or a function's parameters by name, from its docstring."""
     described: dict[str, str] = {}
     names: list[str] = []
     for line in cleandoc(value.__doc__ or "").split("\n"):
@@ -46,13 +46,13 @@ def meanings(value: Callable[..., Any]) -> dict[str, str]:
 
 
 def unit_of(hint: Any) -> str:
-    """Return the unit in a field's annotation; empty if it has no unit."""
+    """Return the unit in the type annotation of a field as text; empty if the annotation has no unit."""
     units = [mark.unit for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, Quantity)]
     return next(filter(None, [*units, *map(unit_of, get_args(hint))]), "")
 
 
 def described_keys(value: type) -> dict[str, tuple[str, str]]:
-    """Return unit and description of every key of a dataclass's table, including nested keys (``readout.bits``)."""
+    """Return unit and description of every key of a dataclass's table by name, with nested keys (``readout.bits``)."""
     hints, about = get_type_hints(value, include_extras=True), meanings(value)
     described: dict[str, tuple[str, str]] = {}
     for item in dataclasses.fields(value):
@@ -67,7 +67,7 @@ def described_keys(value: type) -> dict[str, tuple[str, str]]:
 def file_type(hint: Any, *, planar: bool = False) -> Any:
     """Return the type of a field in a file: lists for tuples, tables for dataclasses, other types unchanged.
 
-    `planar`: points have two coordinates.
+    `hint`: type annotation of the field; `planar`: whether points have exactly two coordinates.
     """
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Annotated:
@@ -83,9 +83,10 @@ def file_type(hint: Any, *, planar: bool = False) -> Any:
 
 @cache
 def table_of(value: type, kind: tuple[str, str] | None = None, planar: bool = False) -> type[TableModel]:
-    """Return the model of a dataclass's table.
+    """Return the pydantic model of a dataclass's table.
 
-    `kind`: key and value that distinguish this table from other kinds; `planar`: points have two coordinates.
+    `kind`: key and value that distinguish this table from other kinds; `planar`: whether points have exactly two
+    coordinates.
     """
     keys = fields_from(value, planar=planar)
     if kind is not None:
@@ -97,9 +98,9 @@ def table_of(value: type, kind: tuple[str, str] | None = None, planar: bool = Fa
 
 
 def fields_from(value: Callable[..., Any], names: Sequence[str] = (), *, planar: bool = False) -> dict[str, Any]:
-    """Return the fields of a model for a dataclass or a function's options: types, defaults and descriptions.
+    """Return the pydantic fields for a dataclass or a function's options, by name: type, default and description.
 
-    `names`: fields to include; empty for all; `planar`: points have two coordinates.
+    `names`: names of fields to include, empty for all; `planar`: whether points have exactly two coordinates.
     """
     if isinstance(value, type):
         defaults = {item.name: _default(item) for item in dataclasses.fields(value)}
@@ -121,14 +122,18 @@ def _default(item: dataclasses.Field[Any]) -> dict[str, Any]:
 
 
 def value_of(value: type, kind: tuple[str, str] | None = None, planar: bool = False) -> Any:
-    """Return the annotation of a key that holds the table of a dataclass."""
+    """Return the pydantic annotation of a key that holds the table of a dataclass.
+
+    `kind`: key and value that distinguish this table from other kinds; `planar`: whether points have exactly two
+    coordinates.
+    """
     return filled_as(table_of(value, kind, planar), value, *(kind or ())[:1])
 
 
 def filled_as(table: Any, build: Callable[..., Any], *left_out: str) -> Any:
-    """Return the annotation of a key whose table is validated and then replaced by ``build(**keys)``.
+    """Return the pydantic annotation of a key whose table is validated and then replaced by ``build(**keys)``.
 
-    `left_out`: keys that `build` does not take.
+    `table`: model of the table; `left_out`: keys that are not passed to `build`.
     """
 
     def fill(filled: TableModel) -> Any:
@@ -141,7 +146,7 @@ def filled_as(table: Any, build: Callable[..., Any], *left_out: str) -> Any:
 
 
 def check_fields(value: Any) -> None:
-    """Validate the fields of a dataclass instance by its table's model, and store the converted values."""
+    """Validate the fields of a dataclass instance, and store the converted values in the instance."""
     single = [item.name for item in dataclasses.fields(value) if item.default_factory is dataclasses.MISSING]
     given = {name: getattr(value, name) for name in single}
     filled = fields_of(type(value), given)
@@ -150,7 +155,10 @@ def check_fields(value: Any) -> None:
 
 
 def fields_of(kind: type, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of a dataclass, validated by its table's model; one InputError lists all problems."""
+    """Return the fields of a dataclass by name, validated by the model of its table.
+
+    `given`: values by name.  Raises one InputError that lists all problems.
+    """
     try:
         table = table_of(kind).model_validate(given)
     except ValidationError as error:
@@ -159,7 +167,10 @@ def fields_of(kind: type, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return a value in the form of a file: dataclasses as tables without keys that are None, tuples as lists."""
+    """Return a value in the form of a file: dataclasses as dictionaries, tuples and arrays as lists.
+
+    Keys of dataclasses whose value is None are omitted.
+    """
     if dataclasses.is_dataclass(value):
         table = {item.name: getattr(value, item.name) for item in dataclasses.fields(value) if item.init}
         return {key: plain(entry) for key, entry in table.items() if entry is not None}

@@ -19,7 +19,7 @@ _TOKEN = re.compile(
 
 
 def key_lines(text: str) -> dict[Path, int]:
-    """Return the line of every table, key and array element of a valid TOML document."""
+    """Return the line number, from 1, of every table, key and array element of a valid TOML document, by key path."""
     scanner = _Scanner(text)
     prefix: Path = ()
     while scanner.skip():
@@ -31,12 +31,15 @@ def key_lines(text: str) -> dict[Path, int]:
 
 
 def line_of(lines: Mapping[Path, int], path: Path) -> int | None:
-    """Return the line of a key path, or of the innermost enclosing table or list; None if neither has a line."""
+    """Return the line number of a key path, or of the innermost enclosing table or list; None if neither has one.
+
+    `lines`: line numbers by key path.
+    """
     return next((lines[path[:size]] for size in range(len(path), 0, -1) if path[:size] in lines), None)
 
 
 class _Scanner:
-    """Scanner that passes once over the tokens of a document and records the lines of keys."""
+    """Scanner of the tokens of a TOML document that records the line numbers of keys in a single pass."""
 
     def __init__(self, text: str) -> None:
         tokens, line = [], 1
@@ -52,7 +55,7 @@ class _Scanner:
         return self.tokens[-1][0]
 
     def skip(self) -> str:
-        """Drop ends of lines and commas, and return the next token."""
+        """Remove line ends and commas from the input, and return the next token without removing it."""
         while self.peek() in ("\n", ","):
             self.tokens.pop()
         return self.peek()

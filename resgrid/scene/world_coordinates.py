@@ -15,7 +15,10 @@ from resgrid.scene.maps.arrays import MapCells
 
 
 def locate_point(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tuple[tuple[int, ...], Point]:
-    """Return the cell of a point in world coordinates, and the point in the coordinates of the space."""
+    """Return the cell of a point in world coordinates, and the point in the coordinates of the space.
+
+    `key`: key path of the point, for messages.  Raises InputError if the point lies outside the grid.
+    """
     inside = frame.from_world(point)
     try:
         cell, local = split_points(axes, inside, frame.reach(axes))
@@ -31,7 +34,8 @@ def locate_point(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -
 def unknown_cells(cells: MapCells | None, axes: tuple[Axis, ...]) -> NDArray[np.bool_] | None:
     """Return the mask of cells that are obstacles because their occupancy is unknown, in the shape of the space.
 
-    None if the map's format has no unknown cells, if they count as free, or if map and space have different axes.
+    `cells`: cells of the map, None without a map; `axes`: axes of the space.  The result is None if the map's format
+    has no unknown cells, if they count as free, or if the first axes of the space are not those of the map.
     """
     if cells is None or cells.unknown is None or cells.table.get("unknown") == "free":
         return None
@@ -39,13 +43,19 @@ def unknown_cells(cells: MapCells | None, axes: tuple[Axis, ...]) -> NDArray[np.
 
 
 def over_map(values: NDArray[Any], axes: tuple[Axis, ...]) -> NDArray[Any]:
-    """Return values of a map's cells broadcast to the shape of a space whose first axes are those of the map."""
+    """Return values of a map's cells broadcast to the shape of a space.
+
+    `values`: shape of the map; `axes`: axes of the space, whose first axes are those of the map.
+    """
     planar = values.reshape(values.shape + (1,) * (len(axes) - values.ndim))
     return np.broadcast_to(planar, tuple(axis.cells for axis in axes))
 
 
 def _exchange_hint(axes: tuple[Axis, ...], point: NDArray[np.float64]) -> str:
-    """Return a hint if the point lies inside the grid with its first two coordinates exchanged; otherwise empty."""
+    """Return a hint as text if the point, with its first two coordinates exchanged, lies inside the grid.
+
+    `point` (ndim,): point in axis units.  The text is empty for other points.
+    """
     try:
         split_points(axes, point[..., [1, 0, *range(2, len(axes))]])
     except (InputError, IndexError):
@@ -54,26 +64,29 @@ def _exchange_hint(axes: tuple[Axis, ...], point: NDArray[np.float64]) -> str:
 
 
 def extent_of(axes: tuple[Axis, ...]) -> str:
-    """Return the ranges of axes as text."""
+    """Return the ranges of axes as text, such as ``x in [0, 8], y in [0, 8]``."""
     return ", ".join(f"{axis.name} in [{axis.lower:g}, {axis.upper:g}]" for axis in axes)
 
 
 def cell_centre(axes: tuple[Axis, ...], frame: Frame, cell: tuple[int, ...], key: str) -> Point:
-    """Return the world coordinates of the centre of a cell."""
+    """Return the world coordinates of the centre of a cell; raise InputError if the cell is outside the grid.
+
+    `cell`: index along each axis; `key`: key path of the cell, for messages.
+    """
     check_cell(axes, cell, key)
     inside = [axis.lower + (index + 0.5) * axis.spacing for index, axis in zip(cell, axes, strict=True)]
     return tuple(np.asarray(frame.to_world(inside)).tolist())
 
 
 def check_cell(axes: tuple[Axis, ...], cell: tuple[int, ...], key: str) -> None:
-    """Raise InputError unless a cell lies in the grid."""
+    """Raise InputError unless a cell lies in the grid; `key`: key path of the cell, for the message."""
     if len(cell) != len(axes) or not all(0 <= index < axis.cells for index, axis in zip(cell, axes, strict=True)):
         size = " x ".join(str(axis.cells) for axis in axes)
         raise InputError(f"{key}: cell {list(cell)} is not in the grid of {size} cells (counted from 0)")
 
 
 def to_space(shape: Shape, frame: Frame) -> Shape:
-    """Convert a shape from world coordinates to the coordinates of the space; return a `CellSet` unchanged."""
+    """Return a shape converted from world coordinates to the coordinates of the space; a `CellSet` is unchanged."""
     if frame.is_world or isinstance(shape, CellSet):  # a map's cells have these coordinates already
         return shape
     if shape.ndim != 2:

@@ -27,7 +27,7 @@ HEADER_READERS = {
     (2, 0): "read_array_header_2_0",
     (3, 0): "read_array_header_2_0",  # differs from 2.0 only in the encoding of field names
 }
-"""Functions of `numpy.lib.format` that read the header, by version of the format."""
+"""Names of the functions of `numpy.lib.format` that read the header of an .npy file, by version of the format."""
 
 HEADINGS = 36
 """Default number of cells of the heading axis of a turning robot on a map."""
@@ -126,12 +126,15 @@ class MapCells:
         return tuple(axes), replace(self.frame, turning_length=robot.turning_length)
 
     def without_obstacles(self) -> MapCells:
-        """Return a copy in which obstacle cells are free."""
+        """Return a copy of the map in which obstacle cells are free."""
         return replace(self, cell=np.where(self.cell == Cell.OBSTACLE, np.uint8(Cell.FREE), self.cell))
 
 
 def cells_from_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return rows of a picture (height, width), top row first, as cells (width, height): x first, y upwards."""
+    """Return the pixels of a picture as cells (width, height): x first, y upwards.
+
+    `rows` (height, width): pixels, top row first.
+    """
     return np.ascontiguousarray(rows[::-1].T)
 
 
@@ -163,7 +166,10 @@ def placed_axes(
 
 
 def read_npy(path: Path) -> NDArray[np.uint8]:
-    """Read a NumPy array of cell codes (0 free, 1 obstacle, 2 goal) or booleans (true is an obstacle)."""
+    """Return the cell codes of a file in NumPy format, one axis of the array per axis of the map.
+
+    The file holds codes (0 free, 1 obstacle, 2 goal) or booleans (true is an obstacle).
+    """
     data = read_bytes(path)
     _check_npy(data, path)
     try:
@@ -178,7 +184,10 @@ def read_npy(path: Path) -> NDArray[np.uint8]:
 
 
 def _check_npy(data: bytes, path: Path) -> None:
-    """Raise InputError or BudgetError for an invalid or too large array, by its header, before memory is allocated."""
+    """Raise InputError or BudgetError if the header of an .npy file describes an invalid or too large array.
+
+    `data`: content of the file; `path`: name of the file, for messages.  The check precedes the allocation of memory.
+    """
     stream = BytesIO(data)
     try:
         version = np.lib.format.read_magic(stream)

@@ -27,10 +27,11 @@ from resgrid.scene.table_models import fields_from
 
 @dataclass(frozen=True)
 class MapFormat:
-    """A format of map files: its reader, the suffixes of its files, and their first bytes.
+    """A format of map files.
 
-    A reader returns the map, or only its cells if the format has no position and resolution.  The options of the reader
-    are keys of the ``[map]`` table; their ranges come from its annotations, their descriptions from its docstring.
+    `read`: reader, which returns the map, or only the cells if the format has no position and resolution; `suffixes`:
+    suffixes of the files; `magic`: first bytes of the files.  The options of the reader are keys of the ``[map]``
+    table; their ranges come from its annotations, their descriptions from its docstring.
     """
 
     read: Callable[..., NDArray[np.uint8] | MapCells]
@@ -39,13 +40,16 @@ class MapFormat:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Options of the reader, and of `placed_axes` for formats without position, as fields of a pydantic model."""
+        """Options of the reader as pydantic fields by name.
+
+        For formats without a position, the options of `placed_axes` are included.
+        """
         is_placed = get_type_hints(self.read).get("return") is MapCells
         return fields_from(self.read) | ({} if is_placed else fields_from(placed_axes))
 
 
 PICTURES = (".png", ".pgm", ".pnm", ".ppm", ".pbm", ".bmp", ".gif", ".tif", ".tiff", ".jpg", ".jpeg")
-"""Suffixes of pictures."""
+"""File name suffixes of pictures."""
 
 FORMATS: dict[str, MapFormat] = {
     "ros": MapFormat(read_ros, (".yaml", ".yml")),
@@ -64,7 +68,7 @@ COMMON = ("file", "format", "periodic", "headings")
 
 
 def map_options() -> dict[str, Any]:
-    """Return the options of all readers as fields of a pydantic model; their descriptions list the formats."""
+    """Return the options of all readers as pydantic fields by name; each description ends with the formats."""
     options = {name: entry.options for name, entry in FORMATS.items()}
     takers = {key: [name for name in options if key in options[name]] for known in options.values() for key in known}
     fields: dict[str, Any] = {}
@@ -76,7 +80,7 @@ def map_options() -> dict[str, Any]:
 
 
 def read_map(table: Mapping[str, Any]) -> MapCells:
-    """Read the map file of a ``[map]`` table, whose ``file`` is an absolute path."""
+    """Return the cells of the map file of a ``[map]`` table, whose ``file`` is an absolute path."""
     path = Path(table["file"])
     name = format_of(path, table)
     options = {key: value for key, value in table.items() if key not in COMMON}
@@ -100,7 +104,7 @@ def read_map(table: Mapping[str, Any]) -> MapCells:
 
 
 def format_of(path: Path, table: Mapping[str, Any]) -> str:
-    """Return the format of a map file: from its table, its suffix, or its first bytes."""
+    """Return the name of a map file's format: from its ``[map]`` table, its suffix, or its first bytes."""
     if table.get("format", "auto") != "auto":
         return str(table["format"])
     for name, entry in FORMATS.items():
@@ -118,7 +122,7 @@ def format_of(path: Path, table: Mapping[str, Any]) -> str:
 
 
 def warn_of_header(path: Path) -> None:
-    """Warn if a picture, which is read without a header, belongs to a ROS map in the same folder."""
+    """Issue a warning if a picture, which is read without a header, belongs to a ROS map in the same folder."""
     for suffix in FORMATS["ros"].suffixes:
         header = path.with_suffix(suffix)
         if header.is_file() and path.name.encode() in read_bytes(header, first=_HEADER_BYTES):
@@ -131,7 +135,7 @@ def warn_of_header(path: Path) -> None:
 
 
 def describe_map(cells: MapCells) -> dict[str, Any]:
-    """Return the format, dialect and options of a map as read, and the meaning of its greys or letters."""
+    """Return format, dialect and options of a map, and the meaning of its grey values or letters, as JSON data."""
     table = cells.table
     file = Path(table["file"])
     name = format_of(file, table)
@@ -153,7 +157,10 @@ def describe_map(cells: MapCells) -> dict[str, Any]:
 
 
 def _runs(meanings: Sequence[str]) -> list[tuple[int, int, str]]:
-    """Return ranges of consecutive grey values with the same meaning, as (first, last, meaning)."""
+    """Return ranges of consecutive grey values with the same meaning, as tuples (first, last, meaning).
+
+    `meanings`: meaning of each grey value, from 0.
+    """
     runs, first = [], 0
     for meaning, group in groupby(meanings):
         last = first + len(list(group)) - 1

@@ -23,13 +23,13 @@ from resgrid.errors import InputError
 from resgrid.scene.maps.arrays import MapCells, cells_from_rows, placed_axes
 
 TERRAIN = ".G@OTSWE"
-"""Letters of the cells of a map."""
+"""Letters that denote cells in a map."""
 
 PASSABLE = ".GSE"
-"""Letters of free cells by default."""
+"""Letters that denote free cells by default."""
 
 TYPES = ("octile", "tile", "octile_unicost")
-"""Types of maps with square cells."""
+"""Types of maps (first header line) with square cells."""
 
 SCENARIO_FIELDS = {9: "1", 7: "0"}
 """Version of a scenario by the number of fields per line; version 0 omits the size of the map."""
@@ -75,7 +75,7 @@ class MovingAIScenario:
 
 
 def read_movingai(path: Path, passable: str = PASSABLE) -> MapCells:
-    """Read a MovingAI map; cells are 1 x 1, in units of ``cell``.
+    """Return the cells of a MovingAI map; cells are 1 x 1, in units of ``cell``.
 
     Parameters
     ----------
@@ -100,7 +100,10 @@ def read_movingai(path: Path, passable: str = PASSABLE) -> MapCells:
 
 
 def read_voxels(path: Path) -> MapCells:
-    """Read a MovingAI voxel map, which lists its obstacle voxels; voxels are 1 x 1 x 1, in units of ``cell``."""
+    """Return the cells of a MovingAI voxel map; voxels are 1 x 1 x 1, in units of ``cell``.
+
+    The file lists the obstacle voxels; all other voxels are free.
+    """
     lines = read_text(path).split("\n")
     words = lines[0].split()
     sizes = [int(word) if word.isascii() and word.isdigit() and len(word) < 16 else 0 for word in words[1:]]
@@ -121,7 +124,10 @@ def read_voxels(path: Path) -> MapCells:
 
 
 def _first_invalid_line(lines: list[str], sizes: list[int], path: Path) -> InputError:
-    """Return an InputError for the first line of a voxel map that is not a voxel of the map."""
+    """Return an InputError that names the first line of a voxel map that is not a voxel inside the map.
+
+    `lines`: lines of the file; `sizes`: number of voxels per axis; `path`: name of the file.
+    """
     for number, line in enumerate(lines[1:], 2):
         words = line.split()
         is_place = len(words) == 3 and all(word.isascii() and word.isdigit() and len(word) < 16 for word in words)
@@ -218,7 +224,7 @@ def _check_rows(rows: list[str], lines: list[str], path: Path, first: int, width
 
 
 class _MapSizes(dict[str, tuple[int, int]]):
-    """Cache of width and height of the maps of a scenario of version 0, by name of the map file."""
+    """Cache of the sizes (width, height), in cells, of the maps of a version 0 scenario, by name of the map file."""
 
     def __init__(self, scenario: Path) -> None:
         super().__init__()

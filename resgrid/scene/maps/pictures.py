@@ -31,16 +31,16 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 BYTES_PER_PIXEL = 24
-"""Estimated memory during the conversion of a picture to cells, in bytes per pixel."""
+"""Estimated memory for the conversion of a picture to cells, in bytes per pixel."""
 
 THRESHOLD = 128
-"""Smallest grey value of a free pixel by default."""
+"""Default of the smallest grey value (0 to 255) of a free pixel."""
 
 DEEP_MODES = ("I;16", "I;16B", "I;16L", "I;16N", "I")
-"""Modes of Pillow with more than 8 bits of grey."""
+"""Pixel modes of Pillow with more than 8 bits per grey value."""
 
 _DEEP_COLOURS = {"RGB;16B": "RGB;16L", "RGBA;16B": "RGBA;16L"}
-"""Pillow's raw modes for PNGs of 16 bits per channel: those that give the high bytes, mapped to those for low bytes."""
+"""Raw modes of Pillow for the high bytes of PNGs with 16 bits per channel, mapped to those for the low bytes."""
 
 _LIMIT = threading.Lock()
 
@@ -50,8 +50,8 @@ class Raster:
     """The channel values of a picture.
 
     `values` (height, width, channels), uint8 or uint16: top row first, 1 (grey), 2 (grey, alpha), 3 (red, green, blue)
-    or 4 channels (with alpha); `maxval`: value of white and of opaque; `numbers` (height, width): indices of colours in
-    the palette, or None; `is_grey_alpha`: the file is a PNG of grey and opacity.
+    or 4 channels (with alpha); `maxval`: channel value of white and of full opacity; `numbers` (height, width): indices
+    of colours in the palette, or None; `is_grey_alpha`: whether the file is a PNG of grey and opacity.
     """
 
     values: NDArray[np.uint8] | NDArray[np.uint16]
@@ -60,7 +60,7 @@ class Raster:
     is_grey_alpha: bool = False
 
     def rows(self, first: int, last: int) -> Raster:
-        """Return the rows from `first` up to, not including, `last`."""
+        """Return the raster of the rows from `first` to `last` (exclusive)."""
         numbers = None if self.numbers is None else self.numbers[first:last]
         return Raster(self.values[first:last], self.maxval, numbers, self.is_grey_alpha)
 
@@ -82,11 +82,14 @@ class Raster:
 
     @property
     def bytes(self) -> NDArray[np.int32]:
-        """Values from 0 to 255, in the shape of `values`; of 16 bits the high byte, as in libpng and OpenCV."""
+        """Channel values from 0 to 255, in the shape of `values`.
+
+        The high byte represents values of 16 bits, as in libpng and OpenCV.
+        """
         return self._bytes(self.values)
 
     def _channel(self, number: int) -> NDArray[np.int32]:
-        """Return the values of one channel (height, width), from 0 to 255."""
+        """Return the values of one channel, scaled to 0 to 255, shape (height, width)."""
         return self._bytes(self.values[..., number])
 
     def _bytes(self, values: NDArray[Any]) -> NDArray[np.int32]:
@@ -97,7 +100,7 @@ class Raster:
 
 
 def read_grey(path: Path, threshold: Annotated[int, Ge(0), Le(65536)] = THRESHOLD) -> NDArray[np.uint8]:
-    """Read a picture as cell codes (width, height): dark pixels are obstacles.
+    """Return the cell codes (width, height) of a picture, in which dark pixels are obstacles.
 
     Parameters
     ----------
@@ -109,10 +112,11 @@ def read_grey(path: Path, threshold: Annotated[int, Ge(0), Le(65536)] = THRESHOL
 
 
 def read_epic(path: Path) -> NDArray[np.uint8]:
-    """Read a picture by the convention of epic: 0 is an obstacle, 255 a goal, other values are free.
+    """Return the cell codes (width, height) of a picture by the convention of the program epic.
 
-    Colours are converted to grey by their rounded luma, opacity is ignored (K. Wray, D. Ruiken, R. Grupen and
-    S. Zilberstein, "Log-space harmonic function path planning", IROS 2016; OpenCV's ``IMREAD_GRAYSCALE``).
+    The grey value 0 is an obstacle, 255 a goal, other values are free.  Colours are converted to grey by their rounded
+    luma, opacity is ignored (K. Wray, D. Ruiken, R. Grupen and S. Zilberstein, "Log-space harmonic function path
+    planning", IROS 2016; OpenCV's ``IMREAD_GRAYSCALE``).
     """
     grey = read_raster(path).grey
     return cells_from_rows(
@@ -121,7 +125,10 @@ def read_epic(path: Path) -> NDArray[np.uint8]:
 
 
 def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
-    """Read a picture file of any format that `read_pnm` or Pillow supports."""
+    """Return the channel values of a picture file of any format that `read_pnm` or Pillow supports.
+
+    `bytes_per_pixel`: estimated memory for later steps, for the check of the available memory.
+    """
     data = read_bytes(path)
     if not data:
         raise InputError(f"{path}: the file is empty; copy it again")
@@ -150,7 +157,7 @@ def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int) -> Raster:
 
 @contextmanager
 def _any_size() -> Iterator[None]:
-    """Disable Pillow's limit of pixels; `require_grid_memory` checks the size before decoding."""
+    """Disable Pillow's limit of the number of pixels inside the context; the size is checked before decoding."""
     from PIL import Image
 
     with _LIMIT:
@@ -183,12 +190,18 @@ def _raster(image: Image, data: bytes, path: Path) -> Raster:
 
 
 def _has_spare_bytes(data: bytes) -> bool:
-    """Return whether a BMP has 32 bits per pixel without masks; its fourth byte, which Pillow drops, is the opacity."""
+    """Return whether a BMP file has 32 bits per pixel without masks.
+
+    Its fourth byte is the opacity, which Pillow drops.  `data`: content of the file.
+    """
     return data.startswith(b"BM") and data[14] >= 40 and data[28:30] == b"\x20\0" and not any(data[30:34])
 
 
 def _with_spare_bytes(image: Image, data: bytes) -> NDArray[np.uint8]:
-    """Return the values (height, width, 4) of a BMP of 32 bits per pixel: red, green, blue and opacity."""
+    """Return the channels of a BMP of 32 bits per pixel: red, green, blue and opacity, shape (height, width, 4).
+
+    `image`: the decoded colours; `data`: content of the file.
+    """
     first, height = struct.unpack("<I", data[10:14])[0], struct.unpack("<i", data[22:26])[0]
     rows = np.frombuffer(data, np.uint8, 4 * image.width * image.height, first)
     opacity = rows.reshape(image.height, image.width, 4)[:: -1 if height > 0 else 1, :, 3]
@@ -196,18 +209,28 @@ def _with_spare_bytes(image: Image, data: bytes) -> NDArray[np.uint8]:
 
 
 def _keeps_palette(image: Image) -> bool:
-    """Return whether SDL_image keeps the palette: at most one colour is transparent, and this colour fully."""
+    """Return whether SDL_image keeps the palette of an image.
+
+    It keeps a palette in which at most one colour is transparent, and this colour fully.
+    """
     opacity = image.info.get("transparency", b"")
     return not isinstance(opacity, bytes) or opacity.replace(b"\xff", b"") in (b"", b"\0")
 
 
 def _png_layout(data: bytes) -> tuple[int, int] | None:
-    """Return bits per channel and colour type of a PNG (0 grey, 2 colour, 3 palette, 4 and 6 with opacity), or None."""
+    """Return bits per channel and colour type of a PNG file; None for other files.
+
+    Colour types: 0 grey, 2 colour, 3 palette, 4 grey with opacity, 6 colour with opacity.
+    """
     return (data[24], data[25]) if data.startswith(b"\x89PNG") and len(data) > 25 else None
 
 
 def _deep_values(image: Image, data: bytes, layout: tuple[int, int] | None, path: Path) -> NDArray[np.uint16]:
-    """Return the values (height, width, channels) of a picture of 16 bits per channel."""
+    """Return the channel values (height, width, channels) of a picture with 16 bits per channel.
+
+    `data`: content of the file; `layout`: bits per channel and colour type of a PNG, otherwise None; `path`: for
+    messages.
+    """
     from PIL import Image as Pillow, ImageFile
 
     if layout == (16, 4):  # decoded as 8-bit RGBA, whose channels are then two bytes of grey and two of opacity
@@ -230,18 +253,21 @@ def _deep_values(image: Image, data: bytes, layout: tuple[int, int] | None, path
 
 
 def _joined(higher: NDArray[np.uint8], lower: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Return 16-bit values from their high and low bytes."""
+    """Return 16-bit values composed of their high and low bytes, in the shape of `higher` and `lower`."""
     return (higher.astype(np.uint16) * np.uint16(256) + lower).astype(np.uint16)
 
 
 def _with_layout(data: bytes, depth: int, colour: int) -> bytes:
-    """Return the bytes of a PNG with bit depth and colour type in its header replaced."""
+    """Return the bytes of a PNG file whose header has another bit depth and colour type."""
     header = data[12:24] + bytes((depth, colour)) + data[26:29]
     return data[:12] + header + struct.pack(">I", zlib.crc32(header)) + data[33:]
 
 
 def _transparent(values: NDArray[Any], key: Any) -> NDArray[Any]:
-    """Return the values with an opacity channel, 0 at pixels of the transparent colour `key`; unchanged without key."""
+    """Return channel values with an added opacity channel, 0 at pixels of the transparent colour `key`.
+
+    Without a key (None), the result is `values` (height, width, channels).
+    """
     if key is None:
         return values
     opaque = (values != np.atleast_1d(np.array(key))).any(axis=2)

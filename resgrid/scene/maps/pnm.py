@@ -26,7 +26,11 @@ _SPACES = (b" ", b"\t", b"\r", b"\n", b"\v", b"\f")
 
 
 class _Header(NamedTuple):
-    """The header of a file: kind (1 to 6), size in pixels, largest value, offset of the raster in bytes."""
+    """The header of an anymap.
+
+    `kind`: digit after P, 1 to 6; `width`, `height`: size in pixels; `maxval`: value of white; `start`: offset of the
+    first pixel in the file, in bytes.
+    """
 
     kind: int
     width: int
@@ -40,11 +44,12 @@ class _Header(NamedTuple):
 
 
 def read_pnm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> tuple[NDArray[Any], int]:
-    """Return the values (height, width, channels) of an anymap, and the value of white.
+    """Return the channel values (height, width, channels) of an anymap, and the channel value of white.
 
-    Blanks, tabs, line ends and comments (from ``#`` to the end of the line) may separate the numbers of the header; one
-    blank character ends it.  Values above 255 take two bytes, the high byte first.  Bits are converted to grey: 0 for
-    black.  Bytes after the raster are ignored.
+    `data`: content of the file; `path`: for messages; `bytes_per_pixel`: estimated memory for later steps.  Blanks,
+    tabs, line ends and comments (from ``#`` to the end of the line) may separate the numbers of the header; one blank
+    character ends the header.  Values above 255 have two bytes, the high byte first.  Bits are converted to grey, 0 for
+    black.  Bytes after the last pixel are ignored.
     """
     header = _read_header(data, path)
     width, height, maxval, channels = header.width, header.height, header.maxval, header.channels
@@ -88,7 +93,7 @@ def _read_header(data: bytes, path: Path) -> _Header:
 
 
 def _raster(data: bytes, header: _Header, count: int, path: Path) -> NDArray[Any]:
-    """Return the values in the file, at most `count`; fewer if the file is cut short."""
+    """Return the channel values in the file as a flat array of at most `count` entries; fewer if it is cut short."""
     if header.kind == 1:
         return _plain_bits(data[header.start :], count, path)
     if header.kind == 4:
@@ -112,7 +117,10 @@ def _plain_values(data: bytes, count: int, path: Path) -> NDArray[Any]:
 
 
 def _plain_bits(data: bytes, count: int, path: Path) -> NDArray[Any]:
-    """Return the pixels of a plain bitmap, 0 for black, from its digits with or without blanks, where 1 is black."""
+    """Return the pixels (n,) of a plain bitmap, 0 for black and 1 for white, at most `count`.
+
+    `data`: digits of the file, with or without blanks, in which 1 is black.
+    """
     digits = np.frombuffer(b"".join(_COMMENT.sub(b" ", data).split()), np.uint8)[:count]
     wrong = ~np.isin(digits, (ord("0"), ord("1")))
     if wrong.any():
@@ -121,7 +129,10 @@ def _plain_bits(data: bytes, count: int, path: Path) -> NDArray[Any]:
 
 
 def _packed_bits(data: bytes, header: _Header) -> NDArray[Any]:
-    """Return the pixels of a binary bitmap, 0 for black; its rows are padded to whole bytes, and its bit 1 is black."""
+    """Return the pixels (n,) of a binary bitmap, 0 for black and 1 for white.
+
+    In the file, rows are padded to whole bytes, and the bit 1 is black.
+    """
     row = -(-header.width // 8)
     rows = min(header.height, max(0, len(data) - header.start) // row)
     packed = np.frombuffer(data, np.uint8, rows * row, min(header.start, len(data))).reshape(rows, row)

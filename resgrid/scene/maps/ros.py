@@ -22,7 +22,7 @@ from resgrid.scene.maps.ros_header import NEWEST, Dialect, RosHeader, picture_of
 from resgrid.scene.messages import unknown_option
 
 COSTS_BYTES = 40
-"""Estimated memory during the conversion of occupancies to conductivities, in bytes per pixel."""
+"""Estimated memory for the conversion of occupancies to conductivities, in bytes per pixel."""
 
 
 def read_ros(
@@ -32,7 +32,7 @@ def read_ros(
     lethal: Annotated[int, Ge(1), Le(100)] | None = None,
     least_conductivity: Annotated[float, Gt(0), Le(1)] | None = None,
 ) -> MapCells:
-    """Read a ROS map.
+    """Return the cells of a ROS map, read from its ``map.yaml`` and its picture.
 
     Parameters
     ----------
@@ -62,7 +62,10 @@ def read_ros(
 
 
 def ros_greys(path: Path, dialect: Dialect = NEWEST, lethal: int | None = None) -> list[str]:
-    """Return the meaning of each grey value 0 to 255 of a ROS map: ``obstacle``, ``free`` or ``unknown``."""
+    """Return the meaning of each grey value 0 to 255 of a ROS map: ``obstacle``, ``free`` or ``unknown``.
+
+    `path`: the ``map.yaml``; `dialect`: ROS map reader whose rules apply; `lethal`: smallest occupancy of an obstacle.
+    """
     header = read_header(path, dialect)
     occupancy = occupancies(Raster(np.arange(256, dtype=np.uint8).reshape(1, 256, 1), 255), header, dialect)
     words = np.where(_is_occupied(occupancy, header, lethal), "obstacle", "free")
@@ -74,7 +77,10 @@ def _is_occupied(occupancy: NDArray[np.int8], header: RosHeader, lethal: int | N
 
 
 def _lethal(header: RosHeader, lethal: int | None) -> int:
-    """Return the smallest occupancy of an obstacle cell, from 1 to 100."""
+    """Return the smallest occupancy of an obstacle cell, from 1 to 100.
+
+    `lethal`: value that the user gives, None for the value of the header's ``occupied_thresh``.
+    """
     return max(1, int(np.ceil(100 * header.occupied_thresh))) if lethal is None else lethal
 
 

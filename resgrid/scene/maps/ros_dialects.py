@@ -46,17 +46,17 @@ from resgrid.scene.maps.pictures import Raster
 from resgrid.scene.maps.ros_header import Dialect, RosHeader
 
 OCCUPIED, FREE, UNKNOWN = 100, 0, -1
-"""Values of ``nav_msgs/OccupancyGrid``."""
+"""Values of occupied, free and unknown cells in ``nav_msgs/OccupancyGrid``."""
 
 QUANTUM = 65535
-"""Value of white and of opaque in GraphicsMagick."""
+"""Channel value of white and of full opacity in GraphicsMagick."""
 
 ROWS_PER_BLOCK = 64
-"""Number of rows of a colour picture that are converted at once, which limits the memory of intermediate values."""
+"""Number of rows of a colour picture that are converted at once; limits the memory of intermediate values."""
 
 
 def occupancies(raster: Raster, header: RosHeader, dialect: Dialect) -> NDArray[np.int8]:
-    """Return the occupancies (height, width) of a picture, as by the reader of a dialect; top row first."""
+    """Return the occupancies (height, width) of a picture, -1 to 100, by the rules of a dialect; top row first."""
     convert = CONVERTERS[dialect]
     if raster.values.shape[2] == 1:  # each grey value is converted once
         every = np.arange(raster.maxval + 1, dtype=np.uint16).reshape(1, -1, 1)
@@ -68,10 +68,10 @@ def occupancies(raster: Raster, header: RosHeader, dialect: Dialect) -> NDArray[
 
 
 class PixelConverter(Protocol):
-    """Function from a picture to its occupancies (height, width), top row first."""
+    """Type of a function that converts a picture to occupancies (height, width), top row first."""
 
     def __call__(self, raster: Raster, header: RosHeader) -> NDArray[np.int8]:
-        """Return the occupancies."""
+        """Return the occupancies (height, width) of a picture, top row first."""
 
 
 def _as_nav2(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
@@ -96,7 +96,10 @@ def _as_nav2(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
 
 
 def _grey_bytes(raster: Raster) -> NDArray[np.int64]:
-    """Return GraphicsMagick's grey values (height, width): 16-bit ITU-R 601 luma, rounded, truncated to 8 bits."""
+    """Return the grey values (height, width) of GraphicsMagick, 0 to 255.
+
+    A grey value is the 16-bit ITU-R 601 luma, rounded and then truncated to 8 bits.
+    """
     quanta = _quanta(raster)
     if quanta.shape[2] <= 2:
         return quanta[..., 0] // 257
@@ -158,7 +161,7 @@ def _quanta(raster: Raster) -> NDArray[np.int64]:
 
 
 def _scaled(p: NDArray[np.float64], header: RosHeader) -> NDArray[np.float64]:
-    """Return the darkness scaled to 0 at the threshold of free cells and 1 at the threshold of occupied cells."""
+    """Return the darkness `p`, scaled to 0 at the threshold of free cells and to 1 at that of occupied cells."""
     return np.asarray((p - header.free_thresh) / (header.occupied_thresh - header.free_thresh))
 
 

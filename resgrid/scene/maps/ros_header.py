@@ -21,7 +21,7 @@ Dialect = Literal["nav2", "nav2-jazzy", "ros1"]
 """ROS map readers: Nav2 since 2025, Nav2 from Dashing to Jazzy, ROS 1."""
 
 NEWEST: Dialect = "nav2"
-"""Default dialect."""
+"""Default dialect: the newest ROS map reader."""
 
 MODES = ("trinary", "scale", "raw")
 
@@ -42,8 +42,9 @@ class RosHeader(BaseModel):
     """The keys of a ``map.yaml``.
 
     `image`: file name of the picture; `resolution`: width of a pixel, in metres; `origin`: pose of the lower-left
-    corner of the lower-left pixel: x and y in metres, yaw in radians, anticlockwise; `negate`: light pixels are
-    occupied; `occupied_thresh, free_thresh`: thresholds of the darkness, 0 to 1; `mode`: conversion of grey values.
+    corner of the lower-left pixel: x and y in metres, yaw in radians, anticlockwise; `negate`: whether light pixels are
+    occupied; `occupied_thresh`, `free_thresh`: thresholds of a pixel's darkness, 0 to 1; `mode`: conversion of grey
+    values.
     """
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
@@ -97,7 +98,7 @@ class RosHeader(BaseModel):
 
 
 def read_header(path: Path, dialect: Dialect) -> RosHeader:
-    """Read a ``map.yaml`` by the rules of a dialect."""
+    """Return the keys of a ``map.yaml``, validated by the rules of a dialect; raise InputError for invalid keys."""
     from resgrid.scene.maps.yaml_cpp import read_mapping
 
     try:
@@ -107,10 +108,10 @@ def read_header(path: Path, dialect: Dialect) -> RosHeader:
 
 
 def picture_of(path: Path, image: str) -> Path:
-    r"""Return the path of a map's picture; if it does not exist, of the file with this name in the map's folder.
+    r"""Return the path of a map's picture; if it does not exist, the path of its namesake in the map's folder.
 
-    Maps from another computer contain paths of that computer (``/home/ann/room.pgm``, ``maps\room.pgm``).  A warning is
-    issued if the named file does not exist.
+    `path`: the ``map.yaml``; `image`: name of the picture in this file.  Maps from another computer contain paths of
+    that computer (``/home/ann/room.pgm``, ``maps\room.pgm``).  A warning is issued if the named file does not exist.
     """
     named = path.parent / image
     if os.path.isfile(named):  # noqa: PTH113  Path.is_file raises for invalid file names

@@ -20,7 +20,7 @@ from resgrid._internal.files import MAX_TEXT_BYTES, read_bytes
 from resgrid.errors import InputError
 
 Scalar: TypeAlias = "str | dict[str, str] | None"
-"""Text, None for null, or an empty dict for a node that is not a scalar."""
+"""Value of a YAML node: text, None for null, or an empty dictionary for a node that is not a scalar."""
 
 Value: TypeAlias = "Scalar | list[Scalar]"
 
@@ -42,13 +42,13 @@ _TRUTHS = {"y": True, "yes": True, "true": True, "on": True, "n": False, "no": F
 
 
 class _Loader(yaml.SafeLoader):
-    """Loader of untyped nodes that accepts the same deviations from YAML as yaml-cpp."""
+    """YAML loader without types, which accepts the same deviations from the YAML standard as yaml-cpp."""
 
     def check_printable(self, data: str) -> None:
-        """Accept all characters, such as bytes of a comment in another encoding."""
+        """Accept all characters without an error, such as bytes of a comment in another encoding."""
 
     def scan_to_next_token(self) -> None:
-        """Skip tabs between tokens like blanks; indentation by tabs stays an error."""
+        """Skip blanks, comments and tabs before the next token; indentation by tabs is still an error."""
         super().scan_to_next_token()
         while self.peek() == "\t" and (self.flow_level or self.column or self._is_blank_line()):
             if self.column and not self.flow_level:
@@ -66,7 +66,9 @@ class _Loader(yaml.SafeLoader):
 
 
 def read_mapping(path: Path, keys: Iterable[str]) -> dict[str, Value]:
-    """Return the values of `keys` in the first document of a YAML file; other keys are ignored.
+    """Return the values of `keys` in the first document of a YAML file by key; other keys are ignored.
+
+    Values are texts, None for null, or lists of these.
 
     Raises
     ------
@@ -95,7 +97,7 @@ def read_mapping(path: Path, keys: Iterable[str]) -> dict[str, Value]:
 
 
 def double(text: str) -> float:
-    """Return the number of a text, as by ``node.as<double>()``.
+    """Return the number of a text by the rules of ``node.as<double>()`` in yaml-cpp.
 
     Raises
     ------
@@ -111,7 +113,9 @@ def double(text: str) -> float:
 
 
 def whole(text: str) -> int:
-    """Return the whole number of a text, as by ``node.as<int>()``: decimal, octal (``0...``), hexadecimal (``0x...``).
+    """Return the integer of a text by the rules of ``node.as<int>()`` in yaml-cpp.
+
+    The text is decimal, octal (``0...``) or hexadecimal (``0x...``).
 
     Raises
     ------
@@ -130,7 +134,7 @@ def whole(text: str) -> int:
 
 
 def truth(text: str) -> bool:
-    """Return the boolean of a text, as by ``node.as<bool>()``: yes, true, on, y and their opposites.
+    """Return the boolean of a text by the rules of ``node.as<bool>()`` in yaml-cpp: yes, true, on, y, or opposites.
 
     Raises
     ------
@@ -156,7 +160,7 @@ def _first_document(path: Path) -> yaml.Node | None:
 
 
 def _text(path: Path) -> str:
-    """Return the text of a file; bytes that are not UTF-8 stay as surrogates, so that file names remain valid."""
+    """Return the text of a file; bytes that are not UTF-8 become surrogates, so that file names remain valid."""
     data = read_bytes(path, MAX_TEXT_BYTES)
     encoding = next((name for mark, name in _BOMS if data.startswith(mark)), None)
     text = data.decode("utf-8-sig", "surrogateescape") if encoding is None else data.decode(encoding, "replace")
@@ -164,7 +168,7 @@ def _text(path: Path) -> str:
 
 
 def _without_directives(text: str) -> str:
-    """Return the text with directives such as OpenCV's ``%YAML:1.0``, which PyYAML rejects, as comments."""
+    """Return YAML text in which directives such as OpenCV's ``%YAML:1.0``, which PyYAML rejects, are comments."""
     lines = text.split("\n")
     for number, line in enumerate(lines):
         if line.startswith("%"):
