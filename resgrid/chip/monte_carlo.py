@@ -311,8 +311,9 @@ def unpacked(bits: NDArray[np.uint8], starts: int) -> NDArray[np.bool_]:
 class TrialSeries(NamedTuple):
     """Trials of one chip description.
 
-    `trials`: number of trials; `readouts`: number of read-outs; `prepare`: function that returns the prepared
-    experiment; `name`: noun for messages, in the plural; `random`: whether trials differ.
+    `trials`: number of trials; `readouts`: number of read-outs of each trial; `prepare`: function without arguments
+    that returns the `Experiment`, with everything that does not depend on the trial; `name`: noun for messages, in the
+    plural; `random`: whether trials differ.
     """
 
     trials: int

@@ -147,7 +147,7 @@ class Settling(Result):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, the resolution in bits and the slowest time constants in seconds, as plain values."""
+        """Return the figures of merit by name, the bits of resolution and the slowest time constants in seconds."""
         return {**super().to_json(), "bits": self.bits, "time_constants": self.time_constants.tolist()}
 
 

@@ -33,9 +33,10 @@ SAME = 1e-9
 
 
 class StallDetector:
-    """Detects that a robot stays within half a cell, from the distance that its commands could have moved it.
+    """Detects that a robot stays within half a cell of a place, although its commands would have moved it farther.
 
-    `spacing` (ndim,): cell widths; `place` (ndim,): position at the start; both along the axes.
+    The commanded distance since the last reset is compared with a limit; both are in cells.  `spacing` (ndim,): cell
+    widths; `place` (ndim,): position at the start; both in axis units.
     """
 
     def __init__(self, spacing: Vector, place: Vector) -> None:

@@ -87,8 +87,8 @@ class LiveMap:
 
 
 def solve_again(field: Field, space: ConfigurationSpace) -> Field:
-    """Return the field of a changed map, with the wiring and the blend of a given field.
+    """Return the field of a changed map.
 
-    `field`: field of the old map; `space`: the new map.
+    `field`: field of the old map, whose wiring and Dirichlet weight k are used; `space`: the new map.
     """
     return solve_field(space, field.wiring, field.k if field.boundary == "blend" else None)

@@ -178,7 +178,7 @@ class ConfigurationSpace:
         return cls(axes, codes, conductivity, frame=frame, robot=robot)
 
     def with_cells(self, cell: ArrayLike) -> ConfigurationSpace:
-        """Return a copy of the space with other cells, an array of `Cell`; goal cells in both keep their points."""
+        """Return a copy with other cells, an array of `Cell`; a cell that stays a goal keeps its goal point."""
         cells, kept = _checked_cells(self.axes, cell), None
         if self.goal_points is not None:
             points = np.full((*self.shape, self.ndim), np.nan)

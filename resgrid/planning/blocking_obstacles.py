@@ -36,7 +36,8 @@ _MOST_PARTS = 63
 class Obstruction:
     """Groups of obstacle cells that separate a start from one goal region.
 
-    An entry of `Separation.obstructions`, which `resgrid.find_blocking_obstacles` returns for a space.
+    An entry of `Separation.obstructions`, which `resgrid.find_blocking_obstacles` returns for a space.  A group is a
+    set of obstacle cells that touch each other at faces, edges or corners; `Separation.barriers` numbers the groups.
 
     Attributes
     ----------

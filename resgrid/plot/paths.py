@@ -116,7 +116,7 @@ def by_blend(paths: Sequence[Streamline], k: Sequence[float] | None) -> list[tup
 
 
 def _blend_label(k: float | None) -> str:
-    """Return the legend entry of the paths of one k; "path" if `k` is None."""
+    """Return the legend entry of paths in a blend with Dirichlet weight `k`; "path" if `k` is None."""
     kind = {0.0: " (Neumann)", 1.0: " (Dirichlet)"}.get(-1.0 if k is None else k, "")
     return "path" if k is None else f"$k$ = {k:g}{kind}"
 

@@ -78,7 +78,8 @@ def costs_by_depth(deepest: int, rate: float, wall: float) -> Indices:
     """Return the cost of a step to a node, by the number of steps from the node to the high rail, shape (deepest + 1,).
 
     The cost is the decay of the potential, in units of a factor of ``exp(1 / _PARTS)``, and at least 1. The last entry,
-    for nodes without a path to the high rail, is 0. `deepest`: number of nodes; `rate, wall`: parameters of `decay`.
+    for nodes without a path to the high rail, is 0. `deepest`: bound of the number of steps; `rate`: decay per cell
+    times the width of a corridor in cells; `wall`: contact resistance to obstacles relative to that between nodes.
     """
     costs = np.ones(deepest + 1, dtype=np.int32)
     width = 2.0 * np.arange(min(deepest, int(_PARTS * rate))) + 1.0

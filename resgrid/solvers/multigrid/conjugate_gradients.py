@@ -260,7 +260,7 @@ class _Burst:
     def run(self, size: float, gain: float, limit: int) -> int:
         """Reduce the residual norm from ``size`` to ``gain size`` in at most ``limit`` iterations; return their number.
 
-        ``size`` is the norm of the true residual, in the unit of the hierarchy.
+        ``size`` is the norm of the true residual, a current divided by the hierarchy's unit of conductance.
         """
         v, steps = self._v, 0
         np.divide(self.residual, size, out=v.r, casting="same_kind")

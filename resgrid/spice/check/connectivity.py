@@ -144,11 +144,11 @@ def loops_of(circuit: Circuit) -> Loops:
 def loop_voltages(
     ends: NDArray[np.int32], volts: NDArray[np.float64], node_count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return, for every voltage source, a voltage difference, whether it closes a loop, and whether it contradicts it.
+    """Return the mismatch of every voltage source in volts, and the masks of sources that close loops or contradict.
 
-    The difference, in volts, is that between the source and earlier sources in a spanning forest in which earlier
-    sources come first.  Shapes: `ends` (sources, 2): nodes; `volts` (sources,): voltages; returns three arrays
-    (sources,).
+    Earlier sources form a spanning forest.  A source closes a loop if its nodes are connected in the forest.  Its
+    mismatch is its voltage minus the voltage between these nodes in the forest; it contradicts if the mismatch exceeds
+    rounding errors.  `ends` (sources, 2): nodes; `volts` (sources,); returns three arrays (sources,).
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import minimum_spanning_tree
