@@ -15,7 +15,7 @@
 # make clean   remove all generated files
 
 PYTHON ?= python3
-JOBS ?= 3
+JOBS ?= 2
 SCENE ?= examples/scenes/rooms.toml
 OUT ?= out/$(basename $(notdir $(SCENE)))
 GOLDEN ?= netlists
