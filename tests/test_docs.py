@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import inspect
 import operator
 import re
 import shutil
@@ -17,7 +18,7 @@ API = PROJECT / "docs" / "reference" / "api"
 PAGES = sorted(page for page in API.glob("*.rst") if page.stem != "index")
 
 
-NAMESPACES = ("chip", "circuit", "control", "maps", "planning", "plot", "spice")
+NAMESPACES = [name for name in rg.__all__ if inspect.ismodule(getattr(rg, name))]
 
 
 def public_names() -> set[str]:

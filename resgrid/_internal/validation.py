@@ -22,7 +22,6 @@ import re
 import sys
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import fields
 from importlib import import_module
 from typing import (
     IO,
@@ -45,7 +44,7 @@ from numpy.typing import ArrayLike
 from resgrid._internal.numbers import is_number, is_whole
 from resgrid.errors import InputError, suggestion
 
-Record = TypeVar("Record")
+Checked = TypeVar("Checked")
 
 
 class TypeCheck(NamedTuple):
@@ -77,6 +76,7 @@ SOURCES = {
     "Scene": "rg.read_scene(file), or rg.parse_scene(text)",
     "Simulation": "rg.simulation(scene)",
     "Streamline": "rg.streamline(field, start)",
+    "Wiring": "rg.Wiring(...)",
     "Wavefront": "rg.control.wavefront(rg.simulation(scene, announce=True), cells)",
 }
 """Expressions that return a value of a class, by class name, for messages."""
@@ -99,18 +99,15 @@ def guarded(name: str, value: Any, module: str = "resgrid") -> Any:
     """
     if not isinstance(value, types.FunctionType):
         return value
-    code = value.__code__
-    call = _with_checks(value, name, code.co_varnames[: code.co_argcount], lambda: type_checks_of(value))
+    call = _with_checks(value, name)
     call.__module__, call.__qualname__, call.__name__ = module, name, name  # pickle looks it up by these names
     return call
 
 
-def checked(record: type[Record]) -> type[Record]:
-    """Add checks of the field types to the constructor of a dataclass, and return the class."""
-    names = ("self", *(field.name for field in fields(record) if field.init))  # type: ignore[arg-type]
-    init = record.__init__
-    record.__init__ = _with_checks(init, record.__name__, names, lambda: type_checks_of(init))  # type: ignore[method-assign]
-    return record
+def checked(cls: type[Checked]) -> type[Checked]:
+    """Add checks of the argument types to the constructor of a class, and return the class."""
+    cls.__init__ = _with_checks(cls.__init__, cls.__name__)  # type: ignore[method-assign]
+    return cls
 
 
 def check_call(
@@ -140,20 +137,18 @@ def check_call(
         raise TypeError(f"{name}() takes {count} by position, got {len(arguments) - bound}{hint}")
 
 
-def _with_checks(
-    function: Callable[..., Any], name: str, names: Sequence[str], find: Callable[[], TypeChecks]
-) -> Callable[..., Any]:
-    """Return a function that checks its arguments and then calls `function`.
+def _with_checks(function: Callable[..., Any], name: str) -> Callable[..., Any]:
+    """Return a function that checks its arguments by the annotations of `function`, and then calls `function`.
 
-    `name`: public name of the function; `names`: names of the positional parameters; `find`: function that returns the
-    checks by parameter, called once.
+    `name`: public name of the function.
     """
-    checks: TypeChecks = {}
+    code = inspect.unwrap(function).__code__
+    names, checks = code.co_varnames[: code.co_argcount], TypeChecks()
 
     @functools.wraps(function)
     def call(*arguments: Any, **options: Any) -> Any:
         if not checks:
-            checks.update(find())
+            checks.update(type_checks_of(function))
         for key, argument in (*zip(names, arguments, strict=False), *options.items()):
             if key in checks and not checks[key].accepts(argument):
                 raise InputError(_message(key, argument, checks[key]))

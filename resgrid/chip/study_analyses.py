@@ -26,7 +26,7 @@ from resgrid.chip.yields import Progress, Yield, analyse_yield
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.core.netlist import Netlist
 from resgrid.core.space import ConfigurationSpace
-from resgrid.core.wiring import Wiring, WiringOptions, check_wiring_options, wiring_of
+from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
 from resgrid.errors import InputError
 from resgrid.planning.pipeline import problem_of
 from resgrid.scene import Scene
@@ -366,7 +366,6 @@ def study(
     >>> study.adc_resolution().sentence(12)
     'a 12-bit read-out serves 100 % of the starts'
     """
-    check_wiring_options(options)
     if isinstance(source, Netlist | OperatingPoint):
         given = [*options, *(name for name, value in (("wiring", wiring), ("space", space)) if value is not None)]
         if given:

@@ -13,7 +13,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.validation import check_call
+from resgrid._internal.validation import checked
 from resgrid.circuit.equations import Equations, assemble, sum_by_row
 from resgrid.circuit.linear import factor_circuit, solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
@@ -123,6 +123,7 @@ class WarmPoint:
         return read_normwise(system, x, method="multigrid", seconds={}, **progress)
 
 
+@checked
 class WarmStart:
     """Solver for the circuits of a changing space, which reuses the last solution and its multigrid hierarchy.
 
@@ -154,9 +155,6 @@ class WarmStart:
 
     def __init__(self, wiring: Wiring | None = None, *, rtol: float = 1e-8, **options: Unpack[WiringOptions]) -> None:
         check_rtol(rtol)
-        check_call("WarmStart", WarmStart.__init__, (), options, bound=1, known=WiringOptions.__annotations__)
-        if not (wiring is None or isinstance(wiring, Wiring)):
-            raise InputError(f"wiring = {wiring!r} must be a Wiring (rg.Wiring(...)), or None")
         self.wiring, self.rtol = wiring_of(wiring, options), rtol
         if self.wiring.rails != "merged":
             raise InputError("a warm start needs rails = 'merged': with rails = 'cells', use resgrid.solve")

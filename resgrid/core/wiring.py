@@ -226,7 +226,7 @@ def wiring_of(wiring: Wiring | None, options: Mapping[str, Any], default: Mappin
     name; None keeps the old value; `default`: fields of a new wiring.  Another boundary condition resets the fields
     that belong to the old one, and takes the wall resistance of `default`.
     """
-    check_wiring_options(options)
+    _check_names(options)
     given = {name: value for name, value in options.items() if value is not None}
     if wiring is None:
         return Wiring(**{**(default or {}), **given})
@@ -236,7 +236,7 @@ def wiring_of(wiring: Wiring | None, options: Mapping[str, Any], default: Mappin
     return replace(wiring, **{**_NO_OPTIONS_OF_BOUNDARY, "wall_resistance": wall, **given})
 
 
-def check_wiring_options(options: Iterable[str]) -> None:
+def _check_names(options: Iterable[str]) -> None:
     """Raise InputError for a name that is not a field of `Wiring`; `options`: names of keyword arguments."""
     known = [field.name for field in fields(Wiring)]
     for name in options:

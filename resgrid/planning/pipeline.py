@@ -121,7 +121,7 @@ class Problem:
     def halves(self) -> dict[float, Wiring]:
         """Wirings by weight k: 1 (obstacles on the rail, through wall resistances if any) and 0 (open obstacles)."""
         wiring = self.wiring
-        closed = replace(wiring, boundary="dirichlet", drive=None, start=None) if wiring.is_driven else wiring
+        closed = wiring_of(wiring, {"boundary": "dirichlet"}) if wiring.is_driven else wiring
         return {1.0: closed, 0.0: wiring.opened()}
 
     @property

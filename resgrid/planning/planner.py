@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid._internal.numbers import Count
 from resgrid._internal.values import frozen, picture_html
 from resgrid.core.space import ConfigurationSpace
-from resgrid.core.wiring import Wiring, WiringOptions
+from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
 from resgrid.errors import InputError
 from resgrid.planning.blend import blend, dirichlet_share
 from resgrid.planning.fields import Field
@@ -348,7 +348,7 @@ def clearance_curve(
     else:
         knob, values = "wall_resistance", _settings("wall_resistance", wall_resistances, np.inf)
         walls = [
-            replace(wiring, boundary="wall", drive=None, wall_resistance=ohms) if ohms < np.inf else wiring.opened()
+            wiring_of(wiring, {"boundary": "wall", "wall_resistance": ohms}) if ohms < np.inf else wiring.opened()
             for ohms in values.tolist()
         ]
         fields = [solve_field(space, wall) for wall in walls]

@@ -108,6 +108,10 @@ def test_unknown_options_raise_type_error_with_the_closest_name(scenes):
         (lambda: study.settling(bit=3), r"^settling\(\) has no option 'bit'; did you mean 'bits'"),
         (lambda: study.power(foo=1), r"^power\(\) has no option 'foo'"),
         (lambda: study.yields(3), r"^yields\(\) takes no arguments by position, got 1; give these by name: starts"),
+        (
+            lambda: rg.circuit.WarmStart(boundery="x"),
+            r"^WarmStart\(\) has no option 'boundery'; did you mean 'boundary'",
+        ),
         (lambda: rg.plan(study.scene, K=1), r"^plan\(\) has no option 'K'; did you mean 'k'\?$"),
         (lambda: rg.plan(study.scene, boundry="x"), r"^plan\(\) has no option 'boundry'; did you mean 'boundary'"),
         (

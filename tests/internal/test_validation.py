@@ -8,7 +8,7 @@ from __future__ import annotations
 import pickle
 import types
 from contextlib import suppress
-from inspect import Parameter, isabstract, signature, unwrap
+from inspect import Parameter, isabstract, ismodule, signature, unwrap
 from pathlib import Path
 from typing import Annotated, Any, is_typeddict
 
@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 import resgrid as rg
 from resgrid._internal.validation import TypeCheck, type_check_of, type_checks_of
 
-PACKAGES = (rg, rg.chip, rg.circuit, rg.control, rg.maps, rg.planning, rg.plot, rg.spice)
+PACKAGES = [rg, *(getattr(rg, name) for name in rg.__all__ if ismodule(getattr(rg, name)))]
 PUBLIC = {f"{package.__name__}.{name}": getattr(package, name) for package in PACKAGES for name in package.__all__}
 FUNCTIONS = [name for name, value in PUBLIC.items() if isinstance(value, types.FunctionType)]
 WRONG: dict[str, Any] = {
