@@ -66,6 +66,7 @@ def draw_blend():
         axes.get_legend().remove()
         axes.set_ylabel("y (m)" if axes is panels[0] else "")
     shown = dict(zip(labels, handles, strict=True))
+    del shown["free"]  # the page's own colour; without it the legend fits in one row
     figure.legend(
         list(shown.values()), [*[*shown][:-2], "start, with the clearance of its path", "goal reached"],
         loc="outside lower center", ncols=6, fontsize=8, frameon=False,

@@ -102,7 +102,7 @@ def command(
 
     folder = folder_of(output, source, "_chip")
     if len(sweep) not in (0, 2):
-        raise InputError(f"--sweep is given {len(sweep)} times, but a sweep has two keys: give it twice, or not at all")
+        raise InputError(f"a sweep has two keys: give --sweep twice, or not at all, instead of {len(sweep)} times")
     for option, given, name in (("--sweep", sweep, "sweep"), ("--at-least", at_least is not None, "yield")):
         if given and name not in only:
             raise InputError(f"{option} needs the analysis {name}: add {name} to --only, or leave {option} out")

@@ -162,7 +162,7 @@ def _named_file(name: str) -> str | Path:
     shipped = shipped_scene(name)
     if shipped is None and name == Path(name).name and not Path(name).exists():
         near = suggestion(name.removesuffix(".toml"), shipped_scenes())
-        raise InputError(f"{name}: no such file; {near or 'check the name and the folder'}")
+        raise InputError(f"{name}: there is no such file; {near or 'check the name and the folder'}")
     if shipped is not None:
         say(f"{name} is not a file in this folder; reading the shipped scene {shipped}")
     return shipped or name
