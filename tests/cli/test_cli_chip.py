@@ -152,7 +152,7 @@ def test_reports_of_chips_without_capacitance_and_of_three_axes_are_written(call
         (["--only", "yields"], "give names out of yield, yield_loss, adc_resolution"),
         (["--half-width", "0.7"], "0<x<0.5"),
         (["--most", "0"], "x>=1"),
-        (["--sweep", "readout.bits=8,10"], "give it twice"),
+        (["--sweep", "readout.bits=8,10"], "give --sweep twice"),
         (["--sweep", "readout.bits", "--sweep", "mismatch=1"], "expected KEY=VALUE"),
         (["--sweep", "readout.bit=8", "--sweep", "supply=1"], "did you mean 'readout.bits'"),
         (["--at-least", "2"], "0<=x<=1"),

@@ -48,12 +48,14 @@ A line that may continue a card sends that card to the card-by-card reader.
 _NAME = rb"[!#%&*+\-./0-9:<>?@A-Z\[\]^_`a-z|~]"
 _NAME_WITHOUT_SLASHES = rb"(?:[!#%&*+\-.0-9:<>?@A-Z\[\]^_`a-z|~]++|/(?!/))"
 _LINE = rb"""[ \t]*+(?:
-    ([rRvViIcC])NAME*+ [ \t]++ (NAME++) [ \t]++ (NAME++) [ \t]++   # first letter, nodes
-    ((?:[rR]=|[dD][cC][ \t]++)?+)                                  # key of the value
-    (?: ([+\-]?+ (?:\d++\.?+\d*+|\.\d++) (?:[eE][+\-]?+\d{1,9}+)?+) | ([+\-.\d]NAME*+) )  # decimal, or with suffix
+    ([rRvViIcC])NAME* [ \t]++ (NAME+) [ \t]++ (NAME+) [ \t]++              # first letter, nodes
+    ((?:[rR]=|[dD][cC][ \t]++)?)                                           # key of the value
+    (?: ([+\-]?+ (?:\d++\.?+\d*+|\.\d++) (?:[eE][+\-]?\d{1,9}|(?![eE])))   # decimal
+      | ([+\-.\d]NAME*) )                                                  # decimal with suffix
     [ \t]*+
-    |(.*+)                                                         # any other line
+    |(.*+)                                                                 # any other line
 )\n"""
+"""One line of a deck.  Only single characters repeat possessively: Python before 3.11.5 gets groups wrong."""
 _PIECES = 8
 """Pieces per line into which `_LINE` splits a text: the seven groups, and the empty text between two lines."""
 
