@@ -15,9 +15,10 @@ from benchmarks.layouts import as_space, boxes, maze
 from benchmarks.rows import Row, Scale
 from benchmarks.timing import spread
 from resgrid.circuit.solve import solve
+from resgrid.core.cell import Cell
 from resgrid.core.compiler import compile_space
 from resgrid.core.netlist import Netlist
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import ResgridError
 
 METHODS = ("auto", "direct", "multigrid")

@@ -21,9 +21,10 @@ from resgrid.control.plant import make_plant
 from resgrid.control.run_log import Run, TerminationReason
 from resgrid.control.simulation import Simulation, simulation
 from resgrid.core.axis import Axis
+from resgrid.core.cell import Cell
 from resgrid.core.compiler import compile_space
 from resgrid.core.regions import label_regions
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring
 from resgrid.planning.pipeline import solve_field
 from resgrid.planning.trace import streamline

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.core.axis import Axis
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
 
 
 def boxes(size: int, dimensions: int, seed: int, share: float = 0.2) -> ConfigurationSpace:

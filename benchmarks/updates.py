@@ -13,8 +13,9 @@ from benchmarks.rows import Row, Scale
 from benchmarks.timing import alternating, spread, timed
 from resgrid.circuit.solve import factorize, solve
 from resgrid.circuit.warm_start import WarmPoint, WarmStart
+from resgrid.core.cell import Cell
 from resgrid.core.compiler import compile_space
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.space import ConfigurationSpace
 from resgrid.solvers.threads import ThreadTeam
 
 RTOL = 1e-8

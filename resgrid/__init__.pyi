@@ -16,10 +16,11 @@ from .circuit.operating_point import OperatingPoint as OperatingPoint
 from .circuit.solve import factorize as factorize, normalize_drive as normalize_drive, solve as solve
 from .control.simulation import simulation as simulation
 from .core.axis import Axis as Axis
+from .core.cell import Cell as Cell
 from .core.compiler import compile_space as compile_space
 from .core.frame import Frame as Frame
 from .core.netlist import Netlist as Netlist
-from .core.space import Cell as Cell, ConfigurationSpace as ConfigurationSpace
+from .core.space import ConfigurationSpace as ConfigurationSpace
 from .core.wiring import Wiring as Wiring, WiringOptions as WiringOptions
 from .errors import (
     AccuracyError as AccuracyError,
@@ -55,6 +56,7 @@ from .robots import (
     Polygon as Polygon,
     PolygonRobot as PolygonRobot,
     Robot as Robot,
+    URDFRobot as URDFRobot,
 )
 from .scene import (
     Chip as Chip,
@@ -62,6 +64,7 @@ from .scene import (
     GoalCell as GoalCell,
     GoalJoints as GoalJoints,
     GoalPoint as GoalPoint,
+    GoalPose as GoalPose,
     Scene as Scene,
     build_space as build_space,
     parse_scene as parse_scene,

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from resgrid._internal.numbers import Positive, check_share
 from resgrid.chip.figures_of_merit import Figure, Result, defined
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.core.cell import Cell
 from resgrid.core.netlist import CellMap
 from resgrid.core.regions import cells_at_faces, with_margin
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 
 _MOST_CELLS = 400

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from resgrid.chip.figures_of_merit import Figure, Result
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.core.cell import Cell
 from resgrid.core.netlist import GROUND, Netlist
 from resgrid.core.random_sites import end_names
-from resgrid.core.space import Cell
 from resgrid.spice.power import PowerBalance, power_balance
 
 _WORST = 10

@@ -27,9 +27,10 @@ from resgrid.circuit.equations import assemble
 from resgrid.circuit.linear import CircuitFactor, factor_circuit
 from resgrid.circuit.nonlinear import linearize
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.core.cell import Cell
 from resgrid.core.random_sites import end_names, ends_of
 from resgrid.core.regions import label_components
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import AccuracyError, InputError
 from resgrid.planning.trace import cell_indices
 from resgrid.solvers.progress import ProgressMonitor

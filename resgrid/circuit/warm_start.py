@@ -18,10 +18,11 @@ from resgrid.circuit.equations import Equations, assemble, sum_by_row
 from resgrid.circuit.linear import factor_circuit, solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.postprocess import read_normwise
+from resgrid.core.cell import Cell
 from resgrid.core.compiler import CellRole, compile_space, contacts_of_box
 from resgrid.core.netlist import Netlist
 from resgrid.core.regions import cells_at_faces, label_regions
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
 from resgrid.errors import AccuracyError, InputError
 from resgrid.solvers.factors import check_rtol

@@ -15,7 +15,7 @@ from resgrid._internal.validation import checked
 from resgrid._internal.values import frozen
 from resgrid.control.escape import RECOVERY, exits
 from resgrid.control.external_forces import checked_force
-from resgrid.core.space import Cell
+from resgrid.core.cell import Cell
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
 from resgrid.scene.control import admittance_matrix

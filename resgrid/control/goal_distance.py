@@ -6,10 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.control.escape import goal_offset
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
+from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, Robot, Shape
 from resgrid.robots.geometry import RigidPart, obstacles_of
-from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint, GoalPose
 from resgrid.scene.scene import Scene
 from resgrid.scene.world_coordinates import to_space
 
@@ -48,6 +50,8 @@ def _distance(scene: Scene, space: ConfigurationSpace, goal: Goal, configuration
             if robot.base is None and len(place) == space.ndim != 2:
                 return _from_box(space, configuration, np.array(place), np.array(place))
             return _from_place(robot, space, Ball(place, 0.0), configuration)
+        case GoalPose():
+            raise InputError("the distance of a tool from a goal pose is not computed")
         case _:
             shape, is_place = goal, goal.ndim == 2
     if is_place:

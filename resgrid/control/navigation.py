@@ -11,7 +11,7 @@ from resgrid.control.controller import Nominal, following_velocity
 from resgrid.control.escape import CellIndex, exits, goal_offsets
 from resgrid.control.run_log import ControlMode, End, TerminationReason
 from resgrid.control.state_estimate import LiveMap, Sensor
-from resgrid.core.space import Cell
+from resgrid.core.cell import Cell
 from resgrid.errors import InputError
 
 Vector = NDArray[np.float64]

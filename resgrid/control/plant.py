@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.core.axis import Axis
+from resgrid.core.cell import Cell
 from resgrid.core.frame import Frame
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, CellSet, Pose, RigidPart, Robot, Shape
 from resgrid.robots.geometry import TOUCH, Obstacle, ObstacleArrays, obstacle_arrays, obstacles_of
@@ -229,6 +230,8 @@ class Plant:
 
 def plant_of(scene: Scene) -> Plant:
     """Return the plant of a scene with all its obstacles; raise InputError if its contacts cannot be simulated."""
+    if scene.robot.workspace_ndim != 2:
+        raise InputError("control works in the plane; a robot from a URDF file moves in space: plan a path instead")
     if scene.ndim != 2 and scene.robot.moves_in_workspace:
         raise InputError(
             f"contacts need a scene in the plane; this scene has {scene.ndim} ax{'is' if scene.ndim == 1 else 'es'}"

@@ -21,7 +21,8 @@ from resgrid.control.relaxation import Relaxation, RelaxingGrid
 from resgrid.control.run_log import End, Run, TerminationReason
 from resgrid.control.simulation_loop import Loop
 from resgrid.control.state_estimate import LiveMap, Sensor, solve_again
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
 from resgrid.planning.pipeline import require_uniform, scene_wiring, solve_field

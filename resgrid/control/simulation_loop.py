@@ -13,7 +13,7 @@ from resgrid.control.navigation import STALL_LIMIT, Navigator, StallDetector
 from resgrid.control.plant import INSIDE, Plant
 from resgrid.control.run_log import ControlMode, End, MapUpdate, Recorder, TerminationReason
 from resgrid.control.state_estimate import LiveMap, Sensor
-from resgrid.core.space import Cell
+from resgrid.core.cell import Cell
 
 Vector = NDArray[np.float64]
 

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from resgrid.control.controller import Controller
 from resgrid.control.plant import Plant
 from resgrid.control.relaxation import RelaxingGrid
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
 from resgrid.planning.fields import Field
 from resgrid.planning.pipeline import solve_field
 

@@ -37,9 +37,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid._internal.memory import FEWER_CELLS, require_grid_memory
+from resgrid.core.cell import Cell
 from resgrid.core.netlist import GROUND, MOST_NODES, CellMap, Netlist
 from resgrid.core.regions import cells_at_faces, face_counts, face_shape, sides_of_cells, slab, with_margin
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
 from resgrid.errors import CircuitError, InputError
 

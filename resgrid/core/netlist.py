@@ -275,7 +275,7 @@ class Netlist:
         InputError
             If the netlist was not compiled from a space.
         """
-        from resgrid.core.space import Cell
+        from resgrid.core.cell import Cell
 
         cells = self.cells
         node = cells.node.ravel()

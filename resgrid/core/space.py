@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum
 from functools import cached_property
 from typing import Any
 
@@ -15,29 +14,16 @@ from resgrid._internal.numbers import real_numbers
 from resgrid._internal.validation import checked
 from resgrid._internal.values import frozen, picture_html
 from resgrid.core.axis import Axis, grid_axes, rounding, rounding_errors, split_points
+from resgrid.core.cell import (
+    Cell,
+    checked_cells,
+    checked_conductivity,
+    checked_goal_points,
+    checked_undecided,
+)
 from resgrid.core.frame import Frame, checked_frame
 from resgrid.core.regions import box_around, label_regions
 from resgrid.errors import InputError
-
-MAX_DIMENSIONS = 4
-
-
-class Cell(IntEnum):
-    """State of a cell of a configuration space: free, obstacle or goal.
-
-    Examples
-    --------
-    >>> cell = np.zeros((3, 3), dtype=np.uint8)
-    >>> cell[1], cell[2, 2] = rg.Cell.OBSTACLE, rg.Cell.GOAL
-    >>> cell
-    array([[0, 0, 0],
-           [1, 1, 1],
-           [0, 0, 2]], dtype=uint8)
-    """
-
-    FREE = 0
-    OBSTACLE = 1
-    GOAL = 2
 
 
 @checked
@@ -63,6 +49,8 @@ class ConfigurationSpace:
         configuration of the cell solves the goal.
     robot : Robot, optional
         The robot whose configurations the space describes; a point by default.
+    undecided : array_like of bool, shape of the grid, optional
+        True for obstacle cells that are obstacles only because neither freedom nor a collision was proven.
 
     Raises
     ------
@@ -91,6 +79,7 @@ class ConfigurationSpace:
     frame: Frame = field(default_factory=Frame)
     goal_points: NDArray[np.float64] | None = None
     robot: Any = None  # a Robot; its class is defined in a higher package
+    undecided: NDArray[np.bool_] | None = None
 
     def __init__(
         self,
@@ -101,27 +90,30 @@ class ConfigurationSpace:
         frame: Frame | None = None,
         goal_points: ArrayLike | None = None,
         robot: Any = None,
+        undecided: ArrayLike | None = None,
     ) -> None:
         axes = tuple(axes)
-        cells = _checked_cells(axes, cell)
+        cells = checked_cells(axes, cell)
         parts = {
             "axes": axes,
             "cell": cells,
-            "conductivity": None if conductivity is None else _checked_conductivity(cells.shape, conductivity),
+            "conductivity": None if conductivity is None else checked_conductivity(cells.shape, conductivity),
             "frame": checked_frame(axes, Frame() if frame is None else frame),
             "goal_points": None,
             "robot": robot,
+            "undecided": None if undecided is None else checked_undecided(cells, undecided),
         }
         for name, part in parts.items():
             object.__setattr__(self, name, part)
         if goal_points is not None:
-            object.__setattr__(self, "goal_points", _checked_goal_points(self, goal_points))
+            object.__setattr__(self, "goal_points", checked_goal_points(axes, cells, goal_points))
 
     def __repr__(self) -> str:
         cells = " x ".join(map(str, self.shape))
         axes = ", ".join(f"{axis.name} {axis.lower:g} to {axis.upper:g} {axis.unit}".rstrip() for axis in self.axes)
         obstacle, goal = (int(np.count_nonzero(self.cell == code)) for code in (Cell.OBSTACLE, Cell.GOAL))
-        return f"<ConfigurationSpace of {cells} cells, {axes}: {obstacle} obstacle, {goal} goal>"
+        open_cells = "" if self.undecided is None else f" ({int(self.undecided.sum())} of them undecided)"
+        return f"<ConfigurationSpace of {cells} cells, {axes}: {obstacle} obstacle{open_cells}, {goal} goal>"
 
     _repr_html_ = picture_html
 
@@ -179,14 +171,15 @@ class ConfigurationSpace:
 
     def with_cells(self, cell: ArrayLike) -> ConfigurationSpace:
         """Return a copy with other cells, an array of `Cell`; a cell that stays a goal keeps its goal point."""
-        cells, kept = _checked_cells(self.axes, cell), None
+        cells, kept = checked_cells(self.axes, cell), None
         if self.goal_points is not None:
             points = np.full((*self.shape, self.ndim), np.nan)
             points[self.cell == Cell.GOAL] = self.goal_points
             kept = points[cells == Cell.GOAL]
         return ConfigurationSpace(
-            self.axes, cells, self.conductivity, frame=self.frame, goal_points=kept, robot=self.robot
-        )
+            self.axes, cells, self.conductivity, frame=self.frame, goal_points=kept, robot=self.robot,
+            undecided=None if self.undecided is None else self.undecided & (cells == Cell.OBSTACLE),
+        )  # fmt: skip
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -277,13 +270,13 @@ class ConfigurationSpace:
         InputError
             If a point has not one number per axis.
         """
-        return self.frame.to_world(self._checked_points(points))
+        return self.frame.to_world(self.checked_points(points))
 
     def from_world(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return points in axis units, shape (..., ndim), for points in world coordinates, shape (..., ndim)."""
-        return self.frame.from_world(self._checked_points(points))
+        return self.frame.from_world(self.checked_points(points))
 
-    def _checked_points(self, points: ArrayLike) -> NDArray[np.float64]:
+    def checked_points(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return points as floats, (..., ndim); raise InputError for a wrong type or number of coordinates."""
         try:
             checked = np.asarray(points, dtype=np.float64)
@@ -344,50 +337,3 @@ class ConfigurationSpace:
     def rounding_errors(self) -> NDArray[np.float64]:
         """Largest rounding error of coordinates per axis, as fractions of a cell's width, shape (ndim,)."""
         return rounding_errors(self.axes, self.frame.reach(self.axes))
-
-
-def _checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8]:
-    """Return the cells as a uint8 array of the axes' shape; raise InputError for a wrong shape, value or axis."""
-    cell = real_numbers("cell", given)
-    if not 1 <= len(axes) <= MAX_DIMENSIONS:
-        raise InputError(f"a configuration space has 1 to {MAX_DIMENSIONS} axes, got {len(axes)}")
-    expected = tuple(axis.cells for axis in axes)
-    if cell.shape != expected:
-        raise InputError(f"cell has shape {cell.shape}, but the axes have {expected} cells; make them equal")
-    names = [axis.name for axis in axes]
-    if len(set(names)) < len(names):
-        raise InputError(f"two axes have the same name: {names}; give every axis a different name")
-    plain = cell.dtype.kind == "u" and cell.max(initial=0) <= max(Cell)
-    if not plain and not np.all(np.isin(cell, list(Cell))):
-        where = tuple(np.argwhere(~np.isin(cell, list(Cell)))[0].tolist())
-        raise InputError(f"cell {where} is {cell[where]}; it must be 0 (free), 1 (obstacle) or 2 (goal)")
-    return np.array(cell, dtype=np.uint8, order="C")
-
-
-def _checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[np.float64]:
-    """Return the conductivity as an array of floats of `shape`; raise InputError for a wrong shape or value."""
-    conductivity = np.array(value, dtype=np.float64, order="C")
-    if conductivity.shape != shape:
-        raise InputError(f"conductivity has shape {conductivity.shape}, but the cells have {shape}; make them equal")
-    good = np.isfinite(conductivity) & (conductivity > 0)
-    if not good.all():
-        where = tuple(int(i) for i in np.argwhere(~good)[0])
-        raise InputError(f"conductivity must be positive and finite; cell {where} has {conductivity[where]}")
-    return conductivity
-
-
-def _checked_goal_points(space: ConfigurationSpace, value: ArrayLike) -> NDArray[np.float64]:
-    """Return the goal points in axis units (goal cells, ndim); raise InputError if one lies outside its cell."""
-    points = np.array(value, dtype=np.float64, order="C")
-    cells = np.argwhere(space.cell == Cell.GOAL)
-    if points.shape != cells.shape:
-        raise InputError(f"goal_points have shape {points.shape}, but the goal cells need {cells.shape}")
-    local = (points - space.lower) / space.spacing - cells
-    outside = np.any(np.abs(local - 0.5) > 0.5 + space.rounding, axis=1)
-    outside |= np.isinf(points).any(axis=1) | (np.isnan(points).any(axis=1) != np.isnan(points).all(axis=1))
-    if outside.any():
-        first = int(np.argmax(outside))
-        raise InputError(
-            f"the goal point {points[first].tolist()} does not lie in its cell {tuple(cells[first].tolist())}"
-        )
-    return points

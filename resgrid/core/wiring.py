@@ -9,7 +9,8 @@ from typing import Any, Literal, TypedDict
 import numpy as np
 
 from resgrid._internal.validation import checked
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError, InputError, suggestion
 
 Boundary = Literal["dirichlet", "neumann", "wall"]

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from resgrid._internal.values import frozen
 from resgrid.core.axis import Axis
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import EdgeRule, Wiring
 from resgrid.errors import InputError
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.core.cell import Cell
 from resgrid.core.regions import crossed_faces, sides_of_cells
-from resgrid.core.space import Cell
 from resgrid.errors import InputError
 from resgrid.live_page.drawing import Drawing
 from resgrid.live_page.messages import in_page_words

@@ -14,7 +14,7 @@ from annotated_types import Ge, Gt, Le, Len
 from pydantic import Field, Strict, ValidationError
 
 from resgrid.core.axis import Axis
-from resgrid.core.space import Cell
+from resgrid.core.cell import Cell
 from resgrid.errors import InputError
 from resgrid.io.tables import json_text
 from resgrid.live_page.drawing import Drawing, check_size

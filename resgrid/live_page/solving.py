@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
 from resgrid.circuit.warm_start import WarmStart
+from resgrid.core.cell import Cell
 from resgrid.core.netlist import Netlist
-from resgrid.core.space import Cell
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.live_page.drawing import Drawing
 from resgrid.planning.certify import certify

@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import ResgridError
 from resgrid.planning.streamline import FAILURE_REASONS, Outcome, Streamline, nearest_start
 from resgrid.robots import PointRobot

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid._internal.numbers import is_number
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
 

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid._internal.values import frozen, picture_html
+from resgrid.core.cell import Cell
 from resgrid.core.regions import label_regions
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.obstacle_groups import Barriers, adjacency, group_obstacles
 from resgrid.planning.streamline import Outcome

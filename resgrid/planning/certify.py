@@ -9,7 +9,8 @@ from numbers import Integral, Real
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CertificateError, InputError
 from resgrid.planning.clearance import clearance_of, face_crossings
 from resgrid.planning.streamline import AnyPath, Outcome, Streamline, length_of

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
 
 _FEW_PAIRS = 300_000
 """Maximum number of pairs (cell, obstacle cell) for which a brute-force search is faster than importing scipy."""

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from resgrid.circuit.equations import injected_currents
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.postprocess import DIRECTION_RESIDUAL
+from resgrid.core.cell import Cell
 from resgrid.core.regions import cells_at_faces, sides_of_cells
-from resgrid.core.space import Cell
 from resgrid.core.wiring import Wiring
 
 ROUNDING = 8 * np.finfo(np.float64).eps

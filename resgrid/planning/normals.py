@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid._internal.numbers import Natural, per_axis
 from resgrid.circuit.solve import solve
 from resgrid.core.axis import Axis
+from resgrid.core.cell import Cell
 from resgrid.core.compiler import compile_space
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning import fields
 from resgrid.planning.fields import Field

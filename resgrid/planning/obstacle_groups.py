@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from resgrid._internal.values import frozen
+from resgrid.core.cell import Cell
 from resgrid.core.regions import cells_at_faces, label_regions, with_margin
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 
 

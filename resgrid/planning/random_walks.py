@@ -18,8 +18,8 @@ from resgrid._internal.values import frozen
 from resgrid.circuit.linear import CircuitFactor
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import factorize
+from resgrid.core.cell import Cell
 from resgrid.core.netlist import GROUND, CellMap, Netlist
-from resgrid.core.space import Cell
 from resgrid.errors import AccuracyError, InputError
 from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.refinement import is_answer

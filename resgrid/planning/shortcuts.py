@@ -10,7 +10,7 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from resgrid._internal.numbers import Natural, NotNegative
-from resgrid.core.space import Cell
+from resgrid.core.cell import Cell
 from resgrid.errors import InputError
 from resgrid.planning.certify import certify_collision_free
 from resgrid.planning.clearance import clearance_of

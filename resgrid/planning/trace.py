@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid._internal.values import frozen
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import AccuracyError, InputError
 from resgrid.planning.clearance import segment_clearance
 from resgrid.planning.fields import Field

@@ -19,9 +19,10 @@ from resgrid.chip.power import Power
 from resgrid.chip.sensitivity import Sensitivity
 from resgrid.chip.settling import Settling
 from resgrid.chip.yields import Yield
+from resgrid.core.cell import Cell
 from resgrid.core.netlist import CellMap, Netlist
 from resgrid.core.regions import crossed_faces
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.plane import draw_cells, draw_image, finish, paint, plane_of

@@ -18,9 +18,9 @@ from shapely.geometry.base import BaseGeometry
 from resgrid._internal.colours import GOAL
 from resgrid.chip.power import rail_names
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.core.cell import Cell
 from resgrid.core.netlist import CellMap, Netlist
 from resgrid.core.regions import crossed_faces
-from resgrid.core.space import Cell
 from resgrid.plot.figures import new_figure
 from resgrid.plot.style import OBSTACLE, SMALL, add_swatch, height_map, refresh_legend
 from resgrid.plot.workspace import fill

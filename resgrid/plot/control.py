@@ -19,7 +19,7 @@ from resgrid.control.external_forces import checked_force
 from resgrid.control.plant import plant_of
 from resgrid.control.run_log import ContactLog, ControlMode, Run, TerminationReason
 from resgrid.control.simulation import Wavefront
-from resgrid.core.space import Cell
+from resgrid.core.cell import Cell
 from resgrid.errors import InputError
 from resgrid.planning.blend import dirichlet_share
 from resgrid.planning.fields import Field

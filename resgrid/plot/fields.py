@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from resgrid.core.space import Cell
+from resgrid.core.cell import Cell
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Streamline
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, figure_of, new_figure, panel_height

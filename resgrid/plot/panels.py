@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import AutoLocator
 from numpy.typing import NDArray
 
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.plot.figures import PAGE, axes_or_new, figure_of, new_figure, panel_height
 from resgrid.plot.plane import (

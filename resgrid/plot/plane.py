@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from resgrid._internal.colours import GOAL
 from resgrid.core.axis import Axis
+from resgrid.core.cell import Cell
 from resgrid.core.frame import Frame
 from resgrid.core.regions import label_regions
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.plot.style import OBSTACLE, UNKNOWN, UNREACHABLE, add_swatch, axis_label, dress, refresh_legend
 

@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.polygon import orient
 
 from resgrid._internal.colours import GOAL
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.blocking_obstacles import Separation
 from resgrid.planning.streamline import AnyPath, Polyline, Streamline

@@ -18,6 +18,13 @@ from resgrid.robots.shapes import (
     Shape as Shape,
     to_shapely as to_shapely,
 )
+from resgrid.robots.urdf.robot import URDFRobot as URDFRobot
 
-ROBOTS: dict[str, type[Robot]] = {"point": PointRobot, "disc": DiscRobot, "polygon": PolygonRobot, "arm": Arm}
+ROBOTS: dict[str, type[Robot]] = {
+    "point": PointRobot,
+    "disc": DiscRobot,
+    "polygon": PolygonRobot,
+    "arm": Arm,
+    "urdf": URDFRobot,
+}
 """Robot classes by the value of the key `robot.type` in scene files."""

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid._internal.validation import checked
 from resgrid.core.axis import Axis, Coordinate, Point
-from resgrid.core.space import MAX_DIMENSIONS
+from resgrid.core.cell import MAX_DIMENSIONS
 from resgrid.errors import InputError
 from resgrid.robots.arm_cells import arm_goal_cells, arm_occupancy
 from resgrid.robots.base import Robot

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from itertools import product
 from math import inf, tau
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid._internal.validation import with_article
 from resgrid.core.axis import Axis, Point
 from resgrid.errors import InputError
-from resgrid.robots.cells import GoalCells, Progress, Sampling, region_cells
+from resgrid.robots.cells import CellClasses, GoalCells, Progress, Sampling, region_cells
 from resgrid.robots.geometry import Pose, RigidPart, obstacles_of
 from resgrid.robots.shapes import Shape, require_plane
 
@@ -60,6 +61,10 @@ class Robot(ABC):
 
     moves_in_workspace: ClassVar[bool] = False
     """Whether configurations are positions in the workspace, so that periodic axes apply to the workspace too."""
+
+    workspace_ndim: ClassVar[int] = 2
+    """Number of coordinates of the workspace of a robot that does not move in it directly: 2 for robots of the plane.
+    """
 
     reference: ClassVar[str] = "reference point"
     """Name of the point of the robot whose position a goal prescribes."""
@@ -227,6 +232,21 @@ class Robot(ABC):
             if progress is not None:
                 progress(first + len(middle), blocked.size)
         return blocked.reshape(shape)
+
+    def classify(
+        self,
+        axes: Sequence[Axis],
+        obstacles: Sequence[Shape],
+        rule: Sampling,
+        progress: Progress | None = None,
+        executor: Executor | None = None,  # noqa: ARG002
+    ) -> CellClasses:
+        """Return the blocked cells, and, if the robot distinguishes them, those of which nothing is proven.
+
+        By default these are the cells of `occupancy`.  `executor`: executor that shares the work, for robots that can
+        use one; the other parameters are those of `occupancy`.
+        """
+        return CellClasses(self.occupancy(axes, obstacles, rule, progress))
 
     def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
         """Return the goal cells, with one configuration per cell that solves the goal.

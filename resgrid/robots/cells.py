@@ -225,6 +225,17 @@ class GoalCells(NamedTuple):
     points: NDArray[np.float64]
 
 
+class CellClasses(NamedTuple):
+    """Cells in which a robot may collide.
+
+    `blocked`: mask, shape of the grid, True for cells that are obstacles; `undecided`: mask of the blocked cells for
+    which neither freedom nor a collision was proven, None if the method does not distinguish them.
+    """
+
+    blocked: NDArray[np.bool_]
+    undecided: NDArray[np.bool_] | None = None
+
+
 def region_cells(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
     """Return the cells of a grid that meet a region, and for each the region's point nearest to the cell's centre.
 

@@ -7,6 +7,7 @@ from resgrid.scene.goals import (
     GoalCell as GoalCell,
     GoalJoints as GoalJoints,
     GoalPoint as GoalPoint,
+    GoalPose as GoalPose,
 )
 from resgrid.scene.maps.arrays import MapCells as MapCells
 from resgrid.scene.maps.movingai import (

@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any
 
 from resgrid.core.axis import Axis
-from resgrid.core.space import MAX_DIMENSIONS
+from resgrid.core.cell import MAX_DIMENSIONS
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, HalfSpace, Polygon, Robot, Shape
 from resgrid.scene.goals import CostArea, GoalCell, GoalJoints
@@ -112,7 +112,8 @@ def _allowed(robot: Robot | type[Robot], ndim: int, key: str, value: Any) -> tup
         return (ndim,), ", one for each axis"
     if key == "goal" and robot.base is None:
         return (2, ndim), f" (a place in the plane) or {ndim} (a configuration)"
-    return (2,), ", a place in the plane"
+    plane = robot.workspace_ndim == 2
+    return (robot.workspace_ndim,), ", a place in the plane" if plane else ", a place in space"
 
 
 def _count_of(value: Any) -> tuple[int, tuple[str, ...]]:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import pi
 from typing import Annotated
 
-from annotated_types import Gt, Le
+from annotated_types import Ge, Gt, Le
 
 from resgrid._internal.validation import checked
 from resgrid.core.axis import LARGEST, Point
-from resgrid.robots import Box, Shape
+from resgrid.errors import InputError
+from resgrid.robots import Ball, Box, Shape
+from resgrid.robots.urdf.robot import pose_matrix
+from resgrid.robots.urdf.tool_goals import ToolGoal
 
 Conductivity = Annotated[float, Gt(0), Le(LARGEST)]
 
@@ -89,7 +93,56 @@ class GoalJoints:
         Box(self.lower, self.upper)
 
 
-Goal = Shape | GoalPoint | GoalCell | GoalJoints
+@checked
+@dataclass(frozen=True)
+class GoalPose:
+    """A goal that is a set of poses of the tool of a robot from a URDF file.
+
+    Attributes
+    ----------
+    position : tuple of float
+        Position of the tool's origin in the world, in metres.
+    radius : float
+        Largest distance of the tool's origin from `position`, in metres.
+    rotation : tuple of float or None
+        Rotation of the tool's frame in the world as roll, pitch and yaw, in radians (as in URDF files: rotations about
+        the fixed axes x, y and z, in this order); None permits all rotations.
+    angle : float
+        Largest angle in radians between the tool's frame and `rotation`.
+
+    Raises
+    ------
+    InputError
+        If `position` or `rotation` does not have three coordinates, or a number is out of range.
+
+    Examples
+    --------
+    >>> robot = rg.URDFRobot("examples/robots/scara.urdf", moving=("shoulder", "elbow"))
+    >>> goal = rg.GoalPose((0.4, 0.3, 0.3), radius=0.02)
+    >>> scene = rg.Scene(robot.axes(32), robot=robot, goals=(goal,), sampling="centre")
+    >>> int((rg.build_space(scene).cell == rg.Cell.GOAL).sum()) > 0
+    True
+    """
+
+    position: Point
+    radius: Annotated[float, Ge(0), Le(LARGEST)] = 0.0
+    rotation: Point | None = None
+    angle: Annotated[float, Ge(0), Le(pi)] = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("position", "rotation"):
+            value = getattr(self, name)
+            if value is not None and len(value) != 3:
+                raise InputError(f"{name} needs three numbers, got {list(value)}")
+
+    @property
+    def tool_goal(self) -> ToolGoal:
+        """The goal with its ball and its rotation matrix."""
+        rotation = None if self.rotation is None else pose_matrix((0.0, 0.0, 0.0, *self.rotation))[:3, :3]
+        return ToolGoal(Ball(self.position, self.radius), rotation, self.angle)
+
+
+Goal = Shape | GoalPoint | GoalCell | GoalJoints | GoalPose
 
 
 @checked

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.core.axis import Axis, Point
+from resgrid.core.cell import Cell
 from resgrid.core.frame import Frame
 from resgrid.core.regions import label_regions
-from resgrid.core.space import Cell
 from resgrid.errors import InputError
 from resgrid.robots import PointRobot
 from resgrid.scene.scene import Scene

@@ -216,7 +216,7 @@ def build_scene(
     """
     from resgrid.scene.schema import robot_of, validate
 
-    raw = with_footprint(raw)
+    raw = with_robot_files(with_footprint(raw), folder)
     robot = robot_of(raw.get("robot", {}))
     raw = with_axes(raw, robot)
     document, problems, values = validate(raw)
@@ -301,6 +301,21 @@ def with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
         return raw
     vertices = {"type": "polygon", "vertices": robot["footprint"]}
     return {**raw, "robot": {**vertices, **{key: value for key, value in robot.items() if key != "footprint"}}}
+
+
+def with_robot_files(raw: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
+    """Return a document in which the file names of a robot of type ``urdf`` are absolute; `folder`: their base."""
+    robot = raw.get("robot")
+    if not isinstance(robot, Mapping) or robot.get("type") != "urdf":
+        return raw
+
+    def absolute(name: Any) -> Any:
+        return str(folder.resolve() / name) if isinstance(name, str) else name
+
+    files = {key: absolute(robot[key]) for key in ("file", "srdf") if key in robot}
+    if isinstance(robot.get("packages"), list):
+        files["packages"] = [absolute(name) for name in robot["packages"]]
+    return {**raw, "robot": {**robot, **files}}
 
 
 def with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]:

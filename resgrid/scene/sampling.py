@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,12 @@ from numpy.typing import NDArray
 
 from resgrid._internal.memory import FEWER_CELLS, FEWER_HEADINGS, SMALLER_MAP, require_grid_memory
 from resgrid.core.axis import Point
-from resgrid.core.space import Cell, ConfigurationSpace
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.robots import Box, GoalCells, PointRobot, Progress, Shape
+from resgrid.robots import Box, GoalCells, PointRobot, Progress, Shape, URDFRobot
 from resgrid.robots.cells import merge_goals
-from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint, GoalPose
 from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
 from resgrid.scene.nearest_place import are_unknown, is_unknown, nearest_place, usable, why_blocked
@@ -22,7 +24,9 @@ from resgrid.scene.scene import Scene
 from resgrid.scene.world_coordinates import check_cell, extent_of, locate_point, over_map, to_space
 
 
-def build_space(scene: Scene, *, require_goal: bool = True, progress: Progress | None = None) -> ConfigurationSpace:
+def build_space(
+    scene: Scene, *, require_goal: bool = True, progress: Progress | None = None, executor: Executor | None = None
+) -> ConfigurationSpace:
     """Return the configuration space of a scene.
 
     The robot and the scene's ``sampling`` decide which cells are obstacles (see `PointRobot.occupancy`, and the method
@@ -39,6 +43,8 @@ def build_space(scene: Scene, *, require_goal: bool = True, progress: Progress |
         Whether a scene without any goal is an error.
     progress : callable, optional
         Called as ``progress(done, total)`` during the computation of obstacle cells.
+    executor : concurrent.futures.Executor, optional
+        Executor that shares the computation of obstacle cells, for a robot from a URDF file; see `open_executor`.
 
     Returns
     -------
@@ -63,7 +69,7 @@ def build_space(scene: Scene, *, require_goal: bool = True, progress: Progress |
     """
     where = scene.source or "scene"
     require_grid_memory(tuple(axis.cells for axis in scene.axes), f"{where}: grid", remedy=remedy_of_size(scene))
-    blocked = scene.robot.occupancy(scene.axes, _obstacles(scene), scene.sampling, progress)
+    blocked, undecided = scene.robot.classify(scene.axes, _obstacles(scene), scene.sampling, progress, executor)
     cell = np.where(blocked, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
     goals = [_map_goals(scene, blocked, where)]
     goals += [_goal_cells(scene, goal, blocked, f"{where}: goal[{number}]") for number, goal in enumerate(scene.goals)]
@@ -74,7 +80,9 @@ def build_space(scene: Scene, *, require_goal: bool = True, progress: Progress |
     for number, start in enumerate(scene.starts):
         locate_point(scene.axes, scene.frame, start, f"{where}: starts[{number}]")
     costs = _conductivity(scene)
-    return ConfigurationSpace(scene.axes, cell, costs, frame=scene.frame, goal_points=every.points, robot=scene.robot)
+    return ConfigurationSpace(
+        scene.axes, cell, costs, frame=scene.frame, goal_points=every.points, robot=scene.robot, undecided=undecided
+    )
 
 
 def adding(scene: Scene, key: str, option: str) -> str:
@@ -151,6 +159,10 @@ def _region(scene: Scene, goal: Goal) -> GoalCells:
             return PointRobot().goal_cells(scene.axes, to_space(Box(lower, upper), scene.frame))
         case GoalPoint(point):
             return scene.robot.goal_cells(scene.axes, tuple(scene.frame.from_world(point).tolist()))
+        case GoalPose():
+            if not isinstance(scene.robot, URDFRobot):
+                raise InputError("a pose of a tool is a goal of robots of the type urdf only; give a point or a shape")
+            return scene.robot.goal_cells(scene.axes, goal.tool_goal)
         case GoalCell():
             raise AssertionError("a GoalCell is handled by _single_cell")
     return scene.robot.goal_cells(scene.axes, to_space(goal, scene.frame))

@@ -32,7 +32,7 @@ from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygo
 from resgrid.robots.arm import Length, Width
 from resgrid.scene.chip import Chip, Defects, Readout
 from resgrid.scene.control import Control
-from resgrid.scene.goals import Conductivity, CostArea, GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.goals import Conductivity, CostArea, GoalCell, GoalJoints, GoalPoint, GoalPose
 from resgrid.scene.maps.arrays import HEADINGS
 from resgrid.scene.maps.formats import FORMATS, map_options
 from resgrid.scene.messages import Problem, message_of, problems_of, unknown_option
@@ -121,7 +121,7 @@ _JOINTS = {
 KINDS: dict[str, dict[str, Any]] = {
     "obstacle": _SHAPES,
     "hidden": _SHAPES,
-    "goal": _SHAPES | _PLACES | _JOINTS,
+    "goal": _SHAPES | _PLACES | _JOINTS | {"position": value_of(GoalPose)},
     "start": _PLACES,
     "area": {name: _area(shape, name, planar) for name, (shape, planar) in SHAPES.items()},
     "robot": {name: value_of(robot, ("type", name)) for name, robot in ROBOTS.items()}

@@ -17,8 +17,8 @@ from resgrid._internal.files import read_bytes
 from resgrid._internal.memory import SMALLER_MAP, require_grid_memory
 from resgrid._internal.values import frozen
 from resgrid.core.axis import Axis
+from resgrid.core.cell import MAX_DIMENSIONS, Cell
 from resgrid.core.frame import Frame
-from resgrid.core.space import MAX_DIMENSIONS, Cell
 from resgrid.errors import InputError
 from resgrid.robots import CellSet, Robot
 

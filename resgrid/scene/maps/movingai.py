@@ -18,7 +18,7 @@ import numpy as np
 
 from resgrid._internal.files import read_text
 from resgrid._internal.memory import SMALLER_MAP, require_grid_memory
-from resgrid.core.space import Cell
+from resgrid.core.cell import Cell
 from resgrid.errors import InputError
 from resgrid.scene.maps.arrays import MapCells, cells_from_rows, placed_axes
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from resgrid._internal.files import read_bytes
 from resgrid._internal.memory import SMALLER_MAP, require_grid_memory
-from resgrid.core.space import Cell
+from resgrid.core.cell import Cell
 from resgrid.errors import InputError, ResgridError
 from resgrid.scene.maps.arrays import cells_from_rows
 from resgrid.scene.maps.pnm import MAGICS, read_pnm

@@ -12,8 +12,8 @@ from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
 from resgrid.core.axis import Axis
+from resgrid.core.cell import Cell
 from resgrid.core.frame import Frame
-from resgrid.core.space import Cell
 from resgrid.errors import InputError
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.pictures import BYTES_PER_PIXEL, Raster, read_raster

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
+from resgrid.core.cell import Cell
 from resgrid.core.compiler import compile_space
 from resgrid.core.netlist import Netlist
 from resgrid.core.regions import face_counts
-from resgrid.core.space import Cell
 from resgrid.core.wiring import EdgeRule, Wiring
 from resgrid.errors import CircuitError, InputError
 from resgrid.scene.chip import Chip

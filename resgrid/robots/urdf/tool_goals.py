@@ -1,0 +1,323 @@
+"""Goal cells of a tool: the cells that contain a configuration with the tool in a region, by branch and bound."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import prod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.values import frozen
+from resgrid.core.axis import Axis, Point
+from resgrid.errors import InputError
+from resgrid.robots.cells import GoalCells
+from resgrid.robots.shapes import Ball, Box, HalfSpace, Shape
+from resgrid.robots.urdf.tree import KinematicTree
+
+_TOLERANCE = 1e-9
+"""Distance in metres from the region, and excess in radians of the angle, at which the tool counts as being there."""
+
+_NEWTON_STEPS = 24
+"""Number of Gauss-Newton steps from the centre of a box of configurations."""
+
+_DAMPING = 1e-12
+"""Levenberg-Marquardt damping of a step, relative to the trace of the normal equations."""
+
+_HALVINGS = 48
+"""Number of halvings of a cell after which a box without a solution is given up.
+
+The tool then stays within about 1e-9 m of the border of the region in the whole box.
+"""
+
+_MAX_BOXES = 1 << 20
+"""Number of boxes inside cells at which the search ends, which limits its time and memory."""
+
+
+@frozen
+@dataclass(frozen=True, eq=False)
+class ToolGoal:
+    """A set of poses of a tool: its origin in a region, and its frame within an angle of a given rotation.
+
+    Attributes
+    ----------
+    region : Ball, Box, HalfSpace or tuple of float
+        Region of the tool's origin, or a single point, in world coordinates, in metres.
+    rotation : ndarray of float64, shape (3, 3), or None
+        Wanted rotation matrix of the tool's frame in the world; None permits all.
+    angle : float
+        Largest angle in radians between the tool's frame and `rotation`.
+    """
+
+    region: Shape | Point
+    rotation: NDArray[np.float64] | None = None
+    angle: float = 0.0
+
+    def nearest(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the points of the region (n, 3) that are nearest to `points` (n, 3), in metres."""
+        match self.region:
+            case tuple():
+                return np.broadcast_to(np.asarray(self.region, dtype=np.float64), points.shape)
+            case Box(lower, upper):
+                return np.clip(points, lower, upper)
+            case Ball(centre, radius):
+                away = points - centre
+                distance = np.linalg.norm(away, axis=1, keepdims=True)
+                return np.asarray(centre + away * np.minimum(1.0, radius / np.maximum(distance, 1e-300)))
+            case HalfSpace(normal, offset):
+                size = float(np.linalg.norm(normal))
+                above = (points @ np.array(normal) - offset) / size
+                return np.asarray(points - np.maximum(above, 0.0)[:, np.newaxis] * (np.array(normal) / size))
+        raise InputError(f"a goal of a tool is a ball, a box, a half-space or a point, not {self.region!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class _Tool:
+    """A tool of a robot.
+
+    `joint`: index of the joint whose frame carries the tool; `pose` (4, 4): the tool's pose in this frame; `chain`:
+    indices of the joints from the base to `joint`.
+    """
+
+    tree: KinematicTree
+    joint: int
+    pose: NDArray[np.float64]
+    chain: tuple[int, ...]
+
+
+def tool_poses(tree: KinematicTree, tool: str, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return poses of a tool in the world (n, 4, 4) for configurations (n, m) in radians or metres.
+
+    `tool`: name of a link or frame of the robot.
+    """
+    joint, pose = tree.tools[tool]
+    if joint < 0:
+        return np.broadcast_to(pose, (len(configurations), 4, 4))
+    return np.asarray(tree.frames(configurations)[:, joint] @ pose)
+
+
+def tool_goal_cells(tree: KinematicTree, tool: str, axes: Sequence[Axis], goal: ToolGoal) -> GoalCells:
+    """Return the cells that contain a configuration with the tool in a goal, and one such configuration per cell.
+
+    A cell is excluded only by bounds on the motion of the tool within it, so that every inverse-kinematics solution
+    lies in a goal cell.  Exceptions are cells in which the tool stays within 1e-9 m of the border of the goal without
+    entering it, to within rounding errors.
+    `tool`: name of a link or frame; `axes`: axes of the configuration space, one per moving joint.
+    """
+    searched = _tool_of(tree, tool)
+    shape = tuple(axis.cells for axis in axes)
+    lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
+    found = np.zeros(shape, dtype=np.bool_)
+    points = np.zeros((prod(shape), len(axes)))
+    nearest = np.inf
+    for cells in _possible_cells(searched, shape, lower, spacing, goal):
+        flat, solutions, gap = _solve_cells(searched, cells, lower, spacing, goal)
+        owners = np.ravel_multi_index(tuple(cells[flat].T), shape)
+        found.reshape(-1)[owners] = True
+        points[owners] = solutions
+        nearest = min(nearest, gap)
+    if not found.any():
+        raise InputError(_why_unreachable(searched, lower, spacing, shape, goal, nearest))
+    return GoalCells(found, points[found.reshape(-1)])
+
+
+def _tool_of(tree: KinematicTree, name: str) -> _Tool:
+    joint, pose = tree.tools[name]
+    chain, at = [], joint
+    while at >= 0:
+        chain.append(at)
+        at = int(tree.parent[at])
+    if not chain:
+        raise InputError(f"the tool {name!r} does not move with any moving joint; choose another tool or moving joint")
+    return _Tool(tree, joint, pose, tuple(reversed(chain)))
+
+
+def _possible_cells(
+    tool: _Tool, shape: tuple[int, ...], lower: NDArray[np.float64], spacing: NDArray[np.float64], goal: ToolGoal
+) -> Iterator[NDArray[np.int64]]:
+    """Yield batches of the cells (n, m) that no bound excludes, as cell indices.
+
+    Blocks of cells are halved along the joint that moves the tool most, until they are excluded or single cells.
+    `shape`: cells per axis; `lower`, `spacing` (m,): lower ends of the axes and widths of their cells.
+    """
+    stack = [(np.zeros((1, len(shape)), dtype=np.int64), np.array([shape], dtype=np.int64))]
+    while stack:
+        first, last = stack.pop()
+        centre, half = lower + (first + last) / 2 * spacing, (last - first) / 2 * spacing
+        travel, turn = _motion_bounds(tool, centre, half)
+        distance, angle = _violations(tool, centre, goal)
+        keep = (distance <= travel.sum(1) + _TOLERANCE) & (angle <= turn.sum(1) + _TOLERANCE)
+        first, last, travel, turn = first[keep], last[keep], travel[keep], turn[keep]
+        single = (last - first == 1).all(1)
+        if single.any():
+            yield first[single]
+        first, last, gain = first[~single], last[~single], (travel + turn)[~single]
+        if not len(first):
+            continue
+        joint = np.argmax(np.where(last - first > 1, gain, -1.0), axis=1)
+        row = np.arange(len(first))
+        middle = (first[row, joint] + last[row, joint]) // 2
+        left_last, right_first = last.copy(), first.copy()
+        left_last[row, joint] = right_first[row, joint] = middle
+        firsts, lasts = np.concatenate([first, right_first]), np.concatenate([left_last, last])
+        stack += [(firsts[i : i + 4096], lasts[i : i + 4096]) for i in range(0, len(firsts), 4096)]
+
+
+def _solve_cells(
+    tool: _Tool, cells: NDArray[np.int64], lower: NDArray[np.float64], spacing: NDArray[np.float64], goal: ToolGoal
+) -> tuple[NDArray[np.int64], NDArray[np.float64], float]:
+    """Return the indices (s,) of the cells that contain a solution, one solution (s, m) for each, and a distance.
+
+    The distance, in metres, is the smallest one between tool and region that the search found, for messages.
+    `cells` (n, m): cell indices; `lower`, `spacing` (m,): lower ends of the axes and widths of their cells.
+    """
+    low, high = lower + cells * spacing, lower + (cells + 1) * spacing
+    centre, half, owner = (low + high) / 2, (high - low) / 2, np.arange(len(cells))
+    solution = np.full(low.shape, np.nan)
+    nearest = np.inf
+    for _ in range(_HALVINGS):
+        end = _gauss_newton(tool, centre, centre - half, centre + half, goal)
+        distance, angle = _violations(tool, end, goal)
+        nearest = min(nearest, float(distance.min(initial=np.inf)))
+        solved = (distance <= _TOLERANCE) & (angle <= _TOLERANCE)
+        solution[owner[solved]] = np.clip(end[solved], low[owner[solved]], high[owner[solved]])
+        travel, turn = _motion_bounds(tool, centre, half)
+        distance, angle = _violations(tool, centre, goal)
+        keep = (distance <= travel.sum(1) + _TOLERANCE) & (angle <= turn.sum(1) + _TOLERANCE)
+        keep &= np.isnan(solution[owner, 0])
+        centre, half, owner, gain = centre[keep], half[keep].copy(), owner[keep], (travel + turn)[keep]
+        if not 0 < len(centre) <= _MAX_BOXES:
+            break
+        row, joint = np.arange(len(centre)), np.argmax(gain, axis=1)
+        half[row, joint] /= 2
+        step = np.zeros_like(half)
+        step[row, joint] = half[row, joint]
+        centre, half = np.concatenate([centre - step, centre + step]), np.concatenate([half, half])
+        owner = np.concatenate([owner, owner])
+    solved_cells = np.flatnonzero(~np.isnan(solution[:, 0]))
+    return solved_cells, solution[solved_cells], nearest
+
+
+def _motion_bounds(
+    tool: _Tool, centre: NDArray[np.float64], half: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return bounds of the tool's motion in metres and of its rotation in radians, per moving joint, each (n, m).
+
+    They hold for all configurations within `half` (n, m) of `centre` (n, m), compared with the pose at the centre.
+    If the joints turn one after the other from the base on, all that lies beyond a turning joint is still as rigid as
+    at the centre; the tool moves at most by the joint's rotation times its distance from the joint's axis.
+    """
+    tree = tool.tree
+    frames = tree.frames(centre)
+    point = (frames[:, tool.joint] @ tool.pose)[:, :3, 3]
+    travel, turn = np.zeros_like(centre), np.zeros_like(centre)
+    for joint in tool.chain:
+        moves = np.abs(tree.factor[joint]) * half[:, tree.driver[joint]]
+        if tree.is_prismatic[joint]:
+            travel[:, tree.driver[joint]] += moves
+            continue
+        axis = frames[:, joint, :3, :3] @ tree.direction[joint]
+        lever = np.linalg.norm(np.cross(axis, point - frames[:, joint, :3, 3]), axis=1)
+        travel[:, tree.driver[joint]] += lever * moves
+        turn[:, tree.driver[joint]] += moves
+    return travel, turn
+
+
+def _violations(
+    tool: _Tool, configurations: NDArray[np.float64], goal: ToolGoal
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return by how many metres (n,) and radians (n,) the tool misses a goal in configurations (n, m)."""
+    pose = tool.tree.frames(configurations)[:, tool.joint] @ tool.pose
+    distance = np.linalg.norm(pose[:, :3, 3] - goal.nearest(pose[:, :3, 3]), axis=1)
+    if goal.rotation is None:
+        return distance, np.zeros(len(distance))
+    angle = np.linalg.norm(_rotation_vectors(pose[:, :3, :3], goal.rotation), axis=1)
+    return distance, np.maximum(angle - goal.angle, 0.0)
+
+
+def _rotation_vectors(rotations: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation vectors (n, 3), in radians in the world, from `wanted` (3, 3) to `rotations` (n, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(rotations @ wanted.T).as_rotvec())
+
+
+def _gauss_newton(
+    tool: _Tool,
+    start: NDArray[np.float64],
+    lower: NDArray[np.float64],
+    upper: NDArray[np.float64],
+    goal: ToolGoal,
+) -> NDArray[np.float64]:
+    """Return configurations (n, m) near the goal, by damped Gauss-Newton steps from `start`, within boxes of joints.
+
+    `start`, `lower`, `upper` (n, m): first configurations, and corners of the boxes.
+    """
+    configurations = start.copy()
+    for _ in range(_NEWTON_STEPS):
+        residual, jacobian = _linearized(tool, configurations, goal)
+        if not residual.size or np.abs(residual).max() <= _TOLERANCE / 10:
+            break
+        transposed = jacobian.transpose(0, 2, 1)
+        normal = transposed @ jacobian
+        damping = _DAMPING * np.trace(normal, axis1=1, axis2=2) + 1e-30
+        normal += damping[:, np.newaxis, np.newaxis] * np.eye(start.shape[1])
+        step = np.linalg.solve(normal, transposed @ residual[..., np.newaxis])[..., 0]
+        configurations = np.clip(configurations - np.clip(step, lower - upper, upper - lower), lower, upper)
+    return configurations
+
+
+def _linearized(
+    tool: _Tool, configurations: NDArray[np.float64], goal: ToolGoal
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return residuals (n, 3 or 6) of a goal and their Jacobians (n, 3 or 6, m), in metres and radians per joint unit.
+
+    The residuals are the vector from the region to the tool and, for a goal with a rotation, the part of the rotation
+    vector beyond the permitted angle.
+    """
+    tree = tool.tree
+    frames = tree.frames(configurations)
+    pose = frames[:, tool.joint] @ tool.pose
+    point = pose[:, :3, 3]
+    residual = point - goal.nearest(point)
+    jacobian = np.zeros((len(point), 6, configurations.shape[1]))
+    for joint in tool.chain:
+        axis = (frames[:, joint, :3, :3] @ tree.direction[joint]) * tree.factor[joint]
+        if tree.is_prismatic[joint]:
+            jacobian[:, :3, tree.driver[joint]] += axis
+        else:
+            jacobian[:, :3, tree.driver[joint]] += np.cross(axis, point - frames[:, joint, :3, 3])
+            jacobian[:, 3:, tree.driver[joint]] += axis
+    if goal.rotation is None:
+        return residual, jacobian[:, :3]
+    vector = _rotation_vectors(pose[:, :3, :3], goal.rotation)
+    angle = np.linalg.norm(vector, axis=1, keepdims=True)
+    excess = vector * (np.maximum(angle - goal.angle, 0.0) / np.maximum(angle, 1e-300))
+    return np.concatenate([residual, excess], axis=1), jacobian
+
+
+def _why_unreachable(
+    tool: _Tool,
+    lower: NDArray[np.float64],
+    spacing: NDArray[np.float64],
+    shape: tuple[int, ...],
+    goal: ToolGoal,
+    nearest: float,
+) -> str:
+    """Return the message for a goal without a solution: the smallest distance or angle that some configurations leave.
+
+    `lower`, `spacing` (m,): lower ends of the axes and widths of their cells; `shape`: cells per axis; `nearest`:
+    smallest distance that the search found, in metres.
+    """
+    sample = np.random.default_rng(0).uniform(lower, lower + spacing * np.array(shape), (4096, len(shape)))
+    ends = _gauss_newton(tool, sample[:64], lower[np.newaxis], (lower + spacing * shape)[np.newaxis], goal)
+    distance, angle = _violations(tool, np.concatenate([sample, ends]), goal)
+    smallest = min(nearest, float(distance.min()))
+    if smallest <= _TOLERANCE:
+        missed = f"with the wanted rotation: the closest one is off by {angle[distance <= 1e-6].min(initial=np.pi):.3g}"
+        return f"no configuration brings the tool into this goal {missed} rad; turn the goal, or permit a larger angle"
+    return (
+        f"no configuration of the moving joints brings the tool into this goal; the closest one leaves {smallest:.3g} "
+        "m; move or enlarge the goal, or choose other moving joints"
+    )
