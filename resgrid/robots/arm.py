@@ -24,8 +24,7 @@ from resgrid.robots.geometry import ArmLinks, Pose, RigidPart
 from resgrid.robots.shapes import Shape
 
 _ROUNDING = 1e-12
-"""Largest rounding error in the inverse kinematics: of sines, distances relative to the reach, and angles in radians.
-"""
+"""Largest rounding error in the inverse kinematics, for sines, distances divided by the reach, and angles in rad."""
 
 _MOST_SOLUTIONS = 1_000_000
 """Maximum number of solutions of the inverse kinematics, one per full turn within the limits; more raise InputError."""

@@ -39,9 +39,8 @@ class Robot(ABC):
 
     A subclass must implement `parts` (geometry in a configuration) and `travel` (bound of the motion).  The defaults of
     all other methods suit free-flying bodies: the first coordinates of a configuration are the position of the
-    reference
-    point, and a cell is free if distances to obstacles exceed the motion within the cell.  `resgrid.simulation` with
-    contacts also needs `pose`.
+    reference point, and a cell is free if distances to obstacles exceed the motion within the cell.
+    `resgrid.simulation` with contacts also needs `pose`.
 
     Examples
     --------
@@ -107,8 +106,7 @@ class Robot(ABC):
         """Return upper bounds of the distance that any point of the robot moves in straight motions.
 
         In a straight motion, the configuration moves along a straight line in configuration space.  The bound must
-        depend only
-        on ``end - start`` and must be a convex function of this difference.
+        depend only on ``end - start`` and must be a convex function of this difference.
 
         Parameters
         ----------
@@ -276,8 +274,7 @@ class Robot(ABC):
         """Return configurations (..., ndim), wrapped into the axis range along periodic axes of the workspace.
 
         `axes`: axes of the configuration space.  Configurations of a robot whose configuration space is not the
-        workspace
-        are returned unchanged.
+        workspace are returned unchanged.
         """
         if not (self.moves_in_workspace and any(axis.periodic for axis in axes)):
             return configurations

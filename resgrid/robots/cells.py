@@ -192,8 +192,7 @@ def outline(shape: Box | Polygon, axes: Sequence[Axis], reach: float) -> NDArray
     """Return the edges ``x0, y0, x1, y1`` of a polygon or rectangle, shape (e, 4), clipped far outside the grid.
 
     `reach`: distance up to which the caller marks cells around the shape, in axis units; the rings are clipped to the
-    grid
-    enlarged by this distance and the grid's largest side.
+    grid enlarged by this distance and the grid's largest side.
     """
     margin = reach + max(axis.upper - axis.lower for axis in axes)
     lower, upper = (axes[0].lower - margin, axes[1].lower - margin), (axes[0].upper + margin, axes[1].upper + margin)
@@ -204,8 +203,7 @@ def _clip_ring(ring: tuple[Point, ...], lower: Point, upper: Point, far: float) 
     """Return the corners of a ring (closed polyline) clipped to a box (Sutherland and Hodgman, 1974).
 
     `lower, upper`: corners of the box.  A ring with all corners within a distance `far` of the box is not changed.  For
-    a
-    ring outside the box, the result is the single point `lower`.
+    a ring outside the box, the result is the single point `lower`.
     """
     beyond = max(max(low - c, c - high) for point in ring for c, low, high in zip(point, lower, upper, strict=True))
     if beyond <= far:

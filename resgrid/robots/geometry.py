@@ -21,11 +21,8 @@ from resgrid.errors import InputError
 from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of, to_shapely
 
 TOUCH = 1e-9
-"""Largest penetration depth that counts as touching for a round body or half-plane, as a fraction of 1 m plus the
-radii.
-
-The radii are those of the obstacle and of the robot's part.
-"""
+"""Largest penetration depth that counts as touching for a round body or half-plane, relative to 1 m plus the radii of
+obstacle and robot part."""
 
 MAX_IMAGES = 1000
 """Maximum number of periodic images of a shape (copies translated by multiples of the periods); more raise InputError.
@@ -62,8 +59,7 @@ class Obstacle:
     """An obstacle, or a periodic image of one: all points within a radius of a geometry (the core), or a half-plane.
 
     `number`: index of the obstacle in the scene; `core`: shapely geometry in metres, None for a half-plane; `radius`:
-    in
-    metres, 0 for a half-plane; `half_plane`: the half-plane, None for other obstacles.
+    in metres, 0 for a half-plane; `half_plane`: the half-plane, None for other obstacles.
     """
 
     number: int
@@ -173,8 +169,7 @@ def obstacle_arrays(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> Obsta
     """Return shapes as arrays, for kernels.
 
     `axes`: axes of the plane, empty for a plane that is not periodic.  On periodic axes, the arrays contain all
-    periodic
-    images of a shape that come within one period of the grid.
+    periodic images of a shape that come within one period of the grid.
     """
     period = [axis.upper - axis.lower for axis in axes]
     solids = [
@@ -281,8 +276,8 @@ class Pose(NamedTuple):
     """Geometry and differential kinematics of a planar robot in one configuration, for contacts.
 
     The robot consists of rigid parts; a part consists of segments with a radius.  With the unit vector k out of the
-    plane, the velocity of a point ``p`` of part ``m`` for a unit velocity of axis ``a`` is
-    ``shift[m, a] + spin[m, a] k x (p - pivot[m, a])``.
+    plane, the velocity of a point ``p`` of part ``m`` for a unit velocity of axis ``a`` is the sum of ``shift[m, a]``
+    and ``spin[m, a] k x (p - pivot[m, a])``.
 
     `segments` (s, 4): ``x0, y0, x1, y1``, in metres; a point is a segment of length 0; `radius` (s,): radius around
     each segment, in metres; `part` (s,): index of the rigid part (the link of an arm) of each segment; `frame` (parts,

@@ -100,8 +100,7 @@ def place_joints(joints: Floats, link: int, angles: Floats, lengths: Floats, bas
 
     `joints` (>= link + 2, 2): positions in metres; `angles` (>= link + 1,): joint angles in radians, measured from the
     previous link if `relative`, else from the base direction; `lengths` (>= link + 1,): lengths of the links, in
-    metres;
-    `base` (3,): x and y of the base, in metres, and direction of joint angle 0, in radians.
+    metres; `base` (3,): x and y of the base, in metres, and direction of joint angle 0, in radians.
     """
     direction = base[2]
     joints[0, 0], joints[0, 1] = base[0], base[1]
@@ -117,12 +116,12 @@ def _displacement_bound(
 ) -> float:
     """Return an upper bound, in metres, of the distance that any point of a link moves while its joints turn.
 
-    Joints ``first .. link`` turn within a cell; the other joints stay at the cell's centre.  ``joints``: positions of
-    the joints in the configuration at the cell's centre, in metres; ``chords`` (n,): ``2 sin(t / 2)`` for the largest
-    turn ``t`` of every joint; ``lengths`` (n,): of links. Relative angles: turn the joints one after the other, from
-    the base outwards.  Each rotation moves all further links rigidly, so that distances from the joint are those at the
-    cell's centre.  Absolute angles: a joint rotates only its own link and translates all further links, so that the
-    displacements add up.
+    Joints ``first .. link`` turn within a cell; the other joints stay at the cell's centre.  Relative angles: turn the
+    joints one after the other, from the base outwards.  Each rotation moves all further links rigidly, so that
+    distances from the joint are those at the cell's centre.  Absolute angles: a joint rotates only its own link and
+    translates all further links, so that the displacements add up. `joints`: positions of the joints in the
+    configuration at the cell's centre, in metres; `chords` (n,): ``2 sin(t / 2)`` for the largest turn ``t`` of every
+    joint; `lengths` (n,): lengths of the links, in metres.
     """
     total = 0.0
     for j in range(first, link + 1):
@@ -145,8 +144,7 @@ def _may_collide(
     `joints` (link + 2, 2): joint positions in the configuration at the cell's centre, in metres; `link`: index of the
     link; `chords` (n,): ``2 sin(t / 2)`` for the largest turn ``t`` of every joint within the cell; `relative_chords`
     (n,): work array; `self_collision`: whether links are tested against each other; `slack`: bound on the rounding
-    error
-    of distances, in metres.
+    error of distances, in metres.
     """
     radii, lengths, relative = links.radii, links.lengths, links.relative
     ax, ay, bx, by = joints[link, 0], joints[link, 1], joints[link + 1, 0], joints[link + 1, 1]
@@ -176,10 +174,11 @@ def mark_link(
     """Mark the cells of joints ``0 .. link`` in which link number `link` may hit an obstacle or an earlier link.
 
     A cell in which the link may collide, but does not at the centre, is subdivided once into ``parts`` parts per joint.
-    Cells that are marked already are skipped. `out` (product of counts[:link + 1],): flat mask; `first, last`: range of
-    cells to test; `counts` (n,): number of cells per joint; `centres` (n, max(counts)): joint angles of cell centres;
-    `widths` (n,): cell widths in radians; `self_collision`: whether links are tested against each other; `slack`:
-    rounding error of distances, in metres.
+    Cells that are marked already are skipped.
+    `out` (product of counts[:link + 1],): flat mask; `first, last`: range of cells to test; `counts` (n,): number of
+    cells per joint; `centres` (n, max(counts)): joint angles of cell centres; `widths` (n,): cell widths in radians;
+    `self_collision`: whether links are tested against each other; `slack`: bound on the rounding error of distances, in
+    metres.
     """
     joints = np.empty((link + 2, 2))
     middle, angles, scratch = np.empty(link + 1), np.empty(link + 1), np.zeros(link + 1)
@@ -307,8 +306,8 @@ def mark_enclosed(out: Flags, edges: Floats, plane: CellPlane) -> None:
     """Mark the cells whose centres lie inside closed rings of edges, by the even-odd rule.
 
     `out` (columns, rows): mask, in which enclosed cells are set to True; `edges` (e, 4): end points ``x0, y0, x1, y1``
-    in
-    metres; `plane`: grid.  In every row, each edge that crosses the row toggles all cells to the right of the crossing.
+    in metres; `plane`: grid.  In every row, each edge that crosses the row toggles all cells to the right of the
+    crossing.
     """
     columns, rows = out.shape
     flips = np.zeros(columns + 1, dtype=np.bool_)

@@ -197,13 +197,10 @@ def _search_cell(work: _SearchArrays, links: ArmLinks, goal: ObstacleArrays, tol
     """Return whether a cell contains a configuration with the tip in the goal region, and write it to ``work.at``.
 
     ``work.middles[0]`` and ``work.halves[0]`` contain centre and half widths of the cell on entry; `tolerance`:
-    distance in
-    metres up to which the tip counts as in the region.
-    Branch and bound: a box (part of the cell) is discarded if bounds show that the tip cannot reach the region.
-    Otherwise
-    Newton steps search for a solution.  If they fail, the box is bisected, and the half with the last iterate is
-    searched
-    first.  The result is False if the search exceeds `MAX_BOXES` boxes or a stack of `MAX_DEPTH` boxes.
+    distance in metres up to which the tip counts as in the region.  Branch and bound: a box (part of the cell) is
+    discarded if bounds show that the tip cannot reach the region.  Otherwise Newton steps search for a solution.  If
+    they fail, the box is bisected, and the half with the last iterate is searched first.  The result is False if the
+    search exceeds `MAX_BOXES` boxes or a stack of `MAX_DEPTH` boxes.
     """
     n, middles, halves = len(work.at), work.middles, work.halves
     size, examined = 1, 0

@@ -131,7 +131,7 @@ class MapCells:
 
 
 def cells_from_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the pixels of a picture as cells (width, height): x first, y upwards.
+    """Return the pixels of a picture as cells (width, height): the first axis is x, the second is y, upwards.
 
     `rows` (height, width): pixels, top row first.
     """
@@ -144,7 +144,7 @@ def placed_axes(
     origin: Annotated[tuple[float, ...], Len(1, 4)] | None = None,
     unit: str | None = None,
 ) -> tuple[Axis, ...]:
-    """Return the axes of a map whose format has no position and resolution.
+    """Return the axes of a map of shape `shape`, in cells, whose format has no position and resolution.
 
     Parameters
     ----------
