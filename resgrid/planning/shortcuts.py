@@ -21,7 +21,7 @@ LineTest = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
 """Function of two points (ndim,), in axis units, that returns whether a path may follow the line between them."""
 
 _GAIN = 1e-12
-"""Relative reduction of the length of a part of the path below which a chord does not replace this part."""
+"""Smallest reduction of length for which a chord replaces a part of the path, as a fraction of the part's length."""
 
 
 def shortcut(
@@ -95,7 +95,7 @@ def default_clearance(path: Streamline) -> float:
 
 
 def _line_of_sight(field: Field, clearance: float) -> LineTest:
-    """Return a function that tests whether the line between two points, in axis units, may be used.
+    """Return a function that tests whether a path may follow the straight line between two points, in axis units.
 
     Such a line touches only free or goal cells, and its distance from obstacles is at least `clearance`, in axis units.
     """
