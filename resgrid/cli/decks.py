@@ -21,7 +21,7 @@ _READ_SECONDS, _SOLVE_SECONDS = 3e-8, 6e-6
 """Approximate time for reading a byte of a deck, and for solving per resistor, in seconds, for the progress bar."""
 
 _MAX_NOTES = 20
-"""Largest number of warnings, or of electrical errors, of a deck that are printed."""
+"""Largest number of warnings of a deck's reader, or of electrical errors, that are printed."""
 
 
 def is_deck(source: CommandInput) -> bool:
@@ -47,7 +47,7 @@ def refuse_scene_options(source: CommandInput) -> None:
 
 
 def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
-    """Return the circuit of a deck or a network, and print the notes of its reader.
+    """Return the circuit of a deck or a network, and print the notes (warnings and remarks) of its reader.
 
     `names`: whether the circuit gets a note for every name that several elements have.
     """
@@ -66,7 +66,7 @@ def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
 
 
 def _say_notes(deck: Circuit) -> None:
-    """Print the notes of a deck's reader: warnings always, other notes only if the command is verbose."""
+    """Print the notes of a deck's reader: warnings always, remarks only with the option ``--verbose``."""
     warnings = [note for note in deck.notes if note.severity != "info"]
     for note in warnings[:_MAX_NOTES]:
         say(f"{note.severity}: {note}")

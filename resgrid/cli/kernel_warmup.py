@@ -182,7 +182,7 @@ CASES: dict[str, Callable[[], None]] = {
         _plane_of_voltages, _open_obstacles,
     )
 }  # fmt: skip
-"""Warm-up jobs by name, in the order of decreasing compile time; each compiles kernels that no other job compiles."""
+"""Warm-up jobs by name, in the order of decreasing compile time; each job compiles kernels that others do not use."""
 
 
 def compile_last_stages() -> None:

@@ -15,7 +15,7 @@ _ARENA_MAX = -8
 """Number by which glibc's function mallopt selects the parameter M_ARENA_MAX, the largest number of heaps (arenas)."""
 
 _SHUTDOWN_SECONDS = 0.5
-"""Longest wait for the end of idle threads, in seconds."""
+"""Longest wait for the end of running computations, in seconds, before the process ends without them."""
 
 
 @subcommand(

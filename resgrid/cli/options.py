@@ -310,7 +310,7 @@ def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
 
 
 def _require_different_file(option: str, output: str | None, file: str) -> None:
-    """Raise InputError, which names the `option`, if the file `output` is the input `file`; None is no output."""
+    """Raise InputError, which names the `option`, if the file `output` is the input `file`; None: no output file."""
     if output is not None and Path(output).exists() and Path(file).exists() and Path(output).samefile(file):
         raise InputError(f"{option} {output}: this is the input; name another file")
 

@@ -33,17 +33,17 @@ class Plan:
 
     @property
     def streamlines(self) -> list[rg.Streamline]:
-        """Streamlines of all routes that have one."""
+        """Streamlines of all routes (paths of one start at one weight k) that have a streamline."""
         return [route.streamline for route in self.routes if route.streamline is not None]
 
     @property
     def complete(self) -> bool:
-        """Whether the streamlines of all routes end in a goal."""
+        """Whether all routes (paths of one start at one weight k) end in a goal."""
         return all(route.reached for route in self.routes)
 
 
 def plan_routes(job: Job) -> Plan:
-    """Return circuits, fields and certified routes for all starts and weights k of a scene."""
+    """Return circuits, fields and certified routes (paths) for all starts and weights k of a scene."""
     from resgrid.io.paths import Route
     from resgrid.planning.advice import Advisor
 
@@ -66,7 +66,10 @@ def plan_routes(job: Job) -> Plan:
 
 
 def route_lines(routes: Sequence[Route]) -> Iterator[str]:
-    """Yield one line of text per route; failures of one start with the same reason at several k share one line."""
+    """Yield one line of text per route (path of one start at one weight k).
+
+    Failures of one start with the same reason at several weights k share one line.
+    """
     failed: dict[tuple[object, ...], list[Route]] = {}
     for route in routes:
         if not route.reached:

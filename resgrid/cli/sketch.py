@@ -44,7 +44,8 @@ def sketch(
 ) -> Sketch:
     """Return the text sketch of a space with two axes.
 
-    `starts`: points in world coordinates; `unknown`: mask of cells of unknown occupancy, shape of the space, or None.
+    `starts`: points in axis units; `unknown`: mask of cells of unknown occupancy, shape of the space, None without such
+    cells.
     """
     import numpy as np
 

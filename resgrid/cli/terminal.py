@@ -153,7 +153,7 @@ class Stage:
     def fraction(self) -> float | None:
         """Return the finished fraction of the stage, from 0 to 0.99.
 
-        None if neither the number of steps nor the time is known.
+        The result is None if neither the number of steps nor the estimated time is known.
         """
         if self._steps:
             return min(self._done / self._steps, 0.99)

@@ -97,7 +97,10 @@ def check_pair(dirichlet: Field, neumann: Field) -> None:
 
 
 def _same_cells(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:
-    """Return whether two spaces have equal axes, frames, cells and conductivities; no conductivity counts as 1."""
+    """Return whether two spaces have equal axes, frames, cells and conductivities.
+
+    A space without conductivities has 1.
+    """
     one, other = (np.float64(1.0) if space.conductivity is None else space.conductivity for space in (first, second))
     placed = first.axes == second.axes and first.frame == second.frame
     return placed and np.array_equal(first.cell, second.cell) and bool(np.all(one == other))

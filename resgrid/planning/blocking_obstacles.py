@@ -272,7 +272,7 @@ def _connectivity(space: ConfigurationSpace, cell: tuple[int, ...]) -> Outcome:
 def _cell_of(space: ConfigurationSpace, point: NDArray[np.float64]) -> tuple[int, ...]:
     """Return the indices of the cell of a start `point` (ndim,), in axis units.
 
-    On a border, of a free cell if there is one.
+    A point on a border between cells belongs to a free cell if it touches one.
     """
     return tuple(start_cells(space, point[np.newaxis])[0][0].tolist())
 
@@ -288,7 +288,7 @@ def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstr
     def between(opened: tuple[int, ...]) -> tuple[int, ...]:
         """Return the groups on a shortest path from start to goal after removal of the groups `opened`.
 
-        () if none is left.
+        The result is empty if no further group lies between start and goal.
         """
         remaining = adjacency(barriers, opened) if opened else links
         return remaining.groups_between(int(remaining.node[start]), int(remaining.node[target]))

@@ -172,8 +172,8 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
 
     ``cell`` (ndim,) and ``local`` (ndim,), the position within the cell in [0, 1], hold the start on entry and the end
     on return.  The first n visited cells and entry positions are written to ``cells`` and ``locals_`` (n, ndim).
-    Return outcome (`REACHED`, `NO_CURRENT` or `ENDLESS`), number of crossings, length in axis units, and log of the
-    time, in the unit for which velocities equal face currents.
+    Return outcome (`REACHED`, `NO_CURRENT` or `ENDLESS`), number of crossings, length in axis units, and natural log of
+    the time, in the unit for which velocities equal face currents.
     """
     ndim = len(cell)
     lower, upper = np.empty(ndim), np.empty(ndim)

@@ -79,7 +79,7 @@ class Streamline:
     outcome : Outcome
         Reason why tracing ended.
     goal : int or None
-        Index of the reached goal region.
+        Index of the reached goal region; None if the streamline reaches no goal.
     length : float
         Length of the polyline, last leg included, in axis units and continuous across periodic seams.
     clearance : float
@@ -324,7 +324,7 @@ def failure_reason(outcome: str, space: ConfigurationSpace, cell: tuple[int, ...
 def nearest_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> str:
     """Return a phrase with the goal-connected place or configuration nearest to `cell`.
 
-    Empty if no cell is goal-connected.
+    The phrase is empty if no cell of the space is goal-connected.
     """
     place = nearest_place(space.goal_connected, cell, space.axes, space.frame)
     kind = "place" if space.robot is None or space.robot.moves_in_workspace else "configuration"

@@ -197,7 +197,7 @@ def _palette(frames: Iterator[NDArray[np.uint32]]) -> tuple[NDArray[np.uint8], N
 
 
 def _run_frames(run: Run, count: int) -> Iterator[Figure]:
-    """Yield the figure of a run, redrawn for each frame.
+    """Yield the figure of a run (simulated motion of a robot under control), redrawn for each frame.
 
     `count`: number of frames, 2 to 588, without repetitions of the last one.
     """

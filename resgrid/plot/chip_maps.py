@@ -299,7 +299,6 @@ def draw_resistors(
 def _of_free_cells(cells: CellMap, value: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the node values of free cells as an array in the shape of the space.
 
-    NaN in other cells and without a node.
-    `value` (nodes,): value of every node.
+    The result is NaN in other cells and in free cells without a node.  `value` (nodes,): value of every node.
     """
     return np.where((cells.space.cell == Cell.FREE) & (cells.node >= 0), value[cells.node], np.nan)

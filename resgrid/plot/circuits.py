@@ -87,8 +87,8 @@ def add_symbol(drawing: Any, kind: str, start: ArrayLike, end: ArrayLike) -> Non
 def add_ground(drawing: Any, at: ArrayLike, along: ArrayLike = (0.0, -1.0)) -> None:
     """Add a ground symbol to a schemdraw drawing.
 
-    `at` (2,): position of its terminal, in coordinates of the axes; `along` (2,): direction from the terminal to the
-    symbol, by default downwards.
+    `at` (2,): position of the symbol's terminal, in coordinates of the axes; `along` (2,): direction from the terminal
+    to the symbol, by default downwards.
     """
     import schemdraw.elements
 

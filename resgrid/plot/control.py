@@ -64,10 +64,10 @@ _FAINT = 1e-4
 
 
 def draw_run(run: Run, *, title: str = "", caption: str = "") -> Figure:
-    """Draw a run: poses and contact forces in the workspace, and the path in a configuration space of two axes.
+    """Draw a run (simulated motion under control) in the workspace and in a configuration space of two axes.
 
-    The colours of the path are the control modes; learnt obstacle cells are circled.  `title`, `caption`: texts above
-    the figure.  Returns the figure.
+    The workspace shows poses and contact forces, the configuration space the path.  The colours of the path are the
+    control modes; learnt obstacle cells are circled.  `title`, `caption`: texts above the figure.  Returns the figure.
     """
     flat = run.space.ndim == 2
     height = panel_height(PAGE / 2 - 0.6, panel_aspect(run)) + 0.4 + caption_height(caption)
@@ -85,9 +85,10 @@ def draw_run(run: Run, *, title: str = "", caption: str = "") -> Figure:
 
 
 def draw_runs(runs: Sequence[Run], *, title: str = "", caption: str = "") -> Figure:
-    """Draw runs of the same scene at several k: paths of the reference point, and paths in configuration space.
+    """Draw runs (simulated motions under control) of one scene at several weights k of the Dirichlet field.
 
-    `title`, `caption`: texts above the figure.  Returns the figure.
+    The panels show paths of the reference point in the workspace, and paths in configuration space.  `title`,
+    `caption`: texts above the figure.  Returns the figure.
     """
     runs = sorted(runs, key=lambda run: run.field.k)
     figure = new_figure(PAGE, panel_height(PAGE / 2 - 0.6, 1.0) + 0.5 + caption_height(caption))

@@ -73,9 +73,9 @@ class Panel:
         return values if self.normal is None else np.asarray(np.moveaxis(values, self.normal, 0)[self.index])
 
     def seen(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the picture coordinates (n, 2) of points (n, ndim) in axis units.
+        """Return the picture coordinates (n, 2) of n points; in a slice, those of their projections.
 
-        In a slice, of the projected points.
+        `points` (n, ndim): in axis units.
         """
         if self.plane is None:
             return np.column_stack([points, np.full(len(points), np.mean(self.axes.get_ylim()))])

@@ -57,8 +57,9 @@ def draw_streamlines(
     """Draw streamlines with their starts and ends; return the axes, or the figure of a space with three axes.
 
     Streamlines of the same k have the same colour; a cross marks a start without a path to a goal.  `ax`: axes to draw
-    on; None for a new figure that also shows the cells of the space; `k`: weight k of the Dirichlet field of each path;
-    `axis`, `indices`: normal axis and cell indices of the slices of a space with three axes.
+    on; None for a new figure that also shows the cells of the space; `k`: weight k of the Dirichlet field of each path,
+    None for paths of one field; `axis`, `indices`: normal axis and cell indices of the slices of a space with three
+    axes.
     """
     return draw_panels(paths[0].space, ax, *_ground(ax), path_layer(paths, k), axis=axis, indices=indices)
 

@@ -73,18 +73,18 @@ SHOWN_PARTS: dict[str, Callable[[Any], object]] = {
 
 @functools.singledispatch
 def _one(value: object) -> Axes | Figure:
-    """Draw one value by the function registered for its type, and return axes or a figure; raise NotImplementedError.
+    """Draw one value by the function registered for the value's type, and return axes or a figure.
 
-    This body applies to types without a registered function.
+    For a type without a registered function, this function raises NotImplementedError.
     """
     raise NotImplementedError
 
 
 @functools.singledispatch
 def _several(value: object) -> Axes | Figure:
-    """Draw several values by the function registered for their type, and return axes or a figure.
+    """Draw several values by the function registered for the type of the values, and return axes or a figure.
 
-    Raise NotImplementedError. This body applies to types without a registered function.
+    For a type without a registered function, this function raises NotImplementedError.
     """
     raise NotImplementedError
 

@@ -236,7 +236,7 @@ def _in_picture(plane: PicturePlane, cells: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _ring_small_goals(plane: PicturePlane, axes: Axes) -> None:
-    """Draw a ring around each goal that is too small to be seen."""
+    """Draw a ring around each goal that is smaller than `_VISIBLE` of the picture's longer side."""
     boxes = _small_goals(plane)
     if not len(boxes):
         return
@@ -249,7 +249,7 @@ def _ring_small_goals(plane: PicturePlane, axes: Axes) -> None:
 
 
 def at_small_goals(plane: PicturePlane, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a copy of picture coordinates (n, 2); points in a ringed goal are moved to the centre of its ring."""
+    """Return a copy of picture coordinates (n, 2), in which points in a ringed goal are moved to the ring's centre."""
     moved = points.copy()
     own = (plane.frame.from_world(points) - (plane.x.lower, plane.y.lower)) / (plane.x.spacing, plane.y.spacing)
     for box in _small_goals(plane):

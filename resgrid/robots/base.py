@@ -28,10 +28,10 @@ BATCH = 4096
 """Number of configurations that one vectorized collision test takes; larger grids are tested in several batches."""
 
 SLACK = 1e-9
-"""Safety margin of distances in the conservative rule, relative to the largest motion of the robot within a cell."""
+"""Safety margin of the distance test of whole cells, as a fraction of the largest motion of the robot within a cell."""
 
 ULPS = 64
-"""Safety margin of distances in the conservative rule, in units in the last place of the largest coordinate."""
+"""Safety margin of the distance test of whole cells, in units in the last place of the largest coordinate."""
 
 
 class Robot(ABC):

@@ -23,9 +23,9 @@ Progress = Callable[[int, int], object]
 """Progress callback ``progress(done, total)`` with the finished and the total amount of work, in arbitrary units."""
 
 FAR = 1e3
-"""Distance from the grid above which a corner makes a polygon's rings be clipped, as a multiple of a margin.
+"""Distance of a corner from the grid above which a polygon's rings are clipped, relative to a margin.
 
-The margin is the largest side of the grid plus the dilation of the polygon.  Clipping keeps coordinates accurate.
+The margin is the largest side of the grid plus the distance up to which cells are marked around the polygon.
 """
 
 Grids = Sequence[NDArray[np.float64]]

@@ -119,9 +119,10 @@ def _displacement_bound(
     Joints ``first .. link`` turn within a cell; the other joints stay at the cell's centre.  Relative angles: turn the
     joints one after the other, from the base outwards.  Each rotation moves all further links rigidly, so that
     distances from the joint are those at the cell's centre.  Absolute angles: a joint rotates only its own link and
-    translates all further links, so that the displacements add up. `joints`: positions of the joints in the
-    configuration at the cell's centre, in metres; `chords` (n,): ``2 sin(t / 2)`` for the largest turn ``t`` of every
-    joint; `lengths` (n,): lengths of the links, in metres.
+    translates all further links, so that the displacements add up.
+
+    `joints`: positions of the joints in the configuration at the cell's centre, in metres; `chords` (n,):
+    ``2 sin(t / 2)`` for the largest turn ``t`` of every joint; `lengths` (n,): lengths of the links, in metres.
     """
     total = 0.0
     for j in range(first, link + 1):
@@ -228,7 +229,7 @@ class CellPlane(NamedTuple):
 
 @inner
 def _index(scaled: float, count: int) -> int:
-    """Return `scaled`, a coordinate in cell units, rounded up and clipped to an index from 0 to `count`."""
+    """Return `scaled`, a coordinate in cell widths, rounded up and clipped to an index from 0 to `count`."""
     return math.ceil(min(max(scaled, 0.0), float(count)))
 
 

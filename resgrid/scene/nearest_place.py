@@ -62,7 +62,7 @@ def why_blocked(scene: Scene, cell: tuple[int, ...]) -> str:
 def _is_solid(scene: Scene, cell: tuple[int, ...]) -> bool:
     """Return whether the centre of a cell lies in an obstacle, regardless of the robot's radius.
 
-    `cell`: index per axis.
+    `cell`: index of the cell along each axis.
     """
     if scene.map is not None and _on_map(scene) and scene.map.cell[cell[: scene.map.cell.ndim]] == Cell.OBSTACLE:
         return True

@@ -37,9 +37,9 @@ class Quantity:
     is_fraction: bool = False
 
     def read(self, value: object) -> float:
-        """Return a number, an engineering value or, for a fraction, a percentage as a float.
+        """Return a number, an engineering value or (for a fraction) a percentage as a float.
 
-        Raise ValueError if it is invalid.
+        ValueError is raised for all other values, as pydantic expects.
         """
         try:
             number = parse_fraction(value) if self.is_fraction else parse_quantity(value)

@@ -31,10 +31,9 @@ def key_lines(text: str) -> dict[Path, int]:
 
 
 def line_of(lines: Mapping[Path, int], path: Path) -> int | None:
-    """Return the line number of a key path, or of the innermost enclosing table or list.
+    """Return the line number of a key path, or of the innermost enclosing table or list with a line number.
 
-    None if none of them has a line.
-    `lines`: line numbers by key path.
+    `lines`: line numbers by key path.  The result is None if neither the path nor an enclosing table or list has one.
     """
     return next((lines[path[:size]] for size in range(len(path), 0, -1) if path[:size] in lines), None)
 

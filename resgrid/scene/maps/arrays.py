@@ -51,7 +51,7 @@ class MapCells:
     conductivity : ndarray of float64, shape of `cell`, or None
         Relative conductivity of every cell, a positive number; None where the map has no costs.
     unknown : ndarray of bool, shape of `cell`, or None
-        Cells of unknown occupancy, which are obstacles or free in `cell`; None where the format has none.
+        Cells of unknown occupancy, which are obstacles or free in `cell`; None for a format without unknown cells.
     table : mapping
         The ``[map]`` table of the scene; ``file`` is an absolute path.
     obstacles : CellSet
