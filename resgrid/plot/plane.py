@@ -81,7 +81,7 @@ class PicturePlane:
 
     @property
     def view(self) -> NDArray[np.float64]:
-        """Corners of the window, shape (4, 2), in coordinates of the picture (world units, not pixels).
+        """Corners of the window, shape (4, 2), in coordinates of the picture (data coordinates, not pixels).
 
         The order is anticlockwise in the axes x, y, from the lower corner of both axes.
         """
@@ -89,7 +89,7 @@ class PicturePlane:
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """Corners of the whole grid, shape (4, 2), in coordinates of the picture (world units, not pixels).
+        """Corners of the whole grid, shape (4, 2), in coordinates of the picture (data coordinates, not pixels).
 
         The order is anticlockwise in the axes x, y: (lower, lower), (upper, lower), (upper, upper), (lower, upper).
         """
