@@ -39,7 +39,7 @@ class Collision:
     part : int
         Index of the rigid part of the robot, such as the link of an arm.
     obstacle : int
-        Index of the obstacle.
+        Index of the obstacle in the given sequence.
 
     Examples
     --------
