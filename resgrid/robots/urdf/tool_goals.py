@@ -324,14 +324,18 @@ def _why_unreachable(
     `lower`, `spacing` (m,): lower ends of the axes and widths of their cells; `shape`: cells per axis; `nearest`:
     smallest distance that the search found, in metres.
     """
-    sample = np.random.default_rng(0).uniform(lower, lower + spacing * np.array(shape), (4096, len(shape)))
-    ends = _gauss_newton(tool, sample[:64], lower[np.newaxis], (lower + spacing * shape)[np.newaxis], goal)
-    distance, angle = _violations(tool, np.concatenate([sample, ends]), goal)
+    low, high = lower[np.newaxis], (lower + spacing * shape)[np.newaxis]
+    sample = np.random.default_rng(0).uniform(low, high, (256, len(shape)))
+    ends = _gauss_newton(tool, sample, low, high, ToolGoal(goal.region))
+    distance, angle = _violations(tool, ends, goal)
     smallest = min(nearest, float(distance.min()))
-    if smallest <= _TOLERANCE:
-        missed = f"with the wanted rotation: the closest one is off by {angle[distance <= 1e-6].min(initial=np.pi):.3g}"
-        return f"no configuration brings the tool into this goal {missed} rad; turn the goal, or permit a larger angle"
+    if smallest > _TOLERANCE:
+        return (
+            f"no configuration of the moving joints brings the tool into this goal; the closest one leaves {smallest:.3g}"
+            " m; move or enlarge the goal, or choose other moving joints"
+        )
     return (
-        f"no configuration of the moving joints brings the tool into this goal; the closest one leaves {smallest:.3g} "
-        "m; move or enlarge the goal, or choose other moving joints"
+        "no configuration brings the tool into this goal with the wanted rotation: the closest one is off by "
+        f"{angle[distance <= _TOLERANCE].min():.3g} rad more than the permitted angle; turn the goal, or permit a larger"
+        " angle"
     )
