@@ -1,4 +1,4 @@
-"""The files of a deck, read below a root folder only."""
+"""The files of a deck, which are read only if they lie below a root folder."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from resgrid._internal.files import read_bytes
 from resgrid.errors import InputError
 
 MAX_BYTES = 2**31 - 2**20
-"""Maximum size of one file of a deck, in bytes."""
+"""Maximum size of one file of a deck, in bytes; a larger file raises InputError."""
 
 MAX_FILES = 200
-"""Maximum number of files of a deck."""
+"""Maximum number of files of a deck, including the deck itself; more files raise InputError."""
 
 _LOOKED_AT = 4096
-"""Number of bytes at even offsets, and at odd offsets, that are searched for the zero bytes of UTF-16."""
+"""Number of bytes at even and at odd offsets, each, in which zero bytes are counted to recognize UTF-16."""
 
 _BOMS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 
@@ -66,9 +66,10 @@ class Library:
         return known or self.add(name, resolved, deck_bytes(resolved, name))
 
     def find(self, file: str, including: SourceFile) -> tuple[Path, str]:
-        """Return path and displayed name of an include file; raise InputError if it is missing or outside the root.
+        """Return the path and name of an include file; raise InputError if it is missing or outside the root.
 
-        `file`: name in the include statement; `including`: the file with that statement.
+        The name is for messages.  `file`: name in the include statement; `including`: the file that contains the
+        statement.
         """
         if self.root is None:
             raise InputError(f"{file!r} is included, but the deck has no folder: give the root to read below")
@@ -87,7 +88,7 @@ class Library:
 
 
 def _exists(path: Path) -> bool:
-    """Return whether a path exists; False also if the system rejects the path."""
+    """Return whether a path exists; return False also if the operating system reports an error for the path."""
     try:
         return path.exists()
     except OSError:  # a name that is too long, a folder that may not be searched
@@ -108,9 +109,9 @@ def deck_bytes(path: Path, name: str) -> bytes:
 
 
 def normalise(data: bytes, name: str) -> bytes:
-    """Return bytes as UTF-8 or Latin-1 without byte order mark, with LF line ends and a final one.
+    """Return the content of a file as UTF-8 or Latin-1 without byte order mark, with LF line ends and a final one.
 
-    Raises InputError for a zero byte.  `name`: name of the file in messages.
+    Raises InputError for a zero byte.  `data`: content of the file; `name`: name of the file in messages.
     """
     mark, coding = coding_of(data)
     data = data[len(mark) :] if mark else data
@@ -125,9 +126,9 @@ def normalise(data: bytes, name: str) -> bytes:
 
 
 def coding_of(data: bytes) -> tuple[bytes, str]:
-    """Return the byte order mark and the encoding of a file's bytes, each empty if there is none.
+    """Return the byte order mark of a file's content, and the encoding; without a mark, both are empty.
 
-    UTF-16 without a mark is recognized by zeros in every second byte.
+    Exception: UTF-16 without a mark is recognized by zeros in every second byte, and its encoding is returned.
 
     Examples
     --------
