@@ -28,7 +28,8 @@ class Note:
     text : str
         The remark.
     outcome : {"", "fails", "unsure"}
-        Consequence in the simulator of the dialect: the result of resgrid, no result, or possibly another result.
+        Consequence in the simulator of the dialect: ``""`` none, ``"fails"`` no result, ``"unsure"`` perhaps a
+        different result.
     place : str
         ``file:line``, or ``file:line:column`` if the column is not 0.
 

@@ -18,7 +18,7 @@ Reference = Literal["sidecar", "scene", "solve"]
 
 @dataclass(frozen=True)
 class Agreement:
-    """The outcome of a comparison with a simulator.
+    """Result of the comparison of simulated with expected voltages and currents.
 
     Returned by `resgrid.check_deck`.
 

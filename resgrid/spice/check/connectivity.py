@@ -18,7 +18,7 @@ _MOST = 10
 
 
 def ground(circuit: Circuit) -> Iterator[Violation]:
-    """Yield an error if neither a resistor nor a voltage source touches ground."""
+    """Yield a violation, an error, if neither a resistor nor a voltage source touches ground."""
     if not any((circuit.ends[kind] == GROUND).any() for kind in CONDUCTING):
         yield Violation(
             "error",
@@ -109,12 +109,12 @@ def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
 class Loops:
     """Elements that close loops of voltage sources, inductors and resistors of 0 ohm.
 
-    The spanning tree takes voltage sources first, then inductors, then resistors.  The last element of a loop closes
-    it.
+    Elements are added to a spanning forest one by one: voltage sources first, then inductors, then resistors.  An
+    element closes a loop if its nodes are connected already.
 
-    `sources, inductors, shorts`: indices of the voltage sources, the inductors (which are voltage sources, too) and the
-    resistors that close a consistent loop (with a voltage sum of zero); `contradictions`: kind and index of each
-    element whose voltage contradicts the loop, and the difference in volts.
+    `sources, inductors, shorts`: indices of the voltage sources, the inductors (indices of voltage sources, too) and
+    the resistors that close a loop with a voltage sum of zero; `contradictions`: kind and index of each element whose
+    voltage contradicts the loop, and the difference in volts.
     """
 
     sources: NDArray[np.int64]
@@ -124,7 +124,7 @@ class Loops:
 
 
 def loops_of(circuit: Circuit) -> Loops:
-    """Return the loops of voltage sources in a circuit; resistors of 0 ohm count as sources of 0 V."""
+    """Return the elements that close loops of voltage sources; resistors of 0 ohm are sources of 0 V here."""
     zero = np.flatnonzero(circuit.resistance == 0)
     sources = len(circuit.source_volts)
     order = np.argsort(circuit.is_inductor, kind="stable")

@@ -177,7 +177,7 @@ def _check_external(
     limits: _Limits,
     root: str | os.PathLike[str] | None,
 ) -> Agreement:
-    """Return the comparison of a foreign deck's simulation with the solution by resgrid, with the worst nodes located.
+    """Return the comparison of the simulation of a deck that resgrid did not write with the solution by resgrid.
 
     `deck`: circuit that was read from the deck; `data`: content of the deck's file, None without a file; `op`: the
     solution, None to compute it; `limits`: settings of the check; `root`: folder that must contain all included files,

@@ -156,8 +156,8 @@ class _Trap(NamedTuple):
     """A class of node names that some simulators misread.
 
     `pattern`: regular expression for the whole name, case ignored; `severity`: at most a warning, because written decks
-    rename such nodes; `message, remedy`: text of the violation, with the field ``simulators``; `misreads`: whether a
-    dialect with the given rules misreads such names.
+    rename such nodes; `message, remedy`: texts of the violation; ``message`` may have the field ``simulators``;
+    `misreads`: whether a dialect with the given rules misreads such names.
     """
 
     pattern: str

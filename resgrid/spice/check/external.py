@@ -1,4 +1,4 @@
-"""Preparation of foreign decks for a simulator: unchanged where that is safe, otherwise rewritten.
+"""Preparation of decks that resgrid did not write for a simulator: unchanged where safe, otherwise rewritten.
 
 ngspice looks for an included file in the folder it runs in and in the folder of the including file, wherever these
 names lead.  The includes are therefore resolved first, by the same rule but only below a root folder, and copied to
@@ -39,7 +39,7 @@ _WORD = re.compile(r"[\w.+,@=#%-][\w.+,@=#% -]*")
 
 @dataclass(frozen=True, eq=False)
 class Runnable:
-    """Input of a simulator for a foreign deck.
+    """Input of a simulator for a deck that resgrid did not write.
 
     `data`: content of the deck, with the operating point as its only analysis; `why`: empty if `data` is the original
     deck, otherwise the reason why `data` is a flat deck written from the circuit; `files`: content of the included
@@ -56,8 +56,9 @@ def runnable(deck: Circuit, data: bytes | None, *, root: Path | None, engine: st
     """Return a safe simulator input for a deck, with the operating point as the only analysis.
 
     Lines of analyses and outputs are removed; all other lines are kept byte for byte, in their own files.  A deck that
-    is not safe to run is rewritten from the circuit.  `data`: content of the deck's file, None without a file; `root`:
-    folder that must contain all included files, None for the deck's own folder; `engine`: name of the engine.
+    is not safe to run is replaced by a flat deck of the circuit.  `data`: content of the deck's file, None without a
+    file; `root`: folder that must contain all included files, None for the deck's own folder; `engine`: name of the
+    engine.
     """
     path = Path(deck.path).resolve()
     root = path.parent if root is None else root.resolve()

@@ -1,4 +1,4 @@
-"""Location of altered lines in a deck: Kirchhoff's laws at the deck's own values and the expected voltages."""
+"""Location of altered lines in a deck: Kirchhoff's laws with the values in the deck and the expected voltages."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from resgrid.spice.write.sidecar import Expected
 _MAX_FINDINGS = 5
 _OPTIONS = {"reltol", "abstol", "vntol"}
 _ROUNDING = 64 * np.finfo(np.float64).eps
-"""Allowed rounding error of a voltage difference, as a fraction of the sum of the two voltage magnitudes."""
+"""Rounding error of a voltage difference that is allowed, as a fraction of the sum of both voltage magnitudes."""
 
 
 def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]:
-    """Return findings with line numbers where a flat deck contradicts its expected voltages.
+    """Return messages with line numbers about elements of a flat deck that contradict its expected voltages.
 
     `data`: content of the deck; `expected`: expected results; `tolerance`: largest accepted error, relative to the
     supply voltage (for sources) or to the current through a node.  The result has at most 5 messages.  Kirchhoff's

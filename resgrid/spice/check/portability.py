@@ -321,7 +321,7 @@ def _uncertain_spread(resistance: NDArray[np.float64]) -> tuple[str, ...]:
 
 
 def _elements_on_title_line(deck: Circuit) -> list[str]:
-    """Return the names of the elements on the first line of a deck, which simulators read as the title."""
+    """Return the names of the elements on the first line of a deck, which simulators take for the title."""
     if deck.title is not None:
         return []
     first = ((kind, (place == [0, 1]).all(axis=1)) for kind, place in deck.place.items())

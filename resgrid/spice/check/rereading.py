@@ -16,7 +16,7 @@ from resgrid.spice.dialects.record import Dialect
 from resgrid.spice.read.deck import read_with
 
 _MOST_BYTES = 20_000_000
-"""Largest total size of a deck's files that are read a second time, in bytes."""
+"""Largest total size of a deck's files that are read by the rules of further dialects, in bytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +59,8 @@ def first_difference(
     """Return the node with the largest voltage difference between two readings of a file, and the difference in volts.
 
     `names`: the two circuits, for the node names; `volts` (nodes,) each: their node voltages.  The difference is
-    infinite for a node that only the first reading has.  Returns None if no such node exists and
-    all differences are at most 1e-9 of the largest voltage.
+    infinite for a node that only the first reading has.  Returns None if no such node exists and all differences are at
+    most 1e-9 of the largest voltage.
     """
     first, second = (
         {name.lower(): value for name, value in zip(circuit.node_names, found.tolist(), strict=True)}

@@ -1,9 +1,9 @@
 """Dialects: one record of data for each simulator, in a table.
 
-All simulators except Spectre read elements by their first letter, nodes by name, and numbers.  The module of each
-dialect describes its other rules and traps.  Default sources: ngspice manual, chapter "Analyses and Output Control";
-LTspice help, "Dot Commands"; Xyce Reference Guide, chapter "Netlist Commands"; HSPICE Command Reference; Spectre
-Circuit Simulator Reference, chapter "Analysis Statements"; for quirks also their mailing lists.  Only ngspice was run.
+In all dialects except Spectre's, the first letter of a name states the kind of an element.  The module of each dialect
+describes further rules and pitfalls.  Default sources: ngspice manual, chapter "Analyses and Output Control"; LTspice
+help, "Dot Commands"; Xyce Reference Guide, chapter "Netlist Commands"; HSPICE Command Reference; Spectre Circuit
+Simulator Reference, chapter "Analysis Statements"; for quirks also their mailing lists.  Only ngspice was run.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@
 - ``time``, ``temper`` and ``hertz`` are variables of the simulator (HSPICE Simulation and Analysis User Guide, "HSPICE
   special variables"); a deck that redefines one is rejected, and so is a function of a built-in name.  An expression
   with blanks is written in quotes.
-- Smaller resistances are raised to ``RESMIN`` (1e-5 ohm); ``gmin``, a conductance
-  to ground, is added at the floating nodes only, with a message.
+- Smaller resistances are raised to ``RESMIN`` (1e-5 ohm); ``gmin``, a conductance to ground, is added at the
+  floating nodes only, with a message.
 """
 
 from __future__ import annotations

@@ -124,9 +124,9 @@ def _read_rasters(job: Configuration) -> tuple[Network, NDArray[np.int64]]:
     conductance = _habitat(job)
 
     def raster_of(key: str) -> NDArray[np.float64]:
-        """Return the raster of the file that the key `key` names.
+        """Return the cells of the raster that the key `key` names, shape (rows, columns).
 
-        Raise InputError unless it has the habitat's shape.
+        Raises InputError unless the raster has the shape of the habitat file.
         """
         other = read_raster(job.file(key))
         if other.shape != conductance.shape:

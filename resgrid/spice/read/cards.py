@@ -1,7 +1,7 @@
 """Lexer of decks: lines to cards, cards to tokens.
 
-Comments are removed and continuation lines joined; line and column of every character are kept.  Tokens are words,
-marks, expressions and strings.
+A card is one statement.  Comments are removed and continuation lines joined; line and column of every character are
+kept.  Tokens are words, marks, expressions and strings.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _LANGUAGE = re.compile(r"\s*simulator\s+lang\s*=\s*(\w+)\s*")
 
 @dataclass(frozen=True, eq=False)
 class Card:
-    """A card (statement): a line and its continuation lines.
+    """A card, which is one statement of a deck: a line and its continuation lines.
 
     `text`: the lines joined by blanks, without comments; `file`: index of the file among the files of the deck; `name`:
     name of the file for messages; `rules`: reading rules of the dialect; `joins`: for each line the offset of its first
@@ -49,7 +49,7 @@ class Card:
         return self.text.split(maxsplit=1)[0].lower()
 
     def spot(self, offset: int | None = None) -> Spot:
-        """Return the position of the character at `offset` in `text`, or of the whole card if `offset` is None."""
+        """Return the position in the file of the character at `offset` in `text`; None means the whole card."""
         if offset is None:
             return Spot(self.name, self.line)
         start, line, column = next(join for join in reversed(self.joins) if join[0] <= max(offset, 0))
@@ -175,8 +175,8 @@ _TOKEN = re.compile(
 class Token(NamedTuple):
     """A token of a card.
 
-    `kind`: "word", "mark", "expression" or "string"; `text`: its characters without quotes or braces; `offset`:
-    position in the text of the card.
+    `kind`: "word", "mark" (``=``, ``(`` or ``)``), "expression" (in braces or single quotes) or "string" (in double
+    quotes); `text`: its characters without quotes or braces; `offset`: position in the text of the card.
     """
 
     kind: str
@@ -189,10 +189,7 @@ class Token(NamedTuple):
 
 
 def tokenise(card: Card) -> list[Token]:
-    """Return the tokens of a card, which blanks and commas separate.
-
-    Raise CardError for an unbalanced quote or brace.
-    """
+    """Return the tokens of a card (blanks and commas separate them); raise CardError for an unbalanced quote."""
     tokens = _split(card.text)
     for token in tokens:
         if token.kind == "wrong":
@@ -331,7 +328,7 @@ def joined_names(card: Card, tokens: list[Token], count: int) -> list[Token]:
 
 
 def _is_tight(tokens: list[Token]) -> bool:
-    """Return whether four tokens are a word and, without a gap, a word in parentheses, such as ``net(1)``."""
+    """Return whether four tokens are a word and, without gaps, a word in parentheses, such as ``net(1)``."""
     kinds = [token.text if token.kind == "mark" else token.kind for token in tokens]
     adjoin = all(after.offset == token.offset + len(token.text) for token, after in pairwise(tokens))
     return kinds[1:] == ["(", "word", ")"] and adjoin

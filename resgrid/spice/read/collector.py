@@ -16,10 +16,10 @@ from resgrid.spice.read.files import Library, SourceFile, decode
 from resgrid.spice.read.plain_cards import PlainCards, plain_lines
 
 MAX_INCLUDES = 20
-"""Maximum nesting depth of include files."""
+"""Maximum nesting depth of include files; deeper nesting is an error of the deck."""
 
 MAX_INCLUSIONS = 2000
-"""Maximum number of inclusions in one deck, over all files."""
+"""Maximum number of inclusions of files in one deck, repeated ones included; more raise BudgetError."""
 
 _ANALYSES = frozenset(
     ".op .dc .ac .tran .noise .disto .sens .tf .pz .four .fft .hb .sp .sampling".split()  # noqa: SIM905
@@ -126,7 +126,7 @@ class Collector:
         return "element" if words[0][0] in _ELEMENT_LETTERS and (len(words) > 3 or continued) else "title"
 
     def _with_first_command(self, stream: Iterator[Card]) -> Iterator[Card]:
-        """Yield all cards of `stream`; add a warning if the first one is a command other than ``.title``."""
+        """Yield all cards of `stream`; add a warning if the first one is a command, except ``.title``."""
         for first in islice(stream, 1):
             if first.first_word != ".title":
                 text = "the first line is a command, not a title: it is applied; SPICE would ignore it"

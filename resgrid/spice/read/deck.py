@@ -48,9 +48,9 @@ def read_spice(
     elements are errors with their position.
 
     The suffix decides about other formats.  ``.ini`` is a Circuitscape configuration in advanced mode.  ``.graphml``,
-    node-link ``.json`` and ``.npz`` hold whole netlists.  ``.csv`` and ``.tsv`` are edge lists, and ``.txt`` is
-    one if it begins with such a line: each line is ``node node ohms``, or siemens below a heading ``conductance``;
-    ground is the node ``ground``.
+    node-link ``.json`` and ``.npz`` hold whole netlists.  ``.csv`` and ``.tsv`` are edge lists, and ``.txt`` is one if
+    it begins with such a line: each line is ``node node ohms``, or siemens below a heading ``conductance``; ground is
+    the node ``ground``.
 
     Parameters
     ----------

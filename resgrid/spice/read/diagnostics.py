@@ -39,7 +39,7 @@ class CardError(InputError):
 
 
 class DeckError(InputError):
-    """Error for a deck that cannot be read; the message has one line per error in the deck."""
+    """Error for a deck that cannot be read; the message has one line for each error in the deck."""
 
 
 @dataclass

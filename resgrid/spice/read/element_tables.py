@@ -1,4 +1,4 @@
-"""Tables of elements and nodes while a deck is read: lists first, arrays when a block is complete."""
+"""Tables of elements and nodes while a deck is read: lists first, arrays when the deck or a subcircuit is complete."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ class Element:
     """The card of an element with two nodes, split into its parts.
 
     `name`: name of the element; `nodes`: names of the nodes; `positional`: tokens after the nodes that have no key;
-    `pairs`: tokens with a key; `keys`: values by key.
+    `pairs`: the ``key=value`` pairs; `keys`: numerical values of the pairs, by key.
     """
 
     card: Card

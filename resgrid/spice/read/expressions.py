@@ -211,7 +211,7 @@ class _Reader:
 
     @property
     def _now(self) -> _Token:
-        """The next token, which is not consumed yet."""
+        """The next token to consume."""
         return self.tokens[self.position]
 
     def _expect(self, text: str) -> None:
@@ -221,7 +221,7 @@ class _Reader:
         self.position += 1
 
     def _binary(self, level: int) -> float:
-        """Return the value of an operand and the binary operators after it of precedence `level` (1 to 5) or higher."""
+        """Return the value of the expression up to the next operator of a precedence below `level` (1 weakest to 5)."""
         left = self._signed()
         while self._now.text in _BINARY and level <= _BINARY[self._now.text][0]:
             token = self._now

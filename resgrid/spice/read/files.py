@@ -17,7 +17,7 @@ MAX_FILES = 200
 """Maximum number of files of a deck, including the deck itself; more files raise InputError."""
 
 _LOOKED_AT = 4096
-"""Number of bytes at even and at odd offsets, each, in which zero bytes are counted to recognize UTF-16."""
+"""Number of bytes at even offsets, and at odd offsets, among which zero bytes are counted to recognize UTF-16."""
 
 _BOMS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 
@@ -26,9 +26,9 @@ _BOMS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs
 class SourceFile:
     """The content of one file.
 
-    `number`: index among the files of the deck; `name`: displayed name; `path`: path with links resolved, None for text
-    without a file; `data`: UTF-8 or Latin-1 text without byte order mark, with LF line ends and a final one;
-    `oddities`: properties of the file before normalization, ``"utf-16"`` or ``"cr"`` (carriage returns as line ends).
+    `number`: index among the files of the deck; `name`: name for messages; `path`: path with links resolved, None for
+    text without a file; `data`: UTF-8 or Latin-1 text without byte order mark, with LF line ends and a final one;
+    `oddities`: unusual properties of the original file, ``"utf-16"`` or ``"cr"`` (carriage returns as line ends).
     """
 
     number: int
@@ -51,7 +51,7 @@ class Library:
     def add(self, name: str, path: Path | None, data: bytes) -> SourceFile:
         """Add a file and return it; raise InputError above `MAX_FILES` files.
 
-        `name`: displayed name; `path`: resolved path, None for text without a file; `data`: content.
+        `name`: name for messages; `path`: resolved path, None for text without a file; `data`: content.
         """
         if len(self.sources) >= MAX_FILES:
             raise InputError(f"{name}: more than {MAX_FILES} files are included")
@@ -60,7 +60,7 @@ class Library:
         return source
 
     def open(self, path: Path, name: str) -> SourceFile:
-        """Return the file at `path`, which is read at the first use only; `name`: displayed name."""
+        """Return the file at `path`, which is read at the first use only; `name`: name for messages."""
         resolved = resolve(path, name)
         known = next((source for source in self.sources if source.path == resolved), None)
         return known or self.add(name, resolved, deck_bytes(resolved, name))
@@ -96,7 +96,7 @@ def _exists(path: Path) -> bool:
 
 
 def resolve(path: Path, name: str) -> Path:
-    """Return a path without symbolic links and dots; `name`: name of the path in messages."""
+    """Return a path without symbolic links and dots; raise InputError if that fails; `name`: path in messages."""
     try:
         return path.resolve()
     except (OSError, RuntimeError, ValueError) as error:
@@ -104,7 +104,7 @@ def resolve(path: Path, name: str) -> Path:
 
 
 def deck_bytes(path: Path, name: str) -> bytes:
-    """Return the bytes of a regular file of at most `MAX_BYTES` bytes; `name`: name of the file in messages."""
+    """Return the content of a regular file of at most `MAX_BYTES` bytes; `name`: name of the file in messages."""
     return read_bytes(path, MAX_BYTES, name=name, piped=False)
 
 
@@ -126,9 +126,9 @@ def normalise(data: bytes, name: str) -> bytes:
 
 
 def coding_of(data: bytes) -> tuple[bytes, str]:
-    """Return the byte order mark of a file's content, and the encoding; without a mark, both are empty.
+    """Return the byte order mark of a file's content, and the encoding: "utf-8", "utf-16-le" or "utf-16-be".
 
-    Exception: UTF-16 without a mark is recognized by zeros in every second byte, and its encoding is returned.
+    UTF-16 without a mark is recognized by zeros in every second byte.  Otherwise, without a mark both are empty.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def coding_of(data: bytes) -> tuple[bytes, str]:
 
 
 def oddities_of(data: bytes) -> frozenset[str]:
-    """Return the properties of a file before normalization: ``"utf-16"``, ``"cr"`` (carriage returns as line ends)."""
+    """Return the set of unusual properties of a file: ``"utf-16"``, ``"cr"`` (carriage returns as line ends)."""
     found = {"utf-16"} if coding_of(data)[1].startswith("utf-16") else set[str]()
     if b"\r" in data and b"\n" not in data:
         found.add("cr")

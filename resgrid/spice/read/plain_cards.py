@@ -111,7 +111,7 @@ class PlainCards:
         self._is_taken = np.zeros(lines, dtype=np.bool_)
 
     def _scan(self) -> None:
-        """Fill the arrays with the code, offset, value and node spellings of every line, block by block."""
+        """Fill the arrays with code, offset, value and node spellings of all lines, one part of the file at a time."""
         data, first = self._source.data, 0
         name = _NAME_WITHOUT_SLASHES if data.find(b"//", self._offset) >= 0 else _NAME  # // may begin a comment
         pattern = re.compile(_LINE.replace(b"NAME", name), re.VERBOSE)

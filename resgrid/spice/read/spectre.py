@@ -69,7 +69,10 @@ def words_of(card: Card) -> list[str]:
 
 
 def statement_of(card: Card) -> str:
-    """Return the dot command of SPICE that corresponds to a Spectre statement; an empty string for an instance."""
+    """Return the dot command of SPICE that is equivalent to a Spectre statement, an empty string for an instance.
+
+    Raises CardError for a statement that is not supported.
+    """
     words = words_of(card) or [card.text.split()[0]]
     if words[0] in _REFUSED:
         raise card.error(0, f"the statement {words[0]} is not supported; replace it by the elements that it defines")

@@ -23,7 +23,7 @@ from resgrid.spice.read.spectre import PRIMITIVES, word_for
 from resgrid.spice.read.temperature import refuse_temperature
 
 MAX_DEPTH = 50
-"""Maximum nesting depth of subcircuits."""
+"""Maximum nesting depth of subcircuits; deeper nesting is an error of the deck."""
 
 MAX_ELEMENTS = 20_000_000
 """Maximum number of elements after the expansion of subcircuits, unless the caller of `read_spice` sets a limit."""
@@ -228,8 +228,7 @@ class Expander:
     ) -> float:
         """Return the value that an instance passes to one parameter; add the names in its expression to `names`.
 
-        `setting`: the parameter with its expression; `scope`: scope that contains the instance; `given`: values of the
-        parameters that were evaluated before, by name.
+        `setting`: the parameter; `scope`: contains the instance; `given`: values that were evaluated before, by name.
         """
         inner: list[Scope] = []
 
@@ -259,7 +258,10 @@ class Expander:
         ordered: dict[str, Setting] = {}
 
         def visit(setting: Setting, path: tuple[str, ...]) -> None:
-            """Append the parameters that `setting` uses, then `setting`; `path`: names of the chain up to `setting`."""
+            """Append the parameters that `setting` refers to, then `setting`, to `ordered` (depth-first).
+
+            `path`: names in the chain of references that leads to `setting`; it breaks cycles.
+            """
             for name in sorted(names_in(setting.values[0].text)):
                 if name in last and name not in ordered and name not in path and not scope.defines(name):
                     visit(last[name], (*path, name))
@@ -274,9 +276,8 @@ class Expander:
     ) -> None:
         """Raise CardError for a name in an instance's expression with different values outside and in the subcircuit.
 
-        The dialect's simulator takes the inside value, other simulators the outside one.  `scope`: scope that contains
-        the instance; `given`: parameter values that it passes; `named`: for each parameter, the names in its
-        expression.
+        The dialect's simulator takes the value in the subcircuit.  `scope`: scope that contains the instance; `given`:
+        parameter values that it passes; `named`: for each parameter, the names in its expression.
         """
         ambiguous = [
             (setting, name)
@@ -379,9 +380,8 @@ def _node_map(
 ) -> NDArray[np.int64]:
     """Return the node numbers of the subcircuit's nodes for every instance, shape (instances, nodes).
 
-    `flat`: the flattened subcircuit; `orders` (instances,): position of each instance in the deck, which decides
-    between different spellings of a node's name; `table`: node table of the enclosing block, to which the new nodes are
-    added.
+    `orders` (instances,): position of each instance in the deck, which decides between spellings of a node's name;
+    `table`: node table of the enclosing block, to which new nodes are added.
     """
     number_of = table.number_of
     numbers = np.empty((len(instances), len(flat.names)), dtype=np.int64)

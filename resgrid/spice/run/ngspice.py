@@ -121,9 +121,10 @@ def ngspice_version() -> str:
 
 
 def find_program(variable: str, name: str, remedy: str) -> str:
-    """Return the absolute path of the program `name`, which the environment variable `variable` may override.
+    """Return the absolute path of the program `name`, or of the program that the environment variable `variable` names.
 
-    Raises ToolMissingError with the text `remedy` (its field ``name`` is the program) if the program is not installed.
+    `remedy`: message of the ToolMissingError that is raised if the program is not installed; its field ``name`` becomes
+    the program.
     """
     named = os.environ.get(variable) or name
     path = shutil.which(named)

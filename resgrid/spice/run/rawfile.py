@@ -118,7 +118,7 @@ def format_raw(raw: RawFile, *, title: str = "resistor network", form: str = "bi
 
 
 def _rows(values: NDArray[Any]) -> Iterable[str]:
-    """Yield the lines with the numbers of a text raw file; `values` (points, variables): in SI units."""
+    """Yield the lines of a text raw file that hold the numbers; `values` (points, variables): in SI units."""
     for number, row in enumerate(values.tolist()):
         first, *rest = map(repr, row) if row else ("",)
         yield f" {number}\t{first}"

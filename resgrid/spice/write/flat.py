@@ -31,7 +31,7 @@ class FlatDeck:
     floating nodes, which the deck omits; `renamed_nodes, renamed_elements`: netlist name by deck name, where they
     differ; `resistors` (m,): the simulator's names of the resistors; `resistor_value` (m,): resistances in ohms;
     `parts`: content of the included files, by suffix; `dropped`: number of omitted elements of each kind (an omitted
-    element touches a floating node, or closes a loop of voltage sources).
+    element touches a floating node, or closes a loop of voltage sources); a kind without omitted elements is absent.
     """
 
     netlist: Netlist
@@ -61,7 +61,7 @@ class Additions:
     """Changes of a deck's lines that analyses require.
 
     `suffix`: text appended to the line of a voltage source (a waveform), by the netlist index of the source; `first`:
-    text appended to the voltage source in the deck with the lowest netlist index; `spread`: relative standard deviation
+    text appended to the line of the voltage source with the lowest netlist index; `spread`: relative standard deviation
     of the resistances, which the simulator draws; 0 for fixed values.
     """
 

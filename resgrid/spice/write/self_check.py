@@ -17,7 +17,7 @@ from resgrid.spice.write.sidecar import Expected
 LARGEST = 400_000
 """Maximum number of comparisons in a self-check deck; with more, ngspice would take hours."""
 _PER_LINE = 40
-"""Number of error expressions per ``compose`` command."""
+"""Number of error expressions in one ``compose`` command, which makes a vector of their values."""
 
 
 def format_self_check(name: str, deck: FlatDeck, expected: Expected, sha256: str) -> str:

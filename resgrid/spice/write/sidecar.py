@@ -36,7 +36,7 @@ _BLOCK_DIGITS = 16
 _MAX_BYTES = 2**31
 """Largest sidecar that is read, in bytes."""
 _BLANK = "0" * 64
-"""Placeholder for the sidecar's own hash during the computation of the hash."""
+"""Text in place of the sidecar's own hash while this hash is computed."""
 _CONDUCTANCE_FRACTION = 1e-3
 """Lower limit of the scale of current errors, as a fraction of the largest conductance times the supply voltage.
 
@@ -89,7 +89,11 @@ class Expected:
 
 
 def expect(deck: FlatDeck, op: OperatingPoint) -> Expected:
-    """Return the expected results of a deck, by the deck's names; `op`: an operating point of the same netlist."""
+    """Return the expected results of a deck, by the deck's names.
+
+    `op`: operating point of the netlist that the deck was written from.  Raises InputError for the operating point of
+    another netlist.
+    """
     if not op.is_of(deck.netlist):
         raise InputError("the operating point belongs to another netlist; solve this one first")
     voltage = op.voltage[deck.nodes]

@@ -87,7 +87,7 @@ def _pattern_lines(tiles: Tiles, flat: FlatDeck, labels: Sequence[str]) -> Itera
 
 
 def _chip_lines(tiles: Tiles, rules: Dialect, labels: Sequence[str], spread: float) -> Iterator[str]:
-    """Yield the lines of the chip file: subcircuits of the tiles, the array, and the resistors at the grid's edge.
+    """Yield the lines of the chip file: subcircuits of tiles (cells), instances, and the resistors at the grid's edge.
 
     `rules`: dialect of the deck; `labels` (cells,): coordinates of each cell as text in names, such as ``0_1``;
     `spread`: relative standard deviation of the resistances, 0 for fixed values.
@@ -155,7 +155,7 @@ def _depends_on_neighbours(tiles: Tiles) -> bool:
 
 
 def _subcircuit(rules: Dialect, tiles: Tiles, master: str, axes: Sequence[int], spread: float) -> Iterator[str]:
-    """Yield the lines of the subcircuit of one kind of tile; kinds differ in the axes along which they have a resistor.
+    """Yield the lines of the subcircuit for tiles (circuits of one cell) that have resistors along certain axes.
 
     `rules`: dialect of the deck; `master`: name of the subcircuit; `axes`: axes along which the tile has a resistor;
     `spread`: relative standard deviation of the resistances, 0 for fixed values.
@@ -180,7 +180,7 @@ def _subcircuit(rules: Dialect, tiles: Tiles, master: str, axes: Sequence[int], 
 
 
 def _elements(rules: Dialect, tiles: Tiles, axes: Sequence[int], spread: float) -> Iterator[str]:
-    """Yield the element lines of one kind of tile: resistors along its axes, switches, capacitor and current source.
+    """Yield the element lines of the subcircuit of a tile: resistors along its axes, switches, capacitor and source.
 
     `rules`: dialect of the deck; `axes`: axes along which the tile has a resistor; `spread`: relative standard
     deviation of the resistances, 0 for fixed values.

@@ -1,4 +1,4 @@
-"""Decomposition of a chip's netlist into an array of tiles.
+"""Decomposition of a chip's netlist into an array of tiles, where a tile is the circuit of one cell.
 
 A tile holds the resistors to the next cells along each axis, a switch to the obstacle rail, a switch to the goal rail,
 and a capacitor to ground.  With open obstacles or walls it also holds an internodal switch in series with every
@@ -38,7 +38,8 @@ _ON, _OFF = 10.0, 1e10
 
 
 class State(IntEnum):
-    """State of a cell (free, blocked, goal or driven), which sets the switches of its tile."""
+    """State of a cell, which sets the switches of its tile; blocked: an obstacle; driven: the start cell on the high rail.
+    """
 
     FREE = 0
     BLOCKED = 1
@@ -48,14 +49,15 @@ class State(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Tiles:
-    """A chip's circuit as an array of tiles.
+    """A chip's circuit as an array of tiles; a tile is the circuit of one cell.
 
     `ohms`: resistances of the switches in ohms, by their keys in a chip; `capacitance`: capacitance of every cell, in
     farads; `amps`: current injected into every free tile, in amperes; `state` (cells,): `State` of every tile.  The
     other arrays describe the resistors of the grid, shapes (n,): `cell`: flat index of the cell whose tile holds the
-    resistor; `beyond`: index of the neighbouring cell, -1 for the obstacle rail beyond the grid's edge; `axis, upward`:
-    direction of the neighbour; `resistance`: in ohms; `wall`: wall resistance at a contact with an obstacle, in ohms;
-    `series`: total resistance in series with the resistor in this scene, in ohms.
+    resistor; `beyond`: index of the neighbouring cell, -1 for the obstacle rail beyond the grid's edge; `axis`: axis of
+    the resistor; `upward`: whether it leads from the cell towards larger coordinates; `resistance`: in ohms; `wall`:
+    wall resistance at a contact with an obstacle, in ohms; `series`: total resistance in series with the resistor in
+    this scene, in ohms.
     """
 
     netlist: Netlist
@@ -231,7 +233,7 @@ def _states(netlist: Netlist) -> NDArray[np.uint8]:
 
 
 def _check_complete(tiles: Tiles) -> None:
-    """Raise InputError unless the tiles account for every node, source, resistor and switch of the netlist."""
+    """Raise InputError unless the tiles contain every node, source, resistor and switch of the netlist."""
     netlist, cells = tiles.netlist, tiles.netlist.cells
     count = len(tiles.state)
     pins = dict(zip(RAILS, (cells.obstacle_node, *cells.goal_nodes), strict=False))
