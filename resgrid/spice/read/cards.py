@@ -189,7 +189,7 @@ class Token(NamedTuple):
 
 
 def tokenise(card: Card) -> list[Token]:
-    """Return the tokens of a card (blanks and commas separate them); raise CardError for an unbalanced quote."""
+    """Return the tokens of a card, separated by blanks or commas; raise CardError for an unbalanced quote or brace."""
     tokens = _split(card.text)
     for token in tokens:
         if token.kind == "wrong":

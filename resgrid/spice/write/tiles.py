@@ -38,7 +38,7 @@ _ON, _OFF = 10.0, 1e10
 
 
 class State(IntEnum):
-    """State of a cell, which sets the switches of its tile; blocked: an obstacle; driven: the start cell on the high rail.
+    """State of a cell, which sets the switches of its tile: free, obstacle (blocked), goal, or driven by the high rail.
     """
 
     FREE = 0
