@@ -52,7 +52,7 @@ class TransientAnalysis:
         Largest time step, in seconds.  Values change linearly from the deck to `after` between time 0 and `step`.
     after : Netlist or None
         Circuit after the change, which has the nodes and elements of the deck with other values; None for no change.
-        In tile form it may be another scene on the same grid, otherwise another supply, drive or switch state.
+        In tile form it may be a different scene on the same grid; in flat form, the supply, drive or switches differ.
 
     Raises
     ------

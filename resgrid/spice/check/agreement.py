@@ -88,9 +88,9 @@ def compare(
     """Return the comparison of simulated with expected voltages and currents.
 
     `expected`: expected values and the scales of their errors; `simulation`: result of the simulator; `tolerance`:
-    largest accepted error relative to the scale; `reference`: source of the expected values, as in `Agreement`;
-    `findings`: findings of earlier tests, which come first in the result; `place_of`: function that returns the place
-    of a node in the deck (``file:line: ``, or empty) by the node's name.
+    largest accepted error relative to the scale; `reference`: source of the expected values, "sidecar", "scene" or
+    "solve" (solution by resgrid); `findings`: findings of earlier tests, which come first in the result; `place_of`:
+    function that returns the place of a node in the deck (``file:line: ``, or empty) by the node's name.
     """
     error = _errors(expected.voltage, simulation.voltage)
     largest = next(iter(error.values()), np.inf)

@@ -132,7 +132,7 @@ class Refusals:
     blank_names : {"", "fails", "unsure"}
         Consequence of a blank in a quoted name.
     letters : {"", "unsure"}
-        Consequence of letters beyond ASCII.
+        Consequence of non-ASCII letters.
     encodings : frozenset of str
         Encodings of files that end the run: ``"latin-1"``, ``"utf-16"``, ``"cr"`` (carriage returns between lines).
     commas : bool
@@ -190,8 +190,8 @@ class ReadingRules:
     (empty: this dialect applies the parameter, but resgrid does not); `spaced_lists`: whether the values of ``tc=`` are
     separated by blanks, without parentheses; `scale_key`: whether ``scale=`` of a resistor is applied;
     `refused_options`: options that change the circuit in a way that resgrid does not model; `refused_elements`: meaning
-    of each first letter that means another element than in SPICE; `series_resistance`: whether voltage sources may have
-    ``rser=``; `inductor_ohms`: series resistance of an inductor without ``rser=0``, in ohms; `inductor_keys,
+    of each first letter that means a different element than in SPICE; `series_resistance`: whether voltage sources may
+    have ``rser=``; `inductor_ohms`: series resistance of an inductor without ``rser=0``, in ohms; `inductor_keys,
     capacitor_keys`: keys of series resistances and parasitics of an inductor and a capacitor; `off_ohms`: resistance of
     an open switch, in ohms; `holds_initial`: whether ``.ic`` fixes node voltages at the operating point; `instances`:
     whether elements are instances of a master and names are case-sensitive, as in Spectre; `spice`: rules after

@@ -70,17 +70,17 @@ class Diagnostics:
         self._note("warning", spot, text, count)
 
     def refuse(self, spot: Spot, text: str) -> None:
-        """Add a warning about deck text that can be read here but stops the dialect's own simulator.
+        """Add a warning about text that resgrid reads, but that stops the dialect's own simulator.
 
-        `spot`: position of the deck text; `text`: the message.
+        `spot`: position of the text; `text`: the message.
         """
         self._outcomes[text] = "fails"
         self._note("warning", spot, text, 1)
 
     def warn_ignored(self, spot: Spot, text: str) -> None:
-        """Add a warning about deck text that is ignored here but may change the result of the dialect's simulator.
+        """Add a warning about text that resgrid ignores, but that may change the result of the dialect's simulator.
 
-        `spot`: position of the deck text; `text`: the message.
+        `spot`: position of the text; `text`: the message.
         """
         self._outcomes[text] = "unsure"
         self._note("warning", spot, text, 1)

@@ -136,9 +136,9 @@ class ElementArrays:
     """Elements of one kind as arrays.
 
     `names`: function that returns the names of the elements; `nodes` (n, nodes): node numbers; `values` (n, values), or
-    (n, 1) if all values but the first are zero, columns see `WIDTHS`; `place` (n, 2): index of the file, and line of
-    the element's card; `order` (n,): position in the deck (number from `order_of`) of the outermost instance that
-    contains the element, or of the element itself; None if all elements are outside instances and sorted.
+    (n, 1) if all values but the first are zero, in the columns that `WIDTHS` lists; `place` (n, 2): index of the file,
+    and line of the element's card; `order` (n,): position in the deck (number from `order_of`) of the outermost
+    instance that contains the element, or of the element itself; None if all elements are outside instances and sorted.
     """
 
     names: Callable[[], list[str]]

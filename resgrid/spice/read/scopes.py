@@ -135,8 +135,9 @@ class BuiltIns:
     def value(self, name: str, scope: Scope) -> float | None:
         """Return the value of the built-in constant or temperature `name`; None for other names.
 
-        A constant that `scope` defines as a parameter is another name, too.  Raises ReservedNameError for a built-in
-        variable or function, for a name that only a sweep defines, and for a temperature that the deck redefines.
+        The result is also None for a constant that `scope` redefines as a parameter.  Raises ReservedNameError for a
+        built-in variable or function, for a name that only a sweep defines, and for a temperature that the deck
+        redefines.
         """
         words = self.words
         if name in words.temperature or name in words.nominal:

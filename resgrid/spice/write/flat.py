@@ -87,7 +87,7 @@ def flatten(
     `dialect`: name of the dialect; `title`: first line, None for a description of the netlist; `additions`: changes
     that analyses require.  Floating nodes, the elements that touch floating nodes, and voltage sources that close a
     loop with a voltage sum of zero are omitted.  Raises InputError for an unknown dialect, an overflowing resistance or
-    a netlist without grounded nodes, and CircuitError for a current source that drives a floating part.
+    a netlist without grounded nodes, and CircuitError for a current source that drives a floating node.
     """
     rules = dialect_named(dialect)
     held = _grounded_nodes(netlist)
@@ -183,7 +183,7 @@ def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def _grounded_nodes(netlist: Netlist) -> NDArray[np.bool_]:
     """Return the mask (node_count,) of the nodes that resistors and voltage sources connect to ground.
 
-    Raises InputError if only ground is in the mask, and CircuitError for a current source that drives a floating part.
+    Raises InputError if only ground is in the mask, and CircuitError for a current source that drives a floating node.
     """
     circuit = Circuit.of(netlist)
     for source in circuit.trapped_sources.tolist():

@@ -38,8 +38,7 @@ _ON, _OFF = 10.0, 1e10
 
 
 class State(IntEnum):
-    """State of a cell, which sets the switches of its tile: free, obstacle (blocked), goal, or driven by the high rail.
-    """
+    """State of a cell, which sets the switches of its tile: free, obstacle (blocked), goal, or start (driven)."""
 
     FREE = 0
     BLOCKED = 1
