@@ -324,18 +324,26 @@ def _why_unreachable(
     `lower`, `spacing` (m,): lower ends of the axes and widths of their cells; `shape`: cells per axis; `nearest`:
     smallest distance that the search found, in metres.
     """
-    low, high = lower[np.newaxis], (lower + spacing * shape)[np.newaxis]
-    sample = np.random.default_rng(0).uniform(low, high, (256, len(shape)))
-    ends = _gauss_newton(tool, sample, low, high, ToolGoal(goal.region))
+    from scipy.optimize import least_squares
+
+    place, low, high = ToolGoal(goal.region), lower, lower + spacing * shape
+    sample = np.random.default_rng(0).uniform(low, high, (4096, len(shape)))
+    best = sample[np.argsort(_violations(tool, sample, place)[0])[:16]]
+    ends = np.array(
+        [
+            least_squares(lambda at: _linearized(tool, at[None], place)[0][0], start, bounds=(low, high)).x
+            for start in best
+        ]
+    )
     distance, angle = _violations(tool, ends, goal)
     smallest = min(nearest, float(distance.min()))
     if smallest > _TOLERANCE:
         return (
-            f"no configuration of the moving joints brings the tool into this goal; the closest one leaves {smallest:.3g}"
-            " m; move or enlarge the goal, or choose other moving joints"
+            "no configuration of the moving joints brings the tool into this goal; the closest one leaves "
+            f"{smallest:.3g} m; move or enlarge the goal, or choose other moving joints"
         )
     return (
         "no configuration brings the tool into this goal with the wanted rotation: the closest one is off by "
-        f"{angle[distance <= _TOLERANCE].min():.3g} rad more than the permitted angle; turn the goal, or permit a larger"
-        " angle"
+        f"{angle[distance <= _TOLERANCE].min():.3g} rad more than the permitted angle; turn the goal, or permit a "
+        "larger angle"
     )
