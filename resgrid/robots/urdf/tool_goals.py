@@ -327,14 +327,13 @@ def _why_unreachable(
     from scipy.optimize import least_squares
 
     place, low, high = ToolGoal(goal.region), lower, lower + spacing * shape
+
+    def offset(configuration: NDArray[np.float64]) -> NDArray[np.float64]:
+        return _linearized(tool, configuration[np.newaxis], place)[0][0]
+
     sample = np.random.default_rng(0).uniform(low, high, (4096, len(shape)))
     best = sample[np.argsort(_violations(tool, sample, place)[0])[:16]]
-    ends = np.array(
-        [
-            least_squares(lambda at: _linearized(tool, at[None], place)[0][0], start, bounds=(low, high)).x
-            for start in best
-        ]
-    )
+    ends = np.array([least_squares(offset, start, bounds=(low, high)).x for start in best])
     distance, angle = _violations(tool, ends, goal)
     smallest = min(nearest, float(distance.min()))
     if smallest > _TOLERANCE:
