@@ -329,7 +329,7 @@ def _why_unreachable(
     place, low, high = ToolGoal(goal.region), lower, lower + spacing * shape
 
     def offset(configuration: NDArray[np.float64]) -> NDArray[np.float64]:
-        return _linearized(tool, configuration[np.newaxis], place)[0][0]
+        return np.asarray(_linearized(tool, configuration[np.newaxis], place)[0][0])
 
     sample = np.random.default_rng(0).uniform(low, high, (4096, len(shape)))
     best = sample[np.argsort(_violations(tool, sample, place)[0])[:16]]
