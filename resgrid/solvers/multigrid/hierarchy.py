@@ -151,8 +151,7 @@ def finest_stencils(level: Level) -> tuple[Stencil, Stencil]:
 
 
 def largest_degree(true: Stencil) -> float:
-    """Return the largest diagonal entry of the finest grid `true`, as a multiple of the conductance ``hierarchy.unit``.
-    """
+    """Return the largest diagonal entry of the finest grid `true`, in multiples of ``hierarchy.unit``."""
     red = float(true.red_inverse.min(initial=np.inf, where=true.red_inverse > 0))
     return max(float(true.black_degree.max()), 1.0 / red)
 

@@ -217,8 +217,7 @@ def multiply_red(level: Row, block: int, x: Singles, coupling: int, total: Reals
 
 @inner_fast
 def scale(inverse: Singles, x: Reals, first: int, begin: int, count: int, value: Reals) -> None:
-    """Set ``value = inverse x`` on ``count`` entries from ``begin`` on, where the entries of ``x`` begin at ``first``.
-    """
+    """Set ``value = inverse x`` on ``count`` entries from ``begin`` on; the entries of ``x`` begin at ``first``."""
     at, x_at = np.uint64(begin), np.uint64(first)
     for i in range(count):
         k = np.uint64(i)

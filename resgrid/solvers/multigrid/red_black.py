@@ -101,8 +101,7 @@ class Lattice:
         return np.ascontiguousarray(by_number.reshape(-1, 2).T)
 
     def _by_cell(self, by_number: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Return a view, of the grid's shape, of an array (2 slots,) in which entries of red and black cells alternate.
-        """
+        """Return a view, of the grid's shape, of an array (2 slots,) in which red and black cells alternate."""
         return as_strided(by_number[2 * self.margin :], self.shape, [4 * s for s in self.strides])
 
     def cells_at(self, colour: int, slot: NDArray[np.integer]) -> tuple[NDArray[np.int64], ...]:
