@@ -289,8 +289,7 @@ def resolve_rows(laplacian: Laplacian, residual: Floats, x: Scaled, current: Num
 
 
 def _around(laplacian: Laplacian, rows: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
-    """Return a mask (n,) of the rows in the mask ``rows`` (n,) and their neighbourhood; None for too many rows or none.
-    """
+    """Return a mask (n,) of the rows in the mask ``rows`` (n,) and their neighbourhood; None for none or too many."""
     plane = laplacian.grid is not None and laplacian.dimensions == 2
     most, edge = min(_MOST_OF_PLANE if plane else _MOST, laplacian.size // _ONE_IN), np.flatnonzero(rows)
     seen, count, steps = rows.copy(), len(edge), 0

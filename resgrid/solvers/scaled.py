@@ -55,8 +55,7 @@ class Scaled(NamedTuple):
 
     @property
     def log(self) -> Floats:
-        """Natural logarithm of the values, shape (n,), including the exponents; -inf for values that are not positive.
-        """
+        """Natural logarithm of the values including exponents, shape (n,); -inf for values that are not positive."""
         return logarithm(self.hi, self.exponent)
 
 
