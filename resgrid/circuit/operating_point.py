@@ -26,7 +26,7 @@ class BranchCurrents(NamedTuple):
     """Currents of resistors and voltage sources, the dissipated power and the KCL residual.
 
     `resistor_current` (resistors,): currents in amperes, from the first node to the second, 0 if they underflow;
-    `scaled`: the same currents as mantissas and exponents, ``mantissa * 2**(256 exponent)`` A, (resistors,) each;
+    `scaled`: the resistor currents as mantissas and exponents, ``mantissa * 2**(256 exponent)`` A, (resistors,) each;
     `source_current` (sources,): currents in amperes, into the plus terminal; `power`: dissipated power in watts;
     `kcl_residual`: largest violation of Kirchhoff's current law, as a fraction of the current through the node.
     """

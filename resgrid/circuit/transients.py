@@ -23,7 +23,7 @@ from resgrid.solvers.factors import Factor
 Solver = Literal["auto", "direct", "multigrid"]
 
 _KEPT = 4
-"""Maximum number of factorizations in the cache; each step length has one."""
+"""Maximum number of factorizations in the cache; each step length has its own factorization."""
 
 
 @frozen
@@ -313,8 +313,8 @@ def _checked_voltages(netlist: Netlist, name: str, values: ArrayLike, needed: ND
 def _transferred(point: OperatingPoint, old: CellMap, netlist: Netlist, new: CellMap) -> NDArray[np.float64]:
     """Return the voltages of an operating point at the nodes of another scene, cell by cell and rail by rail.
 
-    `old`, `new`: cell maps of the operating point and of the netlist; returns (nodes,), in volts; 0 for nodes without
-    an old voltage.
+    `point`: the operating point; `netlist`: netlist of the other scene; `old`, `new`: cell maps of the operating point
+    and of the netlist.  Returns voltages (nodes,) in volts; 0 for nodes without an old voltage.
     """
     if old.space.shape != new.space.shape:
         raise InputError(
