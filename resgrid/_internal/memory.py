@@ -70,7 +70,10 @@ def require_grid_memory(
 
 
 def _meminfo_available() -> int:
-    """Return the available memory in bytes, estimated by the operating system; the largest integer on Windows."""
+    """Return the available memory in bytes, estimated by the operating system; the largest integer on Windows.
+
+    Where the system reports no estimate, the result is the whole physical memory.
+    """
     meminfo = Path("/proc/meminfo")
     if meminfo.exists():
         for line in meminfo.read_text().splitlines():
