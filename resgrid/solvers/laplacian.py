@@ -214,7 +214,7 @@ class Laplacian:
 
     @property
     def graph(self) -> Graph:
-        """The matrix as an argument of kernels, in siemens."""
+        """Conductances between rows and to nodes of known voltage as a `Graph`, for kernels, in siemens."""
         return Graph(*self.as_rows(), self.ground)
 
     @property

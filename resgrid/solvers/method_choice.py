@@ -242,8 +242,8 @@ class Corridors(NamedTuple):
 
     `width`: width of corridors, in cells, estimated from the number of neighbours that nodes lack in comparison with an
     open grid; infinite if they lack none; `along`: estimated seconds of a direct solution if rows are eliminated in the
-    order of their distance from an end of the graph; `contrast`: factor on the time of multigrid for planes whose
-    conductances span many orders of magnitude, 1 for other matrices.
+    order of their distance from the ground (the known voltages), farthest first; `contrast`: factor on the time of
+    multigrid for planes whose conductances span many orders of magnitude, 1 for other matrices.
     """
 
     width: float
@@ -266,7 +266,7 @@ def _faster_for_directions(iterative: MethodChoice, corridors: Corridors) -> Met
     """Return the faster method for the accuracy "direction"; None if the potential falls too far for multigrid.
 
     `iterative`: the choice of multigrid; `corridors`: quantities that determine the costs. The fall of the potential is
-    estimated unless elimination by distance from an end of the graph is faster even for the smallest fall.
+    estimated unless elimination by distance from the ground, farthest rows first, is faster even for the smallest fall.
     """
     from resgrid.solvers.decay_estimate import estimate_decades
 
@@ -289,8 +289,8 @@ def _faster_for_voltages(iterative: MethodChoice, corridors: Corridors) -> Metho
     """Return the faster method for normwise accuracy.
 
     `iterative`: the choice of multigrid; `corridors`: quantities that determine the costs. The direct method can be
-    faster in two cases: elimination by distance along corridors narrower than `SPARSE_WIDTH`, chains and trees, and
-    elimination by minimum fill on planes whose conductances span many orders of magnitude.
+    faster in two cases: elimination by distance from the ground along corridors narrower than `SPARSE_WIDTH`, chains
+    and trees; and elimination by minimum fill on planes whose conductances span many orders of magnitude.
     """
     seconds = corridors.contrast * multigrid_seconds(iterative.laplacian, corridors.width, None)
     if corridors.width < SPARSE_WIDTH or corridors.contrast > 1.0:
@@ -302,7 +302,7 @@ def _faster_for_voltages(iterative: MethodChoice, corridors: Corridors) -> Metho
 
 
 def _by_distance(iterative: MethodChoice, seconds: float) -> MethodChoice | None:
-    """Return the direct method with elimination by distance from an end of the graph; None if it is not faster.
+    """Return the direct method with elimination by distance from the ground; None if it is not faster.
 
     `iterative`: the choice of multigrid for the matrix; `seconds`: estimated time of multigrid.
     """

@@ -18,7 +18,7 @@ the target norm (None while the residual does not fall). Start and target are th
 
 
 class Stopped(Exception):  # noqa: N818 - not an error
-    """The solve was cancelled."""
+    """Exception that ends a cancelled solve."""
 
 
 class ProgressMonitor:
@@ -91,7 +91,7 @@ class ProgressMonitor:
             self.bound = max(self.bound, bound)
 
     def stop(self) -> None:
-        """Cancel the solve; its next call of `step` raises Stopped."""
+        """Cancel the solve: the next call of `step` raises Stopped."""
         self._stopped = True
 
     def _seconds_left(self, residual: float) -> float | None:

@@ -32,7 +32,7 @@ _CONVERGED = 1e-12
 """Largest componentwise backward error of an accepted solution, if the relative error of its entries has no bound."""
 
 CERTAIN = 1e-9
-"""Largest error, relative to the largest value, of a solution that needs no further check or correction."""
+"""Largest error, relative to the largest entry, up to which a solution needs no further check or correction."""
 
 _MOST_STEPS = 60
 _LEAST_GAIN = 0.5

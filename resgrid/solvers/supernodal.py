@@ -94,12 +94,12 @@ def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) ->
 class Workspace(NamedTuple):
     """Work arrays of the factorization.
 
-    `node_of` (columns,): supernode of every column; `waiting, following` (supernodes,): linked lists of the supernodes
-    that will update a supernode: first entry of its list, and successor of every entry, -1 at the end; `after`
-    (supernodes,): position, among the rows of all supernodes, of the first row of a supernode that has not been updated
-    by it; `at` (columns,): position of a row in the current supernode; `grounded` (columns,): conductance of a column
-    to the ground (all nodes of known voltage), in siemens, and after its elimination the fraction of the pivot;
-    `column` (rows of the longest supernode,), `weight` (columns of the widest supernode,): buffers.
+    `node_of` (columns,): supernode of every column; `waiting` (supernodes,): first of the earlier supernodes that will
+    update a supernode, in a linked list; `following` (supernodes,): next supernode in the list, -1 at the end; `after`
+    (supernodes,): index into ``nodes.rows`` of the first row that a supernode has not updated yet; `at` (columns,):
+    position of a row in the current supernode; `grounded` (columns,): conductance of a column to the ground (all nodes
+    of known voltage), in siemens, and after the elimination of the column divided by the pivot; `column` (rows of the
+    longest supernode,), `weight` (columns of the widest supernode,): buffers.
     """
 
     node_of: Indices

@@ -80,9 +80,10 @@ def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int
     `most`: maximum number of nodes of an aggregate, before single nodes join; `strict`: whether nodes join along strong
     conductances only, and whether an aggregate has at most 1.5 ``most`` nodes after single nodes have joined.
 
-    An aggregate starts with the first node that has no aggregate. It repeatedly takes in the free neighbour with the
-    greatest sum of conductances to the aggregate, divided by the square root of the sum of all conductances of the
-    neighbour. A node without such a neighbour joins the aggregate at the other end of the node's strongest conductance.
+    An aggregate starts with the first node that has no aggregate. The aggregate repeatedly takes in the neighbour
+    without an aggregate that has the greatest sum of conductances to the aggregate, divided by the square root of the
+    sum of all conductances of the neighbour. A node without such a neighbour joins the aggregate at the other end of
+    the node's strongest conductance.
     Unless ``strict``, only nodes without neighbours stay alone.
     """
     (indptr, indices, conductance, leak), n = graph, len(graph.leak)

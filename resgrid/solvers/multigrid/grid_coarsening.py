@@ -18,15 +18,15 @@ from resgrid.solvers.scaled import Indices, Integers, Singles
 
 
 def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | None:
-    """Return the next coarser level, and the slot there of every slot; None if two nodes of one colour would be joined.
+    """Return the next coarser level, and the coarse node of every node; None if nodes of one colour would be joined.
 
     The nodes of the next level are blocks of two cells along every axis, except along axes that conduct badly. If a
     block is disconnected without its weak conductances, one part stays on the grid. The other parts become extra nodes,
     which are joined by couplings (edges that cross no face of the grid).
 
-    `split`: whether weak conductances do not connect a block. The returned array of slots has shape (2, slots): the
-    indices into arrays over the red and the black nodes of the given level. In it, black slots of the next level follow
-    all red ones; unused slots have 0.
+    `level`: the finer level; `split`: whether weak conductances do not connect a block. The returned array has shape
+    (2, slots), with the array indices of red and black nodes as columns. An entry is the array index of the coarse
+    node within its colour, where black nodes follow all red ones; 0 for a column without a node.
     """
     shift = (level.mean > WEAK * level.mean.max()).astype(np.int64)
     lattice = Lattice(tuple((n - 1 >> s) + 1 for n, s in zip(level.lattice.shape, shift.tolist(), strict=True)))
@@ -186,8 +186,8 @@ def _joins(g: float, weak: float, strongest: Singles, red: int, black: int | np.
     """Return whether the conductance ``g`` between a red and a black node is not weak.
 
     `weak`: fraction of the strongest conductance at either node below which a conductance is weak, 0 if none is;
-    `strongest` (2, slots): strongest conductance at every node, by colour; `red, black`: indices of the nodes in its
-    two rows.
+    `strongest` (2, slots): strongest conductance at every red and black node; `red, black`: indices of the nodes in the
+    two rows of `strongest`.
     """
     return weak == 0.0 or g >= weak * max(strongest[0, red], strongest[1, black])
 

@@ -78,12 +78,13 @@ def advance(
 
 @kernel_fast
 def add_steps(z: Singles, on_x: Floats, on_p: Floats, p: Floats, unit: float, x: Floats, begin: int, end: int) -> None:
-    """Add stored steps to the solution ``x`` on entries ``begin`` to ``end - 1``, and update search direction ``p``.
+    """Add the stored vectors ``z`` to the solution ``x`` and to ``p`` on entries ``begin`` to ``end - 1``.
 
     ``x += unit (on_x[-1] p + sum_j on_x[j] z[j])``, then ``p = on_p[-1] p + sum_j on_p[j] z[j]``.
 
-    `z` (steps, n): preconditioned residuals; `on_x, on_p` (depth + 1,): coefficients in the solution and in the search
-    direction; `p, x` (n,); `unit`: factor on the steps.
+    `z` (steps, n): preconditioned residuals of the last iterations; `on_x, on_p` (depth + 1,): coefficients in the
+    solution and in the search direction; `p` (n,): search direction; `x` (n,): solution; `unit`: factor on the change
+    of the solution.
     """
     before_x, before_p = on_x[-1], on_p[-1]
     for k in range(begin, end):
@@ -99,7 +100,8 @@ def add_steps(z: Singles, on_x: Floats, on_p: Floats, p: Floats, unit: float, x:
 def largest_step(z: Singles, on_p: Floats, p: Floats) -> float:
     """Return the largest magnitude of an entry of the newest search direction ``on_p[-1] p + sum_j on_p[j] z[j]``.
 
-    `z` (steps, n): preconditioned residuals; `on_p` (depth + 1,): coefficients; `p` (n,): search direction before them.
+    `z` (steps, n): preconditioned residuals of the last iterations; `on_p` (depth + 1,): coefficients; `p` (n,): search
+    direction before these iterations.
     """
     ahead = on_p[-1] * p
     for coefficient, vector in zip(on_p.tolist(), z, strict=False):

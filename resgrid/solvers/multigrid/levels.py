@@ -63,7 +63,7 @@ K-cycle in the solution, or the first step length.
 """
 
 Row = Any
-"""A record of the table of grids (`GRID`)."""
+"""A record of the table of grids: sizes, and addresses of the arrays of one grid (data type `GRID`)."""
 
 
 class GridLevel(NamedTuple):
@@ -124,7 +124,10 @@ def extent(level: Row, block: int) -> tuple[int, int]:
 
 @inner_fast
 def take_step(r: Singles, v: Singles, step: np.float32, begin: int, count: int) -> tuple[float, float]:
-    """Set ``r -= step v`` on ``count`` entries from ``begin`` on; return ``|r|^2`` over them before and after."""
+    """Set ``r -= step v`` on ``count`` entries from ``begin`` on; return ``|r|^2`` over them before and after.
+
+    `r, v` (slots,): residual, and product of the matrix with the search direction; `step`: length of the step.
+    """
     before, after, at = 0.0, 0.0, np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
@@ -147,7 +150,7 @@ def copy(values: Singles, begin: int, count: int, there: Singles) -> None:
 
 @inner_fast
 def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: int, count: int, both: Singles) -> None:
-    """Set ``both = on_c c + on_z z`` on ``count`` entries from ``begin`` on."""
+    """Set ``both = on_c c + on_z z``, a sum of two search directions, on ``count`` entries from ``begin`` on."""
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)

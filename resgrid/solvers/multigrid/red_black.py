@@ -41,9 +41,9 @@ class Lattice:
 
     @cached_property
     def strides(self) -> tuple[int, ...]:
-        """Difference between the numbers of neighbouring cells, for every axis; odd.
+        """Difference between the numbers of neighbouring cells in memory, for every axis; odd.
 
-        The strides leave gaps, so that no other two cells have numbers that differ by a stride.
+        The numbers have gaps, so that no two cells that are not neighbours have numbers that differ by a stride.
         """
         strides, span = [1], 0
         for cells in self.shape[:0:-1]:
@@ -76,7 +76,7 @@ class Lattice:
 
     @property
     def lines(self) -> NDArray[np.int64]:
-        """Number of the first cell of every line of cells along the last axis, shape (lines,).
+        """Number in memory of the first cell of every line of cells along the last axis, shape (lines,).
 
         Half of a number is the array index of the cell within its colour, and the remainder the colour, 0 for red: red
         and black cells alternate along a line.
