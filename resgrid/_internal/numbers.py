@@ -18,7 +18,9 @@ NotNegative = Annotated[float, Ge(0), Lt(math.inf)]
 Between = Annotated[float, Gt(0), Lt(1)]
 Count = Annotated[int, Ge(1)]
 Natural = Annotated[int, Ge(0)]
-"""Annotated numbers: positive, at least 0, strictly between 0 and 1, integer of at least 1, integer of at least 0."""
+"""Types of finite numbers: `Positive`: above 0; `NotNegative`: at least 0; `Between`: strictly between 0 and 1;
+`Count`: integer of at least 1; `Natural`: integer of at least 0.
+"""
 
 _HUGE = sys.float_info.max
 

@@ -190,8 +190,8 @@ def _alone(parts: Iterable[JobPart]) -> Iterator[Any]:
 class _Chunker:
     """Divides the parts of a job into tasks of a target duration.
 
-    `folder`: folder for the files of shared data, None if the workers are threads; `seconds`: target duration of a
-    task.
+    `parts`: the parts; `folder`: folder for the files of shared data, None if the workers are threads; `seconds`:
+    target duration of a task.
     """
 
     def __init__(self, parts: Iterable[JobPart], folder: Path | None, seconds: float = _SECONDS) -> None:
@@ -227,7 +227,7 @@ class _Chunker:
 
 
 class _Scheduler:
-    """Submits the tasks of a chunker to an executor, and stores results until all earlier results are known."""
+    """Submits the tasks that `chunker` forms to an executor, and stores results until all earlier results are known."""
 
     def __init__(self, executor: Executor, chunker: _Chunker) -> None:
         self._executor, self._is_own, self._chunker = executor, False, chunker

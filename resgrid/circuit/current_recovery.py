@@ -69,10 +69,10 @@ Doubled = tuple[NDArray[np.float64], NDArray[np.float64]]
 def recover_currents(system: Equations) -> tuple[RecoveredCurrents | None, DirectFactor | None]:
     """Return currents that obey KCL at every row, and the factors of the matrix, which are None without rows.
 
-    A row is an unknown voltage with its equation. The currents are None if the factors exceed the memory, or if
-    refinement in integers diverges in a circuit without rows.  Circuits whose factors have at most 10,000 entries are
-    solved in integers. Larger circuits, and all grids of cells with a potential, are corrected in double-double; they
-    are solved in integers if these corrections do not converge.
+    A row is an unknown voltage with its equation. The currents are None if the factors exceed the memory.  Circuits
+    whose factors have at most 10,000 entries are solved in integers. Larger circuits, and all grids of cells with two
+    rails or currents of one sign, are corrected in double-double; they are solved in integers if these corrections do
+    not converge.
     """
     if not system.size:
         return solve_in_integers(system, []), None

@@ -193,10 +193,11 @@ def _may_cancel(system: Equations, solution: _Solution) -> bool:
 def _suggests_cancellation(system: Equations, point: OperatingPoint) -> bool:
     """Return whether voltages or currents may be small differences of large values.
 
-    This is assumed for circuits without cells of at most 500 nodes, for violations of KCL above 1e-6, and for floating
-    sources that drive currents.  It is also assumed if sums of source voltages in series are rounded.  In circuits of
-    at most 20,000 rows it is assumed, too, if sources drive currents of both signs, or if the smallest conductance is
-    below 1e-9 times the largest.
+    `system`: equations; `point`: operating point before any recovery of currents.  The result is True for circuits
+    without cells of at most 500 nodes, for violations of KCL above 1e-6, and for floating sources that drive currents.
+    In circuits of at most 20,000 rows it is also True if voltage sources are in series, if sources drive currents of
+    both signs, or if the smallest conductance is below 1e-9 times the largest.  In larger circuits it is True if sums
+    of source voltages have large rounding errors (`_LARGEST_ROUNDING`).
     """
     forest, volts = system.forest, np.abs(system.netlist.source_volts)
     rounding, few = float(np.abs(forest.rounding).max(initial=0.0)), system.size <= EXACT_ROWS

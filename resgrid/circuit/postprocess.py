@@ -37,7 +37,7 @@ DIRECTION_RESIDUAL = 1e-6
 """Largest KCL violation at a node of a direction-safe field, as a fraction of the current through the node."""
 
 HARMLESS = 1e-7
-"""Fraction of a node's through-current.  Smaller currents are set to zero if they do not flow down the potential."""
+"""Fraction of a node's through-current, below which currents that do not flow down the potential are set to zero."""
 
 _LEAST_COMPLEMENT = 1e-3
 """Smallest voltage above the low rail, as a fraction of the rail distance, that is computed as one minus the drop."""
@@ -104,7 +104,7 @@ def values_above(system: Equations, heights: NDArray[np.float64]) -> NodeValues:
 def _in_units(system: Equations, heights: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
     """Return voltages above the low (or only) rail in units (nodes,), the rail's voltage and the unit, both in volts.
 
-    `heights` (nodes,): voltages above ``system.reference``, in volts.
+    `heights` (nodes,): voltages above ``system.reference``, in volts.  The unit is the rail distance, else 1 or -1 V.
     """
     zero, volts = system.reference, 1.0 if np.any(heights > 0.0) else -1.0
     if system.rails is not None:
@@ -193,7 +193,7 @@ def _rows_to_nodes(system: Equations, rows: Scaled, known: NDArray[np.float64]) 
 def read_normwise(system: Equations, x: NDArray[np.float64], **details: Any) -> OperatingPoint:
     """Return the operating point of a normwise solution; branch currents are computed at the first access.
 
-    `x` (n,): solution of the equations, in volts; `details`: other fields of the operating point.
+    `x` (n,): solution of the equations, in volts; `details`: further fields of the operating point, by name.
     """
     if not np.isfinite(x).all():
         raise CircuitError(OUT_OF_RANGE)
@@ -294,7 +294,7 @@ def _branch_currents(
 def _differences(
     values: NodeValues, netlist: Netlist, team: ThreadTeam
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], float, NDArray[np.int64]]:
-    """Return branch currents, exponents, the power in watts, and the numbers of the currents with few correct digits.
+    """Return branch currents, exponents, the power in watts, and the indices of the currents with few correct digits.
 
     The currents are ``amps * 2**(256 exponent)`` A, (resistors,); the exponents are all 0 if doubles are sufficient.
     """

@@ -49,7 +49,7 @@ class Transient:
         Number of time steps.
     factorisations : int
         Number of matrices that were factored.
-    method : str
+    method : {"tr-bdf2", "trapezoidal", "backward_euler"}
         Integration method.
 
     Examples
@@ -86,7 +86,7 @@ class TransientStepper:
         Equations of the netlist.
     step : float
         Length of a step, in seconds.
-    method : str
+    method : {"tr-bdf2", "trapezoidal", "backward_euler"}
         Integration method.
     factors : Factor or None
         Factors of the matrix of every step; None without unknown voltages.
@@ -243,7 +243,7 @@ def transient(
 def transient_stepper(
     netlist: Netlist, step: Positive, *, method: Method = "tr-bdf2", solver: Solver = "auto"
 ) -> TransientStepper:
-    """Set up a time integration with a fixed step for callers that act between steps.
+    """Set up a time integration with a fixed step, which the program advances step by step.
 
     Parameters
     ----------

@@ -339,7 +339,10 @@ def _set_margin(kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, e
 def _voltage_sources(
     space: ConfigurationSpace, wiring: Wiring, nodes: _Nodes
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Return nodes (s, 2) and voltages (s,), in volts, of the s sources at rails, rail cells and the start cell."""
+    """Return nodes (s, 2) and voltages (s,), in volts, of the s sources at rails, rail cells and the start cell.
+
+    The first node of a source is the plus node, the second is ground.
+    """
     high, low = wiring.high, wiring.goal_voltage
     ties: list[tuple[Any, float]] = [([nodes.obstacle] if nodes.obstacle >= 0 else [], high), (nodes.goals, low)]
     if wiring.start is not None:
@@ -355,7 +358,8 @@ def _voltage_sources(
 def _uniform_drive(wiring: Wiring, nodes: _Nodes) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """Return nodes (c, 2) and currents (c,), in amperes, of c equal current sources into all free nodes.
 
-    Both arrays are empty without a uniform drive; raise CircuitError if there is no free node.
+    The current leaves the first node, ground, and enters the second one.  Both arrays are empty without a uniform
+    drive; raise CircuitError if there is no free node.
     """
     if wiring.drive != "uniform":
         return np.empty((0, 2), dtype=np.int32), np.empty(0)

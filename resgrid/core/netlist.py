@@ -71,7 +71,7 @@ class CellMap:
     nonlinear_upward : ndarray of bool, shape (nonlinear resistors,)
         Whether the first node of each nonlinear resistor is on the lower side of the face.
     rail_nodes : mapping of str to ndarray of int32, shape of the space
-        Node of every rail with resistance at each cell, by rail; -1 where the node of the cell belongs to the rail.
+        Node at each cell of every rail with resistance, by name of the rail; -1 where the cell's node is on the rail.
     """
 
     space: ConfigurationSpace
@@ -239,7 +239,7 @@ class Netlist:
         return self.cell_map
 
     def node_name(self, node: int) -> str:
-        """Return the name of a node, such as ``0``, ``n_12_7``, ``obstacle``, ``goal_0_3_4`` or ``node_5``."""
+        """Return the name of a node: ``0``, ``n_12_7`` (a cell), ``goal_0_3_4`` (a rail at a cell) or ``node_5``."""
         check_whole("node", node, 0)
         return self.names_of(np.array([node]))[0]
 

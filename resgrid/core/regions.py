@@ -39,7 +39,7 @@ def label_components(
 
 
 def box_around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:
-    """Return the smallest box that contains all True cells of a mask, as one slice per axis, empty if none is."""
+    """Return the smallest box with all True cells of a mask, as one slice per axis; empty slices without such cells."""
     axes = range(mask.ndim)
     lines = [np.flatnonzero(mask.any(axis=tuple(other for other in axes if other != axis))) for axis in axes]
     return tuple(slice(int(line[0]), int(line[-1]) + 1) if len(line) else slice(0, 0) for line in lines)
