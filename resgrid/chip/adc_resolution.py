@@ -304,7 +304,7 @@ class ADCResolution(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, the boundary condition and the sentence as plain values."""
+        """Return the figures, the boundary condition and the sentence as a dictionary for JSON."""
         return {**super().to_json(), "boundary": self.boundary, "sentence": self.sentence()}
 
 

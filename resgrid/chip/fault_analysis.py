@@ -162,7 +162,7 @@ class FaultAnalysis(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures and the worst elements (nodes, starts lost) of each fault as plain values."""
+        """Return the figures and the worst elements (nodes, starts lost) of each fault as a dictionary for JSON."""
         listed = {}
         for fault in ("open", "short"):
             worst = self.worst(fault)
@@ -301,7 +301,7 @@ class _Change:
         return np.asarray(changed)
 
     def _kcl_residual(self, volts: NDArray[np.float64], siemens: float) -> NDArray[np.float64]:
-        """Return the residual of Kirchhoff's current law in every row, in amperes, shape (n,).
+        """Return the residual of Kirchhoff's current law in every row (unknown voltage), in amperes, shape (n,).
 
         `volts` (nodes,): node voltages, in volts; `siemens`: new conductance of the resistor.
         """

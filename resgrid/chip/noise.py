@@ -1,10 +1,11 @@
 """Thermal noise of a chip: every resistor adds current noise of density ``4 k T / R`` (Johnson 1928; Nyquist 1928).
 
-The power spectral density of a node voltage is ``4 k T Re Z(f)``, where ``Z`` is the impedance from the node to the
-rails, the diagonal of ``(G + 2 pi j f C)^-1``.  Below the corner frequency of the slowest time constant it is ``4 k T
-R_eff``.  Its integral over all frequencies is ``k T (C^-1)_ii``, whatever the resistors, and infinite at a node without
-a capacitive connection to a rail.  All resistors have the given temperature; sources, drivers of switches and
-capacitors are noiseless.
+The power spectral density of a node voltage is ``4 k T Re Z(f)``, with the Boltzmann constant ``k``, the temperature
+``T``, and the impedance ``Z`` from the node to the rails, the diagonal of ``(G + 2 pi j f C)^-1``.  Below the corner
+frequency of the slowest time constant the density is ``4 k T R_eff``, with the effective resistance ``R_eff`` from the
+node to the rails.  The integral of the density over all frequencies is ``k T (C^-1)_ii``, whatever the resistors, and
+infinite at a node without a capacitive connection to a rail.  All resistors have the given temperature; sources,
+drivers of switches and capacitors are noiseless.
 """
 
 from __future__ import annotations
@@ -129,7 +130,7 @@ class Noise(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, the temperature (K), the band (Hz) and whether results are exact, as plain values."""
+        """Return figures, temperature (K), band (Hz) and whether results are exact, as a dictionary for JSON."""
         band = None if self.band is None else list(self.band)
         return {**super().to_json(), "temperature": self.temperature, "band": band, "exact": self.exact}
 
@@ -232,12 +233,12 @@ def noise_covariance(
 
 
 def _tied_by_capacitors(dynamics: Dynamics) -> NDArray[np.bool_]:
-    """Return the mask of the rows whose nodes have a capacitive connection to a rail, shape (n,)."""
+    """Return the mask of the rows (unknown voltages) with a capacitive connection to a rail, shape (n,)."""
     return np.asarray(np.diff(dynamics.null_space.indptr) == 0)
 
 
 def _elastance_factors(dynamics: Dynamics, tied: NDArray[np.bool_]) -> SupernodalFactors:
-    """Return the factors of the capacitance matrix, restricted to the rows in a mask `tied` (n,)."""
+    """Return the factors of the capacitance matrix, restricted to some rows; `tied` (n,): mask of these rows."""
     return factor_supernodes(dynamics.capacitance.within(tied))
 
 

@@ -125,7 +125,7 @@ class Power(Result):
         Returns
         -------
         ndarray of int64, shape (at most count,)
-            Row numbers in `resistor`.
+            Numbers of the resistors, indices into `resistor`.
         """
         return np.argsort(-self.resistor, kind="stable")[:count]
 
@@ -162,7 +162,7 @@ class Power(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures and the ten hottest resistors (nodes, power in watts) as plain values."""
+        """Return the figures and the ten hottest resistors (nodes, power in watts) as a dictionary for JSON."""
         worst = self.worst()
         names, heat = end_names(self.op.netlist, worst), self.resistor[worst].tolist()
         hottest = [{"nodes": pair, "power": watts} for pair, watts in zip(names, heat, strict=True)]
@@ -216,8 +216,7 @@ def _rails(op: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
 def rail_names(netlist: Netlist) -> list[str]:
     """Return the name of the rail of every voltage source: ``"obstacle"``, or ``"goal_0"`` and so on for goal regions.
 
-    A source that holds neither an obstacle nor a goal cell, or in a netlist without one node per cell, has the name of
-    its node.
+    Other sources, and all sources of a netlist without one node per cell, have the name of their node.
     """
     plus, minus = netlist.source_nodes.T
     node = np.where(plus == GROUND, minus, plus)

@@ -52,7 +52,7 @@ class Sensitivity(Result):
     op : OperatingPoint
         Operating point of the chip.
     cells : ndarray of int64, shape (k, axes)
-        Cells of the decisions.
+        Indices of the cells in which the robot decides.
     best, runner_up : ndarray of int64, shape (k,)
         Flat index (C order) of the lowest neighbour, to which the robot steps, and of the second lowest cell, which may
         be the cell of the decision itself.
@@ -97,7 +97,7 @@ class Sensitivity(Result):
 
         Returns
         -------
-        ndarray of int64, shape (k,)
+        ndarray of int64, shape (m,)
             Numbers of the resistors with ``flip_drift <= drift``; nonlinear resistors follow the linear ones.
         """
         order = np.argsort(self.flip_drift, kind="stable")
@@ -124,7 +124,7 @@ class Sensitivity(Result):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures and the ten most sensitive resistors (nodes, drift, cell) as plain values."""
+        """Return the figures and the ten most sensitive resistors (nodes, drift, cell) as a dictionary for JSON."""
         worst = self.flips(np.finfo(np.float64).max)[:_WORST]
         names, cells = end_names(self.op.netlist, worst), self.cells[self.decision[worst]].tolist()
         weakest = [
@@ -204,9 +204,9 @@ def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
 
 
 def _checked_cells(space: ConfigurationSpace, cells: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the indices of cells without goal cells, shape (k, axes), and their flat indices, shape (k,).
+    """Return cell indices without those of goal cells, shape (k, axes), and their flat indices, shape (k,).
 
-    `cells`: array of cell indices.  Raises InputError for obstacle cells, or if no cell is left.
+    `cells`: array of cell indices.  Raises InputError for obstacle cells, or if all cells are goal cells.
     """
     where = cell_indices(space, cells).reshape(-1, space.ndim)
     code = space.cell[tuple(where.T)]
@@ -362,7 +362,10 @@ class Adjoint:
 
 
 def adjoint_of(op: OperatingPoint, factors: CircuitFactor | None = None) -> Adjoint:
-    """Return the adjoint of an operating point; `factors`: factors of its linearized circuit, None to compute them."""
+    """Return the Adjoint of an operating point, which computes derivatives of voltages.
+
+    `op`: operating point; `factors`: factors of the circuit linearized at `op`, None to compute them.
+    """
     signals = linearize(op)
     if factors is None:
         system = assemble(signals)

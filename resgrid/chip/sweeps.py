@@ -120,7 +120,7 @@ class Sweep(Result):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, keys, values, yields and intervals of all points as plain values."""
+        """Return the figures, keys, values, yields and intervals of all pairs as a dictionary for JSON."""
         plain = {**vars(self), "yield": self.share}
         del plain["share"]
         arrays = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in plain.items()}

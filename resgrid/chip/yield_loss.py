@@ -146,7 +146,7 @@ class YieldLoss(Result):
         return figures | {limit.name: limit.figure for limit in self.limits}
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, causes and limits as plain values."""
+        """Return the figures, causes and limits as a dictionary for JSON."""
         return {
             **super().to_json(),
             "causes": [asdict(cause) for cause in self.causes],

@@ -128,7 +128,7 @@ class Yield(Result):
         return {name: Figure(value, "", definition) for name, (value, definition) in shares.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, the confidence of the intervals and whether chips differ, as plain values."""
+        """Return the figures, the confidence of the intervals and whether chips differ, as a dictionary for JSON."""
         return {**super().to_json(), "confidence": self.confidence, "random": self.random}
 
 

@@ -1,4 +1,4 @@
-"""The velocity controller: one call per control period, from a believed configuration to a velocity."""
+"""The velocity controller: one call per control period, from a measured configuration to a velocity."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class Controller:
         Parameters
         ----------
         configuration : array_like of float, shape (n,)
-            The believed configuration, in world coordinates.
+            The configuration according to the robot's sensors, in world coordinates.
         force : array_like of float, shape (n,), optional
             Generalised force on the robot (joint torques; for a point or a disc the force in world coordinates),
             without the robot's weight; by default 0.
@@ -129,9 +129,10 @@ class Controller:
         return self._frame.turned_to_world(self.limited(velocity))
 
     def admitting(self, nominal: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the velocity ``V0 + A F`` (n,) in axis coordinates, per second; on overflow, the largest one.
+        """Return the velocity ``V0 + A F`` (n,) in axis coordinates, per second, or on overflow a finite one.
 
-        `nominal` (n,): ``V0`` per second; `force` (n,): generalised force ``F``; both in axis coordinates.
+        `nominal` (n,): ``V0`` per second; `force` (n,): generalised force ``F``; both in axis coordinates.  On overflow,
+        the result points along ``A F``.
         """
         admittance = self.axis_admittance
         with np.errstate(over="ignore", invalid="ignore"):

@@ -1,4 +1,8 @@
-"""Straight motions that follow no current: to the goal in a goal cell, and out of a cell without a path to a goal."""
+"""Straight motions that follow no current: to the goal in a goal cell, and out of a cell without a path to a goal.
+
+A goal cell may contain configurations outside the goal.  One configuration in the cell that lies in the goal is known
+(`ConfigurationSpace.goal_points`): the configuration that solves the goal.
+"""
 
 from __future__ import annotations
 

@@ -54,8 +54,8 @@ class ControlMode(IntEnum):
     RETREATING = 7
     """The robot moved back along its path, to a cell with a path to a goal."""
     RECOVERING = 8
-    """The robot left a cell without a path to a goal (after a wrong belief or a learnt obstacle) for a near cell with a
-    path.
+    """The robot left a cell without a path to a goal (after a wrong measurement or a learnt obstacle) for a near cell
+    with a path.
     """
     DITHERING = 9
     """The robot made a small random motion because it had made no progress."""
@@ -70,11 +70,12 @@ class ControlMode(IntEnum):
 class TerminationReason(StrEnum):
     """Reason for the end of a controlled motion.
 
-    ``arrived``: the robot is in a goal; ``missed``: only the believed configuration is in a goal; ``no_path``: obstacle
-    cells separate the start from every goal; ``no_current``: no current flows in the robot's cell, although a path
-    leads to a goal; ``goal_blocked``, ``start_blocked``: obstacles cover every goal, or the start; ``jam``: the contact
-    force lies along the streamline, so that the robot cannot evade; ``stalled``: the robot stays within half a cell;
-    ``out_of_steps``: the maximum number of steps was taken; ``entered``: the robot penetrated an obstacle.
+    ``arrived``: the robot is in a goal; ``missed``: the configuration is in a goal according to the sensor, but not in
+    truth; ``no_path``: obstacle cells separate the start from every goal; ``no_current``: no current flows in the
+    robot's cell, although a path leads to a goal; ``goal_blocked``, ``start_blocked``: obstacles cover every goal, or
+    the start; ``jam``: the contact force lies along the streamline, so that the robot cannot evade; ``stalled``: the
+    robot stays within half a cell; ``out_of_steps``: the maximum number of steps was taken; ``entered``: the robot
+    penetrated an obstacle.
 
     Examples
     --------
@@ -165,7 +166,7 @@ class MapUpdate:
     cells : ndarray of int64, shape (c, ndim)
         Indices of the new obstacle cells, at least one.
     points : ndarray of float64, shape (p, 2)
-        Touched points of the obstacle in world coordinates, in metres, according to the believed configuration.
+        Touched points of the obstacle in world coordinates, in metres, computed from the measured configuration.
 
     Examples
     --------

@@ -1,6 +1,6 @@
 """Netlists as edge lists, graphs and arrays, which `read_spice` can read.
 
-These files do not hold the cells of a space; an edge list holds resistors only.
+These files do not contain the cells of a space; an edge list contains resistors only.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def write_network(netlist: Netlist, file: str | os.PathLike[str]) -> Path:
     Raises
     ------
     InputError
-        If the suffix is unknown, an edge list cannot hold a node's name, or the file cannot be written.
+        If the suffix is unknown, an edge list cannot represent a node's name, or the file cannot be written.
 
     Examples
     --------

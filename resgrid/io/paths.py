@@ -42,7 +42,7 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
     Parameters
     ----------
     path : Streamline, ShortPath, Polyline or Trajectory
-        For an arm, the file also holds the positions of its tip.
+        Path to write.  For an arm, the file also contains the positions of its tip.
     file : path-like
         ``.csv``, or ``-`` for standard output: table with a header; ``.json``: one list per column; ``.npz``: one
         array per column; ``.yaml``: a ``nav_msgs/Path`` message for ROS.

@@ -184,11 +184,14 @@ def _currents(field: Field) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
 def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
     """Return the properties of a cell as a dictionary for JSON.
 
-    The values by key: cell and centre (index, and position in axis units), kind of the cell, conductivity, normalised
-    potential, volts, log10 of the drop (None without an obstacle rail), amperes through the lower and the upper face
-    across each axis (positive along the axis), converter bits to measure the step to the lowest neighbour, whether the
-    solution is direction-safe, and certified statements.  `cell`: index along each axis.  Raises InputError for a cell
-    outside the grid.
+    Keys: `cell`: index along each axis; `centre`: centre of the cell, in axis units; `kind`: ``"free"``, ``"obstacle"``
+    or ``"goal"``; `conductivity`: relative conductivity; `potential`: normalised potential, 0 to 1, NaN in a cell
+    without a node; `volts`: the same potential in volts; `drop_decades`: log10 of the drop, None without an obstacle
+    rail; `amperes`: currents through the lower and the upper face across the first axis, then across the second,
+    positive along the axis; `bits`: converter bits that resolve the voltage step to the lowest neighbour, or None;
+    `exact`: whether the solution is direction-safe; `proved`: sentences on proved properties.
+
+    `frame`: the solved drawing; `cell`: index along each axis.  Raises InputError for a cell outside the grid.
     """
     space, drawing = frame.field.space, frame.drawing
     index = (int(cell[0]), int(cell[1]))
@@ -216,7 +219,10 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
 
 
 def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
-    """Return the certified statements about a cell as sentences; `index`: index of the cell along each axis."""
+    """Return statements about a cell that are proved for this solution, as sentences.
+
+    `index`: index of the cell along each axis.
+    """
     if not frame.exact:
         return ["preview: not certified"]
     if frame.drawing.cell[index] != Cell.FREE or not frame.field.space.goal_connected[index]:

@@ -45,7 +45,7 @@ def save(drawing: Drawing, kind: str | None) -> tuple[str, bytes]:
 
 
 def scene_toml(document: Mapping[str, Any]) -> str:
-    """Return a document as TOML text: plain keys, then tables, then lists of tables.
+    """Return a document (keys and tables of a scene) as TOML text: keys, then tables, then lists of tables.
 
     Examples
     --------
