@@ -41,8 +41,8 @@ errors.
 _BLOCK = 128
 """Number of elements between two calls of the progress function and checks of the time limit."""
 _LEAKY, _BRIDGE = 1e-3, 1e-9
-"""Values of the denominator of the update formula below which voltages need an iterative refinement step (`_LEAKY`), or
-a new solve (`_BRIDGE`).
+"""Values of the denominator ``1 + delta w . z`` of the update (see the module) below which voltages need an iterative
+refinement step (`_LEAKY`), or a new solve (`_BRIDGE`).
 """
 
 _WORST = 10

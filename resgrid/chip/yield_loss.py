@@ -255,9 +255,9 @@ def _cause(
 ) -> Cause:
     """Return the change of the yield by switching one effect off, compared chip by chip, as a Cause.
 
-    `name`: name of the effect; `keys`: keys of the chip description that cause it; `base`: starts served on the chips
-    with all effects; `other`: starts served without this effect; `share`: yield without the effect; `size`: number of
-    starts and number of chips.
+    `name`: name of the effect; `keys`: keys of the chip description that cause it; `base`: numbers of starts from which
+    the robot reaches a goal, on the chips with all effects; `other`: these numbers without this effect; `share`: yield
+    without the effect; `size`: number of starts and number of chips.
     """
     starts, trials = size
     differences = (other.counts - base.counts) / starts  # without randomness, one chip stands for all

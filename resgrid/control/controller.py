@@ -131,8 +131,8 @@ class Controller:
     def admitting(self, nominal: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the velocity ``V0 + A F`` (n,) in axis coordinates, per second, or on overflow a finite one.
 
-        `nominal` (n,): ``V0`` per second; `force` (n,): generalised force ``F``; both in axis coordinates.  On overflow,
-        the result points along ``A F``.
+        `nominal` (n,): ``V0`` per second; `force` (n,): generalised force ``F``; both in axis coordinates.  On
+        overflow, the result points along ``A F``.
         """
         admittance = self.axis_admittance
         with np.errstate(over="ignore", invalid="ignore"):

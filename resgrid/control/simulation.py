@@ -100,7 +100,7 @@ class Simulation:
     ) -> Run:
         """Simulate the robot from a start until it arrives, finds that there is no path, or cannot continue.
 
-        With learning, an exact belief, and external forces that end, a run ends at a goal or with a proof that there is
+        With learning, an exact sensor, and external forces that end, a run ends at a goal or with a proof that there is
         no path.  Let F be the set of cells that are not obstacles in the map.  (1) Each update of the map removes at
         least one cell from F, and no cell is ever added, so that there are at most ``|F|`` updates.  (2) After the last
         update the robot follows the current of a harmonic function, which enters no cell twice, so that it reaches a
@@ -129,9 +129,9 @@ class Simulation:
         pushes : sequence of ExternalForce or callable, optional
             External generalised forces, as a list or a function of time and configuration; ``()`` for none.
         bias : array_like of float, shape () or (n,), optional
-            Constant error of the believed configuration, in world coordinates.
+            Constant error of the measured configuration, in world coordinates.
         noise : array_like of float, shape () or (n,), optional
-            Largest additional random error of the believed configuration in each step, in world coordinates.
+            Largest additional random error of the measured configuration in each step, in world coordinates.
         seed : int, optional
             Seed of all random numbers; the same seed gives the same run.
         max_steps : int, optional
@@ -204,7 +204,7 @@ class Simulation:
 
 
 MARGIN = 5e-3
-"""Gap up to which the robot is in contact, as a fraction of `Plant.cell_motion` (its largest motion across a cell)."""
+"""Gap up to which the robot is in contact, as a fraction of `Plant.cell_motion` (the robot's motion across a cell)."""
 
 
 def simulation(
@@ -303,7 +303,7 @@ def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
 def arrival(
     end: End, space: ConfigurationSpace, configuration: NDArray[np.float64], believed: NDArray[np.float64]
 ) -> tuple[End, int | None]:
-    """Return the end of a run that believes to be in a goal, and the number of the true goal region or None."""
+    """Return the end of a run at a believed goal, and the number of the true goal region, None outside all goals."""
     region = int(space.goal_region[tuple(space.split(configuration)[0])])
     if region >= 0:
         return end, region

@@ -22,7 +22,8 @@ _PROGRESS = 0.1
 step counts as progress.
 """
 _HUGE = 1e100
-"""Ratio of a command to the command within the speed limits from which on contacts are solved for the latter."""
+"""Factor by which a command must exceed the speed limits so that contacts are solved for the limited command instead.
+"""
 
 
 class Loop:
@@ -147,7 +148,7 @@ class Loop:
 
         A robot that has stalled first gives up its target cell, or makes a small random motion, before the run ends.
         `mode`: kind of motion of the step; `cells`: distance that the step could have covered, in cells; `pushed`:
-        whether an external force acted; `seen`: nominal motion at the believed configuration.
+        whether an external force acted; `seen`: nominal motion at the measured configuration.
         """
         stall, place, grid = self.stall, self.body.configuration, self.live.grid
         if pushed:
@@ -174,7 +175,7 @@ class Loop:
     def _end_of_stall(self, mode: ControlMode, seen: Nominal) -> End:
         """Return the end of a stalled run; its message depends on the mode and on the place (goal cell or not).
 
-        `mode`: kind of motion of the last step; `seen`: nominal motion at the believed configuration.
+        `mode`: kind of motion of the last step; `seen`: nominal motion at the measured configuration.
         """
         if mode is ControlMode.JAM:
             return End(

@@ -28,6 +28,7 @@ def write_network(netlist: Netlist, file: str | os.PathLike[str]) -> Path:
     Parameters
     ----------
     netlist : Netlist
+        Circuit to write.
     file : path-like
         ``.txt``: list of edges, two nodes and a resistance in ohms per line, resistors only; ``.graphml`` and
         node-link ``.json``: graphs with all elements; ``.npz``: arrays and names of the netlist.
