@@ -41,7 +41,7 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
         netlist                ``.txt`` (edge list), ``.graphml``, ``.json`` (node-link), ``.npz``
         =====================  ==========================================================================
     **options
-        For ``.raw``: ``title``, its first line, and ``form``, ``"binary"`` or ``"ascii"``.
+        For ``.raw``: ``title``, the first line of the file, and ``form``, ``"binary"`` or ``"ascii"``.
 
     Returns
     -------
