@@ -43,12 +43,14 @@ TOLERANCE = 1e-7
 class Frames(NamedTuple):
     """Poses of the joints at one configuration; entry 0 is the world, entry j + 1 joint j.
 
-    `rotation` (k + 1, 3, 3), `origin` (k + 1, 3) in metres; `axis` (k + 1, 3): unit vector along a joint's axis.
+    `rotation` (k + 1, 3, 3), `origin` (k + 1, 3) in metres; `axis` (k + 1, 3): unit vector along a joint's axis; `local`
+    (3, 3): work array.
     """
 
     rotation: Floats
     origin: Floats
     axis: Floats
+    local: Floats
 
 
 class Sweep(NamedTuple):
@@ -99,38 +101,16 @@ class Search(NamedTuple):
 
 
 @inner
-def new_frames(joints: int) -> Frames:
-    """Return unset poses of a number of joints; the world's frame is set."""
-    frames = Frames(np.zeros((joints + 1, 3, 3)), np.zeros((joints + 1, 3)), np.zeros((joints + 1, 3)))
-    for i in range(3):
-        frames.rotation[0, i, i] = 1.0
-    return frames
-
-
-@inner
-def new_sweep(joints: int, points: int) -> Sweep:
-    """Return work arrays for chains of up to `joints` joints and pieces of up to `points` points."""
-    two = (2, joints)
-    return Sweep(
-        np.zeros(2, np.int64), np.zeros(2, np.int64), np.zeros(2, np.int64), np.zeros(two, np.int64),
-        np.zeros(two, np.bool_), np.zeros((2, joints, 3)), np.zeros((2, joints, 3)), np.zeros(two), np.zeros(two),
-        np.zeros(two), np.zeros(two), np.zeros(two), np.zeros((2, points)), np.zeros(points), np.zeros((2, 3)),
-        np.zeros(2, np.int64),
-    )  # fmt: skip
-
-
-@inner
-def new_search() -> Search:
-    """Return work arrays of a search."""
-    return Search(
-        np.zeros(3), np.zeros(3), np.zeros((4, 3)), np.zeros(4), np.zeros(4), np.zeros(3), np.zeros(3), np.zeros(3)
-    )
+def copy(target: Floats, source: Floats) -> None:
+    """Copy a vector."""
+    for i in range(len(target)):
+        target[i] = source[i]
 
 
 @inner
 def place(values: Floats, tree: TreeArrays, frames: Frames) -> None:
     """Write the poses of all joints at a configuration `values` (m,): forward kinematics, Rodrigues' formula."""
-    local = np.empty((3, 3))
+    local = frames.local
     for joint in range(len(tree.parent)):
         base, value = tree.parent[joint] + 1, tree.factor[joint] * values[tree.driver[joint]] + tree.offset[joint]
         x, y, z = tree.direction[joint, 0], tree.direction[joint, 1], tree.direction[joint, 2]
@@ -213,19 +193,18 @@ def _from_axis(x: float, y: float, z: float, axis: Floats, origin: Floats) -> fl
 def weigh_points(side: int, tree: TreeArrays, sweep: Sweep) -> None:
     """Write the radii of the balls around the points of a piece: displacements times the turn of the joints before."""
     first, last = tree.first[sweep.piece[side]], tree.first[sweep.piece[side] + 1]
-    xs, ys, zs = tree.points[0, first:last], tree.points[1, first:last], tree.points[2, first:last]
-    ball = sweep.ball[side, : last - first]
-    ball[:] = 0.0
+    xs, ys, zs = tree.x[first:last], tree.y[first:last], tree.z[first:last]
+    ball = sweep.ball[side]
+    for v in range(last - first):
+        ball[v] = 0.0
     for k in range(sweep.count[side]):
         weight = sweep.turn[side, k] * sweep.chord[side, k]
         if weight == 0.0:
             continue
-        if sweep.prismatic[side, k]:
-            ball += weight
-            continue
         axis, origin = sweep.axis[side, k], sweep.origin[side, k]
         for v in range(last - first):
-            ball[v] += weight * _from_axis(xs[v], ys[v], zs[v], axis, origin)
+            length = 1.0 if sweep.prismatic[side, k] else _from_axis(xs[v], ys[v], zs[v], axis, origin)
+            ball[v] += weight * length
 
 
 @inner
@@ -256,7 +235,7 @@ def ball_gap(tree: TreeArrays, frames: Frames, sweep: Sweep) -> float:
 def _arc_levels(level: Floats, side: int, k: int, tree: TreeArrays, sweep: Sweep, search: Search) -> None:
     """Add to the levels of the points the lowest level of the arc on which joint number k of a chain moves them."""
     first, last = tree.first[sweep.piece[side]], tree.first[sweep.piece[side] + 1]
-    xs, ys, zs = tree.points[0, first:last], tree.points[1, first:last], tree.points[2, first:last]
+    xs, ys, zs = tree.x[first:last], tree.y[first:last], tree.z[first:last]
     n, w, o = search.local, sweep.axis[side, k], sweep.origin[side, k]
     along = dot(n, w)
     ax, ay, az = n[0] - along * w[0], n[1] - along * w[1], n[2] - along * w[2]
@@ -283,8 +262,8 @@ def lowest(side: int, sign: float, tree: TreeArrays, frames: Frames, sweep: Swee
     n = search.local
     n[0], n[1], n[2] = sign * n[0], sign * n[1], sign * n[2]
     first, last = tree.first[piece], tree.first[piece + 1]
-    xs, ys, zs = tree.points[0, first:last], tree.points[1, first:last], tree.points[2, first:last]
-    level, ball = sweep.level[: last - first], sweep.ball[side, : last - first]
+    xs, ys, zs = tree.x[first:last], tree.y[first:last], tree.z[first:last]
+    level, ball = sweep.level, sweep.ball[side]
     for v in range(last - first):
         level[v] = n[0] * xs[v] + n[1] * ys[v] + n[2] * zs[v] - ball[v]
     shift = 0.0
@@ -307,8 +286,8 @@ def _extreme_point(side: int, at: int, tree: TreeArrays, frames: Frames, sweep: 
     """Write the point, in the world, at which a moving vertex is the lowest; `at`: index of the vertex in its piece."""
     frame, n, p = sweep.frame[side], search.local, search.across
     vertex = sweep.vertex[side]
-    for i in range(3):
-        p[i] = tree.points[i, vertex] - sweep.ball[side, at] * n[i]
+    x, y, z = tree.x[vertex], tree.y[vertex], tree.z[vertex]
+    p[0], p[1], p[2] = x - sweep.ball[side, at] * n[0], y - sweep.ball[side, at] * n[1], z - sweep.ball[side, at] * n[2]
     for k in range(sweep.count[side]):
         w, o = sweep.axis[side, k], sweep.origin[side, k]
         along = dot(n, w)
@@ -316,7 +295,7 @@ def _extreme_point(side: int, at: int, tree: TreeArrays, frames: Frames, sweep: 
             move = -math.copysign(sweep.half[side, k], along)
             p[0], p[1], p[2] = p[0] + move * w[0], p[1] + move * w[1], p[2] + move * w[2]
             continue
-        rx, ry, rz = tree.points[0, vertex] - o[0], tree.points[1, vertex] - o[1], tree.points[2, vertex] - o[2]
+        rx, ry, rz = x - o[0], y - o[1], z - o[2]
         height = rx * w[0] + ry * w[1] + rz * w[2]
         tx, ty, tz = w[1] * rz - w[2] * ry, w[2] * rx - w[0] * rz, w[0] * ry - w[1] * rx
         rx, ry, rz = rx - height * w[0], ry - height * w[1], rz - height * w[2]
@@ -342,14 +321,15 @@ def largest_gap(margin: float, exact: bool, tree: TreeArrays, frames: Frames, sw
     radii = tree.radius[sweep.piece[0]] + tree.radius[sweep.piece[1]] + margin
     is_flat = tree.flat[sweep.piece[1]]
     if is_flat:
-        _set(search.normal, tree.normal[sweep.piece[1]])
+        copy(search.normal, tree.normal[sweep.piece[1]])
     best, count = -np.inf, 0
     for _ in range(MAX_STEPS):
-        low = lowest(0, 1.0, tree, frames, sweep, search)
-        gap = low + lowest(1, -1.0, tree, frames, sweep, search) - radii
+        gap = -radii
+        for side in range(2):
+            gap += lowest(side, 1.0 - 2.0 * side, tree, frames, sweep, search)
         if gap > best:
             best = gap
-            _set(search.best, search.normal)
+            copy(search.best, search.normal)
         if is_flat or (gap > 0.0 and not exact):
             break
         for i in range(3):
@@ -364,9 +344,3 @@ def largest_gap(margin: float, exact: bool, tree: TreeArrays, frames: Frames, sw
         for i in range(3):
             search.normal[i] = search.nearest[i] / distance
     return best
-
-
-@inner
-def _set(target: Floats, source: Floats) -> None:
-    """Copy a vector."""
-    target[0], target[1], target[2] = source[0], source[1], source[2]
