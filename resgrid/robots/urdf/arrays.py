@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from resgrid.errors import InputError
@@ -147,31 +147,42 @@ def _tree_arrays(
             chain[row, side, : len(path)] = path
     centre, reach = zip(*(_ball(piece) for piece in pieces), strict=True) if pieces else ((), ())
     points = np.concatenate([np.zeros((0, 3)), *(piece.points for piece in pieces)])
-    counts = [len(piece.points) for piece in pieces]
     return TreeArrays(
-        _own(tree.parent, np.int64),
-        _own(tree.driver, np.int64),
-        _own(tree.placement[:, :3, :3], np.float64),
-        _own(tree.placement[:, :3, 3], np.float64),
-        _own(tree.direction, np.float64),
-        _own(tree.is_prismatic, np.bool_),
-        _own(tree.factor, np.float64),
-        _own(tree.offset, np.float64),
-        *(_own(coordinates, np.float64) for coordinates in points.T),
-        np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        np.array([piece.radius for piece in pieces], dtype=np.float64),
-        np.array(centre, dtype=np.float64).reshape(-1, 3),
-        np.array(reach, dtype=np.float64),
-        np.array(joints, dtype=np.int64),
-        np.array([piece.normal is not None for piece in pieces], dtype=np.bool_),
-        np.array([np.zeros(3) if piece.normal is None else piece.normal for piece in pieces]).reshape(-1, 3),
-        chain,
+        parent=_integers(tree.parent),
+        driver=_integers(tree.driver),
+        rotation=_floats(tree.placement[:, :3, :3]),
+        translation=_floats(tree.placement[:, :3, 3]),
+        direction=_floats(tree.direction),
+        prismatic=_flags(tree.is_prismatic),
+        factor=_floats(tree.factor),
+        offset=_floats(tree.offset),
+        x=_floats(points[:, 0]),
+        y=_floats(points[:, 1]),
+        z=_floats(points[:, 2]),
+        first=_integers([0, *np.cumsum([len(piece.points) for piece in pieces])]),
+        radius=_floats([piece.radius for piece in pieces]),
+        centre=_floats(centre).reshape(-1, 3),
+        reach=_floats(reach),
+        joint=_integers(joints),
+        flat=_flags([piece.normal is not None for piece in pieces]),
+        normal=_floats([np.zeros(3) if piece.normal is None else piece.normal for piece in pieces]).reshape(-1, 3),
+        chain=chain,
     )
 
 
-def _own(values: NDArray[np.generic], kind: type[np.generic]) -> NDArray[np.generic]:
+def _floats(values: ArrayLike) -> Floats:
     """Return a writable copy in C order, so that kernels are compiled for one memory layout only."""
-    return np.array(values, dtype=kind, order="C")
+    return np.array(values, dtype=np.float64, order="C")
+
+
+def _integers(values: ArrayLike) -> Integers:
+    """Return a writable copy in C order, so that kernels are compiled for one memory layout only."""
+    return np.array(values, dtype=np.int64, order="C")
+
+
+def _flags(values: ArrayLike) -> Flags:
+    """Return a writable copy in C order, so that kernels are compiled for one memory layout only."""
+    return np.array(values, dtype=np.bool_, order="C")
 
 
 def _ball(piece: ConvexPiece) -> tuple[Floats, float]:

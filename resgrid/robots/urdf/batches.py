@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.robots.urdf.arrays import Flags, Floats, Integers, ProofArrays
 
@@ -156,4 +155,4 @@ def whole_block(group: Group, arrays: ProofArrays, pairs: Integers, low: Integer
     corner = np.zeros((1, len(group.middle)))
     first, owner = np.array([0, len(items)]), np.full(1, -1)
     batch = Batch(corner, corner, first, items, hints, owner, low[np.newaxis], high[np.newaxis])
-    return batch.with_corners(group).with_pieces(arrays.is_loose[bodies].any(axis=1), bodies, arrays.spans)
+    return batch.with_corners(group).with_pieces(np.any(arrays.is_loose[bodies], axis=1), bodies, arrays.spans)

@@ -2,18 +2,20 @@
 
 Import this module only inside functions that call a kernel, because importing numba takes seconds.
 
-The bound.  Joint values q lie in the box c + d, ``|d_j| <= e_j`` (c: centre, e: half widths).  Let p be a point of a
-body at q = c, and E_j(d) the motion of the world by joint j from its pose at c.  With the joints 1, ..., k between the
-common ancestor and the body, the nearest to the ancestor first, p moves to ``E_1(d_1) ... E_k(d_k) p``.  Turn the joints
-in this order: the displacement is the sum of ``Q_j (E_j(d_j) p - p)``, where Q_j is the rotation of the joints before j,
-and p is still at its pose at c.  For a unit vector n and the angle t_j of Q_j, ``|n Q_j v - n v| <= 2 sin(t_j / 2) |v|``.
+The bound.  Joint values q lie in the box ``c + d`` with ``|d_j| <= e_j`` (c: centre, e: half widths).  Let p be a point
+of a body at q = c, and E_j(d) the motion by joint j from its pose at c.  Number the joints from the common ancestor of
+both bodies to the body: 1, ..., k.  Then p moves to ``E_1(d_1) ... E_k(d_k) p``.  Turn joint 1 first, then joint 2, and
+so on.  The displacement is the sum of ``Q_j (E_j(d_j) p - p)``: p is still at its pose at c, and Q_j is the rotation by
+the joints before j.  Q_j has at most the angle ``t_j``, the sum of ``e_i`` over the revolute joints before j.  For a
+unit vector n, ``|n Q_j v - n v| <= 2 sin(t_j / 2) |v|``.
 
 - Revolute joint with axis w through o, ``r = p - o``: ``n (E(d) p - p) = A (cos d - 1) + B sin d`` with
-  ``A = n r - (n w)(w r)`` and ``B = n (w x r)``; the minimum over ``|d| <= e`` is known in closed form, and
+  ``A = n r - (n w)(w r)`` and ``B = n (w x r)``.  The minimum over ``|d| <= e`` is known in closed form.
   ``|E(d) p - p| <= 2 sin(e / 2) rho`` with rho the distance of p from the axis.
-- Prismatic joint: ``n (E(d) p - p) = d n w``, length at most e.
+- Prismatic joint: ``n (E(d) p - p) = d n w``; the length is at most e.
 
-The lowest level of n over a moving piece is therefore at least the minimum over its points of::
+A joint that follows a moving joint has the half width ``|factor| e``.  The lowest level of n over a moving piece is
+therefore at least the minimum over its points of::
 
     n p + sum_j [ min_d n (E_j(d) p - p) - 2 sin(t_j / 2) max_d |E_j(d) p - p| ] - radius.
 
@@ -43,8 +45,8 @@ TOLERANCE = 1e-7
 class Frames(NamedTuple):
     """Poses of the joints at one configuration; entry 0 is the world, entry j + 1 joint j.
 
-    `rotation` (k + 1, 3, 3), `origin` (k + 1, 3) in metres; `axis` (k + 1, 3): unit vector along a joint's axis; `local`
-    (3, 3): work array.
+    `rotation` (k + 1, 3, 3); `origin` (k + 1, 3) in metres; `axis` (k + 1, 3): unit vector along a joint's axis;
+    `local` (3, 3): work array.
     """
 
     rotation: Floats
@@ -56,7 +58,7 @@ class Frames(NamedTuple):
 class Sweep(NamedTuple):
     """Motion of the two pieces of an item, in the frame of each piece's joint; side 0 or 1, joints in chain order.
 
-    `piece, frame, count` (2,): index of the piece, of its frame, number of joints; `joint` (2, K): index of a joint;
+    `piece, frame, chained` (2,): index of the piece, of its frame, number of joints; `joint` (2, K): index of a joint;
     `prismatic` (2, K); `axis, origin` (2, K, 3): axis of a joint and a point of it; `half` (2, K): largest motion in
     radians or metres; `cosine, sine` (2, K): of the half widths; `chord` (2, K): largest displacement per metre of
     distance from the axis, for a prismatic joint in metres; `turn` (2, K): ``2 sin(t / 2)`` of the joints before;
@@ -66,7 +68,7 @@ class Sweep(NamedTuple):
 
     piece: Integers
     frame: Integers
-    count: Integers
+    chained: Integers
     joint: Integers
     prismatic: Flags
     axis: Floats
@@ -156,7 +158,7 @@ def sweep_side(
 ) -> None:
     """Write the motion of one piece of an item; `half` (m,): half widths of the box of the moving joints."""
     frame = tree.joint[piece] + 1
-    sweep.piece[side], sweep.frame[side], sweep.count[side] = piece, frame, 0
+    sweep.piece[side], sweep.frame[side], sweep.chained[side] = piece, frame, 0
     turned = 0.0
     for joint in tree.chain[pair, side]:
         if joint < 0:
@@ -164,8 +166,8 @@ def sweep_side(
         largest = abs(tree.factor[joint]) * half[tree.driver[joint]]
         if largest == 0.0:
             continue
-        at = sweep.count[side]
-        sweep.count[side] = at + 1
+        at = sweep.chained[side]
+        sweep.chained[side] = at + 1
         sweep.joint[side, at], sweep.prismatic[side, at], sweep.half[side, at] = joint, tree.prismatic[joint], largest
         sweep.turn[side, at] = 2.0 * math.sin(min(turned, math.pi) / 2.0)
         _to_local(frames.axis[joint + 1], frames, frame, sweep.axis[side, at])
@@ -197,7 +199,7 @@ def weigh_points(side: int, tree: TreeArrays, sweep: Sweep) -> None:
     ball = sweep.ball[side]
     for v in range(last - first):
         ball[v] = 0.0
-    for k in range(sweep.count[side]):
+    for k in range(sweep.chained[side]):
         weight = sweep.turn[side, k] * sweep.chord[side, k]
         if weight == 0.0:
             continue
@@ -222,7 +224,7 @@ def ball_gap(tree: TreeArrays, frames: Frames, sweep: Sweep) -> float:
     for side in range(2):
         centre, reach = tree.centre[sweep.piece[side]], tree.reach[sweep.piece[side]]
         gap -= reach
-        for k in range(sweep.count[side]):
+        for k in range(sweep.chained[side]):
             if sweep.prismatic[side, k]:
                 gap -= sweep.half[side, k]
             else:
@@ -267,13 +269,13 @@ def lowest(side: int, sign: float, tree: TreeArrays, frames: Frames, sweep: Swee
     for v in range(last - first):
         level[v] = n[0] * xs[v] + n[1] * ys[v] + n[2] * zs[v] - ball[v]
     shift = 0.0
-    for k in range(sweep.count[side]):
+    for k in range(sweep.chained[side]):
         if sweep.prismatic[side, k]:
             shift -= sweep.half[side, k] * abs(dot(n, sweep.axis[side, k]))
         else:
             _arc_levels(level, side, k, tree, sweep, search)
-    at, least = 0, level[0]
-    for v in range(1, last - first):
+    at, least = 0, math.inf
+    for v in range(last - first):
         if level[v] < least:
             at, least = v, level[v]
     sweep.vertex[side] = first + at
@@ -288,7 +290,7 @@ def _extreme_point(side: int, at: int, tree: TreeArrays, frames: Frames, sweep: 
     vertex = sweep.vertex[side]
     x, y, z = tree.x[vertex], tree.y[vertex], tree.z[vertex]
     p[0], p[1], p[2] = x - sweep.ball[side, at] * n[0], y - sweep.ball[side, at] * n[1], z - sweep.ball[side, at] * n[2]
-    for k in range(sweep.count[side]):
+    for k in range(sweep.chained[side]):
         w, o = sweep.axis[side, k], sweep.origin[side, k]
         along = dot(n, w)
         if sweep.prismatic[side, k]:

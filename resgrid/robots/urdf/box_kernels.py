@@ -30,9 +30,9 @@ from resgrid.robots.urdf.simplex_kernels import dot
 class Boxes(NamedTuple):
     """Boxes of joint values, and items: the pairs of pieces that are not yet proven to stay apart in a box.
 
-    `lower, upper` (n, m): corners, in joint units; `first` (n + 1,): box i has the items ``first[i] .. first[i+1] - 1``;
-    `items` (t, 3): pair of bodies, piece of the first body, piece of the second one; `hints` (t, 3): likely separating
-    directions, from the second piece to the first one.
+    `lower, upper` (n, m): corners, in joint units; `first` (n + 1,): box i has the items ``first[i] .. first[i + 1] -
+    1``; `items` (t, 3): pair of bodies, piece of the first body, piece of the second one; `hints` (t, 3): likely
+    separating directions, from the second piece to the first one.
     """
 
     lower: Floats
@@ -84,12 +84,25 @@ def new_work(tree: TreeArrays, joints: int) -> Work:
         Frames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((3, 3)))
         for _ in range(2)
     ]
-    two = (2, tree.chain.shape[2])
+    longest = tree.chain.shape[2]
     sweep = Sweep(
-        *(np.zeros(2, np.int64) for _ in range(3)), np.zeros(two, np.int64), np.zeros(two, np.bool_),
-        *(np.zeros((*two, 3)) for _ in range(2)), *(np.zeros(two) for _ in range(5)), np.zeros((2, points)),
-        np.zeros(points), np.zeros((2, 3)), np.zeros(2, np.int64),
-    )  # fmt: skip
+        piece=np.zeros(2, np.int64),
+        frame=np.zeros(2, np.int64),
+        chained=np.zeros(2, np.int64),
+        joint=np.zeros((2, longest), np.int64),
+        prismatic=np.zeros((2, longest), np.bool_),
+        axis=np.zeros((2, longest, 3)),
+        origin=np.zeros((2, longest, 3)),
+        half=np.zeros((2, longest)),
+        cosine=np.zeros((2, longest)),
+        sine=np.zeros((2, longest)),
+        chord=np.zeros((2, longest)),
+        turn=np.zeros((2, longest)),
+        ball=np.zeros((2, points)),
+        level=np.zeros(points),
+        point=np.zeros((2, 3)),
+        vertex=np.zeros(2, np.int64),
+    )
     search = Search(
         np.zeros(3), np.zeros(3), np.zeros((4, 3)), np.zeros(4), np.zeros(4), np.zeros(3), np.zeros(3), np.zeros(3)
     )
@@ -104,9 +117,7 @@ def _load(item: Integers, half: Floats, tree: TreeArrays, frames: Frames, sweep:
 
 
 @inner
-def _gap(
-    item: Integers, hint: Floats, margin: float, exact: bool, tree: TreeArrays, frames: Frames, work: Work
-) -> float:
+def _gap(hint: Floats, margin: float, exact: bool, tree: TreeArrays, frames: Frames, work: Work) -> float:
     """Return the bound of `largest_gap` for the motion that was loaded, from a start direction (3,)."""
     for side in range(2):
         weigh_points(side, tree, work.sweep)
@@ -120,7 +131,7 @@ def _add_weights(side: int, weight: Floats, tree: TreeArrays, work: Work) -> Non
     sweep = work.sweep
     vertex, n = sweep.vertex[side], work.search.local
     p = work.search.across
-    for k in range(sweep.count[side]):
+    for k in range(sweep.chained[side]):
         w, o = sweep.axis[side, k], sweep.origin[side, k]
         driver = tree.driver[sweep.joint[side, k]]
         if sweep.prismatic[side, k]:
@@ -185,7 +196,7 @@ def _probe(item: Integers, hint: Floats, probe: Floats, tree: TreeArrays, work: 
     """
     _load(item, work.still, tree, work.frames, work.sweep, work.search)
     copy(probe, work.middle)
-    if _gap(item, hint, 0.0, True, tree, work.frames, work) <= 0.0:
+    if _gap(hint, 0.0, True, tree, work.frames, work) <= 0.0:
         return 1
     copy(hint, work.search.best)
     _slopes(item, tree, work)
@@ -193,7 +204,7 @@ def _probe(item: Integers, hint: Floats, probe: Floats, tree: TreeArrays, work: 
         probe[d] -= math.copysign(work.half[d], work.slope[d])
     place(probe, tree, work.corner)
     _load(item, work.still, tree, work.corner, work.sweep, work.search)
-    return 2 if _gap(item, hint, 0.0, False, tree, work.corner, work) <= 0.0 else 0
+    return 2 if _gap(hint, 0.0, False, tree, work.corner, work) <= 0.0 else 0
 
 
 @inner
@@ -207,7 +218,7 @@ def _bound_items(box: int, boxes: Boxes, margin: float, tree: TreeArrays, found:
         if not tree.flat[item[2]] and ball_gap(tree, work.frames, work.sweep) > margin:
             continue
         found.counts[0] += 1
-        gap = _gap(item, boxes.hints[i], margin, False, tree, work.frames, work)
+        gap = _gap(boxes.hints[i], margin, False, tree, work.frames, work)
         copy(boxes.hints[i], work.search.best)
         if gap > 0.0:
             continue

@@ -5,7 +5,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -123,8 +124,8 @@ class CollisionChecker:
         values = np.atleast_2d(np.asarray(configurations, dtype=np.float64))
         if values.ndim != 2 or values.shape[1] != len(self.tree.moving):
             raise InputError(
-                f"a configuration of this robot has {len(self.tree.moving)} values ({', '.join(self.tree.moving)}), got "
-                f"an array of shape {np.shape(configurations)}"
+                f"a configuration of this robot has {len(self.tree.moving)} values ({', '.join(self.tree.moving)}), "
+                f"got an array of shape {np.shape(configurations)}"
             )
         return values
 
@@ -289,13 +290,12 @@ def _surface(solid: Solid) -> Any:
     return model
 
 
-@lru_cache(maxsize=1)
+@cache
 def _coal() -> Any:
     """Return the module coal; raise ToolMissingError if it is not installed."""
     try:
-        import coal
+        return import_module("coal")
     except ImportError as error:
         raise ToolMissingError(
             f"collision tests of robots need the package coal; install it with: {install_command('robots')}"
         ) from error
-    return coal

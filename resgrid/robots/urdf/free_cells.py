@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid._internal.checkpoints import Journal
-from resgrid._internal.parallel import spread
+from resgrid._internal.parallel import JobPart, in_order
 from resgrid._internal.values import frozen
 from resgrid.core.axis import Axis, rounding
 from resgrid.errors import InputError
@@ -105,7 +105,7 @@ def prove_cells(
     axes : sequence of Axis
         One axis for every moving joint, in radians or metres.
     halvings : int, optional
-        Number of times that a cell is halved, per joint.  A larger number leaves fewer cells undecided and takes longer.
+        Number of times that a cell is halved, per joint.  A larger number takes longer and decides more cells.
     executor : concurrent.futures.Executor, optional
         Workers of the blocks of cells; by default this process.  The result does not depend on the executor.
     progress : callable, optional
@@ -138,7 +138,7 @@ def prove_cells(
         own = np.zeros_like(seen)
         blocks = list(_blocks(group.shape))
         items = [(number, low, seen[block].copy()) for low, block in blocks[known.count(number) :]]
-        with closing(spread(_prove_block, items, job, executor=executor)) as results:
+        with closing(in_order([JobPart(_prove_blocks, job, items, "blocks")], executor)) as results:
             for index, (_, block) in enumerate(blocks):
                 proof = known.take(number, index, seen[block].shape)
                 if proof is None:
@@ -150,7 +150,8 @@ def prove_cells(
                 if progress is not None:
                     progress(done, total)
         verdict = _combined(verdict, own, group)
-    return CellProof(verdict, *map(int, work), time.perf_counter() - begin)
+    bounds, probes, tests = work.tolist()
+    return CellProof(verdict, bounds, probes, tests, time.perf_counter() - begin)
 
 
 def centre_cells(tree: KinematicTree, axes: Sequence[Axis], progress: Progress | None = None) -> NDArray[np.bool_]:
@@ -175,7 +176,7 @@ def centre_cells(tree: KinematicTree, axes: Sequence[Axis], progress: Progress |
             if progress is not None:
                 progress(done, total)
         verdict = _combined(verdict, own.reshape(group.shape), group)
-    return verdict == CellVerdict.COLLISION
+    return np.asarray(verdict == CellVerdict.COLLISION)
 
 
 def proof_key(tree: KinematicTree, axes: Sequence[Axis], halvings: int = HALVINGS) -> str:
@@ -217,12 +218,13 @@ class _ProofJob:
         return _ProofJob, (self.tree, self.axes, self.halvings)
 
 
-def _prove_block(item: tuple[int, Integers, NDArray[np.uint8]], job: _ProofJob) -> BlockProof:
-    """Return the verdicts of one block; `item`: number of the group, first cells, known verdicts."""
-    number, low, known = item
-    group = job.groups[number]
+def _prove_blocks(job: _ProofJob, items: Sequence[tuple[int, Integers, NDArray[np.uint8]]]) -> list[BlockProof]:
+    """Return the verdicts of some blocks; `items`: number of the group, first cells, known verdicts."""
     halvings = job.halvings * len(job.axes)
-    return BlockProver(job.arrays, job.checker, group, halvings, job.margin).prove(low, known)
+    return [
+        BlockProver(job.arrays, job.checker, job.groups[number], halvings, job.margin).prove(low, known)
+        for number, low, known in items
+    ]
 
 
 class _Finished:
@@ -267,8 +269,8 @@ def _checked_axes(tree: KinematicTree, axes: Sequence[Axis]) -> tuple[Axis, ...]
     """Return the axes; raise InputError unless there is one for every moving joint."""
     if len(axes) != len(tree.moving):
         raise InputError(
-            f"this robot has {len(tree.moving)} moving joints ({', '.join(tree.moving)}), got {len(axes)} axes; give one "
-            "axis for every joint"
+            f"this robot has {len(tree.moving)} moving joints ({', '.join(tree.moving)}), got {len(axes)} axes; give "
+            "one axis for every joint"
         )
     return tuple(axes)
 

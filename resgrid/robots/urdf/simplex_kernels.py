@@ -17,13 +17,13 @@ Floats = NDArray[np.float64]
 @inlined
 def dot(a: Floats, b: Floats) -> float:
     """Return the scalar product of two vectors in space."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 @inlined
 def _dot_difference(corners: Floats, i: int, j: int, k: int) -> float:
     """Return the scalar product of corner k with the vector from corner i to corner j."""
-    return (
+    return float(
         (corners[j, 0] - corners[i, 0]) * corners[k, 0]
         + (corners[j, 1] - corners[i, 1]) * corners[k, 1]
         + (corners[j, 2] - corners[i, 2]) * corners[k, 2]
@@ -79,7 +79,7 @@ def _is_beyond(corners: Floats, i: int, j: int, k: int, opposite: int) -> bool:
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     level = nx * corners[i, 0] + ny * corners[i, 1] + nz * corners[i, 2]
     height = nx * corners[opposite, 0] + ny * corners[opposite, 1] + nz * corners[opposite, 2] - level
-    return -level * height <= 0.0
+    return bool(-level * height <= 0.0)
 
 
 @inner
