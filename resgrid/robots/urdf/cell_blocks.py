@@ -1,0 +1,222 @@
+"""Verdicts of one block of cells, for the pairs of bodies that depend on the same joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.robots.urdf.arrays import Flags, Floats, Integers, ProofArrays
+from resgrid.robots.urdf.batches import Batch, Group, whole_block
+from resgrid.robots.urdf.collision import CollisionChecker
+
+MAX_ITEMS = 100_000
+"""Number of items above which a batch is divided; limits the memory."""
+
+MAX_BOUNDS = 5_000
+"""Number of items of all boxes of a cell after which the cell stays undecided."""
+
+
+class CellVerdict(IntEnum):
+    """Verdict of a cell of a configuration space."""
+
+    FREE = 0
+    """Proven: no configuration of the cell collides."""
+
+    COLLISION = 1
+    """A configuration of the cell collides."""
+
+    UNDECIDED = 2
+    """Neither a proof nor a collision was found."""
+
+
+@dataclass(eq=False)
+class BlockProof:
+    """Verdicts of the cells of a block, and the work that they took.
+
+    `verdict`: uint8, shape of the block; `bounds`: number of evaluated bounds; `probes`: number of tests of convex
+    pieces at single configurations; `tests`: number of collision tests of exact solids.
+    """
+
+    verdict: NDArray[np.uint8]
+    bounds: int = 0
+    probes: int = 0
+    tests: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class _Likely:
+    """Likely collisions of boxes that are not proven.
+
+    `touching` (t,): items whose pieces overlap at the centre of the box; `weight` (n, m): displacement by every moving
+    joint; `probe` (n, m): configuration at which pieces overlap; `pair` (n,): pair of bodies of these pieces, -1 for
+    none.
+    """
+
+    touching: Flags
+    weight: Floats
+    probe: Floats
+    pair: Integers
+
+
+class BlockProver:
+    """Finds the verdicts of the cells of one block, for one group of pairs.
+
+    Parameters
+    ----------
+    arrays : ProofArrays
+        Input of the kernels.
+    checker : CollisionChecker
+        Collision tests of the exact solids.
+    group : Group
+        Pairs of bodies and their joints.
+    halvings : int
+        Largest number of times that a cell is halved.
+    margin : float
+        Distance in metres by which proven cells stay away from collisions.
+    """
+
+    def __init__(
+        self, arrays: ProofArrays, checker: CollisionChecker, group: Group, halvings: int, margin: float
+    ) -> None:
+        self._arrays, self._checker, self._group = arrays, checker, group
+        self._halvings, self._margin = halvings, margin
+        self._pairs = checker.tree.pairs
+
+    def prove(self, low: Integers, known: NDArray[np.uint8]) -> BlockProof:
+        """Return the verdicts of a block.
+
+        Every cell is undecided until the proven boxes cover it or a configuration in it collides.
+
+        Parameters
+        ----------
+        low : ndarray of int64, shape (g,)
+            First cell of the block.
+        known : ndarray of uint8, shape of the block
+            Verdicts by other groups.  Cells with a collision are skipped; undecided cells are only tested for
+            collisions at a few configurations.
+        """
+        self._low, self._known = low, known
+        self._proof = BlockProof(np.full(known.shape, CellVerdict.UNDECIDED, dtype=np.uint8))
+        stack = [whole_block(self._group, self._arrays, self._pairs, low, low + known.shape)]
+        while stack:
+            batch = self._without_known(stack.pop())
+            is_cell = ((batch.high - batch.low) == 1).all(axis=1)
+            if is_cell.any():
+                self._prove_cells(batch.select(is_cell))
+                batch = batch.select(~is_cell)
+            if len(batch) > 1 and len(batch.items) > MAX_ITEMS:
+                is_first = np.arange(len(batch)) < len(batch) // 2
+                stack += [batch.select(~is_first), batch.select(is_first)]
+            elif len(batch):
+                remaining, likely = self._bound(batch, 0)
+                stack.append(remaining.split_cells(self._group, likely.weight))
+        return self._proof
+
+    def _without_known(self, batch: Batch) -> Batch:
+        """Return the boxes that contain cells without a known collision."""
+        wanted = self._known != CellVerdict.COLLISION
+        if wanted.all():
+            return batch
+        total = np.pad(wanted.astype(np.int64), [(1, 0)] * wanted.ndim)
+        for axis in range(wanted.ndim):
+            total = total.cumsum(axis=axis)
+        count = np.zeros(len(batch), dtype=np.int64)
+        for corner in np.ndindex(*(2,) * wanted.ndim):
+            at = np.where(corner, batch.high, batch.low) - self._low
+            count += (-1) ** (wanted.ndim - sum(corner)) * total[tuple(at.T)]
+        return batch.select(count > 0)
+
+    def _bound(self, batch: Batch, probing: int) -> tuple[Batch, _Likely]:
+        """Return the boxes that are not proven, with the open items and better hints, and likely collisions.
+
+        Boxes of several cells that are proven are marked as free.  `probing`: see `bound_boxes`.
+        """
+        from resgrid.robots.urdf.box_kernels import Boxes, Findings, bound_boxes, new_work
+
+        count, items, joints = len(batch), len(batch.items), batch.lower.shape[1]
+        found = Findings(
+            np.ones(items, bool), np.zeros(items, bool), np.zeros((count, joints)), np.zeros((count, joints)),
+            np.full(count, -1), np.zeros(2, np.int64),
+        )  # fmt: skip
+        boxes = Boxes(batch.lower, batch.upper, batch.first, batch.items, batch.hints)
+        tree = self._arrays.tree
+        bound_boxes(boxes, self._group.excess, self._margin, probing, tree, found, new_work(tree, joints))
+        self._proof.bounds += int(found.counts[0])
+        self._proof.probes += int(found.counts[1])
+        rows = np.bincount(batch.boxes_of_items()[found.is_open], minlength=count) > 0
+        for box in np.flatnonzero(~rows & (batch.owner < 0)):
+            cells = tuple(map(slice, batch.low[box] - self._low, batch.high[box] - self._low))
+            self._proof.verdict[cells] = CellVerdict.FREE
+        item = found.probe_item[rows]
+        pair = np.where(item >= 0, batch.items[item, 0], -1)
+        likely = _Likely(found.touching[found.is_open], found.weight[rows], found.probe[rows], pair)
+        return batch.keep(rows, found.is_open), likely
+
+    def _prove_cells(self, batch: Batch) -> None:
+        """Find the verdicts of single cells; `batch`: one box for every cell."""
+        owner = np.ravel_multi_index(tuple((batch.low - self._low).T), self._known.shape)
+        cells = replace(batch, owner=np.asarray(owner, dtype=np.int64))
+        part = np.cumsum(np.diff(cells.first)) // MAX_ITEMS
+        for number in np.unique(part):
+            self._halve_cells(cells.select(part == number))
+
+    def _halve_cells(self, batch: Batch) -> None:
+        """Find the verdicts of single cells: halve boxes until all are proven or a configuration collides.
+
+        A box after h halvings has the volume ``2**-h`` of its cell.  These volumes add up without rounding error, and a
+        cell is free if its proven boxes have its volume.
+        """
+        verdict = self._proof.verdict.reshape(-1)
+        volume, spent = np.zeros(len(verdict)), np.zeros(len(verdict), dtype=np.int64)
+        hopeless = self._known.reshape(-1) == CellVerdict.UNDECIDED
+        cells = batch.owner
+        for halving in range(self._halvings + 1):
+            np.add.at(spent, batch.owner, np.diff(batch.first))
+            np.add.at(volume, batch.owner, 0.5**halving)
+            batch, likely = self._bound(batch, 2 if halving == 0 else 1)
+            np.subtract.at(volume, batch.owner, 0.5**halving)
+            verdict[self._colliding(batch, likely, whole=halving == 0)] = CellVerdict.COLLISION
+            stopped = hopeless | (spent > MAX_BOUNDS) | (verdict == CellVerdict.COLLISION)
+            going = ~stopped[batch.owner]
+            if halving == self._halvings or not going.any():
+                break
+            touching = likely.touching[np.repeat(going, np.diff(batch.first))]
+            batch = self._refine(batch.select(going), touching).halve(likely.weight[going])
+        verdict[cells[(volume[cells] == 1.0) & (verdict[cells] != CellVerdict.COLLISION)]] = CellVerdict.FREE
+
+    def _colliding(self, batch: Batch, likely: _Likely, *, whole: bool) -> Integers:
+        """Return the cells in which exact solids collide at a probed configuration.
+
+        `whole`: whether all items that overlap at the centre of a box are tested, otherwise only the probed ones.
+        """
+        rows = np.flatnonzero(likely.pair >= 0)
+        pairs, configurations, owners = likely.pair[rows], likely.probe[rows], batch.owner[rows]
+        if whole:
+            box = batch.boxes_of_items()[likely.touching]
+            pairs = np.concatenate([pairs, batch.items[likely.touching, 0]])
+            centres = 0.5 * (batch.lower + batch.upper)
+            configurations = np.concatenate([configurations, centres[box]])
+            owners = np.concatenate([owners, batch.owner[box]])
+        _, chosen = np.unique(np.column_stack([owners, pairs, configurations]), axis=0, return_index=True)
+        chosen = np.sort(chosen)
+        pairs, configurations, owners = pairs[chosen], configurations[chosen], owners[chosen]
+        hits: list[Integers] = []
+        while len(pairs):  # one test per cell and round, until a test succeeds
+            _, tried = np.unique(owners, return_index=True)
+            collides = self._checker.collide_in_pairs(configurations[tried], pairs[tried])
+            self._proof.tests += len(tried)
+            hits.append(owners[tried[collides]])
+            rest = ~np.isin(owners, hits[-1])
+            rest[tried] = False
+            pairs, configurations, owners = pairs[rest], configurations[rest], owners[rest]
+        return np.concatenate(hits) if hits else np.zeros(0, dtype=np.int64)
+
+    def _refine(self, batch: Batch, touching: Flags) -> Batch:
+        """Replace hulls that overlap, although the solids do not collide, by the pieces of their bodies."""
+        bodies = self._pairs[batch.items[:, 0]]
+        is_hull = (batch.items[:, 1:] == self._arrays.hull[bodies]).all(axis=1)
+        has_pieces = (np.diff(self._arrays.spans, axis=1)[bodies, 0] > 1).any(axis=1)
+        return batch.with_pieces(touching & is_hull & has_pieces, bodies, self._arrays.spans)
