@@ -19,6 +19,7 @@ from resgrid.errors import InputError, ToolMissingError
 from resgrid.robots import Mesh
 from resgrid.robots.mesh import MOST_PIECES
 from resgrid.robots.solids import Angle, Length, SpacePoint, rigid_pose
+from resgrid.scene.solids.completeness import check_complete
 
 SUFFIXES = (".stl", ".obj", ".dae", ".ply", ".off")
 """Suffixes of mesh files."""
@@ -101,6 +102,7 @@ def load_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
             f"{path}: {suffix or 'no suffix'} is not a format of meshes; give one of {', '.join(SUFFIXES)}"
         )
     data = read_bytes(path)
+    check_complete(data, suffix, path)
     parts = _parts_of(_loaded(data, suffix, path))
     offsets = np.cumsum([0, *(len(points) for points, _ in parts)])
     points = np.concatenate([np.empty((0, 3)), *(points for points, _ in parts)])

@@ -171,7 +171,9 @@ def _binary_leaves(body: bytes, size: int, path: Path) -> Leaves:
     """
     words = np.frombuffer(body[: len(body) // 2 * 2], "<u2")
     stream = words.tolist()
-    inner_children = [[child for child in range(8) if word >> 2 * child & 3 == _INNER] for word in range(1 << 16)]
+    inner_children = {
+        word: [child for child in reversed(range(8)) if word >> 2 * child & 3 == _INNER] for word in set(stream)
+    }
     corners: list[tuple[int, int, int, int]] = []
     stack = [(0, 0, 0, _MIDDLE)] if size else []
     while stack:
@@ -180,7 +182,7 @@ def _binary_leaves(body: bytes, size: int, path: Path) -> Leaves:
             raise _damaged(path)
         children = inner_children[stream[len(corners)]]
         corners.append(node)
-        for child in reversed(children):
+        for child in children:
             stack.append((x + half * (child & 1), y + half * (child >> 1 & 1), z + half * (child >> 2), half >> 1))
     inner = np.array(corners, dtype=np.int64).reshape(-1, 4)
     codes = words[: len(inner), np.newaxis] >> 2 * np.arange(8, dtype=np.uint16) & 3
@@ -199,7 +201,7 @@ def _full_leaves(body: bytes, dtype: np.dtype[np.void], size: int, threshold: fl
         raise _damaged(path)
     nodes = np.frombuffer(body[: size * dtype.itemsize], dtype)
     present = nodes["children"].tolist()
-    children_of = [[child for child in range(8) if bits >> child & 1] for bits in range(256)]
+    children_of = [[child for child in reversed(range(8)) if bits >> child & 1] for bits in range(256)]
     corners: list[tuple[int, int, int, int]] = []
     stack = [(0, 0, 0, 2 * _MIDDLE)] if size else []
     while stack:
@@ -209,7 +211,7 @@ def _full_leaves(body: bytes, dtype: np.dtype[np.void], size: int, threshold: fl
         children = children_of[present[len(corners)]]
         corners.append(node)
         half = width >> 1
-        for child in reversed(children):
+        for child in children:
             stack.append((x + half * (child & 1), y + half * (child >> 1 & 1), z + half * (child >> 2), half))
     if len(corners) != size:
         raise _damaged(path)
