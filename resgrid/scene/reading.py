@@ -21,10 +21,10 @@ from resgrid.core.frame import Frame
 from resgrid.errors import InputError
 from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.consistency import inconsistencies
+from resgrid.scene.file_names import needs_files, with_absolute_files
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.formats import COMMON, format_of, map_options, read_map, warn_of_header
 from resgrid.scene.messages import Problem, report
-from resgrid.scene.file_names import needs_files, with_absolute_files
 from resgrid.scene.scene import IN_FILES, LISTS, Scene, check_attributes, start_point
 from resgrid.scene.shipped import shipped_scene
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
