@@ -124,7 +124,7 @@ def test_a_changed_file_is_read_again(room: Path) -> None:
     ("old", "new", "words"),
     [
         ("crate.stl", "crates.stl", "line 25: obstacle[3]: {folder}/crates.stl: there is no such file"),
-        ("crate.stl", "crate.3ds", ".3ds is not a format of meshes; give one of .stl"),
+        ("crate.stl", "crate.3ds", "unknown mesh format '.3ds'; convert the mesh to one of .stl"),
         ('file = "crate.stl"\n', "", "line 25: obstacle[3].file: this key is missing; add it"),
         ('"crate.stl"', '""', "obstacle[3].file: must not be empty"),
         ('"crate.stl"', "3", "obstacle[3].file: must be text in quotes"),
@@ -181,4 +181,4 @@ def test_a_scene_without_the_extra_names_the_command(room: Path, monkeypatch: py
     crate.write_bytes(crate.read_bytes() + b"\0")  # the file must be read again
     result = call("path", room)
     assert result.exit_code == 3
-    assert "crate.stl: reading it needs the package trimesh" in result.stderr and "pip install" in result.stderr
+    assert "crate.stl: meshes need trimesh" in result.stderr and "pip install" in result.stderr
