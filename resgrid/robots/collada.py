@@ -44,8 +44,8 @@ class _Document:
     def target(self, reference: str | None, mesh: Element | None = None) -> Element:
         """Return the element that a reference such as ``"#mesh"`` names.
 
-        `mesh`: element in which the identifier is sought first, because some exporters repeat the identifiers of sources
-        in every mesh.
+        `mesh`: element in which the identifier is sought first, because some exporters repeat the identifiers of
+        sources in every mesh.
         """
         name = (reference or "").removeprefix("#")
         own = [each for each in (mesh if mesh is not None else ()) if each.get("id") == name]

@@ -158,6 +158,21 @@ def test_a_solid_crate_on_borders_blocks_its_own_cells_only() -> None:
     assert rg.PointRobot().occupancy(axes, [box], "conservative").sum() == 9
 
 
+@pytest.mark.parametrize("radius", [0.0, 0.25, 3.0])
+def test_shapes_outside_the_grid_block_cells_within_the_radius_only(radius: float) -> None:
+    crate = rg.Mesh(CUBE * 0.4 + [1.1, -0.2, -0.2], np.array(FACES))
+    box = rg.Box((1.1, -0.2, -0.2), (1.5, 0.2, 0.2))
+    turned = rg.OrientedBox((1.3, 0.0, 0.0), (0.4, 0.4, 0.4))
+    voxels = rg.Voxels((1.1, -0.2, -0.2), 0.4, [[[0, 0, 0], [1, 1, 1]]])
+    for rule in ("conservative", "centre"):
+        expected = rg.PointRobot(radius).occupancy(AXES, [box], rule)
+        assert expected.any() == (radius > 0.2)
+        for shape in (crate, turned, voxels):
+            np.testing.assert_array_equal(rg.PointRobot(radius).occupancy(AXES, [shape], rule), expected)
+        for far in (crate.shifted((5.0, 0.0, 0.0)), turned.shifted((0.0, 5.0, 0.0)), voxels.shifted((0.0, 0.0, 5.0))):
+            assert rg.PointRobot(radius / 3).occupancy(AXES, [far], rule).sum() == 0
+
+
 def test_shapes_repeat_along_periodic_axes() -> None:
     axes = (rg.Axis("x", 0.0, 1.0, 10, periodic=True), rg.Axis("y", 0.0, 1.0, 4), rg.Axis("z", 0.0, 1.0, 4))
     shapes = [
