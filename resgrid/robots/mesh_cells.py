@@ -27,7 +27,7 @@ def near_mesh(
     reach: float,
     spacing: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of boxes within a distance of a mesh, the inside of a closed mesh included.
+    """Return the mask (block of cells) of boxes within a distance of a mesh, the inside of closed parts included.
 
     The result is exact up to rounding: a box is left out if a plane separates it from every triangle by more than
     `reach`.
@@ -42,7 +42,7 @@ def near_mesh(
         near = _near_offset(mesh.corners, lines, side, reach, spacing)
     else:
         near = _near_surface(mesh.corners, lines, side)
-    if mesh.is_closed:
+    if mesh.in_closed_part.any():
         near |= _enclosed(mesh, lines)
     return near
 
@@ -243,20 +243,20 @@ def nearest_on_triangles(corners: NDArray[np.float64], point: NDArray[np.float64
 
 
 def _enclosed(mesh: Mesh, lines: Sequence[NDArray[np.float64]]) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of centres around which the surface of a closed mesh winds.
+    """Return the mask (block of cells) of centres around which the closed parts of a mesh wind.
 
     Rays along x through all centres count the crossed triangles with the sign of their orientation.  Edges that a ray
     meets exactly belong to one of their triangles, because each edge is evaluated in the order of its vertices.
     `lines`: centres of the cells along every axis.
     """
     turns = np.zeros((len(lines[0]) + 1, len(lines[1]), len(lines[2])), dtype=np.int32)
-    corners = mesh.corners
+    indices, corners = mesh.triangles[mesh.in_closed_part], mesh.corners[mesh.in_closed_part]
     first, count = _ranges(lines[1:], corners[:, :, 1:].min(axis=1), corners[:, :, 1:].max(axis=1))
     for triangle, (row, layer) in _pairs(first, count):
         y, z = lines[1][row], lines[2][layer]
         sign = np.zeros(len(triangle), dtype=np.int32)
         for a, b in ((0, 1), (1, 2), (2, 0)):
-            sign += _crossings(mesh, mesh.triangles[triangle, a], mesh.triangles[triangle, b], y, z)
+            sign += _crossings(mesh, indices[triangle, a], indices[triangle, b], y, z)
         hit = np.flatnonzero(sign)
         x = _heights(corners[triangle[hit]], y[hit], z[hit])
         np.add.at(turns, (np.searchsorted(lines[0], x, side="right"), row[hit], layer[hit]), sign[hit])

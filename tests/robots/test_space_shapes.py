@@ -158,6 +158,16 @@ def test_a_solid_crate_on_borders_blocks_its_own_cells_only() -> None:
     assert rg.PointRobot().occupancy(axes, [box], "conservative").sum() == 9
 
 
+def test_closed_parts_of_an_open_mesh_have_an_inside() -> None:
+    axes = tuple(rg.Axis(name, 0.0, 1.0, 10) for name in "xyz")
+    crate = CUBE * 0.5 + 0.05
+    mixed = rg.Mesh(np.vstack([crate, CUBE * 0.3 + 0.67]), np.array([*FACES, *(np.array(FACES[:-1]) + 8)]))
+    assert not mixed.is_closed and mixed.in_closed_part.sum() == 12
+    blocked = rg.PointRobot().occupancy(axes, [mixed], "centre")
+    np.testing.assert_array_equal(blocked, rg.PointRobot().occupancy(axes, [rg.Mesh(crate, np.array(FACES))], "centre"))
+    assert rg.PointRobot().occupancy(axes, [mixed], "conservative")[6:, 6:, 6:].any()
+
+
 @pytest.mark.parametrize("radius", [0.0, 0.25, 3.0])
 def test_shapes_outside_the_grid_block_cells_within_the_radius_only(radius: float) -> None:
     crate = rg.Mesh(CUBE * 0.4 + [1.1, -0.2, -0.2], np.array(FACES))

@@ -91,7 +91,7 @@ def test_triangles_that_are_oriented_differently_are_repaired(tmp_path: Path) ->
 def test_an_open_mesh_is_a_surface_with_a_warning(tmp_path: Path) -> None:
     trimesh = pytest.importorskip("trimesh")
     trimesh.Trimesh(CUBE, FACES[:-1], process=False).export(tmp_path / "a.stl")
-    with pytest.warns(UserWarning, match=r"not closed \(3 open edges\), so the mesh is an obstacle without an inside"):
+    with pytest.warns(UserWarning, match=r"not closed \(3 open edges\); .* obstacles without an inside: repair"):
         mesh = rg.maps.read_mesh(tmp_path / "a.stl")
     assert repr(mesh) == "<Mesh of 8 points and 11 triangles, open>"
 

@@ -29,8 +29,8 @@ def read_mesh(
     r"""Read a mesh: STL, OBJ, COLLADA (``.dae``) or PLY.
 
     All parts of the file become one mesh.  Equal vertices are merged, and triangles are oriented alike where the
-    surface allows it.  A warning is issued if the surface is not closed: such a mesh has no inside.  Lengths of a
-    COLLADA file are converted to metres; its ``up_axis`` is ignored, as ROS does.
+    surface allows it.  A warning is issued if the surface is not closed: parts that are not closed have no inside.
+    Lengths of a COLLADA file are converted to metres; its ``up_axis`` is ignored, as ROS does.
 
     Parameters
     ----------
@@ -74,8 +74,8 @@ def read_mesh(
     mesh = _oriented(Mesh(points * scale @ pose[:3, :3].T + pose[:3, 3], triangles, pieces))
     if not mesh.is_closed:
         warnings.warn(
-            f"{path}: the surface is not closed ({mesh.open_edges} open edges), so the mesh is an obstacle without an "
-            "inside; repair it, or use a box for its inside",
+            f"{path}: the surface is not closed ({mesh.open_edges} open edges); the parts with open edges are "
+            "obstacles without an inside: repair them, or cover the inside by another obstacle",
             stacklevel=2,
         )
     return mesh
