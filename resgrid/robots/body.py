@@ -62,9 +62,9 @@ def solid_of(shape: Shape, name: str) -> Solid:
         case OrientedBox(centre, size, rotation):
             return _solid("box", size, rigid_pose(centre, rotation))
         case Capsule(start, end, radius):
-            return _solid("capsule", (radius, _length(shape)), _axis_pose(start, end))
+            return _solid("capsule", (radius, _length(shape)), axis_pose(start, end))
         case Cylinder(start, end, radius):
-            return _solid("cylinder", (radius, _length(shape)), _axis_pose(start, end))
+            return _solid("cylinder", (radius, _length(shape)), axis_pose(start, end))
         case HalfSpace(normal, offset):
             unit = np.asarray(normal, dtype=np.float64) / hypot(*normal)
             return _solid("half_space", (), rigid_pose(unit * (offset / hypot(*normal)), _frame_along(unit)))
@@ -91,7 +91,7 @@ def _length(shape: Cylinder | Capsule) -> float:
     return float(np.linalg.norm(np.subtract(shape.end, shape.start)))
 
 
-def _axis_pose(start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
+def axis_pose(start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
     """Return the pose (4, 4) of the middle of a segment with the z axis along the segment."""
     low, high = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     return rigid_pose((low + high) / 2, _frame_along((high - low) / np.linalg.norm(high - low)))
