@@ -20,7 +20,7 @@ __all__ = ["body_of", "convex_cover", "convex_hull", "hull_of"]
 _LEAST_GAIN = 0.005
 """Reduction of the cost that a cut must bring, as a fraction of the volume of the hull."""
 
-_LEAST_SAVING = 0.05
+_LEAST_SAVING = 0.1
 """Fraction of the hull's volume that a cover of several pieces must save."""
 
 _PREFERENCE = 1.2
@@ -150,6 +150,8 @@ def convex_cover(points: NDArray[np.float64], triangles: NDArray[np.int32], most
     whole = (convex_hull(points),)
     if most == 1 or not len(triangles):
         return whole
+    if _volume(whole[0]) - _mesh_volume(points[triangles]) <= _LEAST_SAVING * _volume(whole[0]):
+        return whole
     axes = _axes(points, points[triangles])
     surface = points[triangles] @ axes.T
     parts = _parts(surface, most)
@@ -235,6 +237,12 @@ def _piece(part: _Part, surface: NDArray[np.float64]) -> ConvexPiece | None:
 def _volume(piece: ConvexPiece) -> float:
     """Return the volume of the core of a piece in cubic metres."""
     return facets_of(piece.points).volume
+
+
+def _mesh_volume(corners: NDArray[np.float64]) -> float:
+    """Return the volume in cubic metres inside a closed and oriented surface of triangles (t, 3, 3)."""
+    a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
+    return abs(float(np.einsum("tk,tk->", a, np.cross(b, c)))) / 6
 
 
 def _check_cover(points: NDArray[np.float64], cover: tuple[ConvexPiece, ...]) -> None:
