@@ -47,14 +47,14 @@ class Arm(Robot):
     Parameters
     ----------
     lengths : tuple of float
-        Length of each of the one to four links, above 0.
+        Length of each of the one to four links, in metres, above 0.
     widths : tuple of float
-        Width of each link, at least 0; empty means 0 for all.
+        Width of each link, in metres, at least 0; empty means 0 for all.
     limits : tuple of (float, float) or None
         Range of each joint in radians, lower below upper; None for a joint without limits (a periodic axis from -pi to
         pi).  Empty means None for all.
     base : tuple of (float, float)
-        Position of the first joint.
+        Position (x, y) of the first joint, in metres.
     base_angle : float
         Direction of joint angle 0, in radians from the x axis.
     angles : {"relative", "absolute"}
@@ -286,7 +286,9 @@ class Arm(Robot):
         return self.tip(configurations)
 
     def bare(self, *, self_collision: bool = True) -> Arm:
-        """Return the arm without virtual obstacles, and without self-collision if `self_collision` is False."""
+        """Return the arm without virtual obstacles at singularities; `self_collision`: False to permit contact of
+        links.
+        """
         collides = self.self_collision and self_collision
         return replace(self, singularity_width=None, singularity_cells=None, self_collision=collides)
 

@@ -170,8 +170,11 @@ Row = tuple[str, tuple[int, ...], tuple[float, ...], tuple[int, int]]
 
 @dataclass(eq=False)
 class Elements:
-    """The elements of a block (the deck or a subcircuit): single elements in `rows`, arrays in `parts`, both by kind.
+    """The elements of a block (the deck or a subcircuit), as rows and as arrays, both by kind of element.
 
+    `rows`: for every kind, one tuple per element that was read from its card; `parts`: for every kind, a list of
+    `ElementArrays`, each with many elements: those of all plain cards (lines ``name node node value``) of a file, or
+    the copies of all elements of this kind of one flattened subcircuit. An element is either in `rows` or in `parts`.
     `nodes`: node numbers of the block; `nominal`: nominal temperature, in degrees Celsius; `heating`: temperature of
     the deck minus nominal temperature, in kelvin.
     """
@@ -183,10 +186,10 @@ class Elements:
     parts: dict[str, list[ElementArrays]] = field(default_factory=lambda: {kind: [] for kind in WIDTHS})
 
     def add(self, kind: str, name: str, nodes: Iterable[str], values: tuple[float, ...], card: Card) -> None:
-        """Add one element, and its nodes if they are new.
+        """Add one element to `rows`, and its nodes to `nodes` if they are new.
 
-        `kind`: kind of element; `nodes`: names of the nodes; `values`: values in the columns of `WIDTHS`; `card`: its
-        card.
+        `kind`: kind of element, a key of `WIDTHS`; `name`: name of the element; `nodes`: names of the nodes; `values`:
+        values in the columns of `WIDTHS`; `card`: the card (statement of the deck) of the element.
         """
         number_of, order = self.nodes.number_of, card.file << 40 | card.line
         self.rows[kind].append(
@@ -194,7 +197,7 @@ class Elements:
         )
 
     def joined(self, kind: str) -> ElementArrays:
-        """Return all elements of a kind as arrays, in the order of the deck."""
+        """Return all elements of a kind, from `rows` and `parts`, in one `ElementArrays`, in the order of the deck."""
         if not self.rows[kind]:
             return joined_parts(kind, self.parts[kind])
         names, nodes, values, places = zip(*self.rows[kind], strict=True)
@@ -204,9 +207,9 @@ class Elements:
 
 
 def joined_parts(kind: str, parts: list[ElementArrays]) -> ElementArrays:
-    """Return several arrays of elements of one kind as one, sorted by position in the deck.
+    """Return several `ElementArrays` of one kind as one, sorted by position in the deck.
 
-    `kind`: kind of element; `parts`: the arrays, which may be empty.
+    `kind`: kind of element, a key of `WIDTHS`; `parts`: the elements, in a list that may be empty.
     """
     filled = [part for part in parts if len(part)]
     if not filled:
