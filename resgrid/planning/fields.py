@@ -184,7 +184,7 @@ class Field:
 
 
 def _stop_codes(space: ConfigurationSpace, safe: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """Return `Cell` codes (cells,) with `GOAL` where tracing stops: in goals and cells outside the mask `safe`."""
+    """Return `Cell` codes (cells,) with `GOAL` where tracing stops: in goals and cells outside `safe` (None: goals)."""
     if safe is None:
         return space.cell.ravel()
     return np.where((space.cell == Cell.FREE) & ~safe, np.uint8(Cell.GOAL), space.cell).ravel()

@@ -156,7 +156,10 @@ class Problem:
         return name, wiring
 
     def _only(self) -> tuple[str, Wiring]:
-        """Return name and wiring of the problem's only circuit, without a check of its currents."""
+        """Return name and wiring of the problem's only circuit, which may carry no current.
+
+        Raise InputError if the problem has several circuits: a blend, or several starts that drive a circuit each.
+        """
         wiring = self.wiring
         if len(self.ks) == 1:
             if self.ks[0] not in self.halves:

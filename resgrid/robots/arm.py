@@ -286,9 +286,7 @@ class Arm(Robot):
         return self.tip(configurations)
 
     def bare(self, *, self_collision: bool = True) -> Arm:
-        """Return the arm without virtual obstacles at singularities; `self_collision`: False to permit contact of
-        links.
-        """
+        """Return the arm without virtual obstacles; `self_collision`: whether links may still collide with links."""
         collides = self.self_collision and self_collision
         return replace(self, singularity_width=None, singularity_cells=None, self_collision=collides)
 

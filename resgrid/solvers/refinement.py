@@ -289,7 +289,11 @@ def resolve_rows(laplacian: Laplacian, residual: Floats, x: Scaled, current: Num
 
 
 def _around(laplacian: Laplacian, rows: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
-    """Return a mask (n,) of the rows in the mask ``rows`` (n,) and their neighbourhood; None for none or too many."""
+    """Return a mask (n,) of some rows and their neighbourhood; None if there are no rows or too many.
+
+    `rows` (n,): mask of the rows; the neighbourhood consists of the rows within a few steps along resistors (`_STEPS`);
+    too many are more than the limits `_MOST`, `_MOST_OF_PLANE` or 1/`_ONE_IN` of all rows.
+    """
     plane = laplacian.grid is not None and laplacian.dimensions == 2
     most, edge = min(_MOST_OF_PLANE if plane else _MOST, laplacian.size // _ONE_IN), np.flatnonzero(rows)
     seen, count, steps = rows.copy(), len(edge), 0

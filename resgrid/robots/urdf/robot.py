@@ -199,7 +199,7 @@ class URDFRobot(Robot):
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return upper bounds (n,), in metres, of the distance that any point of the robot moves along straight lines.
 
-        `start, end` (n, m): ends of lines in configuration space.
+        `start, end` (n, m): ends of n lines in configuration space with m moving joints, in radians or metres.
         """
         return np.asarray((np.abs(end - start) @ motion_per_joint(self.tree).T).max(axis=1))
 
@@ -229,7 +229,7 @@ class URDFRobot(Robot):
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Return the mask of blocked cells, shape of the grid; see `classify`."""
+        """Return the mask of blocked cells, shape of the grid; the parameters are those of `classify`."""
         return self.classify(axes, obstacles, rule, progress).blocked
 
     def classify(
@@ -242,7 +242,10 @@ class URDFRobot(Robot):
     ) -> CellClasses:
         """Return the blocked cells and, with the rule ``"conservative"``, those of which nothing is proven.
 
-        A result is stored on disk under a hash of the robot, the obstacles and the axes; see `cache_folder`.
+        Results for this rule are stored on disk under a hash of the robot, the obstacles and the axes; see
+        `cache_folder`. `axes`: axes of the space, one per moving joint; `obstacles`: shapes in world coordinates, in
+        metres; `rule`: ``"conservative"`` (a cell is free only by proof) or ``"centre"`` (only its centre is tested);
+        `progress`: called as ``progress(done, total)``; `executor`: workers that prove cells, None for this process.
         """
         from resgrid.robots.urdf.free_cells import CellVerdict, centre_cells, prove_cells
 

@@ -298,7 +298,7 @@ class Expander:
                 )
 
     def _refuse_multiplier(self, instance: Instance, setting: Setting, scope: Scope, factor: float) -> None:
-        """Raise CardError if the simulator does not use the ``m=`` of an instance (`factor`) as number of copies."""
+        """Raise CardError if the simulator does not use the ``m=`` of an instance (`setting`) as number of copies."""
         dialect = instance.card.rules.name
         texts = [card.text for card in instance.block.cards]
         own = [text for text in texts if _OWN_MULTIPLIER.search(text)]
