@@ -169,7 +169,7 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
 
 
 def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
-    """Return node values; `rows` (n,): voltages of the rows above ``system.reference``, in units of `volts` volts."""
+    """Return values above the lowest voltage; `rows` (n,): voltages above that one, in units of `volts` volts."""
     forest = system.forest
     out = _rows_to_nodes(system, rows, (system.known_voltages() - system.reference) / volts)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)

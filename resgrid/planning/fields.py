@@ -56,8 +56,7 @@ class Field:
         Weight of the Dirichlet field: 1 for Dirichlet and walls, 0 for Neumann.
     safe : ndarray of bool, shape of the space, or None
         Free cells in which the field is direction-safe; streamlines end at all other cells with ``no_current``.  None
-        if all cells are direction-safe, which holds except for ``method="petsc"``, warm starts and
-        ``accuracy="normwise"``.
+        if all are, as always except with ``method="petsc"``, warm starts and ``accuracy="normwise"``.
     boundary : str
         Boundary condition at obstacles: ``"dirichlet"``, ``"neumann"``, ``"wall"`` or ``"blend"``.
     edge : tuple of str
@@ -184,7 +183,7 @@ class Field:
 
 
 def _stop_codes(space: ConfigurationSpace, safe: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """Return `Cell` codes (cells,) with `GOAL` where tracing stops: in goals and cells outside `safe` (None: goals)."""
+    """Return `Cell` codes (cells,) with `GOAL` where tracing stops: goals and cells outside `safe` (None: goals)."""
     if safe is None:
         return space.cell.ravel()
     return np.where((space.cell == Cell.FREE) & ~safe, np.uint8(Cell.GOAL), space.cell).ravel()

@@ -233,7 +233,7 @@ class Expander:
         inner: list[Scope] = []
 
         def looked_up(name: str) -> float | None:
-            """Return the value of a name outside the subcircuit, in some dialects else inside; None if undefined."""
+            """Return the value of a name outside the subcircuit, or in some dialects inside; None if undefined."""
             names.add(name)
             value = scope.named(name)
             if value is None and instance.card.rules.words.inner_names and name != setting.key:
