@@ -22,7 +22,8 @@ def label_components(
 ) -> NDArray[np.int64]:
     """Return the number of the connected component of every node, (nodes,).
 
-    `graph`: edges (m, 2) between `node_count` nodes, or a square sparse matrix whose stored entries are the edges.
+    `graph`: edges (m, 2) between `node_count` nodes, or a square sparse matrix whose stored entries are the edges,
+    without `node_count`.
 
     Components are numbered from 0 in the order of their smallest node.
     """

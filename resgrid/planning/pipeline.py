@@ -349,7 +349,7 @@ def solve_problem(problem: Problem, *, scaled: bool = False, work: SolveOptions 
 
 
 def solve_field(space: ConfigurationSpace, wiring: Wiring, k: float | None = None) -> Field:
-    """Return the field of one circuit, or, with a weight `k`, a blend.
+    """Return the field of one circuit (`k` None) or, with a weight `k` in [0, 1], a blend.
 
     The blend has the field of this circuit for k = 1 and the field with open obstacles for k = 0.
     """
