@@ -68,8 +68,8 @@ class NodeTable:
     def number_of(self, name: str, order: int) -> int:
         """Return the number of the node `name`, which is added to the table if it is new.
 
-        `order`: position of this use in the deck, a number as from `order_of`; the spelling at the first position is
-        kept.
+        `order`: position of this use in the deck (file index times ``2**40`` plus line number, see `order_of`); the
+        spelling at the first position is kept.
         """
         folded = name.lower()
         number = self._number.get(folded)
@@ -89,7 +89,8 @@ class NodeTable:
     def _new(self, name: str, folded: str, order: int) -> int:
         """Add the node `name`, or an alias of ground, to the table; return the node's number.
 
-        `folded`: the name in lower case; `order`: position of the first use in the deck, a number as from `order_of`.
+        `folded`: the name in lower case; `order`: position of the first use in the deck (file index times ``2**40``
+        plus line number).
         """
         ground = folded in self.grounds
         number = self._number["0"] if ground and "0" in self._number else len(self.names)
@@ -106,8 +107,8 @@ class NodeTable:
     def numbers_in_instances(self, names: list[str], orders: list[int]) -> NDArray[np.int64]:
         """Return the numbers of nodes inside instances of subcircuits, shape (n,), and add new nodes to the table.
 
-        `names`: n full names of the nodes, such as ``x1.mid``; `orders`: position of each use in the deck, numbers as
-        from `order_of`.  All nodes are new unless the deck itself uses names with a dot.
+        `names`: n full names of the nodes, such as ``x1.mid``; `orders`: position of each use in the deck (file index
+        times ``2**40`` plus line number).  All nodes are new unless the deck itself uses names with a dot.
         """
         if self._dotted:
             return np.fromiter(map(self.number_of, names, orders), np.int64, len(names))
@@ -119,7 +120,7 @@ class NodeTable:
         """Return the numbers (n,) of nodes, and add new nodes to the table.
 
         `names`: n names of nodes, no two of which are equal regardless of case; `orders` (n,): position of each node's
-        first use in the deck, numbers as from `order_of`.
+        first use in the deck (file index times ``2**40`` plus line number).
         """
         if len(self.names) > 1:
             return np.fromiter(map(self.number_of, names, orders.tolist()), np.int64, len(names))
@@ -137,8 +138,9 @@ class ElementArrays:
 
     `names`: function that returns the names of the elements; `nodes` (n, nodes): node numbers; `values` (n, values), or
     (n, 1) if all values but the first are zero, in the columns that `WIDTHS` lists; `place` (n, 2): index of the file,
-    and line of the element's card; `order` (n,): position in the deck (number from `order_of`) of the outermost
-    instance that contains the element, or of the element itself; None if all elements are outside instances and sorted.
+    and line of the element's card; `order` (n,): position in the deck (file index times ``2**40`` plus line number) of
+    the outermost instance that contains the element, or of the element itself; None if all elements are outside
+    instances and sorted.
     """
 
     names: Callable[[], list[str]]
@@ -152,14 +154,14 @@ class ElementArrays:
 
     @property
     def ordered(self) -> NDArray[np.int64]:
-        """Positions (n,) in the deck by which the elements are sorted, as numbers from `order_of`."""
+        """Positions (n,) in the deck by which the elements are sorted: file index times ``2**40`` plus line number."""
         return order_of(self.place) if self.order is None else self.order
 
 
 def order_of(place: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the position of each element as one number, which sorts by file and then by line; shape (n,).
+    """Return the position of each element as one number, file index times ``2**40`` plus line number; shape (n,).
 
-    `place` (n, 2): index of the file, and line.
+    The numbers sort by file and then by line.  `place` (n, 2): index of the file, and line.
     """
     return np.asarray((place[:, 0] << 40) | place[:, 1])
 
@@ -257,7 +259,10 @@ def _sorted(part: ElementArrays) -> ElementArrays:
 
 
 class LazyNames(Mapping[str, tuple[str, ...]]):
-    """Names of elements by kind of element, created at the first access of each kind."""
+    """Names of elements by kind of element, created at the first access of each kind.
+
+    `makers`: for every kind, a function that returns the names.
+    """
 
     def __init__(self, makers: Mapping[str, Callable[[], Sequence[str]]]) -> None:
         self._makers = makers
