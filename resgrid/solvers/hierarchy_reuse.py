@@ -285,8 +285,8 @@ class WarmGrid:
     def _aggregate(self, slot: Indices, present: NDArray[np.bool_]) -> None:
         """Assign new black cells to the aggregate (coarse node) of a black cell behind their strongest red neighbour.
 
-        `slot` (m,): indices of the black cells in arrays of the finest level; `present` (m,): whether each has an
-        equation; cells without one get the aggregate 0, which means none.
+        `slot` (m,): indices of some black cells in arrays over the black cells of the finest level, from 0; `present`
+        (m,): whether each has an equation; cells without one get the aggregate 0, which means none.
         """
         target, faces, distance = self.finest.aggregate, self.finest.true.faces, self.lattice.distance
         target[slot[~present]] = 0
