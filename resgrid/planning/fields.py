@@ -272,7 +272,7 @@ def read_field(
     log_drop: NDArray[np.float64] | None,
     *elements: Elements,
 ) -> Field:
-    """Return the field given by `potential` and `log_drop` (None: none) of nodes, (n,) each, and by `elements`.
+    """Return the field of nodes with `potential` and `log_drop` (n,), or None for no drop, and currents of `elements`.
 
     `volts`: voltage that corresponds to a potential difference of 1; its sign gives the direction of currents.
     """

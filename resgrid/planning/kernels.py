@@ -137,7 +137,7 @@ def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
 
 @inner
 def _cross(local: Floats, lower: Floats, upper: Floats, spacing: Floats) -> tuple[float, float, int, int]:
-    """Move `local` (0 to 1) to the exit from its cell of widths `spacing`; return time, length, axis or -1, side."""
+    """Move `local` to the exit from its cell of widths `spacing`; return time, length, axis (-1: none) and side."""
     time, across, side = _first_exit(local, lower, upper)
     drifts = across >= 0
     if not drifts:

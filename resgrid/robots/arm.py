@@ -357,9 +357,9 @@ class Arm(Robot):
 
 @cache
 def _pose_constants(arm: Arm) -> tuple[NDArray[Any], ...]:
-    """Return the fields of the arm's `Pose` that do not depend on the configuration, as five read-only arrays.
+    """Return the arm's half widths (n,) in metres, link numbers (n,), and three further arrays as read-only arrays.
 
-    Half widths (n,) in metres; link numbers (n,); `spin` (n, n); mask (n, n) of preceding links; `lever` (n, 2, n).
+    These are `Pose.spin` (n, n), a mask (n, n) of preceding links, and `Pose.lever` (n, 2, n), for any configuration.
     """
     count = arm.ndim
     spin = np.tri(count) if arm.angles == "relative" else np.eye(count)
