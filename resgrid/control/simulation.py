@@ -112,7 +112,7 @@ class Simulation:
         conservative rule finds a true obstacle (`Plant.proven_cells`), so that a start with a path in the conservative
         map of the true world never loses it.  After an update the robot moves back along its path, which is free, to
         the last cell that still has a path.  That cell exists unless the start's own cell has no path left.  In that
-        case the robot tries the cells with a path within `RECOVERY` cells, straight and one by one.  Only if none can
+        case the robot tries the cells with a path within 2 cells, straight and one by one.  Only if none can
         be reached does the run end without a path: the start's own cell contains an obstacle, or the obstacle cells
         separate it from every goal.
 
