@@ -125,7 +125,7 @@ def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int
 
 @inner
 def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
-    """Return the largest outward velocity at a face (`lower, upper`), its axis (-1: none) and its side (-1 or 1)."""
+    """Return the largest outward velocity at a face, its axis (-1: none) and side (-1: lower, 1: upper face)."""
     speed, across, side = 0.0, -1, 0
     for axis in range(len(lower)):
         if upper[axis] > speed:

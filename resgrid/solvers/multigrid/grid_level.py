@@ -18,8 +18,7 @@ from resgrid.solvers.multigrid.red_black import Edges, Lattice, Stencil
 from resgrid.solvers.scaled import Floats, Indices, Integers, Reals
 
 _TINY = 1e-300
-"""Number that is added to a divisor, a sum of conductances divided by the hierarchy's unit, to avoid division by zero.
-"""
+"""Number that is added to a divisor, a sum of conductances divided by ``hierarchy.unit``, to avoid division by zero."""
 
 BLOCK = 2048
 """Number of cells of a colour that a kernel processes at a time, so that their data fit in the first-level cache."""
@@ -31,7 +30,7 @@ WEAK = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """A red-black grid, with conductances between cells and to the rails, in the unit of the hierarchy.
+    """A red-black grid, with conductances between cells and to the rails, in units of ``hierarchy.unit`` siemens.
 
     A slot is the index of a node in the arrays of its colour, from 0 for red and for black nodes. `lattice`: memory
     layout; `edges`: conductances between cells; `leak` (2, slots): conductance to the rails, of red nodes in row 0 and
@@ -99,8 +98,8 @@ def _ring_couplings(
 
     A slot is the index of a cell in the arrays of its colour, from 0 for both colours. `slot` (m, 2): positions of the
     two cells that every resistor joins, in either order; a position is the slot of a red cell, or ``lattice.slots``
-    plus the slot of a black cell; `conductance` (m,): of every resistor, divided by the unit of the hierarchy;
-    `lattice`: memory layout of the grid. The results are sorted by red, then black slot.
+    plus the slot of a black cell; `conductance` (m,): of every resistor, divided by ``hierarchy.unit``; `lattice`:
+    memory layout of the grid. The results are sorted by red, then black slot.
     """
     if not len(conductance):
         return *np.empty((3, 0), dtype=np.int32), conductance
@@ -161,8 +160,8 @@ def in_single(stencil: Stencil) -> Stencil:
 def compensated(level: Level, single: Stencil) -> NDArray[np.float64]:
     """Return the black diagonal (slots,) that compensates the rounding of conductances and of reciprocals at red cells.
 
-    `level`: the grid in double precision; `single`: its conductances in single precision. All conductances are in the
-    unit of the hierarchy.
+    `level`: the grid in double precision; `single`: its conductances in single precision. All conductances are divided
+    by ``hierarchy.unit``.
 
     Let ``S = D - G^T R G``, with the black diagonal ``D``, conductances ``G`` from black to red cells, and reciprocal
     red diagonal ``R``. With the returned ``D``, the row sums of ``S`` equal the exact leaks (conductances to the
@@ -219,8 +218,8 @@ def fill_faces(
     every vertex, negative for a known voltage; `slot` (n,): position of every row: the index of a red cell in an array
     (slots,) over the red cells, or the number of slots plus the index of a black cell in an array over the black cells;
     `distance` (faces,): difference between these two array indices, black minus red, of the cells at every face;
-    `scale`: reciprocal of the unit of the hierarchy, in 1/siemens; `faces` (faces, slots): the conductances in that
-    unit are added here, in the column of the red cell; `couplings`: receives the index in `pairs` of every coupling.
+    `scale`: 1 divided by ``hierarchy.unit``, in 1/siemens; `faces` (faces, slots): the conductances times ``scale`` are
+    added here, in the column of the red cell; `couplings`: receives the index in `pairs` of every coupling.
     """
     slots, count, face = faces.shape[1], 0, 0
     for k in range(len(pairs)):

@@ -189,7 +189,7 @@ def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float,
 
 
 class GridProblem:
-    """The equations of a grid's black cells in the unit of the hierarchy, and their multigrid preconditioner.
+    """The equations of a grid's black cells, divided by ``hierarchy.unit``, and their multigrid preconditioner.
 
     Red cells are eliminated: the matrix is the Schur complement ``S = D - G^T R G``, with the black diagonal ``D``,
     conductances ``G`` from black to red cells, and reciprocal red diagonal ``R``. The levels are divided into slabs for
@@ -284,7 +284,7 @@ class GridProblem:
     def residual(self, r: Floats) -> float:
         """Relax the red cells, write the residual ``b - A x`` at black cells to ``r`` (slots,), and return its norm.
 
-        The residual is in amperes divided by the unit of the hierarchy.
+        The residual is in amperes divided by ``hierarchy.unit`` in siemens.
         """
         return krylov.black_residual(self.finest.true, self.currents, self.x, r, self._parts, self.threads)
 
@@ -326,10 +326,11 @@ class GridProblem:
 
 
 class GraphProblem:
-    """The equations of a netlist's rows, divided by the unit of the hierarchy, in the order of the finest level.
+    """The equations of a netlist's rows, divided by ``hierarchy.unit``, in the order of the finest level.
 
-    `b` (n,): right-hand side in amperes, in the order of rows; `x` (1, n): the solution in volts, which is updated;
-    `vectors`: vectors of conjugate gradients; `relaxes`: False, since no relaxation follows the last iteration.
+    `laplacian, hierarchy`: the matrix and its multigrid levels; `b` (n,): right-hand side in amperes, in the order of
+    rows; `threads`: share the work on the vectors; `x` (1, n): the solution in volts, which is updated; `vectors`:
+    vectors of conjugate gradients; `relaxes`: False, since no relaxation follows the last iteration.
     """
 
     relaxes = False
@@ -341,7 +342,7 @@ class GraphProblem:
         self._slot, self._unit, self._work = hierarchy.slot, hierarchy.unit, work_space(self._graphs)
 
     def residual(self, r: Floats) -> float:
-        """Write the residual ``b - A x`` to ``r`` (n,), in amperes divided by the unit, and return its norm."""
+        """Write the residual ``b - A x``, in amperes divided by ``hierarchy.unit``, to ``r`` (n,); return its norm."""
         if self.x.any():
             row_residual(self._matrix, self._slot, self._b, self.x[0, self._slot], r)
             r *= 1.0 / self._unit
