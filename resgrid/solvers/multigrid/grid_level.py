@@ -321,7 +321,8 @@ def _compare(conductance: Floats, statistics: Floats) -> None:
 def add(faces: Reals, q: int, begin: int, count: int, total: Floats, to: int) -> None:
     """Add ``faces[q, begin:begin + count]`` to ``total[to:to + count]``.
 
-    `faces` (faces, slots): face conductances of red cells.
+    `faces` (faces, slots): conductances of red cells; `q`: index of the face; `total` (slots,): sums over the cells of
+    one colour; `begin, to`: first column of the conductances, and first index of the sums.
     """
     face, at, t_at = np.uint64(q), np.uint64(begin), np.uint64(to)
     for i in range(count):
@@ -365,8 +366,9 @@ def _to_fractions(conductance: Floats, leak: Floats, inverse: Reals, begin: int,
 def _add_weighted(faces: Reals, q: int, begin: int, count: int, fraction: Floats, total: Floats, to: int) -> None:
     """Add ``faces[q] * fraction`` at the red cells ``begin`` to ``begin + count - 1`` to ``total[to:to + count]``.
 
-    `faces` (faces, slots): conductances of the faces of red cells; `q`: index of the face; `fraction, total` (slots,):
-    factor at red cells, and sum at black cells.
+    `faces` (faces, slots): conductances of the faces of red cells; `q`: index of the face; `fraction` (slots,): factor
+    at red cells; `total` (slots,): sum at black cells; the black cell ``to`` lies across the face of the red cell
+    ``begin``.
     """
     face, at, t_at = np.uint64(q), np.uint64(begin), np.uint64(to)
     for i in range(count):

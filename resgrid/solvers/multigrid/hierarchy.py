@@ -319,8 +319,9 @@ class GridProblem:
     def _precondition(self, stop: float) -> tuple[float, float, float]:
         """Run the compiled cycle, led by this thread; return ``z.r``, ``z.w`` and ``z.s`` of the finest vectors.
 
-        ``z`` is the correction, ``w`` its product with the matrix, and ``s`` the product of the last search direction.
-        `stop`: ratio of the residual norms after and before the first step of a K-cycle that skips the second step.
+        ``z`` is the correction, ``w`` the product of the matrix with ``z``, and ``s`` that with the last search
+        direction. `stop`: ratio of the residual norms after and before the first step of a K-cycle on the first coarse
+        level below which the second step is skipped.
         """
         return precondition_grid(self.table, self.state, self._graphs, self.work, stop)
 
