@@ -1,6 +1,6 @@
 """Collision tests and distances of exact solids at single configurations.
 
-Tests internals: `resgrid.robots.urdf.collision`.
+Tests internals: `resgrid.robots.urdf.collision`, `resgrid.robots.urdf.exact_solids`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from support import trees
 
 import resgrid as rg
 from resgrid.robots.convex import Body, Solid
-from resgrid.robots.urdf import collision
+from resgrid.robots.urdf import exact_solids
 from resgrid.robots.urdf.collision import CollisionChecker
 from resgrid.robots.urdf.tree import KinematicTree
 
@@ -95,7 +95,7 @@ def test_wrong_configuration_and_missing_coal(monkeypatch: pytest.MonkeyPatch) -
     with pytest.raises(rg.errors.InputError, match=r"has 1 values \(q0\), got an array of shape \(2, 2\)"):
         checker.collides(np.zeros((2, 2)))
     monkeypatch.setitem(sys.modules, "coal", None)
-    collision._coal.cache_clear()
+    exact_solids.coal_module.cache_clear()
     with pytest.raises(rg.errors.ToolMissingError, match=r"need the package coal; install it with: .*pip install"):
         checker.collides([[0.0]])
-    collision._coal.cache_clear()
+    exact_solids.coal_module.cache_clear()
