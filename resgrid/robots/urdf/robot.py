@@ -243,8 +243,8 @@ class URDFRobot(Robot):
         robot, the obstacles and the axes, and an interrupted computation continues from there.
 
         `axes`: axes of the space, one per moving joint; `obstacles`: shapes in world coordinates, in metres; `rule`:
-        ``"conservative"`` (a cell is free only by proof) or ``"centre"`` (only its centre is tested); `progress`: called
-        as ``progress(done, total)``; `executor`: workers that prove cells, None for this process.
+        ``"conservative"`` (a cell is free only by proof) or ``"centre"`` (only its centre is tested); `progress`:
+        called as ``progress(done, total)``; `executor`: workers that prove cells, None for this process.
         """
         from resgrid.robots.urdf.cell_blocks import CellVerdict
         from resgrid.robots.urdf.free_cells import centre_cells, proof_key, prove_cells
