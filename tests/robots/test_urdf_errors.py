@@ -39,7 +39,7 @@ BAD_FILES = {
     "": "not valid XML",
     "<sdf></sdf>": "the file describes no robot: its element is <sdf>, not <robot>",
     "<robot></robot>": "the robot has no links; is it the right file",
-    f'<robot xmlns:xacro="{XACRO}"><xacro:macro/></robot>': "xacro macros; convert it first: xacro robot.urdf > robot.urdf",
+    f'<robot xmlns:xacro="{XACRO}"><xacro:macro/></robot>': "contains xacro macros; convert it first",
     AB + joint("j", "a", "c"): "joint 'j' refers to link 'c', which does not exist; define the link",
     link("base")
     + link("b")
