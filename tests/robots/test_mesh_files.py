@@ -73,9 +73,9 @@ def test_nodes_of_collada_place_geometries_in_the_order_of_their_transformations
     points, triangles = read_collada(document(TRIANGLES, NODES), "cube.dae")
     assert len(triangles) == 24
     cube = np.array(POSITIONS.split(), dtype=float).reshape(-1, 3)
-    turned = Rotation.from_euler("z", 30, degrees=True).apply(cube * [1, 2, 3]) + [0, 0, 1]
-    first = Rotation.from_euler("x", 90, degrees=True).apply(turned) + [2, 0.5, 0]
-    np.testing.assert_allclose(points, np.concatenate([first, cube + [-3, 0, 0]]), atol=1e-12)
+    turned = Rotation.from_euler("z", 30, degrees=True).apply(cube * [1, 2, 3]) + np.array([0, 0, 1])
+    first = Rotation.from_euler("x", 90, degrees=True).apply(turned) + np.array([2, 0.5, 0])
+    np.testing.assert_allclose(points, np.concatenate([first, cube + np.array([-3, 0, 0])]), atol=1e-12)
 
 
 def test_the_unit_of_collada_is_applied_and_the_up_axis_is_ignored():
