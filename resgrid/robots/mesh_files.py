@@ -1,4 +1,4 @@
-"""Triangle meshes from files: OBJ and PLY by trimesh, STL and COLLADA (DAE) by strict readers of the project."""
+"""Triangle meshes from files: STL, OBJ and COLLADA (DAE) by strict readers of the project, PLY by trimesh."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from resgrid._internal.extras import install_command
 from resgrid._internal.files import read_bytes
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.robots.collada import read_collada
+from resgrid.robots.obj import read_obj
 from resgrid.robots.stl import read_stl
 
 FORMATS = (".stl", ".obj", ".ply", ".dae")
@@ -45,14 +46,16 @@ def read_mesh(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     InputError
         If the file is missing or damaged, has another format or no triangles, or a coordinate is not finite.
     ToolMissingError
-        If the file is OBJ or PLY, and trimesh is not installed.
+        If the file is PLY, and trimesh is not installed.
     """
     suffix = file.suffix.lower()
     if suffix not in FORMATS:
         known = ", ".join(FORMATS)
         raise InputError(f"{file}: unknown mesh format {file.suffix!r}; convert the mesh to one of {known}")
     data = read_bytes(file, MAX_BYTES)
-    if suffix == ".stl":
+    if suffix == ".obj":
+        points, triangles = read_obj(data, str(file))
+    elif suffix == ".stl":
         corners = read_stl(data, str(file)).reshape(-1, 3)
         points, triangles = corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
     elif suffix == ".dae":
