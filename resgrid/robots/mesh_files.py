@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -64,12 +65,24 @@ def read_mesh(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     return points, triangles
 
 
-def _by_trimesh(file: Path, data: bytes, kind: str) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return the vertices and triangles that trimesh reads from the bytes of a file of a kind such as ``"stl"``."""
+def import_trimesh(file: Path) -> Any:
+    """Return the module trimesh, whose log messages are not printed; raise ToolMissingError if it is not installed.
+
+    Without a handler, Python prints the tracebacks that trimesh logs for damaged files.  `file`: for the message.
+    """
     try:
         trimesh: Any = import_module("trimesh")
     except ImportError:
         raise ToolMissingError(f"{file}: meshes need trimesh; install it: {install_command('robots')}") from None
+    log = logging.getLogger("trimesh")
+    if not log.handlers:
+        log.addHandler(logging.NullHandler())
+    return trimesh
+
+
+def _by_trimesh(file: Path, data: bytes, kind: str) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Return the vertices and triangles that trimesh reads from the bytes of a file of a kind such as ``"stl"``."""
+    trimesh = import_trimesh(file)
     options = {"skip_materials": True, "split_objects": False} if kind == "obj" else {}
     try:
         mesh = trimesh.load(io.BytesIO(data), file_type=kind, force="mesh", process=False, **options)
