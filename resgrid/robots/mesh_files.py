@@ -1,4 +1,4 @@
-"""Triangle meshes from files: STL, OBJ and PLY by trimesh, COLLADA (DAE) by a reader of its own."""
+"""Triangle meshes from files: OBJ and PLY by trimesh, STL and COLLADA (DAE) by strict readers of the project."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from resgrid._internal.extras import install_command
 from resgrid._internal.files import read_bytes
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.robots.collada import read_collada
-from resgrid.robots.mesh_completeness import check_complete
+from resgrid.robots.ply import check_ply
+from resgrid.robots.stl import read_stl
 
 FORMATS = (".stl", ".obj", ".ply", ".dae")
 """Suffixes of the supported mesh formats, in lower case."""
@@ -37,7 +38,7 @@ def read_mesh(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     Returns
     -------
     points : ndarray of float64, shape (v, 3)
-        Vertices.
+        Vertices of the triangles, without duplicates.
     triangles : ndarray of int32, shape (t, 3)
         Indices of the three vertices of every triangle.
 
@@ -46,34 +47,51 @@ def read_mesh(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     InputError
         If the file is missing or damaged, has another format or no triangles, or a coordinate is not finite.
     ToolMissingError
-        If trimesh is not installed.
+        If the file is OBJ or PLY, and trimesh is not installed.
     """
     suffix = file.suffix.lower()
     if suffix not in FORMATS:
         known = ", ".join(FORMATS)
         raise InputError(f"{file}: unknown mesh format {file.suffix!r}; convert the mesh to one of {known}")
     data = read_bytes(file, MAX_BYTES)
-    check_complete(data, suffix, file)
-    points, triangles = read_collada(data, str(file)) if suffix == ".dae" else _by_trimesh(file, data, suffix[1:])
+    if suffix == ".stl":
+        corners = read_stl(data, str(file)).reshape(-1, 3)
+        points, triangles = corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
+    elif suffix == ".dae":
+        points, triangles = read_collada(data, str(file))
+    else:
+        if suffix == ".ply":
+            check_ply(data, str(file))
+        points, triangles = _by_trimesh(file, data, suffix[1:])
     if not len(triangles):
         raise InputError(f"{file}: the mesh has no triangles; is it the right file?")
-    if not np.isfinite(points).all():
-        first = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
-        raise InputError(f"{file}: vertex {first} = {points[first].tolist()} is not finite; repair the mesh")
     if triangles.min() < 0 or triangles.max() >= len(points):
         raise InputError(f"{file}: a triangle refers to a vertex that does not exist; repair the mesh")
-    return points, triangles
+    used = np.unique(triangles)
+    bad = used[~np.isfinite(points[used]).all(axis=1)]
+    if len(bad):
+        raise InputError(f"{file}: vertex {bad[0]} = {points[bad[0]].tolist()} is not finite; repair the mesh")
+    return _merged(points[triangles])
 
 
-def import_trimesh(file: Path) -> Any:
+def _merged(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Return distinct vertices (v, 3), and triangles as indices (t, 3), of triangles given by corners (t, 3, 3)."""
+    points, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    return points, numbers.reshape(-1, 3).astype(np.int32)
+
+
+def import_trimesh(file: Path, kind: str) -> Any:
     """Return the module trimesh, whose log messages are not printed; raise ToolMissingError if it is not installed.
 
-    Without a handler, Python prints the tracebacks that trimesh logs for damaged files.  `file`: for the message.
+    Without a handler, Python prints the tracebacks that trimesh logs for damaged files.
+    `file`, `kind`: name and format of the file, for the message.
     """
     try:
         trimesh: Any = import_module("trimesh")
     except ImportError:
-        raise ToolMissingError(f"{file}: meshes need trimesh; install it: {install_command('robots')}") from None
+        raise ToolMissingError(
+            f"{file}: {kind.upper()} files need trimesh; install it: {install_command('robots')}"
+        ) from None
     log = logging.getLogger("trimesh")
     if not log.handlers:
         log.addHandler(logging.NullHandler())
@@ -82,7 +100,7 @@ def import_trimesh(file: Path) -> Any:
 
 def _by_trimesh(file: Path, data: bytes, kind: str) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Return the vertices and triangles that trimesh reads from the bytes of a file of a kind such as ``"stl"``."""
-    trimesh = import_trimesh(file)
+    trimesh = import_trimesh(file, kind)
     options = {"skip_materials": True, "split_objects": False} if kind == "obj" else {}
     try:
         mesh = trimesh.load(io.BytesIO(data), file_type=kind, force="mesh", process=False, **options)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import json
+import sys
 import zlib
 from pathlib import Path
 
@@ -176,9 +177,10 @@ def test_areas_may_be_shapes_in_space(room: Path) -> None:
 
 
 def test_a_scene_without_the_extra_names_the_command(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "trimesh", None)
-    crate = room.parent / "crate.stl"
-    crate.write_bytes(crate.read_bytes() + b"\0")  # the file must be read again
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.Trimesh(CUBE * 400, FACES, process=False).export(room.parent / "crate.ply")
+    room.write_text(room.read_text().replace("crate.stl", "crate.ply"))
+    monkeypatch.setitem(sys.modules, "trimesh", None)
     result = call("path", room)
     assert result.exit_code == 3
-    assert "crate.stl: meshes need trimesh" in result.stderr and "pip install" in result.stderr
+    assert "crate.ply: PLY files need trimesh" in result.stderr and "pip install" in result.stderr

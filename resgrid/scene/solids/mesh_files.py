@@ -9,7 +9,6 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Le
-from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.robots import Mesh
@@ -56,7 +55,7 @@ def read_mesh(
     InputError
         If the file is missing, damaged or empty, or its format is unknown.
     ToolMissingError
-        If the package trimesh is not installed.
+        If the file is OBJ or PLY, and the package trimesh is not installed.
 
     Examples
     --------
@@ -67,7 +66,8 @@ def read_mesh(
     ((1.0, 0.0, 0.0), (1.5, 0.5, 0.5))
     """
     path = Path(file)
-    points, triangles = merge_equal(*read_triangles(path))
+    points, triangles = read_triangles(path)
+    triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
     if not len(triangles):
         raise InputError(f"{path}: every triangle of this mesh is a line or a point; export the mesh again")
     pose = rigid_pose(position, rotation)
@@ -79,18 +79,6 @@ def read_mesh(
             stacklevel=2,
         )
     return mesh
-
-
-def merge_equal(
-    points: NDArray[np.float64], triangles: NDArray[np.int32]
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return vertices without repetition (v, 3), and triangles (t, 3) with three different vertices.
-
-    STL files repeat every vertex in each of its triangles.  Only equal coordinates are merged.
-    """
-    kept, index = np.unique(points + 0.0, axis=0, return_inverse=True)  # + 0.0 turns -0.0 into 0.0
-    merged = index.reshape(-1)[triangles].astype(np.int32)
-    return kept, merged[(merged != np.roll(merged, 1, axis=1)).all(axis=1)]
 
 
 def _oriented(mesh: Mesh) -> Mesh:

@@ -13,8 +13,8 @@ from resgrid._internal.files import read_bytes
 from resgrid._internal.memory import require_memory
 from resgrid.errors import InputError
 from resgrid.robots import Voxels
-from resgrid.robots.mesh_completeness import check_complete
 from resgrid.robots.mesh_files import import_trimesh
+from resgrid.robots.ply import check_ply
 from resgrid.robots.solids import Angle, Length, SpacePoint, rigid_pose
 from resgrid.scene.solids.pcd import read_pcd
 
@@ -91,8 +91,8 @@ def read_point_cloud(
 def _ply_points(path: Path) -> NDArray[np.float64]:
     """Return the vertices (n, 3) of a PLY file."""
     data = read_bytes(path)
-    check_complete(data, ".ply", path)
-    trimesh = import_trimesh(path)
+    check_ply(data, str(path))
+    trimesh = import_trimesh(path, "ply")
     try:
         loaded = trimesh.load(BytesIO(data), file_type="ply", process=False)
         return np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3)
