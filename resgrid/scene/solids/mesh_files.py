@@ -13,7 +13,7 @@ from annotated_types import Ge, Le
 from resgrid.errors import InputError
 from resgrid.robots import Mesh
 from resgrid.robots.mesh import MOST_PIECES
-from resgrid.robots.mesh_files import read_mesh as read_triangles
+from resgrid.robots.mesh_files import import_trimesh, read_mesh as read_triangles
 from resgrid.robots.solids import Angle, Length, SpacePoint, rigid_pose
 
 
@@ -71,7 +71,7 @@ def read_mesh(
     if not len(triangles):
         raise InputError(f"{path}: every triangle of this mesh is a line or a point; export the mesh again")
     pose = rigid_pose(position, rotation)
-    mesh = _oriented(Mesh(points * scale @ pose[:3, :3].T + pose[:3, 3], triangles, pieces))
+    mesh = _oriented(Mesh(points * scale @ pose[:3, :3].T + pose[:3, 3], triangles, pieces), path)
     if not mesh.is_closed:
         warnings.warn(
             f"{path}: the surface is not closed ({mesh.open_edges} open edges); the parts with open edges are "
@@ -81,14 +81,16 @@ def read_mesh(
     return mesh
 
 
-def _oriented(mesh: Mesh) -> Mesh:
-    """Return a mesh whose triangles have the same orientation, if its surface is closed; otherwise the mesh itself."""
-    if mesh.is_closed:
-        return mesh
-    import trimesh
+def _oriented(mesh: Mesh, path: Path) -> Mesh:
+    """Return a mesh with equally oriented triangles if each edge has two triangles; otherwise the mesh itself.
 
-    model = trimesh.Trimesh(mesh.points, mesh.triangles, process=False)
-    if not model.is_watertight:
+    `path`: name of the file, for messages.
+    """
+    edges = np.sort(np.concatenate([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)]).reshape(2, -1).T, axis=1)
+    _, count = np.unique(edges, axis=0, return_counts=True)
+    if mesh.is_closed or (count != 2).any():
         return mesh
-    trimesh.repair.fix_normals(model, multibody=True)  # type: ignore[no-untyped-call]
+    trimesh = import_trimesh(path, path.suffix[1:])
+    model = trimesh.Trimesh(mesh.points, mesh.triangles, process=False)
+    trimesh.repair.fix_normals(model, multibody=True)
     return Mesh(mesh.points, np.asarray(model.faces, dtype=np.int32), mesh.pieces)
