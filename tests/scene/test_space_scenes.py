@@ -1,6 +1,6 @@
 """Scenes with obstacles in space: keys, files, error messages, changes by options, and links.
 
-Tests internals: `resgrid.scene` (`overrides`, `reading`, `schema`).
+Tests internals: `resgrid.live_page.opening`, `resgrid.scene` (`overrides`, `reading`, `schema`).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from support.cli import answer, call
 from support.space_shapes import CUBE, FACES
 
 import resgrid as rg
+from resgrid.live_page.opening import open_document
 from resgrid.scene.overrides import apply_overrides, document_of
 from resgrid.scene.reading import link_document
 
@@ -167,6 +168,8 @@ def test_a_link_cannot_name_files_of_obstacles(room: Path) -> None:
     code = base64.urlsafe_b64encode(zlib.compress(json.dumps(document).encode())).decode()
     with pytest.raises(rg.InputError, match="needs the file of a map or obstacle, which a link cannot contain"):
         link_document(f"http://localhost/#s={code}")
+    with pytest.raises(rg.InputError, match="needs files of obstacles, to which the page has no access"):
+        open_document(document)
 
 
 def test_areas_may_be_shapes_in_space(room: Path) -> None:
