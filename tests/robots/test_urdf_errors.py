@@ -4,6 +4,7 @@ Tests internals: `resgrid.robots.urdf.model`.
 """
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -253,11 +254,26 @@ def test_a_damaged_mesh_gives_one_message(tmp_path, name, data, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_meshes_without_trimesh_name_the_command_that_installs_it(tmp_path, monkeypatch):
-    import sys
+TRIANGLE = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1 2
+"""
 
+
+def test_meshes_without_trimesh_name_the_command_that_installs_it(tmp_path, monkeypatch):
+    (tmp_path / "part.ply").write_text(TRIANGLE)
+    assert len(read_tree(with_mesh(tmp_path, "part.ply"), ["j"]).bodies[0].solid.triangles) == 1
     monkeypatch.setitem(sys.modules, "trimesh", None)
-    with pytest.raises(ToolMissingError, match=r"PLY .* need trimesh; install it: .*pip install"):
-        (tmp_path / "part.ply").write_text("ply\n")
+    with pytest.raises(ToolMissingError, match=r"PLY files need trimesh; install it: .*pip install"):
         read_tree(with_mesh(tmp_path, "part.ply"), ["j"])
     read_tree(ROBOTS / "elbow.urdf", ["turn"], pieces=1)
