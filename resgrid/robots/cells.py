@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from itertools import product
 from math import ceil
 from typing import Literal, NamedTuple
 
@@ -13,8 +12,25 @@ from numpy.typing import NDArray
 
 from resgrid.core.axis import Axis, Point, rounding, split_points
 from resgrid.errors import InputError
+from resgrid.robots.bounded import Bounds
+from resgrid.robots.box_distances import distance_from_boxes
 from resgrid.robots.geometry import edges_of, periodic_images
-from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of
+from resgrid.robots.mesh import Mesh
+from resgrid.robots.mesh_cells import near_mesh
+from resgrid.robots.shapes import (
+    Ball,
+    Box,
+    CellSet,
+    HalfSpace,
+    Polygon,
+    Shape,
+    Solid,
+    SpaceSolid,
+    rings_of,
+)
+from resgrid.robots.solid_cells import near_convex
+from resgrid.robots.solids import Capsule, Cylinder, OrientedBox
+from resgrid.robots.voxels import Voxels
 
 Sampling = Literal["conservative", "centre"]
 """Rule for blocked cells: test the whole cell (``"conservative"``) or only its centre (``"centre"``)."""
@@ -67,6 +83,9 @@ def mark(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Shape, reach: fl
     if isinstance(shape, CellSet):
         out |= _near_cells(shape, axes, reach, rule)
         return
+    if isinstance(shape, Voxels):
+        _mark_voxels(out, axes, shape, reach, rule)
+        return
     for image in periodic_images(shape, axes, [reach] * len(axes)):
         mark_image(out, axes, image, reach, rule)
 
@@ -78,6 +97,8 @@ def mark_image(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, rea
     distance in axis units; `rule`: whether the whole cell (``"conservative"``) or only its centre is tested.
     """
     half = half_widths(axes, shape.bounds, reach, rule)
+    if isinstance(shape, Mesh) and rule == "conservative" and not shape.is_closed:  # may lie between two cells
+        half = tuple(axis.spacing / 2 + rim for axis, rim in zip(axes, rims(axes), strict=True))
     if isinstance(shape, Polygon):
         _mark_polygon(out, axes, half, shape, reach)
         return
@@ -91,8 +112,30 @@ def mark_image(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, rea
     )
     if isinstance(shape, HalfSpace):
         out[block] |= near_half_space(shape, grids, half, reach)
+    elif isinstance(shape, Mesh):
+        spacing = np.array([axis.spacing for axis in axes])
+        out[block] |= near_mesh(shape, grids, half, reach, spacing)
+    elif isinstance(shape, Cylinder | Capsule | OrientedBox):
+        out[block] |= near_convex(shape, grids, half, reach)
     else:
         out[block] |= _near_round(shape, grids, half, reach)
+
+
+def _mark_voxels(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Voxels, reach: float, rule: Sampling) -> None:
+    """Mark, in place, the cells within a distance of voxels; the parameters are those of `mark`."""
+    if reach > 0 or any(axis.periodic for axis in axes):
+        for low, high in shape.corners.tolist():
+            mark(out, axes, Box(tuple(low), tuple(high)), reach, rule)
+        return
+    half = half_widths(axes, ((0.0,) * 3, (shape.size,) * 3), reach, rule)
+    lower, upper = shape.corners.transpose(1, 2, 0)
+    first = [np.searchsorted(axis.centres + side, low) for axis, side, low in zip(axes, half, lower, strict=True)]
+    last = [
+        np.searchsorted(axis.centres - side, high, side="right")
+        for axis, side, high in zip(axes, half, upper, strict=True)
+    ]
+    for (x0, y0, z0), (x1, y1, z1) in zip(np.transpose(first).tolist(), np.transpose(last).tolist(), strict=True):
+        out[x0:x1, y0:y1, z0:z1] = True
 
 
 def _clip(index: float, cells: int) -> int:
@@ -138,28 +181,8 @@ def _near_cells(shape: CellSet, axes: tuple[Axis, ...], reach: float, rule: Samp
     spacing = np.array([axis.spacing for axis in axes])
     mask = np.pad(shape.mask, pad, mode="wrap")
     rim = min(rims(axes)) if rule == "conservative" else 0.0
-    near = mask | (_distance_from_boxes(mask, spacing, rule) <= reach - rim)
+    near = mask | (distance_from_boxes(mask, spacing, rule) <= reach - rim)
     return near[tuple(slice(before, size - after) for (before, after), size in zip(pad, mask.shape, strict=True))]
-
-
-def _distance_from_boxes(mask: NDArray[np.bool_], spacing: NDArray[np.float64], rule: Sampling) -> NDArray[np.float64]:
-    """Return the distance from every cell's box, or centre, to the nearest marked box; shape of `mask`, in axis units.
-
-    `mask`: marked cells of a grid; `spacing` (ndim,): cell widths; `rule`: ``"conservative"`` for boxes, ``"centre"``.
-    Along an axis, the gap of two boxes with index difference ``d`` is ``max(|d| - 1, 0)`` cells, which is the distance
-    of ``d`` from the set ``{-1, 0, 1}``.  So the distance is a Euclidean distance transform of the mask dilated by one
-    cell.  The gap of a centre and a box is ``max(|d| - 1/2, 0)``: the same transform on a grid of half the spacing.
-    """
-    from scipy import ndimage
-
-    if rule == "conservative":
-        grown = ndimage.binary_dilation(mask, structure=np.ones((3,) * mask.ndim, dtype=bool))
-        return np.asarray(ndimage.distance_transform_edt(~grown, sampling=spacing))
-    fine = np.zeros(tuple(2 * n + 1 for n in mask.shape), dtype=bool)
-    for offset in product(range(3), repeat=mask.ndim):
-        fine[tuple(slice(start, start + 2 * n, 2) for start, n in zip(offset, mask.shape, strict=True))] |= mask
-    distance = ndimage.distance_transform_edt(~fine, sampling=spacing / 2)
-    return np.asarray(distance[(slice(1, None, 2),) * mask.ndim])
 
 
 def _mark_polygon(
@@ -240,6 +263,8 @@ def region_cells(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
         cells = np.zeros(shape, dtype=bool)
         cells[tuple(cell)] = True
         return GoalCells(cells, (lower + (cell + local) * spacing)[None])
+    if isinstance(region, SpaceSolid | Voxels):
+        raise InputError(f"a goal cannot be a {type(region).__name__}; use a box, a ball or a half-space")
     if isinstance(region, CellSet):
         return GoalCells(region.mask, lower + (np.argwhere(region.mask) + 0.5) * spacing)
     return merge_goals(shape, [_image_cells(axes, image) for image in periodic_images(region, axes, [0.0] * len(axes))])
@@ -293,6 +318,7 @@ def _nearest(shape: Solid, middle: NDArray[np.float64], axes: tuple[Axis, ...]) 
             return _enter_region(middle, half, step, lambda at: at @ np.array(normal) <= offset)
         case Polygon():
             return _nearest_on_outline(outline(shape, axes, 0.0), middle, half, np.array(rims(axes)))
+    raise AssertionError("`region_cells` rejects other shapes")
 
 
 def _enter_region(
