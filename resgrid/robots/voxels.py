@@ -133,6 +133,8 @@ def merge_boxes(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
     the fewest boxes among all orders of the axes is returned; for many boxes only one order is tried.
     `boxes` (b, 2, 3): first index of every box, and the index after the last.
     """
+    if len(boxes) < 2:
+        return boxes
     orders = list(permutations(range(3))) if len(boxes) <= MAX_TRIED else [(2, 1, 0)]
     return min((_merged(boxes, order) for order in orders), key=len)
 
