@@ -38,7 +38,7 @@ _PLANE_ROUNDING = 1e-12
 _BLOCK = 200_000
 """Maximum number of pairs of a point and a triangle that are held in memory at once."""
 
-_DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
+DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 """Directions of the first corners that a simplified hull keeps: to the faces, edges and corners of a cube."""
 
 
@@ -154,7 +154,7 @@ def _simplified(hull: Facets, tolerance: float) -> Facets:
     if not len(hull.planes):
         return hull
     centred = hull.corners - hull.corners.mean(axis=0)
-    chosen = np.unique((centred @ _DIRECTIONS.T).argmax(axis=0))
+    chosen = np.unique((centred @ DIRECTIONS.T).argmax(axis=0))
     while True:
         kept = facets_of(hull.corners[chosen])
         if not len(kept.planes):

@@ -73,9 +73,9 @@ def test_nodes_of_collada_place_geometries_in_the_order_of_their_transformations
     points, triangles = read_collada(document(TRIANGLES, NODES), "cube.dae")
     assert len(triangles) == 24
     cube = np.array(POSITIONS.split(), dtype=float).reshape(-1, 3)
-    turned = Rotation.from_euler("z", 30, degrees=True).apply(cube * [1, 2, 3]) + [0, 0, 1]
-    first = Rotation.from_euler("x", 90, degrees=True).apply(turned) + [2, 0.5, 0]
-    np.testing.assert_allclose(points, np.concatenate([first, cube + [-3, 0, 0]]), atol=1e-12)
+    turned = Rotation.from_euler("z", 30, degrees=True).apply(cube * [1, 2, 3]) + np.array([0, 0, 1])
+    first = Rotation.from_euler("x", 90, degrees=True).apply(turned) + np.array([2, 0.5, 0])
+    np.testing.assert_allclose(points, np.concatenate([first, cube + np.array([-3, 0, 0])]), atol=1e-12)
 
 
 def test_the_unit_of_collada_is_applied_and_the_up_axis_is_ignored():
@@ -102,12 +102,17 @@ DAMAGED = {
     document(POLYLIST, "<node><skew>1 2</skew></node>"): "<skew> is not supported",
     document(POLYLIST.replace("4 4 4 4 4 4", "4 4 4")): "<polylist> has a wrong number of corners",
     document(POLYLIST.replace("7</p>", "8</p>")): "a triangle refers to a vertex that does not exist",
+    document(POLYLIST.replace("7</p>", "4294967303</p>")): "a triangle refers to a vertex that does not exist",
+    document(POLYLIST.replace("4 4 4 4 4 4", "4 4 4 4 4 5 -1")): "<polylist> has a wrong number of corners",
     document(POLYLIST.replace("7</p>", "x</p>")): "<p> holds text that is no number",
     document(POLYLIST.replace("#v", "#w")): "it refers to '#w', which does not exist",
     document(POLYLIST.replace("VERTEX", "NORMAL")): "<polylist> has no vertices",
     document(POLYGONS.replace("<p>0 3 2 1</p>", "<ph><p>0 3 2 1</p></ph>")): "a polygon has holes",
     document(TRIANGLES.replace("</p>", " 0</p>")): "<triangles> ends within a corner",
     document(TRIANGLES.replace("</p>", " 0 1</p>")): "<triangles> ends within a triangle",
+    document(TRIANGLES.replace('offset="1"', 'offset="x"')): "<input offset='x'> is not a whole number",
+    document(POLYLIST.replace("7</p>", "9" * 30 + "</p>")): "<p> holds text that is no number",
+    document(POLYLIST, asset='<unit meter="inch"/>'): "its unit is not a positive number of metres",
     document("<spline/>"): "<spline> is not supported",
     document(POLYLIST).replace(b'count="8"', b'count="9"'): "has fewer numbers than its accessor",
     document(POLYLIST, '<node><instance_geometry url="#t"/></node>', extra='<geometry id="t"><spline/></geometry>'): (
@@ -144,6 +149,15 @@ def test_polygons_and_negative_indices_of_obj_files_are_read(tmp_path):
     file.write_text("\n".join(lines) + "\n")
     points, triangles = read_mesh(file)
     assert volume_and_area(points, triangles) == pytest.approx((1.0, 6.0))
+
+
+def test_negative_indices_count_back_from_the_face_and_lines_may_be_continued(tmp_path):
+    file = tmp_path / "two.obj"
+    first = "v 0 0 0 1 1 1\nv 1 0 0\nv 1 1 0 1.0\nf -3//1 -2//1 \\\n  -1//1 # comment\n"
+    file.write_text(f"o a\n{first}o b\nvt 0 0\nv 0 0 2\nv 1 0 2\nv 1 1 2\n\tf -3/1 -2/1 -1/1\nl 1 2\n")
+    points, triangles = read_mesh(file)
+    heights = sorted(points[triangle, 2].tolist() for triangle in triangles)
+    assert heights == [[0, 0, 0], [2, 2, 2]]
 
 
 def test_a_pentagon_of_an_obj_file_loses_no_corner(tmp_path):

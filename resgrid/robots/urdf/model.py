@@ -71,7 +71,7 @@ def read_tree(
     InputError
         If a file is missing or invalid, or an argument does not suit the robot.
     ToolMissingError
-        If the robot has meshes and trimesh is not installed.
+        If a mesh of the robot is a PLY file, and trimesh is not installed.
     """
     check_number("padding", padding, "a number of metres, at least 0", least=0)
     check_whole("pieces", pieces, 1)
