@@ -245,6 +245,18 @@ def _cell_set(axes, mask):
     return CellSet(axes, mask)
 
 
+def test_repeated_and_distant_voxels_count_once() -> None:
+    cells = [[0, 0, 0], [0, 0, 0], [2**40, -(2**40), 2**40], [0, 0, 1]]
+    voxels = rg.Voxels.of_cells(cells, 0.1)
+    assert sorted(voxels.boxes.tolist()) == [
+        [[0, 0, 0], [1, 1, 2]],
+        [[2**40, -(2**40), 2**40], [2**40 + 1, 1 - 2**40, 2**40 + 1]],
+    ]
+    assert rg.Voxels.of_cells(cells[:2], 0.1).boxes.tolist() == [[[0, 0, 0], [1, 1, 1]]]
+    with pytest.raises(rg.InputError, match="b > 0"):
+        rg.Voxels.of_cells(np.empty((0, 3), int), 0.1)
+
+
 def test_large_boxes_are_merged_into_one() -> None:
     halves = np.array([[[0, 0, 0], [8, 8, 8]], [[8, 0, 0], [16, 8, 4]], [[8, 0, 4], [16, 8, 8]]])
     assert merge_boxes(halves).tolist() == [[[0, 0, 0], [16, 8, 8]]]

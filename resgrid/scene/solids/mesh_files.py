@@ -55,7 +55,7 @@ def read_mesh(
     InputError
         If the file is missing, damaged or empty, or its format is unknown.
     ToolMissingError
-        If the file is OBJ or PLY, and the package trimesh is not installed.
+        If the file is PLY, or its triangles must be turned, and the package trimesh is not installed.
 
     Examples
     --------
