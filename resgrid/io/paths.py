@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.io.ros_paths import Timed, points_of, require_plane, streamline_of, to_ros_path
+from resgrid.io.ros_paths import Timed, points_of, require_plane, streamline_of
+from resgrid.io.ros_trajectories import has_joints, message_of, require_joints
 from resgrid.io.tables import Views, require_names, suffix_of, write
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, length_of
@@ -30,7 +31,7 @@ _FIXED_NAMES = {".csv": ["path", "k", "outcome"], ".json": ["schema", "k", "outc
 """Names of columns, keys or arrays in a file of one path, in addition to those of `column_names`, by suffix."""
 
 
-def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
+def write_path(path: Timed, file: str | os.PathLike[str], *, fixed_joints: bool = False) -> Path:
     """Write a path in the format that the file's suffix selects.  The file is written atomically.
 
     The coordinates are world coordinates, continuous across periodic seams.  A file of ``resgrid path -o`` has the same
@@ -42,7 +43,10 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
         For an arm, the file also holds the positions of its tip.
     file : path-like
         ``.csv``, or ``-`` for standard output: table with a header; ``.json``: one list per column; ``.npz``: one
-        array per column; ``.yaml``: a ``nav_msgs/Path`` message for ROS.
+        array per column; ``.yaml``: a ``nav_msgs/Path`` message for ROS, or, of a trajectory of a robot from a URDF
+        file, a ``trajectory_msgs/JointTrajectory``.
+    fixed_joints : bool
+        Whether a JointTrajectory also has the joints that do not move (see `resgrid.maps.to_ros_trajectory`).
 
     Returns
     -------
@@ -53,7 +57,8 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
     ------
     InputError
         If the suffix is unknown, an axis has the name of another column, the file cannot be written, or the format is a
-        message for ROS and the path reached no goal or its configurations are not poses in the plane.
+        message for ROS and the path reached no goal, its configurations are neither poses in the plane nor joints of a
+        robot from a URDF file, or it is a path of such a robot without times.
 
     Examples
     --------
@@ -62,12 +67,15 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
     ['path,k,outcome,x,y', '0,1.0,reached,5.5,2.5']
     """
     route = Route(path, tuple(points_of(path)[0].tolist()))
-    _check_names(path.space, suffix_of(file, _VIEWS, "a path"), _FIXED_NAMES, timed=isinstance(path, Trajectory))
+    suffix = suffix_of(file, _VIEWS, "a path")
+    _check_names(path.space, suffix, _FIXED_NAMES, timed=isinstance(path, Trajectory))
+    if fixed_joints and not (suffix == ".yaml" and has_joints(path.space)):
+        raise InputError("fixed_joints applies to .yaml files of robots from URDF files only; leave it out")
     views: Views = {
         "table": lambda: _routes_table([route]),
         "record": lambda: {"k": route.k, "outcome": route.outcome, **route.columns},
         "arrays": lambda: {"k": _number(route.k), "outcome": route.outcome or "", **route.columns},
-        "message": lambda: to_ros_path(path),
+        "message": lambda: message_of(path, fixed_joints=fixed_joints),
     }
     return write(file, views, "a path")
 
@@ -96,7 +104,7 @@ def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
     """
     axes = [axis.name for axis in space.axes]
     mounted = space.robot is not None and space.robot.base is not None
-    tip = [f"{space.robot.reference}_{name}" for name in "xy"] if mounted else []
+    tip = [f"{space.robot.reference}_{name}" for name in "xyz"[: space.robot.workspace_ndim]] if mounted else []
     return ["t", *axes, *tip, *(f"{name}_rate" for name in axes)] if timed else [*axes, *tip]
 
 
@@ -220,7 +228,9 @@ def _check_names(space: ConfigurationSpace, suffix: str, fixed: dict[str, list[s
     `suffix`: suffix of the file; `fixed`: names of columns in addition to those of `column_names`, by suffix; `timed`:
     whether the paths are trajectories.
     """
-    if suffix == ".yaml":
+    if suffix == ".yaml" and has_joints(space):
+        require_joints(space, timed=timed)
+    elif suffix == ".yaml":
         require_plane(space)
     else:
         require_names(space.axes, [*fixed.get(suffix, []), *column_names(space, timed=timed)])
@@ -296,15 +306,15 @@ def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
 def _documents(routes: Sequence[Route]) -> str:
     """Return YAML text with one message per route that reaches a goal, and a comment on each start and outcome."""
     if len(routes) == 1:
-        return to_ros_path(routes[0].path)
+        return message_of(routes[0].path)
     if not any(route.reached for route in routes):
         raise InputError(
-            "no path reaches a goal, and a nav_msgs/Path message cannot hold an outcome; write .csv, .json or .npz"
+            "no path reaches a goal, and a message for ROS cannot hold an outcome; write .csv, .json or .npz"
         )
     text, begin = "", ""
     for route in routes:
         place = ", ".join(f"{value:.6g}" for value in route.start)
         comment = f"# start ({place}), k = {_number(route.k):g}: {route.outcome}\n"
-        text += f"{begin}{comment}{to_ros_path(route.path)}" if route.reached else comment
+        text += f"{begin}{comment}{message_of(route.path)}" if route.reached else comment
         begin = "---\n" if route.reached else begin
     return text

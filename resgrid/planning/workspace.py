@@ -175,7 +175,7 @@ def check_collisions(
     for number, some in enumerate(_batches(configurations)):
         hit = tested.first_hit(some)
         if hit is not None:
-            at = number * _BATCH + hit.index
+            at = number * _BATCH + hit.row
             place = path.space.to_world(configurations[at])
             return Collision(int(segment[at]), place, hit.part, hit.obstacle, hit.names)
     return None

@@ -18,11 +18,11 @@ PartsOf = Callable[[NDArray[np.float64]], list[RigidPart]]
 class Hit(NamedTuple):
     """First collision in a sequence of configurations.
 
-    `index`: index of the configuration; `part`: index of the robot's part or body; `obstacle`: index of the obstacle,
+    `row`: index of the configuration; `part`: index of the robot's part or body; `obstacle`: index of the obstacle,
     None for a collision of the robot with itself; `names`: names of both bodies, None for robots of the plane.
     """
 
-    index: int
+    row: int
     part: int
     obstacle: int | None
     names: tuple[str, str] | None = None

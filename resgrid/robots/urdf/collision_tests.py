@@ -40,8 +40,8 @@ class SolidTest(CollisionTest):
                 return self._hit(first + int(hits[0]), int(pairs[hits[0]]))
         return None
 
-    def _hit(self, index: int, pair: int) -> Hit:
+    def _hit(self, row: int, pair: int) -> Hit:
         one, other = self._tree.pairs[pair].tolist()
         names = self._tree.bodies[one].name, self._tree.bodies[other].name
         found = _OBSTACLE.match(names[1]) if self._tree.bodies[other].joint < 0 else None
-        return Hit(index, one, None if found is None else int(found[1]), names)
+        return Hit(row, one, None if found is None else int(found[1]), names)
