@@ -76,8 +76,8 @@ def load_array(name: str, key: str) -> NDArray[Any] | None:
     if folder is None:
         return None
     try:
-        with np.load(folder / f"{name}-{key}.npz", allow_pickle=False) as file:
-            found: NDArray[Any] = file["array"]
+        with (folder / f"{name}-{key}.npz").open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            found: NDArray[Any] = arrays["array"]
             return found
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None

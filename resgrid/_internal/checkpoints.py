@@ -1,4 +1,4 @@
-"""Checkpoint files: JSON lines that a later run can continue after its writer was killed."""
+"""Checkpoint files: JSON lines from which a later run can continue after the process that wrote them was killed."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _MAX_HEAD_BYTES = 65536
 class Journal:
     """A checkpoint file of JSON lines; the first line (the head) identifies the run.
 
-    An incomplete last line is deleted and later written again: an interrupted and continued run ends with the same
-    bytes as an uninterrupted one.
+    An incomplete last line is deleted and later written again: an interrupted and continued run ends with the
+    bytes of an uninterrupted one.
     """
 
     def __init__(self, path: str | os.PathLike[str], head: dict[str, Any]) -> None:
-        """Create or continue a file; raise InputError if it is not a checkpoint or belongs to another run.
+        """Create or continue a file; raise InputError if the file is not a checkpoint or belongs to another run.
 
         `path`: path of the file; `head`: description of the run, which the first line of the file must equal.
         """
@@ -70,7 +70,7 @@ class Journal:
             raise self._unusable(error) from error
 
     def _check(self, first: bytes, head: dict[str, Any]) -> None:
-        """Raise InputError if the first line of the file (`first`) is not the expected head."""
+        """Raise InputError if the first line of the file, `first`, is not the description of this run, `head`."""
         try:
             found = json.loads(first.decode(errors="replace"))
         except ValueError as error:

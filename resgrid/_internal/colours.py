@@ -1,4 +1,4 @@
-"""Colours with a fixed meaning, shared by the pictures and the live page; this module imports no plotting library."""
+"""Colours with a fixed meaning for the pictures and the live page; this module imports no plotting library."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ HEIGHT = (
     "#fde725", "#dde318", "#b8de29", "#95d840", "#73d056", "#56c667", "#3bbb75", "#28ae80", "#1fa287",
     "#1f958b", "#23898e", "#287c8e", "#2e6f8e", "#33628d", "#3a538b", "#404588", "#463480",
 )  # fmt: skip
-"""Colours of equidistant heights above the goal rail: yellow at the goal, dark blue far from it.
+"""Colours of equidistant voltages above the goal rail: yellow at the goal, dark blue far from it.
 
 This is the viridis colour map (van der Walt & Smith 2015), which is perceptually uniform and safe for colour-blind
 readers. Its darkest colours are left out because they resemble obstacles.

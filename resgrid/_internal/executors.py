@@ -95,7 +95,7 @@ def renewed(executor: Executor) -> Executor | None:
 
 @contextmanager
 def _processes(count: int) -> Iterator[Executor]:
-    """Yield a pool of `count` new (spawned) processes, and end them with the block or with this process."""
+    """Yield a pool of `count` new (spawned) processes, and end the processes with the block or with this process."""
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(count, mp_context=context, initializer=_follow_parent)
     try:
@@ -107,7 +107,7 @@ def _processes(count: int) -> Iterator[Executor]:
 def _end(executor: ProcessPoolExecutor) -> None:
     """Shut down a pool; if a worker dies during the shutdown, terminate all workers of the pool.
 
-    The dead worker may hold the lock of the common queue, and the pool would then wait for the others forever.
+    The dead worker may hold the lock of the common queue, and the pool would then wait for the other workers forever.
     """
     workers = list((executor._processes or {}).values())
     closing = threading.Thread(target=executor.shutdown, name="resgrid ends its workers")
@@ -169,7 +169,10 @@ def _mpi() -> Iterator[Executor]:
 
 @contextmanager
 def _parsl(file: str) -> Iterator[Executor]:
-    """Yield a parsl executor with the ``config`` of a Python file; raise InputError if the file does not define one."""
+    """Yield a parsl executor with the ``config`` of a Python file; raise InputError if the file defines no ``config``.
+
+    `file`: path of the Python file.
+    """
     concurrent = _needed("parsl.concurrent", "parsl")
     try:
         config = runpy.run_path(file)["config"]

@@ -15,7 +15,7 @@ _ENTRY = re.compile(r"""(?P<package>[^;]+?)\s*;.*\bextra\s*==\s*['"](?P<extra>[\
 def install_command(extra: str) -> str:
     """Return the shell command that installs the packages of an extra of resgrid; `extra`: name, such as ``"mpi"``.
 
-    The command names the packages themselves, so that it works for a checkout, a wheel and an index, and without an
+    The command lists the packages of the extra, so that it works for a checkout, a wheel and an index, and without an
     activated environment.
     """
     try:

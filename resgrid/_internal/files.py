@@ -199,9 +199,9 @@ def _earlier_files(target: Path) -> set[str]:
 
 
 def temporary_place(folder: Path, stem: str, suffix: str = "") -> Path:
-    """Return a new path for a temporary file or folder, and delete remnants of killed processes with the same stem.
+    """Return a new path for a temporary file or folder, and delete remnants of killed processes with this stem.
 
-    `folder`: folder of the path; `stem`, `suffix`: beginning and end of the name.
+    `folder`: folder of the path; `stem`, `suffix`: beginning and end of the name, cut off after 80 and 20 characters.
     """
     with contextlib.suppress(OSError):  # another process deleted the remnant; an unwritable folder fails later
         for remnant in _temporary_paths(folder, stem, suffix):
@@ -211,7 +211,10 @@ def temporary_place(folder: Path, stem: str, suffix: str = "") -> Path:
 
 
 def _temporary_paths(folder: Path, stem: str, suffix: str = "") -> list[Path]:
-    """Return the existing paths in a folder whose names `temporary_place` has made from the same stem and suffix."""
+    """Return the existing paths in a folder whose names `temporary_place` has made from this stem and suffix.
+
+    `folder`: the folder; `stem`, `suffix`: beginning and end of the names.
+    """
     ours = re.compile(re.escape(f".{stem[:80]}-") + "[0-9a-f]{12}" + re.escape(suffix[:20]))
     return [path for path in folder.iterdir() if ours.fullmatch(path.name)]
 

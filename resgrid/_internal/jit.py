@@ -29,20 +29,20 @@ _STAMP = "resgrid-kernels.sha256"
 _njit: Any = njit
 _KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "no_cfunc_wrapper": True}
 _DEVICE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""Options of `numba.njit` for kernels and for device functions: no entry points for C and, in device functions, for
-Python.
+"""Options of `numba.njit` for kernels (called from Python) and for device functions (called from compiled code).
 
-Compilation of these unused entry points takes an eighth of the time until the first solution.
+They omit the entry point for C and, in device functions, that for Python. Compilation of these unused entry points
+takes an eighth of the time until the first solution.
 """
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def kernel(function: _Function) -> _Function:
-    """Return `function` compiled for calls from Python, cached on disk; it releases the GIL while it runs.
+    """Return `function` compiled for calls from Python, cached on disk; the kernel releases the GIL while it runs.
 
     A device function is accepted, too, and is compiled again as a kernel.  A kernel must not return a named tuple:
-    Python crashes if a signal arrives while numba creates it.
+    Python crashes if a signal arrives while numba creates the named tuple.
     """
     return _cached(function)
 
@@ -63,7 +63,7 @@ def inner_fast(function: _Function) -> _Function:
 
 
 def inlined(function: _Function) -> _Function:
-    """Return a compiled device function that is always inlined into its callers, for short functions."""
+    """Return a compiled device function that is always inlined into the functions that call it, for short functions."""
     return cast(_Function, _njit(**_DEVICE, forceinline=True)(function))
 
 

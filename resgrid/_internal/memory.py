@@ -19,7 +19,7 @@ SMALLER_MAP = (
     "resolution; pictures and arrays: --spacing)"
 )
 FEWER_HEADINGS = "take fewer headings (--set map.headings=16)"
-"""Advice in messages if the cells of a scene, of a map, or of a robot that turns on a map exceed the memory."""
+"""Advice in messages if cells exceed the memory: those of a scene, of a map, or of a robot that turns on a map."""
 
 _GROUP = Path("/sys/fs/cgroup")
 """Folder in which Linux reports the memory limit and use of a container (cgroup v2)."""
@@ -70,7 +70,10 @@ def require_grid_memory(
 
 
 def _meminfo_available() -> int:
-    """Return the available memory in bytes, estimated by the operating system; the largest integer on Windows."""
+    """Return the available memory in bytes, estimated by the operating system; the largest integer on Windows.
+
+    Where the system reports no estimate, the result is the whole physical memory.
+    """
     meminfo = Path("/proc/meminfo")
     if meminfo.exists():
         for line in meminfo.read_text().splitlines():

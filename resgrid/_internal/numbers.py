@@ -18,7 +18,9 @@ NotNegative = Annotated[float, Ge(0), Lt(math.inf)]
 Between = Annotated[float, Gt(0), Lt(1)]
 Count = Annotated[int, Ge(1)]
 Natural = Annotated[int, Ge(0)]
-"""Annotated numbers: positive, at least 0, strictly between 0 and 1, integer of at least 1, integer of at least 0."""
+"""Types of finite numbers: `Positive`: above 0; `NotNegative`: at least 0; `Between`: strictly between 0 and 1;
+`Count`: integer of at least 1; `Natural`: integer of at least 0.
+"""
 
 _HUGE = sys.float_info.max
 
@@ -41,8 +43,8 @@ def check_number(
 ) -> None:
     """Raise InputError unless a value is a finite real number within the limits.
 
-    `name`: name of the value in the message; `words`: description of the limits; `least`: smallest allowed value;
-    `above`, `below`: exclusive limits.
+    `name`: name of the value in the message; `words`: description of the limits in the message; `least`: smallest
+    allowed value; `above`, `below`: exclusive limits.
     """
     if not (is_number(value) and value >= least and above < value < below):
         raise InputError(f"{name} = {value!r} must be {words}")
@@ -80,10 +82,10 @@ def per_axis(
     name: str, value: ArrayLike, ndim: int, words: str, *, least: float = -_HUGE, above: float = -math.inf,
     most: float = _HUGE,
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Return one number per axis, (ndim,), from one number for all axes or one for each; raise InputError for others.
+    """Return one number per axis, (ndim,); raise InputError for a wrong shape or a number outside the limits.
 
-    `name`: name of the value in the message; `words`: description of the limits; `least`, `most`: smallest and largest
-    allowed number; `above`: exclusive lower limit.
+    `name`: name of the value in the message; `value`: one number for all axes or one for each; `words`: description of
+    the limits in the message; `least`, `most`: smallest and largest allowed number; `above`: exclusive lower limit.
     """
     try:
         given = np.array(value, dtype=np.float64)

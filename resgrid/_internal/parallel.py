@@ -38,16 +38,16 @@ _SECONDS = 1.0
 """Target duration of a task in a worker, in seconds."""
 
 _SECONDS_ALONE = 0.2
-"""Target duration of a task without an executor, in seconds; limits the wasted work if the caller stops early."""
+"""Target duration of a task without an executor, in seconds; limits the wasted work if the iterator is closed early."""
 
 _FIRST_WINDOW, _MAX_WINDOW = 4, 4096
-"""Initial and maximum number of tasks that are submitted to the executor at the same time."""
+"""Initial and maximum number of tasks that are submitted to the executor at one time (the window)."""
 
 _AHEAD = 16
-"""Maximum number of finished results that wait for the result of an earlier task, as a multiple of the window."""
+"""Maximum number of finished results that wait for an earlier task, in multiples of the tasks submitted at one time."""
 
 _MAX_DEATHS = 3
-"""Number of worker deaths during a task at which the task fails; a task with one death less runs alone."""
+"""Number of worker deaths during a task at which the task fails; after one death less no other task runs beside it."""
 
 _LOST = frozenset({"WorkerLost", "ManagerLost"})
 """Class names of the parsl exceptions that report the death of a worker."""
@@ -190,8 +190,8 @@ def _alone(parts: Iterable[JobPart]) -> Iterator[Any]:
 class _Chunker:
     """Divides the parts of a job into tasks of a target duration.
 
-    `folder`: folder for the files of shared data, None if the workers are threads; `seconds`: target duration of a
-    task.
+    `parts`: the parts; `folder`: folder for the files of shared data, None if the workers are threads; `seconds`:
+    target duration of a task.
     """
 
     def __init__(self, parts: Iterable[JobPart], folder: Path | None, seconds: float = _SECONDS) -> None:
@@ -227,7 +227,7 @@ class _Chunker:
 
 
 class _Scheduler:
-    """Submits the tasks of a chunker to an executor, and stores results until all earlier results are known."""
+    """Submits the tasks that `chunker` forms to an executor, and stores results until all earlier results are known."""
 
     def __init__(self, executor: Executor, chunker: _Chunker) -> None:
         self._executor, self._is_own, self._chunker = executor, False, chunker
@@ -251,7 +251,7 @@ class _Scheduler:
                 yield from found
 
     def _fill(self) -> bool:
-        """Submit tasks until the window is full; return whether any submitted task is unfinished."""
+        """Submit tasks up to the limit, 1 after two worker deaths during a task; return whether any is unfinished."""
         is_suspect = any(task.deaths >= _MAX_DEATHS - 1 for task in (*self._retries, *self._submitted.values()))
         window = 1 if is_suspect else self._window
         while len(self._submitted) < window:

@@ -17,7 +17,7 @@ Names = Callable[[], list[str]]
 
 
 def attach(package: str, file: str) -> tuple[Attribute, Names, list[str]]:
-    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package.
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package that imports names at their first use.
 
     `package`: name of the package; `file`: path of the ``__init__.py`` of the package.  The stub next to `file` has a
     line ``from .module import name as name`` for each public name.  Public functions check the types of their arguments
@@ -43,9 +43,9 @@ def attach(package: str, file: str) -> tuple[Attribute, Names, list[str]]:
 
 
 def _places(package: str, stub: Path) -> dict[str, tuple[str, str | None]]:
-    """Return the module of every public name, and the name in that module; None instead of a name for a public module.
+    """Return a dict from every public name to its module and its name there, which is None for a public module.
 
-    `package`: name of the package; `stub`: path of its stub file.
+    `package`: name of the package; `stub`: path of the stub file of the package.
     """
     places: dict[str, tuple[str, str | None]] = {}
     for node in ast.parse(stub.read_text(encoding="utf-8")).body:

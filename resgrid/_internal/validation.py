@@ -60,7 +60,7 @@ class TypeCheck(NamedTuple):
 
 
 TypeChecks = dict[str, TypeCheck]
-"""Checks by the name of the parameter or field."""
+"""Checks of argument types, by the name of the parameter or field."""
 
 SOURCES = {
     "Chip": "scene.chip, or rg.Chip(...)",
@@ -79,17 +79,17 @@ SOURCES = {
     "Wiring": "rg.Wiring(...)",
     "Wavefront": "rg.control.wavefront(rg.simulation(scene, announce=True), cells)",
 }
-"""Expressions that return a value of a class, by class name, for messages."""
+"""Expressions that return a value of a class, by class name; messages about a wrong argument quote them."""
 
 _NAMESPACES = tuple(f"resgrid.{name}" for name in ("planning", "circuit", "chip", "control", "spice", "maps"))
 """Packages whose public names annotations may use although the annotated module imports them only for type checkers."""
 
 _ARRAY = frozenset(get_args(getattr(ArrayLike, "__value__", ArrayLike)))
-"""Types in the union `ArrayLike`, which numpy 2.5 defines by a type statement."""
+"""Types in the union `numpy.typing.ArrayLike`, which numpy 2.5 defines by a type statement."""
 _MAX_TEXT = 60
-"""Number of characters after which a message cuts off a value."""
+"""Number of characters of a value that a message shows at most."""
 _LARGEST = 2**63 - 1
-"""Largest magnitude of a whole number in an argument."""
+"""Largest magnitude of a whole number in an argument; larger ones raise InputError."""
 
 
 def guarded(name: str, value: Any, module: str = "resgrid") -> Any:
@@ -116,9 +116,9 @@ def check_call(
 ) -> None:  # fmt: skip
     """Raise TypeError, with the public name of a function, for unknown options or too many positional arguments.
 
-    `name`: public name; `arguments`: positional arguments; `options`: names of the keyword arguments; `bound`: number
-    of leading arguments that the caller does not write, such as the object of a method; `known`: names of the keyword
-    arguments that ``**options`` takes, if a TypedDict lists them.
+    `name`: public name; `function`: the function; `arguments`: positional arguments; `options`: names of the keyword
+    arguments; `bound`: number of leading arguments that are passed implicitly, such as the object of a method; `known`:
+    names of the keyword arguments that ``**options`` takes, if a TypedDict lists them.
     """
     parameters = list(inspect.signature(function).parameters.values())
     kinds = [each.kind for each in parameters]
@@ -160,7 +160,7 @@ def _with_checks(function: Callable[..., Any], name: str) -> Callable[..., Any]:
 
 
 def type_checks_of(value: Any) -> TypeChecks:
-    """Return the checks of all annotations of a function or class, by parameter or field."""
+    """Return the checks of all annotations of the function or class `value`, by parameter or field."""
     names = _Names(vars(sys.modules[value.__module__]))
     checks: TypeChecks = {}
     for key, given in value.__annotations__.items():
@@ -219,7 +219,7 @@ def type_check_of(hint: Any) -> TypeCheck:  # noqa: PLR0911
 
 
 def _limited(kind: TypeCheck, marks: Sequence[Any]) -> TypeCheck:
-    """Return the check of an annotated number, with the limits that `marks` contains; `kind` without limits.
+    """Return the check of an annotated number, with the limits that `marks` contains, or `kind` itself without limits.
 
     `kind`: check of the type; `marks`: metadata of the ``Annotated``, such as ``Gt(0)``.
     """
@@ -287,14 +287,14 @@ def _plural(words: Sequence[str]) -> str:
 
 
 def _is_list(value: Any) -> bool:
-    """Return whether a value is a sequence other than text, or an array with at least one axis."""
+    """Return whether a value is a sequence other than text, or a numpy array with at least one axis."""
     if isinstance(value, np.ndarray):
         return value.ndim > 0
     return isinstance(value, Sequence) and not isinstance(value, str | bytes)
 
 
 def _is_real(value: Any) -> bool:
-    """Return whether a value is a real or infinite number; NaN and integers beyond 64 bits are rejected."""
+    """Return whether a value is a real or infinite number; NaN, bools and integers beyond 64 bits are not."""
     if isinstance(value, float | np.floating):
         return not math.isnan(value)
     return is_number(value) and not (is_whole(value) and abs(int(value)) > _LARGEST)

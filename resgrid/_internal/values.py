@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 Record = TypeVar("Record")
 _MAX_REPR = 60
-"""Number of characters up to which a representation shows the value of a field."""
+"""Number of characters of a field's text up to which the ``repr`` of a dataclass shows the whole text."""
 _MAX_SHORT = 4
 """Number of entries up to which a ``repr`` shows the entries of a list, tuple or mapping."""
 _MAX_BRIEF = 12

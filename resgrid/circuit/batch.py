@@ -22,14 +22,14 @@ from resgrid.solvers.hierarchy_reuse import ChipSolver, solve_in_order, solver_b
 from resgrid.solvers.symbolic import order_rows
 
 _SMALL = 1000
-"""Number of rows (unknown voltages) up to which factorization is faster than multigrid."""
+"""Number of rows (unknown voltages) up to which all chips are factored; larger grids are solved by multigrid."""
 
 _MOST_CONTRAST = 1e3
-"""Largest ratio of two nominal conductances for which the nominal hierarchy is a usable preconditioner."""
+"""Largest ratio of two nominal conductances up to which chips share the coarse multigrid levels of the nominal chip."""
 
 
 class Batch(NamedTuple):
-    """Common set-up of all chips with the same circuit.
+    """Common set-up of all chips with one circuit.
 
     `system`: equations of the nominal chip, whose sparsity all chips have; `solver`: function that solves the equations
     of many chips one after the other.
@@ -119,10 +119,10 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
 
 
 def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
-    """Return the node voltages of chips, in volts, (chips, nodes); NaN where a node floats.
+    """Return the node voltages of chips above ground, in volts, (chips, nodes); NaN where a node floats.
 
-    `batch`: common set-up; `conductance` (chips, resistors): conductances in siemens; `rtol`: relative tolerance of the
-    solutions.
+    `batch`: common set-up; `conductance` (chips, resistors): conductances in siemens; `rtol`: relative tolerance, as
+    defined by `solve_many`.
     """
     system, solver = batch
     voltage = np.empty((len(conductance), system.netlist.node_count))

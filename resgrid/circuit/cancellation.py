@@ -21,25 +21,32 @@ from resgrid.circuit.sources import sum_cuts, without_loops
 from resgrid.solvers.conservative_factors import Column, fixed, nearest, scaled, substitute
 
 _DEEP_FLOOR, _SHALLOW_FLOOR, _SMALL = 1000, 200, 1000
-"""Numbers of binary digits from the largest value down to the floor: the magnitude below which values are set to zero.
-`_DEEP_FLOOR` applies to circuits of at most `_SMALL` rows, `_SHALLOW_FLOOR` to larger ones, since every 53 digits take
-a step of refinement.
+"""Exponents of the floor, and the number of rows up to which the deeper one applies.
+
+The floor is the magnitude below which values are set to zero: the largest value times ``2**-1000``, or times
+``2**-200`` for a larger circuit, since every 53 binary digits take a step of refinement.
 """
 
 _DIGITS = 60
 """Number of proved correct binary digits that a value needs before it is rounded to the 53 digits of a double."""
 
 _GUARD = 300
-"""Number of binary digits of the integers below the floor, besides the digits for the range of the conductances."""
+"""Number of binary digits of the integers below the floor, besides the digits for the range of the conductances.
+
+The floor is the magnitude below which voltages and currents are set to zero.
+"""
 
 _NEAR_FLOOR = 20
-"""Width of a range of currents above the floor, in binary digits.  KCL is not checked at nodes whose total current lies
-in this range or below the floor, because some of the currents at such a node may have been set to zero.
+"""Binary logarithm of a factor above the floor, the current below which currents are set to zero.
+
+KCL is not checked at nodes whose total current is below the floor times this factor, because some of the currents at
+such a node may have been set to zero.
 """
 
 _LEAST_AMPS = -2200
-"""Smallest assumed binary logarithm of the largest current in amperes, for circuits without sources.  The limit lies
-below the range of doubles.
+"""Lower limit on the binary logarithm of the largest current in amperes, for circuits without sources.
+
+The limit lies below the range of doubles.
 """
 
 _TINY = float(np.finfo(np.float64).tiny)
@@ -52,14 +59,14 @@ _MOST_STEPS = 200
 class RecoveredCurrents(NamedTuple):
     """Voltages and currents that obey Kirchhoff's current law even where large values cancel.
 
-    `volts` (nodes,): voltages above ground, NaN where a node floats; `heights` (nodes,): voltages above the reference
-    of the equations; `amps` (resistors,): currents from the first end to the second; `source_amps` (sources,): currents
-    into the plus terminal, NaN in a loop of sources; `power`: total power of the resistors, in watts; `unchecked`
-    (nodes,): whether all currents at a node are so close to the floor, or to the smallest double, that some of them may
-    have been set to zero; `entry_error`: bound on the relative error of every voltage above ground and above the
-    reference, or infinity; `error_bound`: bound on the error of a voltage relative to the largest one, and of a current
-    relative to the current through either end; `floor`: fraction of the largest voltage or current below which values
-    may have been set to zero.
+    `volts` (nodes,): voltages above ground, NaN where a node floats; `heights` (nodes,): voltages above the lowest
+    known voltage, ``Equations.reference``; `amps` (resistors,): currents from the first end to the second;
+    `source_amps` (sources,): currents into the plus terminal, NaN in a loop of sources; `power`: total power of the
+    resistors, in watts; `unchecked` (nodes,): whether all currents at a node are so small that some of them may have
+    been set to zero; `entry_error`: bound on the relative error of every entry of `volts` and `heights`, or infinity if
+    there is none; `error_bound`: bound on the error of a voltage relative to the largest one, and of a current relative
+    to the current through either end; `floor`: fraction of the largest voltage or current below which values may have
+    been set to zero.
     """
 
     volts: NDArray[np.float64]
@@ -76,9 +83,9 @@ class RecoveredCurrents(NamedTuple):
 class _Resistor(NamedTuple):
     """A resistor of a component with current.
 
-    `number`: index among all resistors; `nodes`: first and second node; `rows`: rows of the nodes, -1 for a known
-    voltage; `siemens`, `places`: the conductance is ``siemens / 2**places`` S; `log`: binary logarithm of the
-    conductance in siemens.
+    `number`: index among all resistors; `nodes`: first and second node; `rows`: rows of the equations that belong to
+    the nodes, -1 for a known voltage; `siemens`, `places`: the conductance is ``siemens / 2**places`` S; `log`: binary
+    logarithm of the conductance in siemens.
     """
 
     number: int
@@ -92,7 +99,8 @@ class _Resistor(NamedTuple):
 def solve_in_integers(system: Equations, columns: list[Column]) -> RecoveredCurrents | None:
     """Return the solution of the equations in integer arithmetic, or None if the refinement diverges.
 
-    `columns`: columns of the factors of ``system.laplacian``.  Refinement may diverge after underflow in the factors.
+    `columns`: elimination steps of the matrix ``system.laplacian``.  Refinement may diverge after underflow in the
+    factors.
     """
     state = _initial_state(system)
     last = math.inf
@@ -110,10 +118,10 @@ def solve_in_integers(system: Equations, columns: list[Column]) -> RecoveredCurr
 class _State:
     """Voltages and currents in integers, which corrections change in place.
 
-    `system`: equations; `depth`: binary digits between the largest value and the floor; `unit_volts`, `unit_amps`:
-    binary logarithms of the units of voltage and current in volts and amperes; `resistors`: resistors that may carry
-    current; `volts` (nodes,): voltages above ground; `net` (n + 1,): net current into every row; the last entry is
-    unused.
+    `system`: equations; `depth`: binary digits between the largest value and the floor, below which values are set to
+    zero; `unit_volts`, `unit_amps`: binary logarithms of the units of voltage and current in volts and amperes;
+    `resistors`: resistors that may carry current; `volts` (nodes,): voltages above ground; `net` (n + 1,): net current
+    into every row; the last entry collects the currents into nodes of known voltage and is not used.
     """
 
     system: Equations
@@ -134,7 +142,7 @@ class _State:
     def conduct(self, resistor: _Resistor, fall: int) -> None:
         """Subtract a resistor's current from the row of the first end, and add it to the row of the second end.
 
-        `fall`: voltage difference across the resistor, in units of voltage.
+        `fall`: voltage difference across the resistor, in units of ``2**unit_volts`` V.
         """
         amps, (first, second) = self.current(resistor, fall), resistor.rows
         self.net[first] -= amps
@@ -143,8 +151,8 @@ class _State:
     def correct(self, rise: list[int]) -> float:
         """Add a correction to the voltages; return a bound on the square root of the power that it dissipates.
 
-        `rise` (n,): correction of the rows, in units of voltage.  The result is a binary logarithm; the bound is in
-        units of voltage times the square root of a siemens.
+        `rise` (n,): correction of the rows, in units of ``2**unit_volts`` V.  The result is a binary logarithm, -inf
+        for a correction of 0; the bound is in units of ``2**unit_volts`` V times the square root of a siemens.
         """
         rise = [*rise, 0]
         for node in np.flatnonzero(self.system.unknown >= 0).tolist():
@@ -157,11 +165,11 @@ class _State:
         return 0.5 * (most + math.log2(max(len(self.resistors), 1)))
 
     def proved(self, power: float) -> bool:
-        """Return whether errors of this power prove `_DIGITS` binary digits of all values above the floor.
+        """Return whether voltage errors of this power prove `_DIGITS` binary digits of all values above the floor.
 
         `power`: binary logarithm of the square root of the power, as returned by `correct`.  With this square root
         ``s``, the current through a conductance ``g`` has an error of at most ``sqrt(g) s``.  A node with a resistance
-        ``R`` to ground has a voltage error of at most ``sqrt(R) s``.
+        ``R`` to ground has a voltage error of at most ``sqrt(R) s``.  Values below the floor are set to zero.
         """
         logs = [each.log for each in self.resistors if each.rows[0] != each.rows[1]]
         if not logs:
@@ -200,9 +208,9 @@ class _State:
         return _GUARD // 2
 
     def references(self) -> list[int]:
-        """Return the voltages of ground, of the reference of the equations and of both rails, as sorted integers.
+        """Return ground, the lowest known voltage ``system.reference`` and the rails, as sorted integer voltages.
 
-        The unit of voltage is ``2**unit_volts`` V.
+        The unit of voltage is ``2**unit_volts`` V. A voltage that occurs twice is listed once.
         """
         rails = self.system.rails
         known = [0.0, self.system.reference, *([rails.low, rails.high] if rails else [])]
@@ -224,7 +232,10 @@ class _State:
         return sum_cuts(netlist, self.system.forest, outflow)
 
     def rounded(self) -> RecoveredCurrents:
-        """Return all voltages and currents as doubles, each rounded once; values below the floor are 0."""
+        """Return all voltages and currents as doubles, each rounded once; values below the floor are 0.
+
+        The floor is ``2**-depth`` times the largest voltage or current.
+        """
         system, netlist = self.system, self.system.netlist
         falls, amps = np.zeros((2, len(netlist.conductance)))
         for each in self.resistors:
@@ -251,7 +262,7 @@ class _State:
 
 
 def _initial_state(system: Equations) -> _State:
-    """Return the integer voltages and currents of the equations with all rows at the reference voltage."""
+    """Return the integer voltages and currents of the equations with all rows at the lowest known voltage."""
     netlist, unknown = system.netlist, system.unknown
     still = np.zeros(netlist.node_count, dtype=np.bool_)
     still[system.floating] = still[system.undriven] = True
@@ -287,7 +298,7 @@ def _initial_state(system: Equations) -> _State:
 def _offsets(system: Equations, unit: int) -> list[int]:
     """Return the voltages of all nodes above the roots of their trees of voltage sources, (nodes,), as integers.
 
-    `unit`: binary logarithm of the unit of voltage in volts.
+    `system`: equations with the trees; `unit`: binary logarithm of the unit of voltage in volts.
     """
     netlist, offset = system.netlist, [0] * system.netlist.node_count
     plus, volts = netlist.source_nodes[:, 0].tolist(), netlist.source_volts.tolist()
@@ -298,7 +309,7 @@ def _offsets(system: Equations, unit: int) -> list[int]:
 
 
 def _units(value: float, unit: int) -> int:
-    """Return a double as a multiple of ``2**unit``, rounded down to an integer."""
+    """Return the double ``value`` as a multiple of ``2**unit``, rounded down to an integer."""
     mantissa, places = fixed(value)
     return scaled(mantissa, -places - unit)
 

@@ -1,10 +1,10 @@
 """Recover branch currents by iterative correction where voltage differences cancel.
 
-Examples are stiff ties to a rail, dead ends, balanced bridges and opposed sources.  The true currents there are 1e-16
-or less of the rounding error of the voltages times the conductance.  Small circuits are solved in integers
-(`resgrid.circuit.cancellation`).  In larger ones the voltages are sums of corrections, each computed from the KCL
-residual of the sum before it.  The voltage difference across every resistor is accumulated separately in
-double-double, so that its relative error is small even where both voltages agree.
+Examples are large conductances to a rail, dead ends, balanced bridges and opposed sources.  The true currents there are
+1e-16 or less of the rounding error of the voltages times the conductance.  Circuits whose factors have at most 10,000
+entries are solved in integers (`resgrid.circuit.cancellation`).  In larger ones the voltages are sums of corrections,
+each computed from the KCL residual of the sum before it.  The voltage difference across every resistor is accumulated
+separately in double-double, so that its relative error is small even where both voltages agree.
 """
 
 from __future__ import annotations
@@ -28,21 +28,28 @@ from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.supernodal import SupernodalFactors
 
 _FEW_ENTRIES, _MOST_ENTRIES = 10_000, 2_000_000
-"""Maximum numbers of entries of the factors.  A circuit with at most `_FEW_ENTRIES` is solved in integers
-immediately (30 ms); one with at most `_MOST_ENTRIES` after corrections in double-double have failed (some seconds).
+"""Maximum numbers of entries of the factors for a solution in integers.
+
+A circuit with at most `_FEW_ENTRIES` is solved in integers immediately (30 ms); one with at most `_MOST_ENTRIES` only
+after corrections in double-double have failed (some seconds).
 """
 
 _CERTAIN = 1e-9
-"""Largest change of a current by the last correction, as a fraction of the current through the nodes at its ends."""
+"""Largest change of a current by the last correction, as a fraction of the current through the nodes at its ends.
+
+A larger change means that the corrections have not converged.
+"""
 
 _UNDERFLOW, _UNRESOLVED, _UNCHECKED_KCL = 1e-280, 1e-30, 1e-28
-"""Fractions of the largest current.  Currents below `_UNDERFLOW` are set to zero, because products would underflow.
-Currents below `_UNRESOLVED` are set to zero if cancellation has removed all their digits.  KCL is not checked at nodes
-with a current that was set to zero and a through-current below `_UNCHECKED_KCL`.
+"""Fractions of the largest current.
+
+Currents below `_UNDERFLOW` are set to zero, because products would underflow. Currents below `_UNRESOLVED` are set to
+zero if cancellation has removed all their digits.  KCL is not checked at nodes with a current that was set to zero and
+a sum of currents below `_UNCHECKED_KCL`.
 """
 
 _UNBOUNDED = 1e-20
-"""Smallest denominator of the relative error bound of a current, as a fraction of the largest current."""
+"""Smallest denominator in the relative error bound of a current, as a fraction of the largest current."""
 
 _DIGITS = 48
 """Number of binary digits of a correction, counted from the largest entry; smaller digits are rounding errors."""
@@ -51,20 +58,21 @@ _SUM_ROUNDING = 2.0**-98
 """Rounding error of a sum of currents in double-double, as a fraction of the sum of the magnitudes."""
 
 _MOST_VOLTS = 1e200
-"""Magnitude of a correction, in volts, from which the corrections count as divergent."""
+"""Largest entry of a correction, in volts, from which the corrections count as divergent."""
 
 _MOST_STEPS = 30
 
 Doubled = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Array of double-doubles, as the pair of the leading parts and the rounding errors of these parts."""
+"""Array of double-doubles, as the pair of an array of leading parts and an array of their rounding errors."""
 
 
 def recover_currents(system: Equations) -> tuple[RecoveredCurrents | None, DirectFactor | None]:
-    """Return currents that obey KCL at every row, and the factors of the matrix, None without rows.
+    """Return currents that obey KCL at every row, and the factors of the matrix, which are None without rows.
 
-    The currents are None if the factors exceed the memory.  Small circuits are solved in integers.  Larger circuits,
-    and all grids of cells with a potential, are corrected in double-double; they are solved in integers if these
-    corrections do not converge.
+    A row is an unknown voltage with its equation. The currents are None if the factors exceed the memory.  Circuits
+    whose factors have at most 10,000 entries are solved in integers. Larger circuits, and all grids of cells with two
+    rails or currents of one sign, are corrected in double-double; they are solved in integers if these corrections do
+    not converge.
     """
     if not system.size:
         return solve_in_integers(system, []), None
@@ -92,10 +100,10 @@ class _Differences(NamedTuple):
     """Voltage differences across resistors, and voltages of rows (nodes with unknown voltage), in double-double.
 
     `falls` (resistors,): voltage of the first end minus voltage of the second end, in volts; `heights` (n,): voltages
-    of the rows above the reference of the equations, in volts; `net`, `through` (n,): net current into every row, and
-    half the sum of the magnitudes, in amperes; `change`: largest change of a current by the last correction, as a
-    fraction of the current through either end; `unresolved` (resistors,): whether a current is indistinguishable from
-    zero; `currentless` (resistors,): whether a current is zero for any conductances.
+    of the rows above the lowest known voltage, in volts; `net`, `through` (n,): net current into every row, and half
+    the sum of the magnitudes, in amperes; `change`: largest change of a current by the last correction, as a fraction
+    of the current through either end, infinite after divergence; `unresolved` (resistors,): whether a current is
+    indistinguishable from zero; `currentless` (resistors,): whether a current is zero for any conductances.
     """
 
     falls: Doubled
@@ -108,7 +116,7 @@ class _Differences(NamedTuple):
 
 
 def _correct(system: Equations, factors: SupernodalFactors) -> RecoveredCurrents:
-    """Return the currents from corrections in double-double, with a bound on the errors.
+    """Return the voltages and currents from corrections in double-double, with a bound on the errors.
 
     `system`: equations; `factors`: factors of the matrix of the equations.
     """
@@ -206,8 +214,8 @@ def _bound(system: Equations, factors: SupernodalFactors, found: _Differences) -
     """Return a bound on relative errors: of voltages relative to the largest, of currents relative to either end.
 
     `factors`: factors of the matrix; `found`: voltage differences and residuals.  The inverse matrix has no negative
-    entry.  Its product with the magnitudes of the residual currents bounds the voltage errors.  The error of a branch
-    current is also at most the sum of the residual currents.
+    entry.  The product of the inverse matrix with the magnitudes of the residual currents bounds the voltage errors.
+    The error of a branch current is also at most the sum of the residual currents.
     """
     netlist, rows = system.netlist, system.unknown[system.netlist.resistor_nodes]
     residual = np.abs(found.net) + _SUM_ROUNDING * found.through
@@ -222,9 +230,10 @@ def _bound(system: Equations, factors: SupernodalFactors, found: _Differences) -
 
 
 def _source_amps(system: Equations, falls: Doubled) -> NDArray[np.float64]:
-    """Return the currents of the voltage sources (sources,), in amperes, from exact sums of the branch currents.
+    """Return the currents into the plus terminals of the voltage sources (sources,), in amperes.
 
-    `falls` (resistors,): voltage differences across the resistors, in volts.
+    They are exact sums of the branch currents; NaN in a loop of sources. `falls` (resistors,): voltage differences
+    across the resistors, in volts.
     """
     netlist = system.netlist
     net, net_low, _ = _flows(netlist, netlist.resistor_nodes, netlist.current_nodes, netlist.node_count, falls)
@@ -252,7 +261,8 @@ def _connected_small(
     """Return which small currents are as uncertain as an unresolved one (resistors,).
 
     These are connected to an unresolved current by resistors with small currents.  `ends` (resistors, 2): nodes;
-    `nodes`: number of nodes; `small`, `unresolved` (resistors,): whether a current is small or unresolved.
+    `nodes`: number of nodes; `small` (resistors,): whether a current is small; `unresolved` (resistors,): whether a
+    current is indistinguishable from zero.
     """
     component = label_components(ends[small], nodes)[ends[:, 0]]
     return np.asarray(small & np.isin(component, component[unresolved]))
@@ -263,8 +273,8 @@ def _residual(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the net current into every row, and half the sum of the magnitudes there, in amperes, (n,) each.
 
-    `rows` (resistors, 2): rows of both ends; `falls` (resistors,): voltage differences in volts.  A net current within
-    the rounding error of its sum is 0.
+    `rows` (resistors, 2): rows of both ends, -1 for a known voltage; `falls` (resistors,): voltage differences in
+    volts.  A net current within the rounding error of its sum is 0.
     """
     source_rows = system.unknown[system.netlist.current_nodes]
     net, _, total = _flows(system.netlist, rows, source_rows, system.size, falls)
@@ -276,8 +286,9 @@ def _flows(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the net currents into nodes or rows, their rounding errors, and the sums of the magnitudes, in amperes.
 
-    `ends` (resistors, 2), `source_ends` (current sources, 2): nodes or rows of the ends; `count`: total number, the
-    length of the results; `falls` (resistors,): voltage differences in volts.  Sums are in double-double.
+    `ends` (resistors, 2), `source_ends` (current sources, 2): nodes or rows of the ends, negative ones are left out;
+    `count`: number of nodes or rows, the length of the results; `falls` (resistors,): voltage differences in volts.
+    Sums are in double-double.
     """
     from resgrid.circuit.kernels import add_flows
 

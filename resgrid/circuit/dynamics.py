@@ -109,7 +109,7 @@ class Dynamics:
 
     @cached_property
     def charged(self) -> NDArray[np.bool_]:
-        """Mask (n,) of the rows of the definite block ``C_cc`` of ``C``.
+        """Mask (n,) of the rows of the positive definite block ``C_cc`` of ``C``.
 
         The mask contains all rows except one of every column of `null_space`.
         """
@@ -145,11 +145,14 @@ class Dynamics:
         return x
 
     def at_nodes(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return row values at the nodes, (nodes,): 0 on rails, NaN at floating nodes; `value` (n,): row values."""
+        """Return row values at the nodes, (nodes,): 0 on rails, NaN at floating nodes.
+
+        `value` (n,): value of every row.
+        """
         return np.where(np.isnan(self.fixed), np.nan, np.append(value, 0.0)[self.row])
 
     def injection(self, nodes: NDArray[np.int64], amount: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the sum of the amounts at the nodes of every row, (n,); amounts at rails are left out.
+        """Return the sum of the amounts at the nodes of every row, (n,); nodes without a row are left out.
 
         `nodes` (k,): node of every amount; `amount` (k,): amounts, such as currents in amperes or charges in coulombs.
         """
@@ -201,7 +204,8 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
 def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> Factor:
     """Return the factors of ``G + rate C``, for normwise and componentwise solves.
 
-    `rate`: in 1/s; `method`: solver name.  Raise CircuitError if the rate is 0 and ``G`` is singular.
+    `dynamics`: equations ``C x' + G x = b``; `rate`: in 1/s, such as the inverse of a time step; `method`: "auto",
+    "direct" or "multigrid".  Raise CircuitError if the rate is 0 and ``G`` is singular.
     """
     G, C = dynamics.conductance, dynamics.capacitance
     if rate == 0.0:
@@ -217,7 +221,10 @@ def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> F
 
 
 def require_grounded(dynamics: Dynamics) -> None:
-    """Raise CircuitError if no path of resistors connects some row to a rail: its time constant would be infinite."""
+    """Raise CircuitError if no path of resistors connects some row to a rail: its time constant would be infinite.
+
+    `dynamics`: equations ``C x' + G x = b``; a row is an unknown voltage.
+    """
     G = dynamics.conductance
     component = label_components(G.edges)
     is_floating = np.bincount(component, G.ground > 0) == 0
@@ -258,7 +265,7 @@ def initial_state(dynamics: Dynamics, before: NDArray[np.float64]) -> NDArray[np
 def slope(dynamics: Dynamics, current: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the time derivatives of the voltages of the rows, in V/s, (n,), with errors of about 0.1 %.
 
-    `current` (n,): current that charges every row, in amperes.
+    `dynamics`: equations ``C x' + G x = b``; `current` (n,): current ``b - G x`` that charges every row, in amperes.
     """
     charged, groups, v = dynamics.charged, dynamics.null_space, np.zeros(dynamics.size)
     if dynamics.capacitance_factor is not None:
@@ -269,9 +276,9 @@ def slope(dynamics: Dynamics, current: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def _offset_rounding(dynamics: Dynamics, factors: Factor) -> NDArray[np.float64]:
-    """Return the rounding errors, (n,), of the right-hand side that offsets of floating sources cause.
+    """Return the rounding errors, (n,) in amperes, of the right-hand side that offsets of floating sources cause.
 
-    `factors`: factors of the matrix of the right-hand side.
+    `dynamics`: equations with the offsets; `factors`: factors of the matrix of the right-hand side, of size n.
     """
     return np.asarray(_EPS * dynamics.forest.largest_offset * factors.laplacian.diagonal)
 
@@ -282,7 +289,7 @@ def _solve_componentwise(
     """Return the solution (n,) for a right-hand side of both signs; errors are small relative to the largest entry.
 
     `factors`: factors of the matrix ``A``; `drive` (n,): right-hand side; `rounding` (n,): bound on the error of
-    `drive`. Raise AccuracyError if the error may exceed `_LARGEST_ERROR`.
+    `drive`. Raise AccuracyError if the error may exceed 1e-6 of the largest entry.
 
     The positive and the negative part of the right-hand side are solved for separately.  If the two solutions nearly
     cancel, their difference is corrected: ``A^-1`` has no negative entry, so that ``A^-1 |r|`` bounds the error, with
@@ -316,10 +323,10 @@ def _solve_componentwise(
 def _solve_residual(
     factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled, watch: ProgressMonitor
 ) -> list[Scaled]:
-    """Return the solutions for the positive and for the negative part of a residual, (n,) each.
+    """Return the solutions for the positive and for the negative part of the residual ``drive - A x``, (n,) each.
 
-    `drive` (n,): right-hand side; `rounding` (n,): bound on its error, which is added to both parts; `x` (n,):
-    approximate solution; `watch`: progress and error bound.
+    `factors`: factors of ``A``; `drive` (n,): right-hand side; `rounding` (n,): bound on the error of `drive`, which is
+    added to both parts; `x` (n,): approximate solution; `watch`: records progress and error bounds.
     """
     laplacian, r, e = factors.laplacian, np.empty(len(drive)), np.zeros(len(drive), dtype=np.int64)
     zeros = e.copy()
@@ -335,7 +342,7 @@ def energy_delivered(
     """Return the energy that all sources have delivered since 0+, in joules, without floating components.
 
     `time`: time since 0+ in seconds; `change` (n,): change of the voltages of the rows since 0+, in volts; `integral`
-    (n,): time integral of these voltages since 0+, in volt seconds.
+    (n,): time integral of the voltages of the rows since 0+, in volt seconds.
     """
     if not time > 0.0:
         return 0.0

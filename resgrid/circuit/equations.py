@@ -36,11 +36,12 @@ def across(voltage: NDArray[np.float64], ends: NDArray[np.int32]) -> NDArray[np.
 
 
 class RailContacts(NamedTuple):
-    """Connections of rows (unknown voltages) to known voltages, and between rows that floating sources shift apart.
+    """Connections of rows (unknown voltages) to known voltages, and between rows whose nodes have voltage offsets.
 
-    `element`, `row` (c,): resistor and row of every contact; `volts` (c,): voltage at the other end of the resistor
-    above the reference of the equations; `ties`: number of contacts with nodes of known voltage, which come first; the
-    others lead to other rows.
+    Floating sources give a node a voltage offset from its row. `element`, `row` (c,): resistor and row of every
+    contact; `volts` (c,): voltage at the other end of the resistor above the lowest known voltage (for contacts between
+    rows: offset of the other end minus that of this end); `ties`: number of contacts with nodes of known voltage, which
+    come first; the others lead to other rows.
     """
 
     element: NDArray[np.int32]
@@ -51,14 +52,14 @@ class RailContacts(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """Reduced nodal equations of a netlist, ``laplacian @ x = drive``, for heights ``x`` in volts above `reference`.
+    """Reduced nodal equations of a netlist, ``laplacian @ x = drive``, for voltages ``x`` in volts above `reference`.
 
     A row is an unknown voltage with its equation: Kirchhoff's current law at one node, or at nodes that sources join.
 
     `netlist`: the circuit; `forest`: spanning forest of the voltage sources; `unknown` (nodes,): row of every node with
     an unknown voltage, -1 for others; nodes joined by floating sources share a row; `laplacian` (n, n): conductances
-    between the rows, and from rows to nodes of known voltage; its `rails` are set if the known voltages have exactly
-    two values and there is no other drive; `contacts`: the resistors that contribute to `feed` and to ground
+    between the rows, and from rows to nodes of known voltage; `laplacian.rails` is set if the known voltages have
+    exactly two values and there is no other drive; `contacts`: the resistors that contribute to `feed` and to ground
     conductances; `feed` (n,): current from the known voltages, above `reference`, into every row, in amperes;
     `injected` (n,): current from current sources into every row, in amperes; both are read-only views of one zero if
     all entries are 0; `reference`: the lowest known voltage in contact with the rows, in volts; `undriven`: nodes of
@@ -85,7 +86,7 @@ class Equations:
 
     @property
     def rails(self) -> Rails | None:
-        """The two rails and their contacts with rows, or None unless exactly two known voltages drive the circuit."""
+        """The two rails and their contacts with rows; None unless exactly two known voltages drive the rows."""
         return self.laplacian.rails
 
     def known_voltages(self) -> NDArray[np.float64]:
@@ -98,9 +99,9 @@ class Equations:
         return known
 
     def heights(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the heights of all nodes above `reference`, in volts, (nodes,), NaN if floating.
+        """Return the voltages of all nodes above ``self.reference``, in volts, (nodes,), NaN if floating.
 
-        `x` (n,): heights of the rows above `reference`, in volts.
+        `x` (n,): voltages of the rows above ``self.reference``, in volts.
         """
         own = np.where(self.unknown >= 0, self.forest.offsets[0], self.known_voltages() - self.reference)
         return np.asarray(own + np.append(x, 0.0)[self.unknown])
@@ -108,23 +109,23 @@ class Equations:
     def voltages(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the voltages of all nodes above ground, in volts, (nodes,), NaN if floating.
 
-        `x` (n,): heights of the rows above `reference`, in volts.
+        `x` (n,): voltages of the rows above ``self.reference``, in volts.
         """
         return self.above_ground(self.heights(x))
 
     def above_ground(self, heights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the voltages of all nodes above ground, in volts, (nodes,), NaN if floating.
 
-        `heights` (nodes,): heights above `reference`, in volts.  Known voltages are returned without rounding.
+        `heights` (nodes,): voltages above ``self.reference``, in volts.  Known voltages are returned without rounding.
         """
         if self.reference == 0.0:
             return heights
         return np.where(self.unknown >= 0, self.reference + heights, self.known_voltages())
 
     def with_conductance(self, conductance: NDArray[np.float64]) -> tuple[Laplacian, NDArray[np.float64]]:
-        """Return the matrix and the `feed` (n,), in amperes, of this circuit with other conductances.
+        """Return the matrix for other conductances, and the currents (n,) from known voltages into the rows.
 
-        `conductance` (resistors,): conductances in siemens.
+        `conductance` (resistors,): conductances in siemens. The currents are in amperes.
         """
         listed = EdgeList(self.netlist.resistor_nodes, conductance, self.unknown)
         return matrix_of(self.netlist, listed, self.contacts, self.size)
@@ -142,7 +143,7 @@ class Components:
     """Connected components of the nodes whose voltage no chain of sources fixes, with the known voltages they touch.
 
     `of_node` (nodes,): component of every node, -1 for nodes of known voltage; `lowest`, `highest` (components,): range
-    of the known voltages that the elements of a component touch, in volts; infinite if there are none; `has_drive`
+    of the known voltages that the elements of a component touch, in volts; inf and -inf if there are none; `has_drive`
     (components,): whether current sources or offsets of floating voltage sources drive the component; `contacts` (c,):
     the elements between components and nodes of known voltage.
     """
@@ -224,11 +225,11 @@ def assemble(netlist: Netlist) -> Equations:
 def matrix_of(
     netlist: Netlist, listed: EdgeList, contacts: RailContacts, size: int, rails: Rails | None = None
 ) -> tuple[Laplacian, NDArray[np.float64]]:
-    """Return the matrix of elements between the nodes of a netlist, and `feed` (n,), in amperes.
+    """Return the matrix of elements between nodes of a netlist, and the currents (n,) from known voltages.
 
     `listed`: elements with nodes and conductances; `contacts`: contacts among the elements; `size`: number of rows n;
-    `rails`: the rails, if exactly two drive the circuit.  `feed` is the current that contacts drive into every row.
-    The matrix contains the grid of cells if the netlist has one.
+    `rails`: the rails, if exactly two drive the circuit.  The currents, in amperes, are those that contacts drive into
+    every row. The matrix contains the grid of cells if the netlist has one.
     """
     siemens, ties = listed.conductance[contacts.element], slice(contacts.ties)
     ground = sum_by_row(contacts.row[ties], siemens[ties], size)
@@ -305,9 +306,9 @@ def _range(values: NDArray[np.float64], group: NDArray[np.int32], count: int) ->
 def contacts_of(
     ends: NDArray[np.int32], candidates: NDArray[np.int32], unknown: NDArray[np.int32], forest: SourceForest
 ) -> RailContacts:
-    """Return the contacts among candidate elements.
+    """Return the contacts among candidate elements: the connections of rows to known voltages or to shifted rows.
 
-    `ends` (m, 2): nodes of all elements; `candidates` (k,): numbers of the candidates; `unknown` (nodes,): row of every
+    `ends` (m, 2): nodes of all elements; `candidates` (k,): indices of the candidates; `unknown` (nodes,): row of every
     node, -1 without a row; `forest`: spanning forest of the voltage sources.
     """
     first, second = np.take(ends, candidates, axis=0).T

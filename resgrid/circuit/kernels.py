@@ -21,8 +21,8 @@ def merge_components(pairs: Indices, part: Indices, contacts: Indices) -> int:
     """Merge the components of the two ends of every edge in a union-find, in place; return the number of contacts.
 
     `pairs` (m, 2): nodes of the edges; `part` (nodes,): parents of the union-find, -1 for a node outside all
-    components; `contacts` (at least m,): receives the numbers of the edges with one such node (contacts).  With
-    `number_components` this takes 18 to 52 ms for 1e6 edges, 4 to 17 times less than
+    components; `contacts` (at least m,): receives the indices of the contacts, the edges with one node outside all
+    components.  With `number_components` this takes 18 to 52 ms for 1e6 edges, 4 to 17 times less than
     `scipy.sparse.csgraph.connected_components` (`resgrid.core.regions.label_components`).
     """
     count = 0
@@ -42,7 +42,7 @@ def merge_components(pairs: Indices, part: Indices, contacts: Indices) -> int:
 
 @kernel
 def number_components(part: Indices) -> int:
-    """Replace the parents of a union-find by component numbers, in place; return the number of components.
+    """Replace the parents of a union-find by component numbers from 0 on, in place; return the number of components.
 
     `part` (nodes,): parents; -1 stays -1.  The parent of a node has a smaller number than the node, so that the
     component of the parent is known first.
@@ -61,9 +61,9 @@ def number_components(part: Indices) -> int:
 def _close_component(pairs: Indices, last: int, root: int, edges: Integers, top: int, currentless: Bools) -> int:
     """Pop the edges of a biconnected component from the stack, and return the new height of the stack.
 
-    `pairs` (m, 2): vertices of the edges; `last`: edge of the component that is deepest in the stack; `root`: vertex of
-    the terminals; `edges` (m,): the stack; `top`: its height; `currentless` (m,): set to True for the popped edges if
-    fewer than two of them touch the root.
+    `pairs` (m, 2): vertices of the edges; `last`: edge of the component that is deepest in the stack; `root`: vertex
+    that stands for all terminals of sources; `edges` (m,): the stack; `top`: number of edges on the stack;
+    `currentless` (m,): set to True for the popped edges if fewer than two of them touch the root.
     """
     first, contacts = top, 0
     while first == top or edges[first] != last:
@@ -82,9 +82,9 @@ def mark_currentless(
 ) -> None:  # fmt: skip
     """Mark the resistors that lie on no path between two terminals of sources, in place.
 
-    `pairs` (m, 2): rows, and n for the root; `start` (n + 2,), `edge` (2 m,): the resistors at every vertex in
-    compressed rows; `place` (n + 1,): a copy of ``start``; `order`, `low`, `entry`, `path` (n + 1,): work arrays filled
-    with -1; `edges` (m,): work array; `currentless` (m,): the result.
+    `pairs` (m, 2): rows at the ends, and n for a terminal; `start` (n + 2,), `edge` (2 m,): the resistors at every
+    vertex in compressed rows; `place` (n + 1,): a copy of ``start[:-1]``; `order`, `low`, `entry`, `path` (n + 1,):
+    work arrays filled with -1; `edges` (m,): work array; `currentless` (m,): the result.
 
     All terminals are one vertex, the root.  A resistor carries current only in a biconnected component (Hopcroft and
     Tarjan, Commun. ACM 16, 1973, 372) that at least two resistors join to the root.  Resistors without a path to the
@@ -126,8 +126,9 @@ def _voltage_difference(
 ) -> float:  # fmt: skip
     """Return the potential of node a minus that of b, as a fraction of the rail distance; 0 within rounding errors.
 
-    ``a + a_low`` is the drop of node a from the high rail if `a_is_drop`, else the height of node a above the low rail;
-    likewise for node b.  `rounding`, `drop_rounding`: relative rounding errors of heights and of drops.
+    ``a + a_low`` is the drop of node a from the high rail if `a_is_drop`, else the voltage of node a above the low
+    rail, both as fractions of the rail distance; likewise for node b.  `rounding`, `drop_rounding`: relative rounding
+    errors of voltages above the low rail and of drops.
     """
     if a_is_drop == b_is_drop:
         d = (a - b) + (a_low - b_low)
@@ -149,11 +150,12 @@ def currents(
 ) -> float:  # fmt: skip
     """Compute the currents of the resistors, and return the dissipated power in watts.
 
-    `pairs` (m, 2): nodes; `conductance` (m,): in siemens; `value`, `is_drop` (nodes,): node values, and whether each is
-    a drop from the high rail; `volts`: unit of the values in volts; `rounding`: relative rounding error of heights;
-    `amps`, `exponent` (m,): receive the currents ``amps * 2**(256 exponent)`` A; `threshold`: relative difference of
-    two values below which their difference is imprecise; `imprecise` (m,): receives whether the voltage difference is
-    imprecise or a rounding error, but not zero.
+    `pairs` (m, 2): nodes; `conductance` (m,): in siemens; `value`, `is_drop` (nodes,): node values as fractions of the
+    rail distance, and whether each is a drop from the high rail instead of a voltage above the low rail; `volts`: rail
+    distance in volts; `rounding`: relative rounding error of voltages above the low rail; `amps`, `exponent` (m,):
+    receive the currents ``amps * 2**(256 exponent)`` A; `threshold`: relative difference of two values below which
+    their difference is imprecise; `imprecise` (m,): receives whether the voltage difference is imprecise or a rounding
+    error, but not zero.
     """
     hi, lo, e, drop_rounding = value.hi, value.lo, value.exponent, value.noise
     power = 0.0
@@ -200,9 +202,9 @@ def drop_unresolved(
 
     `pairs` (m, 2): nodes; `amps`, `exponent` (m,): currents ``amps * 2**(256 exponent)`` A; `frame` (nodes,): exponent
     of the unit ``2**(256 frame)`` A of a node; `net`, `through` (nodes,): net current and half the sum of the
-    magnitudes, in this unit; `falling` (nodes,): values that fall along currents; `negligible`: a current of at most
-    ``negligible * through`` is negligible.  A node with NaN in `falling` (a voltage outside the rails) keeps its
-    currents.
+    magnitudes, in this unit; `falling` (nodes,): values that fall along currents, such as the potential; `negligible`:
+    a current of at most ``negligible * through`` is negligible.  A node with NaN in `falling` (a voltage outside the
+    rails) keeps its currents.
     """
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]

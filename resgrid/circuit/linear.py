@@ -32,7 +32,11 @@ from resgrid.solvers.scaled import unscaled
 from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 _LARGEST_ROUNDING = 1e-10
-"""Largest rounding error of a sum of source voltages, as a fraction of the smallest source voltage."""
+"""Limit on the rounding error of a sum of source voltages, as a fraction of the smallest source voltage.
+
+Beyond the limit, currents of circuits with more than 20,000 rows are recovered too
+(`resgrid.circuit.current_recovery`).
+"""
 
 _SMALL = 500
 """Number of nodes up to which currents of circuits without cells are always recovered; recovery takes milliseconds."""
@@ -82,9 +86,9 @@ def solve_linear(
 class _Run(NamedTuple):
     """Options and progress of one solve.
 
-    `method`: solver name, such as ``"auto"``; `accuracy`: ``"normwise"`` or a componentwise option of `resgrid.solve`;
-    `team`: threads; `watch`: progress reports; `seconds`: wall-clock time of every finished stage, filled in by
-    `timed`.
+    `method`: ``"auto"``, ``"direct"`` or ``"multigrid"``; `accuracy`: ``"normwise"`` or ``"direction"``
+    (componentwise); `team`: threads; `watch`: counts iterations and records errors; `seconds`: wall-clock time of every
+    finished stage by its name, filled in by `timed`.
     """
 
     method: str
@@ -112,9 +116,10 @@ class _Solution(NamedTuple):
     """A componentwise solution, and the quantities that decide whether it is accurate.
 
     `point`: operating point; `values`: node voltages relative to the rails; `residual` (nodes,): KCL residual as a
-    fraction of the current through a node; `imprecise`: whether significant currents have few correct digits;
-    `error_bound`: bound on the errors of voltages relative to the largest one, and of currents relative to the current
-    through a node; `recovered`: whether the currents come from `current_recovery`, which proves them independently.
+    fraction of the current through a node; `imprecise`: whether currents above 1e-7 of the current through a node have
+    few correct digits; `error_bound`: bound on the errors of voltages relative to the largest one, and of currents
+    relative to the current through a node, 0 if no bound is computed; `recovered`: whether the currents come from
+    `resgrid.circuit.current_recovery`, which proves them independently.
     """
 
     point: OperatingPoint
@@ -188,9 +193,11 @@ def _may_cancel(system: Equations, solution: _Solution) -> bool:
 def _suggests_cancellation(system: Equations, point: OperatingPoint) -> bool:
     """Return whether voltages or currents may be small differences of large values.
 
-    This is assumed for every small circuit without cells, for violations of KCL, and for floating sources that drive
-    currents.  Cancellation is also assumed if sums of source voltages in series are rounded.  Up to `EXACT_ROWS` rows,
-    it is assumed if sources drive currents of both signs or conductances differ by many orders of magnitude.
+    `system`: equations; `point`: operating point before any recovery of currents.  The result is True for circuits
+    without cells of at most 500 nodes, for violations of KCL above 1e-6, and for floating sources that drive currents.
+    In circuits of at most 20,000 rows it is also True if voltage sources are in series, if sources drive currents of
+    both signs, or if the smallest conductance is below 1e-9 times the largest.  In larger circuits it is True if sums
+    of source voltages have large rounding errors (`_LARGEST_ROUNDING`).
     """
     forest, volts = system.forest, np.abs(system.netlist.source_volts)
     rounding, few = float(np.abs(forest.rounding).max(initial=0.0)), system.size <= EXACT_ROWS
@@ -275,7 +282,7 @@ def _is_driven_where_floating(system: Equations) -> bool:
 
 
 def _floating_components(system: Equations) -> tuple[Netlist, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return the floating components as a netlist, and masks of its resistors (resistors,) and sources (sources,).
+    """Return the floating components as a netlist, and masks of their resistors (resistors,) and sources (sources,).
 
     One node of each component is tied to ground.  The source currents into a component add up to zero, so that the tie
     carries no current.  Ends of current sources in other components become ground.
@@ -303,8 +310,8 @@ def _merged(
 ) -> BranchCurrents:
     """Return the currents of the whole circuit: currents of the floating components replace zeros of the others.
 
-    `grounded`, `floating`: currents of the two parts; `resistors` (resistors,), `sources` (sources,): whether the
-    resistor or voltage source is in a floating component.
+    `grounded`, `floating`: currents of the circuit without and of the floating components; `resistors` (resistors,),
+    `sources` (sources,): whether the resistor or voltage source is in a floating component.
     """
     amps, exponent, through = grounded.scaled[0].copy(), grounded.scaled[1].copy(), grounded.source_current.copy()
     amps[resistors], exponent[resistors] = floating.scaled
@@ -357,7 +364,7 @@ class CircuitFactor:
         Returns
         -------
         ndarray of float64, shape (n,)
-            Voltages of the nodes of the rows above ``system.reference``, in volts.
+            Voltages of the nodes of the rows above the lowest known voltage, ``system.reference``, in volts.
 
         Raises
         ------
@@ -368,6 +375,9 @@ class CircuitFactor:
 
 
 def factor_circuit(system: Equations, method: str = "auto") -> CircuitFactor:
-    """Return the factored matrix of the equations, for normwise and componentwise solves; `method`: solver name."""
+    """Return the factored matrix of the equations, for normwise and componentwise solves.
+
+    `system`: equations; `method`: ``"auto"``, ``"direct"`` or ``"multigrid"``.
+    """
     factors = factor_laplacian(system.laplacian, method)
     return CircuitFactor(replace(system, laplacian=factors.laplacian), factors)

@@ -38,7 +38,10 @@ from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.progress import Progress
 
 _MANY_STEPS, MOST_STEPS = 20, 200
-"""Number of Newton steps after which overloaded cuts are searched for, and largest number of Newton steps."""
+"""Number of Newton steps after which overloaded cuts are searched for, and largest number of Newton steps.
+
+An overloaded cut is a set of nonlinear resistors that cannot carry the current of the sources; it raises CircuitError.
+"""
 
 _EPS = float(np.finfo(np.float64).eps)
 _FLOOR = 1e-15
@@ -231,7 +234,7 @@ def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlis
 class _Law(NamedTuple):
     """Characteristic ``I = G V0 tanh(dV / V0)`` of m resistors, with the current ``I`` and the voltage ``dV``.
 
-    `siemens` (m,): conductance at 0 V ``G``; `volts` (m,): ``V0``, infinite for a linear resistor.
+    `siemens` (m,): conductance ``G`` at 0 V, in siemens; `volts` (m,): ``V0`` in volts, infinite for a linear resistor.
     """
 
     siemens: NDArray[np.float64]
@@ -310,7 +313,8 @@ class _NonlinearCircuit:
         """Return the change of the row voltages, in volts, (n,), and its length as a fraction of the Newton step.
 
         `x` (n,), `drop` (elements,): voltages of rows and across elements, in volts; `excess` (n,): violations of KCL
-        in amperes; `least`: smallest length of a Newton step; a secant step, of length 0, replaces shorter steps.
+        in amperes; `least`: smallest accepted length of a Newton step; a secant step, for which the returned length is
+        0, replaces shorter steps.
         """
         with suppress(AccuracyError):  # the matrix can be singular if differential conductances vanish
             direction, length = self.move(excess, self.law.differential(drop)), 1.0
@@ -345,8 +349,8 @@ class _NonlinearCircuit:
         def crossing(weight: NDArray[np.float64]) -> NDArray[np.float64]:
             """Return the total weight of the elements that cross each cut, (count - 1,).
 
-            Cut ``i`` separates the rows up to voltage number ``i`` from the rows above; `weight` (elements,): weight of
-            an element, such as the current limit.
+            Cut ``i`` separates the rows with the ``i + 1`` lowest distinct voltages from all others; `weight`
+            (elements,): weight of an element, such as the current limit.
             """
             return np.cumsum(np.bincount(below, weight, count) - np.bincount(above, weight, count))[:-1]
 

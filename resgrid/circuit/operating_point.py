@@ -26,7 +26,7 @@ class BranchCurrents(NamedTuple):
     """Currents of resistors and voltage sources, the dissipated power and the KCL residual.
 
     `resistor_current` (resistors,): currents in amperes, from the first node to the second, 0 if they underflow;
-    `scaled`: the same currents as mantissas and exponents, ``mantissa * 2**(256 exponent)`` A, (resistors,) each;
+    `scaled`: the resistor currents as mantissas and exponents, ``mantissa * 2**(256 exponent)`` A, (resistors,) each;
     `source_current` (sources,): currents in amperes, into the plus terminal; `power`: dissipated power in watts;
     `kcl_residual`: largest violation of Kirchhoff's current law, as a fraction of the current through the node.
     """
@@ -58,7 +58,7 @@ class OperatingPoint:
         None unless exactly two known voltages, the rails, drive the circuit.
     potential : ndarray of float64, shape (nodes,), or None
         With two rails ``1 - u``, computed from ``u`` or from ``1 - u``, whichever is smaller.  With one rail and
-        current sources of one sign, the height above (or below) that rail, scaled to a maximum of 1.  Otherwise None.
+        current sources of one sign, the voltage above (or below) that rail, scaled to a maximum of 1.  Otherwise None.
     floating : ndarray of int64
         Nodes without a path of resistors or voltage sources to ground.  The voltages of these nodes are NaN; currents
         between them are known, since the source currents into each floating component add up to zero.
@@ -77,11 +77,12 @@ class OperatingPoint:
         Backward error of the linear system: componentwise for ``accuracy = "direction"``, normwise for ``"normwise"``.
         With nonlinear resistors, the backward error belongs to the last linear system.
     entry_error : float
-        Bound on the relative error of every drop ``u``, however small (with one rail: of every height above it),
-        proved from the KCL residuals (`resgrid.solvers.refinement`).  The rounding of the logarithm to a double is not
-        included.  In small circuits without two rails the bound holds for voltages above ground as well.  It is
-        infinite without a proof: for normwise solutions, for circuits with nonlinear resistors, for larger circuits
-        with one rail and currents of both signs, and for circuits with components that carry no current.
+        Bound on the relative error of every drop ``u``, however small (with one rail: of every voltage above that
+        rail), proved from the KCL residuals (`resgrid.solvers.refinement`).  The rounding of the logarithm to a double
+        is not included.  In circuits without two rails of up to about 800 nodes the bound holds for voltages above
+        ground as well.  The bound is infinite without a proof: for normwise solutions, for circuits with nonlinear
+        resistors, for larger circuits with one rail and currents of both signs, and for circuits with components that
+        carry no current.
     nonlinear_amps : ndarray of float64, shape (nonlinear resistors,)
         Current from the first node of a nonlinear resistor to the second, in amperes; 0 if it underflows.
     nonlinear_log_amps : ndarray of float64, shape (nonlinear resistors,)

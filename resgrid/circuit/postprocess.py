@@ -2,7 +2,7 @@
 
 The value of a node is its voltage difference from the nearer rail.  A branch current is computed from the difference of
 two values before any rounding.  With two rails, the linear system is solved for the drop ``u`` from the high rail.  The
-height ``phi = 1 - u`` above the low rail is the complement of the drop, or the solution of a second system if the
+voltage ``phi = 1 - u`` above the low rail is the complement of the drop, or the solution of a second system if the
 complement would cancel at some node.  Source currents of both signs are two right-hand sides; solutions may cancel.
 """
 
@@ -37,15 +37,16 @@ DIRECTION_RESIDUAL = 1e-6
 """Largest KCL violation at a node of a direction-safe field, as a fraction of the current through the node."""
 
 HARMLESS = 1e-7
-"""Fraction of a node's through-current.  Smaller currents are set to zero if they do not flow down the potential."""
+"""Fraction of a node's through-current, below which currents that do not flow down the potential are set to zero."""
 
 _LEAST_COMPLEMENT = 1e-3
-"""Smallest height above the low rail, as a fraction of the rail distance, that is computed as one minus the drop."""
+"""Smallest voltage above the low rail, as a fraction of the rail distance, that is computed as one minus the drop."""
 
 _IMPRECISE, _IMPRECISE_IN_SMALL = 1e-20, 1e-10
 """Relative difference of two values below which a current computed from their difference has few correct digits.
-`_IMPRECISE` is half the digits of a double-double.  `_IMPRECISE_IN_SMALL`, for small circuits, where a check is cheap,
-includes the rounding error of summed contacts.
+
+`_IMPRECISE` is half the digits of a double-double.  `_IMPRECISE_IN_SMALL`, for at most 20,000 nodes, for which a check
+is cheap, includes the rounding error of summed conductances to rails.
 """
 
 _NO_EXPONENT = -(2**62)
@@ -58,10 +59,10 @@ class NodeValues:
     """Voltage difference of every node from the nearer of two rails, or from the only one, in units of `volts`.
 
     `value` (nodes,): 0 where the node floats; `is_drop` (nodes,): whether the value is the drop from the high rail,
-    which lies 1 unit above the low one, and not the height above the low rail; `zero`: voltage of the low (or only)
+    which lies 1 unit above the low one, and not the voltage above the low rail; `zero`: voltage of the low (or only)
     rail; `volts`: size of a unit in volts, negative if values grow as voltages fall; `rounding`: relative difference of
-    two heights up to which it is a rounding error (``value.noise`` for drops); `error_bound`: bound on the error of a
-    value relative to the largest value, for source currents of both signs, else 0 (no bound is computed).
+    two voltages above the low rail up to which it is a rounding error (``value.noise`` for drops); `error_bound`: bound
+    on the error of a value relative to the largest value, for source currents of both signs, else 0 (not computed).
     """
 
     value: Scaled
@@ -73,7 +74,7 @@ class NodeValues:
 
     @property
     def height(self) -> NDArray[np.float64]:
-        """Heights of all nodes above the low rail as doubles, in units of `volts`, shape (nodes,)."""
+        """Voltages of all nodes above the low rail as doubles, in units of ``self.volts`` volts, shape (nodes,)."""
         plain = self.value.plain
         return np.where(self.is_drop, 1.0 - plain, plain) if self.is_drop.any() else plain
 
@@ -94,16 +95,16 @@ def node_values(system: Equations, factors: Factor | None, watch: ProgressMonito
 
 
 def values_above(system: Equations, heights: NDArray[np.float64]) -> NodeValues:
-    """Return node values for heights (nodes,) above the reference of the equations, in volts, without rounding."""
+    """Return node values without rounding; `heights` (nodes,): voltages above ``system.reference``, in volts."""
     plain, zero, volts = _in_units(system, heights)
     value = Scaled.of(np.nan_to_num(plain))
     return NodeValues(value._replace(noise=0.0), np.zeros(len(plain), np.bool_), zero, volts, 0.0)
 
 
 def _in_units(system: Equations, heights: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
-    """Return heights above the low (or only) rail in units (nodes,), the rail's voltage and the unit, both in volts.
+    """Return voltages above the low (or only) rail in units (nodes,), the rail's voltage and the unit, both in volts.
 
-    `heights` (nodes,): heights above the reference of the equations, in volts.
+    `heights` (nodes,): voltages above ``system.reference``, in volts.  The unit is the rail distance, else 1 or -1 V.
     """
     zero, volts = system.reference, 1.0 if np.any(heights > 0.0) else -1.0
     if system.rails is not None:
@@ -114,10 +115,10 @@ def _in_units(system: Equations, heights: NDArray[np.float64]) -> tuple[NDArray[
 def _drop_and_height(
     rails: Rails, factors: Factor | None, watch: ProgressMonitor, team: ThreadTeam
 ) -> tuple[Scaled, Scaled | None]:
-    """Return drops (n,) from the high rail, and heights (n,) above the low rail, None if ``1 - drop`` is accurate.
+    """Return drops (n,) from the high rail and voltages (n,) above the low rail, as fractions of the rail distance.
 
-    The current into the low rail comes from the high one: ``to_low * height`` is at most the sum of ``to_high``.  If
-    this bound shows that drops and heights are both needed, they are solved at the same time.
+    The voltages are None if ``1 - drop`` is accurate.  If a bound shows that both are needed, both systems are solved
+    at one time.  By KCL, ``to_low * voltage`` is at most the sum of ``to_high``, the conductances to the high rail.
     """
     currents = [rails.to_low]
     if team.size > 1 and (to_high := rails.to_high).sum() < _LEAST_COMPLEMENT * currents[0].max(initial=0.0):
@@ -146,7 +147,7 @@ def _solved(
 
 
 def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None) -> NodeValues:
-    """Return node values from the drops (n,) and heights (n,) of the rows; `height` None: ``1 - drop`` is accurate."""
+    """Return node values; `drop`, `height` (n,): drops, and voltages above the low rail (None: use ``1 - drop``)."""
     far = np.flatnonzero((drop.exponent >= 0) & (drop.hi > 0.5))
     there = drop if height is None else height
     up = Scaled(there.hi[far], there.lo[far], there.exponent[far])
@@ -167,7 +168,7 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
 
 
 def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
-    """Return node values from heights (n,) of the rows above the reference, in units of `volts` volts."""
+    """Return node values; `rows` (n,): voltages of the rows above ``system.reference``, in units of `volts` volts."""
     forest = system.forest
     out = _rows_to_nodes(system, rows, (system.known_voltages() - system.reference) / volts)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
@@ -192,7 +193,7 @@ def _rows_to_nodes(system: Equations, rows: Scaled, known: NDArray[np.float64]) 
 def read_normwise(system: Equations, x: NDArray[np.float64], **details: Any) -> OperatingPoint:
     """Return the operating point of a normwise solution; branch currents are computed at the first access.
 
-    `x` (n,): solution of the equations, in volts; `details`: other fields of the operating point.
+    `x` (n,): solution of the equations, in volts; `details`: further fields of the operating point, by name.
     """
     if not np.isfinite(x).all():
         raise CircuitError(OUT_OF_RANGE)
@@ -213,8 +214,8 @@ def read_entrywise(
 ) -> tuple[OperatingPoint, NDArray[np.float64], bool]:  # fmt: skip
     """Return the operating point, relative KCL residuals (nodes,), and whether large currents have few correct digits.
 
-    `values`: node values; `recovered`: voltages and currents from `resgrid.circuit.current_recovery`, if there are any;
-    `tiny`: currents from the node values, which replace recovered currents that were set to zero; `details`: further
+    `values`: node values; `recovered`: voltages and currents from `resgrid.circuit.current_recovery`, or None; `tiny`:
+    currents from the node values, which replace recovered currents that were set to zero, or None; `details`: further
     fields of the operating point.
     """
     voltage, (log_drop, potential) = team.together(
@@ -293,7 +294,7 @@ def _branch_currents(
 def _differences(
     values: NodeValues, netlist: Netlist, team: ThreadTeam
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], float, NDArray[np.int64]]:
-    """Return branch currents, exponents, the power in watts, and the numbers of the currents with few correct digits.
+    """Return branch currents, exponents, the power in watts, and the indices of the currents with few correct digits.
 
     The currents are ``amps * 2**(256 exponent)`` A, (resistors,); the exponents are all 0 if doubles are sufficient.
     """
@@ -332,10 +333,10 @@ def _floor_of(values: NDArray[np.float64], floor: float) -> float:
 def _sums(
     netlist: Netlist, amps: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Sum the currents at every node; return `frame`, `net` and `through`, (nodes,) each.
+    """Return the exponents, net currents and through-currents of all nodes, (nodes,) each.
 
-    `amps`, `exponent` (resistors,): currents ``amps * 2**(256 exponent)`` A; `frame`: largest exponent at a node;
-    `net`: current into a node; `through`: half the sum of the magnitudes; both in units of ``2**(256 frame)`` A.
+    `amps`, `exponent` (resistors,): currents ``amps * 2**(256 exponent)`` A.  The unit of a node is ``2**(256 f)`` A,
+    with its largest exponent ``f``.  Through-currents are half the sums of the magnitudes.
     """
     from resgrid.circuit.kernels import add_currents
 
@@ -372,7 +373,7 @@ def _log_drop_and_potential(
 def _potential(system: Equations, height: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Return the potentials of an `OperatingPoint`, between 0 and 1, (nodes,), or None if undefined.
 
-    `height` (nodes,): heights above the low or only rail in units of `NodeValues.volts`; overwritten.
+    `height` (nodes,): voltages above the low or only rail in units of `NodeValues.volts`; overwritten.
     """
     solved = system.unknown >= 0
     if system.rails is not None:

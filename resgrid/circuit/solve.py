@@ -49,12 +49,12 @@ def solve(
     accuracy : {"direction", "normwise"}
         ``"direction"``: at every node KCL holds to 1e-6 of the current through that node, however small this current
         is; otherwise `AccuracyError` is raised.  The direction of the current is then right everywhere.  Currents that
-        cancel in voltage differences (at stiff ties to a rail, in dead ends, between opposed sources) are recovered by
-        a direct method, in the stage ``"balance"``.  In small circuits (meshes of up to about 800 nodes) every voltage
-        and current is then accurate to the rounding of a double; values below 2**-1000 of the largest one may be set
-        to zero, and currents between cells below 1e-28 of the largest current.  ``entry_error`` bounds the relative
-        errors of the voltages.  In larger circuits this requires two rails, or one rail and currents of one sign (the
-        bound is then about 1e-8), and that every component carries current.
+        cancel in voltage differences (at large conductances to a rail, in dead ends, between opposed sources) are
+        recovered by a direct method, in the stage ``"balance"``.  In small circuits (meshes of up to about 800 nodes)
+        every voltage and current is then accurate to the rounding of a double; values below 2**-1000 of the largest one
+        may be set to zero, and currents between cells below 1e-28 of the largest current.  ``entry_error`` bounds the
+        relative errors of the voltages.  In larger circuits this bound requires two rails, or one rail and currents of
+        one sign (the bound is then about 1e-8), and that every component carries current.
         ``"normwise"``: only the normwise backward error is limited, to ``rtol``.
     method : {"auto", "direct", "multigrid"}
         Method for the linear systems; ``"auto"`` chooses by size and shape
@@ -64,14 +64,14 @@ def solve(
     threads : int
         Largest number of threads; the result has the same digits for any number.  ``"multigrid"`` uses several on
         planes of at least 250,000 nodes and on volumes of at least 500,000: for sweeps over the finest levels, for
-        kernels over rows and resistors, and for two right-hand sides at the same time (the drop and the height if the
-        ties to the high rail are weak, or the positive and the negative source currents).  Smaller circuits, the
-        direct method and circuits with nonlinear resistors are not faster with several threads and use one;
-        `OperatingPoint.threads` is the number used.
+        kernels over rows and resistors, and for two right-hand sides at the same time (the drop and the voltage above
+        the low rail if the conductances to the high rail are small, or the positive and the negative source currents).
+        Smaller circuits, the direct method and circuits with nonlinear resistors are not faster with several threads
+        and use one; `OperatingPoint.threads` is the number used.
     progress : callable, optional
         Called after every step of an iterative method with the number of steps, the residual relative to the start of
-        the current pass, and an estimate of the remaining seconds of that pass (None without progress).  With several
-        threads, every thread calls the function.
+        the present refinement step, and an estimate of the remaining seconds of that refinement step (None while the
+        residual does not fall).  With several threads, every thread calls the function.
 
     Returns
     -------
@@ -204,7 +204,7 @@ def normalize_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
 
 
 def _netlist_of(circuit: Netlist | CircuitLike) -> Netlist:
-    """Return the netlist of a `Netlist`, or of an object with a method ``netlist``; raise InputError for others."""
+    """Return `circuit`, or the result of its method ``netlist`` if it has one; raise InputError for other objects."""
     make = getattr(circuit, "netlist", None)
     netlist = make() if callable(make) else circuit
     if not isinstance(netlist, Netlist):

@@ -25,8 +25,10 @@ LOOP_TOLERANCE = 1e-12
 """Largest voltage by which sources in a loop may contradict each other, relative to the largest source of the loop."""
 
 _MOST_OF_FLOW = 0.6
-"""Fraction of the total current of a tree of sources.  The current of a source whose subtree carries more is summed
-over the rest of the tree instead of over the subtree, because the smaller sum has the smaller rounding error.
+"""Fraction of the total current of a tree of sources, above which the current of a source is summed on the other side.
+
+If the subtree below a source carries more, the sum is over the rest of the tree instead of over the subtree, because
+the smaller sum has the smaller rounding error.
 """
 
 
@@ -37,8 +39,8 @@ class SourceForest:
     `count`: number of nodes of the circuit; `order` (tied nodes,): ground and the nodes at sources, parents before
     children; `base` (tied nodes,): root of the node's tree, which is ground in the tree of ground; `height`, `rounding`
     (tied nodes,): voltage above the root as a double, and its rounding error, in volts; `parent`, `source` (tied
-    nodes,): parent, and the source between node and parent; -1 for roots; `loop` (sources,): whether the source belongs
-    to a loop of sources.
+    nodes,): parent node, and index of the source between node and parent; -1 for roots; `loop` (sources,): whether the
+    source belongs to a loop of sources.
     """
 
     count: int
@@ -52,14 +54,14 @@ class SourceForest:
 
     @property
     def ties(self) -> list[tuple[int, int, int, int]]:
-        """Tuples (node, parent, source, root) of all nodes at sources except the roots, parents before children."""
+        """Tuples (node, parent, index of source, root) of all nodes at sources but the roots, parents first."""
         tied = self.source >= 0
         parts = (self.order, self.parent, self.source, self.base)
         return list(zip(*(part[tied].tolist() for part in parts), strict=True))
 
     @property
     def largest_offset(self) -> float:
-        """Largest voltage between a node and the root of its tree in trees without ground, in volts."""
+        """Largest voltage between a node and the root of its tree, in volts, over the trees without ground."""
         return float(np.abs(self.height[self.base != GROUND]).max(initial=0.0))
 
     @property
@@ -116,8 +118,8 @@ def _grow_trees(
 ) -> tuple[list[tuple[int, int, int, int]], dict[int, float | Fraction]]:
     """Return tuples (node, root, parent, source) of all nodes at sources, and their exact voltages above the roots.
 
-    `sources`: numbers of the sources to use; `ends`: plus and minus node of every source; `volts`: voltage of every
-    source.
+    The voltages, in volts, are in a dict by node. `sources`: indices of the sources to use; `ends`: plus and minus node
+    of every source; `volts`: voltage of every source.
     """
     sources_at: dict[int, list[int]] = {GROUND: []}
     for number in sources:
@@ -141,9 +143,9 @@ def _grow_trees(
 
 
 def _smallest_forest(sources: Sequence[int], ends: Sequence[Sequence[int]]) -> list[int]:
-    """Return the numbers of the sources in Kruskal's minimum spanning forest.
+    """Return the indices of the sources in Kruskal's minimum spanning forest.
 
-    `sources`: numbers of the sources, sorted by voltage; `ends`: plus and minus node of every source.  If small sources
+    `sources`: indices of the sources, sorted by voltage; `ends`: plus and minus node of every source.  If small sources
     contradict each other, a large source in the same loop does not hide the contradiction.
     """
     parent: dict[int, int] = {}
@@ -202,7 +204,8 @@ def _cut_currents(
 ) -> Iterator[tuple[int, _Amps]]:
     """Yield (source, current into the plus terminal): each step moves the remaining current of a node through a source.
 
-    `steps`: tuples (node, other node, source); `remaining`: current out of every node, changed in place.
+    `steps`: tuples (node, node at the other end of the source, source index); `remaining`: current out of every node,
+    changed in place.
     """
     for node, other, source in steps:
         yield source, -remaining[node] if netlist.source_nodes[source, 0] == node else remaining[node]
@@ -227,9 +230,10 @@ def contradictions(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return by how many volts each source contradicts the forest, and whether this is too much; (sources,) each.
 
-    `forest_volts` (sources of the forest,): voltages of the sources of the forest; `ends` (sources, 2), `volts`
-    (sources,): plus and minus nodes, and voltages, of the sources to check.  The tolerance is `LOOP_TOLERANCE` times
-    the largest source voltage of the loop.  Sources outside the loop may be larger by many orders of magnitude.
+    `forest_volts` (sources of the forest,): voltages of the sources from which the forest was built; `ends` (sources,
+    2), `volts` (sources,): plus and minus nodes, and voltages, of the sources to check.  The tolerance is
+    `LOOP_TOLERANCE` times the largest source voltage of the loop.  Sources outside the loop may be larger by many
+    orders of magnitude.
     """
     (plus, minus), (plus_rest, minus_rest) = (level[ends.T] for level in forest.offsets)
     mismatch = np.abs(plus - minus - volts + (plus_rest - minus_rest))

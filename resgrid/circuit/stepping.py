@@ -37,11 +37,15 @@ Factors = Callable[[float], Factor]
 """Function that takes a rate in 1/s and returns the factors of ``G + rate C``."""
 
 State = NDArray[np.float64]
-"""Voltages of the rows in volts, and time integrals of these voltages since 0+ in volt seconds; shape (2, n)."""
+"""State of an integration, shape (2, n): voltages of the rows in volts, and their time integrals in volt seconds since
+0+.
+"""
 
 
 def rate_of(method: Method, h: float) -> float:
-    """Return the factor of ``C`` in the matrix of a step, in 1/s, equal for both stages of TR-BDF2.
+    """Return the factor ``rate`` in the matrix ``G + rate C`` of a step, in 1/s.
+
+    The factor is equal for both stages of TR-BDF2.
 
     `method`: integration method; `h`: length of the step in seconds.
     """
@@ -70,8 +74,9 @@ def fixed_steps(
 ) -> Iterator[tuple[State, int]]:
     """Yield the state (2, n) at every output time, and the number of steps until then.
 
-    `method`: integration method; `state` (2, n): state at 0+; `times` (t,): output times in seconds; `step`: largest
-    length of a step in seconds; `factors`: function that returns the factors of ``G + rate C`` for a rate in 1/s.
+    `dynamics`: equations of the circuit; `method`: integration method; `state` (2, n): state at 0+; `times` (t,):
+    output times in seconds; `step`: largest length of a step in seconds; `factors`: function that returns the factors
+    of ``G + rate C`` for a rate in 1/s.
 
     Every interval between output times is divided into equal steps.  The trapezoidal rule starts with four backward
     Euler steps of half the length (Rannacher 1984).
@@ -108,17 +113,25 @@ _MOST_OF_TOLERANCE = 0.5
 """Largest estimated error of one step, as a fraction of the tolerance of the whole integration."""
 
 _ACCUMULATION = {"backward_euler": 2.0, "trapezoidal": 4.0, "tr-bdf2": np.inf}
-"""Factor ``c`` in the largest estimated error of a step of order ``p``, ``(c tolerance)**((p + 1) / p)``.  The errors
-``e`` of ``N`` steps add up, and ``N`` is proportional to ``e**(-1 / (p + 1))``.  The factor accounts for the decay of
-earlier errors.  It is infinite for TR-BDF2, whose leading error is removed by extrapolation.  The trapezoidal rule is
-not L-stable, and extrapolation would make it unstable.
+"""Factor ``c`` in the largest estimated error of a step of order ``p``, ``(c tolerance)**((p + 1) / p)``, by method.
+
+The errors ``e`` of ``N`` steps add up, and ``N`` is proportional to ``e**(-1 / (p + 1))``.  The factor accounts for the
+decay of earlier errors.  It is infinite for TR-BDF2, whose leading error is removed by extrapolation.  The trapezoidal
+rule is not L-stable, and extrapolation would make it unstable.
 """
 
 _LEAST_ERROR = 16 * _EPS
-"""Smallest estimated error of a step that exceeds rounding errors, as a fraction of the largest voltage difference."""
+"""Smallest limit on the error of one step that exceeds rounding errors, as a fraction of the largest voltage
+difference.
+
+A tolerance that requires less raises AccuracyError.
+"""
 
 _MOST_HALVINGS = 30
-"""Number of consecutive halvings of a step after which the remaining error counts as a rounding error."""
+"""Number of consecutive halvings of a step after which the remaining error counts as a rounding error.
+
+A further halving raises AccuracyError.
+"""
 
 
 def controlled_steps(
@@ -126,9 +139,9 @@ def controlled_steps(
 ) -> Iterator[tuple[State, int]]:
     """Yield the state (2, n) at every output time, and the number of steps until then, with error control.
 
-    `method`: integration method; `state` (2, n): state at 0+; `times` (t,): output times in seconds; `tolerance`:
-    largest error of a voltage, as a fraction of the largest voltage difference; `factors`: function that returns the
-    factors of ``G + rate C`` for a rate in 1/s.
+    `dynamics`: equations of the circuit; `method`: integration method; `state` (2, n): state at 0+; `times` (t,):
+    output times in seconds; `tolerance`: largest error of a voltage, as a fraction of the largest voltage difference;
+    `factors`: function that returns the factors of ``G + rate C`` for a rate in 1/s.
 
     Steps have ``2**k`` seconds.  The solution after two half steps is used.  Raise AccuracyError if rounding errors
     exceed the tolerance.
@@ -195,12 +208,13 @@ def _first_exponent(
 ) -> int:
     """Return the exponent ``k`` of the first step of ``2**k`` seconds.
 
-    `x` (n,): voltages of the rows at 0+; `order`: order ``p`` of the method; `step_rtol`: largest error of a step,
-    relative to `span`; `span`: largest voltage difference in volts; `longest`: longest step in seconds.
+    `dynamics`: equations of the circuit; `x` (n,): voltages of the rows at 0+; `order`: order ``p`` of the method;
+    `step_rtol`: largest error of a step, relative to `span`; `span`: largest voltage difference in volts; `longest`:
+    longest step in seconds.
 
-    The step ``h`` satisfies ``h**(p + 1) |x^(p + 1)| = step_rtol span``: the error of a step of order ``p`` without its
-    constant (Hairer, Norsett & Wanner 1993, section II.4).  For ``span = 0``, as in a circuit at 0 V, the largest
-    voltage difference is the one after the first step, ``h |x'|``.
+    The step ``h`` satisfies ``h**(p + 1) |x^(p + 1)| = step_rtol span``, with the derivative of order ``p + 1``: the
+    error of a step of order ``p`` without its constant (Hairer, Norsett & Wanner 1993, section II.4).  For ``span =
+    0``, as in a circuit at 0 V, the largest voltage difference is the one after the first step, ``h |x'|``.
     """
     current, logs = dynamics.imbalance(x, dynamics.drive), []
     for _ in range(order + 1):

@@ -23,7 +23,7 @@ from resgrid.solvers.factors import Factor
 Solver = Literal["auto", "direct", "multigrid"]
 
 _KEPT = 4
-"""Maximum number of factorizations in the cache; each step length has one."""
+"""Maximum number of factorizations in the cache; each step length has its own factorization."""
 
 
 @frozen
@@ -49,7 +49,7 @@ class Transient:
         Number of time steps.
     factorisations : int
         Number of matrices that were factored.
-    method : str
+    method : {"tr-bdf2", "trapezoidal", "backward_euler"}
         Integration method.
 
     Examples
@@ -86,7 +86,7 @@ class TransientStepper:
         Equations of the netlist.
     step : float
         Length of a step, in seconds.
-    method : str
+    method : {"tr-bdf2", "trapezoidal", "backward_euler"}
         Integration method.
     factors : Factor or None
         Factors of the matrix of every step; None without unknown voltages.
@@ -243,7 +243,7 @@ def transient(
 def transient_stepper(
     netlist: Netlist, step: Positive, *, method: Method = "tr-bdf2", solver: Solver = "auto"
 ) -> TransientStepper:
-    """Set up a time integration with a fixed step for callers that act between steps.
+    """Set up a time integration with a fixed step, which the program advances step by step.
 
     Parameters
     ----------
@@ -313,8 +313,8 @@ def _checked_voltages(netlist: Netlist, name: str, values: ArrayLike, needed: ND
 def _transferred(point: OperatingPoint, old: CellMap, netlist: Netlist, new: CellMap) -> NDArray[np.float64]:
     """Return the voltages of an operating point at the nodes of another scene, cell by cell and rail by rail.
 
-    `old`, `new`: cell maps of the operating point and of the netlist; returns (nodes,), in volts; 0 for nodes without
-    an old voltage.
+    `point`: the operating point; `netlist`: netlist of the other scene; `old`, `new`: cell maps of the operating point
+    and of the netlist.  Returns voltages (nodes,) in volts; 0 for nodes without an old voltage.
     """
     if old.space.shape != new.space.shape:
         raise InputError(

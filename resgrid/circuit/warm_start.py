@@ -31,23 +31,29 @@ from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
 from resgrid.solvers.progress import Progress, ProgressMonitor
 
 _SMALL = 100_000
-"""Number of cells of the space below which windows are not solved beforehand, because few iterations would be saved."""
+"""Number of cells of the space from which windows around changes are solved before the iteration over the whole grid.
+
+In smaller spaces this would save few iterations.
+"""
 
 _MORE_ITERATIONS, _MOST_ITERATIONS = 4, 3
-"""Limits on the iterations of a warm solve, relative to the number of iterations of the first solve.  If a warm solve
-takes more than `_MORE_ITERATIONS` in addition, the next solve sets up a new hierarchy.  If it takes more than
-`_MOST_ITERATIONS` times as many, the result is rejected, since the error estimate is unreliable.
+"""Limits on the iterations of a warm solve, compared with the number of iterations of the first solve.
+
+If a warm solve takes more than `_MORE_ITERATIONS` in addition, the next solve sets up a new hierarchy.  If it takes
+more than `_MOST_ITERATIONS` times as many, the result is rejected, since the error estimate is unreliable.
 """
 
 _WINDOW = 12_000
 """Approximate number of cells in the window around a small change; the equations of the window are solved first."""
 
 _MOST = 4
-"""Inverse of the largest fraction of the cells of a space that windows may cover."""
+"""Inverse of the largest fraction of the cells of a space that windows, or changed cells, may cover in a warm start."""
 
 _RIM, _NEAR = 3, 2
-"""Widths in cells.  `_RIM`: margin of a window in which equations are incomplete; `_NEAR`: distance from a changed cell
-up to which equations change.
+"""Widths in cells around a change.
+
+`_RIM`: margin of a window in which equations are incomplete; `_NEAR`: distance from a changed cell up to which
+equations change.
 """
 
 
@@ -236,9 +242,10 @@ class _WarmCircuit:
 
     @classmethod
     def of(cls, system: Equations, space: ConfigurationSpace, wiring: Wiring) -> _WarmCircuit | None:
-        """Return the circuit of a space with a new hierarchy; None if the grid has no red-black colouring.
+        """Return the circuit of a space with a new hierarchy; None if the grid cannot be coloured red and black.
 
-        `system`: equations of the circuit with rails at 0 V and 1 V; `wiring`: boundary conditions and drive.
+        None also results if the rows are not cells. `system`: equations of the circuit with rails at 0 V and 1 V;
+        `space`: the space; `wiring`: boundary conditions and drive.
         """
         row, is_driven = _rows_of(space, wiring), wiring.drive == "uniform"
         if not system.size == np.count_nonzero(row) > 0:
@@ -295,10 +302,10 @@ def _rows_of(space: ConfigurationSpace, wiring: Wiring) -> NDArray[np.bool_]:
 
 
 def _boxes_around(changed: NDArray[np.bool_]) -> list[tuple[slice, ...]] | None:
-    """Return disjoint, non-adjacent boxes of tiles around the changed cells; None if they cover too much of the grid.
+    """Return disjoint, non-adjacent boxes of cells around the changed cells; None if they cover too much of the grid.
 
-    `changed`: mask of the changed cells.  A box has one slice per axis.  Tiles have an even number of cells along every
-    axis, so that a box has the same red-black colouring as the grid.
+    `changed`: mask of the changed cells.  A box has one slice per axis.  The sides of a box lie on a coarse mesh with
+    an even number of cells per step, so that a box has the red-black colouring of the grid.
     """
     from scipy import ndimage
 
@@ -337,8 +344,8 @@ def _window_of(
 ) -> tuple[Laplacian, NDArray[np.float64]]:
     """Return the matrix and the right-hand side (rows of the box,), in amperes, of a box of cells.
 
-    `row` (shape of the box): whether a cell has a row.  The high rail is at 1 V and the low rail at 0 V, or 1 A is
-    injected into every row.
+    `box`: slices of the cells; `row` (shape of the box): whether a cell has a row (an unknown voltage).  The high rail
+    is at 1 V and the low rail at 0 V, or 1 A is injected into every row.
     """
     contacts = contacts_of_box(space, wiring, [(ends.start, ends.stop) for ends in box], connected=False)
     size, vertex = int(np.count_nonzero(row)), np.full(row.shape, -1, dtype=np.int32)

@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
 _REFERENCES = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "resgrid's solution"}
 _LONG_SIMULATION = 10.0
-"""Estimated duration above which the estimate for a simulation is always printed, in seconds."""
+"""Estimated duration of a simulation, in seconds, above which the estimate is printed even without ``--verbose``."""
 
 TIMEOUT = 600.0
-"""Default limit of the duration of a simulation, in seconds."""
+"""Default limit of the duration of a simulation, in seconds; a longer simulation is stopped."""
 
 MAX_AUTOMATIC_SECONDS = 30.0
-"""Largest estimated duration of a simulation that runs without ``--check``, in seconds."""
+"""Largest estimated duration, in seconds, of a simulation that runs without the option ``--check``."""
 
 
 @subcommand(
@@ -115,9 +115,9 @@ def _check_rules(source: CommandInput, given: bool) -> int:
 def _check_scene(
     source: CommandInput, deck: str | None, limits: dict[str, Any]
 ) -> tuple[Agreement, dict[str, list[str]]]:
-    """Return the comparison of a scene's solution with a simulation, and the ignored keys of the scene.
+    """Return the comparison of a scene's solution with a simulation, and the ignored keys of the scene, for JSON.
 
-    `deck`: simulated deck, None for the scene's own deck; `limits`: keywords of `check_deck`.
+    `deck`: name of the deck to simulate, None for the deck of the scene itself; `limits`: keywords of `rg.check_deck`.
     """
     job = open_job(source)
     ignored = report_ignored(job, "circuit")
@@ -130,7 +130,7 @@ def _check_scene(
 def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
     """Return the comparison of a deck's simulation with its sidecar, or, without a sidecar, with resgrid's solution.
 
-    `limits`: keywords of `check_deck`.
+    `limits`: keywords of `rg.check_deck` (engine, tolerance, timeout).
     """
     from resgrid.spice.read.deck import is_network
     from resgrid.spice.write.sidecar import sidecar_path
@@ -165,7 +165,7 @@ def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
 def _report_cost(circuit: rg.Netlist | Circuit, limits: dict[str, Any]) -> None:
     """Print the estimated time and memory of a simulation; raise BudgetError if the time exceeds the limit.
 
-    `limits`: keywords of `check_deck` with engine and time limit.
+    `circuit`: the simulated circuit; `limits`: keywords of `rg.check_deck` with engine and time limit.
     """
     from resgrid.spice.run.cost_estimate import forecast, require_time
     from resgrid.spice.run.ngspice import ngspice_version
@@ -177,10 +177,10 @@ def _report_cost(circuit: rg.Netlist | Circuit, limits: dict[str, Any]) -> None:
 
 
 def check_written(deck: Path, netlist: rg.Netlist, asked: bool | None, folder: Path) -> Agreement | str:
-    """Return the comparison of a new deck with its simulation, or the reason, as text, why it was not simulated.
+    """Return the comparison of a new deck with its simulation, or the reason, as text, why the deck was not simulated.
 
-    `netlist`: circuit of the deck, for the estimate of the time; `asked`: True for the option ``--check``, False for
-    ``--no-check``, None for neither; `folder`: final folder of the deck, for messages.
+    `deck`: file of the deck; `netlist`: circuit of the deck, for the estimate of the time; `asked`: True for the option
+    ``--check``, False for ``--no-check``, None without these options; `folder`: final folder of the deck, for messages.
     """
     from resgrid.spice.run.cost_estimate import forecast
     from resgrid.spice.run.ngspice import ngspice_version
@@ -201,7 +201,10 @@ def check_written(deck: Path, netlist: rg.Netlist, asked: bool | None, folder: P
 
 
 def agreement_data(agreement: Agreement) -> dict[str, Any]:
-    """Return the comparison of a deck with its simulation as a dictionary for JSON."""
+    """Return the comparison of a deck with its simulation as a dictionary for JSON.
+
+    The key "as_read" holds a comparison of the circuit that resgrid reads from the deck, or None.
+    """
     data = dataclasses.asdict(agreement)
     data["worst"] = [{"node": node, "expected": expected, "got": got} for node, expected, got in agreement.worst]
     data["as_read"] = None if agreement.as_read is None else agreement_data(agreement.as_read)

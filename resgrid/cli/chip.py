@@ -159,7 +159,7 @@ def _open(job: Job) -> Study:
 def _analyse(name: str, study: Study, effort: Effort, work: Path) -> Section:
     """Return the report section of the analysis `name`, and draw its pictures into the folder `work`.
 
-    `effort`: limits of the numbers of trials and of the time.
+    `study`: the chip to analyse; `effort`: limits of the numbers of trials and of the time.
     """
     from resgrid.chip.report import report_section, seconds_needed
     from resgrid.plot.figures import save_figure

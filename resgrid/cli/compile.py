@@ -82,7 +82,10 @@ def command(source: CommandInput, output: str | None, dialect: str, form: Form) 
 
 
 def _require_tiles(chip: rg.Chip) -> None:
-    """Raise InputError, which names the keys, for a chip with keys that an array of tiles cannot represent."""
+    """Raise InputError, which names the keys, for a chip with keys that an array of tiles cannot represent.
+
+    A tile is the circuit of one cell (node, resistors, switches), which the array repeats.
+    """
     from resgrid.chip.build import READING, keys_not_held
 
     keys = [f"chip.{key}" for key in keys_not_held(chip, "tiles") if key not in READING]
@@ -93,9 +96,10 @@ def _require_tiles(chip: rg.Chip) -> None:
 
 
 def _assume_switches(job: Job, boundary: str) -> tuple[Job, dict[str, float]]:
-    """Return a job whose chip has all switches of its tiles, and the assumed resistances in ohms, by key.
+    """Return a job whose chip has all switches of an array of tiles, and the assumed resistances in ohms, by key.
 
-    `boundary`: boundary condition at obstacles, which determines the switches.
+    A tile is the circuit of one cell (node, resistors, switches), which the array repeats.  `boundary`: boundary
+    condition at obstacles, which determines the switches.
     """
     from resgrid.spice.write.tiles import with_tile_switches
 
@@ -112,8 +116,9 @@ def write_deck(
 ) -> WrittenDeck:
     """Write a chip's deck with its sidecar, simulator commands and self-check deck; return their file names.
 
-    `target`: name of the deck; `name`: name of the circuit, for the title; `op`: operating point of the circuit;
-    `dialect`: SPICE dialect; `form`: "flat", or "cells" for an array of tiles.
+    `target`: name of the deck; `job`: scene with chip and space; `name`: name of the circuit, for the title; `op`:
+    operating point of the circuit; `dialect`: SPICE dialect; `form`: "flat", or "cells" for an array of tiles (circuits
+    of one cell that the array repeats).
     """
     source = Path(job.scene.source or "-")
     with stage("write the deck", seconds=5e-6 * len(op.netlist.conductance)):

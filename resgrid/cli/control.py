@@ -39,7 +39,8 @@ def _control_options(function: Callable[..., Any]) -> Callable[..., Any]:
 def _option(key: str, hint: Any, default: Any, meaning: str) -> Callable[..., Any]:
     """Return the decorator that adds the option of a key of the ``[control]`` table.
 
-    `key`: name of the key; `hint`: type annotation; `default`: default value; `meaning`: description for the help text.
+    `key`: name of the key; `hint`: type annotation; `default`: default value, None without a default; `meaning`:
+    description for the help text.
     """
     if type(None) in get_args(hint):
         hint = next(part for part in get_args(hint) if part is not type(None))
@@ -149,7 +150,10 @@ def _check_pictures(picture: str | None, *films: str | None) -> None:
 
 
 def _front(sim: Simulation, run: rg.control.Run) -> Wavefront:
-    """Return the change of the potential over the duration of a run, after the hidden obstacles enter the map."""
+    """Return the spread of the change of the potential that starts when the hidden obstacles enter the map.
+
+    `sim`: simulation of the robot; `run`: motion whose duration the result covers, at `FRAMES` times.
+    """
     import numpy as np
 
     crossed = float(run.time[-1]) * sim.controller.speed / float(sim.space.spacing.min())

@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from resgrid.spice.circuit import Circuit
 
 _READ_SECONDS, _SOLVE_SECONDS = 3e-8, 6e-6
-"""Approximate time for reading a byte of a deck and for solving per resistor, in seconds, for the progress bar."""
+"""Approximate time for reading a byte of a deck, and for solving per resistor, in seconds, for the progress bar."""
 
 _MAX_NOTES = 20
-"""Largest number of notes on a deck that are printed."""
+"""Largest number of warnings of a deck's reader, or of electrical errors, that are printed."""
 
 
 def is_deck(source: CommandInput) -> bool:
     """Return whether an input is a circuit instead of a scene.
 
-    An input is a circuit by its suffix or if a sidecar exists.  Standard input is a circuit if the option ``--read-as``
-    is given.
+    A file is a circuit if its suffix is that of a deck or network, or if a sidecar of the file exists.  Standard input
+    is a circuit if the option ``--read-as`` is given.
     """
     from resgrid.spice.read.deck import is_network
 
@@ -47,7 +47,10 @@ def refuse_scene_options(source: CommandInput) -> None:
 
 
 def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
-    """Return the circuit of a deck or a network; `names`: whether a repeated name adds a note to the circuit."""
+    """Return the circuit of a deck or a network, and print the notes (warnings and remarks) of its reader.
+
+    `names`: whether the circuit gets a note for every name that several elements have.
+    """
     refuse_scene_options(source)
     path = Path(source.file)
     size = path.stat().st_size if path.is_file() else 0
@@ -63,7 +66,7 @@ def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
 
 
 def _say_notes(deck: Circuit) -> None:
-    """Print the notes of a deck's reader: warnings always, other notes only if the command is verbose."""
+    """Print the notes of a deck's reader: warnings always, remarks only with the option ``--verbose``."""
     warnings = [note for note in deck.notes if note.severity != "info"]
     for note in warnings[:_MAX_NOTES]:
         say(f"{note.severity}: {note}")
@@ -75,9 +78,10 @@ def _say_notes(deck: Circuit) -> None:
 
 
 def solve_deck(deck: Circuit, method: str = "auto") -> rg.OperatingPoint:
-    """Return the operating point of a deck; `method`: solution method.
+    """Return the operating point of a deck.
 
-    Raises CircuitError, whose message lists the lines of electrical errors, if the circuit has no solution.
+    `method`: solution method, "auto", "direct" or "multigrid".  Raises CircuitError, whose message lists the lines of
+    electrical errors, if the circuit has no solution.
     """
     try:
         with stage("assemble the equations"):

@@ -53,18 +53,18 @@ The subcommand is the object ``command`` of the module of its name.
 
 
 _GC_THRESHOLD = 50_000
-"""Number of new objects that triggers a garbage collection; Python's default is 700."""
+"""Number of new objects that triggers a garbage collection while a subcommand runs; Python's default is 700."""
 
 
 class SubcommandGroup(click.Group):
     """The group of subcommands, whose modules are imported on demand."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        """Return the names of the subcommands."""
+        """Return the names of all subcommands, in the usual order of work."""
         return list(SUBCOMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """Return the subcommand of a name; None for unknown names."""
+        """Return the subcommand with the name `cmd_name`; None for unknown names."""
         if cmd_name not in SUBCOMMANDS:
             return None
         command: click.Command = importlib.import_module(f"resgrid.cli.{cmd_name}").command
@@ -76,7 +76,7 @@ class SubcommandGroup(click.Group):
             formatter.write_dl(list(SUBCOMMANDS.items()))
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Return the completions: subcommands and options that begin with the incomplete word."""
+        """Return the completions: subcommands and options that begin with the text `incomplete`."""
         names = [CompletionItem(name, help=about) for name, about in SUBCOMMANDS.items() if name.startswith(incomplete)]
         return names + click.Command.shell_complete(self, ctx, incomplete)
 
@@ -99,7 +99,7 @@ class SubcommandGroup(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         """Call the subcommand and return its exit code.
 
-        Broken pipes and interrupts are handled here, because click has other exit codes for them.
+        A broken pipe or an interrupt ends the command here, because click would end it with other exit codes.
         """
         try:
             with warnings.catch_warnings(), _rare_garbage_collection():
@@ -141,7 +141,7 @@ class SubcommandGroup(click.Group):
 def _interrupt_on_signals(*, is_process: bool) -> Iterator[None]:
     """Handle SIGTERM like Ctrl-C inside the context, and ignore further signals during the cleanup.
 
-    `is_process`: whether the process ends after the command; if so, signals stay ignored until its end.
+    `is_process`: whether the process ends after the command; if so, signals stay ignored until the end of the process.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -166,7 +166,7 @@ def _interrupt_on_signals(*, is_process: bool) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _rare_garbage_collection() -> Iterator[None]:
-    """Collect garbage less often inside the context; with Python's default it takes 10 % of a short command's time.
+    """Collect garbage less often inside the context; with Python's default, it takes 10 % of a short command's time.
 
     Imports and kernels produce little garbage.  At the end of the process there is no collection, because a collection
     over all imported modules would take a quarter of the time of the shutdown.

@@ -98,7 +98,7 @@ def describe(job: Job) -> dict[str, Any]:
 def _cost(job: Job) -> dict[str, Any]:
     """Return the size of the circuit and the memory of its solution in bytes, as a dictionary for JSON.
 
-    Without a circuit, the values are None, and the key ``no_circuit`` holds the reason.
+    If the scene has no single circuit, the values are None, and the key ``no_circuit`` holds the reason.
     """
     from resgrid.circuit.equations import assemble
     from resgrid.solvers.method_choice import choose_method
@@ -175,7 +175,10 @@ def _shipped_lines(data: Sequence[dict[str, Any]]) -> Iterable[str]:
 
 
 def installed_versions() -> dict[str, str | None]:
-    """Return the versions of resgrid, Python, dependencies and ngspice, by name; None if ngspice is missing."""
+    """Return the versions of resgrid, Python, dependencies and ngspice, by name.
+
+    The version of a missing ngspice is None.
+    """
     import platform
     from importlib import metadata
 
@@ -191,7 +194,7 @@ def installed_versions() -> dict[str, str | None]:
 
 
 def _map_lines(data: dict[str, Any]) -> Iterable[str]:
-    """Yield the lines of text on how a map was read; `data`: result of `describe`."""
+    """Yield the lines of text that state how a map was read; `data`: result of `describe`."""
     words = data["map"] or {}
     if words:
         rows = ", its first index along x" if words["format"] in ("npy", "voxels") else ", its top row at the largest y"
@@ -210,7 +213,10 @@ def _map_lines(data: dict[str, Any]) -> Iterable[str]:
 
 
 def _sketch_lines(data: dict[str, Any]) -> Iterable[str]:
-    """Yield the lines of a space's text sketch, after its key and its range; `data`: result of `describe`."""
+    """Yield the lines of text with the sketch of a space, after the meaning of its letters and its range.
+
+    `data`: result of `describe` with a sketch.
+    """
     across, up = data["axes"]
     whose = " in the map's own frame" if data["frame"]["yaw"] else ""
     yield f"  sketch        {across['name']} to the right, {up['name']} upwards{whose}: {data['sketch_key']}"

@@ -1,7 +1,7 @@
 """Small jobs that compile all kernels before they are needed (``python -m resgrid.cli.warm``).
 
-Numba compiles a kernel at its first call and caches it next to its source (or in ``NUMBA_CACHE_DIR``).  Each of the
-`CASES` calls the kernels of other methods.  The cases run in several processes, which share the cached kernels.
+Numba compiles a kernel at its first call and caches it next to its source (or in ``NUMBA_CACHE_DIR``).  Each job in
+`CASES` calls the kernels of one or several methods.  The jobs run in several processes, which share the cached kernels.
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ _TURNING = rg.Scene(
 
 
 def _room(*shape: int, walls: int = 0) -> rg.ConfigurationSpace:
-    """Return a space with a goal in its last corner, and with a block in its middle or parallel walls.
+    """Return a space with a goal in its last corner, and with a block of obstacle cells, or parallel barriers of them.
 
-    `shape`: number of cells per axis; `walls`: distance of the walls in cells, 0 for the block.  Each wall leaves a
-    passage at one end, at alternating ends for successive walls.
+    `shape`: number of cells per axis; `walls`: distance between the barriers in cells, 0 for a block in the middle.
+    Each barrier leaves a passage at one end, at alternating ends for successive barriers.
     """
     cell = np.zeros(shape, dtype=np.uint8)
     if walls:
@@ -71,7 +71,7 @@ def _room(*shape: int, walls: int = 0) -> rg.ConfigurationSpace:
 
 
 def _solve(space: rg.ConfigurationSpace, **options: Any) -> rg.OperatingPoint:
-    """Return the operating point of a space; `options`: keywords of `compile_space` and `solve`."""
+    """Return the operating point of a space; `options`: keywords of `rg.compile_space` and `rg.solve`."""
     solving = {name: options.pop(name) for name in ("accuracy", "method") if name in options}
     return rg.solve(rg.compile_space(space, **options), **solving)
 
@@ -182,13 +182,14 @@ CASES: dict[str, Callable[[], None]] = {
         _plane_of_voltages, _open_obstacles,
     )
 }  # fmt: skip
-"""Warm-up jobs by name, in the order of decreasing compile time; each job compiles the kernels of other methods."""
+"""Warm-up jobs by name, in the order of decreasing compile time; each job compiles kernels that others do not use."""
 
 
 def compile_last_stages() -> None:
     """Compile the kernels of the last stages of ``resgrid run``: streamlines and clearances.
 
-    The function solves no circuit, so that a second process compiles none of the kernels that the run compiles first.
+    This function solves no circuit, so that the process that calls it compiles none of the kernels that ``resgrid run``
+    compiles first, at the same time, in its own process.
     """
     nothing, along = -np.inf, np.zeros((4, 1), np.int8)
     along[2] = 1
@@ -231,5 +232,5 @@ def _disable_collector() -> None:
 
 
 def _run(name: str) -> None:
-    """Run the job of `CASES` with a name in a worker process."""
+    """Run the job of `CASES` with the name `name` in a worker process."""
     CASES[name]()

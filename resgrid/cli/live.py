@@ -12,10 +12,10 @@ from resgrid.cli.scenes import open_job
 from resgrid.cli.terminal import end_at_once, finish, is_computing
 
 _ARENA_MAX = -8
-"""Number of the parameter M_ARENA_MAX of glibc's mallopt, which sets the largest number of heaps."""
+"""Number by which glibc's function mallopt selects the parameter M_ARENA_MAX, the largest number of heaps (arenas)."""
 
 _SHUTDOWN_SECONDS = 0.5
-"""Longest wait for the end of idle threads, in seconds."""
+"""Longest wait for the end of running computations, in seconds, before the process ends without them."""
 
 
 @subcommand(
@@ -46,6 +46,6 @@ def command(source: CommandInput | None, host: str, port: int, read_only: bool, 
 
 
 def _share_one_heap() -> None:
-    """Make all threads allocate from one heap, because each heap keeps the peak memory of its thread."""
+    """Make all threads allocate from one heap of glibc, because each heap keeps the peak memory of its thread."""
     with suppress(AttributeError, TypeError):  # the C library is not glibc, or the system is Windows
         ctypes.CDLL(None).mallopt(_ARENA_MAX, 1)

@@ -43,7 +43,7 @@ class Numbers(_Type):
     name = "numbers"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:  # noqa: ARG002
-        """Return the numbers of a text as a tuple; raise InputError for any other text."""
+        """Return the finite numbers of a text such as "3,4", or a tuple unchanged; raise InputError for other texts."""
         if isinstance(value, tuple):
             return value
         option = param.opts[0] if param else "numbers"
@@ -57,7 +57,7 @@ class Numbers(_Type):
 
 
 class Number(_Type):
-    """Type of an option that is a finite number; `remedy`: end of the error message for any other text."""
+    """Type of an option that is a finite number; `remedy`: end of the error message for a text without a number."""
 
     name = "number"
 
@@ -76,7 +76,7 @@ class Number(_Type):
 
 
 class NumberRange(click.FloatRange):
-    """Type of an option that is a finite number within limits."""
+    """Type of an option that is a finite number within limits, which are arguments of click's FloatRange."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the number of a text; raise click's BadParameter for other texts or numbers outside the limits."""
@@ -95,7 +95,7 @@ class Suggested(_Type):
         self.name, self.words = name, words
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002
-        """Return the completions: all common words that begin with the incomplete word."""
+        """Return the completions: all common words that begin with the text `incomplete`."""
         return [CompletionItem(word) for word in self.words if word.startswith(incomplete)]
 
 
@@ -108,7 +108,7 @@ class SceneKey(_Type):
     name = "text"
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002
-        """Return completed key paths that begin with the incomplete word, with a point (table) or an equals sign."""
+        """Return completed key paths that begin with `incomplete` and end with a point (table) or an equals sign."""
         from resgrid.scene.schema import keys_of
 
         *tables, begin = incomplete.split(".")
@@ -125,7 +125,7 @@ class SharedOption(click.Option):
 
 
 class Subcommand(click.Command):
-    """A subcommand whose help lists own options, groups of shared options, and `examples` (command lines)."""
+    """A subcommand whose help lists its own options, groups of shared options, and `examples` (command lines)."""
 
     def __init__(self, *arguments: Any, examples: Sequence[str] = (), **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -310,7 +310,7 @@ def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
 
 
 def _require_different_file(option: str, output: str | None, file: str) -> None:
-    """Raise InputError, which names the `option`, if the file `output` is the input `file`; None is no output."""
+    """Raise InputError, which names the `option`, if the file `output` is the input `file`; None: no output file."""
     if output is not None and Path(output).exists() and Path(file).exists() and Path(output).samefile(file):
         raise InputError(f"{option} {output}: this is the input; name another file")
 
@@ -381,7 +381,7 @@ def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck:
 
 
 def _shown(value: Any) -> str:
-    """Return the value of a changed key in the form of the command line: numbers separated by commas."""
+    """Return the value of a changed key as on the command line: numbers separated by commas."""
     return ",".join(map(_shown, value)) if isinstance(value, list | tuple) else f"{value}"
 
 

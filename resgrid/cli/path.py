@@ -109,9 +109,9 @@ def command(
 
 
 def _write(routes: Sequence[Route], output: str) -> bool:
-    """Write routes to a file and return True; for ROS, return False if no route reaches a goal.
+    """Write routes to a file; return whether the file was written.
 
-    A file for ROS contains only the routes that reach a goal.
+    A file for ROS (.yaml) contains only the routes that reach a goal, and is not written without such a route.
     """
     from resgrid.io.paths import write_routes
 
@@ -148,7 +148,7 @@ def _shortened(route: Route, clearance: float | None) -> Route:
 
 
 def _timed(route: Route, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None) -> Route:
-    """Return a route with a timed path instead of its path.
+    """Return a route whose path is replaced by a path with times.
 
     `speed`, `acceleration`: largest values in axis units per s and s², one for all coordinates or one for each; no
     limit for an empty `acceleration`; `rate`: sampling rate in hertz, None for no sampling.

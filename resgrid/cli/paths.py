@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 class Plan:
     """The results of planning a scene.
 
-    `operating_points`: solved circuits by name; `fields`: all fields with current, or one field if no field has
-    current; `routes`: paths of all starts and weights k.
+    `operating_points`: solved circuits by name, such as "dirichlet"; `fields`: all fields with current, or one field if
+    no field has current; `routes`: paths of all starts and weights k.
     """
 
     operating_points: Mapping[str, rg.OperatingPoint]
@@ -33,17 +33,17 @@ class Plan:
 
     @property
     def streamlines(self) -> list[rg.Streamline]:
-        """Streamlines of all routes that have one."""
+        """Streamlines of all routes (paths of one start at one weight k) that have a streamline."""
         return [route.streamline for route in self.routes if route.streamline is not None]
 
     @property
     def complete(self) -> bool:
-        """Whether the streamlines of all routes end in a goal."""
+        """Whether all routes (paths of one start at one weight k) end in a goal."""
         return all(route.reached for route in self.routes)
 
 
 def plan_routes(job: Job) -> Plan:
-    """Return circuits, fields and certified routes for all starts and weights k of a scene."""
+    """Return circuits, fields and certified routes (paths) for all starts and weights k of a scene."""
     from resgrid.io.paths import Route
     from resgrid.planning.advice import Advisor
 
@@ -66,7 +66,10 @@ def plan_routes(job: Job) -> Plan:
 
 
 def route_lines(routes: Sequence[Route]) -> Iterator[str]:
-    """Yield one line of text per route; equal failures of one start at several k share one line."""
+    """Yield one line of text per route (path of one start at one weight k).
+
+    Failures of one start with the same reason at several weights k share one line.
+    """
     failed: dict[tuple[object, ...], list[Route]] = {}
     for route in routes:
         if not route.reached:
@@ -154,9 +157,9 @@ def _require_own_map(job: Job, queries: Sequence[MovingAIScenario], file: str) -
 
 
 def _answers(job: Job, query: MovingAIScenario, file: str) -> list[dict[str, Any]]:
-    """Return the JSON data of the paths for one query, a dictionary per k.
+    """Return the JSON data of the paths for one query, one dictionary per weight k.
 
-    The circuits are solved for the query's goal.  `file`: scenario file, for messages.
+    The circuits are solved with the query's goal as the only goal.  `file`: scenario file, for messages.
     """
     if job.space.shape != (query.width, query.height):
         own = size_of(job.space.shape)

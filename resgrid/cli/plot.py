@@ -58,7 +58,7 @@ def command(source: CommandInput, output: str, what: str) -> int:
 
 
 def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
-    """Draw all pictures that apply to a scene into a folder; return their captions by file name."""
+    """Draw all pictures that apply to a scene into a folder; return the captions of the pictures by file name."""
     files = {}
     for name, caption, what, field in _album(job, plan):
         rg.plot.save_figure(_draw(what, job, plan, field), folder / f"{name}.png")
@@ -67,7 +67,10 @@ def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
 
 
 def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | None]]:
-    """Yield file name, caption, kind (a name in `PICTURES`) and field of each picture; field None for a whole plan."""
+    """Yield file name, caption, kind (a name in `PICTURES`) and field of each picture that ``resgrid run`` draws.
+
+    The field is None for a picture of all paths, of the robot or of the circuit.
+    """
     several = len(plan.fields) > 1
     for number, field in enumerate(plan.fields if job.space.ndim <= PAGE_AXES else ()):
         mark = f"chip_{number}" if job.scene.drive == "start" else f"k_{field.k:g}"
@@ -84,8 +87,9 @@ def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | Non
 def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
     """Draw one picture, and return its matplotlib axes or figure.
 
-    `what`: kind of the picture, a name in `PICTURES`; `field`: field in the picture, None for pictures of a whole plan.
-    In a space of two axes, unknown cells of a map have a colour of their own.
+    `what`: kind of the picture, a name in `PICTURES`; `plan`: solved circuits, fields and paths; `field`: field in the
+    picture, None for a picture of all paths, of the robot or of the circuit.  In a space of two axes, unknown cells of
+    a map have a colour of their own.
     """
     picture = _drawn(what, job, plan, field)
     if what in ("page", "potential", "currents", "paths"):

@@ -70,9 +70,9 @@ def command(source: CommandInput, output: str | None, asked: bool | None, dialec
 
 @contextmanager
 def _compile_last_kernels() -> Iterator[None]:
-    """Compile the kernels of the last stages in a second process while the context runs.
+    """Compile the kernels of the last stages in a second process while the context is active.
 
-    The function has no effect if the kernels are cached, or on a single core.
+    The function has no effect if the kernels are cached, or on a computer with a single core.
     """
     if not is_first_run() or (os.cpu_count() or 1) < 2:
         yield
@@ -87,9 +87,9 @@ def _compile_last_kernels() -> Iterator[None]:
 
 
 def _described(job: Job, op: rg.OperatingPoint) -> rg.OperatingPoint:
-    """Return the operating point of the circuit that a deck describes: the chip, or the ideal grid if they are equal.
+    """Return the operating point of the circuit that a deck describes: the chip with its imperfections.
 
-    `op`: operating point of the ideal grid.
+    `op`: operating point of the ideal grid, which is returned if the chip has no imperfections.
     """
     return op if job.is_ideal else job.solve(op.netlist.cells.wiring)
 

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 class Job:
     """A scene with its configuration space and the options of its solution.
 
-    `scene`: the scene; `space`: its cells; `threads`: number of threads of the solver; `method`: solution method;
-    `ranks`: number of processes of method petsc, None for the default; `launcher`: command that starts these processes,
-    None for mpiexec.
+    `scene`: the scene; `space`: its cells; `threads`: number of threads of the solver; `method`: solution method,
+    "auto", "direct", "multigrid" or "petsc"; `ranks`: number of processes of method petsc, None for the default of 2;
+    `launcher`: command that starts these processes, None for mpiexec.
     """
 
     scene: rg.Scene
@@ -41,7 +41,7 @@ class Job:
 
     @cached_property
     def problem(self) -> Problem:
-        """Circuits, weights k and starts of the scene, to be solved."""
+        """Planning problem of the scene: space, wirings of the circuits to be solved, weights k and starts."""
         from resgrid.planning.pipeline import problem_of
 
         return problem_of(self.scene, space=self.space)
@@ -54,7 +54,10 @@ class Job:
         return not of_chip(self.scene.chip)
 
     def solution(self) -> Solution:
-        """Return the ideal circuits of the scene with their fields; injected currents are scaled to the supply."""
+        """Return the solved ideal circuits of the scene with their fields.
+
+        Injected currents are scaled to the supply.
+        """
         from resgrid.planning.pipeline import solve_problem
 
         return solve_problem(self.problem, scaled=True, work=self._work)
@@ -121,7 +124,7 @@ def open_job(
 
 
 def _report_large_angles(scene: rg.Scene) -> None:
-    """Print a message for each start angle beyond two turns, which is probably in degrees, not radians."""
+    """Print a message for each start angle of more than two turns, which is probably given in degrees, not radians."""
     turning = scene.robot.turning_length
     for number, start in enumerate(scene.starts):
         for axis, value in zip(scene.axes, start, strict=True):
@@ -153,9 +156,10 @@ def _load_scene(source: CommandInput) -> rg.Scene:
 
 
 def _named_file(name: str) -> str | Path:
-    """Return the name of an input, or the file of a shipped scene, which a message reports.
+    """Return the file of the shipped scene with the name of an input, or the name unchanged for all other inputs.
 
-    Raises InputError for a name without a folder that is neither a file nor a shipped scene.
+    A message reports the shipped scene.  Raises InputError for a name without a folder that is neither a file nor a
+    shipped scene.
     """
     from resgrid.scene.shipped import shipped_scene, shipped_scenes
 
@@ -203,11 +207,11 @@ FIRST_RUN = (
     "('python -m resgrid.cli.warm' compiles all kernels in advance, on all cores)"
 )
 _FIRST_KERNEL = "csr_kernels.conductances_by_row*.nbi"
-"""Pattern of numba's cache file of the first kernel that every solution compiles."""
+"""Pattern of the name of numba's cache file of a kernel that every solution compiles first."""
 
 
 def is_first_run() -> bool:
-    """Return whether numba has no cached kernels of a solution, so that they will be compiled."""
+    """Return whether numba has no cached kernels for solving circuits, so that a solution will compile them."""
     from resgrid._internal.jit import cache_folder
     from resgrid.solvers.csr_kernels import conductances_by_row
 
@@ -230,10 +234,10 @@ def _load_numba() -> None:
 
 
 def _observe(name: str, function: Callable[..., Any], *arguments: Any, iterates: bool = False, **options: Any) -> Any:
-    """Call a function of the library as a stage with a progress report, and return the function's value.
+    """Call a function of the library as a stage with a progress bar, and return the function's value.
 
-    `name`: name of the stage; `iterates`: whether the function takes a keyword ``progress``, which it calls in every
-    iteration.
+    `name`: name of the stage; `iterates`: whether the function takes a keyword ``progress``, a function that is called
+    in every iteration; `options`: further keywords of `compute`.
     """
     _load_numba()
     if iterates and is_first_run():
@@ -325,14 +329,15 @@ _REASONS = {
     "grid": "fields and paths are those of the ideal grid (decks contain the chip); 'resgrid chip' computes their "
     "effect on a robot",
 }
-"""Reasons for ignored keys of the chip, by the form of the circuit that ignores them."""
+"""Reasons why keys of the chip are ignored, by the form of the circuit: "circuit", "tiles", or "grid" (the ideal grid).
+"""
 
 
 def report_ignored(job: Job, form: Form | Literal["chip"], *, k: Sequence[float] = ()) -> dict[str, list[str]]:
-    """Print the keys of a scene that a subcommand ignores, with reasons, and return them as a dictionary for JSON.
+    """Print the keys of a scene that a subcommand ignores, with reasons, and return the keys as a dictionary for JSON.
 
-    `form`: form of the circuit that is used, "chip" if no key of the chip is ignored; `k`: weights k of the scene that
-    the subcommand ignores.
+    `form`: form of the circuit that the subcommand uses, a key of `_REASONS`, or "chip" if no key of the chip is
+    ignored; `k`: weights k of the scene that the subcommand ignores.
     """
     from resgrid.chip.build import keys_not_held
 

@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 WIDTH, HEIGHT = 64, 24
-"""Largest number of letters per row, and of rows."""
+"""Largest number of letters per row of a sketch, and largest number of rows."""
 
 MAX_UNKNOWN_FRACTION = 0.5
 """Fraction of unknown cells above which a sketch shows only the surroundings of the known cells."""
 
 MARGIN = 2
-"""Width of the border of unknown cells that a sketch shows around the known part, in cells."""
+"""Width of the border of unknown cells that a cropped sketch shows around the known cells, in cells."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,8 @@ def sketch(
 ) -> Sketch:
     """Return the text sketch of a space with two axes.
 
-    `starts`: points in world coordinates; `unknown`: mask of cells of unknown occupancy, shape of the space, or None.
+    `starts`: points in axis units; `unknown`: mask of cells of unknown occupancy, shape of the space, None without such
+    cells.
     """
     import numpy as np
 
@@ -88,7 +89,8 @@ def _window(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_]) -> tuple[sl
 def _letters(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_], window: tuple[slice, slice]) -> NDArray[np.str_]:
     """Return the letters (columns, rows from below) of the cells in a window, resampled to the size of the sketch.
 
-    `unseen`: mask of obstacle cells of unknown occupancy; `window`: ranges of cells along both axes.
+    `unseen`: mask of obstacle cells of unknown occupancy, shape of the space; `window`: ranges of cells along both
+    axes.
     """
     import numpy as np
     from PIL import Image

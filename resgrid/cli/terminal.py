@@ -40,7 +40,7 @@ BAR_DELAY = 1.0
 """Delay between the begin of a stage and the display of its progress bar, in seconds."""
 
 _WORKER = "resgrid computes"
-"""Prefix of the names of threads that run computations."""
+"""Prefix of the names of the threads in which `compute` runs computations."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Verbosity:
 
 
 def verbosity() -> Verbosity:
-    """Return the output options of the running command; defaults outside a command."""
+    """Return the output options of the running subcommand; default options if no subcommand runs."""
     context = click.get_current_context(silent=True)
     return (context.find_object(Verbosity) if context else None) or Verbosity()
 
@@ -91,7 +91,7 @@ def detail(message: str) -> None:
 
 
 def finish(data: Mapping[str, Any], lines: Iterable[str] = (), *, written: object = None, more: bool = False) -> None:
-    """Print the result on standard output, as one JSON object (`data`) or as lines.
+    """Print the result on standard output: `data` as one JSON object with the option ``--json``, otherwise `lines`.
 
     `written`: file that already contains the result, None without a file; "-" is standard output, after which this
     function prints nothing.  With a file, ``-q`` suppresses the lines, unless `more` is True (they contain more than
@@ -117,10 +117,11 @@ def require_one_output(output: str | None) -> None:
 
 
 class Stage:
-    """Progress of a stage of a command, from counted steps, an iteration's residual, or the estimated time.
+    """Progress of a stage (step) of a subcommand, from counted steps, an iteration's residual, or the estimated time.
 
-    `seconds`: estimated time of the whole stage; estimates shorter than `BAR_DELAY` are ignored, because a long
-    duration then has other causes, such as the compilation of kernels; `steps`: number of equal steps, None if unknown.
+    `seconds`: estimated time of the whole stage, None if unknown; estimates shorter than `BAR_DELAY` are ignored,
+    because a long duration then has other causes, such as the compilation of kernels; `steps`: number of equal steps,
+    None if unknown.
     """
 
     def __init__(self, seconds: float | None = None, steps: int | None = None) -> None:
@@ -150,13 +151,16 @@ class Stage:
         self._seconds = None if seconds_left is None else time.perf_counter() - self._begin + seconds_left
 
     def fraction(self) -> float | None:
-        """Return the finished fraction of the stage, from 0 to 0.99; None if it is unknown."""
+        """Return the finished fraction of the stage, from 0 to 0.99.
+
+        The result is None if neither the number of steps nor the estimated time is known.
+        """
         if self._steps:
             return min(self._done / self._steps, 0.99)
         return min((time.perf_counter() - self._begin) / self._seconds, 0.99) if self._seconds else None
 
     def status(self) -> str:
-        """Return text with intermediate results and the remaining time, or the elapsed time if that is unknown."""
+        """Return text with intermediate results and the remaining time, or the elapsed time if it is unknown."""
         elapsed, fraction = time.perf_counter() - self._begin, self.fraction()
         if not fraction:
             return f"{self._note}{elapsed:.0f} s so far"
@@ -174,7 +178,7 @@ class Stage:
 
 @contextmanager
 def stage(name: str, *, seconds: float | None = None, steps: int | None = None) -> Iterator[Stage]:
-    """Yield the `Stage` of a computation; on a terminal, show a progress bar with the remaining time if it takes long.
+    """Yield the `Stage` of a computation; on a terminal, show a progress bar if the computation takes longer than 1 s.
 
     `name`: name of the stage; `seconds`: estimated time; `steps`: number of equal steps; None if unknown.
     """
@@ -226,8 +230,8 @@ def compute(
     """Call a function in a thread and return its value; an interrupt does not wait for the end of the call.
 
     `name`: name of the stage for the progress bar; `arguments`: arguments of the function; `seconds`: estimated time of
-    the call, None if unknown; `iterates`: whether the function takes a keyword ``progress``, which it calls in every
-    iteration.
+    the call, None if unknown; `iterates`: whether the function takes a keyword ``progress``, a function that is called
+    in every iteration.
     """
     context = click.get_current_context(silent=True)
     outcome: list[tuple[Value | None, BaseException | None]] = []

@@ -1,4 +1,4 @@
 """Configuration spaces, boundary conditions and netlists, and `compile_space`, which converts spaces to netlists.
 
-Core may import only `_internal` and `errors`; it does not depend on scenes, robots or solvers.
+The modules of this package may import only `_internal` and `errors`; they do not depend on scenes, robots or solvers.
 """

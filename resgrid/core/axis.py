@@ -22,7 +22,7 @@ Point = tuple[Coordinate, ...]
 
 
 _NAMES = ("x", "y", "z", "w")
-"""Names of the axes of a grid that the user gives as an array."""
+"""Names of the first to fourth axis of a grid that the user gives as an array, without axes."""
 
 
 @checked
@@ -94,9 +94,9 @@ def split_points(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return the cells of points (..., ndim), and the positions in these cells as fractions in [0, 1] (..., ndim).
 
-    `point` (..., ndim): points in axis units; `reach` (ndim,): largest magnitude of a coordinate during the conversion
-    between world and space (`Frame.reach`).  A point that lies outside by at most the rounding error counts as a point
-    on the border.  Raise InputError for other points outside.
+    `axes`: axes of the space; `point` (..., ndim): points in axis units; `reach` (ndim,): largest magnitude of a
+    coordinate during the conversion between world and space (`Frame.reach`).  A point that lies outside by at most the
+    rounding error counts as a point on the border.  Raise InputError for other points outside.
     """
     points = np.asarray(point, dtype=np.float64)
     if points.shape[-1:] != (len(axes),):

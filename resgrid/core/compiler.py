@@ -4,10 +4,12 @@ Face neighbours are connected by resistors.  Voltage sources tie obstacles and g
 drive the nodes (Tarassenko & Blake 1991; Connolly & Grupen 1992, section 2).
 
 Along axis ``a`` the conductance is ``(h_ref / h_a)**2 / R`` times the series combination ``2 c_i c_j / (c_i + c_j)`` of
-the cells' conductivities, ``h_ref`` being the smallest spacing.  Kirchhoff's current law at a node is then the
-finite-volume form of ``div(c grad phi) = 0``.
+the cells' conductivities ``c``.  Here ``h_a`` is the cell width along the axis, ``h_ref`` the smallest width, and ``R``
+the resistance between neighbours.  Kirchhoff's current law at a node is then the finite-volume form of
+``div(c grad phi) = 0``.
 
-The contact of two neighbours depends on the kinds of both cells and on the boundary condition:
+The contact of two neighbours depends on the kinds of both cells and on the boundary condition; ``R_wall`` is the wall
+resistance:
 
 =================  ==========  ============================  =======================
 neighbours         dirichlet   wall                          neumann
@@ -22,7 +24,7 @@ obstacle, obstacle ``G``       ``G``                         none
 
 If exactly one of the two cells is free, ``G`` depends on its conductivity alone.  An edge that counts as an obstacle is
 padded by obstacle cells on the obstacle rail, with the conductivity of the cells at the edge.  An open edge has no
-contacts.  Resistors between rail cells exist only if these have nodes (``rails="cells"``, chips, tiles).
+contacts.  Resistors between obstacle or goal cells exist only if these have nodes (``rails="cells"``, as on a chip).
 """
 
 from __future__ import annotations
@@ -61,8 +63,8 @@ class _Nodes:
     """Node numbers of a compiled space.
 
     `cell` (shape of the space): node of every cell, -1 without a node; `free` (free nodes,): nodes of the free cells,
-    in C order; `obstacle`: node of the obstacle rail, -1 without one; `goals`: nodes of the goal rails, if rails are
-    merged; `count`: number of nodes.
+    in C order; `obstacle`: node of the obstacle rail, -1 without one; `goals`: nodes of the goal rails, one per goal
+    region, if rails are merged, else empty; `count`: number of nodes, ground included.
     """
 
     cell: NDArray[np.int32]
@@ -152,7 +154,8 @@ def why_undriven(space: ConfigurationSpace, wiring: Wiring) -> str | None:
 def _touches_obstacle(space: ConfigurationSpace, edges: Sequence[str], cells: NDArray[np.bool_]) -> bool:
     """Return whether any of the given cells touches an obstacle cell, or an edge that counts as an obstacle.
 
-    `edges`: rule of the edge per axis, such as ``"obstacle"``; `cells` (shape of the space): the given cells as a mask.
+    `edges`: ``"obstacle"``, ``"open"`` or ``"periodic"`` per axis; `cells` (shape of the space): the given cells as a
+    mask.
     """
     for axis, rule in enumerate(edges):
         obstacle = with_margin(space.cell == Cell.OBSTACLE, space.periodic, beyond=rule == "obstacle")
@@ -171,7 +174,10 @@ def require_netlist_memory(shape: tuple[int, ...], remedy: str = FEWER_CELLS) ->
 
 
 def _number_nodes(space: ConfigurationSpace, wiring: Wiring, kind: NDArray[np.uint8]) -> _Nodes:
-    """Return the node numbers of rails and cells; `kind`: `CellRole` of every cell, with a margin of one cell."""
+    """Return the node numbers of rails and cells.
+
+    `kind`: `CellRole` of every cell, with a margin of one cell on every side.
+    """
     own = kind[(slice(1, -1),) * space.ndim] == CellRole.NODE
     if wiring.start is not None:
         own[wiring.start] = True
@@ -197,8 +203,8 @@ def _resistors(space: ConfigurationSpace, contacts: GridContacts, nodes: _Nodes)
     """Return nodes (m, 2), conductances (m,) in siemens, face numbers (m,) and directions (m,) of the resistors.
 
     `contacts`: contacts of the grid, each of which has one resistor; `nodes`: node numbers.  A direction is True if the
-    second node lies at the higher coordinate.  Resistors are ordered by axis; for each axis, resistors at the border
-    come last.
+    second node lies at the higher coordinate.  Resistors are ordered by axis; for each axis, resistors at the border of
+    the grid come last.
     """
     wide = with_margin(nodes.cell, space.periodic, beyond=nodes.obstacle)
     parts = [
@@ -227,7 +233,8 @@ def _resistors(space: ConfigurationSpace, contacts: GridContacts, nodes: _Nodes)
 class CellRole(IntEnum):
     """Role of a cell, or of the margin around the grid, in the circuit: own node, high rail, low rail, or no node.
 
-    The order NODE < HIGH < LOW < NONE determines which pairs of cells have a contact.
+    The order NODE < HIGH < LOW < NONE determines which pairs of cells have a contact: at least one has a node, and none
+    has the role NONE.
     """
 
     NODE, HIGH, LOW, NONE = range(4)
@@ -235,7 +242,7 @@ class CellRole(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class GridContacts:
-    """All contacts between the cells of a box, without node numbers.
+    """All contacts between neighbouring cells of a box, without node numbers.
 
     `wiring`: boundary conditions and resistances; `spacing` (ndim,): cell widths; `code`, `kind`, `conductivity`:
     `Cell`, `CellRole` and conductivity of every cell, with a margin of one cell along each axis, wrapped on periodic
@@ -278,7 +285,7 @@ class GridContacts:
     def conductance(self) -> tuple[NDArray[np.float64], ...]:
         """Conductances through all faces of the box, in siemens, one array per axis; 0 without a contact.
 
-        The arrays have the shapes `resgrid.core.regions.face_shape`.
+        The array of an axis has the shape ``resgrid.core.regions.face_shape(shape of the box, axis)``.
         """
         faces = tuple(np.zeros(joined.shape) for joined in self.joined)
         for axis, (siemens, joined) in enumerate(zip(faces, self.joined, strict=True)):
@@ -289,7 +296,7 @@ class GridContacts:
 def contacts_of_box(
     space: ConfigurationSpace, wiring: Wiring, box: Sequence[tuple[int, int]] = (), *, connected: bool = True
 ) -> GridContacts:
-    """Return the contacts between the cells of a box.
+    """Return the contacts between neighbouring cells of a box.
 
     `wiring`: complete wiring, from ``wiring.on(space)``; `box`: range (first, end) of cells along each of the first
     axes, the other axes are complete; `connected`: whether cells not connected to a goal have no node (open obstacles
@@ -318,8 +325,8 @@ def contacts_of_box(
 def _set_margin(kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, ends: tuple[bool, bool]) -> None:
     """Set the roles of the margin cells beyond both ends of an axis, in place.
 
-    `kind`: `CellRole` of every cell, with a margin of one cell; `size`: number of cells of the space along the axis;
-    `ends`: whether the box includes the lower and the upper end of the axis.
+    `kind`: `CellRole` of every cell, with a margin of one cell; `axis`: index of the axis; `size`: number of cells of
+    the space along the axis; `ends`: whether the box includes the lower and the upper end of the axis.
     """
     edge = wiring.edge[axis]
     if edge == "periodic" and size > 1:
@@ -333,7 +340,10 @@ def _set_margin(kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, e
 def _voltage_sources(
     space: ConfigurationSpace, wiring: Wiring, nodes: _Nodes
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Return nodes (s, 2) and voltages (s,), in volts, of the s sources at rails, rail cells and the start cell."""
+    """Return nodes (s, 2) and voltages (s,), in volts, of the s sources at rails, rail cells and the start cell.
+
+    The first node of a source is the plus node, the second is ground.
+    """
     high, low = wiring.high, wiring.goal_voltage
     ties: list[tuple[Any, float]] = [([nodes.obstacle] if nodes.obstacle >= 0 else [], high), (nodes.goals, low)]
     if wiring.start is not None:
@@ -349,7 +359,8 @@ def _voltage_sources(
 def _uniform_drive(wiring: Wiring, nodes: _Nodes) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """Return nodes (c, 2) and currents (c,), in amperes, of c equal current sources into all free nodes.
 
-    Both arrays are empty without a uniform drive; raise CircuitError if there is no free node.
+    The current leaves the first node, ground, and enters the second one.  Both arrays are empty without a uniform
+    drive; raise CircuitError if there is no free node.
     """
     if wiring.drive != "uniform":
         return np.empty((0, 2), dtype=np.int32), np.empty(0)

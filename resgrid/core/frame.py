@@ -15,7 +15,7 @@ from resgrid.core.axis import Axis, Coordinate, largest_coordinates, rounding_er
 from resgrid.errors import InputError
 
 _COARSEST = 0.125
-"""Largest accepted rounding error of a coordinate, as a fraction of a cell's width."""
+"""Largest accepted rounding error of a coordinate, as a fraction of a cell's width; beyond it InputError is raised."""
 
 
 @checked
@@ -174,7 +174,7 @@ class Frame:
 
 
 def checked_frame(axes: tuple[Axis, ...], frame: Frame) -> Frame:
-    """Return the frame; raise InputError if it does not fit the axes, or rounding errors exceed 1/8 of a cell."""
+    """Return `frame`; raise InputError if it does not fit the axes, or if rounding errors exceed 1/8 of a cell."""
     if not frame.is_world and len(axes) != (2 if frame.turning_length is None else 3):
         raise InputError(
             f"only a plane may be moved or rotated in the world, and this space has {len(axes)} axes; leave out frame"

@@ -37,7 +37,7 @@ _FACES = {
     "resistor": ("resistor_face", "resistor_upward"),
     "nonlinear resistor": ("nonlinear_face", "nonlinear_upward"),
 }
-"""Fields of a `CellMap` with one entry per element, by kind of element: crossed face, and direction."""
+"""Names of the fields of a `CellMap` with one entry per element, by kind of element: crossed face, and direction."""
 
 
 @frozen
@@ -71,7 +71,7 @@ class CellMap:
     nonlinear_upward : ndarray of bool, shape (nonlinear resistors,)
         Whether the first node of each nonlinear resistor is on the lower side of the face.
     rail_nodes : mapping of str to ndarray of int32, shape of the space
-        Node of every rail with resistance at each cell, by rail; -1 where the node of the cell belongs to the rail.
+        Node at each cell of every rail with resistance, by name of the rail; -1 where the cell's node is on the rail.
     """
 
     space: ConfigurationSpace
@@ -205,7 +205,7 @@ class Netlist:
         check_node_names(self.node_names, self.node_count)
 
     def _check_kind(self, kind: str, names: tuple[str, ...]) -> None:
-        """Raise InputError unless all arrays of a kind of element have equal lengths and finite values."""
+        """Raise InputError unless the arrays `names` of one kind of element have equal lengths and finite values."""
         nodes = getattr(self, names[0])
         for name in names[1:]:
             value = getattr(self, name)
@@ -239,7 +239,7 @@ class Netlist:
         return self.cell_map
 
     def node_name(self, node: int) -> str:
-        """Return the name of a node, such as ``0``, ``n_12_7``, ``obstacle``, ``goal_0_3_4`` or ``node_5``."""
+        """Return the name of a node: ``0``, ``n_12_7`` (a cell), ``goal_0_3_4`` (a rail at a cell) or ``node_5``."""
         check_whole("node", node, 0)
         return self.names_of(np.array([node]))[0]
 
@@ -268,7 +268,7 @@ class Netlist:
         return self._cell_names(self.cell_map, wanted)
 
     def cell_of_node(self) -> NDArray[np.int64]:
-        """Return the flat index (C order) of the cell of every node, -1 for rails and ground; (node_count,).
+        """Return the flat index (C order) of the cell of every node, -1 for rails and ground; shape (node_count,).
 
         Raises
         ------
@@ -358,7 +358,7 @@ def add_elements(
     """Return a netlist with appended elements of one kind, without element names.
 
     Shapes: `nodes` (n, 2); `values` (n,) or (), in the order of `ARRAYS`, missing ones are 0; `face, upward` (n,) or
-    (): fields of the cell map; by default the elements cross no face.
+    (): crossed faces and directions for the cell map; by default the elements cross no face (-1).
     """
     pairs, *names = ARRAYS[kind]
     added = np.reshape(nodes, (-1, 2))
@@ -379,9 +379,9 @@ def add_elements(
 
 
 def crossed_by(netlist: Netlist, kind: str, which: NDArray[np.bool_] | slice = slice(None)) -> dict[str, NDArray[Any]]:
-    """Return the crossed faces and directions of elements as keywords of `add_elements`; empty without cells.
+    """Return faces and directions of elements as keywords ``face``, ``upward`` of `add_elements`; empty without cells.
 
-    `kind`: kind of element, such as ``"resistor"``; `which`: mask or slice of the elements.
+    `kind`: ``"resistor"`` or ``"nonlinear resistor"``; `which`: mask or slice of the elements.
     """
     if netlist.cell_map is None:
         return {}

@@ -22,15 +22,16 @@ ELEMENTS: dict[str, tuple[str, dict[str, str]]] = {
     "capacitor": ("capacitor_nodes", {"capacitance": "capacitance"}),
     "nonlinear resistor": ("nonlinear_nodes", {"current": "nonlinear_current", "voltage": "nonlinear_voltage"}),
 }
-"""Fields of a netlist per kind of element: the field of the nodes, and the fields of the values by graph attribute."""
+"""Names of the fields of a netlist per kind of element: the field of the nodes, and value fields by graph attribute."""
 
 ARRAYS = {kind: (nodes, *columns.values()) for kind, (nodes, columns) in ELEMENTS.items()}
-"""Fields of a netlist per kind of element: first the field of the nodes, then the fields of the values."""
+"""Names of the fields of a netlist per kind of element: first the field of the nodes, then the fields of the values."""
 
 _OPTIONAL = ("tc1", "tc2")
 _SYMMETRIC = ("resistor", "capacitor", "nonlinear resistor")
 _ROUNDING = 1e-9
-"""Largest relative difference between the conductance and the inverse resistance that one edge states."""
+"""Largest relative difference between the conductance and the inverse resistance that the attributes of an edge state.
+"""
 
 Edge: TypeAlias = tuple[Hashable, Hashable, Mapping[str, Any]]
 """First node, second node, and attributes of an edge of a graph."""
@@ -114,7 +115,7 @@ def graph_of(netlist: Any) -> nx.MultiGraph[int]:
 
 
 def _edges(netlist: Any, kind: str) -> Iterator[tuple[int, int, dict[str, Any]]]:
-    """Yield the elements of one kind as edges: first node, second node, and attributes."""
+    """Yield the elements of one kind, such as ``"resistor"``, as edges: first node, second node, and attributes."""
     nodes, keys = ELEMENTS[kind]
     columns: dict[str, list[Any]] = {
         key: getattr(netlist, column).tolist() for key, column in keys.items() if getattr(netlist, column) is not None
@@ -195,7 +196,8 @@ def _check_directions(resistors: list[Edge]) -> None:
 def _ends(edge: Edge, kind: str) -> tuple[Hashable, Hashable]:
     """Return the first and the second node of an element; raise InputError if they are not the nodes of the edge.
 
-    The attribute ``nodes`` of the edge states their order.  `kind`: kind of element.
+    The order is that of the attribute ``nodes`` of the edge, if present. `kind`: kind of element, such as
+    ``"resistor"``.
     """
     a, b, data = edge
     if "nodes" not in data:

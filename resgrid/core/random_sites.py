@@ -1,7 +1,8 @@
 """Random values of a chip's resistors, one per site on the die.
 
-Every random effect has its own random stream, and a value belongs to a site on the die, not to an index of the netlist.
-The same seed therefore gives the same chip for any order of effects and for any scene that the chip is switched to.
+A site is a position on the die: the face between two cells that a resistor crosses. Every random effect has its own
+random stream, and a value belongs to a site, not to an index of the netlist. A seed therefore gives one chip for any
+order of effects and for any scene that the chip is switched to.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ Seed = int | tuple[int, ...]
 """Seed of a chip: the entropy, or the entropy and the spawn key, of a `numpy.random.SeedSequence`, as integers."""
 
 MISMATCH, DEFECTS, OFFSET, NOISE = 1, 2, 3, 4
-"""Numbers of the random effects of a chip; the last entry of the spawn key of a random stream."""
+"""Numbers of the random effects of a chip; the effect is the last entry of the spawn key of a random stream."""
 
 
 def site_count(netlist: Netlist) -> int:
@@ -32,7 +33,8 @@ def site_count(netlist: Netlist) -> int:
 def resistor_sites(netlist: Netlist) -> tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]:
     """Return the sites of the resistors (resistors,) and of the nonlinear resistors (nonlinear resistors,).
 
-    A site is the number of the face that the resistor crosses; -1 for switches, rail segments and loads.
+    A site is the number of the face that the resistor crosses, -1 for switches, rail segments and loads of the
+    read-out.  In a netlist without cells, sites are the indices of the resistors, linear ones first.
     """
     if netlist.cell_map is None:
         linear = len(netlist.conductance)
@@ -41,7 +43,7 @@ def resistor_sites(netlist: Netlist) -> tuple[NDArray[np.integer[Any]], NDArray[
 
 
 def on_grid(netlist: Netlist) -> NDArray[np.bool_]:
-    """Return a mask (resistors,) of the resistors of the grid, without switches, rail segments and loads."""
+    """Return a mask (resistors,) of the grid's resistors, without switches, rail segments and read-out loads."""
     return np.asarray(resistor_sites(netlist)[0] >= 0)
 
 
@@ -53,14 +55,17 @@ def ends_of(netlist: Netlist) -> NDArray[np.int32]:
 def end_names(netlist: Netlist, resistors: NDArray[np.int64]) -> list[list[str]]:
     """Return the names of both nodes of some resistors, one pair per resistor.
 
-    `resistors` (n,): numbers of the resistors, linear ones first, then nonlinear ones.
+    `resistors` (n,): indices of the resistors, linear ones first, then nonlinear ones.
     """
     ends = ends_of(netlist)[resistors]
     return [list(pair) for pair in zip(*(netlist.names_of(ends[:, end]) for end in (0, 1)), strict=True)]
 
 
 def scale_resistances(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
-    """Return the netlist with every grid resistance multiplied by a factor; `factor` (sites,): factor of every site."""
+    """Return the netlist with every grid resistance multiplied by a factor.
+
+    `factor` (sites,): factor of every site, that is of every face of the grid.
+    """
     linear, nonlinear = resistor_sites(netlist)
     padded = np.append(factor, 1.0)  # for site -1
     return netlist.replace(

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from scipy import sparse
 
 _SMALL = 5000
-"""Number of cells up to which a mask is labelled without scipy."""
+"""Number of cells up to which connected regions are labelled in Python, without the slow import of scipy."""
 
 
 def label_components(
@@ -39,7 +39,7 @@ def label_components(
 
 
 def box_around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:
-    """Return the smallest box that contains all True cells of a mask, as one slice per axis, empty without cells."""
+    """Return the smallest box with all True cells of a mask, as one slice per axis; empty slices without such cells."""
     axes = range(mask.ndim)
     lines = [np.flatnonzero(mask.any(axis=tuple(other for other in axes if other != axis))) for axis in axes]
     return tuple(slice(int(line[0]), int(line[-1]) + 1) if len(line) else slice(0, 0) for line in lines)
@@ -103,7 +103,7 @@ def _flood_fill(mask: NDArray[np.bool_], rings: NDArray[np.bool_], *, corners: b
 
 
 def _shifted(wide: NDArray[np.int64], step: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return the array cyclically shifted by minus `step`: every index gets the value of its neighbour at `step`."""
+    """Return the array cyclically shifted by ``-step``: every index gets the value of the neighbour at ``step``."""
     return np.roll(wide, [-by for by in step], tuple(range(wide.ndim)))
 
 
@@ -153,7 +153,7 @@ def with_margin(
 
 
 def cells_at_faces(wide: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return views of the lower and the upper cell of every face across an axis; `face_shape` is their shape.
+    """Return views of the lower and the upper cell of every face perpendicular to an axis, in the shape `face_shape`.
 
     `wide`: cell values with a margin of one cell on every side.
     """
@@ -163,7 +163,7 @@ def cells_at_faces(wide: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray
 
 
 def sides_of_cells(faces: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return views of the lower and the upper face of every cell across an axis, in the shape of the cells.
+    """Return views of the lower and the upper face of every cell, perpendicular to an axis, in the shape of the cells.
 
     `faces`: one value per face, in an array of shape `face_shape`.
     """
@@ -172,7 +172,7 @@ def sides_of_cells(faces: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArra
 
 
 def face_shape(shape: tuple[int, ...], axis: int) -> tuple[int, ...]:
-    """Return the shape of an array of faces across an axis: one more face than cells along this axis.
+    """Return the shape of an array of the faces perpendicular to an axis: one more face than cells along this axis.
 
     `shape`: number of cells along every axis.
     """
@@ -180,12 +180,12 @@ def face_shape(shape: tuple[int, ...], axis: int) -> tuple[int, ...]:
 
 
 def face_counts(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the number of faces across each axis; `shape`: number of cells along every axis."""
+    """Return the number of faces perpendicular to each axis; `shape`: number of cells along every axis."""
     return tuple(math.prod(face_shape(shape, axis)) for axis in range(len(shape)))
 
 
 def by_axis(faces: NDArray[Any], shape: tuple[int, ...]) -> tuple[NDArray[Any], ...]:
-    """Split a flat array of face values (`faces`), and return one view per axis, each of shape `face_shape`.
+    """Return one view per axis, of shape `face_shape`, of the flat array `faces` of face values.
 
     `shape`: number of cells along every axis.
     """
@@ -196,9 +196,10 @@ def by_axis(faces: NDArray[Any], shape: tuple[int, ...]) -> tuple[NDArray[Any], 
 def crossed_faces(
     face: NDArray[np.integer[Any]], shape: tuple[int, ...]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the axis perpendicular to each face (n,), and the index of the face among the faces across it (n, ndim).
+    """Return the axis perpendicular to each face, (n,), and the face's index among the faces of that axis, (n, ndim).
 
-    `face` (n,): face numbers, counted axis by axis; a face of -1 has the axis -1; `shape`: cells along every axis.
+    `face` (n,): face numbers, counted axis by axis, -1 for none, which gets the axis -1 and the index 0; `shape`:
+    number of cells along every axis.
     """
     starts = np.cumsum([0, *face_counts(shape)])
     across = np.searchsorted(starts, face, side="right") - 1

@@ -170,7 +170,10 @@ class ConfigurationSpace:
         return cls(axes, codes, conductivity, frame=frame, robot=robot)
 
     def with_cells(self, cell: ArrayLike) -> ConfigurationSpace:
-        """Return a copy with other cells, an array of `Cell`; a cell that stays a goal keeps its goal point."""
+        """Return a copy with other cells.
+
+        `cell`: array of `Cell` codes.  A cell that stays a goal keeps its goal point.
+        """
         cells, kept = checked_cells(self.axes, cell), None
         if self.goal_points is not None:
             points = np.full((*self.shape, self.ndim), np.nan)
@@ -232,7 +235,7 @@ class ConfigurationSpace:
         return int(self.goal_region.max(initial=-1)) + 1
 
     def goal_point(self, cell: ArrayLike) -> NDArray[np.float64]:
-        """Return the goal configurations in axis units, (..., ndim); `cell` (..., ndim): indices of one or more cells.
+        """Return goal configurations in axis units, (..., ndim); `cell` (..., ndim): indices of one or more cells.
 
         NaN if every configuration of the cell solves the goal, or if the cell is not a goal cell.
         """

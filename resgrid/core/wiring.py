@@ -217,15 +217,15 @@ class Wiring:
 
 
 _NO_OPTIONS_OF_BOUNDARY: dict[str, Any] = {"drive": None, "start": None, "wall_resistance": None}
-"""Values of the fields that belong to only one boundary condition, after a change of the boundary condition."""
+"""Values to which fields of a `Wiring` that belong to one boundary condition are reset when this condition changes."""
 
 
 def wiring_of(wiring: Wiring | None, options: Mapping[str, Any], default: Mapping[str, Any] | None = None) -> Wiring:
     """Return a wiring with some fields replaced.
 
     `wiring`: wiring to change, None for a new wiring from the fields `default`; `options`: new values of fields by
-    name; None keeps the old value; `default`: fields of a new wiring.  Another boundary condition resets the fields
-    that belong to the old one, and takes the wall resistance of `default`.
+    name; None keeps the old value; `default`: fields of a new wiring.  A change of the boundary condition resets the
+    fields ``drive``, ``start`` and ``wall_resistance``, and takes the wall resistance of `default`.
     """
     _check_names(options)
     given = {name: value for name, value in options.items() if value is not None}

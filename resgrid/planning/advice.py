@@ -61,8 +61,9 @@ class Advisor:
     def _remedies(self, path: Streamline, *, unknown: bool) -> Iterator[str]:
         """Yield a phrase for every change of the scene that opens a path from the start of `path` to a goal.
 
-        `unknown`: whether unknown cells of the map block the start; the option that makes them free is then yielded
-        even if it opens no path.
+        A smaller body is also named, without a trial, for robots that are not points or discs.  `unknown`: whether
+        unknown cells of the map block the start; the option that makes them free is then yielded even if it opens no
+        path.
         """
         scene = self.scene
         if self._has_unknown:

@@ -12,7 +12,8 @@ from resgrid.errors import InputError
 from resgrid.planning.fields import Field
 
 _CANCELLED = 1e-12
-"""Blended currents below this fraction of the larger of the two currents are rounding error and count as zero."""
+"""Magnitude of a blended current below which it is rounding error and counts as zero, as a fraction of the larger of
+``k |I_D|`` and ``(1 - k) |I_N|``, the two currents that are added."""
 
 
 def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool = False) -> Field:
@@ -97,7 +98,10 @@ def check_pair(dirichlet: Field, neumann: Field) -> None:
 
 
 def _same_cells(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:
-    """Return whether two spaces have equal axes, frames, cells and conductivities."""
+    """Return whether two spaces have equal axes, frames, cells and conductivities.
+
+    A space without conductivities has 1.
+    """
     one, other = (np.float64(1.0) if space.conductivity is None else space.conductivity for space in (first, second))
     placed = first.axes == second.axes and first.frame == second.frame
     return placed and np.array_equal(first.cell, second.cell) and bool(np.all(one == other))
@@ -106,9 +110,11 @@ def _same_cells(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:
 def _add_currents(
     dirichlet: Field, neumann: Field, axis: int, k: float
 ) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-    """Return signs and log magnitudes of the currents ``k I_D + (1 - k) I_N`` through the faces across an axis.
+    """Return signs and natural log magnitudes of the currents ``k I_D + (1 - k) I_N`` through the faces across an axis.
 
-    ``I_D, I_N``: currents of the fields `dirichlet` and `neumann`.  Sums within rounding error are set to zero.
+    ``I_D, I_N``: currents of the fields `dirichlet` and `neumann`, in units of supply / resistance.  Sums within
+    rounding error are set to zero, with the logarithm -inf.  Both arrays have the shape of the space plus one along the
+    axis.
     """
     log_d = dirichlet.face_log_current[axis] + np.log(k)
     log_n = neumann.face_log_current[axis] + np.log1p(-k)
@@ -150,7 +156,10 @@ def dirichlet_share(dirichlet: Field, neumann: Field, k: float) -> NDArray[np.fl
 
 
 def _log_gradient(field: Field) -> NDArray[np.float64]:
-    """Return the log norm of the gradient at every cell centre, shape of the space, plus a constant; -inf at zero."""
+    """Return the natural log norm of the gradient at every cell centre, shape of the space, up to a constant.
+
+    The constant is equal for all cells and for all fields of one space; -inf where the gradient vanishes.
+    """
     cells = np.indices(field.space.shape).reshape(field.space.ndim, -1).T
     gradient, log_scale = field.gradient(cells, np.full(cells.shape, 0.5))
     return np.reshape(log_scale + np.log(np.linalg.norm(gradient, axis=1)), field.space.shape)

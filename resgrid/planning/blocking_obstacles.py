@@ -45,8 +45,8 @@ class Obstruction:
     goal : int
         Index of the goal region.
     least : tuple of int
-        Indices of a minimum set of groups whose removal opens a path, in path order, with the fewest cells among
-        several minimum sets.  Empty if a path exists.
+        Indices of a minimum set of groups whose removal opens a path, in the order from start to goal, with the fewest
+        cells among several minimum sets.  Empty if a path exists.
     alone : tuple of int
         Indices of all groups whose removal opens a path without the removal of another group.
 
@@ -271,7 +271,10 @@ def _connectivity(space: ConfigurationSpace, cell: tuple[int, ...]) -> Outcome:
 
 
 def _cell_of(space: ConfigurationSpace, point: NDArray[np.float64]) -> tuple[int, ...]:
-    """Return the index tuple of the cell of a start `point` (ndim,), in axis units."""
+    """Return the indices of the cell of a start `point` (ndim,), in axis units.
+
+    A point on a border between cells belongs to a free cell if it touches one.
+    """
     return tuple(start_cells(space, point[np.newaxis])[0][0].tolist())
 
 
@@ -284,7 +287,10 @@ def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstr
         return Obstruction(goal, (), ())
 
     def between(opened: tuple[int, ...]) -> tuple[int, ...]:
-        """Return the groups on a shortest path from start to goal after removal of the groups `opened`; () if free."""
+        """Return the groups on a shortest path from start to goal after removal of the groups `opened`.
+
+        The result is empty if no further group lies between start and goal.
+        """
         remaining = adjacency(barriers, opened) if opened else links
         return remaining.groups_between(int(remaining.node[start]), int(remaining.node[target]))
 
@@ -298,9 +304,9 @@ def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstr
 
 
 def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int] | None, most: int) -> SceneSeparation:
-    """Return the parts of a scene that separate a start, given as a point or a cell, from the goals.
+    """Return the parts of a scene that separate a start from the goals, found by removing sets of at most `most` parts.
 
-    Sets of at most `most` parts are tried.
+    `start` (ndim,): start in world coordinates, or None; `cell`: start cell, if `start` is None.
     """
     if most < 1:
         raise InputError(f"most = {most} must be at least 1: opening a path removes at least one obstacle")
@@ -330,7 +336,7 @@ def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int]
     opened = np.where(build_space(without_obstacles).cell == Cell.GOAL, np.uint8(Cell.GOAL), np.uint8(Cell.FREE))
 
     def opens(*removed: int) -> bool:
-        """Return whether a path exists after removal of the parts with numbers `removed`, as free or goal cells."""
+        """Return whether a path exists if the parts with the indices `removed` block no cells."""
         kept = np.uint64(2**64 - 1 - sum(1 << number for number in removed))
         remaining = space.with_cells(np.where((bits & kept) == 0, opened, np.uint8(Cell.OBSTACLE)))
         return _connectivity(remaining, _cell_of(remaining, point)) is Outcome.REACHED

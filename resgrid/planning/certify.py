@@ -267,7 +267,7 @@ def _exit_times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple
 
 
 def _travel_time(x: Floats, velocity: Floats, leave: Floats) -> Floats:
-    """Return times from `x` to 1 with velocities that change linearly from `velocity` to `leave`; inf at rest."""
+    """Return times from `x` to 1, with velocities linear from `velocity` at x to `leave` at 1; inf if not positive."""
     runs = velocity > 0
     z = np.where(runs, leave / np.where(runs, velocity, 1.0), 1.0) - 1.0
     factor = np.where(np.abs(z) < 1e-8, 1.0 - 0.5 * z, np.log1p(z) / np.where(z == 0, 1.0, z))
@@ -286,7 +286,7 @@ def _exit_bounds(
 
 
 def _advance(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
-    """Return positions `time` after `x`, clipped to [0, 1]; velocities are linear from `lower` at 0 to `upper` at 1."""
+    """Return positions in [0, 1] at `time` after `x`, for velocities linear from `lower` at 0 to `upper` at 1."""
     velocity, growth = lower * (1.0 - x) + upper * x, (upper - lower) * time
     exact = velocity * np.expm1(growth) / (upper - lower)
     step = np.where(np.abs(growth) < 1e-8, velocity * time * (1.0 + 0.5 * growth), exact)
@@ -294,7 +294,7 @@ def _advance(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
 
 
 def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats) -> None:
-    """Raise CertificateError unless the duration is between the sums of exp(`log_shortest`) and exp(`log_longest`)."""
+    """Raise CertificateError unless the duration lies between the sums of least and largest times, given as logs."""
     unit = 2.0 * np.log(path.space.spacing.min())
     low, high = (float(np.logaddexp.reduce(logs, initial=-np.inf) + unit) for logs in (log_shortest, log_longest))
     claimed = float(path.log_duration)

@@ -22,9 +22,9 @@ def clearance_of(
     """Return the smallest distance from a polyline to an obstacle cell, or to an edge of the grid that acts as one.
 
     `points` (n, ndim): corners of the polyline; `edge`: rule of the grid's edge per axis, ``"obstacle"``, ``"open"`` or
-    ``"periodic"``; `reach`: distance up to which obstacle cells are searched, for all cells or shape of the space, None
-    without obstacle cells; `blocked` (cells,): mask of obstacle cells in C order, computed if None.
-    All lengths are in axis units; the result is infinite without obstacles.
+    ``"periodic"``; `reach`: distance up to which obstacle cells are searched, one number or one per cell in the shape
+    of the space, None without obstacle cells; `blocked` (cells,): mask of obstacle cells in C order, computed if None.
+    All lengths are in axis units; the result is infinite without obstacles within this distance.
     """
     scaled = split_at_faces(points, space)
     starts, ends = (scaled[:-1], scaled[1:]) if len(scaled) > 1 else (scaled, scaled)
@@ -45,9 +45,10 @@ def segment_clearance(
     """Return the smallest distance from n segments within cells to an obstacle cell, or to an edge that acts as one.
 
     `home` (n, ndim): cell of each segment; `starts, ends` (n, ndim): end points relative to the cell's lower corner, in
-    cell units; `edge`: rule of the grid's edge per axis; `reach`: distance up to which obstacle cells are searched, for
-    all cells or shape of the space, None without obstacle cells; `blocked` (cells,): mask of obstacle cells in C order.
-    The result is in axis units, infinite without obstacles.
+    cell widths; `edge`: rule of the grid's edge per axis, ``"obstacle"``, ``"open"`` or ``"periodic"``; `reach`:
+    distance up to which obstacle cells are searched, one number or one per cell in the shape of the space, None without
+    obstacle cells; `blocked` (cells,): mask of obstacle cells in C order, computed if None. The result is in axis
+    units, infinite without obstacles within this distance.
     """
     from resgrid.planning import kernels
 
@@ -100,9 +101,9 @@ def _nearest_centres(space: ConfigurationSpace, clear: NDArray[np.bool_]) -> NDA
 
 
 def split_at_faces(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Return the corners (m, ndim) of a polyline in cell units, with a corner added at every crossing of a cell face.
+    """Return the corners (m, ndim) of a polyline in cell widths, with a corner added at every crossing of a cell face.
 
-    `points` (n, ndim): corners of the polyline in axis units.
+    `points` (n, ndim): corners of the polyline in axis units.  Results are measured from the lower corner of the grid.
     """
     scaled = (points - space.lower) / space.spacing
     cells_touched = np.ceil(np.maximum(scaled[:-1], scaled[1:])) - np.floor(np.minimum(scaled[:-1], scaled[1:]))
@@ -118,7 +119,7 @@ def split_at_faces(points: NDArray[np.float64], space: ConfigurationSpace) -> ND
 def face_crossings(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the parameters in (0, 1), ascending, at which a segment crosses cell faces, shape (crossings,).
 
-    `start, end` (ndim,): end points of the segment in cell units, for the parameters 0 and 1.
+    `start, end` (ndim,): end points of the segment, with the parameters 0 and 1, in cell widths from the grid's corner.
     """
     parameters = [np.empty(0)]
     for first, last in zip(start.tolist(), end.tolist(), strict=True):

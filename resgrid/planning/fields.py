@@ -262,8 +262,8 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
 
 
 Elements = tuple[NDArray[np.integer[Any]], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]
-"""Four arrays (elements,): index of the face that the element crosses (-1 for none), whether the element's direction is
-that of the axis, sign of the element's current, natural logarithm of its magnitude in amperes."""
+"""Four arrays (elements,): index of the face that the element crosses (-1 for none), whether the element points along
+the axis, sign of its current, natural logarithm of the current's magnitude in amperes."""
 
 
 def read_field(

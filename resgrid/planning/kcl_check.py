@@ -19,16 +19,17 @@ from resgrid.core.regions import cells_at_faces, sides_of_cells
 from resgrid.core.wiring import Wiring
 
 ROUNDING = 8 * np.finfo(np.float64).eps
-"""Bound on the rounding error of a sum of currents, relative to the sum of conductance times absolute potential."""
+"""Bound on the rounding error of a sum of currents, relative to the sum of conductance times absolute node voltage."""
 
 Faces = Sequence[NDArray[np.float64]]
 """One array per axis: a value for every face across that axis."""
 
 
 def safe_cells(op: OperatingPoint) -> NDArray[np.bool_] | None:
-    """Return the mask of direction-safe free cells, shape of the space; None if the solver guarantees all of them.
+    """Return the mask of direction-safe free cells, shape of the space; None if the solver guarantees that all are.
 
-    Cells above the obstacle rail, from which current would flow into obstacles, are not safe.
+    `op`: operating point of a compiled space.  A cell above the obstacle rail is not safe, because current would flow
+    from the cell into obstacles.
     """
     if op.has_stored_currents and op.kcl_residual <= DIRECTION_RESIDUAL:
         return None
@@ -73,11 +74,11 @@ def obeys_kcl(
     *,
     held: NDArray[np.bool_] | bool = False,
 ) -> NDArray[np.bool_]:
-    """Return the mask of cells of a box that obey KCL to 1e-6 of their current and have an outgoing current.
+    """Return the mask of cells of a box that obey KCL to 1e-6 of their through-current and have an outgoing current.
 
     `conductance`, `currents`: conductances and currents of the faces, one array per axis; `value`: voltages of the
-    cells and of a margin of one cell on each side; `injected`: current into every cell; `held`: mask of cells tied to
-    voltage sources, for which the residual is not tested, shape of the box.
+    cells and of a margin of one cell on each side; `injected`: current of a source into every cell; `held`: mask of
+    cells tied to voltage sources, for which the residual is not tested, shape of the box.
     """
     shape = sides_of_cells(currents[0], 0)[0].shape
     net, total, rounding = (np.full(shape, start) for start in (injected, abs(injected), 0.0))
@@ -93,15 +94,16 @@ def obeys_kcl(
 
 
 def between_rails(height: NDArray[np.float64], wiring: Wiring) -> NDArray[np.bool_]:
-    """Return the mask of heights above the goal rail, in volts, that are at most the supply; all True with a drive.
+    """Return the mask of heights, in volts, that are at most the supply; with a drive, True for all cells.
 
-    A cell above the obstacle rail would drive current into an obstacle.
+    `height`: voltage of each cell above the goal rail.  A cell above the obstacle rail would drive current into an
+    obstacle.
     """
     return np.ones(height.shape, dtype=np.bool_) if wiring.is_driven else np.asarray(height <= abs(wiring.supply))
 
 
 def _source_nodes(op: OperatingPoint) -> NDArray[np.bool_]:
-    """Return the mask of nodes with a voltage source, ground included, shape (nodes,)."""
+    """Return the mask of nodes that a voltage source fixes, and of ground, shape (nodes,)."""
     held = np.zeros(op.netlist.node_count, dtype=np.bool_)
     held[op.netlist.source_nodes] = True
     held[0] = True

@@ -27,7 +27,7 @@ class Flow(NamedTuple):
 
     `code` (cells,): `Cell` codes, with `GOAL` wherever streamlines end; `shape` (ndim,): number of cells per axis;
     `spacing` (ndim,): cell widths in axis units; `first_face` (ndim,) and `face_stride` (ndim, ndim): see above;
-    `direction` (faces,): sign of the current along the axis; `log_current` (faces,): log of the current's magnitude.
+    `direction` (faces,): sign of the current along the axis; `log_current` (faces,): natural log of its magnitude.
     """
 
     code: NDArray[np.uint8]
@@ -67,7 +67,7 @@ def _face(flow: Flow, cell: Integers, axis: int) -> int:
 
 @inner
 def face_velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> float:
-    """Write a cell's face velocities, divided by the largest, to `lower, upper` (ndim,); return log of the largest."""
+    """Write a cell's face currents, divided by the largest, to `lower, upper` (ndim,); return log of the largest."""
     scale = -np.inf
     for axis in range(len(cell)):
         face = _face(flow, cell, axis)
@@ -102,7 +102,7 @@ def _exit_time(x: float, lower: float, upper: float) -> tuple[float, int]:
 
 @inlined
 def _moved(x: float, lower: float, upper: float, time: float) -> float:
-    """Return the coordinate, clipped to [0, 1], a time after ``x``; the velocity is `lower` at 0 and `upper` at 1."""
+    """Return the coordinate in [0, 1] a `time` after ``x``, for a velocity linear from `lower` at 0 to `upper` at 1."""
     v = lower * (1.0 - x) + upper * x
     if v == 0.0:
         return x  # a separate case: with a large time the growth may overflow
@@ -114,7 +114,7 @@ def _moved(x: float, lower: float, upper: float, time: float) -> float:
 
 @inner
 def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int, int]:
-    """Return time, axis and side (-1: lower, 1: upper face) of the earliest exit from `local`; axis -1 if none."""
+    """Return time, axis and side (-1: lower, 1: upper face) of the earliest exit from `local`, or axis -1."""
     time, across, side = np.inf, -1, 0
     for axis in range(len(local)):
         axis_time, axis_side = _exit_time(local[axis], lower[axis], upper[axis])
@@ -172,8 +172,8 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
 
     ``cell`` (ndim,) and ``local`` (ndim,), the position within the cell in [0, 1], hold the start on entry and the end
     on return.  The first n visited cells and entry positions are written to ``cells`` and ``locals_`` (n, ndim).
-    Return outcome (`REACHED`, `NO_CURRENT` or `ENDLESS`), number of crossings, length in axis units, and log of the
-    time, in the unit for which velocities equal face currents.
+    Return outcome (`REACHED`, `NO_CURRENT` or `ENDLESS`), number of crossings, length in axis units, and natural log of
+    the time, in the unit for which velocities equal face currents.
     """
     ndim = len(cell)
     lower, upper = np.empty(ndim), np.empty(ndim)
@@ -267,7 +267,7 @@ def trace_many(
 
 @inner
 def segment_to_box(start: Floats, end: Floats, lower: Floats, upper: Floats) -> float:
-    """Return the distance from a segment to the box with corners `lower, upper`, by bisection along the segment."""
+    """Return the distance of a segment from the box with corners `lower, upper`, by bisection along the segment."""
     a, b = 0.0, 1.0
     for _ in range(54):
         t = 0.5 * (a + b)

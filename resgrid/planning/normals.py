@@ -198,9 +198,10 @@ def _field_around(space: ConfigurationSpace, padding: int) -> tuple[Field, NDArr
 
 
 def _directions(field: Field, cells: NDArray[np.int64], local: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return unit vectors along the gradient of the potential, shape (n, ndim); NaN outside free cells or without one.
+    """Return unit vectors along the gradient of the potential at n points, shape (n, ndim).
 
-    `cells` (n, ndim): cells of n points; `local` (n, ndim): positions of the points within the cells, in [0, 1].
+    `cells` (n, ndim): cells of the points; `local` (n, ndim): positions of the points within the cells, in [0, 1].  NaN
+    outside free cells and where the gradient vanishes.
     """
     gradient, _ = field.gradient(cells, local)
     gradient[field.space.cell[tuple(cells.T)] != Cell.FREE] = 0.0
@@ -210,7 +211,10 @@ def _directions(field: Field, cells: NDArray[np.int64], local: NDArray[np.float6
 
 
 def _check_defined(space: ConfigurationSpace, cells: NDArray[np.int64], normals: NDArray[np.float64]) -> None:
-    """Raise InputError if one of `normals` (n, ndim) is NaN, with the reason; `cells` (n, ndim): their cells."""
+    """Raise InputError, with the reason, if one of n normals is NaN.
+
+    `cells` (n, ndim): cell of each normal; `normals` (n, ndim): unit vectors, NaN where no normal is defined.
+    """
     undefined = np.isnan(normals).any(axis=1)
     if not undefined.any():
         return

@@ -25,9 +25,9 @@ from resgrid.errors import InputError
 class Barriers:
     """Groups of obstacle cells that are connected across faces, edges or corners.
 
-    `label` (shape of the space): group of every obstacle cell, -1 elsewhere; groups are numbered from 0 in C order of
-    their first cell, real groups before virtual ones; `virtual` (groups,): mask of groups of virtual obstacle cells,
-    which have no body.
+    `space`: the space of the cells; `label` (shape of the space): group of every obstacle cell, -1 elsewhere; groups
+    are numbered from 0 in C order of their first cell, real groups before virtual ones; `virtual` (groups,): mask of
+    groups of virtual obstacle cells, which have no body.
     """
 
     space: ConfigurationSpace
@@ -54,8 +54,9 @@ class RegionGraph:
     """Adjacency graph of regions (of free and goal cells) and groups (of obstacle cells).
 
     `node` (shape of the space): graph node of every cell; `regions`: number of regions, which are the first nodes; node
-    ``regions + g`` is group ``g``; `graph` (nodes, nodes): symmetric edge costs.  The cost of a path is the number of
-    groups on it, plus a small amount per cell of a group, which prefers small groups.
+    ``regions + g`` is group ``g``; `graph` (nodes, nodes): symmetric matrix of the costs of steps between adjacent
+    nodes. The cost of a path is the number of groups on it, plus a small amount per cell of a group, which prefers
+    small groups.
     """
 
     node: NDArray[np.int64]
@@ -81,7 +82,7 @@ class RegionGraph:
 def group_obstacles(space: ConfigurationSpace, virtual: ArrayLike | None = None) -> Barriers:
     """Return the groups of obstacle cells that are connected across faces, edges or corners.
 
-    `virtual`: mask of virtual obstacle cells, shape of the space, which form separate groups; None for none.
+    `virtual`: mask of virtual obstacle cells, shape of the space, which form separate groups; None for no such cells.
     """
     obstacle = space.cell == Cell.OBSTACLE
     marked = np.zeros(space.shape, dtype=np.bool_) if virtual is None else np.asarray(virtual)
@@ -96,7 +97,10 @@ def group_obstacles(space: ConfigurationSpace, virtual: ArrayLike | None = None)
 
 
 def adjacency(barriers: Barriers, opened: tuple[int, ...] = ()) -> RegionGraph:
-    """Return the adjacency graph of regions and groups after removal of the groups with indices `opened`."""
+    """Return the adjacency graph of regions and groups after removal of the groups with indices `opened`.
+
+    The cells of removed groups count as free.
+    """
     space = barriers.space
     passable = (space.cell != Cell.OBSTACLE) | barriers.mask(*opened)
     region = label_regions(passable, space.periodic).astype(np.int64) - 1

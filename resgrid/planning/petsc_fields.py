@@ -40,7 +40,7 @@ from resgrid.planning.kcl_check import face_currents, obeys_kcl
 from resgrid.solvers.petsc import Report, find_petsc, run_ranks
 
 RTOL = 1e-14
-"""Requested norm of the residual, relative to the norm of the right-hand side; about the rounding error."""
+"""Requested norm of the residual, as a fraction of the norm of the right-hand side; close to float64 rounding error."""
 
 _BYTES = {1: 400, 2: 500, 3: 1200, 4: 2500}
 """Peak memory of all PETSc processes (ranks) together, in bytes per cell, by the number of axes; measured on grids
@@ -58,8 +58,8 @@ _CELLS = 2**20
 class Ranked:
     """A field solved by PETSc processes (ranks), with the statistics of the solve.
 
-    `field`: field whose arrays are memory-mapped files, which the system deletes together with the arrays; `report`:
-    statistics of the solve.
+    `field`: field whose arrays are memory-mapped files; the system deletes the files when the arrays are deleted;
+    `report`: statistics of the solve.
     """
 
     field: Field
@@ -195,9 +195,10 @@ class SlabReading:
 def read_rows(
     space: ConfigurationSpace, wiring: Wiring, answer: NDArray[np.float64], rows: tuple[int, int]
 ) -> SlabReading:
-    """Return values, currents and direction safety of a slab; `answer` (shape of the space): PETSc's solution.
+    """Return values, currents and direction safety of the cells of a slab.
 
-    `rows`: first and end index of the slab along the first axis.
+    `answer` (shape of the space): PETSc's solution, drops or heights; `rows`: first index of the slab along the first
+    axis, and the index after the last.
     """
     contacts = contacts_of_box(space, wiring, [rows])
     falls = wiring.drive != "uniform"  # a drop grows from the high rail to the goals

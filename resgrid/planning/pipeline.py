@@ -37,14 +37,19 @@ Solver = Callable[..., OperatingPoint]
 """Function that returns the operating point of a netlist: `resgrid.solve`, possibly with fixed options."""
 
 Observe = Callable[..., Any]
-"""Function that runs a stage and may display progress: ``observe(stage, function, *arguments, seconds, iterates)``.
+"""Function that runs one stage of the pipeline and may display progress.
 
-`seconds`: estimated duration; `iterates`: whether the function accepts a ``progress`` callback for its iterations.
+It is called as ``observe(stage, function, *arguments, seconds, iterates)`` and returns ``function(*arguments)``.
+`stage`: name for the display; `seconds`: estimated duration; `iterates`: whether the function accepts a ``progress``
+callback for its iterations.
 """
 
 
 def run_silently(_stage: str, function: Callable[..., Any], *arguments: Any, **_: Any) -> Any:
-    """Return ``function(*arguments)``, without display of progress; the name of the stage and options are ignored."""
+    """Return ``function(*arguments)`` without display of progress.
+
+    The name of the stage and the options are ignored.
+    """
     return function(*arguments)
 
 
@@ -106,9 +111,9 @@ def solve_options(method: str, ranks: int | None = None, launcher: str | None = 
 class Problem:
     """A planning problem: a configuration space, the wiring of a circuit on it, blends of two fields, and starts.
 
-    `wiring`: wiring of the circuit if a single one is solved; `ks`: weights of the Dirichlet field, one per blend,
-    empty for the field of that circuit alone; `starts` (n, ndim): in world coordinates; `start_driven`: whether each
-    start drives a circuit of its own, with open obstacles.
+    `wiring`: wiring of the circuit; in a blend, of the circuit with k = 1; `ks`: weights of the Dirichlet field, one
+    per blend, empty if only the field of `wiring` is needed; `starts` (n, ndim): in world coordinates; `start_driven`:
+    whether each start drives a circuit of its own, with open obstacles.
     """
 
     space: ConfigurationSpace
@@ -208,7 +213,7 @@ class Solution:
 
     @property
     def flat(self) -> tuple[str, ...]:
-        """Names of blended circuits without currents; empty if no circuit carries current, or if starts drive them."""
+        """Names of the circuits without currents, in a blend whose other circuit carries current; otherwise empty."""
         idle = tuple(name for name, field in self.pure.items() if not field.is_flowing)
         return () if self.problem.start_driven or len(idle) == len(self.pure) else idle
 
@@ -231,9 +236,10 @@ def problem_of(
 ) -> Problem:
     """Return the planning problem of a scene or a space.
 
-    `wiring`: wiring that replaces the scene's; `options`: fields of `Wiring` that override those of the wiring.
-    Without `k`, a wiring or a boundary selects a single circuit, even if the scene has blends.  `k`: weight of the
-    Dirichlet field; `space`: space of the scene, if it was built before.
+    `wiring`: wiring that replaces the scene's, None for the scene's; `options`: fields of `Wiring` that override those
+    of the wiring; `k`: weight of the Dirichlet field.  Without `k`, a wiring or a boundary selects a single circuit,
+    even if the scene has blends; otherwise the weights of the scene apply.  `space`: space of the scene, None to build
+    the space.
     """
     boundary = options.get("boundary") if wiring is None else options.get("boundary") or wiring.boundary
     if k is not None:
@@ -275,7 +281,10 @@ def scene_wiring(scene: Scene, wiring: Wiring | None = None, **options: Unpack[W
 
 
 def require_uniform(scene: Scene, subject: str) -> None:
-    """Raise InputError for a scene with drive = 'start'.  `subject`: name of the calling function, for the message."""
+    """Raise InputError for a scene with drive = 'start'.
+
+    `subject`: name of the calling function, for the message.
+    """
     if scene.drive == "start":
         raise InputError(f"a scene with drive = 'start' serves one start at a time; {subject} needs drive = 'uniform'")
 
@@ -291,7 +300,8 @@ def compile_circuit(
     """Return the netlist of one circuit of a space.
 
     `scaled`: whether a uniformly driven circuit is solved once, and the injected currents are scaled so that the
-    highest node is at the supply; `build_chip`: function that then adds the non-idealities of a chip; `work`: options.
+    highest node is at the supply; `build_chip`: function that then adds the non-idealities of a chip, None for an ideal
+    circuit; `work`: solve options.
     """
     seconds, stage = 4e-8 * space.cell.size * space.ndim, f"compile the {wiring.boundary} chip"
     netlist: Netlist = work.observe(stage, compile_space, space, wiring, seconds=seconds)
@@ -336,6 +346,9 @@ def solve_problem(problem: Problem, *, scaled: bool = False, work: SolveOptions 
 
 
 def solve_field(space: ConfigurationSpace, wiring: Wiring, k: float | None = None) -> Field:
-    """Return the field of one circuit, or, with `k`, the blend of this circuit (k = 1) and open obstacles (k = 0)."""
+    """Return the field of one circuit, or, with a weight `k`, a blend.
+
+    The blend has the field of this circuit for k = 1 and the field with open obstacles for k = 0.
+    """
     starts = np.empty((0, space.ndim))
     return solve_problem(Problem(space, wiring, () if k is None else (k,), starts)).fields[0]

@@ -265,7 +265,7 @@ class ClearanceCurve:
     clearance, length : ndarray of float64, shape (n, m)
         Clearance and length of every path, in axis units; NaN if the path reaches no goal.
     counted : ndarray of bool, shape (m,)
-        Mask of the starts that have a path at every value; means are computed over these starts.
+        Mask of the starts from which the path reaches a goal at every value; means are computed over these starts.
     mean, mean_length : ndarray of float64, shape (n,)
         Mean clearance and mean length at every value, in axis units.
 

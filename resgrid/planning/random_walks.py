@@ -373,8 +373,8 @@ def hitting_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Hitti
 def _to_goal(netlist: Netlist, node_goal: NDArray[np.int64], unknown: NDArray[np.int32], size: int) -> sparse.csr_array:
     """Return the conductances (goals, rows) between goal regions and matrix rows, in siemens.
 
-    `node_goal` (nodes,): goal region of every node, -1 if it belongs to none; `unknown` (nodes,): matrix row of every
-    node, negative for nodes with a known voltage; `size`: number of matrix rows.
+    `node_goal` (nodes,): index of the goal region of every node, -1 for nodes that are not goals; `unknown` (nodes,):
+    matrix row of every node, negative for nodes with a known voltage; `size`: number of matrix rows.
     """
     entries: list[NDArray[np.float64]] = []
     for here, there in ((0, 1), (1, 0)):

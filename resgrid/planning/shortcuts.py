@@ -21,7 +21,7 @@ LineTest = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
 """Function of two points (ndim,), in axis units, that returns whether a path may follow the line between them."""
 
 _GAIN = 1e-12
-"""Relative reduction of the length of a part of the path below which a chord does not replace this part."""
+"""Smallest reduction of length for which a chord replaces a part of the path, as a fraction of the part's length."""
 
 
 def shortcut(
@@ -95,7 +95,7 @@ def default_clearance(path: Streamline) -> float:
 
 
 def _line_of_sight(field: Field, clearance: float) -> LineTest:
-    """Return a function that tests whether the line between two points, in axis units, may be used.
+    """Return a function that tests whether a path may follow the straight line between two points, in axis units.
 
     Such a line touches only free or goal cells, and its distance from obstacles is at least `clearance`, in axis units.
     """
@@ -121,7 +121,8 @@ def _line_of_sight(field: Field, clearance: float) -> LineTest:
 def _greedy(points: NDArray[np.float64], clear: LineTest) -> NDArray[np.float64]:
     """Return the corners (m, ndim) that remain if the path moves from each corner straight to a far visible corner.
 
-    `points` (n, ndim): corners of the path; `clear`: function that tests whether the line between two points is free.
+    A corner is visible from another one if `clear` is True for the line between them.  `points` (n, ndim): corners of
+    the path; `clear`: function that tests whether the line between two points is free.
     """
     kept = [0]
     last = len(points) - 1
@@ -133,8 +134,9 @@ def _greedy(points: NDArray[np.float64], clear: LineTest) -> NDArray[np.float64]
 def _farthest(points: NDArray[np.float64], here: int, last: int, clear: LineTest) -> int:
     """Return the largest index found in ``here + 1 .. last`` of a point that is visible from point number `here`.
 
-    `points` (n, ndim): corners of the path; `clear`: function that tests whether the line between two points is free.
-    The search doubles its steps, and then bisects, so that the result is not always the last visible point.
+    A point is visible from another one if `clear` is True for the line between them.  `points` (n, ndim): corners of
+    the path; `clear`: function that tests whether the line between two points is free.  The search doubles its steps,
+    and then bisects, so that the result is not always the last visible point.
     """
     visible, step = here + 1, 2
     while visible < last and clear(points[here], points[min(here + step, last)]):
@@ -151,7 +153,7 @@ def _farthest(points: NDArray[np.float64], here: int, last: int, clear: LineTest
 
 
 def _random_chords(points: NDArray[np.float64], clear: LineTest, rounds: int, seed: int) -> NDArray[np.float64]:
-    """Return a path in which chords between random points replace parts that are longer.
+    """Return a path (m, ndim) in which free chords between random points replace parts that are longer than the chord.
 
     `points` (n, ndim): corners of the path; `clear`: function that tests whether a chord is free; `rounds`: number of
     chords that are tried; `seed`: seed of the random generator.

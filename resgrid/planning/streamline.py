@@ -79,7 +79,7 @@ class Streamline:
     outcome : Outcome
         Reason why tracing ended.
     goal : int or None
-        Index of the reached goal region.
+        Index of the reached goal region; None if the streamline reaches no goal.
     length : float
         Length of the polyline, last leg included, in axis units and continuous across periodic seams.
     clearance : float
@@ -322,7 +322,10 @@ def failure_reason(outcome: str, space: ConfigurationSpace, cell: tuple[int, ...
 
 
 def nearest_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> str:
-    """Return a phrase with the goal-connected place or configuration nearest to `cell`; empty if there is none."""
+    """Return a phrase with the goal-connected place or configuration nearest to `cell`.
+
+    The phrase is empty if no cell of the space is goal-connected.
+    """
     place = nearest_place(space.goal_connected, cell, space.axes, space.frame)
     kind = "place" if space.robot is None or space.robot.moves_in_workspace else "configuration"
     return f"the nearest {kind} with a path to a goal is {place}" if place else ""
@@ -354,7 +357,7 @@ def unwrap(path: AnyPath) -> NDArray[np.float64]:
 
 
 def robot_of(path: AnyPath) -> Robot:
-    """Return the robot of a path's space; a point robot if the space has no robot."""
+    """Return the robot of a path's space; a point robot of radius 0 if the space has no robot."""
     robot = path.space.robot
     if robot is None:
         return PointRobot()

@@ -20,13 +20,13 @@ from resgrid.planning.motion_limits import LimitRatio, Limits, limit_ratio, own_
 from resgrid.planning.streamline import AnyPath, Polyline, distinct_rows, robot_of, unwrap
 
 Knots = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-"""Arrays `times`, `positions`, `velocities` and `accelerations` of a `Trajectory`."""
+"""Times (n,), positions and velocities (n, ndim), and accelerations (n - 1, ndim) of a `Trajectory`, in this order."""
 
 _STRAIGHT = 1e-12
 """Euclidean norm of the change of unit direction at a corner (no unit) below which the path counts as straight."""
 
 _MOMENT = 1e-13
-"""Duration below which a piece of constant acceleration is omitted, relative to the total duration."""
+"""Duration below which a piece of constant acceleration is omitted, as a fraction of the total duration."""
 
 _MOST_SAMPLES = 10_000_000
 """Maximum number of samples of a trajectory."""
@@ -268,7 +268,7 @@ def _without_duplicates(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _simplified(points: NDArray[np.float64], within: float) -> NDArray[np.float64]:
-    """Return the corners (m, ndim) of a simpler polyline at most `within` from `points` (Douglas & Peucker 1973)."""
+    """Return corners (m, ndim) of a simpler polyline, at most `within` away from `points` (Douglas & Peucker 1973)."""
     keep = np.zeros(len(points), dtype=bool)
     keep[[0, -1]] = True
     open_parts = [(0, len(points) - 1)]

@@ -40,7 +40,7 @@ class Traces:
     outcome : ndarray of str, shape (n,)
         Values of `Outcome`.
     goal : ndarray of int64, shape (n,)
-        Index of the reached goal region, or -1.
+        Index of the reached goal region; -1 if the streamline reaches no goal.
     length : ndarray of float64, shape (n,)
         Length in axis units, last leg included; NaN if the streamline does not reach a goal.
     log_duration : ndarray of float64, shape (n,)
@@ -266,7 +266,10 @@ def start_cell(space: ConfigurationSpace, start: ArrayLike) -> tuple[int, ...]:
 
 
 def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence[int] | None) -> NDArray[np.float64]:
-    """Return a start point (ndim,) in axis units, given in world coordinates or as the cell whose centre it is."""
+    """Return a start point (ndim,) in axis units; raise InputError unless exactly one of `start` and `cell` is given.
+
+    `start` (ndim,): point in world coordinates; `cell`: cell whose centre is the start.
+    """
     if (start is None) == (cell is None):
         raise InputError("give either a start point or a start cell")
     if start is not None:
@@ -317,7 +320,10 @@ def start_points(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.flo
 
 
 def static_outcomes(space: ConfigurationSpace, cells: NDArray[np.int64]) -> NDArray[np.str_]:
-    """Return, for start cells (n, ndim), failures that follow from connectivity, shape (n,); "" where a path exists."""
+    """Return the failures of paths from start cells (n, ndim) that follow from connectivity alone, shape (n,).
+
+    An entry is a value of `Outcome`, or an empty text where a path to a goal exists.
+    """
     at = tuple(cells.T)
     code = space.cell[at]
     outcome = np.full(len(cells), "", dtype="U16")
@@ -352,7 +358,10 @@ def _last_leg(
 
 
 def _check_ended(code: NDArray[np.int64]) -> None:
-    """Raise AccuracyError if a streamline did not end.  `code` (n,): `ENDLESS`, or another outcome of the kernel."""
+    """Raise AccuracyError if a streamline did not end.
+
+    `code` (n,): outcomes that the tracing kernel returns; `ENDLESS` means more steps than the grid has cells.
+    """
     from resgrid.planning import kernels
 
     if np.any(code == kernels.ENDLESS):
@@ -363,9 +372,10 @@ def _check_ended(code: NDArray[np.int64]) -> None:
 
 
 def _log_duration(field: Field, log_time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return log durations (n,) at the velocity ``d xi / dt = I R / supply / h_ref**2``; NaN without motion.
+    """Return natural logarithms (n,) of durations at the velocity ``-conductivity * grad(phi)``; NaN without motion.
 
-    `log_time` (n,): logarithms of times in units in which velocities are face currents.
+    `log_time` (n,): logarithms of times in cells of width 1 that are crossed at velocities equal to the face currents,
+    in units of supply / resistance; -inf without motion.
     """
     scaled = log_time + 2.0 * np.log(field.space.spacing.min())
     return np.where(np.isneginf(log_time), np.nan, scaled)

@@ -40,7 +40,7 @@ class Collision:
     part : int
         Index of the rigid part of the robot, such as the link of an arm; of a robot from a URDF file, of its body.
     obstacle : int or None
-        Index of the obstacle; None for a collision of the robot with itself.
+        Index of the obstacle in the given sequence; None for a collision of the robot with itself.
     names : tuple of (str, str) or None
         Names of both bodies, such as ``("forearm_link", "obstacle[2]")``, of a robot from a URDF file; None for robots
         of the plane.

@@ -43,13 +43,13 @@ from resgrid.plot.workspace import draw_pose, draw_robot
 ROBOT = "#0072B2"
 SUFFIXES = (".gif", ".mp4")
 MOST_FRAMES = 600
-"""Largest number of frames of an animation."""
+"""Largest number of frames of an animation; more frames raise InputError."""
 _COLOURS = 255
 """Largest number of colours of a GIF's palette."""
 _DPI = 100
 """Resolution of frames, in dots per inch."""
 _HELD = 12
-"""Number of times that the last frame of a run is repeated."""
+"""Number of additional frames that repeat the last row of a run."""
 
 _PANEL = 3.6
 """Width of a panel of an animation, in inches."""
@@ -74,9 +74,9 @@ def animate(
     file : path-like
         The suffix ``.gif`` or ``.mp4`` selects the format; MP4 needs ffmpeg.  The file is written atomically.
     run : Run, optional
-        For a wavefront: robot that moves at its nominal speed meanwhile, and is marked in each frame.
+        For a wavefront: run of a robot whose position at the time of the frame is marked in each frame.
     count : int
-        Number of frames of a run, evenly spaced in time; the last one is repeated.
+        Number of frames of a run, evenly spaced in time; the last frame is repeated 12 times.
     rate : float
         Frames per second, at most 100.
     progress : callable, optional
@@ -164,7 +164,7 @@ class _GifWriter(PillowWriter):
 
 
 def _packed(frame: Image.Image) -> NDArray[np.uint32]:
-    """Return the colours of a frame as integers ``0xRRGGBB``, shape (height, width)."""
+    """Return the RGB colours of the pixels of a frame as integers ``0xRRGGBB``, shape (height, width)."""
     red, green, blue = np.moveaxis(np.asarray(frame, dtype=np.uint32), -1, 0)
     return np.asarray(red << 16 | green << 8 | blue)
 
@@ -197,7 +197,7 @@ def _palette(frames: Iterator[NDArray[np.uint32]]) -> tuple[NDArray[np.uint8], N
 
 
 def _run_frames(run: Run, count: int) -> Iterator[Figure]:
-    """Yield the figure of a run, redrawn for each frame.
+    """Yield the figure of a run (simulated motion of a robot under control), redrawn for each frame.
 
     `count`: number of frames, 2 to 588, without repetitions of the last one.
     """
@@ -222,9 +222,10 @@ def _run_frames(run: Run, count: int) -> Iterator[Figure]:
 
 
 def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
-    """Return the row indices (n,) of a run's log that are shown as frames.
+    """Return the row indices (n,) of a run's log that are shown as frames, ascending.
 
-    The rows are `count` times evenly spaced, the last row, and rows at which obstacle cells are learnt.
+    The rows are those of `count` evenly spaced times, the last row, and the rows in which control learns obstacle
+    cells.
     """
     times = np.linspace(run.time[0], run.time[-1], count)
     rows = np.searchsorted(run.time, times).clip(0, len(run.time) - 1)
@@ -233,9 +234,10 @@ def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
 
 
 def _workspace(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
-    """Draw the static part of a workspace; return a function that adds the moving part of one frame.
+    """Draw the parts of a workspace that do not move; return a function that draws the moving parts of one frame.
 
-    The function takes the index of a row of the log, draws the robot and the contact forces, and returns their artists.
+    The function takes the index of a row of the run's log, draws the robot and the contact forces, and returns their
+    matplotlib artists.  `axes`: matplotlib axes to draw on.
     """
     robot, contacts = scene_of(run).robot, run.contacts
     draw_robot(run.configuration[:1], scene_of(run), axes, ghosts=1)
@@ -256,10 +258,10 @@ def _workspace(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
 
 
 def _configurations(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
-    """Draw a configuration space of two axes; return a function that adds the moving part of one frame.
+    """Draw a configuration space of two axes; return a function that draws the moving parts of one frame.
 
-    The function takes the index of a row of the log, draws the robot's position, the path so far and learnt cells, and
-    returns their artists.
+    The function takes the index of a row of the run's log, draws the robot's position, the path so far and learnt
+    cells, and returns their matplotlib artists.  `axes`: matplotlib axes to draw on.
     """
     draw_configurations(run, axes, path=False)
     mark(wrapped(run.configuration[:1], run.space), axes, "start")
@@ -282,9 +284,9 @@ def _configurations(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
 
 
 def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
-    """Yield the figure of a wavefront, redrawn for each of its times.
+    """Yield the figure of a wavefront (spread of a map change through the grid), redrawn for each of its times.
 
-    `run`: motion of a robot whose position at that time is marked, None for no robot.
+    `run`: motion of a robot whose position at this time is marked, None for no robot.
     """
     if len(front.cells) > MOST_FRAMES:
         raise InputError(
@@ -315,7 +317,7 @@ def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
 def _places(front: Wavefront, run: Run) -> NDArray[np.float64]:
     """Return the robot's positions (times, 2) in world coordinates at the times of a wavefront.
 
-    A wavefront measures time in cells that the robot crosses at its largest speed.
+    A wavefront measures time in cells that the robot crosses at its largest speed; `run`: log of the robot's motion.
     """
     speeds = np.linalg.norm(run.velocity, axis=1)
     seconds = front.cells * float(front.after.spacing.min()) / max(float(speeds.max()), 1e-300)

@@ -100,7 +100,7 @@ def draw_adc_resolutions(
 def _draw_served(results: Mapping[str, ADCResolution], ax: Axes | None, bits: int) -> Axes:
     """Draw the fraction of starts that a read-out serves against its resolution in bits; return the axes.
 
-    `results`: resolutions by name; `bits`: resolution that is marked.
+    `results`: resolutions by name; `ax`: axes to draw on, None for a new figure; `bits`: resolution that is marked.
     """
     axes = axes_or_new(ax, 0.6)
     most = _most_bits(results, bits)
@@ -119,7 +119,8 @@ def _draw_served(results: Mapping[str, ADCResolution], ax: Axes | None, bits: in
 def _draw_histogram(results: Mapping[str, ADCResolution], ax: Axes | None, bits: int) -> Axes:
     """Draw the histogram of the whole numbers of bits that starts require; return the axes.
 
-    A start that requires 9.3 bits counts at 10.  `results`: resolutions by name; `bits`: resolution that is marked.
+    A start that requires 9.3 bits counts at 10.  `results`: resolutions by name; `ax`: axes to draw on, None for a new
+    figure; `bits`: resolution that is marked.
     """
     axes = axes_or_new(ax, 0.6)
     most = int(np.ceil(_most_bits(results, bits)))
@@ -135,7 +136,7 @@ def _draw_histogram(results: Mapping[str, ADCResolution], ax: Axes | None, bits:
 
 
 def _adc_resolution_page(results: Mapping[str, ADCResolution], bits: int, title: str) -> Figure:
-    """Return a figure with one map per result, the histogram, and the fraction of starts served.
+    """Return a figure with one map per result, the histogram of required bits, and the fraction of starts served.
 
     `results`: resolutions by name; `bits`: resolution that is marked; `title`: title of the page.
     """
@@ -163,9 +164,9 @@ def _line(number: int) -> dict[str, Any]:
 
 
 def _most_bits(results: Mapping[str, ADCResolution], bits: int) -> float:
-    """Return the upper limit of an axis that shows the resolution, in bits.
+    """Return the upper limit, in bits, of an axis that shows the required resolution.
 
-    `results`: resolutions by name; `bits`: resolution that the axis must contain.
+    The axis contains all finite resolutions of `results` (resolutions by name) and the resolution `bits` plus 2.
     """
     return max(bits + 2.0, *(_largest(result) for result in results.values()))
 
@@ -213,7 +214,10 @@ def draw_sweep(result: Sweep, ax: Axes | None = None, *, share: float = 0.99) ->
 
 
 def _mark_cheapest(result: Sweep, share: float, axes: Axes) -> None:
-    """Mark, for each first value, the smallest second value that serves the fraction `share` of the starts."""
+    """Mark the smallest value of the second parameter that serves the fraction `share` of the starts.
+
+    There is one mark for each value of the first parameter for which a sufficient value exists.
+    """
     marks = [(column, value) for column, value in enumerate(result.cheapest(share)) if value is not None]
     if marks:
         rows = [result.second_values.index(value) for _, value in marks]

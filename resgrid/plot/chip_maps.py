@@ -34,10 +34,13 @@ _UNSERVED = "#e8d3e4"
 _HARMLESS = "#c8c8c8"
 """Colour of resistors whose fault makes no start lose its path."""
 _MOST_DRIFT = 100.0
-"""Largest drift of a resistor in the picture, in per cent."""
+"""Largest drift (relative change of a resistance), in per cent, for which a resistor is drawn.
+
+Resistors that change a step only at a larger drift are omitted.
+"""
 
 _HEAT_DECADES = 5.0
-"""Range of the heat's colour scale, in decades below the hottest cell."""
+"""Range of the heat's colour scale, in decades below the hottest cell; colder cells have the lowest colour."""
 _NOISE = {
     "total": ("rms noise within the band", "V"),
     "limit": ("rms noise, all frequencies", "V"),
@@ -80,7 +83,8 @@ def draw_noise(
 def draw_power(result: Power, ax: Axes | None = None, *, quantity: Literal["heat", "droop"] = "heat") -> Axes:
     """Draw the heat per cell with the hottest resistors, or the voltage droop of rail cells; return the axes.
 
-    `ax`: axes to draw on, by default those of a new figure; `quantity`: "heat" (W) or "droop" (V).
+    The droop is the difference of a rail cell's voltage from that of an ideal rail.  `ax`: axes to draw on, by default
+    those of a new figure; `quantity`: "heat" (W) or "droop" (V).
     """
     label, unit = _POWER[quantity]
     netlist = result.op.netlist
@@ -105,10 +109,10 @@ def draw_power(result: Power, ax: Axes | None = None, *, quantity: Literal["heat
 
 
 def draw_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: float = 0.01) -> Axes:
-    """Draw the resistors, coloured by the smallest drift that changes a robot's step; return the axes.
+    """Draw the resistors, coloured by the smallest drift that changes the robot's next cell; return the axes.
 
-    `ax`: axes to draw on, by default those of a new figure; `drift`: relative change of one resistance; the resistors
-    for which it suffices are red.
+    A drift is a relative change of one resistance.  `ax`: axes to draw on, by default those of a new figure; `drift`:
+    drift for which resistors are marked in red if it changes the robot's next cell.
     """
     netlist = result.op.netlist
     space = netlist.cells.space
@@ -142,8 +146,8 @@ def draw_adc_resolution(
     """Draw a map of the converter resolution, in bits, that a robot needs; return the axes.
 
     `ax`: axes to draw on, by default those of a new figure; `starts`: whether the value of a cell is the resolution for
-    the whole path from this cell to a goal, or only for the step at this cell; `most`: upper limit of the colour scale,
-    in bits.
+    the whole path from this cell to a goal, or only for the step from this cell to the next; `most`: upper limit of the
+    colour scale, in bits, None for the largest value.
     """
     values = result.start_bits if starts else result.cell_bits
     shown = np.where(np.isfinite(values), values, np.nan)
@@ -211,10 +215,10 @@ def draw_faults(result: FaultAnalysis, ax: Axes | None = None, *, fault: Literal
 
 
 def _switches(netlist: Netlist, lost: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the flat indices (n,) of cells with a critical switch or load, and lost starts (n,).
+    """Return the flat indices (n,) of cells with a critical switch or load, and numbers of lost starts (n,).
 
-    The second array counts the starts lost by the worst fault of a switch or load in the cell.  `lost` (resistors,):
-    starts lost by a fault of each resistor, NaN if not analysed.
+    A switch or load is critical if a fault of it makes starts lose their path; the second array counts these starts for
+    the worst fault in the cell.  `lost` (resistors,): starts lost by a fault of each resistor, NaN if not analysed.
     """
     extra = np.flatnonzero(netlist.cells.resistor_face < 0)
     cell = netlist.cell_of_node()[netlist.resistor_nodes[extra, 0]]
@@ -238,9 +242,9 @@ def draw_map(
 ) -> Axes:
     """Draw a map of one value per cell with its colour bar; return the axes.
 
-    `values`: shape of the space, NaN for no value; `ax`: axes to draw on, None for a new figure; `label`, `unit`:
-    quantity and SI unit in the colour bar; `norm`: colour scale, by default from the smallest to the largest value;
-    `log`: whether the default scale is logarithmic; `rails`: whether obstacles and goals have values, too.
+    `values`: shape of the space, NaN in cells without a value; `ax`: axes to draw on, None for a new figure; `label`,
+    `unit`: quantity and SI unit in the colour bar; `norm`: colour scale, by default from the smallest to the largest
+    value; `log`: whether the default scale is logarithmic; `rails`: whether obstacles and goals have values, too.
     """
     plane = plane_of(space)
     axes = axes_or_new(ax, plane.aspect)
@@ -294,8 +298,8 @@ def draw_resistors(
 
 
 def _of_free_cells(cells: CellMap, value: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the node values of free cells, NaN elsewhere; shape of the space.
+    """Return the node values of free cells as an array in the shape of the space.
 
-    `value` (nodes,): value of every node.
+    The result is NaN in other cells and in free cells without a node.  `value` (nodes,): value of every node.
     """
     return np.where((cells.space.cell == Cell.FREE) & (cells.node >= 0), value[cells.node], np.nan)

@@ -40,21 +40,22 @@ MOST_CELLS_A_SIDE = 10
 """Largest number of cells along an axis in a circuit diagram."""
 
 HALF = 0.3
-"""Half the side of the square that is drawn in a rail cell, in cells."""
+"""Half the side of the square that is drawn in a cell on a rail (obstacle or goal), in cell widths."""
 
 _GAP = 0.5 - HALF
-"""Distance between the border of a rail cell and the square in this cell, in cells."""
+"""Distance between the border of a cell on a rail and the square in this cell, in cell widths."""
 _BAND = 0.5
-"""Width of the band around the grid that is drawn for a rail at the edge, in cells, including a gap on both sides."""
+"""Width of the band around the grid that is drawn for a rail at the edge, in cell widths, with the gaps on both sides.
+"""
 
 _BODY = 0.36
-"""Length of an element's symbol without its leads, in cells."""
+"""Length of an element's symbol without its leads, in cell widths."""
 
 _INCHES = 0.8
 """Side of a cell in a new figure, in inches."""
 _DRIVE = "#8E2A84"
 _SUPPLY_GAP, _SUPPLY_HEIGHT, _SUPPLY_WIDTH = 0.5, 1.5, 2.4
-"""Distance between the grid and the first row of supplies, height and width of a supply, in cells."""
+"""Distance between the grid and the first row of supplies, height and width of a supply, in cell widths."""
 
 
 @contextmanager
@@ -69,9 +70,10 @@ def symbols_on(axes: Axes) -> Iterator[Any]:
 
 
 def add_symbol(drawing: Any, kind: str, start: ArrayLike, end: ArrayLike) -> None:
-    """Add the symbol of an element to a schemdraw drawing, from plus to minus, or along the current.
+    """Add the symbol of an element to a schemdraw drawing.
 
-    `kind`: key of `SYMBOLS`; `start`, `end` (2,): ends of the element with its leads, in coordinates of the axes.
+    `kind`: key of `SYMBOLS`; `start`, `end` (2,): ends of the element with its leads, in coordinates of the axes.  A
+    source has its plus at `start`; the current of a current source flows from `start` to `end`.
     """
     import schemdraw.elements
 
@@ -85,8 +87,8 @@ def add_symbol(drawing: Any, kind: str, start: ArrayLike, end: ArrayLike) -> Non
 def add_ground(drawing: Any, at: ArrayLike, along: ArrayLike = (0.0, -1.0)) -> None:
     """Add a ground symbol to a schemdraw drawing.
 
-    `at` (2,): position of its terminal, in coordinates of the axes; `along` (2,): direction from the terminal to the
-    symbol, by default downwards.
+    `at` (2,): position of the symbol's terminal, in coordinates of the axes; `along` (2,): direction from the terminal
+    to the symbol, by default downwards.
     """
     import schemdraw.elements
 
@@ -168,7 +170,7 @@ def _draw_seam(
 ) -> None:
     """Draw the terminals of a resistor across a periodic seam, each labelled with the node at the other terminal.
 
-    `number`: index of the resistor; `terminal`, `end` (2,): both ends of the drawn resistor, in cells.
+    `number`: index of the resistor; `terminal`, `end` (2,): both ends of the drawn resistor, in cell widths.
     """
     names = netlist.names_of(netlist.resistor_nodes[number])
     before, after = names if netlist.cells.resistor_upward[number] else names[::-1]
@@ -236,7 +238,10 @@ def _draw_drive(netlist: Netlist, axes: Axes) -> None:
 
 
 def _supplies(netlist: Netlist) -> dict[tuple[str, float], list[int]]:
-    """Return the indices of the voltage sources for every pair of rail name and voltage; each pair has one symbol."""
+    """Return the indices of the voltage sources for every pair (name of a rail, voltage in volts).
+
+    All sources of a pair share one symbol in the diagram.
+    """
     groups: dict[tuple[str, float], list[int]] = {}
     for number, supply in enumerate(zip(rail_names(netlist), netlist.source_volts.tolist(), strict=True)):
         groups.setdefault(supply, []).append(number)
@@ -248,8 +253,8 @@ def _draw_supply(
 ) -> None:
     """Draw one symbol for all voltage sources of a rail.
 
-    `rail`: name and voltage in volts; `count`: number of sources; `amps`: total current into the plus terminals in
-    amperes, None to omit it; `at`: position of the plus terminal, in cells.
+    `rail`: name of the rail and voltage in volts; `count`: number of sources; `amps`: total current into the plus
+    terminals in amperes, None to omit it; `at`: position of the plus terminal, in cell widths.
     """
     (name, volts), (x, y) = rail, at
     colour = {"obstacle": OBSTACLE, "goal": GOAL}.get(name.partition("_")[0], INK)
@@ -266,7 +271,7 @@ def _draw_supply(
 def rail_areas(cells: CellMap) -> tuple[BaseGeometry, BaseGeometry, BaseGeometry]:
     """Return the areas of the obstacle rails (also around the grid), the goal rails, and cells without a node.
 
-    The areas are polygons in cells.
+    The areas are polygons in coordinates in which a cell has the width 1.
     """
     cell = in_plane(cells.space.cell)
     has_node = in_plane(cells.node) >= 0
@@ -291,8 +296,8 @@ def resistor_ends(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     """Return indices, lower ends, upper ends, and seam mask of the resistors between cells.
 
-    Shapes: indices (m,); lower and upper ends (m, 2), in cells; mask (m,) of resistors across a periodic seam, which
-    are drawn outwards from the upper end of their axis.
+    Shapes: indices (m,); lower and upper ends (m, 2), in cell widths; mask (m,) of resistors across a periodic seam,
+    which are drawn outwards from the upper end of their axis.
     """
     across, index = crossed_faces(cells.resistor_face, cells.space.shape)
     number = np.flatnonzero(across >= 0)
@@ -309,7 +314,7 @@ def resistor_ends(
 
 
 def _end(cell: NDArray[np.uint8], at: NDArray[np.int64], along: NDArray[np.int64], side: int) -> NDArray[np.float64]:
-    """Return the ends (n, 2) of resistors, in cells: cell centres, or borders of the squares of rail cells.
+    """Return the ends (n, 2) of resistors, in cell widths: cell centres, or borders of the squares of cells on rails.
 
     `cell`: `Cell` codes of the grid; `at` (n, 2): indices of the cells; `along` (n, 2): unit vectors of the axes along
     the resistors; `side`: direction from the cell to the resistor, 1 or -1.
@@ -320,12 +325,12 @@ def _end(cell: NDArray[np.uint8], at: NDArray[np.int64], along: NDArray[np.int64
 
 
 def _squares(mask: NDArray[np.bool_]) -> list[BaseGeometry]:
-    """Return the unit squares of the cells in a mask (n, m), as polygons in cells."""
+    """Return the squares of the cells in a mask (n, m) as polygons, in cell widths."""
     return [shapely.box(i, j, i + 1, j + 1) for i, j in np.argwhere(mask).tolist()]
 
 
 def _bands(shape: tuple[int, ...], railed: list[bool]) -> list[BaseGeometry]:
-    """Return the rectangles of the rail around a grid, in cells.
+    """Return the rectangles of the rail around a grid, in cell widths.
 
     `shape`: number of cells per axis; `railed`: for each axis, whether its two ends have a rail.
     """
@@ -336,6 +341,9 @@ def _bands(shape: tuple[int, ...], railed: list[bool]) -> list[BaseGeometry]:
 
 
 def _area(groups: list[list[BaseGeometry]]) -> BaseGeometry:
-    """Return the union of groups of squares as a polygon; each group is first merged and shrunk by the gap."""
+    """Return the union of groups of squares as a polygon.
+
+    Each group is first merged and shrunk by `_GAP` cell widths.
+    """
     joined = [shapely.union_all(group).buffer(-_GAP, join_style="mitre") for group in groups if group]
     return shapely.union_all(joined)

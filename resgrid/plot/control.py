@@ -54,19 +54,20 @@ LEARNT = "#D55E00"
 FORCE = "#B2182B"
 _HIDDEN_CELLS = "#e3bcbc"
 _FORCE_LENGTH = 0.12
-"""Length of the arrow of the largest contact force, as a fraction of the picture's width."""
+"""Length of the arrow of the largest contact force, as a fraction of the width of the axes."""
 
 _MOST_ARROWS = 8
-"""Largest number of contact forces that are drawn in the picture of a run."""
+"""Largest number of contact forces that are drawn in the picture of a run; of more forces, evenly spaced ones are
+drawn."""
 _FAINT = 1e-4
 """Smallest change of the potential that the logarithmic colour scale resolves, as a fraction of the largest change."""
 
 
 def draw_run(run: Run, *, title: str = "", caption: str = "") -> Figure:
-    """Draw a run: poses and contact forces in the workspace, and the path in a configuration space of two axes.
+    """Draw a run (simulated motion under control) in the workspace and in a configuration space of two axes.
 
-    The colours of the path are the control modes; learnt obstacle cells are circled.  `title`, `caption`: texts above
-    the figure.  Returns the figure.
+    The workspace shows poses and contact forces, the configuration space the path.  The colours of the path are the
+    control modes; learnt obstacle cells are circled.  `title`, `caption`: texts above the figure.  Returns the figure.
     """
     flat = run.space.ndim == 2
     height = panel_height(PAGE / 2 - 0.6, panel_aspect(run)) + 0.4 + caption_height(caption)
@@ -84,9 +85,10 @@ def draw_run(run: Run, *, title: str = "", caption: str = "") -> Figure:
 
 
 def draw_runs(runs: Sequence[Run], *, title: str = "", caption: str = "") -> Figure:
-    """Draw runs of the same scene at several k: paths of the reference point, and paths in configuration space.
+    """Draw runs (simulated motions under control) of one scene at several weights k of the Dirichlet field.
 
-    `title`, `caption`: texts above the figure.  Returns the figure.
+    The panels show paths of the reference point in the workspace, and paths in configuration space.  `title`,
+    `caption`: texts above the figure.  Returns the figure.
     """
     runs = sorted(runs, key=lambda run: run.field.k)
     figure = new_figure(PAGE, panel_height(PAGE / 2 - 0.6, 1.0) + 0.5 + caption_height(caption))
@@ -111,7 +113,7 @@ def draw_runs(runs: Sequence[Run], *, title: str = "", caption: str = "") -> Fig
 
 
 def scene_of(run: Run) -> Scene:
-    """Return the scene of a run; raise InputError if the run has none."""
+    """Return the scene of a run; raise InputError if the run was created from a field without a scene."""
     if run.scene is None:
         raise InputError("this run has no scene, so its workspace is unknown; create it by simulation(scene)")
     return run.scene
@@ -142,7 +144,8 @@ def draw_forces(contacts: ContactLog, rows: NDArray[np.int64], axes: Axes, **sty
 def draw_configurations(run: Run, axes: Axes, *, path: bool = True) -> None:
     """Draw a run in a configuration space of two axes, with known, hidden and learnt obstacle cells.
 
-    `path`: whether to draw the path, in the colours of its control modes, and circles around learnt cells.
+    Hidden obstacles are missing from the robot's map; learnt cells were added to the map after a contact.  `axes`: axes
+    to draw on; `path`: whether to draw the path, in the colours of its control modes, and circles around learnt cells.
     """
     if run.space.ndim != 2:
         raise InputError(f"this picture needs a configuration space of two axes, but this run has {run.space.ndim}")
@@ -200,7 +203,7 @@ def _draw_path(run: Run, axes: Axes) -> None:
 
 
 def draw_lessons(centres: NDArray[np.float64], axes: Axes) -> Any:
-    """Draw circles around learnt obstacle cells; return the artist.
+    """Draw circles around learnt obstacle cells, which a contact added to the map; return the artist.
 
     `centres` (c, 2): centres of the cells in world coordinates.
     """
@@ -348,7 +351,7 @@ def draw_wavefront(front: Wavefront, *, shown: Sequence[int] | None = None) -> F
 def draw_moment(front: Wavefront, row: int, axes: Axes) -> AxesImage:
     """Draw a wavefront at one time: change of the potential, cells and the new obstacle.
 
-    `row`: index of the time.  Returns the image of the change.
+    `row`: index of the time in the wavefront; `axes`: axes to draw on.  Returns the image of the change.
     """
     plane = plane_of(front.after)
     image = draw_change(front, row, axes)
@@ -362,7 +365,7 @@ def draw_moment(front: Wavefront, row: int, axes: Axes) -> AxesImage:
 def draw_change(front: Wavefront, row: int, axes: Axes) -> AxesImage:
     """Draw the change of the potential since the map changed, with the time in the title; return the image.
 
-    `row`: index of the time.
+    `row`: index of the time in the wavefront; `axes`: axes to draw on.
     """
     changes = np.abs(front.potential - front.first)
     finite = changes[np.isfinite(changes)]

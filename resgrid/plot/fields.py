@@ -40,7 +40,7 @@ _ARROW_LENGTH = 0.85
 """Length of an arrow, as a fraction of a block of cells."""
 
 _WIDE = 0.55
-"""Height over width of a map below which the two panels of a page are stacked."""
+"""Height over width of a map below which the two panels of a page are drawn one above the other."""
 
 
 def draw_field(
@@ -119,7 +119,7 @@ def draw_summary(
     paths : sequence of Streamline
         Paths to draw on the potential.
     k : sequence of float, optional
-        Blend of each path.
+        Weight k of the Dirichlet field of each path; by default all paths belong to one field.
     title : str
         Title above the figure.
     scale : {"auto", "linear", "log"}
@@ -193,7 +193,8 @@ def draw_shading(
 ) -> AxesImage:
     """Draw values of a field in a plane as an image, with equipotentials if `contours` is True; return the image.
 
-    `values` (x.cells, y.cells): potential or logarithm of the drop, NaN for none; `shading`: colour scale and levels.
+    `values` (plane.x.cells, plane.y.cells): potential or logarithm of the drop, NaN in cells without a value;
+    `shading`: colour scale and levels.
     """
     image = draw_image(
         plane, values, axes, cmap=shading.colours, vmin=shading.lower, vmax=shading.upper,
@@ -205,7 +206,11 @@ def draw_shading(
 
 
 def _draw_contours(plane: PicturePlane, shading: Shading, values: NDArray[np.float64], axes: Axes) -> None:
-    """Draw the equipotentials of values (x.cells, y.cells); for large maps, those of block means."""
+    """Draw the equipotentials of values per cell; for maps of more than 1024 cells a side, those of means over blocks.
+
+    `values` (plane.x.cells, plane.y.cells): potential or logarithm of the drop; `shading`: levels of the
+    equipotentials.
+    """
     block = block_size(values.shape, MOST_CELLS)
     coarse = block_means(values, block)
     if shading.wall is None:
@@ -242,9 +247,11 @@ class Arrows(NamedTuple):
 
 
 def current_arrows(field: Field, block: int) -> Arrows:
-    """Return one arrow per block of `block` x `block` cells, with the mean current of opposite faces of one cell.
+    """Return one arrow per block of `block` x `block` cells, for the current through a cell near the block's middle.
 
-    Currents are averaged relative to the largest current at the cell, because small currents underflow.
+    The cell is the goal-connected cell nearest to the middle, the current the mean over opposite faces.  Blocks without
+    current have no arrow.  Currents are averaged relative to the largest current at the cell, because small currents
+    underflow.
     """
     cells = nearest_to_middles(field.space.goal_connected, block)
     log_face, sign = _both_faces(field.face_log_current, cells), _both_faces(field.face_direction, cells)
@@ -279,7 +286,7 @@ def nearest_to_middles(eligible: NDArray[np.bool_], block: int) -> NDArray[np.in
 def _both_faces(faces: Sequence[NDArray[Any]], cells: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the values on the four faces of cells, shape (n, 2, 2): cell, axis across the face, lower or upper face.
 
-    `faces`: values on the faces across each of two axes; `cells` (n, 2): cell indices.
+    `faces`: values on all faces across the first and the second axis; `cells` (n, 2): cell indices.
     """
     i, j = cells.T
     across, up = faces

@@ -69,7 +69,7 @@ def axes_or_new(axes: Axes | None, aspect: float = 1.0) -> Axes:
 def add_title(figure: Figure, title: str, caption: str = "") -> None:
     """Write a title above a figure and a caption below the title; empty texts are omitted.
 
-    All axes are moved to the upper edge of their places.
+    All axes are moved to the upper end of the space that the layout gives them.
     """
     for axes in figure.axes:
         axes.set_anchor("N")
@@ -85,7 +85,7 @@ def caption_height(caption: str) -> float:
 
 
 def panel_height(width: float, aspect: float) -> float:
-    """Return the height of a panel with labels and a legend, in inches.
+    """Return the height of a panel (axes with labels and a legend), in inches.
 
     `width`: width of the drawing, in inches; `aspect`: height over width of the drawing.
     """

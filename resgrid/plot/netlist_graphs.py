@@ -32,7 +32,7 @@ from resgrid.scene.quantities import format_quantity
 MOST_NODES = 40
 """Largest number of nodes, including ground, in a circuit diagram."""
 _NODES_APART = 2.2
-"""Smallest distance between two nodes of a layout, in drawing units."""
+"""Smallest distance between two nodes of a layout, in drawing units; a drawing unit is 0.8 inches in a new figure."""
 _HALF_LENGTH, _HALF_SYMBOL = 0.3, 0.18
 """Half the length of an element with its leads, and without them, in drawing units."""
 _LETTER = np.array([0.073, 0.15])
@@ -51,7 +51,8 @@ Place = NDArray[np.float64]
 Elements = list[tuple[str, float, bool]]
 """Parallel elements: kind, value (in the kind's SI unit), and whether the first terminal has the higher node index."""
 Groups = dict[tuple[int, int], Elements]
-"""Parallel elements of every pair of nodes; the key holds the two node indices, the higher one first."""
+"""Parallel elements of every pair of nodes that elements connect; a key holds the two node indices, the higher one
+first."""
 Shapes = list[BaseGeometry]
 
 
@@ -60,7 +61,8 @@ class Branch:
     """An element of a circuit diagram.
 
     `kind`: key of `_ELEMENTS`; `value`: value in the kind's SI unit; `start`, `end` (2,): ends of the element with its
-    leads, in drawing units; `outward` (2,): unit vector towards the side on which the value is preferably written.
+    leads, in drawing units; `outward` (2,): unit vector across the element, to the side where its value is preferably
+    written.
     """
 
     kind: str
@@ -71,7 +73,7 @@ class Branch:
 
     @property
     def half_width(self) -> float:
-        """Half the width of the symbol across the branch, in drawing units."""
+        """Half the width of the symbol, measured across the element, in drawing units."""
         return _HALF_SYMBOL if "source" in self.kind else 0.1
 
     @property
@@ -86,8 +88,8 @@ class Branch:
 class Bundle:
     """Parallel elements between two nodes of a circuit diagram.
 
-    `branches`: the elements; `wires`: start and end (2,) of each wire, first the two wires to the nodes; `ground`:
-    position (2,) and direction (2,) of a ground symbol, None without ground.
+    `branches`: the elements; `wires`: start and end (2,) of each wire, in drawing units, the two wires to the nodes
+    first; `ground`: position (2,) and direction (2,) of a ground symbol, None if no end is ground.
     """
 
     branches: list[Branch]
@@ -206,10 +208,10 @@ def _places(netlist: Netlist, groups: Groups) -> Place:
 
 
 def _oriented(places: Place) -> Place:
-    """Return a layout scaled by the distance of nearest nodes; an elongated layout is turned horizontal.
+    """Return a layout, scaled to drawing units.
 
-    The first node of an elongated layout is on the left.  `places` (n, 2): node positions of any scale; the result (n,
-    2) is in drawing units.
+    An elongated layout is turned horizontal, with the first node on the left.
+    `places` (n, 2): node positions of any scale; the result (n, 2) has nearest nodes about `_NODES_APART` apart.
     """
     centred = places - places.mean(axis=0)
     _, extent, axes = np.linalg.svd(np.concatenate([centred, np.zeros((1, 2))]), full_matrices=False)
@@ -223,9 +225,9 @@ def _oriented(places: Place) -> Place:
 
 
 def _closeness(edges: NDArray[np.float64]) -> float:
-    """Return the total length over which edges run close to other edges, in units of the layout.
+    """Return the total length over which connections run closer than 0.3 to other connections, in units of the layout.
 
-    `edges` (edges, 2, 2): both ends of each edge; the outer 15 % at each end are ignored.
+    `edges` (edges, 2, 2): both ends of each connection of two nodes; the outer 15 % at each end are ignored.
     """
     lines = np.array(shapely.linestrings(edges + 0.15 * (edges[:, ::-1] - edges)))
     near = shapely.length(shapely.intersection(lines[:, None], shapely.buffer(lines, 0.3)))
@@ -255,7 +257,8 @@ def _bundles(groups: Groups, place: Place) -> list[Bundle]:
 def _to_ground(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
     """Return the bundle from a node to ground: downwards if there is room, otherwise into the widest free sector.
 
-    `node` (2,): position of the node; `drawn`: shapes that the bundle should not overlap.
+    `elements`: elements from the node to ground; `node` (2,): position of the node; `drawn`: shapes that the bundle
+    should not overlap.
     """
     around = shapely.Point(node).buffer(0.4).boundary
     arms = shapely.get_coordinates(shapely.intersection(drawn, around)) - node
@@ -273,7 +276,7 @@ def _to_ground(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
 def _to_itself(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
     """Return the bundle of elements with both ends at one node: nested loops in the direction with the most room.
 
-    `node` (2,): position of the node; `drawn`: shapes that the bundle should not overlap.
+    `elements`: the elements; `node` (2,): position of the node; `drawn`: shapes that the bundle should not overlap.
     """
     angles = np.pi / 4 * (np.arange(8) + 2)
     choices = [_loop(elements, node, np.array([np.cos(angle), np.sin(angle)])) for angle in angles.tolist()]
@@ -298,7 +301,7 @@ def _loop(elements: Elements, node: Place, out: Place) -> Bundle:
 def _bundle(elements: Elements, a: Place, b: Place, slide: float, *, grounded: bool = False) -> Bundle:
     """Return the bundle of parallel elements, symmetrical about the line from `a` to `b` (2,).
 
-    `slide`: position of the elements as a fraction of the line; `grounded`: whether `b` has a ground symbol.
+    `slide`: position of the elements between `a` (0) and `b` (1); `grounded`: whether `b` has a ground symbol.
     """
     length = max(float(np.linalg.norm(b - a)), 1e-9)
     along = (b - a) / length
@@ -361,10 +364,11 @@ def _all_shapes(bundles: list[Bundle]) -> Shapes:
 
 
 def _roomiest(choices: list[Shapes], drawn: Shapes, enough: float, within: BaseGeometry | None = None) -> int:
-    """Return the index of the choice with the most distance to the drawn shapes.
+    """Return the index of the choice with the largest distance from the shapes that are already drawn.
 
-    `choices`: shapes of each choice; `drawn`: shapes that are already drawn; `enough`: distance, in drawing units, from
-    which the first choice is taken; `within`: area that is ignored, such as the common node of the shapes.
+    `choices`: shapes of each choice; `drawn`: shapes that are already drawn; `enough`: distance, in drawing units,
+    above which more distance does not count, so that the first such choice is taken; `within`: area that is ignored,
+    such as the common node of the shapes, None for no area.
     """
     touched = shapely.Point() if within is None else within
     others, *bodies = (shapely.difference(shapes, touched) for shapes in (drawn, *choices))

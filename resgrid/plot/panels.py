@@ -49,12 +49,12 @@ VIRTUAL = "#8c8c8c"
 """Colour of obstacle cells that no body occupies."""
 
 _MOST_SLICES = 6
-"""Default of the largest number of slices normal to one axis."""
+"""Default number of slices normal to one axis; a shorter axis has one slice per cell."""
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Content of one ax: a space of one or two axes, or a slice of a space with three axes.
+    """One matplotlib axes of a picture: a space of one or two axes, or a slice of a space with three axes.
 
     `space`: the space; `axes`: matplotlib axes; `plane`: plane of the picture, None for one axis; `normal`: number of
     the axis normal to the slice, None without a slice; `index`: cell index of the slice along `normal`.
@@ -67,11 +67,17 @@ class Panel:
     index: int = 0
 
     def of(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the part of cell values in the panel; `values`: shape of the space."""
+        """Return the values of the cells in the panel: all values, or those of the slice.
+
+        `values`: one value per cell, shape of the space.
+        """
         return values if self.normal is None else np.asarray(np.moveaxis(values, self.normal, 0)[self.index])
 
     def seen(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the picture coordinates (n, 2) of points (n, ndim) in axis units; in a slice, of their projections."""
+        """Return the picture coordinates (n, 2) of n points; in a slice, those of their projections.
+
+        `points` (n, ndim): in axis units.
+        """
         if self.plane is None:
             return np.column_stack([points, np.full(len(points), np.mean(self.axes.get_ylim()))])
         return self.plane.frame.to_world(points if self.normal is None else np.delete(points, self.normal, axis=1))
@@ -98,7 +104,7 @@ class Panel:
                 self.axes.axvspan(left, right, color=colour, linewidth=0, label=label, zorder=0.5)
 
     def draw_cells(self) -> None:
-        """Draw obstacles, goals and free cells without a path to a goal, and set limits and labels of the axes."""
+        """Draw obstacles, goals and free cells without a path to a goal, and set limits and labels of the panel."""
         if self.plane is not None:
             draw_cells(self.plane, self.axes)
             finish(self.plane, self.axes, columns=0)
@@ -134,7 +140,7 @@ def draw_panels(
     columns: int = 3,
     strip: float = 0.3,
 ) -> Axes | Figure:
-    """Draw layers above each other on one ax, or on slices of a space with three axes.
+    """Draw layers above each other on one matplotlib axes, or on each slice of a space with three axes.
 
     `ax`: axes to draw on, None for a new figure; `layers`: functions that draw on a panel; `axis`, `indices`: normal
     axis and cell indices of the slices, by default one slice normal to each axis; `through`: cell that the slices
@@ -160,7 +166,7 @@ def draw_panels(
 
 
 def draw_known(panel: Panel) -> tuple[ScalarMappable, str] | None:
-    """Draw the cells and, if the space has one, the conductivity: as colours, or as a curve for one axis.
+    """Draw the cells of a panel and, if the space has one, the conductivity: as colours, or as a curve for one axis.
 
     Returns image and label of the colour bar; None without a colour bar.
     """
@@ -207,7 +213,7 @@ def _name_free_cells(panel: Panel) -> None:
 def paint_unknown(picture: Axes | Figure, space: ConfigurationSpace, unknown: NDArray[np.bool_] | None) -> None:
     """Paint cells of unknown occupancy over the obstacles in every panel of a picture of a space with two axes.
 
-    `unknown`: mask of these cells, shape of the space; None for no change.
+    `unknown`: mask of these cells, shape of the space; None to leave the picture unchanged.
     """
     masks = unknown_cells(space.cell, unknown)
     for axes in figure_of(picture).axes if masks and space.ndim == 2 else ():

@@ -29,7 +29,8 @@ from resgrid.plot.style import FAILURE, FEW, PATHS, TEXT, blend_styles, dress, m
 _PIECES = 256
 """Number of pieces into which each segment of a polyline is divided for slices of a space with three axes."""
 MOST_ENDS = 12
-"""Largest number of paths whose end points are marked; more marks would hide the goals."""
+"""Largest number of paths whose end points are marked; with more paths, no ends are marked, as marks would hide the
+goals."""
 
 _REGION = "#9ecae1"
 _REACHABLE, _SEPARATING = "reachable from the start", "to be removed for a path to a goal"
@@ -57,14 +58,15 @@ def draw_streamlines(
     """Draw streamlines with their starts and ends; return the axes, or the figure of a space with three axes.
 
     Streamlines of the same k have the same colour; a cross marks a start without a path to a goal.  `ax`: axes to draw
-    on; None for a new figure that also shows the cells of the space; `k`: weight k of the Dirichlet field of each path;
-    `axis`, `indices`: normal axis and cell indices of the slices of a space with three axes.
+    on; None for a new figure that also shows the cells of the space; `k`: weight k of the Dirichlet field of each path,
+    None for paths of one field; `axis`, `indices`: normal axis and cell indices of the slices of a space with three
+    axes.
     """
     return draw_panels(paths[0].space, ax, *_ground(ax), path_layer(paths, k), axis=axis, indices=indices)
 
 
 def _ground(ax: Axes | None) -> list[Layer]:
-    """Return the layers below paths: the cells of the space in a new figure, an empty list on a given `ax`."""
+    """Return the layers drawn below paths: the cells of the space for a new figure, none on a given `ax`."""
     return [draw_known] if ax is None else []
 
 
@@ -126,7 +128,7 @@ def _draw_lines(
     lines: list[NDArray[np.float64]], panel: Panel, label: str, *, color: str = PATHS[0],
     linestyle: str | tuple[int, tuple[float, ...]] = "-", linewidth: float = 1.5, is_cased: bool = True,
 ) -> None:  # fmt: skip
-    """Draw lines in a panel; in a slice, the projections are thin and the parts inside the slice bold.
+    """Draw lines in a panel; in a slice, draw thin projections of the lines, and bold parts inside the slice.
 
     `lines` (n, ndim): points of each line in axis units; `label`: legend entry; `is_cased`: whether the lines have a
     white outline; the other options are those of matplotlib.
@@ -208,9 +210,9 @@ def draw_line(
 
 
 def _subdivided(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points (m, ndim) on a polyline, dense enough to show the part of a segment inside a slice.
+    """Return a polyline (m, ndim) with every segment of `points` divided into 256 parts.
 
-    `points` (n, ndim): points of the polyline.
+    A slice of a space with three axes then contains the points of a part of a segment.  `points` (n, ndim): corners.
     """
     along = np.linspace(0.0, len(points) - 1.0, _PIECES * (len(points) - 1) + 1)
     return np.stack([np.interp(along, np.arange(len(points)), column) for column in points.T], axis=1)
@@ -226,9 +228,9 @@ def draw_separation(
 ) -> Axes | Figure:
     """Draw the cells reachable from a start, and the obstacle cells whose removal opens a path to a goal.
 
-    Returns the axes, or the figure of a space with three axes.  `virtual`: mask of obstacle cells that no body
-    occupies, shape of the space; `axis`, `indices`: normal axis and cell indices of the slices of a space with three
-    axes.
+    Returns the axes, or the figure of a space with three axes.  `ax`: axes to draw on, by default those of a new
+    figure; `virtual`: mask of obstacle cells that no body occupies, shape of the space; `axis`, `indices`: normal axis
+    and cell indices of the slices of a space with three axes.
     """
     space, outcome = result.space, result.outcome
     reachable = result.region & (space.cell == Cell.FREE)

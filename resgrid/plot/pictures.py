@@ -60,26 +60,32 @@ PICTURES_OF_SEVERAL = {
     "resgrid.control.run_log:Run": "control:draw_runs",
     "resgrid.planning.streamline:Streamline": "paths:draw_streamlines",
 }
-"""Function that draws a sequence of values of a type, or a mapping of names to such values; keys and values as strings.
-"""
+"""Function that draws a sequence of values of a type, or a mapping of names to such values; the form is that of
+`PICTURES`."""
 
 SHOWN_PARTS: dict[str, Callable[[Any], object]] = {
     "resgrid.chip.study_analyses:Study": attrgetter("op"),
     "resgrid.planning.planner:Planner": attrgetter("field"),
     "resgrid.spice.circuit:Circuit": methodcaller("netlist"),
 }
-"""For types without a picture: function that returns the attribute of the value that is drawn instead."""
+"""For types without a picture of their own: function that returns the part of the value that is drawn instead."""
 
 
 @functools.singledispatch
 def _one(value: object) -> Axes | Figure:
-    """Draw one value by the function for its type, and return axes or a figure; raise for other types."""
+    """Draw one value by the function registered for the value's type, and return axes or a figure.
+
+    For a type without a registered function, this function raises NotImplementedError.
+    """
     raise NotImplementedError
 
 
 @functools.singledispatch
 def _several(value: object) -> Axes | Figure:
-    """Draw several values by the function for their type, and return axes or a figure; raise for other types."""
+    """Draw several values by the function registered for the type of the values, and return axes or a figure.
+
+    For a type without a registered function, this function raises NotImplementedError.
+    """
     raise NotImplementedError
 
 
@@ -253,7 +259,7 @@ def draw_scene_or_cells(scene: Scene, ax: Axes | None = None) -> Axes | Figure:
 
 
 def _picture_of(value: object) -> Picture:
-    """Return the function that draws a value or a sequence or mapping of values; raise InputError without one."""
+    """Return the function that draws a value, or a sequence or mapping of values; raise InputError if there is none."""
     registry, table, one = _one, PICTURES, value
     if isinstance(value, Mapping | Sequence) and not isinstance(value, str | bytes) and len(value):
         registry, table = _several, PICTURES_OF_SEVERAL
@@ -271,7 +277,7 @@ def _picture_of(value: object) -> Picture:
 
 
 def _shown_part(value: object) -> object:
-    """Return the object that is drawn: the value, or its attribute if its type is in `SHOWN_PARTS`."""
+    """Return the object that is drawn: the value, or the result of its type's function in `SHOWN_PARTS`."""
     for kind in type(value).__mro__:
         if _key(kind) in SHOWN_PARTS and kind not in _one.registry:
             return SHOWN_PARTS[_key(kind)](value)

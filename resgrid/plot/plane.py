@@ -26,12 +26,12 @@ from resgrid.errors import InputError
 from resgrid.plot.style import OBSTACLE, UNKNOWN, UNREACHABLE, add_swatch, axis_label, dress, refresh_legend
 
 MOST_CELLS = 1024
-"""Largest number of cells along an axis that are drawn individually; larger grids are drawn as means over blocks."""
+"""Largest number of cells along an axis for which every cell is drawn; larger grids are drawn as means over blocks."""
 
 _VISIBLE = 0.015
-"""Size above which a goal is drawn without a ring, as a fraction of the picture's longer side."""
+"""Size of a goal below which a ring is drawn around the goal, as a fraction of the picture's longer side."""
 _SMALL_PART = 0.6
-"""Fraction of the grid's width and height below which the picture is cropped to free cells and goals."""
+"""Fraction of the grid's width and height; if free cells and goals extend over less, the picture is cropped to them."""
 _MOST_RINGS = 30
 """Largest number of small goals for which rings are drawn; with more small goals there are no rings."""
 
@@ -40,6 +40,7 @@ _MOST_RINGS = 30
 class PicturePlane:
     """Two axes, their cells, and their place in the picture.
 
+    The coordinates of the picture are matplotlib's data coordinates: world coordinates, or axis units in a slice.
     `x`, `y`: horizontal and vertical axis; `cell` (x.cells, y.cells): `Cell` codes; `connected` (x.cells, y.cells):
     mask of free cells with a path to a goal (in the whole space, for a slice); `frame`: transformation from axis units
     to coordinates of the picture; `of_map`: whether the coordinates of the picture are those of a map that is rotated
@@ -66,8 +67,8 @@ class PicturePlane:
     def window(self) -> tuple[slice, slice]:
         """Index ranges of the cells in the picture, along x and y.
 
-        The ranges cover the grid, or only the surroundings of free cells and goals if these fill a small part of the
-        grid.
+        The ranges cover the grid, or only free cells, goals and a margin if these fill less than 60 % of the grid's
+        width and height.
         """
         inside = self.cell != Cell.OBSTACLE
         slices = []
@@ -81,16 +82,22 @@ class PicturePlane:
 
     @property
     def view(self) -> NDArray[np.float64]:
-        """Corners of the window, shape (4, 2), in coordinates of the picture."""
+        """Corners of the window, shape (4, 2), in coordinates of the picture (data coordinates, not pixels).
+
+        The order is anticlockwise in the axes x, y, from the lower corner of both axes.
+        """
         return self._corners(*self.window)
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """Corners of the whole grid, shape (4, 2), in coordinates of the picture."""
+        """Corners of the whole grid, shape (4, 2), in coordinates of the picture (data coordinates, not pixels).
+
+        The order is anticlockwise in the axes x, y: (lower, lower), (upper, lower), (upper, upper), (lower, upper).
+        """
         return self._corners(slice(0, self.x.cells), slice(0, self.y.cells))
 
     def _corners(self, across: slice, up: slice) -> NDArray[np.float64]:
-        """Return the corners (4, 2) of a block of cells, in coordinates of the picture.
+        """Return the corners (4, 2) of a block of cells, in coordinates of the picture, in the order of `corners`.
 
         `across`, `up`: index ranges of the block along x and y.
         """
@@ -107,7 +114,7 @@ class PicturePlane:
 
     @property
     def cells_shown(self) -> int:
-        """Number of cells along the longer side of the window."""
+        """Number of cells along the longer side of the window, that is, of the cropped picture."""
         return max(int(part.stop - part.start) for part in self.window)
 
 
@@ -166,8 +173,8 @@ def unknown_cells(cell: NDArray[np.uint8], unknown: NDArray[np.bool_] | None) ->
 def draw_image(plane: PicturePlane, values: NDArray[Any], axes: Axes, **style: Any) -> AxesImage:
     """Draw one value or colour per cell, first axis to the right, second axis upwards; return the image.
 
-    `values`: shape (x.cells, y.cells), NaN for transparent cells, or (x.cells, y.cells, 4) for RGBA colours from 0 to
-    255; `style`: options of matplotlib's imshow.
+    `values`: shape (plane.x.cells, plane.y.cells), NaN for transparent cells, or (plane.x.cells, plane.y.cells, 4) for
+    RGBA colours from 0 to 255; `style`: options of matplotlib's imshow.
     """
     block = block_size(values.shape, MOST_CELLS)
     coloured = values.ndim == 3
@@ -193,7 +200,8 @@ def draw_cells(plane: PicturePlane, axes: Axes) -> None:
 def paint(plane: PicturePlane, axes: Axes, *masks: Mask, order: float = 2.2) -> None:
     """Paint masks of cells above an image, each in its colour; masks with at least one cell get a legend entry.
 
-    `masks`: mask (x.cells, y.cells), colour and legend entry of each; `order`: drawing order of matplotlib (zorder).
+    `masks`: mask (plane.x.cells, plane.y.cells), colour and legend entry of each; `order`: drawing order of matplotlib
+    (zorder).
     """
     present = [mask for mask in masks if mask[0].any()]
     if not present:
@@ -206,10 +214,10 @@ def paint(plane: PicturePlane, axes: Axes, *masks: Mask, order: float = 2.2) -> 
 
 
 def _small_goals(plane: PicturePlane) -> NDArray[np.int64]:
-    """Return the cell index ranges of goals too small to be seen, shape (n, 2, 2).
+    """Return the cell index ranges of the n goals that need a ring because they are small, shape (n, 2, 2).
 
-    The second index selects first cell or end (exclusive), the third one the axis.  Without such goals, or with too
-    many of them, n is 0.
+    The second index selects first cell or end (exclusive), the third one the axis.  A goal is small below `_VISIBLE` of
+    the picture's longer side; if more than `_MOST_RINGS` goals are small, n is 0.
     """
     from scipy.ndimage import find_objects
 
@@ -223,13 +231,13 @@ def _small_goals(plane: PicturePlane) -> NDArray[np.int64]:
 def _in_picture(plane: PicturePlane, cells: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the picture coordinates (n, 2) of points.
 
-    `cells` (n, 2): positions of the points, measured in cells from the lower corner of the grid.
+    `cells` (n, 2): positions of the points from the lower corner of the grid, in cell widths.
     """
     return plane.frame.to_world((plane.x.lower, plane.y.lower) + cells * (plane.x.spacing, plane.y.spacing))
 
 
 def _ring_small_goals(plane: PicturePlane, axes: Axes) -> None:
-    """Draw a ring around each goal that is too small to be seen."""
+    """Draw a ring around each goal that is smaller than `_VISIBLE` of the picture's longer side."""
     boxes = _small_goals(plane)
     if not len(boxes):
         return
@@ -242,7 +250,7 @@ def _ring_small_goals(plane: PicturePlane, axes: Axes) -> None:
 
 
 def at_small_goals(plane: PicturePlane, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a copy of picture coordinates (n, 2); points in a ringed goal are moved to the centre of its ring."""
+    """Return a copy of picture coordinates (n, 2), in which points in a ringed goal are moved to the ring's centre."""
     moved = points.copy()
     own = (plane.frame.from_world(points) - (plane.x.lower, plane.y.lower)) / (plane.x.spacing, plane.y.spacing)
     for box in _small_goals(plane):
@@ -255,7 +263,7 @@ def finish(plane: PicturePlane, axes: Axes, points: Sequence[NDArray[np.float64]
     """Set limits, labels and legend of a picture.
 
     `points`: arrays (n, 2) of picture coordinates that the limits must contain; `columns`: number of legend columns, 0
-    for no legend.  The aspect is equal if both axes have the same unit.
+    for no legend.  Both axes have the same scale if they have the same unit.
     """
     shown = np.concatenate([plane.view, *points])
     (left, bottom), (right, top) = shown.min(axis=0), shown.max(axis=0)
@@ -270,7 +278,7 @@ def finish(plane: PicturePlane, axes: Axes, points: Sequence[NDArray[np.float64]
 
 
 def seam_shifts(space: ConfigurationSpace) -> list[NDArray[np.float64]]:
-    """Return the shifts (ndim,) in world coordinates at which copies of a path that crosses periodic seams are drawn.
+    """Return the shifts (ndim,) in world coordinates of the copies of a path that are drawn because it crosses seams.
 
     The list holds all combinations of -2 to 2 periods along the periodic axes; it includes the zero shift.
     """
@@ -279,7 +287,7 @@ def seam_shifts(space: ConfigurationSpace) -> list[NDArray[np.float64]]:
 
 
 def wrapped(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Return world points (n, ndim) shifted into the grid by whole periods along the periodic axes."""
+    """Return points (n, ndim) in world coordinates, shifted into the grid by whole periods along the periodic axes."""
     own, extent = space.from_world(points), space.upper - space.lower
     return space.to_world(np.where(space.periodic, space.lower + np.mod(own - space.lower, extent), own))
 
@@ -292,8 +300,8 @@ def block_size(shape: tuple[int, ...], most: int) -> int:
 def block_means(values: NDArray[np.float64], block: int) -> NDArray[np.float64]:
     """Return the means over square blocks of cells; NaN only for blocks without a finite value.
 
-    `values` (n, m): value per cell, NaN for none; `block`: side of a block in cells.  The result has the shape (ceil(n
-    / block), ceil(m / block)).
+    `values` (n, m): value per cell, NaN in cells without a value; `block`: side of a block in cells.  The result has
+    the shape (ceil(n / block), ceil(m / block)).
     """
     if block == 1:
         return values

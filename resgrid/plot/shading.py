@@ -20,7 +20,8 @@ _DECADES_WORTH_A_LOG = 2.0
 _LINES = 16
 """Approximate number of equipotentials on a logarithmic scale."""
 _TAIL = 0.02
-"""Largest fraction of cells that may lie below the lower limit of the colour scale."""
+"""Largest fraction of cells that may lie below the lower limit of the colour scale, if they lie far below the others.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +31,8 @@ class Shading:
     `values`: potential, or log10 of the drop ``u = 1 - phi``, shape of the space, NaN in cells without a value;
     `lower`, `upper`: limits of the colour scale; `levels` (n,): values of the equipotentials, strictly between the
     limits; `label`: label of the colour bar; `lines`: legend entry of the equipotentials; `is_log`: whether the values
-    are logarithms of the drop; `wall`: value of an obstacle, NaN if it has none on this scale, None if obstacles are
-    open; `edge`: boundary of each axis, ``"periodic"``, ``"obstacle"`` or ``"open"``.
+    are logarithms of the drop; `wall`: value of obstacle cells, NaN if they have no value on this scale, None if
+    obstacles are open; `edge`: boundary of each axis, ``"periodic"``, ``"obstacle"`` or ``"open"``.
     """
 
     values: NDArray[np.float64]
@@ -46,7 +47,7 @@ class Shading:
 
     @property
     def colours(self) -> Colormap:
-        """Colour map of the values; the goal is yellow on both scales."""
+        """Colour map of the values, in which the goal is yellow on a linear and on a logarithmic scale."""
         return height_map().reversed() if self.is_log else height_map()
 
 
@@ -132,7 +133,7 @@ def _logarithmic(field: Field, decades: NDArray[np.float64], smallest: float) ->
 def span(values: NDArray[np.float64]) -> tuple[float, float]:
     """Return the limits of the colour scale: minimum and maximum of the finite values.
 
-    The lowest 2 % of the values are ignored if they lie far below the others.
+    The lowest 2 % of the values are ignored if the rest spans less than half of the whole range.
     """
     finite = values[np.isfinite(values)]
     lowest, low, high = (float(value) for value in (finite.min(), np.quantile(finite, _TAIL), finite.max()))
@@ -148,8 +149,8 @@ def nice_step(smallest: float) -> float:
 def fill_open_walls(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return values in which cells without a value have the mean of their face neighbours.
 
-    Equipotentials then meet open walls at right angles.  `values` (n, m): NaN in cells without a value; the result has
-    the same shape.
+    Equipotentials then meet open obstacles at right angles.  `values` (n, m): NaN in cells without a value; the result
+    has the same shape.
     """
     padded = np.pad(values, 1, constant_values=np.nan)
     around = np.stack([padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]])
@@ -160,10 +161,10 @@ def fill_open_walls(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def add_border(values: NDArray[np.float64], edge: tuple[str, ...], wall: float | None) -> NDArray[np.float64]:
-    """Return values padded by one layer of cells: periodic copies, copies of the edge, or the value of a wall.
+    """Return values padded by one layer of cells: periodic copies, copies of the outermost cells, or `wall`.
 
     `values` (n, m): value per cell; `edge`: boundary of each axis, "periodic", "obstacle" or "open"; `wall`: value of
-    an obstacle, None for open obstacles.  The result has the shape (n + 2, m + 2).
+    obstacle cells, None for open obstacles.  The result has the shape (n + 2, m + 2).
     """
     padded = values
     for axis, rule in enumerate(edge):

@@ -144,9 +144,9 @@ def mark(places: ArrayLike, axes: Axes, kind: str, label: str | None = None) -> 
 
 
 def refresh_legend(axes: Axes, columns: int = 3, gap: float = 4.6) -> None:
-    """Draw one legend below the axes with every label once.
+    """Draw one legend below the axes, in which each label occurs once.
 
-    `columns`: largest number of columns; `gap`: distance from the axes in text heights.
+    `columns`: largest number of columns; `gap`: distance from the axes, in units of the legend's font size.
     """
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(reversed(labels), reversed(handles), strict=True))
@@ -178,5 +178,5 @@ def add_colour_bar(colours: ScalarMappable, where: Axes | Figure, label: str) ->
 
 
 def spanning(low: float, high: float) -> Normalize:
-    """Return a linear colour scale between two values; its width is 1 if they are equal."""
+    """Return a linear colour scale from `low` to `high`, or from `low` to ``low + 1`` if both are equal."""
     return Normalize(low, high if high > low else low + 1.0)

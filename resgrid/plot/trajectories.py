@@ -67,7 +67,7 @@ def _page(trajectory: Trajectory, groups: dict[str, list[int]], shown: str = "pa
 
 
 def _axes_by_unit(axes: tuple[Axis, ...]) -> dict[str, list[int]]:
-    """Return the indices of the axes with each unit; the units are ordered by their first axis."""
+    """Return the indices of the axes with each unit, in the order in which the units first occur."""
     groups: dict[str, list[int]] = {}
     for number, axis in enumerate(axes):
         groups.setdefault(axis.unit, []).append(number)

@@ -48,7 +48,7 @@ Motion = AnyPath | ArrayLike
 """A path, or an array of configurations (n, ndim) in the world."""
 
 _GHOSTS = 12
-"""Default number of poses that are drawn along a path."""
+"""Default number of poses of the robot that are drawn along a path."""
 _START, _END = "#2b2b2b", "#0072B2"
 _EARLY, _LATE = np.array(to_rgb("#b5b5b5")), np.array(to_rgb("#7fb2d6"))
 
@@ -310,7 +310,10 @@ def _reference(configuration: Any, scene: Scene) -> NDArray[np.float64]:
 
 
 def _dense(path: Motion, scene: Scene) -> NDArray[np.float64]:
-    """Return configurations (n, ndim) in world coordinates along a path, at most 1/400 of its length apart."""
+    """Return configurations (n, ndim) in world coordinates along a path, dense enough for a smooth picture.
+
+    Between consecutive configurations, the points of the robot move at most 1/400 of their motion along the whole path.
+    """
     own = path if isinstance(path, AnyPath) else Polyline(path, empty_space(scene))
     travel = float(scene.robot.travel(own.line[:-1], own.line[1:]).sum())
     return own.space.to_world(sample_path(own, travel / 400)[0] if travel else own.line)
@@ -365,8 +368,9 @@ def skeleton(robot: Robot, pose: NDArray[np.float64]) -> NDArray[np.float64]:
 def _frame(axes: Axes, scene: Scene, lines: list[NDArray[np.float64]]) -> None:
     """Set the limits of a workspace picture.
 
-    The limits are those of the grid, or contain `lines` (n, 2), bounded shapes and an arm's reach.  The reach gives all
-    pictures of an arm the same limits.
+    For a robot whose configurations are positions, the limits are those of the grid.  For other robots, they contain
+    `lines` (n, 2), the bounded shapes of the scene, and the reach of an arm, so that all pictures of an arm have the
+    same limits.
     """
     robot = scene.robot
     if robot.moves_in_workspace:

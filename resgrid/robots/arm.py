@@ -24,10 +24,10 @@ from resgrid.robots.geometry import ArmLinks, Pose, RigidPart
 from resgrid.robots.shapes import Shape
 
 _ROUNDING = 1e-12
-"""Tolerance of the inverse kinematics, as a sine or a fraction of the reach, below which two solutions coincide."""
+"""Largest rounding error in the inverse kinematics, for sines, distances divided by the reach, and angles in rad."""
 
 _MOST_SOLUTIONS = 1_000_000
-"""Maximum number of solutions of the inverse kinematics, which grows with joint limits wider than a turn."""
+"""Maximum number of solutions of the inverse kinematics, one per full turn within the limits; more raise InputError."""
 
 Angles = Literal["relative", "absolute"]
 Length = Annotated[float, Gt(0), Le(1e9)]
@@ -58,7 +58,7 @@ class Arm(Robot):
     base_angle : float
         Direction of joint angle 0, in radians from the x axis.
     angles : {"relative", "absolute"}
-        Whether each joint angle is measured from the previous link, or from the direction ``base_angle``.
+        Whether a joint angle is measured from the previous link, or from the direction ``base_angle``.
     self_collision : bool
         Whether a contact between links that are not adjacent is a collision.
     singularity_width : float or None
@@ -116,7 +116,7 @@ class Arm(Robot):
 
     @property
     def ndim(self) -> int:
-        """Number of joints."""
+        """Number of joints, equal to the number of links."""
         return len(self.lengths)
 
     @property
@@ -126,7 +126,7 @@ class Arm(Robot):
 
     @property
     def remedy(self) -> str:
-        """Advice in messages if obstacles leave no room for the arm; empty for links without width."""
+        """Advice that error messages append if obstacles leave no free cell; empty if all links have width 0."""
         return "make the arm's links thinner" if any(self.widths) else ""
 
     def axes(self, cells: int | Sequence[int]) -> tuple[Axis, ...]:
@@ -143,16 +143,16 @@ class Arm(Robot):
         )
 
     def implied_axes(self) -> tuple[dict[str, Any], ...]:
-        """Return default values of a scene's axis keys (name, lower, upper, periodic, unit), one dict per joint."""
+        """Return defaults of a scene's axis keys name, lower, upper, periodic and unit, as one dict per joint."""
         axes = self.axes(1)
         return tuple({key: value for key, value in vars(axis).items() if key != "cells"} for axis in axes)
 
     def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:  # noqa: ARG002
-        """Raise InputError, because a map of the plane does not define the axes of joints."""
+        """Raise InputError in every case, because the axes of a map (x and y) are not the axes of the joints."""
         raise InputError("an arm on a map needs a [grid] for its joints")
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Raise InputError unless there is one axis per joint, within its limits, or of a full turn if periodic."""
+        """Raise InputError unless there is one axis per joint, within the limits, or of a full turn if periodic."""
         if len(axes) != self.ndim:
             raise InputError(f"an arm of {self.ndim} joints needs {self.ndim} axes, got {len(axes)}")
         for axis, limits in zip(axes, self.limits, strict=True):
@@ -170,7 +170,7 @@ class Arm(Robot):
                 )
 
     def directions(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Return the angles (..., n) of the links from the x axis, in radians, for joint angles (..., n)."""
+        """Return angles (..., n) of the links from the x axis for joint angles (..., n), both in radians."""
         turned = np.asarray(configurations, dtype=np.float64)
         if turned.shape[-1:] != (self.ndim,):
             raise InputError(f"this arm has {self.ndim} joints, but a configuration has shape {turned.shape}")
@@ -187,11 +187,11 @@ class Arm(Robot):
         return np.concatenate([start, np.asarray(self.base) + np.cumsum(links, axis=-2)], axis=-2)
 
     def tip(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Return positions of the tip (..., 2), in metres, for joint angles `configurations` (..., n)."""
+        """Return positions of the tip (..., 2), in metres, for joint angles `configurations` (..., n), in radians."""
         return self.joints(configurations)[..., -1, :]
 
     def jacobian(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Return Jacobians of the tip position (..., 2, n), in metres per radian, for joint angles (..., n)."""
+        """Return Jacobians (..., 2, n) of the tip, in metres per radian, for joint angles (..., n) in radians."""
         places = self.joints(configurations)
         lever = places[..., -1:, :] - places[..., :-1, :] if self.angles == "relative" else np.diff(places, axis=-2)
         return np.stack([-lever[..., 1], lever[..., 0]], axis=-2)
@@ -208,8 +208,8 @@ class Arm(Robot):
         -------
         ndarray of float64, shape (s, 2)
             Joint angles in radians within the limits, or in [-pi, pi) without limits: two solutions, elbow to the left
-            first, or one if the arm is stretched or folded.  Limits wider than a full turn repeat a solution for every
-            turn within them.  If equal links fold back onto the base, the first link has the direction ``base_angle``.
+            first, one if the arm is stretched or folded, none beyond the reach.  Limits wider than a full turn repeat a
+            solution for every turn.  If equal links fold onto the base, the first has the direction ``base_angle``.
 
         Raises
         ------
@@ -242,7 +242,7 @@ class Arm(Robot):
         return np.array(solutions, dtype=np.float64).reshape(-1, 2)
 
     def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:
-        """Return one rigid part per link, for joint angles (m, n): segments with half the link's width as radius."""
+        """Return one rigid part per link for joint angles (m, n): segments (m,) and half the link's width as radius."""
         import shapely
 
         places = self.joints(configurations)
@@ -252,7 +252,7 @@ class Arm(Robot):
         ]
 
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return upper bounds (m,), in metres, of the distance that any point of the arm moves along straight lines.
+        """Return upper bounds (m,), in metres, of the distance that any point of the arm moves in m straight motions.
 
         `start, end` (m, n): joint angles, in radians, at the ends of m straight lines in configuration space.
         For a point of link j the bound is the sum over links ``i <= j`` of length times change of direction, plus half
@@ -265,8 +265,8 @@ class Arm(Robot):
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
         """Return position and differential kinematics of the links for joint angles `configuration` (n,), in radians.
 
-        A relative angle rotates all further links about the joint; an absolute angle rotates one link and translates
-        all further links.
+        With relative angles, joint i rotates links i and above; with absolute angles, it rotates link i and translates
+        links above.
         """
         joints, directions = self.joints(configuration), self.directions(configuration)
         radius, part, spin, before, lever = _pose_constants(self)
@@ -293,7 +293,7 @@ class Arm(Robot):
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Return the mask, shape of the grid, of cells with possible collisions or in obstacles along singularities.
+        """Return the mask, shape of the grid, of blocked cells: cells with possible collisions, and `singular_cells`.
 
         With the rule ``"conservative"``, a cell is free only if no configuration in it collides.  With ``"centre"``
         only the configuration at the centre is tested.  `obstacles`: in metres; `progress`: ``progress(done, total)``.
@@ -309,8 +309,8 @@ class Arm(Robot):
 
         The Jacobian of a planar arm loses rank where all links are parallel.  For two links, ``sin(theta_2) = 0``
         (relative angles) or ``sin(theta_2 - theta_1) = 0`` (absolute angles: diagonals of the configuration space).
-        With three or more links, the singular set has codimension 2 or more and does not separate regions.
-        The mask has the shape of the grid, or a shape that broadcasts to it.
+        With three or more links, the singular set has codimension 2 or more and does not separate regions. The mask has
+        the shape of the grid or one that broadcasts to it; without a width of the obstacle, all is False.
         """
         cells, singular = self.singularity_cells, np.ones((1,) * self.ndim, dtype=bool)
         if self.singularity_width is None and cells is None:
@@ -359,7 +359,7 @@ class Arm(Robot):
 def _pose_constants(arm: Arm) -> tuple[NDArray[Any], ...]:
     """Return the fields of the arm's `Pose` that do not depend on the configuration, as five read-only arrays.
 
-    Radii (n,) and numbers (n,) of links; spin (n, n); mask of preceding links (n, n); lever (n, 2, n).
+    Half widths (n,) in metres; link numbers (n,); `spin` (n, n); mask (n, n) of preceding links; `lever` (n, 2, n).
     """
     count = arm.ndim
     spin = np.tri(count) if arm.angles == "relative" else np.eye(count)
@@ -371,7 +371,7 @@ def _pose_constants(arm: Arm) -> tuple[NDArray[Any], ...]:
 
 
 def _within(angle: float, limits: Limits | None) -> list[float]:
-    """Return all angles in `limits` that differ from `angle` by full turns, in radians; one in [-pi, pi) for None."""
+    """Return the angles in `limits` equal to `angle` up to full turns, in radians; for None, the one in [-pi, pi)."""
     if limits is None:
         return [(angle + pi) % tau - pi]
     lower, upper = limits

@@ -15,16 +15,20 @@ from resgrid.robots.geometry import ArmLinks, RigidPart, obstacle_arrays, obstac
 from resgrid.robots.shapes import Box, Shape, require_plane
 
 CHUNK = 1 << 17
-"""Number of cells per kernel call, between two reports of progress."""
+"""Number of cells that one call of a compiled kernel tests; progress is reported after every call."""
 
 PARTS = 3
-"""Number of parts per joint into which a cell is divided if the bound at the cell's centre does not decide it."""
+"""Number of equal parts per joint into which a cell is divided if the test of the whole cell finds a possible
+collision.
+"""
 
 SLACK = 1e-12
-"""Bound on the rounding error of a distance, relative to the largest coordinate."""
+"""Bound on the rounding error of a distance, as a fraction of the largest coordinate of arm and obstacles."""
 
 TOLERANCE = 1e-9
-"""Distance from the goal region at which the tip counts as inside, relative to the arm's reach."""
+"""Largest distance of the tip from the goal region at which the tip counts as inside, as a fraction of the arm's
+reach.
+"""
 
 
 def arm_occupancy(
@@ -33,10 +37,11 @@ def arm_occupancy(
 ) -> NDArray[np.bool_]:  # fmt: skip
     """Return the mask of cells in which an arm may collide with an obstacle or with itself, shape of the grid.
 
-    With the conservative rule a cell is free if, at its centre or at the centres of all its parts, every link is
-    farther from every obstacle than any point of the link can move within the cell or part
-    (`resgrid.robots.kernels`).  No cell with a collision is marked free.  Link by link, the marked cells of the first
-    joints are extended to all cells of the next joint.
+    With the rule ``"conservative"``, a cell is free if, at its centre or at the centres of all its parts (`PARTS` per
+    joint), every link is farther from every obstacle than any point of the link can move within the cell or part.
+    No cell with a collision is marked free.  With ``"centre"``, only the configuration at the centre is tested.  The
+    links are tested from the base outwards: a cell of the first joints that collides is blocked for all angles of the
+    further joints.
     `obstacles`: shapes in metres; `progress`: called as ``progress(done, total)``; `self_collision`: whether contacts
     of links that are not adjacent are collisions.
     """
@@ -68,9 +73,9 @@ def arm_occupancy(
 def arm_goal_cells(links: ArmLinks, axes: tuple[Axis, ...], region: Shape | Point) -> GoalCells:
     """Return the cells that contain a configuration with the tip in a region, with one such configuration per cell.
 
-    The tip may be outside the region by 1e-9 of the arm's reach.  A cell is excluded only by a bound on the motion of
-    the tip.  The one exception is a cell that remains undecided after 200,000 boxes of the search, in which the tip
-    stays at the border of the region to within rounding error.
+    The tip may be outside the region by 1e-9 of the arm's reach.  A cell is excluded if an upper bound on the motion of
+    the tip within the cell shows that the tip stays outside.  A cell is also excluded if the search is still undecided
+    after 200,000 subdivisions; in such a cell the tip touches the border of the region to within rounding error.
     `region`: shape or point in the plane, in metres.
     """
     from resgrid.robots.tip_kernels import find_goal_cells
@@ -105,14 +110,21 @@ def arm_goal_cells(links: ArmLinks, axes: tuple[Axis, ...], region: Shape | Poin
 
 
 def tip_travel(links: ArmLinks, axes: Sequence[Axis]) -> float:
-    """Return an upper bound, in metres, of the distance between tip positions at the centre and elsewhere in a cell."""
+    """Return an upper bound, in metres, of the distance of the tip from its position at the centre of a cell.
+
+    The bound holds for all configurations in the cell.  `links`: the arm; `axes`: one axis per joint, in radians; the
+    spacing of an axis is the width of a cell.
+    """
     chords = [2 * np.sin(min(axis.spacing / 2, pi) / 2) for axis in axes]
     levers = np.cumsum(links.lengths[::-1])[::-1] if links.relative else links.lengths
     return float(np.dot(chords, levers))
 
 
 def _distances(place: Shape, base: Point) -> tuple[float, float]:
-    """Return the smallest and the largest distance, in metres, from the point `base` to points of a region."""
+    """Return the smallest and the largest distance, in metres, from the point `base` to points of the region `place`.
+
+    The largest distance is infinite for a half-plane.
+    """
     import shapely
 
     obstacle = obstacles_of([place])[0]

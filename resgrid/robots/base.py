@@ -27,22 +27,22 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 BATCH = 4096
-"""Number of configurations per vectorized collision test."""
+"""Number of configurations that one vectorized collision test takes; larger grids are tested in several batches."""
 
 SLACK = 1e-9
-"""Safety margin of distances in the conservative rule, relative to the largest motion of the robot within a cell."""
+"""Safety margin of the distance test of whole cells, as a fraction of the largest motion of the robot within a cell."""
 
 ULPS = 64
-"""Safety margin of distances in the conservative rule, in units in the last place of the largest coordinate."""
+"""Safety margin of the distance test of whole cells, in units in the last place of the largest coordinate."""
 
 
 class Robot(ABC):
     """Base class of robots: maps configurations to the workspace, in which the obstacles are shapes.
 
     A subclass must implement `parts` (geometry in a configuration) and `travel` (bound of the motion).  The defaults of
-    all other methods suit free-flying bodies whose first coordinates are the position of the reference point: a cell is
-    free if distances to obstacles exceed the motion within the cell.  `resgrid.simulation` with contacts also needs
-    `pose`.
+    all other methods suit free-flying bodies: the first coordinates of a configuration are the position of the
+    reference point, and a cell is free if distances to obstacles exceed the motion within the cell.
+    `resgrid.simulation` with contacts also needs `pose`.
 
     Examples
     --------
@@ -71,7 +71,7 @@ class Robot(ABC):
     """Name of the point of the robot whose position a goal prescribes."""
 
     base: Point | None = None
-    """Position of the mount, in metres; None if the robot moves freely."""
+    """Position (x, y) of the fixed base of an arm, in metres; None if the robot moves freely."""
 
     turning_length: float | None = None
     """Length in metres that corresponds to a rotation by one radian; the third coordinate of a configuration is the
@@ -102,7 +102,7 @@ class Robot(ABC):
 
     @property
     def remedy(self) -> str:
-        """Advice for messages if obstacles leave no room for the robot; empty for a robot without size."""
+        """Advice that error messages append if obstacles leave no free cell; empty for a robot without size."""
         return "make the robot smaller"
 
     @property
@@ -132,14 +132,15 @@ class Robot(ABC):
 
     @abstractmethod
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return upper bounds of the distance that any point of the robot moves along straight lines.
+        """Return upper bounds of the distance that any point of the robot moves in straight motions.
 
-        The bound must depend only on ``end - start`` and must be a convex function of this difference.
+        In a straight motion, the configuration moves along a straight line in configuration space.  The bound must
+        depend only on ``end - start`` and must be a convex function of this difference.
 
         Parameters
         ----------
         start, end : ndarray of float64, shape (n, ndim)
-            End points of lines in configuration space.
+            Configurations at the ends of n straight motions.
 
         Returns
         -------
@@ -148,15 +149,18 @@ class Robot(ABC):
         """
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:  # noqa: ARG002
-        """Return position and kinematics of the robot in a configuration, shape (ndim,), for contact computations.
+        """Return position and kinematics of the robot in a `configuration`, shape (ndim,), for contact computations.
 
-        `Pose.of_body` constructs the pose of a single rigid body.
+        Raise InputError by default.  A subclass of one rigid body can return `Pose.of_body`.
         """
         name = type(self).__name__
         raise InputError(f"{name} has no pose for contacts with obstacles; implement {name}.pose(configuration)")
 
     def reference_point(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return positions (n, d) of the reference point, in metres, for configurations (n, ndim)."""
+        """Return positions (n, d) of the reference point, in metres, for configurations (n, ndim).
+
+        The number d is ndim for a robot whose configurations are positions, otherwise 2.
+        """
         return configurations if self.moves_in_workspace else configurations[:, :2]
 
     def heading(self, configurations: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -168,13 +172,19 @@ class Robot(ABC):
         return self
 
     def turning_axis(self, cells: int, name: str = "theta") -> Axis:
-        """Return the periodic heading axis of a robot that turns: `cells` cells from 0 to ``2 pi turning_length``."""
+        """Return the periodic heading axis of a robot that turns, from 0 to ``2 pi turning_length`` metres.
+
+        `cells`: number of cells; `name`: name of the axis.  Raise InputError for a robot that does not turn.
+        """
         if self.turning_length is None:
             raise InputError(f"{with_article(type(self).__name__)} does not turn, because it has no turning_length")
         return Axis(name, 0.0, tau * self.turning_length, cells, periodic=True)
 
     def implied_axes(self) -> tuple[dict[str, Any], ...]:
-        """Return default values of a scene's axis keys, one dict per axis; empty if the scene must define all axes."""
+        """Return default values of a scene's axis keys, one dict from key to value per axis.
+
+        The result is empty if the scene must define all axes.  A robot that turns has the axes x, y and heading.
+        """
         if self.turning_length is None:
             return ()
         turn = {key: value for key, value in vars(self.turning_axis(1)).items() if key != "cells"}
@@ -282,7 +292,7 @@ class Robot(ABC):
         return PlanarTest(lambda configurations: self.parts(self.within_seams(axes, configurations)), solids)
 
     def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
-        """Return the goal cells, with one configuration per cell that solves the goal.
+        """Return the goal cells of a grid with the given `axes`, with one configuration per cell that solves the goal.
 
         A `region` (shape or point) with as many coordinates as axes is a set of configurations.  With two coordinates a
         region is a set of positions of the reference point, in metres; the other coordinates of the configurations are
@@ -299,7 +309,7 @@ class Robot(ABC):
         return GoalCells(np.repeat(cells.ravel(), len(rest)).reshape(shape), points)
 
     def shapes_at(self, configuration: ArrayLike) -> list[BaseGeometry]:
-        """Return one shapely geometry in the workspace per rigid part, for a configuration of shape (ndim,).
+        """Return one shapely geometry in the workspace per rigid part, in metres, for a `configuration` (ndim,).
 
         Round ends are approximated from inside by 32 edges per half-circle.
         """
@@ -314,7 +324,11 @@ class Robot(ABC):
         return axes if self.moves_in_workspace and len(axes) == 2 else ()
 
     def within_seams(self, axes: Sequence[Axis], configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return configurations (..., ndim) with coordinates along the workspace's periodic axes wrapped into range."""
+        """Return configurations (..., ndim), wrapped into the axis range along periodic axes of the workspace.
+
+        `axes`: axes of the configuration space.  Configurations of a robot whose configuration space is not the
+        workspace are returned unchanged.
+        """
         if not (self.moves_in_workspace and any(axis.periodic for axis in axes)):
             return configurations
         lower, upper, ring = np.array([(axis.lower, axis.upper, axis.periodic) for axis in axes]).T

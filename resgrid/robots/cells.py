@@ -23,7 +23,10 @@ Progress = Callable[[int, int], object]
 """Progress callback ``progress(done, total)`` with the finished and the total amount of work, in arbitrary units."""
 
 FAR = 1e3
-"""Distance from the grid beyond which a polygon's rings are clipped, as a multiple of the largest side of the grid."""
+"""Distance of a corner from the grid above which a polygon's rings are clipped, relative to a margin.
+
+The margin is the largest side of the grid plus the distance up to which cells are marked around the polygon.
+"""
 
 Grids = Sequence[NDArray[np.float64]]
 """One array per axis: coordinates of cell centres in axis units, with shapes that broadcast to a block of cells."""
@@ -33,9 +36,10 @@ BISECTIONS = 60
 
 
 def rims(axes: Sequence[Axis]) -> list[float]:
-    """Return the rounding margin of each axis, in axis units, by which tested cells are reduced on every side.
+    """Return the rounding margin of each axis, in axis units.
 
-    Rounding moves an obstacle's edge that is meant to lie on a border between cells by less than this margin.
+    Before a test against an obstacle, a cell is reduced by the margin on every side.  Rounding moves an obstacle's edge
+    that is meant to lie on a border between cells by less than this margin.
     """
     return [fraction * axis.spacing for fraction, axis in zip(rounding(axes).tolist(), axes, strict=True)]
 
@@ -43,8 +47,9 @@ def rims(axes: Sequence[Axis]) -> list[float]:
 def half_widths(axes: Sequence[Axis], bounds: Bounds, reach: float, rule: Sampling) -> tuple[float, ...]:
     """Return half the width, per axis and in axis units, of the box that is tested in place of a cell.
 
-    The box is a point with the rule ``"centre"``, and otherwise the cell without its rounding margin.  For a shape
-    that, dilated by `reach`, is thinner than the margins, the box includes the margin, so that no cell is missed.
+    The box is a point with the rule ``"centre"``, and otherwise the cell without its rounding margin (`rims`).  If the
+    shape, dilated by `reach`, is thinner along an axis than two margins, the box is the cell plus the margin along that
+    axis, so that no cell is missed.
     `bounds`: bounding box of the shape; `reach`: dilation of the shape, in axis units.
     """
     if rule == "centre":
@@ -59,8 +64,8 @@ def half_widths(axes: Sequence[Axis], bounds: Bounds, reach: float, rule: Sampli
 def mark(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Shape, reach: float, rule: Sampling) -> None:
     """Mark, in place, the cells within a distance of a shape or of its periodic images.
 
-    `out`: mask, shape of the grid; `axes`: axes of the grid; `reach`: distance in axis units; `rule`: whether the whole
-    cell (``"conservative"``) or only the centre of the cell (``"centre"``) is tested.
+    `out`: mask, shape of the grid, in which cells are set to True; `axes`: axes of the grid; `reach`: distance in axis
+    units; `rule`: whether the whole cell (``"conservative"``) or only the centre of the cell (``"centre"``) is tested.
     """
     if shape.ndim != len(axes):
         raise InputError(f"a shape with {shape.ndim} coordinates does not fit a grid with {len(axes)} axes")
@@ -74,8 +79,9 @@ def mark(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Shape, reach: fl
 def mark_image(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, reach: float, rule: Sampling) -> None:
     """Mark, in place, the cells within a distance of one shape, without its periodic images.
 
-    `out`: mask, shape of the grid; `axes`: axes of the grid; `shape`: shape that may extend beyond the grid; `reach`:
-    distance in axis units; `rule`: whether the whole cell (``"conservative"``) or only its centre is tested.
+    `out`: mask, shape of the grid, in which cells are set to True; `axes`: axes of the grid; `shape`: shape that may
+    extend beyond the grid; `reach`: distance in axis units; `rule`: whether the whole cell (``"conservative"``) or only
+    its centre (``"centre"``) is tested.
     """
     half = half_widths(axes, shape.bounds, reach, rule)
     if isinstance(shape, Polygon):
@@ -96,7 +102,7 @@ def mark_image(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, rea
 
 
 def _clip(index: float, cells: int) -> int:
-    """Return `index`, a coordinate in cell units, rounded up and clipped to the range from 0 to `cells`."""
+    """Return `index`, a coordinate in cell widths, rounded up and clipped to the range from 0 to `cells`."""
     return ceil(min(max(index, 0.0), float(cells)))
 
 
@@ -128,7 +134,8 @@ def near_half_space(shape: HalfSpace, centres: Grids, half: Sequence[float], rea
 def _near_cells(shape: CellSet, axes: tuple[Axis, ...], reach: float, rule: Sampling) -> NDArray[np.bool_]:
     """Return the mask, shape of the grid, of cells within a distance of a set of cells of the same grid.
 
-    `reach`: distance in axis units; `rule`: whether the distance is measured from the cell's box or its centre.
+    `reach`: distance in axis units; `rule`: whether the distance is measured from the cell's box (``"conservative"``)
+    or its centre (``"centre"``).
     """
     if shape.axes != axes:
         raise InputError("the cells of a map can only be obstacles on the map's own grid")
@@ -184,7 +191,8 @@ def _mark_polygon(
 def outline(shape: Box | Polygon, axes: Sequence[Axis], reach: float) -> NDArray[np.float64]:
     """Return the edges ``x0, y0, x1, y1`` of a polygon or rectangle, shape (e, 4), clipped far outside the grid.
 
-    `reach`: distance from the shape that the caller tests, in axis units; it adds to the distance of the clipping box.
+    `reach`: distance up to which the caller marks cells around the shape, in axis units; the rings are clipped to the
+    grid enlarged by this distance and the grid's largest side.
     """
     margin = reach + max(axis.upper - axis.lower for axis in axes)
     lower, upper = (axes[0].lower - margin, axes[1].lower - margin), (axes[0].upper + margin, axes[1].upper + margin)
@@ -194,7 +202,8 @@ def outline(shape: Box | Polygon, axes: Sequence[Axis], reach: float) -> NDArray
 def _clip_ring(ring: tuple[Point, ...], lower: Point, upper: Point, far: float) -> Sequence[Point]:
     """Return the corners of a ring (closed polyline) clipped to a box (Sutherland and Hodgman, 1974).
 
-    `lower, upper`: corners of the box.  A ring with all corners within a distance `far` of the box is not changed.
+    `lower, upper`: corners of the box.  A ring with all corners within a distance `far` of the box is not changed.  For
+    a ring outside the box, the result is the single point `lower`.
     """
     beyond = max(max(low - c, c - high) for point in ring for c, low, high in zip(point, lower, upper, strict=True))
     if beyond <= far:
@@ -237,8 +246,9 @@ class CellClasses(NamedTuple):
 
 
 def region_cells(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
-    """Return the cells of a grid that meet a region, and for each the region's point nearest to the cell's centre.
+    """Return the cells of a grid that meet a region, with one configuration of the region per cell.
 
+    The configuration is the region's point in the cell that is nearest to the cell's centre.
     `region`: shape or single point, in axis units.
     """
     axes = tuple(axes)
@@ -257,9 +267,9 @@ def region_cells(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
 
 
 def merge_goals(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells:
-    """Return the union of goals on one grid; a cell that belongs to several goals keeps the point of the first.
+    """Return the union of goals on one grid, of shape `shape`.
 
-    `shape`: number of cells per axis.
+    A cell that belongs to several goals keeps the configuration of the first goal.
     """
     met, points = [np.empty(0, dtype=np.int64)], [np.empty((0, len(shape)))]
     for goal in goals:
@@ -272,7 +282,10 @@ def merge_goals(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells
 
 
 def _image_cells(axes: tuple[Axis, ...], shape: Solid) -> GoalCells:
-    """Return the cells that a shape meets, without its periodic images, and its point nearest to each cell's centre."""
+    """Return the cells that a shape meets, with the shape's point nearest to each cell's centre.
+
+    Periodic images of the shape are not included; `axes`: axes of the grid.
+    """
     centred = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
     mark_image(centred, axes, shape, 0.0, "centre")
     met = centred.copy()
@@ -331,10 +344,10 @@ def _enter_region(
 def _nearest_on_outline(
     edges: NDArray[np.float64], middle: NDArray[np.float64], half: NDArray[np.float64], rim: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return, for every cell, the point of an outline within the cell that is nearest to its centre, shape (m, 2).
+    """Return, for m cells, the point of an outline within the cell that is nearest to the cell's centre, shape (m, 2).
 
     `edges` (e, 4): segments ``x0, y0, x1, y1`` of the outline; `middle` (m, 2): centres of the cells; `half` (2,): half
-    widths of a cell; `rim` (2,): allowance by which cells are enlarged.
+    widths of a cell; `rim` (2,): margin by which cells are enlarged against rounding errors; all in axis units.
     """
     import shapely
 

@@ -21,10 +21,12 @@ from resgrid.errors import InputError
 from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of, to_shapely
 
 TOUCH = 1e-9
-"""Penetration depth that counts as touching for a round body or half-plane, divided by 1 m plus the radii's sum."""
+"""Largest penetration depth that counts as touching for a round body or half-plane, relative to 1 m plus the radii of
+obstacle and robot part."""
 
 MAX_IMAGES = 1000
-"""Maximum number of periodic images of a shape; a shape with more raises InputError."""
+"""Maximum number of periodic images of a shape (copies translated by multiples of the periods); more raise InputError.
+"""
 
 
 class ArmLinks(NamedTuple):
@@ -56,8 +58,8 @@ class RigidPart:
 class Obstacle:
     """An obstacle, or a periodic image of one: all points within a radius of a geometry (the core), or a half-plane.
 
-    `number`: index of the obstacle in the scene; `core`: shapely geometry, None for a half-plane; `radius`: in metres;
-    `half_plane`: None for other obstacles.
+    `number`: index of the obstacle in the scene; `core`: shapely geometry in metres, None for a half-plane; `radius`:
+    in metres, 0 for a half-plane; `half_plane`: the half-plane, None for other obstacles.
     """
 
     number: int
@@ -73,7 +75,7 @@ class Obstacle:
         return float(np.abs(self.core.bounds).max())
 
     def core_distance(self, part: RigidPart) -> NDArray[np.float64]:
-        """Return distances (n,), in metres, from a part's cores to this obstacle's core or half-plane.
+        """Return distances (n,), in metres, from a part's n cores to the core or half-plane, without the radii.
 
         The distance is 0 if the cores intersect, and negative inside a half-plane.
         """
@@ -107,14 +109,17 @@ class Obstacle:
 def obstacles_of(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> list[Obstacle]:
     """Return shapes of the plane as obstacles for distance computations.
 
-    `axes`: axes of the plane; on periodic axes, a shape gives an obstacle for every periodic image that may contain
-    the point nearest to a robot.
+    `axes`: axes of the plane, empty for a plane that is not periodic.  On periodic axes, a shape gives one obstacle for
+    every periodic image that may contain the point nearest to a robot in the grid.
     """
     return [obstacle for number, shape in enumerate(shapes) for obstacle in _obstacles(number, shape, axes)]
 
 
 def _obstacles(number: int, shape: Shape, axes: Sequence[Axis]) -> list[Obstacle]:
-    """Return the periodic images of the shape with index `number` as obstacles; an empty list for an empty shape."""
+    """Return the periodic images of the shape with index `number` as obstacles; an empty list for an empty shape.
+
+    `axes`: axes of the plane, empty for a plane that is not periodic.
+    """
     import shapely
 
     if not isinstance(shape, Shape) or shape.ndim != 2:
@@ -143,10 +148,10 @@ class ObstacleArrays(NamedTuple):
     """Polygons, discs and half-planes as arrays in metres, the input of compiled kernels.
 
     `edges` (e, 4): ``x0, y0, x1, y1``, polygon by polygon, with the solid on the left; `edge_before` (e,): index of the
-    preceding edge in the ring; `first_edge` (p + 1,): index of each polygon's first edge, and e; `bounds` (p, 4):
-    smallest ``x, y`` and largest ``x, y`` of each polygon; `discs` (d, 3): centre and radius; `half_planes` (h, 3):
-    unit normal out of the solid, and offset; `edge_owner` (e,), `disc_owner` (d,), `half_plane_owner` (h,): index of
-    the obstacle that the edge, disc or half-plane belongs to.
+    preceding edge in the ring; `first_edge` (p + 1,): index of each polygon's first edge, followed by the number e of
+    edges; `bounds` (p, 4): smallest ``x, y`` and largest ``x, y`` of each polygon; `discs` (d, 3): centre and radius;
+    `half_planes` (h, 3): unit normal out of the solid, and offset; `edge_owner` (e,), `disc_owner` (d,),
+    `half_plane_owner` (h,): index of the obstacle that the edge, disc or half-plane belongs to.
     """
 
     edges: NDArray[np.float64]
@@ -161,7 +166,11 @@ class ObstacleArrays(NamedTuple):
 
 
 def obstacle_arrays(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> ObstacleArrays:
-    """Return shapes as arrays; on periodic `axes` with all images within one period of the grid."""
+    """Return shapes as arrays, for kernels.
+
+    `axes`: axes of the plane, empty for a plane that is not periodic.  On periodic axes, the arrays contain all
+    periodic images of a shape that come within one period of the grid.
+    """
     period = [axis.upper - axis.lower for axis in axes]
     solids = [
         (number, solid)
@@ -197,7 +206,7 @@ def edges_of(rings: Iterable[ArrayLike]) -> NDArray[np.float64]:
 
 
 def _unit_normal(half_plane: HalfSpace) -> NDArray[np.float64]:
-    """Return the unit normal of a half-plane, followed by the offset for this normal, shape (ndim + 1,)."""
+    """Return the unit normal of a half-plane, followed by its offset in metres for this normal, shape (ndim + 1,)."""
     return np.array([*half_plane.normal, half_plane.offset]) / hypot(*half_plane.normal)
 
 
@@ -216,9 +225,10 @@ def _solid_on_the_left(solid: Box | Polygon) -> list[list[tuple[float, ...]]]:
 
 
 def periodic_images(shape: Solid, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[Solid]:
-    """Yield the periodic images of a shape, itself included, that come within a distance of a grid.
+    """Yield the periodic images of a shape that come within a distance of a grid, and the shape itself if it does.
 
-    `axes`: axes of the grid; `reach`: distance along each axis, in axis units.
+    A half-space is yielded once, unchanged.  `axes`: axes of the grid; `reach`: distance along each axis, in axis
+    units.
     """
     if isinstance(shape, HalfSpace):
         for axis, component in zip(axes, shape.normal, strict=False):
@@ -234,9 +244,10 @@ def periodic_images(shape: Solid, axes: Sequence[Axis], reach: Sequence[float]) 
 
 
 def periodic_shifts(bounds: Bounds, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[tuple[float, ...]]:
-    """Yield all vectors of multiples of the periods that move a bounding box to within a distance of a grid.
+    """Yield all translations by multiples of the periods that bring a bounding box to within a distance of a grid.
 
-    `bounds`: lower and upper corner of the box; `reach`: distance along each axis, in axis units.
+    A component is 0 along an axis that is not periodic.  `bounds`: lower and upper corner of the box; `reach`: distance
+    along each axis, in axis units.
     """
     shifts = list(map(_axis_shifts, axes, *bounds, reach))
     if prod(map(len, shifts)) > MAX_IMAGES:
@@ -265,13 +276,14 @@ class Pose(NamedTuple):
     """Geometry and differential kinematics of a planar robot in one configuration, for contacts.
 
     The robot consists of rigid parts; a part consists of segments with a radius.  With the unit vector k out of the
-    plane, the velocity of a point ``p`` of part ``m`` for a unit velocity of axis ``a`` is
-    ``shift[m, a] + spin[m, a] k x (p - pivot[m, a])``.
+    plane, the velocity of a point ``p`` of part ``m`` for a unit velocity of axis ``a`` is the sum of ``shift[m, a]``
+    and ``spin[m, a] k x (p - pivot[m, a])``.
 
     `segments` (s, 4): ``x0, y0, x1, y1``, in metres; a point is a segment of length 0; `radius` (s,): radius around
-    each segment, in metres; `part` (s,): index of the rigid part (the link of an arm) of each segment; `frame`
-    (parts, 3): origin and direction of each part, in metres and radians; `shift` (parts, ndim, 2); `spin` (parts,
-    ndim); `pivot` (parts, ndim, 2); `lever` (s, 2, parts): upper bound, in metres, of the acceleration of each segment
+    each segment, in metres; `part` (s,): index of the rigid part (the link of an arm) of each segment; `frame` (parts,
+    3): origin and direction of each part, in metres and radians; `shift` (parts, ndim, 2): translation velocity, in
+    metres per axis unit; `spin` (parts, ndim): rotation rate, in radians per axis unit; `pivot` (parts, ndim, 2):
+    centre of rotation, in metres; `lever` (s, 2, parts): upper bound, in metres, of the acceleration of each segment
     end per squared rotation rate of each part, at constant rates of the axes.
     """
 
@@ -317,9 +329,9 @@ class Pose(NamedTuple):
         return cls(segments, np.full(count, radius), np.zeros(count, np.int64), frame, shift, spin, pivot, lever)
 
     def carried(self, point: ArrayLike, part: int, other: Pose) -> NDArray[np.float64]:
-        """Return the position (2,), in the pose `other`, of a point that is fixed to a part of the robot.
+        """Return the position (2,), in metres, that a point fixed to a part of the robot has in the pose `other`.
 
-        `point` (2,): position in this pose, in metres; `part`: index of the rigid part.
+        `point` (2,): position of the point in this pose, in metres; `part`: index of the rigid part.
         """
         x, y, angle = self.frame[part]
         to_x, to_y, to_angle = other.frame[part]

@@ -22,7 +22,7 @@ Flags = NDArray[np.bool_]
 
 @njit(cache=True, inline="always")
 def segment_parameter(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
-    """Return the parameter in [0, 1], from a to b, of the point on a segment that is nearest to the point p."""
+    """Return the parameter of the point on the segment from a to b that is nearest to the point p: 0 at a, 1 at b."""
     dx, dy = bx - ax, by - ay
     squared = dx * dx + dy * dy
     if squared <= 0.0:
@@ -32,14 +32,17 @@ def segment_parameter(px: float, py: float, ax: float, ay: float, bx: float, by:
 
 @inner
 def _squared_from_segment(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
-    """Return the squared distance of the point (x, y) from the segment between a and b."""
+    """Return the squared distance of the point (x, y) from the segment between (ax, ay) and (bx, by)."""
     t = segment_parameter(x, y, ax, ay, bx, by)
     return (x - ax - t * (bx - ax)) ** 2 + (y - ay - t * (by - ay)) ** 2
 
 
 @inner
 def _squared_between(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> float:
-    """Return the squared distance of the segments ab and cd: 0 if they cross, otherwise attained at an end point."""
+    """Return the squared distance of the segments ab and cd; 0 if they cross.
+
+    Otherwise, the distance is attained at an end point of one of the segments.
+    """
     c = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     d = (bx - ax) * (dy - ay) - (by - ay) * (dx - ax)
     a = (dx - cx) * (ay - cy) - (dy - cy) * (ax - cx)
@@ -96,7 +99,8 @@ def place_joints(joints: Floats, link: int, angles: Floats, lengths: Floats, bas
     """Write the positions of all joints up to the far end of link number `link` to `joints` (forward kinematics).
 
     `joints` (>= link + 2, 2): positions in metres; `angles` (>= link + 1,): joint angles in radians, measured from the
-    previous link if `relative`, else from the base direction; `lengths`: of links; `base` (3,): x, y and direction.
+    previous link if `relative`, else from the base direction; `lengths` (>= link + 1,): lengths of the links, in
+    metres; `base` (3,): x and y of the base, in metres, and direction of joint angle 0, in radians.
     """
     direction = base[2]
     joints[0, 0], joints[0, 1] = base[0], base[1]
@@ -112,11 +116,13 @@ def _displacement_bound(
 ) -> float:
     """Return an upper bound, in metres, of the distance that any point of a link moves while its joints turn.
 
-    Joints ``first .. link`` turn within a cell; the other joints stay at the cell's centre.  ``joints``: positions at
-    the centre; ``chords`` (n,): ``2 sin(t / 2)`` for the largest turn ``t`` of every joint; ``lengths`` (n,): of links.
-    Relative angles: turn the joints one after the other, from the base outwards.  Each rotation moves all further links
-    rigidly, so that distances from the joint are those at the cell's centre.  Absolute angles: a joint rotates only its
-    own link and translates all further links, so that the displacements add up.
+    Joints ``first .. link`` turn within a cell; the other joints stay at the cell's centre.  Relative angles: turn the
+    joints one after the other, from the base outwards.  Each rotation moves all further links rigidly, so that
+    distances from the joint are those at the cell's centre.  Absolute angles: a joint rotates only its own link and
+    translates all further links, so that the displacements add up.
+
+    `joints`: positions of the joints in the configuration at the cell's centre, in metres; `chords` (n,):
+    ``2 sin(t / 2)`` for the largest turn ``t`` of every joint; `lengths` (n,): lengths of the links, in metres.
     """
     total = 0.0
     for j in range(first, link + 1):
@@ -136,9 +142,10 @@ def _may_collide(
 ) -> bool:  # fmt: skip
     """Return whether a link may touch an obstacle, or a non-adjacent earlier link, for some configuration of a cell.
 
-    `joints` (link + 2, 2): positions at the cell's centre; `link`: index of the link; `chords` (n,): ``2 sin(t / 2)``
-    for the largest turn ``t`` of every joint within the cell; `relative_chords` (n,): work array; `self_collision`:
-    whether links are tested against each other; `slack`: rounding error of distances, in metres.
+    `joints` (link + 2, 2): joint positions in the configuration at the cell's centre, in metres; `link`: index of the
+    link; `chords` (n,): ``2 sin(t / 2)`` for the largest turn ``t`` of every joint within the cell; `relative_chords`
+    (n,): work array; `self_collision`: whether links are tested against each other; `slack`: bound on the rounding
+    error of distances, in metres.
     """
     radii, lengths, relative = links.radii, links.lengths, links.relative
     ax, ay, bx, by = joints[link, 0], joints[link, 1], joints[link + 1, 0], joints[link + 1, 1]
@@ -167,10 +174,12 @@ def mark_link(
 ) -> None:  # fmt: skip
     """Mark the cells of joints ``0 .. link`` in which link number `link` may hit an obstacle or an earlier link.
 
-    An undecided cell is subdivided once into ``parts`` parts per joint.  Cells that are marked already are skipped.
+    A cell in which the link may collide, but does not at the centre, is subdivided once into ``parts`` parts per joint.
+    Cells that are marked already are skipped.
     `out` (product of counts[:link + 1],): flat mask; `first, last`: range of cells to test; `counts` (n,): number of
     cells per joint; `centres` (n, max(counts)): joint angles of cell centres; `widths` (n,): cell widths in radians;
-    `self_collision`: whether links are tested against each other; `slack`: rounding error of distances, in metres.
+    `self_collision`: whether links are tested against each other; `slack`: bound on the rounding error of distances, in
+    metres.
     """
     joints = np.empty((link + 2, 2))
     middle, angles, scratch = np.empty(link + 1), np.empty(link + 1), np.zeros(link + 1)
@@ -220,13 +229,16 @@ class CellPlane(NamedTuple):
 
 @inner
 def _index(scaled: float, count: int) -> int:
-    """Return `scaled`, a coordinate in cell units, rounded up and clipped to an index from 0 to `count`."""
+    """Return `scaled`, a coordinate in cell widths, rounded up and clipped to an index from 0 to `count`."""
     return math.ceil(min(max(scaled, 0.0), float(count)))
 
 
 @inner
 def _extent_of_disc(y: float, radius: float, low: float, high: float) -> float:
-    """Return half the largest chord along x, with y in [low, high], of a disc with its centre at `y`; -1 if none."""
+    """Return half the longest chord, parallel to x and with y in [low, high], of a disc with its centre at `y`.
+
+    The result is -1 if there is no such chord.
+    """
     away = max(0.0, low - y, y - high)
     return math.sqrt((radius - away) * (radius + away)) if away <= radius else -1.0
 
@@ -294,8 +306,9 @@ def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: CellPla
 def mark_enclosed(out: Flags, edges: Floats, plane: CellPlane) -> None:
     """Mark the cells whose centres lie inside closed rings of edges, by the even-odd rule.
 
-    `out` (columns, rows): mask; `edges` (e, 4): end points ``x0, y0, x1, y1``; `plane`: grid.  In every row, each edge
-    that crosses the row toggles all cells to the right of the crossing.
+    `out` (columns, rows): mask, in which enclosed cells are set to True; `edges` (e, 4): end points ``x0, y0, x1, y1``
+    in metres; `plane`: grid.  In every row, each edge that crosses the row toggles all cells to the right of the
+    crossing.
     """
     columns, rows = out.shape
     flips = np.zeros(columns + 1, dtype=np.bool_)

@@ -52,12 +52,12 @@ class PointRobot(Robot):
 
     @property
     def remedy(self) -> str:
-        """Advice in messages if obstacles leave no room for the robot; empty for a point."""
+        """Advice that error messages append if obstacles leave no free cell; empty for radius 0."""
         return "make the robot's radius smaller" if self.radius else ""
 
     @property
     def shrunk(self) -> PointRobot:
-        """The robot with a thousandth of the radius, which shows whether a smaller radius would help."""
+        """The robot with a thousandth of the radius, with which messages test whether a smaller radius would help."""
         return PointRobot(self.radius / 1000)
 
     def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from resgrid.robots.kernels import CellPlane
 
 PARTS = 3
-"""Number of parts into which the conservative rule divides the headings of a cell."""
+"""Number of equal parts into which the heading range of a cell is divided with the rule ``"conservative"``."""
 
 
 @checked
@@ -91,7 +91,7 @@ class PolygonRobot(Robot):
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return upper bounds (n,), in metres, of the distance that any point of the polygon moves.
 
-        `start, end` (n, 3): configurations at the ends of straight motions.  The bound is the distance that the
+        `start, end` (n, 3): configurations at the ends of n straight motions.  The bound is the distance that the
         reference point moves plus the arc of the farthest corner.
         """
         angle = np.abs(end[:, 2] - start[:, 2]) / self.turning_length

@@ -157,7 +157,7 @@ class Polygon(_Bounded):
 
     @property
     def rings(self) -> tuple[tuple[Point, ...], ...]:
-        """Corners of the outer ring, followed by the corners of each hole."""
+        """Corners of the outer ring, followed by the corners of each hole, in axis units."""
         return (self.vertices, *self.holes)
 
     @property
@@ -215,7 +215,7 @@ class HalfSpace(_Bounded):
 class CellSet(_Bounded):
     """The union of the marked cells of a grid, each a closed box.
 
-    `axes`: axes of the grid; `mask`: marked cells, shape of the grid.
+    `axes`: axes of the grid; `mask`: True for marked cells, shape of the grid.
     """
 
     axes: tuple[Axis, ...]
@@ -262,7 +262,10 @@ class CellSet(_Bounded):
 
 
 def _runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return row, first column and end column (exclusive) of every run of True entries in a row, each (runs,)."""
+    """Return row, first column and end column (exclusive) of every run of True entries in a row.
+
+    Each result has shape (runs,); a run is a maximal sequence of consecutive entries.
+    """
     flips = np.diff(mask.astype(np.int8), axis=1, prepend=0, append=0)
     row, first = np.nonzero(flips > 0)
     _, last = np.nonzero(flips < 0)

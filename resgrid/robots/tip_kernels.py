@@ -19,7 +19,9 @@ MAX_BOXES = 200_000
 """Maximum number of boxes (parts of a cell) that the branch-and-bound search examines per cell."""
 
 MAX_NEWTON_STEPS = 30
-"""Maximum number of Newton steps from the centre of a box."""
+"""Maximum number of Newton steps of one search for a configuration, which starts from the centre of a box of joint
+angles.
+"""
 
 MAX_DEPTH = 256
 """Maximum number of boxes on the stack of the search, enough for about fifty bisections along each of four joints."""
@@ -194,10 +196,11 @@ def _reachable_piece(
 def _search_cell(work: _SearchArrays, links: ArmLinks, goal: ObstacleArrays, tolerance: float) -> bool:
     """Return whether a cell contains a configuration with the tip in the goal region, and write it to ``work.at``.
 
-    ``work.middles[0]`` and ``work.halves[0]`` contain the cell on entry; `tolerance`: distance in metres up to which
-    the tip counts as in the region.
-    Branch and bound: a box is discarded if bounds show that the tip cannot reach the region.  Otherwise Newton steps
-    search for a solution.  If they fail, the box is bisected, and the half with the last iterate is searched first.
+    ``work.middles[0]`` and ``work.halves[0]`` contain centre and half widths of the cell on entry; `tolerance`:
+    distance in metres up to which the tip counts as in the region.  Branch and bound: a box (part of the cell) is
+    discarded if bounds show that the tip cannot reach the region.  Otherwise Newton steps search for a solution.  If
+    they fail, the box is bisected, and the half with the last iterate is searched first.  The result is False if the
+    search exceeds `MAX_BOXES` boxes or a stack of `MAX_DEPTH` boxes.
     """
     n, middles, halves = len(work.at), work.middles, work.halves
     size, examined = 1, 0

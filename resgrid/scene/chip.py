@@ -14,7 +14,7 @@ from resgrid.scene.quantities import Listed, Quantity
 from resgrid.scene.table_models import check_fields
 
 ABSOLUTE_ZERO = -273.15
-"""Lowest temperature, in degrees Celsius."""
+"""Exclusive lower limit of the temperature of a chip, in degrees Celsius."""
 
 Ohms = Annotated[float, Gt(0), Quantity("ohm")]
 OhmsOrZero = Annotated[float, Ge(0), Quantity("ohm")]
@@ -36,7 +36,7 @@ class Readout:
     input_resistance : float or None
         Resistance of the read-out from every cell's node to ground.
     offset : float or None
-        Standard deviation of the offset of a node's measurements, which is constant in time.
+        Standard deviation, over nodes, of the constant offset of a node's measurements.
     noise_bandwidth : float or None
         Equivalent noise bandwidth of a measurement.
     bits : int or None
@@ -155,7 +155,7 @@ class Chip:
     tc1 : float or None
         First temperature coefficient of the grid's resistors, relative to 27 degrees Celsius.
     tc2 : float or None
-        Second temperature coefficient of the grid's resistors, relative to 27 degrees Celsius.
+        Second (quadratic) temperature coefficient of the grid's resistors, relative to 27 degrees Celsius.
     preferred : str or None
         Series of preferred values to which resistances are rounded (IEC 60063).
     sheet_resistance : float or None

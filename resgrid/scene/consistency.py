@@ -26,9 +26,10 @@ def inconsistencies(
 ) -> list[Problem]:
     """Return all inconsistencies between parts of a scene, as pairs of key path and message.
 
-    `settings`: the scene, or the typed document of its file; `robot`: the robot, or its class if other keys of its
-    table are invalid; `axes`: None if some axes are invalid; `names`: names of all axes, None where unknown; `values`:
-    shapes, goals, areas and starts, by key path; `has_wall`: whether the chip has a wall resistance.
+    `settings`: the scene, or the typed document of its file; `robot`: the robot, its class if other keys of the table
+    ``[robot]`` are invalid, or None if its type is invalid; `axes`: None if some axes are invalid; `names`: names of
+    all axes, None for an axis without a valid name; `values`: shapes, goals, areas and starts, by key path; `has_wall`:
+    whether the chip has a wall resistance.
     """
     ndim = len(names)
     return [
@@ -104,8 +105,8 @@ def _coordinate_problems(robot: Robot | type[Robot] | None, ndim: int, values: M
 def _allowed(robot: Robot | type[Robot], ndim: int, key: str, value: Any) -> tuple[tuple[int, ...], str]:
     """Return the allowed numbers of coordinates of a value, and words for their meaning in a message.
 
-    The coordinates are those of the workspace, of configuration space, or of either.  `ndim`: number of axes; `key`:
-    key of the scene file that holds the value, such as "goal".
+    A value may be a place in the workspace, a configuration, or (a goal) either of both.  `ndim`: number of axes;
+    `key`: key of the scene file that holds the value, such as "goal"; `value`: shape, goal, cost area or start.
     """
     in_space = key in ("area", "start", "starts") or isinstance(value, GoalCell | GoalJoints)
     if robot.moves_in_workspace or in_space:

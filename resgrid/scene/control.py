@@ -103,7 +103,7 @@ class Control:
         check_fields(self)
 
     def problems(self, ndim: int) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """Yield key path and message of every value that is inconsistent with a space of `ndim` axes."""
+        """Yield a pair (key path, message) for every value that is inconsistent with a space of `ndim` axes."""
         for key in ("speed_limits", "bias", "noise"):
             count = len(getattr(self, key) or (0.0,))
             if count not in (1, ndim):
@@ -126,8 +126,8 @@ class Control:
 def admittance_matrix(admittance: ArrayLike, ndim: int) -> NDArray[np.float64]:
     """Return the symmetric positive definite admittance matrix (ndim, ndim), which is read-only.
 
-    `admittance`: one number (), (1,); the diagonal (ndim,); or all entries row by row (ndim**2,), (ndim, ndim);
-    velocity per force; `ndim`: number of axes.
+    The matrix maps a contact force to a velocity.  `admittance`: one number () or (1,) for a multiple of the identity;
+    the diagonal (ndim,); or all entries row by row, (ndim**2,) or (ndim, ndim); `ndim`: number of axes.
     """
     try:
         matrix = np.array(admittance, dtype=np.float64)

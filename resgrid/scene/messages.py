@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
 Problem = tuple[Path, str]
-"""Key path of a problem in a scene file, and the message for it."""
+"""Key path of a problem in a scene file, and the message for the problem."""
 
 MAX_SHOWN = 40
 """Largest number of problems that one message lists."""
@@ -29,7 +29,7 @@ def key_path(path: Sequence[str | int]) -> str:
 def report(problems: Sequence[Problem], source: str, lines: Mapping[Path, int] | None = None) -> str:
     """Return one message with all problems of a document, sorted by line.
 
-    `source`: name of the document; `lines`: line numbers by key path, None if unknown.
+    `source`: name of the document; `lines`: line numbers by key path, None for a document without lines.
     """
     placed = [(line_of(lines or {}, path) or 0, key_path(path), message) for path, message in problems]
     placed.sort(key=lambda entry: entry[0])
@@ -42,7 +42,7 @@ def report(problems: Sequence[Problem], source: str, lines: Mapping[Path, int] |
 
 
 def message_of(detail: ErrorDetails) -> str:
-    """Return the message for one of pydantic's errors: the invalid value, and the values that are allowed."""
+    """Return the message for one of pydantic's errors: the invalid value, and the allowed values."""
     if detail["type"] == "literal_error":
         return _choice_message(detail)
     template, got = _TEMPLATES.get(detail["type"]), shown(detail["input"])
@@ -59,8 +59,8 @@ def message_of(detail: ErrorDetails) -> str:
 def problems_of(error: ValidationError, message: Callable[[ErrorDetails], str] = message_of) -> list[Problem]:
     """Return the key path and message of each problem of a failed validation.
 
-    `message`: function that returns the message for one of pydantic's errors.  Errors of length are omitted for lists
-    whose entries have errors.
+    `message`: function that returns the message for one of pydantic's errors.  If entries of a list have errors, an
+    error about too few entries of this list is omitted, because it is a consequence.
     """
     details = error.errors(include_url=False)
     inner = {each["loc"][:size] for each in details for size in range(len(each["loc"]))}

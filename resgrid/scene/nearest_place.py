@@ -19,7 +19,7 @@ from resgrid.scene.world_coordinates import cell_centre, locate_point, to_space,
 
 
 def is_unknown(scene: Scene, cell: tuple[int, ...]) -> bool:
-    """Return whether a cell is blocked because its occupancy is unknown in the scene's map.
+    """Return whether a cell is an obstacle only because its occupancy is unknown in the scene's map.
 
     `cell`: index of the cell along each axis.
     """
@@ -28,7 +28,7 @@ def is_unknown(scene: Scene, cell: tuple[int, ...]) -> bool:
 
 
 def are_unknown(scene: Scene, cells: NDArray[np.bool_]) -> bool:
-    """Return whether all cells of a mask are blocked because their occupancy is unknown in the scene's map.
+    """Return whether all cells of a mask are obstacles only because their occupancy is unknown in the scene's map.
 
     `cells`: mask, shape of the space.
     """
@@ -37,15 +37,16 @@ def are_unknown(scene: Scene, cells: NDArray[np.bool_]) -> bool:
 
 
 def has_unknown(scene: Scene) -> bool:
-    """Return whether the scene's map has cells that are blocked because their occupancy is unknown."""
+    """Return whether the scene's map has cells that are obstacles only because their occupancy is unknown."""
     unknown = unknown_cells(scene.map, scene.axes)
     return unknown is not None and bool(unknown.any())
 
 
 def why_blocked(scene: Scene, cell: tuple[int, ...]) -> str:
-    """Return the reason why a cell is blocked as text: unknown space, an obstacle, or too small a distance from one.
+    """Return the reason why a cell is blocked, as text for a message.
 
-    `cell`: index of the cell along each axis.
+    The reason is unknown space, an obstacle, or a distance from an obstacle below the robot's radius.  `cell`: index of
+    the cell along each axis.
     """
     words = f"(cell {cell})"
     if is_unknown(scene, cell):
@@ -59,7 +60,10 @@ def why_blocked(scene: Scene, cell: tuple[int, ...]) -> str:
 
 
 def _is_solid(scene: Scene, cell: tuple[int, ...]) -> bool:
-    """Return whether a point robot, without a radius, at the centre of a cell would touch an obstacle."""
+    """Return whether the centre of a cell lies in an obstacle, regardless of the robot's radius.
+
+    `cell`: index of the cell along each axis.
+    """
     if scene.map is not None and _on_map(scene) and scene.map.cell[cell[: scene.map.cell.ndim]] == Cell.OBSTACLE:
         return True
     axes = tuple(
@@ -93,7 +97,7 @@ def nearest_cell(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequen
     """Return the index of the allowed cell with the nearest centre; None if no cell is allowed.
 
     `allowed`: mask of cells, shape of the space; `cell`: index of the cell from which distances are measured.  The
-    search uses growing windows around this cell.
+    search examines windows around this cell that grow until the result is certain.
     """
     spacing = np.array([axis.spacing for axis in axes])
     for power in count(3, 2):
@@ -113,7 +117,7 @@ def nearest_cell(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequen
 
 
 def _window(index: int, reach: int, axis: Axis) -> NDArray[np.int64]:
-    """Return the indices along an axis that differ from `index` by at most `reach` cells, in order.
+    """Return the indices along an axis that differ from `index` by at most `reach`, in ascending order.
 
     On a periodic axis, indices may lie outside the grid, and each cell occurs once.
     """
@@ -124,9 +128,10 @@ def _window(index: int, reach: int, axis: Axis) -> NDArray[np.int64]:
 
 
 def usable(scene: Scene, blocked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the mask of free cells connected with a start; without a free start, of the largest free region.
+    """Return the mask of free cells that sequences of neighbouring free cells connect with a start.
 
-    `blocked`: mask of obstacle cells; both masks have the shape of the space.
+    If no start lies in a free cell, the mask is that of the largest connected free region.  `blocked`: mask of obstacle
+    cells; both masks have the shape of the space.
     """
     region = label_regions(~blocked, [axis.periodic for axis in scene.axes])
     starts = [_cell_of(scene, start) for start in scene.starts]

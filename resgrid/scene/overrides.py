@@ -24,7 +24,7 @@ PLACE_KEYS = {"goal": "point", "goal_cell": "cell", "start": "point", "start_cel
 
 
 def document_of(scene: Scene) -> dict[str, Any]:
-    """Return the keys and tables of a scene's file as a dictionary; inverse of `build_scene`."""
+    """Return the keys and tables of a scene's file as a dictionary, from which `build_scene` builds an equal scene."""
     document = {"schema": 1, "robot": _robot_table(scene.robot), "starts": plain(scene.starts)}
     for key in IN_FILES:
         value = getattr(scene, key)
@@ -92,7 +92,7 @@ def build_changed(document: Document, changes: Mapping[str, Any]) -> Scene:
 
 
 def _lines_of_file(lines: Mapping[KeyPath, int], changes: Mapping[str, Any]) -> dict[KeyPath, int]:
-    """Return the line number of every key that still comes from the file; 0 for changed keys.
+    """Return the line number of every key that comes from the scene file, and 0 for every changed key.
 
     `lines`: line numbers in the file by key path; `changes`: new values by key path.
     """
@@ -111,9 +111,10 @@ def _parts(key: str) -> KeyPath:
 
 
 def _by_key(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the changes by full key path, with tables before their entries.
+    """Return the changes by full key path, sorted so that a table precedes the keys inside this table.
 
-    A text of several edge rules becomes a list.  Raises InputError if a key is given twice with different values.
+    `changes`: new values by key path, also short (``radius``).  A text of several edge rules becomes a list.
+    InputError is raised if a key is given twice with different values.
     """
     by_key: dict[str, Any] = {}
     for key, value in changes.items():
@@ -200,10 +201,10 @@ def _set(document: dict[str, Any], key: str, value: Any) -> None:
 
 
 def _drop_sizes(document: dict[str, Any], keys: Sequence[str]) -> None:
-    """Remove ``cells`` and ``spacing`` from the axes of a document whose number of cells the changes set.
+    """Remove ``cells`` and ``spacing`` from all axes of a document whose number or width of cells is changed.
 
-    `keys`: changed key paths.  Implied axes are first written into the document.  The key ``grid.cells`` applies only
-    to axes that have neither of the two keys.
+    `keys`: changed key paths.  Axes that the robot implies are first written into the document.  The key ``grid.cells``
+    applies only to axes that have neither of the two keys.
     """
     from resgrid.scene.schema import robot_of
 

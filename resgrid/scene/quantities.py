@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from pydantic_core import CoreSchema
 
 SMALLEST, LARGEST = 1e-30, 1e30
-"""Limits of the magnitude of all values in SI units, which keep products and squares in the range of doubles."""
+"""Smallest and largest magnitude of a value in SI units, except 0; products and squares thus stay in the range of
+doubles."""
 
 EXPONENTS = {"T": 12, "G": 9, "M": 6, "meg": 6, "k": 3, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12, "f": -15}
 PREFIXES = dict(zip(range(-24, 13, 3), ("y", "z", "a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"), strict=True))
@@ -28,14 +29,18 @@ _VALUE = re.compile(PATTERN, re.ASCII)
 class Quantity:
     """Annotation of a number with its SI unit, which may be written as an engineering value such as ``4k7``.
 
-    `unit`: the unit; `is_fraction`: whether the number may also be written as a percentage.
+    `unit`: SI unit, empty for a dimensionless number; `is_fraction`: whether the number may also be written as a
+    percentage.
     """
 
     unit: str
     is_fraction: bool = False
 
     def read(self, value: object) -> float:
-        """Return the number of a written value as a float; raise ValueError, as pydantic expects, if it is invalid."""
+        """Return a number, an engineering value or (for a fraction) a percentage as a float.
+
+        ValueError is raised for all other values, as pydantic expects.
+        """
         try:
             number = parse_fraction(value) if self.is_fraction else parse_quantity(value)
         except InputError as error:
@@ -61,7 +66,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Listed:
-    """Annotation of a list that may be written without brackets if it has one entry."""
+    """Annotation of a list that may also be written as its only entry, without brackets."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
         """Return pydantic's validator, which converts a single entry to a list."""
@@ -108,7 +113,8 @@ def parse_fraction(value: object) -> float:
 def prefix_of(value: float) -> tuple[int, str]:
     """Return the exponent of a value's SI prefix and the prefix: (3, "k") for 4700.
 
-    The exponent is the multiple of three for which ``value / 10**exponent`` has a magnitude from 1 to 1000.
+    The exponent is the multiple of three, between -24 and 12, for which ``value / 10**exponent`` has a magnitude from 1
+    to 1000; it is 0 for 0 and for values that are not finite.
     """
     power = 3 * floor(log10(abs(value)) / 3) if value and isfinite(value) else 0
     power = min(max(power, min(PREFIXES)), max(PREFIXES))

@@ -39,8 +39,8 @@ _MAX_DOCUMENT_BYTES = 1 << 26
 class Document(NamedTuple):
     """The content of a scene file before validation.
 
-    `raw`: keys and tables; `source`: name of the file, for messages; `folder`: base of relative names of map files;
-    `lines`: line numbers of keys by key path, empty for maps and links.
+    `raw`: keys and tables; `source`: name of the file, for messages; `folder`: folder to which names of map files are
+    relative; `lines`: line numbers of keys by key path, empty for maps and links.
     """
 
     raw: dict[str, Any]
@@ -90,7 +90,10 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
 
 
 def read_document(file: str | os.PathLike[str], table: Mapping[str, Any]) -> Document:
-    """Return the unvalidated document of a scene file or map; `table`: map options, as keywords of `read_scene`."""
+    """Return the unvalidated document of a scene file or map.
+
+    `file`: path, or name of a shipped scene; `table`: options of the map reader, as keywords of `read_scene`.
+    """
     path = shipped_scene(file) or Path(file)
     if path.suffix.lower() != ".toml":
         map_table = {**table, "file": path.name, "format": format_of(path, table)}
@@ -151,7 +154,7 @@ def parse_scene(text: str, source: str = "scene", folder: str | os.PathLike[str]
 def parse_document(text: str, source: str, folder: Path = Path()) -> Document:
     """Return the unvalidated document of a TOML text.
 
-    `source`: name of the text, for messages; `folder`: base of relative names of map files.
+    `source`: name of the text, for messages; `folder`: folder to which names of map files are relative.
     """
     raw, lines = _toml(text, source)
     return Document(raw, source, folder, lines)
@@ -163,12 +166,12 @@ def is_link(text: str) -> bool:
 
 
 def read_link(text: str) -> Scene:
-    """Return the validated scene in a link of the live page."""
+    """Return the validated scene that a link of the live page contains."""
     return build_scene(*link_document(text))
 
 
 def link_document(text: str) -> Document:
-    """Return the unvalidated document in a link of the live page, without network access.
+    """Return the unvalidated document that a link of the live page contains, without network access.
 
     Raises InputError if the link is damaged or its scene needs a map file.
     """
@@ -210,9 +213,9 @@ def build_scene(
 ) -> Scene:
     """Return the validated scene of a document; raise one InputError that lists all problems.
 
-    `raw`: keys and tables of the document; `source`: name of the document, for messages; `folder`: base of relative
-    names of map files; `lines`: line numbers by key path; `known`: cells of the scene's map, None if the map file must
-    be read.
+    `raw`: keys and tables of the document; `source`: name of the document, for messages; `folder`: folder to which
+    names of map files are relative; `lines`: line numbers by key path, None for a document without lines; `known`:
+    cells of the scene's map, None if the map file must be read.
     """
     from resgrid.scene.schema import robot_of, validate
 
@@ -254,8 +257,9 @@ def _axes_of(
 ) -> tuple[tuple[Axis, ...] | None, Frame, MapCells | None]:
     """Return axes and frame of the configuration space, and the cells of the map (None without a map).
 
-    `robot`: None for a document with errors; then the map is not read, and the axes are those of the grid, or None.
-    `folder`: base of relative names of map files; `known`: cells of the map, None if the map file must be read.
+    `document`: typed document; `robot`: None for a document with errors; then the map is not read, and the axes are
+    those of the table ``[grid]``, or None without this table; `folder`: folder to which names of map files are
+    relative; `known`: cells of the map, None if the map file must be read.
     """
     grid = None if document.grid is None else tuple(document.grid.axes)
     if document.map is None or robot is None:
@@ -295,7 +299,10 @@ def _axis_names(raw: Mapping[str, Any]) -> list[str | None]:
 
 
 def with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return a document in which ``type`` and ``vertices`` of a polygon replace a robot's ``footprint``."""
+    """Return a document in which the robot's key ``footprint`` is replaced by ``type = "polygon"`` and ``vertices``.
+
+    A document without this key is returned unchanged.
+    """
     robot = raw.get("robot")
     if not isinstance(robot, Mapping) or "footprint" not in robot:
         return raw
@@ -321,7 +328,7 @@ def with_robot_files(raw: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
 def with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]:
     """Return a document with missing keys of its axes added from the robot and from ``grid.cells``.
 
-    `robot`: robot that implies keys of its axes, None if it is invalid.
+    `raw`: keys and tables of the document; `robot`: robot that implies keys of its axes, None if its table is invalid.
     """
     grid = raw.get("grid")
     if not isinstance(grid, Mapping):

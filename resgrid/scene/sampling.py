@@ -30,10 +30,10 @@ def build_space(
     """Return the configuration space of a scene.
 
     The robot and the scene's ``sampling`` decide which cells are obstacles (see `PointRobot.occupancy`, and the method
-    of this name of other robots); cells at the border of the grid are not obstacles for being there.  A free cell is a
-    goal if it contains a configuration with the robot's reference point (an arm's tip) in a goal of the scene.  All
-    inverse solutions of a place in the workspace are goals; the space stores one configuration per goal cell.  A start
-    in an obstacle is not an error here; its path has the outcome ``start_blocked``.
+    of this name of other robots); the border of the grid makes no cell an obstacle.  A free cell is a goal if it
+    contains a configuration with the robot's reference point (an arm's tip) in a goal of the scene.  All inverse
+    solutions of a place in the workspace are goals; the space stores one configuration per goal cell.  A start in an
+    obstacle is not an error here; its path has the outcome ``start_blocked``.
 
     Parameters
     ----------
@@ -137,8 +137,8 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
 def _single_cell(scene: Scene, goal: Goal, key: str) -> tuple[str, tuple[int, ...], Point] | None:
     """Return description, cell and point of a goal that is a single cell; None for other goals.
 
-    `key`: key path of the goal, for messages.  The point is in the coordinates of the space, or NaN in every coordinate
-    if the whole cell is the goal.
+    `key`: key path of the goal, for messages.  The point is in the coordinates of the space; for a `GoalCell`, of which
+    every point is a solution, all coordinates are NaN.
     """
     match goal:
         case GoalCell(cell):
@@ -192,10 +192,10 @@ def _conductivity(scene: Scene) -> NDArray[np.float64] | None:
 
 
 def _over_map(scene: Scene, values: NDArray[Any], subject: str) -> NDArray[Any]:
-    """Return values of the map's cells broadcast to the shape of the space, constant along the heading.
+    """Return values of the map's cells broadcast to the shape of the space, constant along a heading axis.
 
-    `subject`: description of the values, for messages.  Raises InputError if the first axes of the space are not those
-    of the map.
+    `values`: shape of the map; `subject`: description of the values, for messages.  InputError is raised if the first
+    axes of the space are not those of the map.
     """
     assert scene.map is not None
     if scene.axes[: values.ndim] != scene.map.axes:
@@ -233,9 +233,9 @@ def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -
 
 
 def _grey(scene: Scene, cell: tuple[int, ...]) -> str:
-    """Return text with the grey value of an obstacle cell of a picture, and the threshold of free cells.
+    """Return text with the grey value of an obstacle pixel of a picture and the threshold of free pixels.
 
-    The text is empty for other maps.
+    `cell`: index of the pixel's cell along each axis.  The text is empty for free pixels and for other maps.
     """
     if scene.map is None or format_of(Path(scene.map.table["file"]), scene.map.table) != "image":
         return ""

@@ -27,10 +27,11 @@ from resgrid.scene.toml_lines import Path
 from resgrid.scene.world_coordinates import cell_centre
 
 IN_FILES = ("title", "boundary", "drive", "sampling", "k", "chip", "control")
-"""Attributes of a scene that have the same name and form in its file."""
+"""Attributes of `Scene` that are keys of a scene file with the same name and form."""
 
 LISTS = {"obstacle": "obstacles", "hidden": "hidden", "goal": "goals", "area": "areas"}
-"""Keys of a scene file that are lists of tables, mapped to the attributes that hold the values of these tables."""
+"""Keys of a scene file that are lists of tables, mapped to the attributes of `Scene` that hold the values of these
+tables."""
 
 
 @checked
@@ -208,7 +209,7 @@ class Scene:
 
 
 def check_attributes(names: Iterable[str], *also: str) -> None:
-    """Raise InputError unless all `names` are attributes of a scene, ``goal``, ``start`` or names in `also`."""
+    """Raise InputError unless all `names` are attributes of a scene, ``goal``, ``start``, or among the names `also`."""
     known = [*(attribute.name for attribute in dataclasses.fields(Scene)), "goal", "start", *also]
     for name in names:
         if name not in known:

@@ -96,7 +96,7 @@ def _arm(links: list[Link], **rest: Any) -> Arm:
 
 
 def _arm_table() -> Any:
-    """Return the pydantic model of an arm's table, in which one list of links replaces the lists per property."""
+    """Return the pydantic model of an arm's table, with a list of links in place of lists of their properties."""
     whole = table_of(Arm, ("type", "arm"))
     keys: dict[str, Any] = {name: (field.rebuild_annotation(), field) for name, field in whole.model_fields.items()}
     for name in ("lengths", "widths", "limits"):
@@ -127,7 +127,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "robot": {name: value_of(robot, ("type", name)) for name, robot in ROBOTS.items()}
     | {"arm": filled_as(_arm_table(), _arm, "type")},
 }
-"""Pydantic annotations of tables that have several kinds, by key of the scene file and by kind."""
+"""Pydantic annotations of tables that have several kinds, by key of the scene file and by kind, such as ``circle``."""
 
 
 def _checked_kind(key: str, kind: str, kinds: Iterable[str]) -> str:
@@ -172,7 +172,7 @@ def _kind_of(name: str, given: Any) -> str:
 
 
 KIND_OF = {name: partial(_kind_of, name) for name in KINDS} | {"robot": _robot_kind}
-"""Functions from a table to its kind, by key of the scene file; they raise ValueError without a kind."""
+"""Functions from a table to the name of its kind, by key of the scene file; they raise ValueError for unknown kinds."""
 
 
 def _one_of(name: str) -> Any:
@@ -322,7 +322,7 @@ def keys_of(path: tuple[str | int, ...], kind: str | None) -> list[str]:
 
 
 def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any]]:
-    """Return the typed document of a scene file, a list of problems, and the entries of its lists by key path.
+    """Return the typed document of a scene file, a list of problems, and the valid entries of its lists by key path.
 
     The typed document omits invalid entries, so that the valid ones can still be checked for consistency.
     """
@@ -348,7 +348,7 @@ def _message(detail: ErrorDetails, raw: Mapping[str, Any]) -> str:
 
 
 def _path_in(raw: Any, location: Path) -> Path:
-    """Return the leading part of pydantic's location that exists in the document; a value may stand for a list."""
+    """Return the leading part of pydantic's location of an error that is a key path of the document `raw`."""
     node = raw
     for depth, part in enumerate(location):
         if not isinstance(node, Mapping | list):
@@ -358,7 +358,7 @@ def _path_in(raw: Any, location: Path) -> Path:
 
 
 def _unknown_key(path: Path, raw: Any) -> str:
-    """Return the message for an unknown key: the nearest key, the proper table, or all keys of the table."""
+    """Return the message for an unknown key at a path: the nearest key, the table of the key, or all allowed keys."""
     kind = None  # of a table that has several kinds
     if path[0] in KIND_OF and len(path) == (2 if path[0] == "robot" else 3):
         kind = KIND_OF[str(path[0])](raw["robot"] if path[0] == "robot" else raw[path[0]][path[1]])

@@ -1,4 +1,4 @@
-"""Scenes that are part of the distribution, by name, for wheels and checkouts."""
+"""Files of the scenes that are part of the distribution, by name, for wheels and checkouts."""
 
 from __future__ import annotations
 

@@ -52,7 +52,10 @@ def unit_of(hint: Any) -> str:
 
 
 def described_keys(value: type) -> dict[str, tuple[str, str]]:
-    """Return unit and description of every key of a dataclass's table by name, with nested keys (``readout.bits``)."""
+    """Return unit and description of every key of a dataclass's table, by key.
+
+    Nested keys have dots (``readout.bits``).
+    """
     hints, about = get_type_hints(value, include_extras=True), meanings(value)
     described: dict[str, tuple[str, str]] = {}
     for item in dataclasses.fields(value):
@@ -65,7 +68,7 @@ def described_keys(value: type) -> dict[str, tuple[str, str]]:
 
 
 def file_type(hint: Any, *, planar: bool = False) -> Any:
-    """Return the type of a field in a file: lists for tuples, tables for dataclasses, other types unchanged.
+    """Return the type of a field in a scene file: lists for tuples, tables for dataclasses, or the type unchanged.
 
     `hint`: type annotation of the field; `planar`: whether points have exactly two coordinates.
     """
@@ -98,9 +101,10 @@ def table_of(value: type, kind: tuple[str, str] | None = None, planar: bool = Fa
 
 
 def fields_from(value: Callable[..., Any], names: Sequence[str] = (), *, planar: bool = False) -> dict[str, Any]:
-    """Return the pydantic fields for a dataclass or a function's options, by name: type, default and description.
+    """Return the pydantic fields for a dataclass or a function's options, as pairs of type and field by name.
 
-    `names`: names of fields to include, empty for all; `planar`: whether points have exactly two coordinates.
+    A field holds default and description.  `names`: names of fields to include, empty for all; `planar`: whether points
+    have exactly two coordinates.
     """
     if isinstance(value, type):
         defaults = {item.name: _default(item) for item in dataclasses.fields(value)}
@@ -133,7 +137,8 @@ def value_of(value: type, kind: tuple[str, str] | None = None, planar: bool = Fa
 def filled_as(table: Any, build: Callable[..., Any], *left_out: str) -> Any:
     """Return the pydantic annotation of a key whose table is validated and then replaced by ``build(**keys)``.
 
-    `table`: model of the table; `left_out`: keys that are not passed to `build`.
+    `table`: model of the table; `build`: function or class that makes the value from the table's keys; `left_out`: keys
+    that are not passed to `build`.
     """
 
     def fill(filled: TableModel) -> Any:
@@ -167,7 +172,7 @@ def fields_of(kind: type, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return a value in the form of a file: dataclasses as dictionaries, tuples and arrays as lists.
+    """Return a value in the form of a scene file: dataclasses as dictionaries, tuples and arrays as lists.
 
     Keys of dataclasses whose value is None are omitted.
     """

@@ -31,15 +31,15 @@ def key_lines(text: str) -> dict[Path, int]:
 
 
 def line_of(lines: Mapping[Path, int], path: Path) -> int | None:
-    """Return the line number of a key path, or of the innermost enclosing table or list; None if neither has one.
+    """Return the line number of a key path, or of the innermost enclosing table or list with a line number.
 
-    `lines`: line numbers by key path.
+    `lines`: line numbers by key path.  The result is None if neither the path nor an enclosing table or list has one.
     """
     return next((lines[path[:size]] for size in range(len(path), 0, -1) if path[:size] in lines), None)
 
 
 class _Scanner:
-    """Scanner of the tokens of a TOML document that records the line numbers of keys in a single pass."""
+    """Scanner of the tokens of a TOML document that records the line numbers of keys in a single pass over the text."""
 
     def __init__(self, text: str) -> None:
         tokens, line = [], 1
@@ -55,7 +55,7 @@ class _Scanner:
         return self.tokens[-1][0]
 
     def skip(self) -> str:
-        """Remove line ends and commas from the input, and return the next token without removing it."""
+        """Remove line ends and commas from the input, and return the next token without its removal."""
         while self.peek() in ("\n", ","):
             self.tokens.pop()
         return self.peek()
@@ -76,7 +76,10 @@ class _Scanner:
         return path
 
     def resolved(self, parts: list[str]) -> Path:
-        """Return a key path with the index of the current table inserted after every array of tables."""
+        """Return a key path in which each array of tables is followed by the index of its current table.
+
+        `parts`: names of the key path.
+        """
         path: Path = ()
         for part in parts:
             path = (*path, part)

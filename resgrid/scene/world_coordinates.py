@@ -43,7 +43,7 @@ def unknown_cells(cells: MapCells | None, axes: tuple[Axis, ...]) -> NDArray[np.
 
 
 def over_map(values: NDArray[Any], axes: tuple[Axis, ...]) -> NDArray[Any]:
-    """Return values of a map's cells broadcast to the shape of a space.
+    """Return values of a map's cells broadcast to the shape of a space, constant along further axes.
 
     `values`: shape of the map; `axes`: axes of the space, whose first axes are those of the map.
     """
@@ -52,9 +52,9 @@ def over_map(values: NDArray[Any], axes: tuple[Axis, ...]) -> NDArray[Any]:
 
 
 def _exchange_hint(axes: tuple[Axis, ...], point: NDArray[np.float64]) -> str:
-    """Return a hint as text if the point, with its first two coordinates exchanged, lies inside the grid.
+    """Return a hint, as text, that the point with its first two coordinates exchanged lies inside the grid.
 
-    `point` (ndim,): point in axis units.  The text is empty for other points.
+    `point` (ndim,): point in axis units.  The text is empty if the point also lies outside after the exchange.
     """
     try:
         split_points(axes, point[..., [1, 0, *range(2, len(axes))]])

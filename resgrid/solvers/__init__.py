@@ -1,4 +1,4 @@
-"""Linear solvers for Laplacians: `(matrix, right-hand side, grid or None) -> x`.
+"""Linear solvers for graph Laplacians ``A x = b``: conductances in siemens, currents in amperes, voltages in volts.
 
 Solvers may import only `_internal` and `errors`; they do not depend on netlists, spaces or scenes.
 """

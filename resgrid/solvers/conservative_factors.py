@@ -1,10 +1,10 @@
-"""Integer solves with exactly current-conserving factors, for stiff networks.
+"""Integer solves with exactly current-conserving factors, for networks with conductances of very different magnitude.
 
-Elimination of a row distributes its current over its neighbours and the ground, in fixed fractions. Each fraction is
-known to a few rounding errors (Grassmann, Taksar & Heyman 1985), so that the fractions of a row sum to one only up to
-rounding. A current of 1e24 A would then lose 1e8 A, and the ground conductances of a group of rows that stiff resistors
-join may carry less than that. Therefore the largest fraction of each row is computed as one minus all others, and
-currents and voltages are integers: the currents into and out of a group of rows are equal.
+Elimination of a row distributes its current over its neighbours and the ground (all nodes of known voltage), in fixed
+fractions. Each fraction is known to a few rounding errors (Grassmann, Taksar & Heyman 1985), so that the fractions of a
+row sum to one only up to rounding. A current of 1e24 A would then lose 1e8 A, which may exceed the current from a group
+of rows, joined by large conductances, to the ground. Therefore the largest fraction of each row is computed as one
+minus all others, and currents and voltages are integers: the currents into and out of a group of rows are equal.
 
 The result is exact for a network whose conductances differ from the given ones by a few rounding errors, whatever their
 ratios. The energy of the error of a solution is at most some ``n**1.5`` rounding errors times the energy of the
@@ -24,22 +24,24 @@ from resgrid.solvers.supernodal import SupernodalFactors
 _MANTISSA = 53
 
 Fixed = tuple[int, int]
-"""A double as an integer and its number of binary places after the point."""
+"""A double as ``(m, p)``: the integer ``m`` and the number ``p`` of binary places, with the value ``m * 2**-p``."""
 
 
 def fixed(value: float) -> Fixed:
-    """Return the double ``value`` as an integer and a number of binary places after the point."""
+    """Return ``(m, p)`` with ``value == m * 2**-p`` exactly; ``m`` is an integer of at most 53 bits."""
     fraction, exponent = math.frexp(value)
     return int(fraction * 2.0**_MANTISSA), _MANTISSA - exponent
 
 
 class Column(NamedTuple):
-    """Elimination step of one row.
+    """Elimination step of one row of the matrix: the fractions of the row's current that its neighbours receive.
 
-    `row`: the eliminated row; `fractions`: later neighbours, and the fractions of the row's current that they receive,
-    without the neighbour of the largest fraction; `largest`: that neighbour, -1 if the ground receives the largest
-    fraction; `leak`: fraction that goes to the ground, None if this is the largest fraction or 0; `resistance`: inverse
-    of the pivot, in ohms. Fractions and the resistance are `Fixed`.
+    Neighbours are the rows that are joined to this one when it is eliminated. Fractions and the resistance are `Fixed`.
+
+    `row`: index of the eliminated row; `fractions`: pairs of a neighbour's row index and its fraction, without the
+    neighbour of the largest fraction; `largest`: row index of that neighbour, -1 if the ground (all nodes of known
+    voltage) receives the largest fraction; `leak`: fraction that goes to the ground, None if it is the largest fraction
+    or 0; `resistance`: inverse of the pivot, in ohms.
     """
 
     row: int
@@ -50,7 +52,7 @@ class Column(NamedTuple):
 
 
 def columns_of(factors: SupernodalFactors) -> list[Column]:
-    """Return the elimination steps of all rows, in the order of elimination; `factors`: subtraction-free factors."""
+    """Return the elimination steps of all rows, in the order of elimination; `factors`: factors ``L D L^T``."""
     (order, place, nodes), (indptr, indices, edges, ground), values, pivot, _ = factors
     size, kept = len(order), int(nodes.first[-1])
     grounded, columns = ground[order].tolist(), []
@@ -83,10 +85,10 @@ def columns_of(factors: SupernodalFactors) -> list[Column]:
 
 
 def substitute(columns: list[Column], current: list[int], places: int) -> list[int]:
-    """Return the voltages of all rows for the currents into them, both as integers.
+    """Return the voltages of all rows for the currents into them, both as integers in row order.
 
-    `columns`: elimination steps; `current`: current into every row, in any unit; `places`: a unit of current through a
-    resistor of one ohm gives ``2**places`` units of voltage.
+    `columns`: elimination steps of all rows; `current` (n,): current into every row, as integer multiples of one small
+    unit; `places`: the unit of the voltages is ``2**-places`` times the voltage of one unit of current across one ohm.
     """
     current, voltage = current.copy(), [0] * len(current)
     for row, fractions, largest, leak, _ in columns:

@@ -17,11 +17,12 @@ def conductances_by_row(
 ) -> tuple[Indices, Indices, Floats]:
     """Return the conductances between rows as sorted symmetric CSR arrays: begins of rows, columns and conductances.
 
-    Parallel conductances are summed; there is no diagonal. Rows are filled with lower neighbours from the front and
-    with upper ones from the back. Resistors of a grid come axis by axis, so that the result is already sorted.
+    Parallel conductances are summed; there is no diagonal. Columns above a row are filled in from the end of the row,
+    columns below from its begin. Resistors of a grid are listed axis by axis, so that their columns are then already
+    sorted.
 
-    `pairs` (m, 2), `conductance` (m,): vertices at the ends of every resistor, and its conductance; `row` (vertices,):
-    row of every vertex, negative for a known voltage; `size`: number of rows.
+    `pairs` (m, 2), `conductance` (m,): vertices at the ends of every resistor, and its conductance in siemens; `row`
+    (vertices,): row of every vertex, negative for a known voltage; `size`: number of rows.
     """
     indptr = np.zeros(size + 1, np.int32)
     for k in range(len(pairs)):
@@ -60,7 +61,7 @@ def conductances_by_row(
 def sort(keys: Indices, values: Floats | Indices, begin: int, end: int) -> None:
     """Sort ``keys[begin:end]`` in place, and permute ``values[begin:end]`` alike (Shell 1959).
 
-    Both arguments may be one array.
+    `keys` and `values` may be one array.
     """
     gap = 1
     while 16 * gap < end - begin:
@@ -77,7 +78,10 @@ def sort(keys: Indices, values: Floats | Indices, begin: int, end: int) -> None:
 
 @inner
 def _sum_repeats(indptr: Indices, indices: Indices, data: Floats) -> int:
-    """Sum entries of equal column in sorted CSR rows, in place; return the new number of entries."""
+    """Sum entries of equal column in sorted CSR rows, in place; return the new number of entries.
+
+    `indptr` (n + 1,): begin of every row; `indices, data` (entries,): columns and conductances, shortened in place.
+    """
     end = 0
     for i in range(len(indptr) - 1):
         begin, indptr[i] = indptr[i], end
@@ -118,7 +122,7 @@ def join(parent: Indices, a: int, b: int) -> None:
 def compare_edges(
     pairs: Indices, conductance: Floats, row: Indices, strongest: Floats, weak: float
 ) -> tuple[int, float, float, float, int]:
-    """Return number, minimum, maximum and sum of the conductances between rows, and the number of weak ones.
+    """Return number, minimum, maximum and sum of the conductances between rows in siemens, and the number of weak ones.
 
     A conductance is weak if it is below ``weak`` times the strongest conductance at either of its rows.
 
@@ -145,10 +149,11 @@ def compare_edges(
 def row_residual(
     matrix: tuple[Indices, Indices, Reals, Floats], slot: Indices, b: Floats, x: Floats, r: Floats
 ) -> float:
-    """Compute the residual ``b - A x`` from differences of `x`, and return its Euclidean norm.
+    """Compute the residual ``b - A x`` in amperes from differences of `x`, and return its Euclidean norm.
 
-    `matrix`: fields of `Graph`; `slot` (n,): index in ``r`` of the residual of every row; `b, x` (n,): right-hand side
-    and solution, in the order of rows; `r` (n,): result.
+    `matrix`: the fields of `Graph`, which are the CSR arrays of the conductances and the conductance of every row to
+    nodes of known voltage; `slot` (n,): index into ``r`` at which the residual of every row is stored; `b, x` (n,):
+    right-hand side in amperes and solution in volts, by row; `r` (n,): residual, overwritten.
     """
     indptr, indices, conductance, ground = matrix
     total = 0.0

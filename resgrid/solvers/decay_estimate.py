@@ -16,28 +16,32 @@ from resgrid.solvers.llvm_intrinsics import prefetch
 from resgrid.solvers.scaled import Indices
 
 STRAIGHTNESS = 0.7
-"""Typical ratio of the straight distance, over which the potential decays, to the distance along the grid lines."""
+"""Typical ratio of the straight distance, over which the potential decays, to the distance along the grid axes."""
 
 _MOST_EXCLUDED, _EXCLUDED_OF = 5_000, 50
-"""Largest number of nodes excluded from the estimate, and divisor of the number of nodes for a second limit."""
+"""Two limits on the number of lowest nodes left out of the estimate: a number, and the number of all nodes divided by
+50.
+"""
 
 _PARTS = 64.0
-"""Number of units of path cost, which are integers, per decay of the potential by a factor of e."""
+"""Number of units of path cost per decay of the potential by a factor of e; path costs are integers."""
 
 _SEEN = -1
-"""End of a linked list of nodes; smaller values encode the cost of a step to a node that has not been reached."""
+"""Marks the end of a linked list of nodes; a smaller value ``v`` stands for an unreached node with step cost ``-2 -
+v``.
+"""
 
 
 def estimate_decades(laplacian: Laplacian, statistics: ConductanceStatistics) -> float:
     """Return an estimate of the orders of magnitude by which a potential falls between two rails; 0 for other circuits.
 
-    `laplacian, statistics`: the matrix, and statistics of its conductances. The lowest nodes are excluded if they are
-    few, since they are solved directly (`resgrid.solvers.refinement`).
+    `laplacian, statistics`: the matrix, and statistics of its conductances. The nodes of lowest potential are left out,
+    at most 5,000 and one in 50, since `resgrid.solvers.refinement` solves for them directly.
 
-    Along a corridor ``w`` cells wide the potential falls by ``exp(-pi sqrt(d) / w)`` per cell, in ``d = 1`` or 2 cross
-    dimensions. With a contact resistance to the obstacles of ``k`` times the resistance between cells the factor is
-    ``exp(-sqrt(2 d / (k w)))`` if that fall is slower. On 20 spaces and maps the estimate was 0.9 to 1.7 times the true
-    number, in volumes 2 times.
+    Along a corridor ``w`` cells wide the potential falls by ``exp(-pi sqrt(d) / w)`` per cell, in ``d = 1`` or 2
+    dimensions across the corridor. With a contact resistance to the obstacles of ``k`` times the resistance between
+    cells the factor is ``exp(-sqrt(2 d / (k w)))`` if that fall is slower. On 20 spaces and maps the estimate was 0.9
+    to 1.7 times the true number, in volumes 2 times.
     """
     rails = laplacian.rails
     if rails is None or not statistics.entries:
@@ -56,11 +60,12 @@ def estimate_decades(laplacian: Laplacian, statistics: ConductanceStatistics) ->
 def decay(
     rows: Rows, ends: tuple[NDArray[np.bool_], NDArray[np.bool_]], rate: float, wall: float, excluded: int
 ) -> float:
-    """Return the approximate natural logarithm of a potential's fall, without the ``excluded`` lowest nodes.
+    """Return the approximate natural logarithm of the ratio by which a potential falls, without the lowest nodes.
 
     `rows`: conductances between nodes; `ends`: masks (n,) of the nodes that touch the low rail and the high rail;
-    `rate`: decay per cell times the width of a corridor in cells; `wall`: contact resistance to obstacles in excess of
-    the resistance between nodes, relative to the latter and divided by twice the number of cross dimensions.
+    `rate`: natural logarithm of the fall per cell, times the width of a corridor in cells; `wall`: contact resistance
+    to obstacles in excess of the resistance between nodes, divided by the latter and by twice the number of dimensions
+    across a corridor; `excluded`: number of lowest nodes that are left out.
 
     If the nearest contact with the high rail lies ``r`` steps away, the corridor is taken to be ``w = 2 r + 1`` cells
     wide. The potential then falls by ``((w / rate)**2 + w wall)**(-1/2)`` factors of e per step. The first term is the
@@ -78,8 +83,9 @@ def costs_by_depth(deepest: int, rate: float, wall: float) -> Indices:
     """Return the cost of a step to a node, by the number of steps from the node to the high rail, shape (deepest + 1,).
 
     The cost is the decay of the potential, in units of a factor of ``exp(1 / _PARTS)``, and at least 1. The last entry,
-    for nodes without a path to the high rail, is 0. `deepest`: bound of the number of steps; `rate`: decay per cell
-    times the width of a corridor in cells; `wall`: contact resistance to obstacles relative to that between nodes.
+    for nodes without a path to the high rail, is 0. `deepest`: upper bound of the number of steps; `rate`: natural
+    logarithm of the fall per cell, times the width of a corridor in cells; `wall`: contact resistance to obstacles in
+    excess of that between nodes, divided by the latter and by twice the number of dimensions across a corridor.
     """
     costs = np.ones(deepest + 1, dtype=np.int32)
     width = 2.0 * np.arange(min(deepest, int(_PARTS * rate))) + 1.0
@@ -96,8 +102,9 @@ def cheapest_paths(rows: Rows, begin: NDArray[np.bool_], cost: Indices, wanted: 
     cheapest.
 
     `rows`: neighbours of every node; `begin` (n,): mask of the nodes where paths begin; `cost` (n,): cost of a step to
-    each node, below the number of buckets. On entry it is encoded as ``_SEEN - 1 - cost``; on exit it is the cost of
-    the path to each reached node. `head` (buckets,): -1 on entry.
+    each node, below the number of buckets. On entry it is encoded as ``-2 - cost``; on exit it is the cost of the path
+    to each reached node. `head` (buckets,): first node of the linked list of every bucket of the priority queue, -1 on
+    entry.
     """
     # Linked lists of the nodes in the buckets: `head`, and the successor of every node until it is visited.
     after, buckets, waiting, seen = cost, len(head), 0, 0

@@ -1,9 +1,9 @@
-"""Factors of a Laplacian by either method, to solve for many right-hand sides.
+"""Factors of a Laplacian by the direct or the multigrid method, to solve for many right-hand sides.
 
 The direct method: subtraction-free (GTH) factors (`resgrid.solvers.supernodal`), and substitution with an exponent for
 every number, for potentials below 1e-308. The answer is refined with residuals that are computed from differences.
-Refinement ends when the sum of the violations of KCL bounds the error of every entry, or in small circuits when KCL
-holds to the rounding of the voltages (`resgrid.solvers.refinement`).
+Refinement ends when the sum of the violations of KCL bounds the error of every entry. In circuits of at most
+`EXACT_ROWS` rows it ends when KCL holds to the rounding of the voltages (`resgrid.solvers.refinement`).
 
 The multigrid method: normwise answers by iteration, entrywise answers by refinement; `resgrid.solvers.multigrid`
 describes the algorithm.
@@ -33,26 +33,26 @@ if TYPE_CHECKING:
     from resgrid.solvers.symbolic import Symbolic
 
 EXACT_ROWS = 20_000
-"""Number of rows up to which the direct method refines answers to the nearest doubles, equal on every machine."""
+"""Number of rows up to which the direct method refines voltages to the nearest doubles, equal on every machine."""
 
 _REFINED_DIRECTLY, _REFINED = 1e-28, 1e-26
-"""Componentwise backward errors at which refinement ends where no current flows: direct method, multigrid.
+"""Componentwise backward errors at which refinement ends in nodes without a current: direct method, multigrid.
 
 The first is the rounding error of double-double arithmetic. The second is larger, since multigrid iterates for every
 digit.
 """
 
 _ROUNDINGS = 16.0 * np.finfo(np.float64).eps
-"""Bound on the relative error of an entry of a direct solution, divided by the number of rows.
+"""Bound on the relative error of an entry of a direct solution, per row of the matrix.
 
 The error is due to rounding in subtraction-free factors and substitution.
 """
 
 _LEAST_ENTRY = 1e-150
-"""Smallest entry of ``-L`` (a fraction) for which products of two entries do not underflow to subnormal numbers."""
+"""Smallest entry of ``-L`` (a dimensionless fraction) for which products of two entries do not underflow."""
 
 _MOST_PASSES = 4
-"""Maximum number of substitutions in a normwise direct solution: each gains most of the digits, or none."""
+"""Maximum number of substitutions in a normwise direct solution, the first solution and its refinements."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Factor(ABC):
     threads: ThreadTeam = field(default=SINGLE_THREAD, kw_only=True)
 
     name: ClassVar[str]
-    """Name of the method, as users choose it."""
+    """Name of the method: "direct" or "multigrid"."""
 
     def solve(
         self,
@@ -116,7 +116,8 @@ class Factor(ABC):
         Parameters
         ----------
         rhs : array_like or Scaled, shape (n,)
-            Right-hand side, in amperes; no entry is negative.
+            Right-hand side, in amperes; no entry is negative. `Scaled` numbers have a separate exponent, for
+            currents below 1e-308 A.
         watch : ProgressMonitor, optional
             Records iterations and the accuracy, and can cancel the solve.
 
@@ -126,6 +127,11 @@ class Factor(ABC):
             Solution, in volts.
         error : float
             Componentwise backward error of the solution.
+
+        Raises
+        ------
+        InputError
+            For a negative entry, or for a wrong shape.
         """
         currents = self._one_per_row("rhs", rhs.hi if isinstance(rhs, Scaled) else rhs)
         if currents.min(initial=0.0) < 0.0:
@@ -140,9 +146,10 @@ class Factor(ABC):
         return found.solution, found.error
 
     def _judged(self, x: Floats, error: float, rtol: float, watch: ProgressMonitor | None) -> Floats:
-        """Return the solution `x` (n,) and record it in `watch`; raise AccuracyError if `error` exceeds `rtol`.
+        """Return the solution `x` (n,) and record its error; raise AccuracyError if `error` exceeds `rtol`.
 
-        `error`: normwise backward error of the solution; `rtol`: largest error allowed.
+        `error`: normwise backward error of the solution; `rtol`: largest error allowed; `watch`: records the error, or
+        None.
         """
         if not error <= rtol:
             raise AccuracyError(
@@ -158,21 +165,22 @@ class Factor(ABC):
     def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: ProgressMonitor | None) -> Floats:
         """Return the solution (n,) in volts, to a normwise backward error of `rtol`, or raise AccuracyError.
 
-        `rhs` (n,): right-hand side in amperes; `guess` (n,): initial solution in volts, or None; `watch`: records
-        iterations, and can cancel them. Arrays are contiguous.
+        `rhs` (n,): right-hand side in amperes; `guess` (n,): initial solution in volts, or None for 0; `watch`: records
+        iterations, and can cancel them; None for neither. Arrays are contiguous.
         """
 
     @abstractmethod
     def _refined(self, rhs: Floats | Scaled, watch: ProgressMonitor | None) -> Refined:
-        """Return the solution with a small relative error of every entry, its backward error and its error bound.
+        """Return the solution, its componentwise backward error, and a bound on the relative error of its entries.
 
-        `rhs` (n,): nonnegative contiguous right-hand side in amperes; `watch`: records iterations, and can cancel them.
+        `rhs` (n,): nonnegative contiguous right-hand side in amperes; `watch`: records iterations, and can cancel them;
+        None for neither.
         """
 
     def _one_per_row(self, name: str, values: ArrayLike) -> Floats:
-        """Return `values` as a contiguous array (n,) of doubles; raise InputError for a wrong shape or infinite values.
+        """Return `values` as a contiguous array (n,) of doubles; raise InputError for a wrong shape, infinity or NaN.
 
-        `name`: name of the argument in messages. NaN is refused too.
+        `name`: name of the argument in messages.
         """
         array = np.ascontiguousarray(real_numbers(name, values), dtype=np.float64)
         if array.shape != (self.laplacian.size,):
@@ -192,17 +200,17 @@ def check_rtol(rtol: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class DirectFactor(Factor):
-    """A Laplacian and its factors ``L D L^T``, in the field `factors`."""
+    """A Laplacian and its factors ``L D L^T``, in the field `factors` (rows grouped into supernodes)."""
 
     factors: SupernodalFactors
     name: ClassVar[str] = "direct"
-    """Name of the method."""
+    """Name of the method, for users and messages."""
 
     def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: ProgressMonitor | None) -> Floats:
-        """Return the solution (n,) by substitution, with up to three steps of refinement (Higham 2002, section 12.1).
+        """Return the solution (n,) in volts by substitution, with up to three steps of refinement (Higham 2002, 12.1).
 
-        `rhs` (n,): right-hand side in amperes; `rtol`: normwise backward error; `guess`: not used; `watch`: records the
-        accuracy.
+        `rhs` (n,): right-hand side in amperes; `rtol`: largest normwise backward error; `guess`: ignored; `watch`:
+        records the accuracy, or None.
         """
         del guess
         from resgrid.solvers.csr_kernels import row_residual
@@ -219,9 +227,12 @@ class DirectFactor(Factor):
         return self._judged(x, error, rtol, watch)
 
     def _refined(self, rhs: Floats | Scaled, watch: ProgressMonitor | None) -> Refined:
-        """Return the solution by substitution in scaled numbers, refined to a small relative error of every entry.
+        """Return the solution by substitution, refined to a small relative error of every entry.
 
-        `rhs` (n,): nonnegative right-hand side in amperes; `watch`: not used.
+        Numbers have separate exponents. The returned record contains the solution in volts, its componentwise backward
+        error and a bound on the relative error.
+
+        `rhs` (n,): nonnegative right-hand side in amperes; `watch`: ignored.
         """
         del watch
         factors, exact = self.factors, self.laplacian.size <= EXACT_ROWS
@@ -236,14 +247,17 @@ class DirectFactor(Factor):
         )
 
     def _certainty(self) -> float:
-        """Return a bound on the relative error of entries after substitution; infinite if ``L`` may underflow."""
+        """Return a bound on the relative error of entries after a substitution; infinite if factors may underflow."""
         values = self.factors.values
         least = values.min(initial=1.0, where=values > 0.0)
         return _ROUNDINGS * self.laplacian.size if least > _LEAST_ENTRY else np.inf
 
 
 def factor_direct(laplacian: Laplacian, order: Symbolic | None = None) -> DirectFactor:
-    """Return the direct factorization of a matrix; `order`: elimination order, None to compute one for this matrix."""
+    """Return the direct factorization of a matrix.
+
+    `order`: elimination order and structure of the factors; None to compute them for this matrix.
+    """
     from resgrid.solvers.supernodal import factor_supernodes
 
     laplacian = laplacian.with_rows()
@@ -256,16 +270,18 @@ class MultigridFactor(Factor):
 
     hierarchy: Hierarchy
     name: ClassVar[str] = "multigrid"
-    """Name of the method."""
+    """Name of the method, for users and messages."""
 
     def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: ProgressMonitor | None) -> Floats:
-        """Return the solution (n,) of preconditioned conjugate gradients; raise AccuracyError if it is inaccurate.
+        """Return the solution (n,) in volts by preconditioned conjugate gradients, or raise AccuracyError.
 
         `rhs` (n,): right-hand side in amperes; `rtol`: residual norm relative to ``|rhs|`` at which the iteration ends,
-        and largest backward error; `guess` (n,): initial solution in volts, or None; `watch`: records iterations.
+        and largest backward error; `guess` (n,): initial solution in volts, or None; `watch`: records iterations, or
+        None.
 
         With a guess the iteration also ends if the estimated error of every voltage is at most ``rtol`` of the largest
-        voltage. This criterion is much weaker if all currents meet in a few cells, as at the goal of open obstacles.
+        voltage. This criterion is much weaker if all currents meet in a few cells, as at the goal when obstacles are
+        open.
         """
         from resgrid.solvers.multigrid.conjugate_gradients import iterate
         from resgrid.solvers.multigrid.krylov import norm
@@ -278,7 +294,11 @@ class MultigridFactor(Factor):
     def _refined(self, rhs: Floats | Scaled, watch: ProgressMonitor | None) -> Refined:
         """Return the solution by multigrid, refined to a small relative error of every entry.
 
-        `rhs` (n,): nonnegative right-hand side in amperes; `watch`: records iterations, and can cancel them.
+        The returned record contains the solution in volts, its componentwise backward error and a bound on the relative
+        error.
+
+        `rhs` (n,): nonnegative right-hand side in amperes; `watch`: records iterations, and can cancel them; None for
+        neither.
         """
         from resgrid.solvers.multigrid.conjugate_gradients import approximate
 
@@ -289,7 +309,8 @@ class MultigridFactor(Factor):
 def factor_multigrid(laplacian: Laplacian, *, threads: ThreadTeam = SINGLE_THREAD) -> MultigridFactor:
     """Return the multigrid preconditioner of a matrix; `threads`: share the work of setup and solves.
 
-    Compressed rows are stored unless the matrix is a two-coloured grid.
+    Compressed rows are stored unless the matrix is a grid whose cells can be coloured red and black (no periodic axis
+    with an odd number of cells).
     """
     from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 

@@ -1,13 +1,14 @@
-"""Reuse a hierarchy or an ordering for other circuits: Monte Carlo samples, and warm starts after local changes.
+"""Reuse a multigrid hierarchy or an elimination order for other circuits: Monte Carlo samples, and local changes.
 
 Monte Carlo samples: a sample of a grid has its own finest level and shares the coarse levels of the nominal chip.
 Samples of other circuits share the nominal elimination order.
 
-Warm start: the equations of a grid change in a window. The old levels precondition, and the old voltages are the
-initial guess. The finest level is overwritten where its equations have changed; coarser levels stay. In the window the
-new equations are solved at once, with the voltages around it held fixed. The outside follows along one mode ``v``. With
-``A v = 0`` outside and in the window (the drop from the high rail; or 1, above a single rail), ``x + alpha v`` is
-optimal in the energy norm for ``alpha = v.(b - A x) / v.A v``. Both products come from the rim of the window alone.
+Warm start: the equations of a grid change in a window, a box of cells. The old levels precondition, and the old
+voltages are the initial guess. The finest level is overwritten where its equations have changed; coarser levels stay.
+In the window the new equations are solved at once, with the voltages around the window held fixed. The voltages outside
+are corrected by a multiple of one vector ``v``. With ``A v = 0`` outside and in the window (``v`` is the drop from the
+high rail with two rails, or 1 with a single rail), ``x + alpha v`` is optimal in the energy norm for ``alpha = v.(b - A
+x) / v.A v``. Both products come from the conductances across the window's border alone.
 """
 
 from __future__ import annotations
@@ -34,27 +35,34 @@ from resgrid.solvers.supernodal import factor_supernodes
 from resgrid.solvers.symbolic import Symbolic
 
 _FEW = 300
-"""Approximate number of sampled resistors from whose median a chip's unit of conductance is computed."""
+"""Approximate number of sampled resistors; the median of their conductances relative to nominal scales a chip's
+equations.
+"""
 
 _LEFT = 16 * ROUNDING
-"""Rounding error of a residual norm, as a fraction of the largest conductance times ``|x|``."""
+"""Rounding error of a residual norm in amperes, divided by the largest conductance times the norm ``|x|`` of the
+solution.
+"""
 
 _ROUNDINGS = 1e-13
-"""Relative error of a solution by subtraction-free factors due to rounding."""
+"""Relative error, due to rounding, of a solution by subtraction-free factors for currents of one sign."""
 
 _FORBIDDEN = 1e-9
-"""Smallest tolerance of the error of voltages, as a fraction of the largest voltage; smaller ones are raised to it."""
+"""Smallest tolerance that is compared with the error of voltages, relative to the largest voltage; smaller ones are
+raised.
+"""
 
 _EVEN = 1e4
-"""Largest ratio of the rows' conductances for which the step lengths of the iteration estimate the remaining error.
+"""Largest ratio between the conductance sums of rows for which a warm start may stop at an estimate of the error.
 
-With a larger ratio the error at weak conductances may be hidden.
+The estimate uses the step lengths of the iteration. With a larger ratio the error at weak conductances may be hidden,
+and only the residual ends the iteration.
 """
 
 _WINDOW_RTOL = 1e-10
-"""Relative residual norm of a window's solution.
+"""Residual norm at which the solution in a changed window ends, relative to the norm of the right-hand side.
 
-It is small because the correction outside the window is computed from small differences at the window's rim.
+It is small because the correction outside the window is computed from small differences at the window's border.
 """
 
 Box = tuple[slice, ...]
@@ -65,16 +73,19 @@ Chips = Iterable[tuple[Laplacian, Floats]]
 """
 
 ChipSolver = Callable[[Chips, float], Iterator[Floats | None]]
-"""Function of chips and a relative tolerance: yields the solution (n,) of every chip, or None where it fails."""
+"""Function of chips and a relative tolerance: yields the solution (n,) of every chip in volts, None where it is
+inaccurate.
+"""
 
 
 def solve_by_levels(
     nominal: Laplacian, hierarchy: Hierarchy, start: Floats, chips: Chips, rtol: float
 ) -> Iterator[Floats | None]:
-    """Yield the solution (n,) of every chip in volts, None where it stagnates, with coarse levels of the nominal chip.
+    """Yield the solution (n,) of every chip in volts, None where it stagnates, with the nominal coarse levels.
 
-    `nominal, hierarchy`: matrix of the nominal chip, and its levels; `start` (n,): its solution in volts, the initial
-    guess; `chips`: matrices and currents of the chips; `rtol`: relative residual norm.
+    `nominal, hierarchy`: matrix of the nominal chip, and its levels; `start` (n,): solution of the nominal chip in
+    volts, the initial guess; `chips`: matrices and currents of the chips; `rtol`: residual norm relative to the
+    currents' norm.
     """
     grid, listed, ordinary = nominal.grid, nominal.listed, hierarchy.largest_degree / hierarchy.unit
     assert hierarchy.grid is not None and grid is not None and listed is not None
@@ -102,7 +113,9 @@ def solve_by_levels(
 
 
 def solver_by_levels(laplacian: Laplacian, drive: Floats) -> ChipSolver | None:
-    """Return a solver of chips that shares the coarse levels of the nominal grid; None unless it has two colours.
+    """Return a function that solves for chips with the coarse levels of the nominal grid.
+
+    The result is None unless the grid's cells can be coloured red and black.
 
     `laplacian`: matrix of the nominal chip; `drive` (n,): its currents in amperes.
     """
@@ -115,8 +128,8 @@ def solver_by_levels(laplacian: Laplacian, drive: Floats) -> ChipSolver | None:
 def solve_in_order(order: Symbolic, chips: Chips, rtol: float) -> Iterator[Floats | None]:
     """Yield the solution (n,) of every chip in volts, by elimination in a common order; None where it is not accurate.
 
-    `order`: the elimination order; `chips`: matrices and currents of the chips; `rtol`: largest error of voltages,
-    relative to the largest voltage.
+    `order`: elimination order and structure of the factors; `chips`: matrices and currents of the chips; `rtol`:
+    largest error of voltages, relative to the chip's largest voltage.
     """
     for chip, drive in chips:
         try:
@@ -135,11 +148,13 @@ def solve_in_order(order: Symbolic, chips: Chips, rtol: float) -> Iterator[Float
 class WarmGrid:
     """The equations ``A x = b`` of a grid that change, and their latest solution.
 
+    A slot is an index into flat arrays that hold all red cells, then all black cells, each with padding.
+
     `hierarchy`: multigrid levels of a grid of two colours, all of whose rows are cells; `finest`: finest level of the
     hierarchy, into which changes are written; `lattice`: memory layout of the finest level; `slot`, of the grid's
     shape: slot of every cell, 0 for none; `flat`: whether the correction of the solution outside a changed window is a
-    multiple of a constant (a single rail) or of ``1 - x`` (two rails); `b, x` (2, slots): right-hand side in amperes
-    divided by the unit of the hierarchy, and solution in volts.
+    multiple of a constant (a single rail) or of ``1 - x`` (two rails); `b, x` (2, slots of a colour): right-hand side
+    in amperes divided by ``hierarchy.unit`` (siemens), and solution in volts.
     """
 
     hierarchy: Hierarchy
@@ -152,9 +167,10 @@ class WarmGrid:
 
     @classmethod
     def of(cls, laplacian: Laplacian, drive: Floats, flat: bool) -> WarmGrid | None:
-        """Return the equations of a grid with solution 0; None unless the grid has two colours and coarsens by blocks.
+        """Return the equations of a grid with solution 0; None unless its cells can be coloured red and black.
 
-        `laplacian`: the matrix; `drive` (n,): currents in amperes; `flat`: whether there is a single rail.
+        None also results if the coarse levels are not formed from blocks of cells. `laplacian`: the matrix; `drive`
+        (n,): currents in amperes; `flat`: whether there is a single rail.
         """
         hierarchy, grid = build_hierarchy(laplacian), laplacian.grid
         if hierarchy.grid is None or grid is None:
@@ -199,16 +215,17 @@ class WarmGrid:
 
     @property
     def values(self) -> Floats:
-        """The latest solution in every cell, in volts, of the grid's shape; undefined where a cell has no row."""
+        """The latest solution in volts, of the grid's shape; arbitrary in cells without an equation."""
         return self.x.ravel()[self.slot]
 
     def change(self, box: Box, core: Box, laplacian: Laplacian, drive: Floats, *, solve: bool, follow: bool) -> None:
         """Replace the equations of a box of cells, and update the solution there.
 
-        `box`: the cells; `core`: the cells of the box, relative to it, whose equations are complete; `laplacian`:
-        matrix on the grid of the box, its rows in C order; `drive` (n,): current into every row of this matrix, in
-        amperes; `solve`: whether to solve the new equations (otherwise only cells with the value 0 are updated, by one
-        relaxation); `follow`: whether to correct the solution outside the box too.
+        `box`: slices of the cells in the grid; `core`: slices, relative to the box, of the cells all of whose
+        neighbours are known; only their equations are replaced. `laplacian`: matrix on the grid of the box, its rows in
+        C order; `drive` (n,): current into every row of this matrix, in amperes; `solve`: whether to solve the new
+        equations (otherwise only cells with the value 0 are updated, by one relaxation); `follow`: whether to correct
+        the solution outside the box too.
         """
         assert laplacian.grid is not None
         vertex, x = laplacian.grid.vertex, self.x.ravel()
@@ -241,10 +258,10 @@ class WarmGrid:
         x[slot[own]] = after
 
     def _write(self, there: Indices, core: Box, laplacian: Laplacian, drive: Floats) -> None:
-        """Overwrite the equations of the finest level in the core of a window.
+        """Overwrite the equations of the finest level in the inner cells of a window.
 
-        `there` (cells,): slots of the cells of the core; `core`: the cells, relative to the window; `laplacian, drive`:
-        matrix on the grid of the window, and currents (n,) in amperes.
+        `there` (cells,): indices of these cells in the arrays of the finest level; `core`: slices of these cells,
+        relative to the window; `laplacian, drive`: matrix on the grid of the window, and currents (n,) in amperes.
         """
         assert laplacian.listed is not None and laplacian.grid is not None
         finest, vertex, unit = self.finest, laplacian.grid.vertex, self.hierarchy.unit
@@ -263,9 +280,10 @@ class WarmGrid:
         self._aggregate(to, fresh[1].black_inverse[of] > 0.0)
 
     def _aggregate(self, slot: Indices, present: NDArray[np.bool_]) -> None:
-        """Assign new black slots to the aggregate of a black slot behind their strongest red neighbour.
+        """Assign new black cells to the aggregate (coarse node) of a black cell behind their strongest red neighbour.
 
-        `slot` (m,): black slots; `present` (m,): whether each has an equation; slots without one get no aggregate.
+        `slot` (m,): indices of the black cells in arrays of the finest level; `present` (m,): whether each has an
+        equation; cells without one get the aggregate 0, which means none.
         """
         target, faces, distance = self.finest.aggregate, self.finest.true.faces, self.lattice.distance
         target[slot[~present]] = 0

@@ -1,6 +1,6 @@
 """The matrix of all solvers: a graph of conductances, and conductances from its rows to nodes of known voltage.
 
-Also the statistics from which a method is chosen.
+The module also computes the statistics from which a solution method is chosen.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
     from scipy import sparse
 
 MOST_NUMBERED = 2**31 - 1
-"""Largest number of rows, entries or slots that 32-bit indices can number."""
+"""Largest number of rows or matrix entries that 32-bit indices can number; beyond it BudgetError is raised."""
 
 VOLUME = 4.2
-"""Mean number of neighbours of a row above which corridors are treated as three-dimensional (two dimensions across)."""
+"""Mean number of neighbours of a row above which a corridor is taken to have two dimensions across, instead of one."""
 
 WEAK = 0.1
-"""A conductance is weak if it is below this fraction of the strongest one at either of its ends."""
+"""A conductance is weak if it is below this fraction of the strongest conductance at either of its ends."""
 
 
 class EdgeList(NamedTuple):
-    """List of edges: edge ``k`` joins the rows ``row[ends[k]]`` by ``conductance[k]``, in siemens.
+    """List of edges between vertices: edge ``k`` joins the rows ``row[ends[k]]`` of the matrix.
 
     `ends` (m, 2): vertices at both ends of every edge; `conductance` (m,): in siemens; `row` (vertices,): row of every
     vertex, -1 where the voltage is known. Edges within a row, or with an end at a known voltage, are not entries of the
@@ -54,7 +54,7 @@ class Rows(NamedTuple):
 
     @classmethod
     def of(cls, array: sparse.csr_array) -> Rows:
-        """Return the arrays of a symmetric CSR array (n, n) as `Rows`; the array is sorted in place."""
+        """Return the arrays of a symmetric CSR array (n, n) as `Rows`; columns of `array` are sorted in place."""
         array.sort_indices()
         return cls(array.indptr.astype(np.int32, copy=False), array.indices.astype(np.int32, copy=False), array.data)
 
@@ -70,7 +70,7 @@ class Rows(NamedTuple):
 
     @property
     def listed(self) -> EdgeList:
-        """The conductances as a list of edges, each edge once, with its lower row first."""
+        """The conductances as a list of edges, each edge once, with its lower row first; vertices are rows."""
         each = np.arange(len(self.indptr) - 1, dtype=np.int32)
         row = np.repeat(each, np.diff(self.indptr))
         upper = self.indices > row
@@ -78,10 +78,10 @@ class Rows(NamedTuple):
 
 
 class Graph(NamedTuple):
-    """A graph as argument of kernels: conductances by rows, in any order, and leaks to nodes of known voltage.
+    """A graph as argument of kernels: conductances by rows, with unsorted columns, and leaks to nodes of known voltage.
 
     `indptr` (n + 1,): begin of every row; `indices, conductance` (entries,): columns and conductances; `leak` (n,):
-    conductance to nodes of known voltage. Conductances are in siemens, or relative to a common unit.
+    conductance of every row to nodes of known voltage. Conductances are in siemens, or divided by a unit in siemens.
     """
 
     indptr: Indices
@@ -99,7 +99,8 @@ class Graph(NamedTuple):
 class Grid:
     """Positions of the vertices of a graph in a grid.
 
-    `vertex`, of the grid's shape: vertex in every cell, -1 for none; `periodic` (ndim,): whether each axis is a ring.
+    `vertex`, of the grid's shape: index of the vertex in every cell, -1 for none; `periodic` (ndim,): whether the last
+    cell of each axis is a neighbour of the first.
     """
 
     vertex: Indices
@@ -107,7 +108,7 @@ class Grid:
 
     @property
     def simple(self) -> bool:
-        """Whether no two edges join the same two cells; two edges do so across a ring of two cells."""
+        """Whether no two edges join the same two cells; two edges do so along a periodic axis of two cells."""
         return not any(ring and cells == 2 for ring, cells in zip(self.periodic, self.vertex.shape, strict=True))
 
     @property
@@ -116,7 +117,10 @@ class Grid:
         return sum(cells > 2 for cells in self.vertex.shape)
 
     def of_rows(self, row: Indices) -> Grid:
-        """Return the grid with rows in place of vertices; `row` (vertices,): row of every vertex, -1 for none."""
+        """Return the grid with rows instead of vertices.
+
+        `row` (vertices,): row of every vertex, -1 if voltage known.
+        """
         return Grid(np.append(row, np.int32(-1))[self.vertex], self.periodic)
 
 
@@ -124,7 +128,7 @@ class Grid:
 class Rails:
     """The two supply voltages of a circuit with two rails, and the conductances to the rails (ties).
 
-    `high, low`: voltages of the rails, in volts; in a map of cells ``high`` is the obstacle rail (or the driven start);
+    `high, low`: voltages of the rails, in volts; obstacles (or the driven start cell) are at `high`, goals at `low`;
     `size`: number of rows of the matrix; `row, conductance, at_high` (ties,): the row of each tie, its conductance in
     siemens, and whether it leads to the high rail. A row may have several ties.
     """
@@ -147,18 +151,18 @@ class Rails:
         return self._summed(~self.at_high)
 
     def _summed(self, some: NDArray[np.bool_]) -> Floats:
-        """Return the conductance of some ties of every row, in siemens, shape (n,); `some` (ties,): a mask."""
+        """Return the conductance (n,) of selected ties of every row, in siemens; `some` (ties,): mask of these ties."""
         return np.asarray(np.bincount(self.row[some], self.conductance[some], self.size), dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class ConductanceStatistics:
-    """Statistics of the conductances between rows.
+    """Statistics of the conductances between rows of a matrix.
 
     `entries`: number of off-diagonal entries, twice the number of conductances; `weak`: fraction of conductances that
     are below `WEAK` times the strongest one at either end; `mean`: mean conductance in siemens, 0 without conductances;
-    `decades`: orders of magnitude between the smallest and the largest conductance; `smallest, largest`: range of all
-    conductances, including those to rails, in siemens.
+    `decades`: decimal logarithm of the ratio of the largest to the smallest conductance; `smallest, largest`: range of
+    all conductances, including those to rails, in siemens.
     """
 
     entries: int
@@ -177,9 +181,10 @@ class Laplacian:
     has a row with a positive ground conductance.
 
     `ground` (n,): conductance ``g_i`` from every row to nodes of known voltage, in siemens; `listed, compressed`: the
-    edges ``g_ij`` as a list, as compressed rows, or both; `grid`: positions of the vertices of the list (without a
-    list, of the rows) if they form a grid; `dimensions`: number of dimensions of the grid, 2 for other graphs; `rails`:
-    ties that make up `ground` if there are exactly two rails and no other drive, else None.
+    edges ``g_ij`` as a list, as compressed rows, or both; None for an absent form; `grid`: positions in a grid of the
+    vertices of `listed` (without it, of the rows), None for other graphs; `dimensions`: number of dimensions of the
+    grid, 2 for other graphs; `rails`: ties that make up `ground` if there are exactly two rails and no current sources,
+    else None.
     """
 
     ground: Floats
@@ -195,21 +200,21 @@ class Laplacian:
         return len(self.ground)
 
     def as_rows(self) -> Rows:
-        """Return the edges as compressed rows; raise BudgetError for too many entries."""
+        """Return the edges as compressed rows (CSR); raise BudgetError if 32-bit indices cannot number the entries."""
         return self.compressed or _compress(self.listed, self.size)
 
     def with_rows(self) -> Laplacian:
-        """Return the matrix with cached compressed rows, a copy unless they are cached already."""
+        """Return a copy with cached compressed rows, or the matrix itself if they are cached already."""
         return self if self.compressed else replace(self, compressed=self.as_rows())
 
     @property
     def edges(self) -> sparse.csr_array:
-        """The conductances ``g_ij``, in siemens, shape (n, n); symmetric, positive, sorted, no diagonal."""
+        """The conductances ``g_ij`` between rows, in siemens, as a symmetric sorted CSR array (n, n); no diagonal."""
         return self.as_rows().array
 
     @property
     def graph(self) -> Graph:
-        """The matrix as an argument of kernels, in siemens."""
+        """Conductances between rows and to nodes of known voltage as a `Graph`, for kernels, in siemens."""
         return Graph(*self.as_rows(), self.ground)
 
     @property
@@ -221,7 +226,7 @@ class Laplacian:
     def matrix(self) -> sparse.csr_array:
         """The matrix as a CSR array with rounded diagonal, in siemens, shape (n, n).
 
-        It serves factorizations with subtractions only.
+        It is meant for factorizations with subtractions; the other methods never form the diagonal.
         """
         from scipy import sparse
 
@@ -229,9 +234,9 @@ class Laplacian:
 
     @property
     def branches(self) -> tuple[sparse.csr_array, Floats]:
-        """The edges as ``B^T diag(value) B``, each edge once: the incidence matrix ``B`` and the conductances.
+        """The edges as ``B^T diag(value) B``, each edge once: incidence matrix ``B`` and conductances ``value``.
 
-        ``B`` has shape (m, n), with 1 and -1 at the two rows of every edge; `value` (m,) is in siemens.
+        ``B`` has shape (m, n), with 1 and -1 at the two rows of every edge; ``value`` (m,) is in siemens.
         """
         from scipy import sparse
 
@@ -244,7 +249,8 @@ class Laplacian:
     def elements(self) -> tuple[sparse.csr_array, Floats]:
         """The incidence matrix (m, n) and the conductances (m,), in siemens, of the whole matrix.
 
-        The `branches` are followed by the conductances from rows to nodes of known voltage, which have one entry 1.
+        The `branches` between rows are followed by the conductances from rows to nodes of known voltage, whose
+        incidence has a single entry 1.
         """
         from scipy import sparse
 
@@ -297,8 +303,8 @@ def _compress(listed: EdgeList | None, size: int) -> Rows:
 def conductance_statistics(laplacian: Laplacian) -> ConductanceStatistics:
     """Return statistics of the conductances between rows of a matrix.
 
-    Resistors are counted one by one, unless some are parallel. On a grid only resistors across a ring of two cells are
-    parallel, so that no compressed rows are needed.
+    Resistors are counted one by one, unless some are parallel; parallel ones are summed. On a grid only resistors along
+    a periodic axis of two cells are parallel, so that other grids need no compressed rows.
     """
     from resgrid.solvers.csr_kernels import compare_edges
 

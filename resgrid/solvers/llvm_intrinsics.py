@@ -2,14 +2,15 @@
 
 Array views of memory addresses: the owner of a table of addresses must keep the arrays alive.
 
-Work sharing between threads in compiled code: free threads claim parts of a job, by atomic operations on an array. A
-thread without a processor core claims no part and is not waited for. A thread that waits for a part of another thread
-yields its core repeatedly and never sleeps.
+Work sharing between threads in compiled code. A job is one sweep over an array, divided into numbered parts. Free
+threads claim parts by atomic operations on an integer array, the shared state. A thread without a processor core claims
+no part and is not waited for. A thread that waits for a part of another thread yields its core repeatedly and never
+sleeps.
 
 Flush of subnormal numbers to zero: behind a rail a potential falls by any number of orders of magnitude, and the normal
 numbers of single precision end at 1e-38. Below, down to 1e-45, numbers are subnormal, and x86 processors are many times
 slower with them: bands of subnormal numbers across a maze tripled the time of its field. Values so far below the
-largest residual are left to later passes.
+largest residual are computed by later refinement steps.
 """
 
 from __future__ import annotations
@@ -34,16 +35,17 @@ _arrays: Any = arrayobj
 Integers = NDArray[np.int64]
 
 _FLUSHED = np.uint32(0x1F80 | 1 << 15 | 1 << 6)
-"""Value of the control and status register (MXCSR) that flushes subnormal results and operands to zero."""
+"""Value of the x86 control and status register (MXCSR) that flushes subnormal results and operands to zero."""
 
 _BITS, _ADDRESS = ir.IntType(32), ir.IntType(8).as_pointer()
 _IS_X86 = platform.machine().lower() in ("x86_64", "amd64")
 
 
 def _generate_view(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    """Return the LLVM value of a new array view; `arguments`: LLVM values of an address and of the array's shape.
+    """Generate LLVM code that views memory at an address as an array; return the LLVM value of the array.
 
-    `context, builder, signature`: numba's target context, LLVM instruction builder, and types of the intrinsic.
+    `arguments`: LLVM values of the address and of the array's shape; `context, builder, signature`: numba's target
+    context, LLVM instruction builder, and types of the intrinsic.
     """
     view, (address, *shape) = _arrays.make_array(signature.return_type)(context, builder), arguments
     size = context.get_abi_sizeof(context.get_data_type(signature.return_type.dtype))
@@ -56,7 +58,10 @@ def _generate_view(context: Any, builder: Any, signature: Any, arguments: Any) -
 
 
 def _view(number: Any) -> Any:
-    """Return an intrinsic that views ``count`` numbers at an address as an array; `number`: numba's type of these."""
+    """Return an intrinsic of an address and a count that views the memory as an array.
+
+    `number`: numba's type of an entry.
+    """
 
     def viewing(_typing: Any, _address: Any, _count: Any) -> Any:
         return types.Array(number, 1, "C")(types.int64, types.int64), _generate_view
@@ -65,7 +70,10 @@ def _view(number: Any) -> Any:
 
 
 def _viewing_sides(_typing: Any, _address: Any, _sides: Any, _count: Any) -> Any:
-    """Declare an intrinsic that views an address as a float32 matrix; return numba's signature and the generator."""
+    """Declare an intrinsic that views memory as a float32 matrix; return numba's signature and the code generator.
+
+    The parameters stand for numba's types of the address, of the number of rows and of the number of columns.
+    """
     return types.Array(types.float32, 2, "C")(types.int64, types.int64, types.int64), _generate_view
 
 
@@ -74,7 +82,10 @@ singles_by_side: Any = intrinsic(_viewing_sides)
 
 
 def _prefetching(_typing: Any, array: Any, _place: Any) -> Any:
-    """Declare an intrinsic that prefetches an element of an array; return numba's signature and the generator."""
+    """Declare an intrinsic that prefetches an array element; return numba's signature and the code generator.
+
+    `array`: numba's type of the array; `_place`: numba's type of the index.
+    """
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         whole = _arrays.make_array(array)(context, builder, arguments[0])
@@ -92,9 +103,9 @@ prefetch: Any = intrinsic(_prefetching)
 
 
 def _controlling(_typing: Any, _value: Any) -> Any:
-    """Declare an intrinsic that exchanges the processor's control register; return numba's signature and the generator.
+    """Declare an intrinsic that exchanges the x86 control register; return numba's signature and the code generator.
 
-    The intrinsic takes the new value and returns the old one; on other processors than x86 it does nothing.
+    The intrinsic takes the new value and returns the old one; on other processors it only returns its argument.
     """
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -115,39 +126,42 @@ _control: Any = intrinsic(_controlling)
 
 @inner
 def flush_subnormals() -> np.uint32:
-    """Treat subnormal numbers as zero in kernels of this thread; return the state for `restore_subnormals`.
+    """Flush subnormal numbers to zero in kernels of this thread; return the previous value of the x86 control register.
 
-    Does nothing on other processors than x86, which handle subnormal numbers at full speed.
+    On other processors, which handle subnormal numbers at full speed, nothing changes.
     """
     return np.uint32(_control(_FLUSHED))
 
 
 @inner
 def restore_subnormals(before: np.uint32) -> None:
-    """Restore the treatment of subnormal numbers; `before`: the state that `flush_subnormals` returned."""
+    """Restore the treatment of subnormal numbers; `before`: the register value that `flush_subnormals` returned."""
     _control(before)
 
 
 _LEFT, _DONE, KIND, LEVEL, VISIT, _OVER = 0, 8, 16, 17, 18, 24
-"""Indices into the state that threads share: numbers of unclaimed and of finished parts; the sweep; end flag.
+"""Indices into the int64 array that threads share: unclaimed parts, finished parts, kind, level and visit, end flag.
 
-The sweep is described by its kind, the index of the level, and the number of the visit.
+A job is one sweep over a multigrid level: `KIND` of the sweep, index of the `LEVEL`, and `VISIT`, a number that tells
+the sweeps on a level within a cycle apart.
 """
 
 PLACES = 32
-"""Number of entries of the state that threads share; its atomic counters lie in separate cache lines."""
+"""Number of entries of the int64 array that threads share; its atomic counters lie in separate cache lines."""
 
 _SPINS = 32
-"""Number of reads of the shared state after which a waiting thread yields its core."""
+"""Number of reads of the shared array after which a waiting thread yields its core."""
 
 _PATIENCE = 50_000
-"""Number of yields after which a helper without work ends, since its caller may have been interrupted."""
+"""Number of yields after which a helper thread without work ends; the thread that assigns work may have been
+interrupted.
+"""
 
 
 def _atomic(operation: str) -> Any:
-    """Return an intrinsic that changes an array element atomically and returns the element's old value.
+    """Return an intrinsic of array, index and value that changes the element atomically and returns its old value.
 
-    `operation`: LLVM's name of the change, such as "add".
+    `operation`: LLVM's name of the change, "add" (add the value) or "xchg" (replace the element by the value).
     """
 
     def changing(_typing: Any, array: Any, _place: Any, _value: Any) -> Any:
@@ -162,7 +176,7 @@ def _atomic(operation: str) -> Any:
 
 
 def _yielding(_typing: Any) -> Any:
-    """Declare an intrinsic that yields the core to other threads; return numba's signature and the generator."""
+    """Declare an intrinsic that yields the core to other threads; return numba's signature and the code generator."""
 
     def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
         if sys.platform != "win32":
@@ -181,8 +195,8 @@ _offer_core: Any = intrinsic(_yielding)
 def announce(state: Integers, kind: int, level: int, visit: int, parts: int) -> None:
     """Publish a job of ``parts`` parts to the helper threads; the previous job must be finished.
 
-    `state` (PLACES,): state that the threads share; `kind, level, visit`: kind of the sweep, index of the level, and
-    number of the visit.
+    `state` (PLACES,): array that the threads share; `kind, level, visit`: the job, that is the kind of the sweep, the
+    index of its multigrid level, and the number of the sweep among those on this level in a cycle.
     """
     state[KIND], state[LEVEL], state[VISIT] = kind, level, visit
     _put(state, _DONE, 0)
@@ -191,22 +205,22 @@ def announce(state: Integers, kind: int, level: int, visit: int, parts: int) -> 
 
 @inner
 def claim(state: Integers) -> int:
-    """Claim a part of the present job; return the number of the part, negative if all parts are claimed.
+    """Claim a part of the present job; return the number of the part, counted downwards to 0, negative if none is left.
 
-    `state` (PLACES,): state that the threads share.
+    `state` (PLACES,): array that the threads share.
     """
     return int(_add(state, _LEFT, -1) - 1) if _add(state, _LEFT, 0) > 0 else -1
 
 
 @inner
 def finish(state: Integers) -> None:
-    """Atomically increment the number of finished parts in ``state``."""
+    """Atomically increment the number of finished parts of the present job in ``state``, the shared array."""
     _add(state, _DONE, 1)
 
 
 @inner
 def wait_for(state: Integers, parts: int) -> None:
-    """Wait until ``parts`` parts of the present job are finished; `state` (PLACES,): state that the threads share."""
+    """Wait until ``parts`` parts of the present job are finished; `state` (PLACES,): array that the threads share."""
     spins = 0
     while _add(state, _DONE, 0) < parts:
         spins += 1
@@ -216,7 +230,7 @@ def wait_for(state: Integers, parts: int) -> None:
 
 @inner
 def end_jobs(state: Integers) -> None:
-    """Signal to the helper threads, through ``state``, that no further job follows."""
+    """Signal to the helper threads, through the shared array ``state``, that no further job follows."""
     _put(state, _OVER, 1)
 
 
@@ -224,7 +238,7 @@ def end_jobs(state: Integers) -> None:
 def await_part(state: Integers) -> int:
     """Wait for a part of the present or a later job, claim it, and return its number; -1 if no further job follows.
 
-    `state` (PLACES,): state that the threads share. The wait also ends after `_PATIENCE` yields.
+    `state` (PLACES,): array that the threads share. After `_PATIENCE` yields without work the result is also -1.
     """
     spins = 0
     while _add(state, _OVER, 0) == 0 and spins < _SPINS * _PATIENCE:
@@ -238,5 +252,5 @@ def await_part(state: Integers) -> int:
 
 
 def begin_jobs(state: Integers) -> None:
-    """Clear the end flag in ``state`` before the first job."""
+    """Clear the end flag in ``state``, the array that threads share, before the first job."""
     state[_OVER] = 0

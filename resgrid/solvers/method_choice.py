@@ -1,8 +1,8 @@
-"""Choose the method for a Laplacian by the estimated costs of all methods.
+"""Choose the direct or the multigrid method for a Laplacian by their estimated costs.
 
-Costs are seconds on one core of the computer on which ``benchmarks/choice.py`` measured all methods on planes, volumes,
-mazes and netlists. That benchmark also measures the loss of the choice against the best method. Only ratios of costs
-matter.
+Costs are seconds on one core of the computer on which ``benchmarks/choice.py`` measured both methods on planes,
+volumes, mazes and netlists. That benchmark also measures the loss of the choice against the best method. Only ratios of
+costs matter.
 """
 
 from __future__ import annotations
@@ -24,20 +24,21 @@ METHODS = ("direct", "multigrid")
 
 
 class Seconds(NamedTuple):
-    """Measured costs of the methods, in seconds per row unless stated otherwise.
+    """Measured costs of the methods, in seconds per row of the matrix unless stated otherwise.
 
-    Pairs are for planes and for volumes. A grid is tortuous if its corridors are narrower than `OPEN_WIDTH`, and sparse
-    below `SPARSE_WIDTH`. Directions are solutions of accuracy "direction".
+    Pairs are for planes and for volumes. Corridors are tortuous if they are narrower than `OPEN_WIDTH` cells, sparse
+    below `SPARSE_WIDTH`. Solutions have the accuracy "direction" (a small relative error of every entry) unless stated
+    otherwise.
 
-    `corridor, across`: direct solution along corridors, and its increase per squared width in cells; `row`: direct
-    solution, without the entries of the factors; `exact_row`: the same quantity if answers are the nearest doubles;
-    `entry, product`: seconds per entry of the factors, and per multiplication of the factorization; `order`: ordering
-    by minimum fill; `levels`: setup of multigrid, in seconds per solve; `open, tortuous`: directions by multigrid on a
-    grid between two rails; `decade`: increase of these two per order of magnitude by which the potential falls;
-    `driven, driven_tortuous, driven_sparse, driven_netlist`: directions by multigrid with a single rail and driven
-    nodes, on open grids, tortuous grids, sparse graphs and other netlists; `netlist, netlist_decade`: directions by
-    multigrid between two rails on a netlist, and increase per order of magnitude; `normwise`: multigrid solution of
-    normwise accuracy.
+    `corridor, across`: direct solution along corridors of width ``w`` cells, ``corridor + across * w**2``; `row`:
+    direct solution, without the time for entries of the factors; `exact_row`: `row` if voltages are refined to the
+    nearest doubles; `entry, product`: seconds per entry of the factors, and per multiplication of the factorization;
+    `order`: ordering by minimum fill; `levels`: setup of multigrid, in seconds per solve; `open, tortuous`: multigrid
+    solution on an open and on a tortuous grid between two rails; `decade`: increase of `open` and `tortuous` per order
+    of magnitude by which the potential falls; `driven, driven_tortuous, driven_sparse, driven_netlist`: multigrid
+    solution with a single rail and current sources, on open grids, tortuous grids, sparse graphs and netlists other
+    than grids; `netlist, netlist_decade`: multigrid solution between two rails on a netlist other than a grid, and
+    increase per order of magnitude; `normwise`: multigrid solution of normwise accuracy.
     """
 
     corridor: tuple[float, float] = (0.5e-6, 0.7e-6)
@@ -90,11 +91,11 @@ class MethodChoice(NamedTuple):
     def memory(self) -> float:
         """Estimated peak memory in addition to the netlist, in bytes.
 
-        The entries of a known elimination order are counted (`resgrid.solvers.symbolic`). Otherwise there are about ``n
-        log n`` entries on planes, ``n**(4/3)`` in three dimensions, ``n**(3/2)`` in four (George & Liu 1981), with
-        constants measured on open grids, which have the most fill. The constants of multigrid are a tenth above the
-        measured ones, on grids (without compressed rows) and on other netlists. The accuracy "direction" additionally
-        needs compressed rows and scaled numbers.
+        The entries of a known elimination order are counted (`resgrid.solvers.symbolic`). Otherwise ``n`` rows have
+        about ``n log n`` entries on planes, ``n**(4/3)`` in three dimensions, ``n**(3/2)`` in four (George & Liu 1981),
+        with constants measured on open grids, which have the most fill. The constants of multigrid are a tenth above
+        the measured ones, on grids (without compressed rows) and on other netlists. The accuracy "direction"
+        additionally needs compressed rows and numbers with separate exponents.
         """
         laplacian, order, n = self.laplacian, self.order, self.laplacian.size
         if self.method == "multigrid":
@@ -109,24 +110,26 @@ class MethodChoice(NamedTuple):
 
 
 _SMALL = 2000
-"""Number of rows up to which the direct method is always faster."""
+"""Number of rows below which ``"auto"`` chooses the direct method without an estimate, since it is always faster."""
 
 _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
-"""Fraction of weak conductances above which multigrid needs too many cycles, in planes and in volumes.
+"""Largest fraction of weak conductances for which multigrid is considered, in planes and in volumes.
 
-The limit of volumes is higher, since their direct factors cost more.
+With more weak conductances multigrid needs too many cycles. The limit of volumes is higher, since their direct factors
+cost more.
 """
 
 _EVEN, _CONTRAST = 3.0, 0.4
-"""Effect of the range of conductances on the time of multigrid on planes: free orders of magnitude, and exponent.
+"""Effect of the range of conductances on the time of multigrid on planes.
 
 A range of up to `_EVEN` orders of magnitude costs no time; each further one multiplies the time by ``10**_CONTRAST``.
 """
 
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
-"""Smallest and largest fall of the potential, in orders of magnitude, for which multigrid is considered.
+"""Smallest and largest fall of the potential, in orders of magnitude, in the comparison of the methods.
 
-The first is assumed of any maze. From the second on iterative refinement takes too long.
+The first is assumed for the first comparison, before the fall is estimated. Beyond the second iterative refinement by
+multigrid takes too long, and the direct method is used.
 """
 
 _ON_LEVELS = 0.5e6
@@ -209,11 +212,12 @@ def check_method(method: str) -> None:
 def choose_method(laplacian: Laplacian, method: str = "auto", accuracy: str = "direction") -> MethodChoice:
     """Return the method with the lowest estimated cost, or the given one, with statistics and ordering.
 
-    `laplacian`: the matrix; `method`: "auto", "direct" or "multigrid"; `accuracy`: "direction" or "normwise".
+    `laplacian`: the matrix; `method`: "auto", "direct" or "multigrid"; `accuracy`: "direction" for a small relative
+    error of every entry, or "normwise".
 
     The direct method is chosen for small or narrow matrices, and if conductances vary so strongly from node to node
-    that no coarse grid represents them. Between two rails it is also chosen if the potential falls by more orders of
-    magnitude than refinement recovers in the same time, at about fifteen per pass.
+    that no coarse grid represents them. Between two rails it is also chosen if the potential falls too far: multigrid
+    refines about fifteen orders of magnitude at a time.
     """
     from resgrid.solvers.symbolic import order_by_distance
 
@@ -236,9 +240,10 @@ def choose_method(laplacian: Laplacian, method: str = "auto", accuracy: str = "d
 class Corridors(NamedTuple):
     """Quantities that determine the costs of a matrix.
 
-    `width`: width of corridors, in cells, estimated from the neighbours that nodes lack; infinite without missing ones;
-    `along`: seconds of a direct solution in the order by distance, estimated from the width; `contrast`: factor on the
-    time of multigrid for planes whose conductances span many orders of magnitude, 1 for other matrices.
+    `width`: width of corridors, in cells, estimated from the number of neighbours that nodes lack in comparison with an
+    open grid; infinite if they lack none; `along`: estimated seconds of a direct solution if rows are eliminated in the
+    order of their distance from the ground (the known voltages), farthest first; `contrast`: factor on the time of
+    multigrid for planes whose conductances span many orders of magnitude, 1 for other matrices.
     """
 
     width: float
@@ -261,7 +266,7 @@ def _faster_for_directions(iterative: MethodChoice, corridors: Corridors) -> Met
     """Return the faster method for the accuracy "direction"; None if the potential falls too far for multigrid.
 
     `iterative`: the choice of multigrid; `corridors`: quantities that determine the costs. The fall of the potential is
-    estimated only if the order by distance is not faster already for the smallest fall.
+    estimated unless elimination by distance from the ground, farthest rows first, is faster even for the smallest fall.
     """
     from resgrid.solvers.decay_estimate import estimate_decades
 
@@ -284,8 +289,8 @@ def _faster_for_voltages(iterative: MethodChoice, corridors: Corridors) -> Metho
     """Return the faster method for normwise accuracy.
 
     `iterative`: the choice of multigrid; `corridors`: quantities that determine the costs. The direct method can be
-    faster in the order by distance along very narrow corridors, chains and trees, and in the order by fill on planes
-    whose conductances span many orders of magnitude.
+    faster in two cases: elimination by distance from the ground along corridors narrower than `SPARSE_WIDTH`, chains
+    and trees; and elimination by minimum fill on planes whose conductances span many orders of magnitude.
     """
     seconds = corridors.contrast * multigrid_seconds(iterative.laplacian, corridors.width, None)
     if corridors.width < SPARSE_WIDTH or corridors.contrast > 1.0:
@@ -297,9 +302,9 @@ def _faster_for_voltages(iterative: MethodChoice, corridors: Corridors) -> Metho
 
 
 def _by_distance(iterative: MethodChoice, seconds: float) -> MethodChoice | None:
-    """Return the direct method in the order by distance if it takes less than `seconds`; otherwise None.
+    """Return the direct method with elimination by distance from the ground; None if it is not faster.
 
-    `iterative`: the choice of multigrid for the matrix; `seconds`: time of multigrid.
+    `iterative`: the choice of multigrid for the matrix; `seconds`: estimated time of multigrid.
     """
     from resgrid.solvers.symbolic import order_by_distance
 
@@ -309,9 +314,9 @@ def _by_distance(iterative: MethodChoice, seconds: float) -> MethodChoice | None
 
 
 def _by_fill(iterative: MethodChoice, seconds: float) -> MethodChoice | None:
-    """Return the direct method in the order by fill if it takes less than `seconds`; otherwise None.
+    """Return the direct method with elimination by minimum fill, or None if it is not faster, the ordering included.
 
-    The time of ordering is included. `iterative`: the choice of multigrid for the matrix; `seconds`: time of multigrid.
+    `iterative`: the choice of multigrid for the matrix; `seconds`: estimated time of multigrid.
     """
     from resgrid.solvers.symbolic import order_by_fill
 
@@ -323,9 +328,9 @@ def _by_fill(iterative: MethodChoice, seconds: float) -> MethodChoice | None:
 
 
 def direct_seconds(order: Symbolic) -> float:
-    """Return the estimated time of a direct solution in the elimination order `order`, in seconds.
+    """Return the estimated time of a direct solution in seconds, without the time for computing the ordering.
 
-    The time of ordering is not included.
+    `order`: elimination order and structure of the factors.
     """
     rows = len(order.order)
     on_rows = (SECONDS.row if rows > EXACT_ROWS else SECONDS.exact_row) * rows
@@ -335,8 +340,8 @@ def direct_seconds(order: Symbolic) -> float:
 def multigrid_seconds(laplacian: Laplacian, width: float, fall: float | None) -> float:
     """Return the estimated time of a multigrid solution, in seconds.
 
-    `width`: width of corridors in cells; `fall`: orders of magnitude by which the potential falls, None for normwise
-    accuracy.
+    `laplacian`: the matrix; `width`: width of corridors in cells; `fall`: orders of magnitude by which the potential
+    falls, None for a solution of normwise accuracy.
     """
     tortuous = width < OPEN_WIDTH
     if fall is None:

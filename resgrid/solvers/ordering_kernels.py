@@ -1,4 +1,4 @@
-"""Kernels that order the rows of a matrix: breadth first, and by minimum fill.
+"""Kernels that order the rows of a matrix for elimination: breadth first, and by minimum fill.
 
 Approximate minimum fill (Rothberg & Eisenstat 1998) by approximate degrees (Amestoy, Davis & Duff 1996). The remaining
 graph is never formed but kept as a quotient graph: an eliminated row becomes an *element*, which represents the clique
@@ -20,11 +20,13 @@ from resgrid.solvers.llvm_intrinsics import prefetch
 from resgrid.solvers.scaled import Floats, Indices, Singles
 
 _WAITS, _JOINS = -1, -2
-"""Codes of rows without an elimination step: `_WAITS`: the row is not eliminated; `_JOINS`: the row belongs to the
-newest element of the quotient graph."""
+"""States of rows without an elimination step: the row is not eliminated yet; it belongs to the newest element.
+
+An element of the quotient graph stands for an eliminated row and joins its former neighbours.
+"""
 
 _SAMPLE = 8000
-"""Number of entries of the matrix that `far_fraction` samples."""
+"""Approximate number of matrix entries that `far_fraction` samples."""
 
 
 def far_fraction(indptr: Indices, indices: Indices) -> float:
@@ -85,8 +87,8 @@ class Quotient(NamedTuple):
     `length[i]` neighbours altogether; `first, last` (n,): begin and end of an element's members in the list of all
     members; `degree` (n,): number of members of an element; for a remaining row, twice the square root of its
     approximate fill; `outside` (n,): number of an element's members that are not members of the newest element; `stamp`
-    (n,): elimination step in which `outside` was last computed; `head` (n,): first row of the list of each degree;
-    `after, before` (n,): successor and predecessor of a row in its list, -1 at the ends.
+    (n,): elimination step in which `outside` was last computed; `head` (n,): first row of the list of each degree, -1
+    for an empty list; `after, before` (n,): successor and predecessor of a row in its list, -1 at the ends.
     """
 
     start: Indices
@@ -118,15 +120,15 @@ def quotient_graph(indptr: Indices, indices: Indices) -> Quotient:
 def minimum_fill(
     q: Quotient, place: Indices, kept: int, dense: int, most: float, most_members: int, step: Indices
 ) -> bool:
-    """Eliminate the rows in order of approximate least fill, and write the step of each elimination to ``step``.
+    """Eliminate the rows in order of approximate least fill; return whether both limits are kept.
 
     Rows with ``place[i] >= kept``, which odd-even reduction eliminates, come first; rows with more than ``dense``
     neighbours come last.
 
     `q`: quotient graph before elimination, modified; `place` (n,): position of every row after odd-even reduction;
-    `most`: maximum number of entries of the factors; `most_members`: maximum total number of members of all elements;
-    `step` (n,): result, equal for rows that are eliminated together. Returns False if one of the two limits is
-    exceeded.
+    `kept`: number of rows that odd-even reduction leaves; `most`: limit on the entries of the factors; `most_members`:
+    limit on the total number of members of all elements; `step` (n,): receives the elimination step of every row, equal
+    for rows that are eliminated together, incomplete if a limit is exceeded.
     """
     n, least, size, k = len(step), 0, 0, 0
     left, entries = n, 0.0
@@ -172,7 +174,7 @@ def minimum_fill(
 
 @inlined
 def _link(q: Quotient, i: int, degree: int) -> None:
-    """Insert row ``i`` at the head of the linked list of rows with this degree."""
+    """Insert row ``i`` of the quotient graph ``q`` at the head of the linked list of rows with degree ``degree``."""
     other = q.head[degree]
     q.degree[i], q.after[i], q.before[i], q.head[degree] = degree, other, -1, i
     if other >= 0:
@@ -181,7 +183,7 @@ def _link(q: Quotient, i: int, degree: int) -> None:
 
 @inlined
 def _unlink(q: Quotient, i: int) -> None:
-    """Remove row ``i`` from the linked list of rows with its degree."""
+    """Remove row ``i`` of the quotient graph ``q`` from the linked list of rows with the degree of row ``i``."""
     before, after = q.before[i], q.after[i]
     if after >= 0:
         q.before[after] = before
@@ -207,7 +209,7 @@ def _gather(q: Quotient, members: Indices, step: Indices, p: int, size: int) -> 
     """Turn row ``p`` into an element, append its members to ``members`` from index ``size`` on, and return their end.
 
     The members are the remaining neighbours of ``p`` and the members of its neighbouring elements, which are emptied.
-    `q`: quotient graph; `step` (n,): state of every row.
+    `q`: quotient graph; `step` (n,): elimination step of every row, or negative (-1: not eliminated, -2: a member).
     """
     for s in range(q.start[p], q.start[p] + q.length[p]):
         x, inside = q.near[s], s < q.start[p] + q.elements[p]
@@ -225,7 +227,7 @@ def _gather(q: Quotient, members: Indices, step: Indices, p: int, size: int) -> 
 
 @inlined
 def _count_outside(q: Quotient, members: Indices, begin: int, end: int, k: int) -> None:
-    """Count, for every element next to the newest one, the members that the newest one lacks, into ``q.outside``.
+    """Count, for every element next to the newest one, the members that the newest element lacks, into ``q.outside``.
 
     `q`: quotient graph; `members[begin:end]`: members of the newest element; `k`: elimination step of the newest
     element.
@@ -245,8 +247,8 @@ def _prune(q: Quotient, members: Indices, step: Indices, p: int, begin: int, end
 
     Edges that lie inside the element are removed. Members without other neighbours are eliminated together with ``p``.
 
-    `q`: quotient graph; `members[begin:end]`: the members, compacted in place; `step` (n,): state or elimination step
-    of every row.
+    `q`: quotient graph; `members[begin:end]`: the members, compacted in place; `step` (n,): elimination step of every
+    row, or negative (-1: not eliminated, -2: a member of ``p``).
     """
     kept = begin
     for r in range(begin, end):

@@ -1,9 +1,9 @@
-"""Run PETSc's ranks as separate processes: find PETSc, start the ranks, report failures, end them on Ctrl-C.
+"""Run PETSc's ranks (MPI processes): find PETSc, start the ranks, report failures, end them on Ctrl-C.
 
 Debian's PETSc belongs to Debian's own Python: `resgrid.solvers.petsc_worker` runs in that Python, started by the
 mpiexec of the same folder, and exchanges data through files.  ``RESGRID_PETSC_PYTHON`` names another Python that can
-import petsc4py.  A launcher, such as ``srun -n 64``, replaces ``mpiexec -n N``: it then sets the number of ranks, and
-may start them on other computers that share the folder of the files.
+import petsc4py.  A launcher, such as ``srun -n 64``, replaces ``mpiexec -n N``: the launcher then sets the number of
+ranks, and may start them on other computers that share the folder of the files.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ _REMEDY = (
 _WORKER = Path(__file__).with_name("petsc_worker.py")
 
 _LAST_WORDS = 3
-"""Number of lines of PETSc's output that a message quotes."""
+"""Number of lines of PETSc's output that an error message quotes."""
 
 _PATIENCE = 5.0
-"""Time, in seconds, that the launcher has to end its ranks before it is killed."""
+"""Time, in seconds, in which the launcher must end its ranks after a termination signal; then all are killed."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,9 @@ class Report:
     """Statistics of a solve by PETSc.
 
     `iterations`: number of iterations; `error`: residual norm relative to that of the right-hand side;
-    `preconditioner`: PETSc's name of the preconditioner; `seconds`: time of the stages "load", "factor" and
-    "substitute", in seconds; `peaks`: peak memory of every rank in bytes, including pages of mapped files.
+    `preconditioner`: PETSc's name of the preconditioner; `seconds`: time of the stages "load" (reading and assembly),
+    "factor" (setup of the preconditioner) and "substitute" (iterations), in seconds; `peaks`: peak memory of every rank
+    in bytes, including pages of mapped files.
     """
 
     iterations: int
@@ -57,7 +58,7 @@ class Report:
 
 
 class Petsc(NamedTuple):
-    """The Python that has PETSc, and the command that starts the ranks (processes of PETSc).
+    """The Python that has PETSc, and the command that starts the ranks (MPI processes).
 
     `python`: path of the Python; `environment`: environment variables of the ranks; `launcher`: words of a command that
     includes the number of ranks; None for the mpiexec in the folder of `python`.
@@ -68,9 +69,9 @@ class Petsc(NamedTuple):
     launcher: tuple[str, ...] | None = None
 
     def command(self, ranks: int | None) -> list[str]:
-        """Return the words of the command that starts the ranks, up to the program that these run.
+        """Return the words of the command that starts the ranks, without the Python program that follows.
 
-        `ranks`: number of ranks for mpiexec; not used with a launcher.
+        `ranks`: number of ranks for mpiexec; ignored, and possibly None, with a launcher.
         """
         prefix = self.launcher or (str(_mpiexec_of(self.python)), "-n", str(ranks))
         return [*prefix, self.python, "-s"]
@@ -198,7 +199,8 @@ def run_ranks(petsc: Petsc, folder: Path, ranks: int | None) -> Report:
 def _run(command: list[str], petsc: Petsc, log: Path) -> int:
     """Run the launcher, end it on Ctrl-C, and return its exit status.
 
-    `command`: words of the command; `petsc`: environment of the ranks; `log`: file that receives the output.
+    `command`: words of the command; `petsc`: provides the environment variables of the ranks; `log`: file that receives
+    the output.
     """
     with log.open("wb") as out:
         try:
@@ -241,7 +243,7 @@ def _environment(petsc: Path | None) -> dict[str, str]:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End the launcher, which ends its ranks; kill all of them if this takes more than `_PATIENCE` seconds."""
+    """End the launcher, which ends its ranks; kill all of them if this takes more than five seconds."""
     process.terminate()
     try:
         process.wait(_PATIENCE)
@@ -251,9 +253,9 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _last_words(log: str) -> str:
-    """Return the lines of a log that report errors, joined to one line; without such lines, the end of the log.
+    """Return up to three lines of a log that report errors, joined to one line; else its last three lines.
 
-    `log`: text of the log. Such lines report exceptions, and the rank that was killed.
+    `log`: text of the log. Lines with "Error", "signal" or "exited" count as reports of errors.
     """
     lines = [line.strip() for line in log.splitlines()]
     telling = [line for line in lines if "Error" in line or "signal" in line or "exited" in line]

@@ -1,10 +1,10 @@
 """Program of PETSc's ranks: each rank reads its rows of a Laplacian from mapped files; does not import resgrid.
 
 ``mpiexec -n N python3 petsc_worker.py FOLDER [shared]`` reads ``system.json``, ``ahead_0.npy`` ... (conductance from
-every cell to the next one along an axis), ``ground.npy`` (conductance to nodes of known potential) and ``drive.npy``,
-and writes ``answer.npy`` and ``report.json``. Cells are numbered in C order; a cell without any conductance is not
-solved for. The program needs numpy and petsc4py only, and runs in the Python that has them. All ranks need access to
-FOLDER; their number is the size of PETSc's communicator.
+every cell to the next one along axis 0 ...), ``ground.npy`` (conductance to nodes of known potential) and ``drive.npy``
+(currents in amperes), and writes ``answer.npy`` (voltages) and ``report.json``. Cells are numbered in C order; a cell
+without any conductance is not solved for. The program needs numpy and petsc4py only, and runs in the Python that has
+them. All ranks need access to FOLDER; their number is the size of PETSc's communicator.
 """
 
 from __future__ import annotations
@@ -21,7 +21,10 @@ from typing import Any
 import numpy as np
 
 GAMG = {"pc_type": "gamg", "pc_gamg_agg_nsmooths": "1", "pc_gamg_threshold": "0.02", "mg_levels_pc_type": "jacobi"}
-"""PETSc options of the preconditioner GAMG (algebraic multigrid; geometric interpolation would cross walls)."""
+"""PETSc options of the preconditioner GAMG.
+
+GAMG is algebraic multigrid; a geometric interpolation would cross barriers of obstacle cells.
+"""
 BOOMERAMG = {"pc_type": "hypre", "pc_hypre_type": "boomeramg"}
 """PETSc options of the preconditioner BoomerAMG.
 
@@ -37,16 +40,19 @@ BOOMERAMG_3D = {
 """PETSc options of the preconditioner BoomerAMG for grids with three or more axes."""
 
 PASS, MOST_PASSES, MOST_STEPS = 1e-8, 5, 1000
-"""Smallest relative residual of a pass, maximum number of passes, and maximum number of iterations per pass.
+"""Limits on the repeated solves for the remaining residual (iterative refinement).
 
-The residual that conjugate gradients update drifts from the true one, from which the next pass starts.
+The first is the smallest tolerance, relative to the norm of the remaining residual, that is requested of one PETSc
+solve; the second is the maximum number of solves, the third the maximum number of iterations of each. The residual that
+conjugate gradients update drifts from the true one, from which the next solve starts.
 """
 
 
 def rows_of(rank: int, ranks: int, cells: int) -> tuple[int, int]:
     """Return the first row of a rank, and the first row of the next rank.
 
-    `rank, ranks`: number of the rank, and number of ranks; `cells`: number of rows of the matrix, one per cell.
+    `rank, ranks`: number of the rank from 0 on, and number of ranks; `cells`: number of rows of the matrix, one per
+    cell.
     """
     return cells * rank // ranks, cells * (rank + 1) // ranks
 
@@ -62,7 +68,7 @@ def mapped(folder: Path, name: str, mode: Any = "r") -> Any:
 def neighbours(cell: Any, axis: int, shape: list[int]) -> tuple[Any, Any]:
     """Return the numbers of the next and of the previous cell along an axis, shape (n,) each.
 
-    The cell after the last one is the first. `cell` (n,): numbers of cells in C order, int64; `axis`: number of the
+    The cell after the last one is the first. `cell` (n,): numbers of cells in C order, int64; `axis`: index of the
     axis; `shape`: number of cells along every axis.
     """
     stride = int(np.prod(shape[axis + 1 :], dtype=np.int64))
@@ -76,8 +82,8 @@ def local_rows(folder: Path, shape: list[int], first: int, last: int, index: Any
     """Return rows `first` to `last - 1` of the matrix as CSR arrays: begins of rows, columns and values in siemens.
 
     `folder`: folder of the system of equations; `shape`: number of cells along every axis; `index`: integer type of
-    PETSc. A cell without an unknown has 1 on the diagonal. Raises OverflowError for more entries than `index` can
-    number.
+    PETSc, as a numpy data type. A cell without an unknown has 1 on the diagonal. Raises OverflowError for more entries
+    than `index` can number.
     """
     count, axes = last - first, len(shape)
     cell = np.arange(first, last, dtype=np.int64)
@@ -105,10 +111,10 @@ def local_rows(folder: Path, shape: list[int], first: int, last: int, index: Any
 
 
 def configured(petsc: Any, matrix: Any, axes: int) -> Any:
-    """Return PETSc's solver: conjugate gradients with algebraic multigrid, or as PETSC_OPTIONS specify.
+    """Return PETSc's solver: conjugate gradients with algebraic multigrid, changed by the variable PETSC_OPTIONS.
 
-    `petsc`: the module petsc4py.PETSc; `matrix`: the matrix; `axes`: number of axes of the grid. Raises SystemExit with
-    the name and value of an option that PETSc refuses.
+    `petsc`: the module petsc4py.PETSc; `matrix`: PETSc's matrix; `axes`: number of axes of the grid. Raises SystemExit
+    with the name and value of an option that PETSc refuses.
     """
     options = petsc.Options()
     options.setValue("options_left", "")
@@ -133,9 +139,10 @@ def configured(petsc: Any, matrix: Any, axes: int) -> Any:
 def solve(petsc: Any, solver: Any, matrix: Any, b: Any, rtol: float) -> tuple[Any, int, float]:
     """Return the solution, the number of iterations, and the residual norm relative to that of ``b``.
 
-    `petsc`: the module petsc4py.PETSc; `solver, matrix, b`: PETSc's solver, matrix and right-hand side; `rtol`:
-    relative residual norm at which passes end, unless the limit of rounding is larger. Raises ArithmeticError if the
-    solver diverges.
+    PETSc solves for the remaining residual up to five times, and the corrections are summed. `petsc`: the module
+    petsc4py.PETSc; `solver, matrix, b`: PETSc's solver, matrix and right-hand side; `rtol`: relative residual norm at
+    which the solution is accepted, unless the limit of rounding is larger. Raises ArithmeticError if the solver
+    diverges.
     """
     x, correction, r = b.duplicate(), b.duplicate(), b.copy()
     x.set(0.0)
@@ -160,7 +167,7 @@ def solve(petsc: Any, solver: Any, matrix: Any, b: Any, rtol: float) -> tuple[An
 def claim_rank(folder: Path, rank: int, ranks: int) -> None:
     """Raise RuntimeError if another process has the same rank, which happens if the launcher belongs to another MPI.
 
-    The processes of a foreign launcher are rank 0 of 1 each. `folder`: folder of the system of equations; `rank,
+    A foreign launcher gives every process the rank 0 of 1. `folder`: folder of the system of equations; `rank,
     ranks`: number of this rank, and number of ranks.
     """
     try:
@@ -174,8 +181,8 @@ def claim_rank(folder: Path, rank: int, ranks: int) -> None:
 def main(folder: Path, *, shared: bool = False) -> None:
     """Solve the system of equations in `folder`; write the solution, statistics and peak memory there.
 
-    `shared`: whether several computers share the folder. Raises SystemExit with the name of an option that PETSc
-    refuses.
+    `shared`: whether several computers share the folder, so that the solution is written to disk at once. Raises
+    SystemExit with the name of an option that PETSc refuses.
     """
     try:
         from petsc4py import PETSc

@@ -12,13 +12,13 @@ from resgrid.errors import InputError
 Progress = Callable[[int, float, float | None], None]
 """Function that is called after every iteration, with three arguments.
 
-They are the number of iterations so far, the residual norm relative to the start of the present pass of refinement, and
-the estimated seconds until the end of that pass (None while the residual does not fall).
+They are the number of iterations so far, the residual norm relative to its start value, and the estimated seconds until
+the target norm (None while the residual does not fall). Start and target are those of the present refinement step.
 """
 
 
 class Stopped(Exception):  # noqa: N818 - not an error
-    """The solve was cancelled."""
+    """Exception that ends a cancelled solve."""
 
 
 class ProgressMonitor:
@@ -32,7 +32,7 @@ class ProgressMonitor:
     Attributes
     ----------
     iterations : int
-        Iterations, summed over all right-hand sides and passes of refinement; 0 for a direct method.
+        Iterations, summed over all right-hand sides and steps of iterative refinement; 0 for a direct method.
     error : float
         Largest backward error of a solution, normwise or componentwise as requested; 0 until there is a solution.
     bound : float
@@ -51,7 +51,7 @@ class ProgressMonitor:
         self._pass = threading.local()
 
     def begin(self, residual: float, goal: float) -> None:
-        """Start a pass of iterations; `residual`: residual norm at the start; `goal`: norm at which the pass ends."""
+        """Start a sequence of iterations; `residual`: residual norm at the start; `goal`: norm at which it ends."""
         here = self._pass
         here.start, here.goal, here.since = residual, goal, time.perf_counter()
 
@@ -61,7 +61,7 @@ class ProgressMonitor:
         Parameters
         ----------
         residual : float
-            Residual norm after the iteration, in the unit of `begin`.
+            Residual norm after the iteration, in the unit of the arguments of `begin`.
 
         Raises
         ------
@@ -76,12 +76,12 @@ class ProgressMonitor:
             self._progress(self.iterations, residual / (self._pass.start or 1.0), self._seconds_left(residual))
 
     def done(self, error: float, bound: float = math.inf) -> None:
-        """Record the accuracy of a solution.
+        """Record the accuracy of a solution; keep the largest error and the largest bound of all solutions.
 
         Parameters
         ----------
         error : float
-            Backward error, normwise or componentwise.
+            Backward error, normwise or componentwise as requested.
         bound : float, optional
             Bound on the relative error of every entry, infinite by default.
         """
@@ -91,11 +91,11 @@ class ProgressMonitor:
             self.bound = max(self.bound, bound)
 
     def stop(self) -> None:
-        """Cancel the solve; its next call of `step` raises Stopped."""
+        """Cancel the solve: the next call of `step` raises Stopped."""
         self._stopped = True
 
     def _seconds_left(self, residual: float) -> float | None:
-        """Return the estimated seconds until the end of the pass; None while the residual does not fall.
+        """Return the estimated seconds until the iterations reach their target; None while the residual does not fall.
 
         `residual`: present residual norm. The estimate assumes a constant convergence factor.
         """

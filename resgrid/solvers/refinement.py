@@ -1,7 +1,7 @@
-"""Iterative refinement in scaled double-doubles, from an approximate inverse to an entrywise accurate solution.
+"""Iterative refinement with separate exponents, from an approximate inverse to an entrywise accurate solution.
 
-The residual is computed from differences of values, accurate relative to the currents at each node, so that every pass
-gains the digits of the approximate inverse. Refinement ends when the error of every entry is bounded, or when a pass
+The residual is computed from differences of values, accurate relative to the currents at each node, so that every step
+gains the digits of the approximate inverse. Refinement ends when the error of every entry is bounded, or when a step
 gains no more.
 
 The bound: a row whose currents violate KCL by a fraction ``e_i`` is exact for conductances that differ by at most that
@@ -10,7 +10,7 @@ contributes at most one conductance to the numerator and one to the denominator.
 smallest, therefore has a relative error of at most ``2 sum_i e_i`` (for equal fractions: O'Cinneide 1993).
 
 Coarse levels do not resolve slits, along which the potential falls by orders of magnitude within a few cells, and every
-pass gains about fifteen orders. If the remaining error exceeds the potential itself in a few rows, these rows are
+step gains about fifteen orders. If the remaining error exceeds the potential itself in a few rows, these rows are
 solved directly from the currents into them. The direct method resolves all orders of magnitude at once, since it is
 subtraction-free.
 """
@@ -29,18 +29,19 @@ from resgrid.solvers.scaled import NOISE, Floats, Integers, Numbers, Scaled, can
 from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 _CONVERGED = 1e-12
-"""Componentwise backward error up to which a solution is accepted without a bound on its entries."""
+"""Largest componentwise backward error of an accepted solution, if the relative error of its entries has no bound."""
 
 CERTAIN = 1e-9
-"""Largest error, relative to the largest value, of a solution that needs no further check or correction."""
+"""Largest error, relative to the largest entry, up to which a solution needs no further check or correction."""
 
 _MOST_STEPS = 60
 _LEAST_GAIN = 0.5
 
 _ALLOWED = 2e-9
-"""Largest sum of the relative violations of KCL over the rows that are not converged, at which refinement ends.
+"""Largest sum of relative violations of KCL at which refinement ends.
 
-Entries then have a relative error of 4e-9, plus the rounding of the rows' sums, about 4e-9 for a million rows.
+The sum is over the rows whose residual is more than rounding error. Entries then have a relative error of 4e-9, plus
+the rounding of the rows' sums, about 4e-9 for a million rows.
 """
 
 _MARGIN = 0.03
@@ -50,36 +51,37 @@ With this margin the last correction rarely misses the limit.
 """
 
 _HOPELESS = 1e-4
-"""Componentwise backward error above which some voltages have few correct digits, or none."""
+"""Componentwise backward error above which some rows are solved directly, since they have few correct digits or none.
+"""
 
 _PROVED = 1e-6
 """Bound on the relative error of entries up to which a solution is accepted, whatever its backward error."""
 
 _DIFFERENCE = 4.0
-"""Relative difference of two values up to which it is rounding error, in multiples of the attainable backward error.
+"""Relative difference of two refined values that counts as rounding error, in multiples of `refine`'s parameter
+``floor``.
 
-The attainable backward error is the parameter `floor` of `refine`.
+``floor`` is the attainable componentwise backward error.
 """
 
 _FLAT = 1e-14
 """Ratio of the currents at a row to ``(b + |A| |x|)_i`` below which the currents may be pure rounding error."""
 
 _STEPS, _FEWEST_STEPS, _LEAST = 8, 2, 128
-"""Neighbourhood that is solved directly with unconverged rows: most steps, least steps, and least size as 1/N of all
-rows.
+"""Size of the neighbourhood that is solved directly with inaccurate rows: maximum and minimum steps, and minimum rows.
 
-The neighbourhood grows by the least steps only if it has reached half of the allowed rows. The least size is a fraction
-of all rows: along a slit, all voltages beyond depend on the ones before.
+The neighbourhood grows to the maximum number of steps from these rows, but only to the minimum once it has half of the
+allowed rows. It grows on until it has one row in 128 of the matrix: along a slit, all voltages beyond depend on the
+ones before.
 """
 
 _MOST, _MOST_OF_PLANE, _ONE_IN = 20_000, 100_000, 10
-"""Upper limits on the number of rows that are solved directly: absolute, absolute on a plane, and as 1/N of all rows.
-"""
+"""Largest number of rows that are solved directly: in general, on a two-dimensional grid, and 1/N of all rows."""
 
 Approximation = Callable[[Floats, Integers, float], Numbers]
-"""Function of mantissas (n,), exponents (n,) and a relative error: returns ``A^-1`` times these scaled numbers.
+"""Function of mantissas (n,), exponents (n,) and a relative error: returns ``A^-1`` times the right-hand side.
 
-The error of the result is relative to the largest entry.
+Numbers are ``mantissa * 2**(256 * exponent)``. The error of the result is relative to the largest entry.
 """
 
 
@@ -98,11 +100,14 @@ class Refined(NamedTuple):
 class Imbalance(NamedTuple):
     """Violation of KCL by a solution, over some rows.
 
-    `backward`: componentwise backward error ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964), with the residual
-    ``r``; `unconverged`: sum of the relative violations of the rows that are not converged, where a relative violation
-    is ``|r_i|`` divided by the sum of the currents at the row; `converged`: this sum over the other rows, with the
-    rounding errors that are possible there; `fraction`: smallest ratio of the sum of the currents at a row to ``(b +
-    |A| |x|)_i``; `log_size`: natural logarithm of the largest ``|r_i|``.
+    The relative violation of a row is the residual ``|r_i|`` divided by the sum of the magnitudes of the currents at
+    the row. A row is converged if this is only rounding error.
+
+    `backward`: componentwise backward error ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964); `unconverged`: sum
+    of the relative violations of the rows that are not converged; `converged`: sum of the relative violations of the
+    other rows, and of the rounding errors that are possible in all rows; `fraction`: smallest ratio of the sum of the
+    currents at a row to ``(b + |A| |x|)_i``; `log_size`: natural logarithm of the largest ``|r_i|`` in amperes, -inf if
+    all are converged.
     """
 
     backward: float = np.inf
@@ -112,7 +117,7 @@ class Imbalance(NamedTuple):
     log_size: float = np.inf
 
     def plus(self, rest: Imbalance) -> Imbalance:
-        """Return the violation of KCL over these rows and the rows of ``rest`` together."""
+        """Return the violation of KCL over the rows of this value and those of ``rest`` together."""
         return Imbalance(
             max(self.backward, rest.backward), self.unconverged + rest.unconverged, self.converged + rest.converged,
             min(self.fraction, rest.fraction), max(self.log_size, rest.log_size),
@@ -128,7 +133,7 @@ def entry_bound(violation: float) -> float:
 
 
 def is_answer(error: float, bound: float) -> bool:
-    """Return whether a solution is accurate enough, by one of two measures.
+    """Return whether a solution is accurate enough: ``error`` is at most 1e-12, or ``bound`` at most 1e-6.
 
     `error`: componentwise backward error; `bound`: bound on the relative error of every entry.
     """
@@ -148,12 +153,12 @@ def refine(
 ) -> Refined:
     """Return the solution for a nonnegative right-hand side `rhs` (n,), with a small relative error of every entry.
 
-    `approximate`: approximate inverse of the matrix `laplacian`; `floor`: rounding error of a row's sum of currents,
-    relative to ``(b + |A| |x|)_i``; `exact`: whether to compute residuals in double-double, so that the solution is the
-    nearest double (also done if hardly any current flows); `first_bound`: bound on the relative error of entries of the
-    first approximation: a larger correction is rounding error of conductances that span more orders of magnitude than
-    double-doubles; `resolve`: whether to solve a few rows without correct digits directly; `threads`: share the
-    computation of residuals.
+    `rhs` is in amperes. `approximate`: approximate inverse of the matrix `laplacian`; `floor`: rounding error of a
+    row's sum of currents, relative to ``(b + |A| |x|)_i``; `exact`: whether to compute residuals in double-double, so
+    that the solution is the nearest double (also done if hardly any current flows); `first_bound`: bound on the
+    relative error of entries of the first approximation: a larger correction is rounding error of conductances that
+    span more orders of magnitude than double-doubles; `resolve`: whether to solve a few rows without correct digits
+    directly; `threads`: share the computation of residuals.
     """
     matrix, current = laplacian.graph, scaled_currents(rhs)
     residual = current[0].copy(), current[1].copy()
@@ -204,7 +209,7 @@ def imbalance(
     `matrix, current, x`: conductances, right-hand side and voltages; `out`: mantissas and exponents of the residual,
     (n,) each, on entry those of the previous residual; `exact`: whether to compute in double-double; `floor`: rounding
     error of a row's sum of currents, relative to ``(b + |A| |x|)_i``; `kept`: multiple of the rounding error up to
-    which a row with the residual 0 on entry remains converged; `threads`: process slices of rows.
+    which a row counts as converged if its residual on entry is 0; `threads`: process slices of rows.
     """
     from resgrid.solvers.scaled_kernels import residual
 
@@ -227,9 +232,9 @@ def _moves(x: Scaled, new: Scaled, fraction: float) -> bool:
 
 
 def corrected(x: Scaled, m: Floats, e: Integers) -> Scaled:
-    """Return the sum of the scaled double-doubles ``x`` and a correction, shape (n,).
+    """Return the sum of ``x`` and a correction, shape (n,), in double-double with separate exponents.
 
-    `m, e` (n,): mantissas and exponents of the correction.
+    `m, e` (n,): mantissas and exponents of the correction, ``m * 2**(256 e)``.
     """
     from resgrid.solvers.scaled_kernels import correct
 
@@ -239,9 +244,10 @@ def corrected(x: Scaled, m: Floats, e: Integers) -> Scaled:
 
 
 def scaled_currents(rhs: Floats | Scaled) -> Numbers:
-    """Return new canonical mantissas and exponents, (n,) each, of the currents ``rhs`` (n,).
+    """Return the currents ``rhs`` (n,) as new mantissas and exponents, (n,) each: ``m * 2**(256 e)``.
 
-    The lower parts `lo` of scaled double-doubles are neglected.
+    Mantissas are 0 or between ``2**-128`` and ``2**128`` in magnitude. The lower parts ``rhs.lo`` of double-doubles are
+    neglected.
     """
     given = rhs if isinstance(rhs, Scaled) else Scaled.of(np.asarray(rhs, dtype=np.float64))
     current, scale = given.hi.copy(), given.exponent.copy()
@@ -250,12 +256,12 @@ def scaled_currents(rhs: Floats | Scaled) -> Numbers:
 
 
 def minus(a: Scaled, b: Scaled) -> Scaled:
-    """Return the difference ``a - b`` of scaled double-doubles, (n,) each."""
+    """Return the difference ``a - b``, shape (n,), in double-double with separate exponents."""
     return corrected(corrected(a, -b.hi, b.exponent), -b.lo, b.exponent)
 
 
 def quotient(parts: list[Scaled], x: Scaled) -> float:
-    """Return the largest magnitude in any of ``parts`` relative to the largest in ``x``; 0 if all of these vanish."""
+    """Return the largest magnitude in any of ``parts``, divided by the largest in ``x``; 0 if all ``parts`` vanish."""
     largest, *logs = (logarithm(np.abs(each.hi), each.exponent).max(initial=-np.inf) for each in (x, *parts))
     with np.errstate(over="ignore"):
         return 0.0 if max(logs) == -np.inf else float(np.exp(max(logs) - largest))
@@ -283,7 +289,7 @@ def resolve_rows(laplacian: Laplacian, residual: Floats, x: Scaled, current: Num
 
 
 def _around(laplacian: Laplacian, rows: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
-    """Return a mask (n,) of the rows in the mask ``rows`` (n,) and their neighbourhood; None for too many rows."""
+    """Return a mask (n,) of the rows in the mask ``rows`` (n,) and their neighbourhood; None for none or too many."""
     plane = laplacian.grid is not None and laplacian.dimensions == 2
     most, edge = min(_MOST_OF_PLANE if plane else _MOST, laplacian.size // _ONE_IN), np.flatnonzero(rows)
     seen, count, steps = rows.copy(), len(edge), 0

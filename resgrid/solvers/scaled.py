@@ -1,4 +1,4 @@
-"""Scaled numbers: doubles with an additional exponent, which cannot overflow or underflow."""
+"""Scaled numbers: a double times ``2**(256 e)`` with an integer exponent ``e``, which cannot overflow or underflow."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Singles = NDArray[np.float32]
 Reals = NDArray[np.floating[Any]]
 
 BITS = 256
-"""Number of binary places per unit of an exponent: a scaled number with exponent ``e`` has the factor ``2**(BITS e)``.
+"""Number of binary places per unit of a separate exponent: a number with exponent ``e`` has the factor ``2**(BITS e)``.
 """
 
 NOISE = 2.0**-70
@@ -28,11 +28,11 @@ _POWERS.flags.writeable = False
 
 
 Numbers = tuple[Floats, Integers]
-"""Scaled numbers as plain arrays: mantissas (n,) in double precision, and exponents (n,)."""
+"""Mantissas (n,), doubles, and exponents (n,), integers, of the numbers ``mantissa * 2**(256 * exponent)``."""
 
 
 class Scaled(NamedTuple):
-    """Scaled double-doubles ``(hi + lo) * 2**(256 exponent)``.
+    """Double-doubles with separate exponents, ``(hi + lo) * 2**(256 * exponent)``.
 
     `hi, lo` (n,): upper and lower parts; `exponent` (n,): integers; `noise`: relative difference of two values up to
     which they are equal except for rounding.
@@ -45,24 +45,25 @@ class Scaled(NamedTuple):
 
     @staticmethod
     def of(values: Floats) -> Scaled:
-        """Return the doubles `values` (n,) as scaled numbers with lower part and exponent 0."""
+        """Return the doubles `values` (n,) with lower part and exponent 0."""
         return Scaled(values, np.zeros(len(values)), np.zeros(len(values), dtype=np.int64))
 
     @property
     def plain(self) -> Floats:
-        """The values as doubles, shape (n,); 0 where they underflow."""
+        """The values as doubles, shape (n,); 0 where they underflow, infinite where they overflow."""
         return unscaled(self.hi, self.exponent)
 
     @property
     def log(self) -> Floats:
-        """Natural logarithm of the values, shape (n,); -inf for those that are not positive."""
+        """Natural logarithm of the values including exponents, shape (n,); -inf for values that are not positive."""
         return logarithm(self.hi, self.exponent)
 
 
 def canonical(m: Floats, e: Integers, *rest: Floats) -> None:
-    """Make scaled numbers canonical in place: ``2**-128 <= |m| < 2**128``, or 0.
+    """Rescale numbers ``m * 2**(256 e)`` in place, so that ``2**-128 <= |m| < 2**128``, or 0.
 
-    `m, e` (n,): mantissas and exponents; `rest`: further arrays (n,) with the same exponents, which are rescaled alike.
+    `m, e` (n,): mantissas and exponents; `rest`: further mantissas (n,) with the exponents ``e``, which are multiplied
+    by the same powers of two.
     """
     steps = (np.frexp(m)[1] + (BITS // 2 - 1)) // BITS
     if steps.any():
@@ -72,7 +73,7 @@ def canonical(m: Floats, e: Integers, *rest: Floats) -> None:
 
 
 def power(exponent: Integers) -> Floats:
-    """Return ``2**(256 exponent)``, shape (n,), for integers `exponent` (n,).
+    """Return ``2**(256 * exponent)``, shape (n,), for integers `exponent` (n,).
 
     The result is 0 or infinity beyond the range of a double.
     """
@@ -80,7 +81,7 @@ def power(exponent: Integers) -> Floats:
 
 
 def unscaled(m: Floats, e: Integers) -> Floats:
-    """Return scaled numbers as doubles, shape (n,): 0 or infinite beyond the range of doubles.
+    """Return the numbers ``m * 2**(256 e)`` as doubles, shape (n,): 0 or infinite beyond the range of doubles.
 
     `m, e` (n,): mantissas and exponents.
     """
@@ -91,7 +92,7 @@ def unscaled(m: Floats, e: Integers) -> Floats:
 
 
 def logarithm(m: Floats, e: Integers) -> Floats:
-    """Return the natural logarithm of scaled numbers, shape (n,); -inf for those that are not positive.
+    """Return the natural logarithm of the numbers ``m * 2**(256 e)``, shape (n,); -inf for those that are not positive.
 
     `m, e` (n,): mantissas and exponents.
     """

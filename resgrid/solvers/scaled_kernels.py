@@ -27,7 +27,7 @@ _SPLITTER = 2.0**27 + 1.0
 _SETTLED = 1e-29
 _UNIT = 2.0**-53
 _NOTHING = 1e-290
-"""Residual, in the unit of the row's common exponent, below which a row is converged.
+"""Residual of a row, in amperes times ``2**(-256 e)`` with the row's exponent ``e``, below which the row is converged.
 
 Underflow in the lower parts of double-doubles leaves residuals of this size.
 """
@@ -44,7 +44,10 @@ One more is added for every conductance of the row.
 
 @inlined
 def _canonical(m: float, e: int) -> tuple[float, int]:
-    """Return the canonical mantissa and exponent of the scaled number ``m * 2**(256 e)``."""
+    """Return ``m * 2**(256 e)`` as a mantissa between ``2**-128`` and ``2**128`` in magnitude, and an exponent.
+
+    A mantissa that is 0 or not finite is returned unchanged.
+    """
     if m == 0.0 or not math.isfinite(m):
         return m, e
     while abs(m) < _SMALL:
@@ -58,7 +61,7 @@ def _canonical(m: float, e: int) -> tuple[float, int]:
 
 @inlined
 def _shift(value: float, steps: int) -> float:
-    """Return ``value * 2**(256 steps)``, exact for -1, 0 and 1 steps; 0 for fewer steps and infinity for more."""
+    """Return ``value * 2**(256 * steps)``, exact for -1, 0 and 1 steps; 0 for fewer steps and infinity for more."""
     if steps == 0 or value == 0.0:
         return value
     if steps == 1:
@@ -70,9 +73,9 @@ def _shift(value: float, steps: int) -> float:
 
 @inlined
 def _add_product(m: float, e: int, factor: float, v: float, ve: int) -> tuple[float, int]:
-    """Return mantissa and exponent of ``(m, e) + factor * (v, ve)``, where pairs are scaled numbers.
+    """Return mantissa and exponent of ``m * 2**(256 e) + factor * v * 2**(256 ve)``.
 
-    A term that is 2**256 times smaller than the other is neglected.
+    A term that is more than 2**256 times smaller than the other is neglected.
     """
     t, te = _canonical(factor * v, ve)
     if m == 0.0 or t == 0.0:
@@ -113,9 +116,9 @@ def _sum(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
 
 @kernel
 def correct(x: Scaled, m: Floats, me: Integers, out: Scaled) -> None:
-    """Write the scaled double-doubles ``x`` plus the scaled numbers ``(m, me)`` to the scaled double-doubles ``out``.
+    """Write the sum of the double-doubles ``x`` and the numbers ``m * 2**(256 me)`` to the double-doubles ``out``.
 
-    `m, me` (n,): mantissas and exponents of the correction.
+    `x, out` (n,): double-doubles with separate exponents; `m, me` (n,): mantissas and exponents of the correction.
     """
     hi, lo, e = x.hi, x.lo, x.exponent
     new_hi, new_lo, new_e = out.hi, out.lo, out.exponent
@@ -157,20 +160,20 @@ def residual(
     """Write the residual of KCL of the rows ``begin`` to ``end - 1`` to ``out``; return the fields of `Imbalance`.
 
     The residual of row ``i`` is ``b_i - g_i x_i + sum_j g_ij (x_j - x_i)``. Differences are formed first, so that
-    off-diagonals and row excess never meet in a rounded diagonal. A difference of double-doubles is accurate to the
-    last digits of a double (the upper parts of nearly equal values subtract without error: Sterbenz 1974). The residual
-    is therefore accurate relative to the currents at the row. With ``exact``, sums and products are double-doubles too:
-    if no current flows, differences of voltages then vanish to thirty digits.
+    off-diagonals and ground conductances never meet in a rounded diagonal. A difference of double-doubles is accurate
+    to the last digits of a double (the upper parts of nearly equal values subtract without error: Sterbenz 1974). The
+    residual is therefore accurate relative to the currents at the row. With ``exact``, sums and products are
+    double-doubles too: if no current flows, differences of voltages then vanish to thirty digits.
 
-    The residual of a row has the exponent of the row's largest value; with ``plain`` all exponents are 0. Converged
+    The residual of a row has the exponent of the row's largest value; `plain`: whether all exponents are 0. Converged
     rows, whose residual is a rounding error of these sums, get the residual 0, so that a correction can address rows
     that are smaller by many orders of magnitude. A row with the residual 0 on entry remains converged up to ``kept``
     times that rounding error.
 
-    `current`: right-hand side ``b`` as mantissas and exponents; `x`: voltages; `floor`: residual, relative to ``(b +
-    |A| |x|)_i``, up to which a row's violation is counted as converged; `out`: mantissas and exponents, on entry those
-    of the previous residual. The returned numbers are described in `resgrid.solvers.refinement.Imbalance`; they are
-    infinite (``fraction`` 0) if a residual is not finite.
+    `matrix`: conductances; `current`: right-hand side ``b`` as mantissas and exponents; `x`: voltages; `floor`:
+    residual, relative to ``(b + |A| |x|)_i``, up to which a row's violation is counted as converged; `out`: mantissas
+    and exponents, on entry those of the previous residual. The returned numbers are described in
+    `resgrid.solvers.refinement.Imbalance`; they are infinite (``fraction`` 0) if a residual is not finite.
     """
     indptr, indices, conductance, ground = matrix
     injected, injected_e = current

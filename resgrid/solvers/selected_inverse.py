@@ -34,6 +34,8 @@ take 1.7 times as long as with these values, and volumes take equally long.
 def symmetric_factors(matrix: Any) -> Any:
     """Return SuperLU's factors of a symmetric matrix (n, n), real or complex, with pivots on the diagonal.
 
+    The result is a scipy.sparse.linalg.SuperLU object.
+
     Raises
     ------
     AccuracyError
@@ -70,7 +72,7 @@ def inverse_diagonal(matrix: Any) -> NDArray[Any]:
 
 
 def positive_inverse_diagonal(factors: SupernodalFactors) -> Floats:
-    """Return the diagonal (n,) of the inverse of an M-matrix, every entry with a small relative error.
+    """Return the diagonal (n,) of the inverse of an M-matrix in ohms, every entry with a small relative error.
 
     `factors`: subtraction-free factors of the matrix.
     """

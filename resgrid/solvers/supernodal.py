@@ -1,7 +1,7 @@
 """Subtraction-free supernodal factors ``P A P^T = L D L^T`` of an M-matrix (GTH).
 
 Every entry is accurate to a few rounding errors, whatever the conductances (Grassmann, Taksar & Heyman 1985; O'Cinneide
-1993). Substitution is done in scaled numbers (`resgrid.solvers.scaled_kernels`).
+1993). Substitution is done in numbers with separate exponents (`resgrid.solvers.scaled_kernels`).
 
 The import of numba takes seconds: only functions that are about to solve import this module.
 """
@@ -24,7 +24,9 @@ _STRETCH = 2_000
 """Number of supernodes that one call of the factorization kernel eliminates; Ctrl-C is handled between two calls."""
 
 _LEAST, _MOST = 2.0**-700, 2.0**700
-"""Smallest and largest magnitude of a sum of doubles that neither overflows nor loses significant terms to underflow.
+"""Smallest and largest magnitude of a sum of doubles in which no term overflows or underflows significantly.
+
+Beyond these limits substitution is repeated with one exponent per number.
 """
 
 
@@ -44,10 +46,10 @@ class SupernodalFactors(NamedTuple):
     largest: float
 
     def substitute(self, m: Floats, e: Integers) -> Numbers:
-        """Return the solution of ``A x = b`` for scaled numbers ``b``, by forward and back substitution.
+        """Return the solution of ``A x = b``, by forward and back substitution, in numbers with separate exponents.
 
-        `m, e` (n,): mantissas and exponents of ``b``, which are not modified. Returns mantissas and exponents of ``x``,
-        (n,) each.
+        `m, e` (n,): mantissas and exponents of ``b = m * 2**(256 e)``, which are not modified. Returns mantissas and
+        exponents of ``x``, (n,) each.
         """
         by = self.symbolic
         x, exponent, column = m.take(by.order), e.take(by.order), np.empty(by.lengths.max(initial=0))
@@ -63,7 +65,7 @@ class SupernodalFactors(NamedTuple):
 def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) -> SupernodalFactors:
     """Return the factors of a matrix; raise AccuracyError if a pivot is not a positive finite double.
 
-    `symbolic`: elimination order of a matrix with the same sparsity pattern; None to compute an order for this matrix.
+    `symbolic`: elimination order of a matrix with the sparsity pattern of this one; None to compute an order.
     """
     matrix, symbolic = laplacian.graph, symbolic or order_rows(laplacian)
     widths, size = symbolic.widths, symbolic.kept
@@ -92,12 +94,12 @@ def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) ->
 class Workspace(NamedTuple):
     """Work arrays of the factorization.
 
-    `node_of` (columns,): supernode of every column; `waiting, following` (supernodes,): linked lists of the supernodes
-    that will update a supernode: first entry of its list, and successor of every entry, -1 at the end; `after`
-    (supernodes,): position, among the rows of all supernodes, of the first row of a supernode that has not been updated
-    by it; `at` (columns,): position of a row in the current supernode; `grounded` (columns,): conductance of a column
-    to the ground, in siemens, and after its elimination the fraction of the pivot; `column` (rows of the longest
-    supernode,), `weight` (columns of the widest supernode,): buffers.
+    `node_of` (columns,): supernode of every column; `waiting` (supernodes,): first of the earlier supernodes that will
+    update a supernode, in a linked list; `following` (supernodes,): next supernode in the list, -1 at the end; `after`
+    (supernodes,): index into ``nodes.rows`` of the first row that a supernode has not updated yet; `at` (columns,):
+    position of a row in the current supernode; `grounded` (columns,): conductance of a column to the ground (all nodes
+    of known voltage), in siemens, and after the elimination of the column divided by the pivot; `column` (rows of the
+    longest supernode,), `weight` (columns of the widest supernode,): buffers.
     """
 
     node_of: Indices
@@ -114,10 +116,11 @@ class Workspace(NamedTuple):
 def eliminate(factors: SupernodalFactors, work: Workspace, begin: int, end: int) -> bool:
     """Factor the supernodes ``begin`` to ``end - 1`` into ``factors``; return whether all pivots are valid.
 
-    A valid pivot is positive and finite. Elimination of a row adds ``c_i c_j / d`` between its neighbours, and between
-    each neighbour and the ground. The pivot ``d`` is the sum of the row's conductances to later rows and to the ground,
-    never a difference (Grassmann, Taksar & Heyman 1985). Every entry is therefore accurate to a few rounding errors,
-    whatever the conductances.
+    A valid pivot is positive and finite. Elimination of a row adds ``c_i c_j / d`` between its neighbours, with
+    conductances ``c`` to them and the pivot ``d``, and likewise between each neighbour and the ground. The pivot is the
+    sum of the row's conductances to later rows and to the ground, never a difference (Grassmann, Taksar & Heyman 1985).
+    Every entry is therefore accurate to a few rounding errors, whatever the conductances. `work`: work arrays,
+    modified.
     """
     nodes = factors.symbolic.nodes
     for node in range(begin, end):
@@ -137,7 +140,7 @@ def eliminate(factors: SupernodalFactors, work: Workspace, begin: int, end: int)
 
 @inlined
 def _wait(nodes: Supernodes, work: Workspace, node: int) -> None:
-    """Append supernode ``node`` to the linked list of the supernode that contains the next row that it updates."""
+    """Append supernode ``node`` to the linked list of the supernode that contains the next row it updates."""
     after = work.after[node]
     if after < nodes.start[node + 1]:
         target = work.node_of[nodes.rows[after]]
@@ -147,7 +150,7 @@ def _wait(nodes: Supernodes, work: Workspace, node: int) -> None:
 
 @inlined
 def _load(factors: SupernodalFactors, work: Workspace, node: int) -> None:
-    """Write the conductances of supernode ``node`` to its entries: ``g_ij + sum_k g_ik g_kj / d_k``.
+    """Write the conductances ``g_ij + sum_k g_ik g_kj / d_k`` of supernode ``node`` to ``factors.values``.
 
     The sum is over the rows ``k`` that odd-even reduction has eliminated, with pivots ``d_k``. Conductances to the
     ground are written to ``work.grounded``.
@@ -280,7 +283,7 @@ def _add_columns(
 
 @kernel
 def substitute(factors: SupernodalFactors, m: Floats, e: Integers, column: Floats) -> None:
-    """Solve ``A x = b`` in place, in scaled numbers.
+    """Solve ``A x = b`` in place, in numbers with separate exponents, ``m * 2**(256 e)``.
 
     Rows that odd-even reduction has eliminated are reduced first and restored last; ``L D L^T x = b`` is solved for the
     others in between. Within a supernode all numbers have a common exponent, the largest one. If a number then falls
@@ -309,7 +312,7 @@ def substitute(factors: SupernodalFactors, m: Floats, e: Integers, column: Float
 
 @inlined
 def _add_fraction(m: Floats, e: Integers, to: int, fraction: float, of: int) -> None:
-    """Add ``fraction`` times the scaled number ``m[of], e[of]`` to ``m[to], e[to]``, in place."""
+    """Add ``fraction`` times number ``of`` to number ``to``, in place; numbers are ``m[k] * 2**(256 e[k])``."""
     value, scale = _add_product(m[to], e[to], fraction, m[of], e[of])
     m[to], e[to] = _canonical(value, scale)
 
@@ -318,7 +321,8 @@ def _add_fraction(m: Floats, e: Integers, to: int, fraction: float, of: int) -> 
 def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: Floats, node: int) -> None:
     """Forward substitution in supernode ``node``: distribute the currents into its columns over its rows, in place.
 
-    `values`: entries of ``-L``; `m, e` (n,): mantissas and exponents of currents; `column`: work array.
+    `nodes`: supernodes of ``L``; `values`: entries of ``-L``; `m, e` (n,): mantissas and exponents of currents;
+    `column`: work array.
     """
     begin, base, first = nodes.start[node], nodes.offset[node], nodes.first[node]
     length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - first
@@ -348,7 +352,8 @@ def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: 
 def _backward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: Floats, node: int) -> None:
     """Back substitution in supernode ``node``: compute the values of its columns from those of later rows, in place.
 
-    `values`: entries of ``-L``; `m, e` (n,): mantissas and exponents of the solution; `column`: work array.
+    `nodes`: supernodes of ``L``; `values`: entries of ``-L``; `m, e` (n,): mantissas and exponents of the solution;
+    `column`: work array.
     """
     begin, base, first = nodes.start[node], nodes.offset[node], nodes.first[node]
     length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - first
@@ -368,10 +373,9 @@ def _backward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column:
 
 @inlined
 def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: Integers, column: Floats) -> int:
-    """Convert the scaled numbers of rows ``rows[begin + r]`` to doubles ``column[r]``; return their common exponent.
+    """Convert the numbers of rows ``rows[begin + r]`` to doubles ``column[r]``; return their common exponent.
 
-    `r` runs from ``skipped`` to ``length - 1``; the common exponent is the largest one; `m, e` (n,): mantissas,
-    exponents.
+    `r` runs from ``skipped`` to ``length - 1``; numbers are ``m * 2**(256 e)``; the common exponent is the largest.
     """
     common = NO_EXPONENT
     for r in range(skipped, length):

@@ -3,8 +3,8 @@
 Every other layer of rows is eliminated beforehand if its rows are independent (odd-even reduction): the factors of the
 reduced matrix have half of the entries and take half of the products. The other rows come in one of two orders:
 
-- *by distance* from the ground, far ends first: along the corridors of a maze only rows across the corridor are joined,
-  and the factorization takes fewer operations than the search for a general order;
+- *by distance* from the row with the largest ground conductance, far ends first: along the corridors of a maze only
+  rows across the corridor are joined, and the factorization takes fewer operations than the search for a general order;
 - *by fill*, rows of least fill first, for wide spaces.
 
 The import of numba takes seconds: only functions that are about to solve import this module.
@@ -24,21 +24,22 @@ from resgrid.solvers.ordering_kernels import minimum_fill, quotient_graph, with_
 from resgrid.solvers.scaled import Indices, Integers
 
 _MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 600
-"""Largest number of entries of the factors per row in the order by distance, in planes and in volumes.
+"""Largest number of entries of the factors per row in the order by distance, for planes and for volumes.
 
-A matrix with more is not narrow, and the order by fill is faster.
+A matrix with more entries is ordered by minimum fill, which is then faster.
 """
 
 _DENSE = 10.0
 """Number of neighbours, in multiples of the square root of the number of rows, above which a row is eliminated last."""
 
 _MOST_NEIGHBOURS = 8
-"""Largest number of neighbours of a row that odd-even reduction eliminates; the elimination joins them to each other.
-"""
+"""Largest number of neighbours of a row that odd-even reduction eliminates; the elimination joins all pairs of them."""
 
 _WIDEST, _FEW, _SHARE = 16, 20.0, 0.2
-"""Limits on a supernode: number of columns; zeros among its entries, at most the second plus the third times all
-entries."""
+"""Limits on a supernode: number of columns; constant and proportional part of the allowed zeros among its entries.
+
+The zeros are at most `_FEW` plus `_SHARE` times all entries.
+"""
 
 
 class Pattern(NamedTuple):
@@ -94,7 +95,7 @@ class Symbolic(NamedTuple):
 
     @property
     def products(self) -> float:
-        """Approximate number of multiplications of a numerical factorization."""
+        """Approximate number of multiplications of a numerical factorization with this pattern."""
         return float(0.5 * np.sum(self.widths * self.lengths.astype(np.float64) ** 2))
 
     @property
@@ -109,7 +110,7 @@ class Symbolic(NamedTuple):
 
 
 def order_rows(laplacian: Laplacian) -> Symbolic:
-    """Return an elimination order, by distance for a narrow matrix, otherwise by fill.
+    """Return an elimination order, by distance for a matrix with narrow corridors, otherwise by fill.
 
     Raises
     ------
@@ -126,7 +127,11 @@ def order_rows(laplacian: Laplacian) -> Symbolic:
 
 
 def order_by_distance(laplacian: Laplacian) -> Symbolic | None:
-    """Return the order of rows by distance from the ground, farthest first; None for a matrix that is not narrow."""
+    """Return the order of rows by distance from the ground, farthest first; None if the factors have many entries.
+
+    Many are more than 60 entries per row, or 600 for a matrix with three or more dimensions. The distance is counted in
+    steps from the row with the largest conductance to the ground (to the low rail if there are two rails).
+    """
     most = _MOST_FILL_OF_VOLUMES if laplacian.dimensions > 2 else _MOST_FILL
     return _order(laplacian, float(most * laplacian.size), by_fill=False)
 
@@ -214,7 +219,7 @@ def order_far_first(pattern: Pattern, root: int, nearest_first: Indices, depth: 
 
 @inlined
 def reached(pattern: Pattern, entry: int, kept: int) -> tuple[int, int]:
-    """Return the begin and end of the range of ``pattern.indices`` that replaces an entry after odd-even reduction.
+    """Return begin and end of the range of ``pattern.indices`` that replaces an entry after odd-even reduction.
 
     `entry`: index into ``pattern.indices``; `kept`: number of rows that odd-even reduction keeps. If the row of the
     entry is kept, the range contains this entry only; otherwise it contains the neighbours of that row.
@@ -316,7 +321,8 @@ def _add_rows(
 ) -> int:  # fmt: skip
     """Append the rows below the diagonal of column ``k`` to those of supernode ``node``; return the end of ``rows``.
 
-    The rows are those of the column's children and of its neighbours that ``seen`` does not mark as listed.
+    The rows are those of the column's children and of its neighbours that ``seen`` does not mark as listed. A child is
+    an earlier supernode whose first row below its own columns is this column.
 
     `seen` (kept + 1,): last supernode in which a row was listed, updated; `branch, sibling` (kept + 1,): first child of
     a column, and next child; `start` (kept + 1,): begin of every supernode in ``rows``; `end`: end of ``rows`` on

@@ -10,15 +10,15 @@ from typing import Any, TypeVar
 Result = TypeVar("Result")
 
 _PIECE = 2**17
-"""Length of the slices, in entries, that threads process one by one."""
+"""Number of array entries in a slice; threads process slices one by one."""
 
 
 class ThreadTeam:
     """The calling thread and helper threads, which run the parts of a job concurrently.
 
-    A free thread takes the next part. The calling thread takes the part of a helper that has no processor core, so that
-    no thread waits for that helper. Several threads may use one team. As a context manager, the team ends its helpers
-    on exit.
+    A job is a function that is called for every part number. A free thread takes the next part. The calling thread
+    takes the part of a helper that has no processor core, so that no thread waits for that helper. Several threads may
+    use one team. As a context manager, the team ends its helpers on exit.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class ThreadTeam:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End the helpers as soon as their current parts are finished; ignore the exception of the context."""
+        """End the helper threads as soon as their current parts are finished; suppress no exception of the context."""
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
 
@@ -87,4 +87,4 @@ class ThreadTeam:
 
 
 SINGLE_THREAD = ThreadTeam()
-"""The team of the calling thread, without helpers."""
+"""Team without helper threads: the calling thread does all work."""

@@ -49,10 +49,10 @@ class TransientAnalysis:
     stop : float
         End of the transient, in seconds.
     step : float
-        Largest time step, in seconds; the change of the circuit takes one step.
+        Largest time step, in seconds.  Values change linearly from the deck to `after` between time 0 and `step`.
     after : Netlist or None
-        Circuit from time 0 on: the same nodes and elements with other values.  In tile form it may be another scene on
-        the same grid, otherwise another supply, drive or switch state.
+        Circuit after the change, which has the nodes and elements of the deck with other values; None for no change.
+        In tile form it may be a different scene on the same grid; in flat form, the supply, drive or switches differ.
 
     Raises
     ------
@@ -80,7 +80,7 @@ class TransientAnalysis:
 @checked
 @dataclass(frozen=True)
 class NoiseAnalysis:
-    """Noise voltage at a node.
+    """Spectral density of the noise voltage at a node, over a band of frequencies.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class NoiseAnalysis:
     start, stop : float
         Limits of the frequency band, in hertz.
     points : int
-        Number of frequencies per decade.
+        Number of frequencies per factor of 10.
 
     Raises
     ------
@@ -157,17 +157,18 @@ class MismatchAnalysis:
     Attributes
     ----------
     sigma : float
-        Standard deviation, as a fraction of the mean.
+        Standard deviation of a resistance, as a fraction of its mean.
     seed : int
-        Seed of one chip; its factors are log-normal with mean 1, and the same as for a scene's ``chip.mismatch``.
+        Seed of the random numbers.  For one chip the factors are log-normal with mean 1, and equal to those of a scene
+        with this seed and ``chip.mismatch = sigma``.
     runs : int
-        Number of chips that the simulator draws from its own normal distribution; 0 writes the values of one chip into
-        the deck.
+        Number of chips for which the simulator draws normally distributed resistances; 0 writes the values of one chip
+        into the deck.
 
     Raises
     ------
     InputError
-        If ``sigma`` is not between 0 and 1 (with ``runs``, 0.2), or a number is negative.
+        If ``sigma`` is not between 0 and 1 (0 and 0.2 if ``runs`` is not 0), or ``seed`` or ``runs`` is negative.
 
     Examples
     --------
@@ -202,7 +203,7 @@ class MismatchAnalysis:
         Parameters
         ----------
         netlist : Netlist
-            Netlist of the chip.
+            Netlist of the chip without mismatch.
 
         Returns
         -------
@@ -222,7 +223,7 @@ class MismatchAnalysis:
         Returns
         -------
         Netlist
-            The netlist with all resistances multiplied by `factors`.
+            Copy of the netlist with every resistance multiplied by the factor of its site (`factors`).
         """
         return random_sites.scale_resistances(netlist, self.factors(netlist))
 
@@ -271,11 +272,12 @@ class Measure:
     name : str
         Name of the result: letters, digits and underscores.
     node : str
-        Name of the node in the deck.
+        Name of the node in the deck whose voltage is measured.
     what : {"maximum", "minimum", "value", "crossing"}
-        Extreme voltage, voltage at the time `at`, or time of the first crossing of the voltage `at`.
+        Largest or smallest voltage of the node, voltage at the time `at`, or time at which the voltage first crosses
+        `at`.
     at : float or None
-        Time in seconds (value) or voltage in volts (crossing); None otherwise.
+        Time in seconds (``"value"``) or voltage in volts (``"crossing"``); None for a maximum and a minimum.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""`Circuit`: the result of reading a deck or network, with elements as arrays and their positions in the file."""
+"""`Circuit`: the result of reading a deck or a network file, with elements as arrays and their lines in the file."""
 
 from __future__ import annotations
 
@@ -18,23 +18,24 @@ from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.findings import Note
 
 KINDS = tuple(ARRAYS)
-"""The kinds of element of a `Netlist`."""
+"""Kinds of element of a netlist: resistor, voltage source, current source, capacitor and nonlinear resistor."""
 
 TOLERANCE = 1e-9
-"""Largest error of a correct result, relative to the largest voltage or current of the circuit."""
+"""Largest admissible error of simulated voltages and currents, as a fraction of the supply and the largest current."""
 
 SHOWN = 5
-"""Maximum number of names in a message."""
+"""Maximum number of names in a message; the message ends with the number of further names."""
 
 LISTED = 1000
-"""Maximum number of node names in the list of a violation."""
+"""Maximum number of node names in `Violation.nodes`; further nodes with the same violation are not listed."""
 
 CONDUCTING = ("resistor", "voltage source", "nonlinear resistor")
-"""Kinds of element that conduct at direct current: all but current sources and capacitors."""
+"""Kinds of element that conduct at direct current: all except current sources and capacitors."""
 
 _NOMINAL_TEMPERATURE = 27.0
+"""Nominal temperature of a circuit that was not read from a deck, in degrees Celsius."""
 _SHARED = tuple(name for names in ARRAYS.values() for name in names if name != "conductance")
-"""Names of the arrays that a circuit and a netlist have in common."""
+"""Names of the attributes that `Circuit` and `Netlist` have in common: all arrays of elements except `conductance`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +50,9 @@ class Circuit:
     title : str or None
         The title line of a deck without its leading ``*``; None without a title.
     path : str
-        Displayed name of the file; empty without a file.
+        Name of the file for messages; empty without a file.
     dialect : str
-        Dialect of a deck; ``"network"`` for other sources.
+        Name of the dialect of a deck, such as ``"ngspice"``; ``"network"`` for a circuit made of a netlist.
     node_names : sequence of str
         Ground, ``"0"``, first, then the nodes in the order of their first use; empty for a netlist without names.
     resistor_nodes, resistance : ndarray, shapes (m, 2) and (m,)
@@ -67,37 +68,37 @@ class Circuit:
     nonlinear_nodes, nonlinear_current, nonlinear_voltage : ndarray, shapes (n, 2), (n,) and (n,)
         Nonlinear resistors with the current ``nonlinear_current * tanh(V / nonlinear_voltage)``, in amperes and volts.
     element_names : mapping of str to tuple of str
-        Per kind (`KINDS`) the names of its elements, if they have names.
+        For each kind of element (``"resistor"``, ...) the names of its elements; a kind without names is absent.
     place : mapping of str to ndarray of int64, shape (elements, 2)
-        Per kind the index into `files` and the line of every element of a deck.
+        For each kind of element the index into `files` and the line (from 1) of every element; empty without a deck.
     files : tuple of str
         Every file that was read, the deck first.
     notes : tuple of Note
         Remarks about text that was ignored, adapted, or read differently by simulators.
     tc1, tc2 : ndarray of float64, shape (m,), or None
-        Temperature coefficients of the resistors, in 1/K and 1/K^2.
+        Temperature coefficients of the resistors, in 1/K and 1/K^2; None if all are 0.
     temperature, nominal_temperature : float or None
-        In degrees Celsius; None if the deck does not state it.
+        Temperatures that the deck states, in degrees Celsius; None for one that it does not state.
     options : mapping of str to str
         Values of ``.option`` by key in lower case; a flag has the value ``""``.
     subcircuits : tuple of str
         Names of the subcircuits with instances.
     given : Netlist or None
-        The netlist of which the circuit was made, if it was not a deck.
+        The netlist that the circuit was made of; None if it was read from a deck.
     is_deck : bool
-        Whether the circuit comes from a deck, and its elements have line numbers.
+        Whether the circuit was read from a deck, so that its elements have line numbers.
     node_count : int
-        Number of nodes, ground among them.
+        Number of nodes, including ground.
     ends : mapping of str to ndarray of int32, shape (elements, 2)
-        Nodes of every element by kind.
+        Node numbers of both ends of every element, for each kind of element.
     part : ndarray of int64, shape (nodes,)
-        Connected component of every node with respect to conducting elements.
+        Number of the connected component of every node; only conducting elements connect nodes.
     is_floating : ndarray of bool, shape (nodes,)
         Whether a node has no conducting path to ground.
     degree : ndarray of int64, shape (nodes,)
         Number of element ends at every node.
     trapped_sources : ndarray of int64, shape (n,)
-        Indices of the current sources between two components, whose current has no return path.
+        Indices of the current sources between two connected components, whose current has no return path.
     heating : float
         Temperature of the deck minus its nominal temperature, in kelvin.
 
@@ -160,11 +161,12 @@ class Circuit:
         circuit : Circuit or Netlist
             The circuit or netlist.
         path : str
-            Displayed name of the file of the netlist; empty without a file.
+            Name of the netlist's file for messages; empty without a file.
 
         Returns
         -------
         Circuit
+            `circuit` itself if it is a `Circuit`, else a circuit with the netlist as `given`.
         """
         if isinstance(circuit, Circuit):
             return circuit
@@ -186,52 +188,52 @@ class Circuit:
 
     @property
     def is_deck(self) -> bool:
-        """Whether the circuit comes from a deck, and its elements have line numbers."""
+        """Whether the circuit was read from a deck, so that its elements have line numbers."""
         return self.given is None
 
     @property
     def node_count(self) -> int:
-        """Number of nodes, ground among them."""
+        """Number of nodes, including ground."""
         return len(self.node_names) if self.given is None else self.given.node_count
 
     @cached_property
     def ends(self) -> Mapping[str, NDArray[np.int32]]:
-        """Nodes of every element by kind of element, shapes (elements, 2)."""
+        """Node numbers of both ends of every element, by kind: arrays of shape (elements of the kind, 2)."""
         return {kind: getattr(self, nodes) for kind, (nodes, *_) in ARRAYS.items()}
 
     @cached_property
     def part(self) -> NDArray[np.int64]:
-        """Connected component of every node with respect to conducting elements; shape (nodes,)."""
+        """Number of the connected component of every node, shape (nodes,); only `CONDUCTING` elements connect nodes."""
         return connected_parts(np.concatenate([self.ends[kind] for kind in CONDUCTING]), self.node_count)
 
     @cached_property
     def is_floating(self) -> NDArray[np.bool_]:
-        """Whether a node has no conducting path to ground, shape (nodes,)."""
+        """Mask of the nodes without a conducting path to ground, shape (nodes,)."""
         return np.asarray(self.part != self.part[GROUND])
 
     @cached_property
     def degree(self) -> NDArray[np.int64]:
-        """Number of element ends at every node, shape (nodes,)."""
+        """Number of element ends at every node, shape (nodes,); an element with both ends at one node counts twice."""
         return np.asarray(sum(np.bincount(ends.ravel(), minlength=self.node_count) for ends in self.ends.values()))
 
     @cached_property
     def trapped_sources(self) -> NDArray[np.int64]:
-        """Indices of the current sources between two components, whose current has no return path."""
+        """Indices (n,) of the nonzero current sources between two components: their current has no return path."""
         component = self.part[self.current_nodes]
         return np.flatnonzero((component[:, 0] != component[:, 1]) & (self.current_amps != 0))
 
     def names_of(self, nodes: ArrayLike) -> list[str]:
-        """Return the names of nodes; `nodes` (n,): node numbers."""
+        """Return the names of nodes as a list of n strings; `nodes` (n,): node numbers."""
         if self.given is not None:
             return self.given.names_of(nodes)
         return [self.node_names[node] for node in np.asarray(nodes).tolist()]
 
     def listed(self, nodes: NDArray[np.integer[Any]]) -> tuple[str, ...]:
-        """Return the names of at most the first `LISTED` nodes; `nodes` (n,): node numbers."""
+        """Return the names of the first 1000 (`LISTED`) of the given nodes; `nodes` (n,): node numbers."""
         return tuple(self.names_of(nodes[:LISTED]))
 
     def shown(self, nodes: NDArray[np.integer[Any]]) -> str:
-        """Return the first names of nodes and the number of other nodes, as text; `nodes` (n,): node numbers."""
+        """Return the names of the first 5 nodes and the number of further nodes as text; `nodes` (n,): node numbers."""
         return some(self.names_of(nodes[:SHOWN]), nodes.size)
 
     def element_name(self, kind: str, number: int) -> str:
@@ -247,6 +249,7 @@ class Circuit:
         Returns
         -------
         str
+            Name in the deck or netlist, else a text such as ``"resistor 3"``.
         """
         names = self.element_names
         return names[kind][number] if kind in names else f"{kind} {number}"
@@ -271,7 +274,7 @@ class Circuit:
         return f"{self.files[file]}:{line}"
 
     def place_of_nodes(self, nodes: NDArray[np.integer[Any]]) -> str:
-        """Return ``file:line`` of the first element at some nodes of a deck, otherwise the nodes' cells or names."""
+        """Return ``file:line`` of the first element at some nodes of a deck; for a netlist, their cells or names."""
         if self.given is None:
             return next((f"{self.files[file]}:{line}" for file, line in self.places_at(nodes).tolist()), self.path)
         cell_map = self.given.cell_map
@@ -283,7 +286,7 @@ class Circuit:
         return f"cell{'s' if len(cells) > 1 else ''} {some(places, len(cells))}"
 
     def places_at(self, nodes: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
-        """Return sorted file indices and lines of the elements at some nodes of a deck, shape (lines, 2)."""
+        """Return the places of the elements at nodes of a deck: sorted pairs (index into `files`, line), (lines, 2)."""
         touched = np.zeros(self.node_count, dtype=np.bool_)
         touched[nodes] = True
         places = [place[touched[self.ends[kind]].any(axis=1)] for kind, place in self.place.items()]
@@ -291,7 +294,7 @@ class Circuit:
 
     @property
     def heating(self) -> float:
-        """Temperature of the deck minus its nominal temperature, in kelvin."""
+        """Temperature minus nominal temperature, in kelvin; a temperature not in the deck is the dialect's default."""
         usual = DIALECTS[self.dialect].nominal_temperature if self.dialect in DIALECTS else _NOMINAL_TEMPERATURE
         nominal = usual if self.nominal_temperature is None else self.nominal_temperature
         return (usual if self.temperature is None else self.temperature) - nominal
@@ -302,14 +305,14 @@ class Circuit:
         Returns
         -------
         Netlist
-            Its voltage sources are those of the deck, then the resistors of 0 ohm.  Its temperature coefficients refer
-            to the temperature of the deck.
+            The voltage sources are those of the deck, then sources of 0 V in place of the resistors of 0 ohm.  The
+            temperature coefficients refer to the temperature of the deck.
 
         Raises
         ------
         InputError
-            If a resistance is negative at that temperature, or so small that its conductance overflows; the message
-            names file and line.
+            If a resistance is negative at the temperature of the deck, or so small that its conductance overflows; the
+            message names file and line.
         """
         if self.given is not None:
             return self.given
@@ -338,10 +341,7 @@ class Circuit:
         )
 
     def _refuse_inadmissible(self, resistance: NDArray[np.float64]) -> None:
-        """Raise InputError if a resistance is negative, not finite, or too small to invert.
-
-        `resistance` (m,): in ohms.
-        """
+        """Raise InputError if a resistance is negative, not finite, or tiny (infinite reciprocal); (m,), in ohms."""
         with np.errstate(divide="ignore", over="ignore"):
             wrong = ~np.isfinite(resistance) | (resistance < 0) | ((resistance > 0) & ~np.isfinite(1.0 / resistance))
         if wrong.any():
@@ -365,7 +365,7 @@ def connected_parts(joined: NDArray[np.int32], node_count: int) -> NDArray[np.in
 
 
 def some(words: Sequence[str], count: int) -> str:
-    """Return the first `SHOWN` words and the number of the remaining words, as text; `count`: number of all words."""
+    """Return the first 5 (`SHOWN`) words and the number of further words as text; `count`: number of all words."""
     more = f" and {count - SHOWN:,} more" if count > SHOWN else ""
     return ", ".join(words[:SHOWN]) + more
 
@@ -376,9 +376,10 @@ def rebase(
     tc2: NDArray[np.float64] | None,
     heating: float | NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return resistance, tc1 and tc2 at another reference temperature; all shapes are (m,).
+    """Return resistance, tc1 and tc2 of resistors at a reference temperature that is higher by `heating`.
 
-    They are the expansion of ``R (1 + tc1 d + tc2 d^2)`` about ``d = heating``, in kelvin.  Units: ohms, 1/K and 1/K^2.
+    They are the coefficients of ``R (1 + tc1 d + tc2 d^2)`` expanded about ``d = heating``.  `resistance` (m,): in
+    ohms; `tc1, tc2` (m,): in 1/K and 1/K^2, None for zeros; `heating`: in kelvin, a scalar or (m,).
     """
     if np.all(heating == 0) or (tc1 is None and tc2 is None):
         return resistance, tc1, tc2

@@ -1,4 +1,4 @@
-"""Findings about decks and circuits: remarks of the reader, and violations of electrical rules."""
+"""Findings about decks and circuits: remarks of the deck reader, and violations of electrical rules."""
 
 from __future__ import annotations
 
@@ -8,27 +8,28 @@ from typing import Literal
 Severity = Literal["error", "warning", "info"]
 
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
-"""All severities, the worst first."""
+"""All severities, the most severe first."""
 
 
 @dataclass(frozen=True)
 class Note:
-    r"""A remark of the reader about a deck.
+    r"""A remark of the deck reader about one place of a deck.
 
     An entry of `Circuit.notes`.
 
     Attributes
     ----------
     severity : {"error", "warning", "info"}
-        A warning concerns text that simulators read differently, or a probable mistake.
+        A warning concerns text that simulators read differently, or a probable mistake; ``"info"`` the rest.
     file : str
-        Displayed name of the file.
+        Name of the file for messages.
     line, column : int
         Position, counted from 1; column 0 means the whole line.
     text : str
         The remark.
     outcome : {"", "fails", "unsure"}
-        Consequence in the simulator of the dialect: no result, or possibly another result.
+        Consequence in the simulator of the dialect: ``""`` none, ``"fails"`` no result, ``"unsure"`` perhaps a
+        different result.
     place : str
         ``file:line``, or ``file:line:column`` if the column is not 0.
 
@@ -51,7 +52,7 @@ class Note:
 
     @property
     def place(self) -> str:
-        """``file:line``, or ``file:line:column`` if the column is not 0."""
+        """Position of the text in the form ``file:line``, or ``file:line:column`` if the column is not 0."""
         return f"{self.file}:{self.line}" + (f":{self.column}" if self.column else "")
 
     def __str__(self) -> str:
@@ -67,17 +68,18 @@ class Violation:
     Attributes
     ----------
     severity : {"error", "warning", "info"}
-        With an error the circuit has no operating point, or a simulator reads its deck wrongly.
+        With an error the circuit has no operating point, or a simulator reads its deck wrongly; a warning is a probable
+        mistake; ``"info"`` is a remark without a need for action.
     rule : str
-        Short name of the rule.
+        Short name of the rule, such as ``"floating"``.
     place : str
         ``file:line`` in a deck, the cell of a scene, otherwise the nodes or elements concerned.
     message : str
-        The problem.
+        Sentence that states the problem.
     remedy : str
-        The correction.
+        Sentence that states the correction.
     nodes : tuple of str
-        The nodes concerned, at most the first thousand.
+        Names of the nodes concerned, at most the first thousand; empty if the rule concerns elements only.
 
     Examples
     --------

@@ -24,20 +24,21 @@ class PowerBalance:
     Attributes
     ----------
     source_power : ndarray of float64, shape (sources,)
-        Power that every voltage source delivers, in watts; NaN in a loop of voltage sources unless all are
-        0 V.
+        Power that every voltage source delivers, in watts; 0 for a source of 0 V; NaN if its current is undetermined
+        (in a loop of voltage sources).
     current_source_power : ndarray of float64, shape (current sources,)
-        Power that every current source delivers, in watts; NaN if it drives a floating component.
+        Power that every current source delivers, in watts; NaN if the source is connected to a floating node.
     resistor_power : ndarray of float64, shape (resistors,)
         Power that every resistor dissipates, in watts.
     nonlinear_power : ndarray of float64, shape (nonlinear resistors,)
         Power that every nonlinear resistor dissipates, in watts.
     delivered : float
-        Net power of all sources, in watts; NaN if the power of a source is undetermined.
+        Net power that all sources deliver, in watts; NaN if the power of a source is undetermined.
     dissipated : float
-        Power of all resistors, in watts.
+        Power of all resistors and nonlinear resistors, in watts.
     imbalance : float
-        Delivered minus dissipated power, relative to the sum of all magnitudes; NaN if it is undetermined.
+        Magnitude of delivered minus dissipated power, relative to the sum of the magnitudes of all powers; NaN if a
+        power is undetermined, 0 if all powers are 0.
 
     Examples
     --------
@@ -56,17 +57,20 @@ class PowerBalance:
 
     @property
     def delivered(self) -> float:
-        """Net power of all sources, in watts; NaN if the power of a source is undetermined."""
+        """Net power that all sources deliver, in watts; NaN if the power of a source is undetermined."""
         return float(self.source_power.sum() + self.current_source_power.sum())
 
     @property
     def dissipated(self) -> float:
-        """Power of all resistors, in watts."""
+        """Power of all resistors and nonlinear resistors, in watts."""
         return float(self.resistor_power.sum() + self.nonlinear_power.sum())
 
     @property
     def imbalance(self) -> float:
-        """Delivered minus dissipated power, relative to the sum of all magnitudes; NaN if it is undetermined."""
+        """Magnitude of delivered minus dissipated power, relative to the sum of the magnitudes of all powers.
+
+        NaN if the power of a source is undetermined; 0 if all powers are 0.
+        """
         total = np.abs(self.source_power).sum() + np.abs(self.current_source_power).sum() + self.dissipated
         return float(abs(self.delivered - self.dissipated) / total) if total else 0.0
 
@@ -82,6 +86,7 @@ def power_balance(op: OperatingPoint) -> PowerBalance:
     Returns
     -------
     PowerBalance
+        Power of every element, totals, and their imbalance.
 
     Examples
     --------
@@ -113,7 +118,7 @@ class IrDrop:
     Attributes
     ----------
     supply : ndarray of float64, shape (nodes,)
-        Supply of every node's net, in volts.
+        Supply of the net that each node belongs to, in volts.
     drop : ndarray of float64, shape (nodes,)
         ``supply - voltage``, in volts; negative for a node above its supply (ground bounce), NaN for a floating node.
 
@@ -130,7 +135,7 @@ class IrDrop:
     drop: NDArray[np.float64]
 
     def worst(self, count: int) -> NDArray[np.int64]:
-        """Return the nodes with the largest drops, the largest first, without floating nodes.
+        """Return the nodes with the largest drops in magnitude, the largest first, without ground and floating nodes.
 
         Parameters
         ----------
@@ -161,6 +166,7 @@ def ir_drop(op: OperatingPoint) -> IrDrop:
     Returns
     -------
     IrDrop
+        Supply of every node, and drop of its voltage below the supply.
 
     Examples
     --------

@@ -145,14 +145,12 @@ def _possible_cells(
     while stack:
         first, last = stack.pop()
         centre, half = lower + (first + last) / 2 * spacing, (last - first) / 2 * spacing
-        travel, turn = _motion_bounds(tool, centre, half)
-        distance, angle = _violations(tool, centre, goal)
-        keep = (distance <= travel.sum(1) + _TOLERANCE) & (angle <= turn.sum(1) + _TOLERANCE)
-        first, last, travel, turn = first[keep], last[keep], travel[keep], turn[keep]
+        keep, gain = _possible(tool, centre, half, goal)
+        first, last, gain = first[keep], last[keep], gain[keep]
         single = (last - first == 1).all(1)
         if single.any():
             yield first[single]
-        first, last, gain = first[~single], last[~single], (travel + turn)[~single]
+        first, last, gain = first[~single], last[~single], gain[~single]
         if not len(first):
             continue
         joint = np.argmax(np.where(last - first > 1, gain, -1.0), axis=1)
@@ -182,11 +180,9 @@ def _solve_cells(
         nearest = min(nearest, float(distance.min(initial=np.inf)))
         solved = (distance <= _TOLERANCE) & (angle <= _TOLERANCE)
         solution[owner[solved]] = np.clip(end[solved], low[owner[solved]], high[owner[solved]])
-        travel, turn = _motion_bounds(tool, centre, half)
-        distance, angle = _violations(tool, centre, goal)
-        keep = (distance <= travel.sum(1) + _TOLERANCE) & (angle <= turn.sum(1) + _TOLERANCE)
+        keep, gain = _possible(tool, centre, half, goal)
         keep &= np.isnan(solution[owner, 0])
-        centre, half, owner, gain = centre[keep], half[keep].copy(), owner[keep], (travel + turn)[keep]
+        centre, half, owner, gain = centre[keep], half[keep].copy(), owner[keep], gain[keep]
         if not 0 < len(centre) <= _MAX_BOXES:
             break
         row, joint = np.arange(len(centre)), np.argmax(gain, axis=1)
@@ -199,29 +195,47 @@ def _solve_cells(
     return solved_cells, solution[solved_cells], nearest
 
 
-def _motion_bounds(
-    tool: _Tool, centre: NDArray[np.float64], half: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return bounds of the tool's motion in metres and of its rotation in radians, per moving joint, each (n, m).
+def _possible(
+    tool: _Tool, centre: NDArray[np.float64], half: NDArray[np.float64], goal: ToolGoal
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Return which boxes of configurations (n,) may contain a solution, and what each joint contributes (n, m).
 
-    They hold for all configurations within `half` (n, m) of `centre` (n, m), compared with the pose at the centre.
-    If the joints turn one after the other from the base on, all that lies beyond a turning joint is still as rigid as
-    at the centre; the tool moves at most by the joint's rotation times its distance from the joint's axis.
+    The contribution is the tool's motion in metres plus its rotation in radians.  `centre`, `half` (n, m): centres of
+    the boxes, and half their widths.
+
+    The joints may turn one after the other from the base on, because all that lies beyond a turning joint is then still
+    as rigid as at the centre.  Joint j moves the tool by at most its lever rho_j (the distance from the joint's axis)
+    times its rotation e_j.  A second bound uses the direction n from the nearest point of the region, which is convex:
+    the component of the motion along n is at most e_j |n . (axis_j x r_j)|, plus rho_j e_j (e_j / 2 + e_1 + ... +
+    e_(j-1)) for the curvature of the path and for the rotation by the joints before.
     """
-    tree = tool.tree
-    frames = tree.frames(centre)
-    point = (frames[:, tool.joint] @ tool.pose)[:, :3, 3]
-    travel, turn = np.zeros_like(centre), np.zeros_like(centre)
+    tree, frames = tool.tree, tool.tree.frames(centre)
+    pose = frames[:, tool.joint] @ tool.pose
+    away = pose[:, :3, 3] - goal.nearest(pose[:, :3, 3])
+    distance = np.linalg.norm(away, axis=1)
+    away /= np.maximum(distance, 1e-300)[:, np.newaxis]
+    gain, along = np.zeros_like(centre), np.zeros_like(centre)
+    travel, curved, turned = np.zeros(len(centre)), np.zeros(len(centre)), np.zeros(len(centre))
     for joint in tool.chain:
-        moves = np.abs(tree.factor[joint]) * half[:, tree.driver[joint]]
-        if tree.is_prismatic[joint]:
-            travel[:, tree.driver[joint]] += moves
-            continue
+        driver = tree.driver[joint]
         axis = frames[:, joint, :3, :3] @ tree.direction[joint]
-        lever = np.linalg.norm(np.cross(axis, point - frames[:, joint, :3, 3]), axis=1)
-        travel[:, tree.driver[joint]] += lever * moves
-        turn[:, tree.driver[joint]] += moves
-    return travel, turn
+        moves = np.abs(tree.factor[joint]) * half[:, driver]
+        is_prismatic = tree.is_prismatic[joint]
+        motion = axis if is_prismatic else np.cross(axis, pose[:, :3, 3] - frames[:, joint, :3, 3])
+        lever = np.linalg.norm(motion, axis=1)
+        along[:, driver] += tree.factor[joint] * np.einsum("ni,ni->n", motion, away)
+        travel += lever * moves
+        curved += lever * moves * (turned + (0.0 if is_prismatic else moves / 2))
+        gain[:, driver] += lever * moves
+        if not is_prismatic:
+            turned += moves
+            gain[:, driver] += moves
+    directed = (np.abs(along) * half).sum(axis=1) + curved
+    possible = distance <= np.minimum(travel, directed) + _TOLERANCE
+    if goal.rotation is not None:
+        angle = np.linalg.norm(_rotation_vectors(pose[:, :3, :3], goal.rotation), axis=1)
+        possible &= angle <= goal.angle + turned + _TOLERANCE
+    return possible, gain
 
 
 def _violations(
@@ -310,14 +324,25 @@ def _why_unreachable(
     `lower`, `spacing` (m,): lower ends of the axes and widths of their cells; `shape`: cells per axis; `nearest`:
     smallest distance that the search found, in metres.
     """
-    sample = np.random.default_rng(0).uniform(lower, lower + spacing * np.array(shape), (4096, len(shape)))
-    ends = _gauss_newton(tool, sample[:64], lower[np.newaxis], (lower + spacing * shape)[np.newaxis], goal)
-    distance, angle = _violations(tool, np.concatenate([sample, ends]), goal)
+    from scipy.optimize import least_squares
+
+    place, low, high = ToolGoal(goal.region), lower, lower + spacing * shape
+
+    def offset(configuration: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(_linearized(tool, configuration[np.newaxis], place)[0][0])
+
+    sample = np.random.default_rng(0).uniform(low, high, (4096, len(shape)))
+    best = sample[np.argsort(_violations(tool, sample, place)[0])[:16]]
+    ends = np.array([least_squares(offset, start, bounds=(low, high)).x for start in best])
+    distance, angle = _violations(tool, ends, goal)
     smallest = min(nearest, float(distance.min()))
-    if smallest <= _TOLERANCE:
-        missed = f"with the wanted rotation: the closest one is off by {angle[distance <= 1e-6].min(initial=np.pi):.3g}"
-        return f"no configuration brings the tool into this goal {missed} rad; turn the goal, or permit a larger angle"
+    if smallest > _TOLERANCE:
+        return (
+            "no configuration of the moving joints brings the tool into this goal; the closest one leaves "
+            f"{smallest:.3g} m; move or enlarge the goal, or choose other moving joints"
+        )
     return (
-        f"no configuration of the moving joints brings the tool into this goal; the closest one leaves {smallest:.3g} "
-        "m; move or enlarge the goal, or choose other moving joints"
+        "no configuration brings the tool into this goal with the wanted rotation: the closest one is off by "
+        f"{angle[distance <= _TOLERANCE].min():.3g} rad more than the permitted angle; turn the goal, or permit a "
+        "larger angle"
     )

@@ -51,7 +51,7 @@ class MapCells:
     conductivity : ndarray of float64, shape of `cell`, or None
         Relative conductivity of every cell, a positive number; None where the map has no costs.
     unknown : ndarray of bool, shape of `cell`, or None
-        Cells of unknown occupancy, which are obstacles or free in `cell`; None where the format has none.
+        Cells of unknown occupancy, which are obstacles or free in `cell`; None for a format without unknown cells.
     table : mapping
         The ``[map]`` table of the scene; ``file`` is an absolute path.
     obstacles : CellSet
@@ -131,7 +131,7 @@ class MapCells:
 
 
 def cells_from_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the pixels of a picture as cells (width, height): x first, y upwards.
+    """Return the pixels of a picture as cells (width, height): the first axis is x, the second is y, upwards.
 
     `rows` (height, width): pixels, top row first.
     """
@@ -144,7 +144,7 @@ def placed_axes(
     origin: Annotated[tuple[float, ...], Len(1, 4)] | None = None,
     unit: str | None = None,
 ) -> tuple[Axis, ...]:
-    """Return the axes of a map whose format has no position and resolution.
+    """Return the axes of a map of shape `shape`, in cells, whose format has no position and resolution.
 
     Parameters
     ----------

@@ -29,9 +29,10 @@ from resgrid.scene.table_models import fields_from
 class MapFormat:
     """A format of map files.
 
-    `read`: reader, which returns the map, or only the cells if the format has no position and resolution; `suffixes`:
-    suffixes of the files; `magic`: first bytes of the files.  The options of the reader are keys of the ``[map]``
-    table; their ranges come from its annotations, their descriptions from its docstring.
+    `read`: reader, which returns the map, or only the cell codes if the format has no position and resolution;
+    `suffixes`: suffixes of the files, with the point; `magic`: possible first bytes of the files.  The options of the
+    reader are keys of the ``[map]`` table; the types of its parameters give their ranges, its docstring their
+    descriptions.
     """
 
     read: Callable[..., NDArray[np.uint8] | MapCells]
@@ -40,7 +41,7 @@ class MapFormat:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Options of the reader as pydantic fields by name.
+        """Options of the reader by name, as pairs of type and pydantic field.
 
         For formats without a position, the options of `placed_axes` are included.
         """
@@ -60,7 +61,7 @@ FORMATS: dict[str, MapFormat] = {
     "npy": MapFormat(read_npy, (".npy",), (b"\x93NUMPY",)),
 }
 _HEADER_BYTES = 1 << 16
-"""Number of leading bytes of a ROS header in which the name of a picture is searched."""
+"""Number of leading bytes of a ``map.yaml`` in which `warn_of_header` searches for the name of a picture."""
 
 _MAGIC = max(len(magic) for entry in FORMATS.values() for magic in entry.magic)
 COMMON = ("file", "format", "periodic", "headings")
@@ -68,7 +69,10 @@ COMMON = ("file", "format", "periodic", "headings")
 
 
 def map_options() -> dict[str, Any]:
-    """Return the options of all readers as pydantic fields by name; each description ends with the formats."""
+    """Return the options of all map readers by name, as pairs of type and pydantic field.
+
+    The description of an option ends with the names of the formats that have this option.
+    """
     options = {name: entry.options for name, entry in FORMATS.items()}
     takers = {key: [name for name in options if key in options[name]] for known in options.values() for key in known}
     fields: dict[str, Any] = {}
@@ -122,7 +126,11 @@ def format_of(path: Path, table: Mapping[str, Any]) -> str:
 
 
 def warn_of_header(path: Path) -> None:
-    """Issue a warning if a picture, which is read without a header, belongs to a ROS map in the same folder."""
+    """Issue a warning if a picture belongs to a ROS map in the same folder.
+
+    `path`: picture, which is read without the map's ``map.yaml``, and thus without its resolution, origin and
+    thresholds.
+    """
     for suffix in FORMATS["ros"].suffixes:
         header = path.with_suffix(suffix)
         if header.is_file() and path.name.encode() in read_bytes(header, first=_HEADER_BYTES):

@@ -37,10 +37,11 @@ THRESHOLD = 128
 """Default of the smallest grey value (0 to 255) of a free pixel."""
 
 DEEP_MODES = ("I;16", "I;16B", "I;16L", "I;16N", "I")
-"""Pixel modes of Pillow with more than 8 bits per grey value."""
+"""Pixel modes of Pillow whose grey values have more than 8 bits."""
 
 _DEEP_COLOURS = {"RGB;16B": "RGB;16L", "RGBA;16B": "RGBA;16L"}
-"""Raw modes of Pillow for the high bytes of PNGs with 16 bits per channel, mapped to those for the low bytes."""
+"""Raw modes with which Pillow decodes PNGs of 16 bits per channel: mode for the high bytes to mode for the low bytes.
+"""
 
 _LIMIT = threading.Lock()
 
@@ -51,7 +52,8 @@ class Raster:
 
     `values` (height, width, channels), uint8 or uint16: top row first, 1 (grey), 2 (grey, alpha), 3 (red, green, blue)
     or 4 channels (with alpha); `maxval`: channel value of white and of full opacity; `numbers` (height, width): indices
-    of colours in the palette, or None; `is_grey_alpha`: whether the file is a PNG of grey and opacity.
+    of colours in the palette, None for a picture without a palette; `is_grey_alpha`: whether the file is a PNG of grey
+    and opacity.
     """
 
     values: NDArray[np.uint8] | NDArray[np.uint16]
@@ -60,7 +62,7 @@ class Raster:
     is_grey_alpha: bool = False
 
     def rows(self, first: int, last: int) -> Raster:
-        """Return the raster of the rows from `first` to `last` (exclusive)."""
+        """Return the rows from `first` to `last` (exclusive) as a raster."""
         numbers = None if self.numbers is None else self.numbers[first:last]
         return Raster(self.values[first:last], self.maxval, numbers, self.is_grey_alpha)
 
@@ -84,7 +86,7 @@ class Raster:
     def bytes(self) -> NDArray[np.int32]:
         """Channel values from 0 to 255, in the shape of `values`.
 
-        The high byte represents values of 16 bits, as in libpng and OpenCV.
+        A value of 16 bits is represented by its high byte, as in libpng and OpenCV.
         """
         return self._bytes(self.values)
 
@@ -127,7 +129,8 @@ def read_epic(path: Path) -> NDArray[np.uint8]:
 def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
     """Return the channel values of a picture file of any format that `read_pnm` or Pillow supports.
 
-    `bytes_per_pixel`: estimated memory for later steps, for the check of the available memory.
+    `bytes_per_pixel`: memory that the caller needs per pixel; BudgetError is raised if the picture would not fit in
+    memory.
     """
     data = read_bytes(path)
     if not data:
@@ -157,7 +160,10 @@ def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int) -> Raster:
 
 @contextmanager
 def _any_size() -> Iterator[None]:
-    """Disable Pillow's limit of the number of pixels inside the context; the size is checked before decoding."""
+    """Disable Pillow's limit of the number of pixels inside the context.
+
+    The caller checks the size of the picture against the available memory before decoding.
+    """
     from PIL import Image
 
     with _LIMIT:
@@ -190,9 +196,9 @@ def _raster(image: Image, data: bytes, path: Path) -> Raster:
 
 
 def _has_spare_bytes(data: bytes) -> bool:
-    """Return whether a BMP file has 32 bits per pixel without masks.
+    """Return whether a BMP file has 32 bits per pixel and no colour masks.
 
-    Its fourth byte is the opacity, which Pillow drops.  `data`: content of the file.
+    The fourth byte of such a pixel is the opacity, which Pillow drops.  `data`: content of the file.
     """
     return data.startswith(b"BM") and data[14] >= 40 and data[28:30] == b"\x20\0" and not any(data[30:34])
 
@@ -209,9 +215,9 @@ def _with_spare_bytes(image: Image, data: bytes) -> NDArray[np.uint8]:
 
 
 def _keeps_palette(image: Image) -> bool:
-    """Return whether SDL_image keeps the palette of an image.
+    """Return whether SDL_image, with which ROS 1 reads pictures, keeps the palette of an image.
 
-    It keeps a palette in which at most one colour is transparent, and this colour fully.
+    SDL_image keeps a palette in which at most one colour is transparent, and this colour fully.
     """
     opacity = image.info.get("transparency", b"")
     return not isinstance(opacity, bytes) or opacity.replace(b"\xff", b"") in (b"", b"\0")
@@ -258,7 +264,10 @@ def _joined(higher: NDArray[np.uint8], lower: NDArray[np.uint8]) -> NDArray[np.u
 
 
 def _with_layout(data: bytes, depth: int, colour: int) -> bytes:
-    """Return the bytes of a PNG file whose header has another bit depth and colour type."""
+    """Return the bytes of a PNG file with bit depth and colour type in its header replaced; the pixels are unchanged.
+
+    `data`: content of the file; `depth`: bits per channel; `colour`: colour type of the PNG format.
+    """
     header = data[12:24] + bytes((depth, colour)) + data[26:29]
     return data[:12] + header + struct.pack(">I", zlib.crc32(header)) + data[33:]
 

@@ -46,10 +46,10 @@ class _Header(NamedTuple):
 def read_pnm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> tuple[NDArray[Any], int]:
     """Return the channel values (height, width, channels) of an anymap, and the channel value of white.
 
-    `data`: content of the file; `path`: for messages; `bytes_per_pixel`: estimated memory for later steps.  Blanks,
-    tabs, line ends and comments (from ``#`` to the end of the line) may separate the numbers of the header; one blank
-    character ends the header.  Values above 255 have two bytes, the high byte first.  Bits are converted to grey, 0 for
-    black.  Bytes after the last pixel are ignored.
+    `data`: content of the file; `path`: for messages; `bytes_per_pixel`: memory that the caller needs per pixel, for
+    the check of the available memory.  Blanks, tabs, line ends and comments (from ``#`` to the end of the line) may
+    separate the numbers of the header; one blank character ends the header.  Values above 255 have two bytes, the high
+    byte first.  Bits are converted to grey, 0 for black.  Bytes after the last pixel are ignored.
     """
     header = _read_header(data, path)
     width, height, maxval, channels = header.width, header.height, header.maxval, header.channels
@@ -93,7 +93,10 @@ def _read_header(data: bytes, path: Path) -> _Header:
 
 
 def _raster(data: bytes, header: _Header, count: int, path: Path) -> NDArray[Any]:
-    """Return the channel values in the file as a flat array of at most `count` entries; fewer if it is cut short."""
+    """Return the channel values in the file as a flat array of `count` entries, or fewer if the file is cut short.
+
+    `count`: number of channel values of the whole picture.
+    """
     if header.kind == 1:
         return _plain_bits(data[header.start :], count, path)
     if header.kind == 4:
@@ -117,7 +120,7 @@ def _plain_values(data: bytes, count: int, path: Path) -> NDArray[Any]:
 
 
 def _plain_bits(data: bytes, count: int, path: Path) -> NDArray[Any]:
-    """Return the pixels (n,) of a plain bitmap, 0 for black and 1 for white, at most `count`.
+    """Return the pixels (n,) of a plain bitmap, 0 for black and 1 for white, n at most `count`.
 
     `data`: digits of the file, with or without blanks, in which 1 is black.
     """

@@ -39,8 +39,8 @@ def read_ros(
     dialect
         ROS map reader whose rules apply: nav2 (since 2025), nav2-jazzy (Nav2 from Dashing to Jazzy) or ros1.
     unknown
-        Code of cells of unknown occupancy.  Raw values above 100 are unknown in Nav2; in ROS 1, 255 is unknown, and 101
-        to 254 are obstacles, as costmap_2d interprets the values of map_server.
+        Treatment of cells of unknown occupancy: obstacle or free.  Raw values above 100 are unknown in Nav2; in ROS 1,
+        255 is unknown, and 101 to 254 are obstacles, as costmap_2d interprets the values of map_server.
     lethal
         Smallest occupancy of an obstacle cell; by default from ``occupied_thresh``.
     least_conductivity
@@ -79,7 +79,7 @@ def _is_occupied(occupancy: NDArray[np.int8], header: RosHeader, lethal: int | N
 def _lethal(header: RosHeader, lethal: int | None) -> int:
     """Return the smallest occupancy of an obstacle cell, from 1 to 100.
 
-    `lethal`: value that the user gives, None for the value of the header's ``occupied_thresh``.
+    `lethal`: value that the user gives, or None; for None, the result follows from the header's ``occupied_thresh``.
     """
     return max(1, int(np.ceil(100 * header.occupied_thresh))) if lethal is None else lethal
 

@@ -46,7 +46,7 @@ from resgrid.scene.maps.pictures import Raster
 from resgrid.scene.maps.ros_header import Dialect, RosHeader
 
 OCCUPIED, FREE, UNKNOWN = 100, 0, -1
-"""Values of occupied, free and unknown cells in ``nav_msgs/OccupancyGrid``."""
+"""Values of occupied, free and unknown cells in the ROS message ``nav_msgs/OccupancyGrid``."""
 
 QUANTUM = 65535
 """Channel value of white and of full opacity in GraphicsMagick."""
@@ -56,7 +56,11 @@ ROWS_PER_BLOCK = 64
 
 
 def occupancies(raster: Raster, header: RosHeader, dialect: Dialect) -> NDArray[np.int8]:
-    """Return the occupancies (height, width) of a picture, -1 to 100, by the rules of a dialect; top row first."""
+    """Return the occupancies (height, width) of a picture by the rules of a dialect, top row first.
+
+    An occupancy is a percentage from 0 (free) to 100 (occupied), or -1 (unknown); with mode ``raw`` of ROS 1, any
+    signed byte.  `raster`: the picture; `header`: keys of the ``map.yaml``.
+    """
     convert = CONVERTERS[dialect]
     if raster.values.shape[2] == 1:  # each grey value is converted once
         every = np.arange(raster.maxval + 1, dtype=np.uint16).reshape(1, -1, 1)
@@ -68,10 +72,13 @@ def occupancies(raster: Raster, header: RosHeader, dialect: Dialect) -> NDArray[
 
 
 class PixelConverter(Protocol):
-    """Type of a function that converts a picture to occupancies (height, width), top row first."""
+    """Type of a function that converts a picture to occupancies (height, width), top row first, -1 (unknown) to 100."""
 
     def __call__(self, raster: Raster, header: RosHeader) -> NDArray[np.int8]:
-        """Return the occupancies (height, width) of a picture, top row first."""
+        """Return the occupancies (height, width) of a picture, top row first, -1 (unknown) to 100.
+
+        `raster`: the picture; `header`: keys of the ``map.yaml``.
+        """
 
 
 def _as_nav2(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
@@ -161,7 +168,10 @@ def _quanta(raster: Raster) -> NDArray[np.int64]:
 
 
 def _scaled(p: NDArray[np.float64], header: RosHeader) -> NDArray[np.float64]:
-    """Return the darkness `p`, scaled to 0 at the threshold of free cells and to 1 at that of occupied cells."""
+    """Return the darkness `p` (0 to 1), rescaled linearly between the thresholds of the header.
+
+    The result is 0 at ``free_thresh`` and 1 at ``occupied_thresh``; it has the shape of `p`.
+    """
     return np.asarray((p - header.free_thresh) / (header.occupied_thresh - header.free_thresh))
 
 

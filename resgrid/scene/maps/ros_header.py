@@ -18,7 +18,7 @@ from resgrid.errors import InputError
 from resgrid.scene.messages import problems_of, report, shown, unknown_option
 
 Dialect = Literal["nav2", "nav2-jazzy", "ros1"]
-"""ROS map readers: Nav2 since 2025, Nav2 from Dashing to Jazzy, ROS 1."""
+"""ROS map readers: Nav2 since 2025 (``nav2``), Nav2 from Dashing to Jazzy (``nav2-jazzy``), ROS 1 (``ros1``)."""
 
 NEWEST: Dialect = "nav2"
 """Default dialect: the newest ROS map reader."""
@@ -108,10 +108,11 @@ def read_header(path: Path, dialect: Dialect) -> RosHeader:
 
 
 def picture_of(path: Path, image: str) -> Path:
-    r"""Return the path of a map's picture; if it does not exist, the path of its namesake in the map's folder.
+    r"""Return the path of a map's picture.
 
     `path`: the ``map.yaml``; `image`: name of the picture in this file.  Maps from another computer contain paths of
-    that computer (``/home/ann/room.pgm``, ``maps\room.pgm``).  A warning is issued if the named file does not exist.
+    that computer (``/home/ann/room.pgm``, ``maps\room.pgm``).  If the named file does not exist, but the folder of the
+    map contains a file of this name, a warning is issued and the path of this file is returned.
     """
     named = path.parent / image
     if os.path.isfile(named):  # noqa: PTH113  Path.is_file raises for invalid file names

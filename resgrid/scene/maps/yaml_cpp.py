@@ -42,7 +42,7 @@ _TRUTHS = {"y": True, "yes": True, "true": True, "on": True, "n": False, "no": F
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML loader without types, which accepts the same deviations from the YAML standard as yaml-cpp."""
+    """YAML loader that keeps scalars as text, and accepts the same deviations from the YAML standard as yaml-cpp."""
 
     def check_printable(self, data: str) -> None:
         """Accept all characters without an error, such as bytes of a comment in another encoding."""
@@ -134,7 +134,7 @@ def whole(text: str) -> int:
 
 
 def truth(text: str) -> bool:
-    """Return the boolean of a text by the rules of ``node.as<bool>()`` in yaml-cpp: yes, true, on, y, or opposites.
+    """Return the boolean of a text (yes, true, on, y, no, false, off, n) by the rules of yaml-cpp's ``as<bool>()``.
 
     Raises
     ------

@@ -6,37 +6,41 @@
    joins a red cell to a black one: ``A = [[D_r, -G], [-G^T, D_b]]``. Conductances are stored face by face over the red
    cells, in flat arrays without indices, in double and in single precision. Cells are numbered with odd strides, so
    that the neighbour across a face lies at the same distance for all red cells. An edge across no face (it closes a
-   ring, or leads to an extra node) is an off-stencil coupling.
+   periodic axis, or leads to an extra node) is an off-stencil coupling.
 2. *Coarse grids* (`grid_coarsening.coarsen`: `count_inside, join_inside, split_blocks, sum_blocks`). A coarse node is
    the connected part of a block of two cells a side, cut where a conductance is weak relative to the strongest at
-   either end, so that no node joins across a wall. Further parts of a block become extra nodes. Axes that conduct
-   badly are coarsened later. The centres of two blocks are joined through half of either block's own resistance in
-   series with the conductance between them (plain aggregation underestimates long resistances: Braess 1995).
+   either end, so that no node joins both sides of a barrier of obstacles. Further parts of a block become extra nodes.
+   Axes that conduct badly are coarsened later. The centres of two blocks are joined through half of either block's own
+   resistance in series with the conductance between them (plain aggregation underestimates long resistances: Braess
+   1995).
 3. *Graphs* (`graph_coarsening.grow_aggregates, aggregate_graph`). Netlists from the first level on, and grids that are
    too disconnected, have aggregates grown node by node along the strongest conductances. A netlist with random
    numbers is renumbered first (`ordering_kernels.renumber`; Cuthill & McKee 1969). Rows are stored by colour and length
-   (`graph_coarsening.order_by_colour, lay_rows`); the last matrix is inverted (`inverse_matrix`). The matrix product
-   after a backward sweep is computed from its changes (`graph_sweeps.ascend_graph`; Eisenstat 1981).
+   (`graph_coarsening.order_by_colour, lay_rows`); the matrix of the coarsest level is inverted (`inverse_matrix`). The
+   matrix product after a backward sweep is computed from the changes of the sweep (`graph_sweeps.ascend_graph`;
+   Eisenstat 1981).
 4. *Iterations* (`conjugate_gradients.converge`, `krylov.advance`). Flexible conjugate gradients (Notay 2000) for the
    black cells of a grid, ``S = D_b - G^T D_r^-1 G``, or all rows of a netlist. Vectors are in single precision. After a
-   burst of at most five digits the residual is replaced by the true one, in double precision (`krylov.sweep_colour`,
-   `csr_kernels.row_residual`; van der Vorst & Ye 2000), and the search directions are kept. The iteration ends at
-   ``rtol |b|``, or at the rounding limit ``eps |A| |x|``; with a guess also when the estimated error is small
-   (`StoppingRule`). On a grid a Gauss-Seidel relaxation removes a small remainder after the last iteration.
-5. *Cycle* (`cycle.precondition_grid, precondition_graph`). One relaxation before and one after each visit of the next
-   level, so that the preconditioner is symmetric. On the coarse levels K-cycles (Notay & Vassilevski 2008): one or two
-   steps of conjugate gradients, each preconditioned by the level below. Grids are rows of a table with the addresses of
-   their arrays (`levels.GRID`). Subnormal numbers count as zero meanwhile (`resgrid.solvers.llvm_intrinsics`).
+   burst of iterations that gain at most five digits the residual is replaced by the true one, in double precision
+   (`krylov.sweep_colour`, `csr_kernels.row_residual`; van der Vorst & Ye 2000), and the search directions are kept. The
+   iteration ends at ``rtol |b|``, or at the rounding limit ``eps |A| |x|``; with a guess also when the estimated error
+   is small (`StoppingRule`). On a grid a Gauss-Seidel relaxation removes a small remainder after the last iteration.
+5. *Cycle* (`cycle.precondition_grid, precondition_graph`). One relaxation before and one after each solution of the
+   next level, so that the preconditioner is symmetric. On the coarse levels K-cycles (Notay & Vassilevski 2008): one or
+   two steps of conjugate gradients, each preconditioned by the level below. Grids are rows of a table with the
+   addresses of their arrays (`levels.GRID`). Subnormal numbers count as zero meanwhile
+   (`resgrid.solvers.llvm_intrinsics`).
 6. *Sweeps* (`sweeps`). The time is that of reading conductances from memory. In a wavefront sweep red cells are ahead
    of black ones by the distance of neighbours, so that faces are read once. The product takes conductances in single
-   precision; the diagonal compensates their rounding (`grid_level.compensated`), so that row sums equal the leaks.
-   Large levels are divided into slabs, with equal digits for any division. Several threads process them; one leads in
-   compiled code from sweep to sweep (`cycle`, `resgrid.solvers.llvm_intrinsics`).
+   precision; the diagonal compensates their rounding (`grid_level.compensated`), so that row sums equal the
+   conductances to known voltages. Large levels are divided into slabs, with bitwise equal results for any number of
+   slabs. Several threads process them; one leads in compiled code from sweep to sweep (`cycle`,
+   `resgrid.solvers.llvm_intrinsics`).
 7. *Refinement* (`resgrid.solvers.refinement`) turns a normwise solution into an entrywise accurate one: voltages in
-   double-double, with exponents beyond the range of doubles. Every pass gains many digits relative to the largest
-   entry. It ends when the violations of KCL, summed over all rows, prove a relative error of at most 4e-9 plus the
-   rounding of the sums for every entry. Rows without correct digits, along slits, are solved directly
-   (`resgrid.solvers.refinement.resolve_rows`).
+   double-double, with exponents beyond the range of doubles. Every refinement step gains many digits relative to the
+   largest entry. Refinement ends when the violations of KCL, summed over all rows, prove a relative error of at most
+   4e-9 plus the rounding of the sums for every entry. Rows without correct digits, along narrow slits, are solved
+   directly (`resgrid.solvers.refinement.resolve_rows`).
 
 References
 ----------

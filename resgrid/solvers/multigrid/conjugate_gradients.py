@@ -1,8 +1,8 @@
 """Flexible conjugate gradients with residual replacement (Notay 2000; van der Vorst & Ye 2000), for grids and netlists.
 
-Iterations are in single precision, over the black cells of a grid or all rows of a netlist. After a burst of at most
-five digits the residual is recomputed in double precision, and the next burst starts from it with the same search
-directions.
+Iterations are in single precision, over the black cells of a grid or all rows of a netlist. A burst is a sequence of
+iterations that reduces the residual by at most five digits. After each burst the residual is recomputed in double
+precision, and the next burst starts from it with the same search directions.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ ROUNDING = 2.0**-52
 _SINGLE = 5e-7
 """Residual norm, relative to the begin of a burst, below which the recursive residual is rounding error.
 
-The recursive residual is updated in single precision.
+The recursive residual is the one that each iteration updates in single precision.
 """
 
 _BURST = 1e-5
-"""Ratio of the residual norm to its largest value within a burst at which the burst ends.
+"""Ratio of the residual norm to the largest one within a burst at which the burst ends.
 
 A burst is the iterations between two computations of the true residual. Vectors in single precision gain no more.
 """
@@ -48,29 +48,31 @@ It is small because the error of a guess is smooth, and therefore large for its 
 """
 
 _SAFETY, _NEARLY = 0.95, 1.6
-"""Ratios of the recursive residual norm to the target at which a burst ends, without and with a final relaxation.
+"""Ratios of the recursive residual norm to the target norm at which a burst ends, without and with a final relaxation.
 
 A relaxation of red and black cells halves the residual and costs less than an iteration.
 """
 
 _DRIFT = 2.0
-"""Ratio of the true to the recursive residual norm above which the last search direction is dropped."""
+"""Ratio of the true to the recursive residual norm above which the next burst starts without the last search direction.
+"""
 
 _FASTEST, _SLOWEST = 0.3, 0.95
-"""Smallest and largest estimate of the convergence factor per iteration; two iterations alone determine it badly."""
+"""Limits to which the estimated convergence factor per iteration is clipped; two iterations alone determine it badly.
+"""
 
 _DOUBT = 10.0
-"""Safety factor of the cheap estimate of the remaining error.
+"""Factor by which a cheap estimate of the remaining error may exceed the tolerance before it is recomputed.
 
-The largest change of a voltage is computed only if the cheap estimate is below this multiple of the tolerance.
+The recomputation finds the largest change of a voltage in the last iteration, which needs all search directions.
 """
 
 _PASS, _LEAST_PASS = 1e-15, 1e-2
-"""Smallest and largest relative residual norm that one pass of iterative refinement may request."""
+"""Smallest and largest relative residual norm that iterative refinement may request of one solve."""
 
 
 _RANGE = 400
-"""Difference between the binary exponents of currents and conductances above which the currents are rescaled.
+"""Difference between the binary exponents of currents (A) and conductances (S) above which the currents are rescaled.
 
 Otherwise squares of voltages could overflow.
 """
@@ -85,14 +87,15 @@ def iterate(
     watch: ProgressMonitor | None = None,
     threads: ThreadTeam = SINGLE_THREAD,
 ) -> tuple[NDArray[np.float64], float]:
-    """Return the solution (n,) in volts, and its residual norm in amperes: ``rtol |b|`` or the limit of rounding.
+    """Return the solution (n,) in volts, and its residual norm in amperes.
+
+    The iteration ends at the residual norm ``rtol |b|`` or at the limit of rounding. With a guess it also ends if
+    the estimated error of every voltage is at most ``rtol`` times the largest voltage of the guess (after Hestenes
+    & Stiefel 1952; Strakos & Tichy 2002).
 
     `hierarchy`: multigrid levels of the matrix `laplacian`; `b` (n,): right-hand side in amperes; `rtol`: relative
     residual norm; `guess` (n,): initial solution in volts, None for 0; `watch`: records iterations, and can cancel
-    them; `threads`: share the work.
-
-    With a guess the iteration also ends if the estimated error of every voltage is at most ``rtol`` times the largest
-    voltage (after Hestenes & Stiefel 1952; Strakos & Tichy 2002).
+    them; None for neither; `threads`: share the work.
     """
     unit, slot = hierarchy.unit, hierarchy.slot
     largest = _largest(b)
@@ -130,12 +133,14 @@ def approximate(
     accuracy: float,
     threads: ThreadTeam = SINGLE_THREAD,
 ) -> Numbers:
-    """Return the solution for a scaled right-hand side as scaled numbers, with an error relative to the largest entry.
+    """Return a solution with an error relative to the largest entry, for numbers with separate exponents.
 
-    The function is the approximate inverse of iterative refinement. `hierarchy`: multigrid levels of the matrix
-    `laplacian`; `watch`: records iterations; `m, e` (n,): mantissas and exponents of the right-hand side; `accuracy`:
-    requested relative residual norm, limited to the range of a pass; `threads`: share the work. The result is a tuple
-    of mantissas and exponents, (n,) each.
+    The function is the approximate inverse of iterative refinement. Every number is ``mantissa * 2**(256 * exponent)``.
+
+    `laplacian, hierarchy`: the matrix and its multigrid levels; `watch`: records iterations, or None; `m, e` (n,):
+    mantissas and exponents of the right-hand side; `accuracy`: requested relative residual norm, raised to 1e-15 or
+    lowered to 1e-2 beyond these limits; `threads`: share the work. The result is a tuple of mantissas and exponents,
+    (n,) each.
     """
     top = 0
     if e.any() and m.any():
@@ -153,13 +158,14 @@ def approximate(
 class StoppingRule:
     """Stopping criteria: residual norm, limit of rounding, and with a guess the estimated error.
 
-    An iteration reduces the squared energy norm of the error by ``(z.r)^2 / p.A p``. The remaining change of the
-    solution is estimated as a geometric series from the decrease of these reductions.
+    An iteration reduces the squared energy norm of the error by ``(z.r)^2 / p.A p``, with residual ``r``,
+    preconditioned residual ``z`` and search direction ``p``. The remaining change of the solution is estimated as a
+    geometric series from the decrease of these reductions.
 
-    `wanted`: sufficient residual norm, in amperes divided by `unit`; `rounding`: ratio of the residual norm that
-    rounding leaves to ``|x|``, divided by `unit`; `unit`: conductance in siemens that counts as 1; `guess` (n,):
-    initial solution in volts, None for 0; `rtol`: sufficient error relative to the largest guessed voltage, 0 to
-    disable this criterion. `accurate`: whether the estimated error is small enough.
+    `unit`: conductance in siemens by which all equations are divided; `wanted`: sufficient residual norm, in amperes
+    divided by `unit`; `rounding`: rounding error of the residual norm per ``|x|``, in siemens divided by `unit`;
+    `guess` (n,): initial solution in volts, None for 0; `rtol`: sufficient error relative to the largest guessed
+    voltage, 0 to disable this criterion. `accurate`: whether the estimated error is small enough.
     """
 
     def __init__(
@@ -187,9 +193,9 @@ class StoppingRule:
     def record(self, power: float, length: Callable[[], float]) -> None:
         """Record the reduction of the error by an iteration, and update `accurate`.
 
-        `power`: reduction of the squared energy norm of the error; `length`: returns the largest change of a voltage by
-        this iteration, in volts. The function `length` is called for the first iteration, and if the reductions suggest
-        that the change is small.
+        `power`: reduction of the squared energy norm of the error; `length`: function that returns the largest change
+        of a voltage by this iteration, in volts. The function is called for the first iteration, and if the reductions
+        suggest that the change is small.
         """
         if not self._near:
             return
@@ -205,8 +211,8 @@ class StoppingRule:
 def converge(problem: MultigridProblem, stop: StoppingRule, watch: ProgressMonitor | None) -> float:
     """Improve ``problem.x`` until a stopping rule is met or the residual stagnates; return the final residual norm.
 
-    The norm is in amperes divided by the unit of the hierarchy. `stop`: stopping rule; `watch`: records iterations, and
-    can cancel them.
+    The norm is in amperes divided by ``stop.unit``. `problem`: equations, solution and preconditioner; `stop`: stopping
+    rule; `watch`: records iterations, and can cancel them; None for neither.
     """
     burst, x = _Burst(problem, stop, watch), problem.x
     last, left, nearly = np.inf, MOST_ITERATIONS, _NEARLY if problem.relaxes else _SAFETY
@@ -239,8 +245,8 @@ class _Burst:
 
     Private fields: ``_v.z[:_kept]`` are the preconditioned residuals that are not accumulated yet; ``_on_x, _on_p``
     (depth + 1,) are their coefficients in the solution and in the search direction, with those of the earlier direction
-    ``_v.p`` at the end. `residual` (slots,): true residual between bursts, in double precision; `left`: recursive
-    residual norm relative to the begin of the burst.
+    ``_v.p`` at the end. `residual` (n,): true residual between bursts, in double precision; `left`: recursive residual
+    norm relative to the begin of the burst.
     """
 
     def __init__(self, problem: MultigridProblem, stop: StoppingRule, watch: ProgressMonitor | None) -> None:
@@ -254,13 +260,13 @@ class _Burst:
         self._kept, self._energy = 0, 0.0
 
     def forget(self) -> None:
-        """Drop the last search direction, since it is not conjugate to directions from a replaced residual."""
+        """Drop the last search direction; it is not conjugate to directions that start from a recomputed residual."""
         self._energy = 0.0
 
     def run(self, size: float, gain: float, limit: int) -> int:
-        """Reduce the residual norm from ``size`` to ``gain size`` in at most ``limit`` iterations; return their number.
+        """Reduce the residual norm from ``size`` to ``gain * size`` within ``limit`` iterations; return their number.
 
-        ``size`` is the norm of the true residual, a current divided by the hierarchy's unit of conductance.
+        ``size`` is the norm of the true residual in amperes, divided by ``hierarchy.unit`` in siemens.
         """
         v, steps = self._v, 0
         np.divide(self.residual, size, out=v.r, casting="same_kind")
@@ -277,11 +283,11 @@ class _Burst:
         return steps
 
     def _each(self, kernel: Callable[[int, int], Any]) -> list[Any]:
-        """Call ``kernel(begin, end)`` for slices of all slots, on all threads, and return the list of results."""
+        """Return the results of ``kernel(begin, end)`` for ranges that cover all vector entries, on all threads."""
         return self._problem.threads.over(len(self._v.r), lambda some: kernel(some.start, some.stop))
 
     def _gather(self, unit: float) -> None:
-        """Accumulate the stored steps, multiplied by ``unit``, in the solution."""
+        """Add the stored preconditioned residuals, with their coefficients times ``unit``, to the solution."""
         v, x = self._v, self._problem.x[-1]
         self._each(partial(krylov.add_steps, v.z[: self._kept], self._on_x, self._on_p, v.p, unit, x))
         self._on_x[:], self._on_p[:] = 0.0, 0.0
@@ -289,10 +295,11 @@ class _Burst:
         self._kept = 0
 
     def _step(self, unit: float) -> bool:
-        """Make one iteration of conjugate gradients; return False, without a step, if ``p.A p`` is not positive.
+        """Make one iteration of conjugate gradients; return whether it succeeded.
 
-        The iteration is ``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``, where ``z`` is the preconditioned
-        ``r``. `unit`: norm of the residual at the begin of the burst, by which the vectors are divided.
+        It fails, without a step, if ``p.A p`` is not positive. The iteration is ``p = z + beta p``, ``x += alpha p``,
+        ``r -= alpha A p``, where ``z`` is the preconditioned residual ``r``. `unit`: norm of the residual at the begin
+        of the burst, by which the vectors are divided.
         """
         v, problem = self._v, self._problem
         zr, zw, zs = problem.precondition(v.z[self._kept])

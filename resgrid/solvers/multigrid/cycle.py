@@ -1,11 +1,12 @@
-"""The K-cycle: visits of red-black grids, then of graphs in compressed rows (Notay & Vassilevski 2008).
+"""The K-cycle over red-black grids, then over graphs in compressed rows (Notay & Vassilevski 2008).
 
-One visit of a level smooths, restricts the residual, and uses the solution of the lower levels as a search direction.
-The K-cycle combines one or two such directions by flexible conjugate gradients. A red-black grid is solved for its
-black nodes only: red nodes are eliminated exactly on the way down, and back-substituted on the way up.
+A level is visited up to three times per cycle. One visit smooths, restricts the residual to the next coarser level, and
+uses the solution of the coarser levels as a search direction. The K-cycle combines one or two such directions by
+flexible conjugate gradients. A red-black grid is solved for its black nodes only: red nodes are eliminated exactly
+before the restriction, and back-substituted afterwards.
 
-Sweeps over grids run slab by slab, on one thread or several (`sweeps`). One thread leads; the others process slabs of
-large levels (`resgrid.solvers.llvm_intrinsics`).
+Sweeps over grids run slab by slab (a range of cells), on one thread or several (`sweeps`). One thread leads; the others
+process slabs of large levels (`resgrid.solvers.llvm_intrinsics`).
 """
 
 from __future__ import annotations
@@ -44,7 +45,10 @@ Table = NDArray[Any]
 """Records of the grids of a hierarchy, finest first, shape (levels,), of the data type `levels.GRID`."""
 
 ENOUGH = 0.07
-"""Relative residual after the first step of a K-cycle on the first coarse level below which the second step is skipped.
+"""Ratio of residual norms after and before the first step on the first coarse level that makes a second step
+unnecessary.
+
+Below it the second step of the K-cycle is skipped.
 """
 
 
@@ -70,7 +74,7 @@ def run_cycle(graphs: Graphs, work: SweepBuffers, stop: float, top: int) -> None
 
     `graphs`: levels of the netlist, finest first; `work`: work arrays of all levels; `stop`: ratio of the residual
     norms after and before the first step of level ``top`` below which the second step is skipped; this ratio doubles
-    from level to level. An infinite ``stop`` replaces both steps by the uncombined solution of the next level.
+    from level to level. With an infinite ``stop`` the solution of the next level is used directly, as in a V-cycle.
     """
     _run_cycle(graphs, work, stop, top, len(graphs.first) > 2 or None, None)
 
@@ -81,9 +85,9 @@ def precondition_grid(
     """Precondition the residual ``r`` of a grid's black cells into ``z``, set ``w = S z``, return ``z.r, z.w, z.s``.
 
     ``S`` is the Schur complement of the black cells. The vectors ``r``, ``s``, ``z`` and ``w`` of the finest level are
-    found through its record in ``table``.
+    found through the addresses in the first record of ``table``; ``s`` is ``S`` times the last search direction.
 
-    `table`: records of the grids; `state`: state shared with the helper threads (`help_sweep`); `graphs`: levels below
+    `table`: records of the grids; `state`: array shared with the helper threads (`help_sweep`); `graphs`: levels below
     the grids; `work`: work arrays of the graphs; `stop`: ratio of the residual norms after and before the first step of
     a K-cycle on the first coarse level below which the second step is skipped.
     """
@@ -94,11 +98,13 @@ def precondition_grid(
 def _precondition_grid(
     table: Table, state: Integers, graphs: Graphs, work: SweepBuffers, stop: float, on_graphs: bool | None
 ) -> tuple[float, float, float]:
-    """Precondition the black residual of a grid by one multigrid cycle; return ``z.r, z.w, z.s`` of the finest vectors.
+    """Precondition the black residual ``r`` by one multigrid cycle; return ``z.r, z.w, z.s`` of the finest grid.
 
-    `table`: records of the grids; `state`: state shared with the helper threads; `graphs, work`: graphs below the grids
-    and their work arrays; `stop`: relative residual that skips the second step of a K-cycle; `on_graphs`: None if there
-    is one graph only, to omit the code for visits of graphs.
+    ``z`` is the correction, ``w`` the product of the matrix with it, and ``s`` that with the last search direction.
+
+    `table`: records of the grids; `state`: array shared with the helper threads; `graphs, work`: graphs below the grids
+    and their work arrays; `stop`: ratio of residual norms that skips the second step of a K-cycle; `on_graphs`: None if
+    there is one graph only, to omit the code that cycles over graphs.
     """
     flags = flush_subnormals()
     _restrict_finest(table, state)
@@ -120,13 +126,13 @@ def _run_within(
 ) -> None:
     """Run K-cycles on the grids below the finest one, and on the graphs below the grids.
 
-    `graphs, work`: graphs and their work arrays; `stop`: relative residual after the first step on level ``top`` that
-    skips the second step, doubled from level to level; `top`: first level, counted over coarse grids and then graphs;
-    `on_grids`: records of all grids, and state shared with the helper threads; `on_graphs`: True, or None.
+    `graphs, work`: graphs and their work arrays; `stop`: ratio of the residual norms after and before the first step on
+    level ``top`` that skips the second step, doubled from level to level; `top`: first level, counted over coarse grids
+    and then graphs; `on_grids`: records of all grids, and array shared with the helper threads; `on_graphs`: True, or
+    None.
 
-    ``on_grids`` is None if there are no grids, ``on_graphs`` if there are no graphs except the coarsest: visits of
-    these levels are then not compiled. The recursion is written as a loop, since numba cannot cache recursive
-    functions.
+    ``on_grids`` is None if there are no grids, ``on_graphs`` if there are no graphs except the coarsest: the code for
+    these levels is then not compiled. The recursion is written as a loop, since numba cannot cache recursive functions.
     """
     flags = flush_subnormals()
     count = len(on_grids[0]) - 1 if on_grids is not None else 0
@@ -166,7 +172,7 @@ def _visit_graph(
 
     `graphs, level`: all graphs, and index of this one; `vectors`: `b, x, c, v, w, change` of `SweepBuffers`, without
     the unused entry 0; `visit`: number of the visit from 0 on, and work array (2,) for the products of the first step;
-    `stop`: relative residual after the first step below which the second step is skipped.
+    `stop`: ratio of the residual norms after and before the first step below which the second step is skipped.
     """
     b, x, c, v, w, change = vectors
     if visit[0] > 0:
@@ -193,8 +199,8 @@ def _step(
 
     `visit`: number of the visit (1: after the first direction, 2: after the second), and work array (2,) for the
     products of the first step; `products`: ``z.r, z.A z, z.s`` of the new direction ``z``, where ``s`` is the product
-    of the matrix with the first direction; `stop`: relative residual that skips the second step, infinite to skip both
-    steps.
+    of the matrix with the first direction; `stop`: ratio of residual norms that skips the second step, infinite to skip
+    both steps.
 
     Returns whether to continue with a second step, and two numbers: the length of the first step and 0 to continue,
     otherwise the coefficients of the first and the second direction in the solution.
@@ -213,12 +219,12 @@ def _step(
 
 @inner
 def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) -> tuple[float, float, float]:
-    """Sweep over a level, with other threads if it is divided into slabs; return three sums over its blocks.
+    """Sweep over a level, with other threads if it is divided into slabs; return three sums over its blocks of cells.
 
-    `table, number`: records of the grids, and index of the level in them; `state`: state shared with the helper
+    `table, number`: records of the grids, and index of the level in them; `state`: array shared with the helper
     threads; `kind`: kind of the sweep, such as `sweeps.RELAX`; `visit`: number of the visit in the K-cycle. The sums
     are ``z.r, z.w, z.s`` after `MULTIPLY`, and the squared residual norms before and after the step, and 0, after
-    `STEP`; else they have no meaning. Couplings are added after all slabs.
+    `STEP`; else they have no meaning. Off-stencil couplings are added after all slabs.
     """
     level, part = table[number], ZERO
     if level.parts > 1:
@@ -244,7 +250,7 @@ def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) ->
 
 @inner
 def _product(level: Row, visit: int) -> int:
-    """Return the address of the array that receives the product of the matrix with ``z`` in a visit of a level.
+    """Return the address of the array that receives the product of the matrix with the correction ``z`` of a level.
 
     `level`: record of the grid; `visit`: number of the visit in the K-cycle, 1 for the first direction.
     """
@@ -255,7 +261,7 @@ def _product(level: Row, visit: int) -> int:
 def help_sweep(table: Table, state: Integers) -> None:
     """Process slabs on a helper thread until the leading thread signals that no job follows.
 
-    `table`: records of the grids; `state`: state shared by the threads, which describes the present sweep.
+    `table`: records of the grids; `state`: array shared by the threads, which describes the present sweep.
     """
     flags = flush_subnormals()
     while True:
@@ -271,7 +277,7 @@ def help_sweep(table: Table, state: Integers) -> None:
 
 @inner
 def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
-    """Sweep over one slab of a level.
+    """Sweep over one slab, a range of cells, of a level.
 
     `level`: record of the grid; `kind`: kind of the sweep, such as `sweeps.CLEAR`; `visit`: number of the visit in the
     K-cycle; `part`: number of the slab.
@@ -298,9 +304,9 @@ def _visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Fl
     At the first visit red nodes are eliminated. At later visits the solution of the next level is a search direction.
     Unless the solution is complete, the relaxed residual is restricted to the next level.
 
-    `table, number`: records of the grids, and index of the level in them; `state`: state shared with the helper
+    `table, number`: records of the grids, and index of the level in them; `state`: array shared with the helper
     threads; `visit`: number of the visit from 0 on, and work array (2,) for the products of the first step; `stop`:
-    relative residual after the first step that skips the second step.
+    ratio of the residual norms after and before the first step that skips the second step.
     """
     count, continues = visit[0], True
     if count == 0:
@@ -321,7 +327,7 @@ def _visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Fl
 def ascend_grid(table: Table, state: Integers, number: int, visit: int) -> tuple[float, float, float]:
     """Prolong the next level's solution to a grid, relax, and multiply by the matrix; return ``z.r, z.w, z.s``.
 
-    `table, number`: records of the grids, and index of the level in them; `state`: state shared with the helper
+    `table, number`: records of the grids, and index of the level in them; `state`: array shared with the helper
     threads; `visit`: number of the visit in the K-cycle. ``z`` is the relaxed correction, ``w`` the product, ``r`` the
     residual; ``s`` is the product of the matrix with the previous direction.
     """
@@ -334,7 +340,7 @@ def ascend_grid(table: Table, state: Integers, number: int, visit: int) -> tuple
 def _restrict_finest(table: Table, state: Integers) -> None:
     """Restrict the relaxed residual of the finest grid to the next level.
 
-    `table`: records of the grids, finest first; `state`: state shared with the helper threads.
+    `table`: records of the grids, finest first; `state`: array shared with the helper threads.
     """
     for kind in (CLEAR, RESTRICT):
         _sweep(table, state, kind, ZERO, ZERO)

@@ -1,8 +1,9 @@
 """Coarsen graphs of conductances, below grids and of netlists, and store all levels for the compiled cycle.
 
-Aggregates are grown node by node along the strongest conductances, so that they never cross a wall. A graph is
-renumbered by colour, so that neighbouring rows of a sweep are independent. Within a colour, rows are sorted by length
-in windows: the processor then predicts the ends of inner loops, which saves half of the time.
+Aggregates are grown node by node along the strongest conductances, so that an aggregate never joins both sides of a
+barrier of obstacles. A graph is renumbered by colour, so that neighbouring rows of a sweep are independent. Within a
+colour, rows are sorted by length in windows: the processor then predicts the ends of inner loops, which saves half of
+the time.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ _COARSEST = 250
 _MOST_LEVELS = 40
 _LEAST_SHRINKAGE = 0.98
 _MEMBERS = 4
-"""Maximum number of nodes of an aggregate."""
+"""Maximum number of nodes of an aggregate, before nodes without a strong neighbour join it."""
 
 _CLUSTERS_SHRINK = 0.7
-"""Ratio of aggregates to nodes above which aggregates are also grown along weak conductances."""
+"""Ratio of the numbers of aggregates and nodes above which aggregates are grown again, also along weak conductances."""
 
 _WEAK = 0.2
 """Smallest conductance from a node to an aggregate that the node may join, as a fraction of a sum of conductances.
@@ -34,11 +35,11 @@ The sum is over the conductances of the node, or over those of the aggregate's f
 _BESIDE_STRONGEST = 0.7
 """Smallest conductance from a node to an aggregate that the node may join even below the limit `_WEAK`.
 
-The unit is the strongest conductance of the aggregate's first node.
+It is a fraction of the strongest conductance of the aggregate's first node.
 """
 
 _FAR = 0.5
-"""Fraction of neighbours with distant numbers (`ordering_kernels.far_fraction`) above which a graph is renumbered."""
+"""Fraction of neighbours with distant indices (`ordering_kernels.far_fraction`) above which a graph is renumbered."""
 
 _WINDOW = 4096
 _LARGEST_INVERSE = 2000
@@ -52,7 +53,7 @@ _TAKEN, _NONE = np.float32(-1.0), np.float32(0.0)
 
 
 def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
-    """Coarsen a graph until it is small or does not shrink any more; return all graphs and the aggregates of each.
+    """Coarsen a graph until it has at most 250 nodes or does not shrink; return all graphs and their aggregates.
 
     The first returned list contains the given graph and all coarser ones. The second list contains, for every graph but
     the last, the node of the next graph to which every node belongs, shape (n,).
@@ -79,9 +80,10 @@ def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int
     `most`: maximum number of nodes of an aggregate, before single nodes join; `strict`: whether nodes join along strong
     conductances only, and whether an aggregate has at most 1.5 ``most`` nodes after single nodes have joined.
 
-    An aggregate starts with the first node that has no aggregate. It repeatedly takes in the free neighbour with the
-    greatest sum of conductances to the aggregate, divided by the square root of the sum of all conductances of the
-    neighbour. A node without such a neighbour joins the aggregate at the other end of the node's strongest conductance.
+    An aggregate starts with the first node that has no aggregate. The aggregate repeatedly takes in the neighbour
+    without an aggregate that has the greatest sum of conductances to the aggregate, divided by the square root of the
+    sum of all conductances of the neighbour. A node without such a neighbour joins the aggregate at the other end of
+    the node's strongest conductance.
     Unless ``strict``, only nodes without neighbours stay alone.
     """
     (indptr, indices, conductance, leak), n = graph, len(graph.leak)
@@ -158,7 +160,7 @@ def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: In
     """Return the aggregate of the neighbour with the strongest conductance to ``node``; -1 without neighbours.
 
     `indptr, indices, conductance`: compressed rows of the conductances; `aggregate` (n,): aggregate of every node, or
-    -1.
+    -1 for none.
     """
     best, host = 0.0, -1
     for k in range(indptr[node], indptr[node + 1]):
@@ -172,8 +174,9 @@ def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: In
 def aggregate_graph(graph: Graph, aggregate: Indices, count: int) -> tuple[Indices, Indices, Singles, Floats]:
     """Return the graph of the aggregates: sums of the conductances between aggregates, and of the leaks in each.
 
-    `aggregate` (n,): aggregate of every node; `count`: number of aggregates. Returns the fields of `Graph`, with
-    ``count`` rows that are not sorted.
+    `aggregate` (n,): aggregate of every node; `count`: number of aggregates. Returns the fields of `Graph`: begins of
+    rows, columns, conductances and leaks (conductances to known voltages) of ``count`` rows, whose columns are not
+    sorted.
     """
     (indptr, indices, conductance, leak), n = graph, len(graph.leak)
     start = np.zeros(count + 1, np.int32)
@@ -212,8 +215,8 @@ def pack_netlist(rows: Rows, ground: Floats, unit: float) -> tuple[Graphs, NDArr
     """Coarsen a netlist, and return all levels as concatenated graphs, and the position of every row, shape (n,).
 
     `rows`: conductances in siemens; `ground` (n,): conductances to known voltages, in siemens; `unit`: conductance in
-    siemens that becomes 1. Rows are renumbered if neighbours have distant numbers. A graph that does not shrink is
-    stored twice.
+    siemens by which all are divided. Rows are renumbered if the indices of neighbours differ much. A graph that cannot
+    be coarsened is stored twice.
     """
     conductance = np.divide(rows.data, unit, out=np.empty(len(rows.data), np.float32), casting="same_kind")
     graph, number = Graph(rows.indptr, rows.indices, conductance, ground / unit), None
@@ -262,9 +265,10 @@ def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[
 
 
 def inverse_matrix(graph: Graph) -> NDArray[np.float32]:
-    """Return the inverse (n, n) of the matrix of a graph with n nodes; shape (0, 0) for a large graph.
+    """Return the inverse (n, n) of the matrix of a graph with n nodes; shape (0, 0) for more than 2000 nodes.
 
-    The matrix is scaled to a diagonal of 1. The diagonal is then slightly enlarged, so that the matrix is not singular.
+    The matrix is scaled to a diagonal of 1 before the inversion, and the diagonal is increased by 1e-7, so that the
+    matrix is not singular. The returned inverse is that of the matrix without the scaling.
     """
     n = graph.size
     if n > _LARGEST_INVERSE:
@@ -285,11 +289,11 @@ def inverse_of(order: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
-    """Return the nodes of a graph, shape (n,), ordered by colour, then by length of the row and earlier neighbours.
+    """Return the nodes of a graph, shape (n,), ordered by colour, then by number of neighbours, in windows.
 
-    Rows are sorted by length, and rows of equal length by the number of neighbours with a lower colour, in windows of
-    ``window`` nodes of one colour. Colours are assigned greedily in the order of the nodes: every node gets the first
-    colour that no neighbour has. From the 64th colour on, neighbours may have equal colours.
+    In windows of ``window`` nodes of one colour, nodes are sorted by their number of neighbours, and equal ones by the
+    number of neighbours with a lower colour. Colours are assigned greedily in the order of the nodes: every node gets
+    the first colour that no neighbour has. From the 64th colour on, neighbours may have equal colours.
 
     `indptr` (n + 1,), `indices` (entries,): compressed rows of the neighbours of every node.
     """

@@ -1,4 +1,4 @@
-"""Gauss-Seidel sweeps over graphs: restriction to the next level, prolongation from it, and the coarsest solve."""
+"""Gauss-Seidel sweeps over graphs: restriction to the next coarser level, prolongation, and the coarsest solve."""
 
 from __future__ import annotations
 
@@ -12,24 +12,25 @@ from resgrid.solvers.llvm_intrinsics import flush_subnormals, restore_subnormals
 from resgrid.solvers.scaled import Floats, Integers, Singles
 
 Unsigned = NDArray[np.uint32]
-"""Array of unsigned indices: compiled code does not check these for negative values, which count from the end."""
+"""Array of unsigned indices; compiled code does not check them for negative values, which Python counts from the end.
+"""
 
 
 _MOST_LEVELS = 64
-"""Maximum number of graphs and coarse grids of a hierarchy."""
+"""Maximum number of coarse levels, grids and graphs, of a hierarchy."""
 
 
 class Graphs(NamedTuple):
-    """All graphs of a hierarchy in concatenated compressed rows, without diagonals, in the unit of the hierarchy.
+    """All graphs of a hierarchy in concatenated compressed rows, without diagonals.
 
-    Nodes of level ``l`` have the numbers ``first[l]`` to ``first[l + 1] - 1``; nodes and entries are counted over all
-    levels.
+    Conductances are divided by the conductance ``hierarchy.unit``. Nodes of level ``l`` have the numbers ``first[l]``
+    to ``first[l + 1] - 1``; nodes and entries are counted over all levels.
 
     `first` (levels + 1,): first node of every level; `indptr` (nodes + 1,): begin of every row; `middle` (nodes,):
-    begin of the later neighbours in a row; `indices, conductance` (entries,): neighbours and conductances; `leak`
-    (nodes,): conductance to known voltages; `degree, inverse` (nodes,): diagonal and its reciprocal; `aggregate`
-    (nodes,): node of the next level; `coarsest`: inverse of the last level's matrix; empty if the reciprocal diagonal
-    is used instead.
+    begin of the neighbours with higher numbers in a row; `indices, conductance` (entries,): neighbours and
+    conductances; `leak` (nodes,): conductance to known voltages; `degree, inverse` (nodes,): diagonal and its
+    reciprocal; `aggregate` (nodes,): node of the next level to which each node belongs; `coarsest`: inverse of the last
+    level's matrix; empty if the reciprocal diagonal is used instead.
     """
 
     first: Integers
@@ -64,7 +65,10 @@ class SweepBuffers(NamedTuple):
 
 
 def work_space(graphs: Graphs) -> SweepBuffers:
-    """Return new work arrays for the graphs of a hierarchy; concurrent solves with one hierarchy need separate ones."""
+    """Return new work arrays for the graphs of a hierarchy.
+
+    Concurrent solves with one hierarchy need separate work arrays.
+    """
     nodes = int(graphs.first[-1])
     (b, x), (c, v, w, change) = np.zeros((2, 1 + nodes), dtype=np.float32), np.zeros((4, nodes), dtype=np.float32)
     return SweepBuffers(b, x, c, v, w, change, np.zeros(_MOST_LEVELS, dtype=np.int64), np.zeros((_MOST_LEVELS, 2)))
@@ -74,9 +78,9 @@ def work_space(graphs: Graphs) -> SweepBuffers:
 def descend_graph(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
     """Relax a level by Gauss-Seidel from zero, and sum the residual into the next level's right-hand side.
 
-    `graphs, level`: all graphs, and index of this one; `b, x` (nodes,): right-hand sides and solutions of all levels,
-    modified. After the sweep the residual of row ``i`` is ``sum_{j > i} g_ij x_j``, from its later neighbours only.
-    Loops run over slices from zero on: compiled code then omits checks for negative indices.
+    `graphs, level`: all graphs, and index of this one; `b, x` (1 + nodes,): right-hand sides and solutions of all
+    levels, modified. After the sweep the residual of row ``i`` is ``sum_{j > i} g_ij x_j``, from neighbours with higher
+    numbers only. Loops run over slices from zero on: compiled code then omits checks for negative indices.
     """
     flags = flush_subnormals()
     begin, end = graphs.first[level], graphs.first[level + 1]
@@ -105,10 +109,11 @@ def ascend_graph(
     """Add the next level's solution to ``x``, relax in reverse order, and set ``y = A x``; return ``x.b, x.y, x.s``.
 
     Rows are computed from differences. After the sweep the residual of a row comes from the rounding of its own voltage
-    and from the later changes of earlier rows (Eisenstat 1981).
+    and from the later changes of rows with lower numbers (Eisenstat 1981).
 
     `graphs, level`: all graphs, and index of this one; `b, x, change` (nodes,): right-hand sides, solutions and last
-    changes of the solutions, of all levels; `s, y` (nodes of the level,): another vector, and result.
+    changes of the solutions, of all levels; `s` (nodes of the level,): vector of the inner product ``x.s``; `y` (nodes
+    of the level,): receives the product.
     """
     flags = flush_subnormals()
     begin, end = graphs.first[level], graphs.first[level + 1]
@@ -139,7 +144,8 @@ def _subtract_changes(
     """Set ``y_i -= sum_{j < i} g_ij change_j`` on one level; return the inner products ``x.b``, ``x.y``, ``x.s``.
 
     `graphs`: all graphs; `earlier`: begin and end of the entries of the neighbours ``j < i`` in every row, shape (nodes
-    of the level,) each; `change` (nodes,): changes of all nodes; `x, b, s, y` (nodes of the level,).
+    of the level,) each; `change` (nodes,): changes of the solution in the last sweep, of all nodes; `x, b, s, y` (nodes
+    of the level,): solution, right-hand side, vector of the inner product, and product of the matrix with ``x``.
     """
     g, j, (begin, end) = graphs.conductance, graphs.indices, earlier
     xb, xy, xs = 0.0, 0.0, 0.0

@@ -1,4 +1,7 @@
-"""Coarsen a grid: blocks of two cells along every axis, split into their connected parts."""
+"""Coarsen a grid: blocks of two cells along every axis, split into their connected parts.
+
+A slot is an index into an array over the red or the black nodes of a level (`red_black.Lattice`).
+"""
 
 from __future__ import annotations
 
@@ -15,14 +18,15 @@ from resgrid.solvers.scaled import Indices, Integers, Singles
 
 
 def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | None:
-    """Return the next coarser level, and the slot there of every slot; None if parts of one colour are joined.
+    """Return the next coarser level, and the coarse node of every node; None if nodes of one colour would be joined.
 
     The nodes of the next level are blocks of two cells along every axis, except along axes that conduct badly. If a
     block is disconnected without its weak conductances, one part stays on the grid. The other parts become extra nodes,
-    which are joined by couplings.
+    which are joined by couplings (edges that cross no face of the grid).
 
-    `split`: whether weak conductances do not connect a block. The returned array of slots has shape (2, slots): red and
-    black slots of the given level. In it, black slots of the next level follow all red ones; unused slots have 0.
+    `level`: the finer level; `split`: whether weak conductances do not connect a block. The returned array has shape
+    (2, slots), with the array indices of red and black nodes as columns. An entry is the array index of the coarse
+    node within its colour, where black nodes follow all red ones; 0 for a column without a node.
     """
     shift = (level.mean > WEAK * level.mean.max()).astype(np.int64)
     lattice = Lattice(tuple((n - 1 >> s) + 1 for n, s in zip(level.lattice.shape, shift.tolist(), strict=True)))
@@ -49,8 +53,9 @@ def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | N
 def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray[np.int32]:
     """Return the slot, on the next level, of the block that contains the node at every slot, shape (2, slots).
 
-    Black slots of the next level follow all red ones; unused slots have 0. `level`: the finer level; `lattice`: memory
-    layout of the next level; `shift` (ndim,): 1 for axes along which blocks have two cells, 0 for others.
+    A slot is an index into an array over the nodes of one colour. Black slots of the next level follow all red ones;
+    unused slots have 0. `level`: the finer level; `lattice`: memory layout of the next level; `shift` (ndim,): 1 for
+    axes along which blocks have two cells, 0 for others.
     """
     fine, blocks = level.lattice, lattice.cells
     for axis, halved in enumerate(shift.tolist()):
@@ -67,9 +72,9 @@ def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray
 def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float) -> NDArray[np.int64]:
     """Give every part of a disconnected block except the first an extra node; return the block of every extra node.
 
-    `level, lattice`: the finer level, and memory layout of the next one; `target` (2, slots): block of every slot, 0
-    for none, overwritten by the extra node where there is one; `weak`: fraction of the strongest conductance at a node
-    below which a conductance does not connect a block.
+    `level, lattice`: the finer level, and memory layout of the next one; `target` (2, slots): block of every node by
+    colour and array index, 0 for none, overwritten by the extra node where there is one; `weak`: fraction of the
+    strongest conductance at a node below which a conductance does not connect a block.
     """
     edges = level.edges
     strongest = _strongest(edges) if weak else np.zeros((2, 1), dtype=np.float32)
@@ -92,7 +97,7 @@ def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: floa
 
 
 def _strongest(edges: Edges) -> NDArray[np.float32]:
-    """Return the strongest conductance at every red and every black slot of a grid, shape (2, slots)."""
+    """Return the strongest conductance at every node of a grid: red nodes in row 0, black ones in row 1."""
     strongest = np.zeros((2, edges.faces.shape[1]), dtype=np.float32)
     inside = slice(edges.margin, edges.faces.shape[1] - edges.margin)
     for face, away in zip(edges.faces[:, inside].astype(np.float32), edges.distance.tolist(), strict=True):
@@ -107,13 +112,13 @@ def _strongest(edges: Edges) -> NDArray[np.float32]:
 def _with_block_resistance(
     edges: Edges, leak: NDArray[np.float64], inner: NDArray[np.float32]
 ) -> tuple[Edges, NDArray[np.float64]]:
-    """Return conductances and leaks in series with the resistance inside blocks; the faces are modified in place.
+    """Return conductances and leaks in series with the resistance inside blocks; ``edges.faces`` is modified in place.
 
     Between the centres of two blocks lies half of either block's own resistance, in series with the conductance that
-    joins the blocks. A rail is reached through 0.15 times the block's resistance.
+    joins the blocks. A leak, the conductance to a rail, is in series with 0.15 times the block's resistance.
 
-    `edges`: summed conductances between blocks; `leak` (2, slots): conductances of blocks to the rails; `inner` (ndim,
-    2 slots): conductance inside every block along every axis.
+    `edges`: summed conductances between blocks; `leak` (2, slots): conductances of the red and black blocks to the
+    rails; `inner` (ndim, 2 slots): conductance inside every block along every axis.
     """
     slots = leak.shape[1]
     here = slice(edges.margin, slots - edges.margin)
@@ -129,7 +134,8 @@ def _with_block_resistance(
 def _in_series(conductance: NDArray[np.float64], inner: NDArray[np.float32], fraction: float) -> NDArray[np.float64]:
     """Return conductances in series with a fraction of the resistance inside blocks; unchanged where ``inner`` is 0.
 
-    `conductance, inner`, of equal shape, which is also returned: conductances to other blocks, and inside the block.
+    `conductance`: conductances from blocks to other blocks or rails; `inner`: conductances inside the blocks, 0 if
+    unknown; `fraction`: fraction of the resistance ``1 / inner``. All arrays have equal shapes.
     """
     own = inner.astype(np.float64)
     return np.divide(own * conductance, own + fraction * conductance, out=conductance.copy(), where=own > 0.0)
@@ -138,12 +144,12 @@ def _in_series(conductance: NDArray[np.float64], inner: NDArray[np.float32], fra
 def sum_up(
     level: Level, lattice: Lattice, target: NDArray[np.int32], extras: int
 ) -> tuple[Edges, NDArray[np.float64], NDArray[np.float32]] | None:
-    """Return the conductances between blocks, their leaks, and the conductances inside blocks.
+    """Return the conductances between blocks, their leaks (conductances to rails), and the conductances inside blocks.
 
-    `level, lattice`: the finer level, and memory layout of the next one; `target` (2, slots): slot of the next level of
-    every slot; `extras`: number of extra nodes of the next level. Leaks have shape (2, slots of the next level),
-    conductances inside blocks (ndim, 2 slots) along every axis. Returns None if parts of one block are joined by weak
-    conductances, since these parts have the same colour.
+    `level, lattice`: the finer level, and memory layout of the next one; `target` (2, slots): index in the next level
+    of the block of every node, by colour; `extras`: number of extra nodes of the next level. Leaks have shape (2, slots
+    of the next level), conductances inside blocks (ndim, 2 slots) along every axis. Returns None if parts of one block
+    are joined by weak conductances, since these parts have the same colour.
     """
     sides = len(level.edges.faces)
     capacity = len(level.edges.couplings) + extras * sides * 2 ** (sides // 2)
@@ -163,9 +169,10 @@ def sum_up(
 def _merge_couplings(
     red: NDArray[np.int32], black: NDArray[np.int32], axis: NDArray[np.int32], couplings: NDArray[np.float64]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-    """Return couplings sorted by red, then black slot; those between the same two nodes become one, with their sum.
+    """Return couplings sorted by red, then black node; those between the same two nodes become one, with their sum.
 
-    `red, black, axis, couplings` (couplings,), also returned: slots that every coupling joins, axis and conductance.
+    `red, black` (couplings,): indices of the two nodes of every coupling in arrays over their colour; `axis, couplings`
+    (couplings,): axis of the grid, and conductance. The four results correspond to these arrays.
     """
     order = np.lexsort((black, red))
     red, black, axis, couplings = red[order], black[order], axis[order], couplings[order]
@@ -176,10 +183,11 @@ def _merge_couplings(
 
 @inner
 def _joins(g: float, weak: float, strongest: Singles, red: int, black: int | np.uint64) -> bool:
-    """Return whether the conductance ``g`` between a red and a black slot is not weak.
+    """Return whether the conductance ``g`` between a red and a black node is not weak.
 
-    `weak`: fraction of the strongest conductance at either slot below which a conductance is weak; `strongest` (2,
-    slots): strongest conductance at every slot.
+    `weak`: fraction of the strongest conductance at either node below which a conductance is weak, 0 if none is;
+    `strongest` (2, slots): strongest conductance at every red and black node; `red, black`: indices of the nodes in the
+    two rows of `strongest`.
     """
     return weak == 0.0 or g >= weak * max(strongest[0, red], strongest[1, black])
 
@@ -190,10 +198,10 @@ def count_inside(
 ) -> None:
     """Count the nodes of every block, and the faces inside every block that conduct and are not weak.
 
-    `block` (2, slots): block of every slot, 0 for none; `weak`: fraction of the strongest conductance at either end
-    below which a conductance is weak; `strongest` (2, slots): that conductance; `members, inner` (blocks,): receive the
-    numbers of nodes and of faces, 0 on entry. Couplings do not count: couplings across a ring of two cells join cells
-    that a face joins already.
+    `edges`: faces between cells; `block` (2, slots): block of every node by colour, 0 for none; `weak`: fraction of the
+    strongest conductance at either end below which a conductance is weak; `strongest` (2, slots): strongest conductance
+    at every node; `members, inner` (blocks,): receive the numbers of nodes and of faces, 0 on entry. Edges that cross
+    no face do not count; along a periodic axis of two cells they join cells that a face joins already.
     """
     red_block, black_block, faces, distance = block[0], block[1], edges.faces, edges.distance
     for k in range(edges.margin, len(red_block) - edges.margin):
@@ -214,9 +222,10 @@ def join_inside(
 ) -> None:
     """Merge, in the union-find ``parent``, the nodes of possibly disconnected blocks that a conductance joins.
 
-    `block` (2, slots): block of every slot, 0 for none; `weak`: fraction of the strongest conductance at either end
-    below which a conductance does not join; `strongest` (2, slots): that conductance; `doubtful` (blocks,): whether a
-    block may be disconnected; `parent` (2 slots,): union-find over red, then black slots.
+    `block` (2, slots): block of every node by colour, 0 for none; `weak`: fraction of the strongest conductance at
+    either end below which a conductance does not join; `strongest` (2, slots): strongest conductance at every node;
+    `doubtful` (blocks,): whether a block may be disconnected; `parent` (2 slots,): union-find over red, then black
+    nodes.
     """
     faces, distance, margin, off_red, off_black, _, couplings = edges
     slots = faces.shape[1]
@@ -239,12 +248,12 @@ def join_inside(
 def split_blocks(
     doubtful: NDArray[np.bool_], parent: Indices, block: Indices, coarse_slots: int, extra_block: Integers
 ) -> int:
-    """Number the parts of disconnected blocks, except the first parts, as extra nodes; return how many there are.
+    """Number the parts of disconnected blocks, except the first parts, as extra nodes; return their number.
 
     `doubtful` (blocks,): whether a block may be disconnected; `parent` (2 slots,): union-find whose trees are the
-    parts; `block` (2, slots): block of every slot, 0 for none, overwritten by the extra node; `coarse_slots`: slots per
-    colour of the next level; `extra_block`: receives the block of every extra node. Extra nodes are numbered from ``2
-    coarse_slots`` on.
+    parts; `block` (2, slots): block of every node by colour, 0 for none, overwritten by the extra node; `coarse_slots`:
+    length of an array over one colour of the next level; `extra_block`: receives the block of every extra node. Extra
+    nodes are numbered from ``2 coarse_slots`` on.
     """
     flat = block.ravel()
     taken = np.zeros(len(doubtful), np.bool_)
@@ -271,9 +280,10 @@ def split_blocks(
 def sum_blocks(edges: Edges, target: Indices, first_extra: int, coarse: Edges, inner: Singles) -> int:
     """Sum the conductances between blocks into the faces and couplings of ``coarse``; return the number of couplings.
 
-    `target` (2, slots): slot of the next level of every slot; `first_extra`: first slot of the next level for extra
-    nodes; `inner` (ndim, 2 slots): receives the conductance inside blocks along every axis. Returns -1 if a resistor
-    joins two parts of one colour.
+    A coupling is an edge that crosses no face of the grid. `edges, coarse`: edges of the finer and of the next level;
+    `target` (2, slots): index in the next level of the block of every node, by colour; `first_extra`: first index of
+    extra nodes of the next level; `inner` (ndim, 2 slots): receives the conductance inside blocks along every axis.
+    Returns -1 if a resistor joins two parts of one colour.
     """
     faces, distance, _, off_red, off_black, off_axis, couplings = edges
     sums, coarse_slots = coarse.faces, coarse.faces.shape[1]
@@ -313,6 +323,6 @@ def sum_blocks(edges: Edges, target: Indices, first_extra: int, coarse: Edges, i
 
 @inner
 def _record(edges: Edges, k: int, red: Any, black: Any, axis: Any, conductance: float) -> None:
-    """Write coupling number ``k``: its slots ``red`` and ``black``, its axis and its conductance."""
+    """Write coupling number ``k`` of ``edges``: indices of its red and black node, its axis and conductance."""
     edges.off_red[k], edges.off_black[k] = red, black
     edges.off_axis[k], edges.couplings[k] = axis, conductance

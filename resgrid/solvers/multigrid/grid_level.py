@@ -1,4 +1,7 @@
-"""A grid's equations by colour: the level from which coarse grids and graphs are built, and its kernels."""
+"""A grid's equations by colour: the level from which coarse grids and graphs are built, and its kernels.
+
+A slot is the index of a node in the arrays of its colour, red or black (`red_black.Lattice`).
+"""
 
 from __future__ import annotations
 
@@ -13,10 +16,11 @@ from resgrid.solvers.multigrid.red_black import Edges, Lattice, Stencil
 from resgrid.solvers.scaled import Floats, Indices, Integers, Reals
 
 _TINY = 1e-300
-"""Conductance, in the unit of the level, that is added to a divisor to avoid division by zero."""
+"""Number that is added to a divisor, a sum of conductances divided by the hierarchy's unit, to avoid division by zero.
+"""
 
 BLOCK = 2048
-"""Number of slots that a kernel processes at a time, so that their data fit in the first-level cache."""
+"""Number of cells of a colour that a kernel processes at a time, so that their data fit in the first-level cache."""
 
 
 WEAK = 0.1
@@ -27,11 +31,12 @@ WEAK = 0.1
 class Level:
     """A red-black grid, with conductances between cells and to the rails, in the unit of the hierarchy.
 
-    `lattice`: memory layout; `edges`: conductances between cells; `leak` (2, slots): conductance to the rails, of red
-    and of black slots; `degree` (2, slots): sum of all conductances at a slot; `mean` (ndim,): mean conductance across
-    the faces of every axis, 0 for an axis without conductances; `uneven`: whether the weakest conductance is weak
-    relative to the strongest; `extra_cell`: flat index of the cell of every extra node, for red and for black ones;
-    `size`: number of nodes.
+    A slot is the index of a node in the arrays of its colour. `lattice`: memory layout; `edges`: conductances between
+    cells; `leak` (2, slots): conductance of every red and black node to the rails; `degree` (2, slots): sum of all
+    conductances at a node, 0 at an unused slot; `mean` (ndim,): mean conductance across the faces of every axis, 0 for
+    an axis without conductances; `uneven`: whether the weakest conductance is below `WEAK` times the strongest;
+    `extra_cell`: flat index of the cell to which every extra node belongs, for red and for black ones; `size`: number
+    of nodes.
     """
 
     lattice: Lattice
@@ -52,14 +57,15 @@ def lay_out(
     excess: NDArray[np.float64],
     unit: float,
 ) -> tuple[Level, NDArray[np.int32]] | None:
-    """Return a grid as a `Level`, and the slot of every row, shape (n,); black slots follow all red ones.
+    """Return a grid as a `Level`, and the memory position of every row, shape (n,); None for an unsuitable grid.
+
+    The position of a black row is counted after all positions of red rows. The result is None if the grid has fewer
+    than two axes, cannot be coloured red and black, or has more positions than 32-bit indices can number.
 
     `pairs` (m, 2): vertices at the ends of every resistor; `conductance` (m,): in siemens; `row` (vertices,): row of
     every vertex, negative where the voltage is known; `cells`, of the grid's shape: row of every cell, negative for
-    none; `excess` (n,): conductance to known voltages, in siemens; `unit`: conductance in siemens that becomes 1.
-
-    Returns None if the grid has fewer than two axes, has no two colours, or has more slots than 32-bit indices can
-    number.
+    none; `excess` (n,): conductance to known voltages, in siemens; `unit`: conductance in siemens by which all are
+    divided.
     """
     if cells.ndim < 2:
         return None
@@ -84,10 +90,11 @@ def lay_out(
 def _ring_couplings(
     slot: NDArray[np.int32], conductance: NDArray[np.float64], lattice: Lattice
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-    """Return red slots, black slots, axes and conductances, (m,) each, of the resistors that close rings.
+    """Return red slots, black slots, axes and conductances, (m,) each, of the resistors that close periodic axes.
 
-    `slot` (m, 2): slots that every resistor joins, black ones numbered after all red ones; `conductance` (m,);
-    `lattice`: memory layout of the grid. Couplings are sorted by red, then black slot.
+    A slot is the index of a cell in the arrays of its colour. `slot` (m, 2): slots that every resistor joins, black
+    ones numbered after all red ones; `conductance` (m,): of every resistor; `lattice`: memory layout of the grid. The
+    results are sorted by red, then black slot.
     """
     if not len(conductance):
         return *np.empty((3, 0), dtype=np.int32), conductance
@@ -103,8 +110,8 @@ def level_of(
 ) -> Level:
     """Return a `Level` with computed degrees and statistics.
 
-    `lattice, edges`: memory layout, and conductances between cells; `leak` (2, slots): conductance to the rails;
-    `extra_cell`: flat index of the cell of every red and of every black extra node.
+    `lattice, edges`: memory layout, and conductances between cells; `leak` (2, slots): conductance of every red and
+    black node to the rails; `extra_cell`: flat index of the cell of every red and of every black extra node.
     """
     degree, statistics = leak.copy(), np.full((len(edges.faces), 4), [0.0, 0.0, np.inf, 0.0])
     sum_degrees(edges.faces, edges.distance, edges.margin, degree, statistics)
@@ -118,7 +125,7 @@ def level_of(
 
 
 def stencil_of(level: Level) -> Stencil:
-    """Return the conductances and diagonals of a level as a stencil in double precision."""
+    """Return the conductances and diagonals of a level as arguments of kernels, in double precision."""
     edges = level.edges
     red, black = (np.empty_like(degree) for degree in level.degree)  # apart, for only one may stay
     for degree, inverse in zip(level.degree, (red, black), strict=True):
@@ -139,7 +146,7 @@ def stencil_of(level: Level) -> Stencil:
 
 
 def in_single(stencil: Stencil) -> Stencil:
-    """Return a stencil in single precision, except for its black diagonal, which stays in double precision."""
+    """Return a stencil (conductances of a grid) in single precision; its black diagonal stays in double precision."""
     names = ("faces", "couplings", "red_inverse", "black_inverse")
     return stencil._replace(**{name: getattr(stencil, name).astype(np.float32) for name in names})
 
@@ -147,12 +154,12 @@ def in_single(stencil: Stencil) -> Stencil:
 def compensated(level: Level, single: Stencil) -> NDArray[np.float64]:
     """Return the black diagonal (slots,) that compensates the rounding of conductances and of reciprocals at red cells.
 
-    `level, single`: the grid in double precision, and its stencil in single precision.
+    `level, single`: the grid in double precision, and its conductances in single precision.
 
     Let ``S = D - G R G^T``, with the black diagonal ``D``, conductances ``G`` and reciprocal red diagonal ``R``. With
-    the returned ``D``, the row sums of ``S`` equal the exact leaks: leaks of black slots, and leaks of red slots
-    multiplied by the fraction ``leak / degree`` of the currents through them. Products are therefore accurate to a few
-    rounding errors of every conductance, even for smooth vectors.
+    the returned ``D``, the row sums of ``S`` equal the exact leaks (conductances to the rails): leaks of black cells,
+    and leaks of red cells multiplied by the fraction ``leak / degree`` of the currents through them. Products are
+    therefore accurate to a few rounding errors of every conductance, even for smooth vectors.
     """
     fraction, degree = np.zeros(level.lattice.slots), np.array(level.leak[1])
     np.add.at(fraction, single.off_red, single.couplings)
@@ -162,9 +169,9 @@ def compensated(level: Level, single: Stencil) -> NDArray[np.float64]:
 
 
 def to_graph(level: Level) -> tuple[Graph, NDArray[np.int32]]:
-    """Return a level as a graph of conductances, red nodes first, and the node of every slot, shape (2 slots,).
+    """Return a level as a graph of conductances, red nodes first, and the graph node of every slot, shape (2 slots,).
 
-    The node of an unused slot is -1.
+    A slot is the index of a node in the arrays of its colour; black ones follow red ones. An unused slot has -1.
     """
     from scipy import sparse
 
@@ -199,9 +206,10 @@ def fill_faces(
     previous resistor, or the opposite face.
 
     `pairs` (m, 2), `conductance` (m,): vertices at the ends of every resistor, and its conductance in siemens; `row`
-    (vertices,): row of every vertex, negative for a known voltage; `slot` (n,): slot of every row; `distance` (faces,):
-    from a red slot to the black slot across every face; `scale`: factor on conductances; `faces` (faces, slots):
-    receives the sums; `couplings`: receives the indices of the resistors that become couplings.
+    (vertices,): row of every vertex, negative for a known voltage; `slot` (n,): array index of every row within its
+    colour, black rows after all red ones; `distance` (faces,): slot of the black cell across every face minus that of
+    the red cell; `scale`: factor on conductances; `faces` (faces, slots): receives the sums; `couplings`: receives the
+    indices of the resistors that become couplings.
     """
     slots, count, face = faces.shape[1], 0, 0
     for k in range(len(pairs)):
@@ -232,7 +240,10 @@ def fill_faces(
 
 @inner
 def _face_at(distance: Integers, away: int) -> int:
-    """Return the face whose ``distance`` from a red to a black slot is ``away``; -1 if there is none."""
+    """Return the index of the face with ``distance[face] == away``; -1 if there is none.
+
+    `distance` (faces,): array index of the black cell across every face minus that of the red cell.
+    """
     for q in range(len(distance)):
         if distance[q] == away:
             return q
@@ -243,9 +254,10 @@ def _face_at(distance: Integers, away: int) -> int:
 def place_rows(cells: Indices, lines: Integers, slots: int, slot: Indices) -> int:
     """Compute the slot of every row of the matrix; return the number of placed rows, or -1 if a row has two cells.
 
-    `cells` (lines, cells per line): row of every cell, negative for none; `lines` (lines,): number of the first cell of
-    every line (see `Lattice.lines`); `slots`: slots per colour; `slot` (n,): -1 on entry, receives the slots; black
-    slots follow all red ones, and a row without a cell keeps -1.
+    A slot is the array index of a cell within its colour. `cells` (lines, cells per line): row of every cell along
+    the last axis, negative for none; `lines` (lines,): number of the first cell of every line (see `Lattice.lines`);
+    `slots`: slots per colour; `slot` (n,): on entry all entries are negative; receives the slots; black slots follow
+    all red ones, and a row without a cell is not written.
     """
     count = 0
     for line in range(len(lines)):
@@ -261,11 +273,11 @@ def place_rows(cells: Indices, lines: Integers, slots: int, slot: Indices) -> in
 
 @kernel
 def sum_degrees(faces: Floats, distance: Integers, margin: int, degree: Floats, statistics: Floats) -> None:
-    """Add the conductances of faces to ``degree`` (2, slots) at the red and the black slot that each face joins.
+    """Add the conductances of faces to ``degree`` (2, slots) at the red and the black cell that each face joins.
 
-    `faces` (faces, slots): conductance across every face of every red slot; `distance` (faces,): from a red slot to the
-    black slot across the face; `margin`: unused slots at either end; `statistics` (faces, 4): receives sum, number,
-    minimum and maximum of the positive conductances.
+    `faces` (faces, slots): conductance across every face of every red cell; `distance` (faces,): array index of the
+    black cell across the face minus that of the red cell; `margin`: unused array entries at either end; `statistics`
+    (faces, 4): receives sum, number, minimum and maximum of the positive conductances.
     """
     end = faces.shape[1] - margin
     for begin in range(margin, end, BLOCK):
@@ -294,7 +306,10 @@ def _compare(conductance: Floats, statistics: Floats) -> None:
 
 @inner_fast
 def add(faces: Reals, q: int, begin: int, count: int, total: Floats, to: int) -> None:
-    """Add ``faces[q, begin:begin + count]``, conductances of red slots, to ``total[to:to + count]``."""
+    """Add ``faces[q, begin:begin + count]`` to ``total[to:to + count]``.
+
+    `faces` (faces, slots): face conductances of red cells.
+    """
     face, at, t_at = np.uint64(q), np.uint64(begin), np.uint64(to)
     for i in range(count):
         k = np.uint64(i)
@@ -303,11 +318,11 @@ def add(faces: Reals, q: int, begin: int, count: int, total: Floats, to: int) ->
 
 @kernel
 def compensate(stencil: Stencil, leak: Floats, fraction: Floats, degree: Floats) -> None:
-    """Add the currents through red cells to the black diagonal of `compensated`, without couplings.
+    """Add the currents through red cells to the black diagonal of `compensated`, without off-stencil couplings.
 
-    `stencil`: in single precision; `leak` (slots,): conductance of red slots to the rails; `fraction` (slots,): on
-    entry the sum of couplings at red slots; on exit the fraction of the current into a red cell that leaves the cell, 1
-    except for rounding of the reciprocal; `degree` (slots,): black diagonal, updated.
+    `stencil`: conductances in single precision; `leak` (slots,): conductance of red cells to the rails; `fraction`
+    (slots,): on entry the sum of the off-stencil couplings at red cells; on exit the fraction of the current into a red
+    cell that leaves the cell, 1 except for rounding of the reciprocal; `degree` (slots,): black diagonal, updated.
     """
     faces, distance, end = stencil.faces, stencil.distance, len(fraction) - stencil.margin
     for begin in range(stencil.margin, end, BLOCK):
@@ -325,7 +340,7 @@ def _to_fractions(conductance: Floats, leak: Floats, inverse: Reals, begin: int,
 
     The fraction is 1 except for rounding of the reciprocal diagonal. `conductance` (slots,): sum of conductances to
     black cells at a red cell, converted from index ``begin`` to ``begin + count - 1``; `leak` (slots,): conductance to
-    the rails; `inverse` (slots,): reciprocal diagonal.
+    the rails; `inverse` (slots,): reciprocal diagonal, in single or double precision.
     """
     at = np.uint64(begin)
     for i in range(count):
@@ -335,7 +350,11 @@ def _to_fractions(conductance: Floats, leak: Floats, inverse: Reals, begin: int,
 
 @inner_fast
 def _add_weighted(faces: Reals, q: int, begin: int, count: int, fraction: Floats, total: Floats, to: int) -> None:
-    """Add ``faces[q] fraction`` at the red slots ``begin:begin + count`` to ``total[to:to + count]``."""
+    """Add ``faces[q] * fraction`` at the red cells ``begin`` to ``begin + count - 1`` to ``total[to:to + count]``.
+
+    `faces` (faces, slots): conductances of the faces of red cells; `q`: index of the face; `fraction, total` (slots,):
+    factor at red cells, and sum at black cells.
+    """
     face, at, t_at = np.uint64(q), np.uint64(begin), np.uint64(to)
     for i in range(count):
         k = np.uint64(i)
@@ -344,6 +363,6 @@ def _add_weighted(faces: Reals, q: int, begin: int, count: int, fraction: Floats
 
 @kernel
 def invert(degree: Floats, inverse: Floats) -> None:
-    """Set ``inverse`` to the reciprocals of ``degree``, or to 0 where ``degree`` is 0, at a slot without an unknown."""
+    """Set ``inverse`` to the reciprocals of the diagonal ``degree``, or to 0 where ``degree`` is 0 (no unknown)."""
     for k in range(len(degree)):
         inverse[k] = 1.0 / degree[k] if degree[k] > 0.0 else 0.0

@@ -2,8 +2,8 @@
 
 Grids have levels of red-black grids, then graphs; netlists have graphs.
 
-A grid is preconditioned on one thread or several, with equal digits for any number: the finest grids are divided into
-slabs (`resgrid.solvers.multigrid.sweeps`). Levels below are too small for the cost of synchronization.
+A grid is preconditioned on one thread or several, with bitwise equal results: the finest grids are divided into slabs
+(`resgrid.solvers.multigrid.sweeps`). Levels below are too small for the cost of synchronization.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from resgrid.solvers.scaled import Floats, Singles
 from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 _WHOLE = 32
-"""Number of cells, along every axis, of which the begin of the finest level is a multiple.
+"""Number of cells, along every axis, of which the begin of the finest level in the grid is a multiple.
 
-The blocks of coarse levels then do not depend on margins without cells.
+The blocks of coarse levels then do not depend on the width of a border without unknowns.
 """
 
 _SMALL = 250
@@ -46,7 +46,10 @@ _SHRINKAGE = 0.6
 """Ratio of the nodes of a coarse grid to those of the finer one above which coarsening continues with a graph."""
 
 _MOST_EXTRAS = 0.1
-"""Fraction of extra nodes among the nodes of a grid above which coarsening continues with a graph."""
+"""Fraction of extra nodes among the nodes of a grid above which coarsening continues with a graph.
+
+Extra nodes are the parts of a disconnected block of cells except its first part.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +57,10 @@ class Hierarchy:
     """The multigrid preconditioner of a matrix with ``n`` rows.
 
     `levels`: the coarse levels; for a netlist, also the finest one; `slot` (n,): position of every row in the vectors
-    of the finest level; in a grid, black slots follow all red ones; `unit`: conductance in siemens that counts as 1 on
-    all levels; `largest_degree`: largest diagonal entry of the matrix, in siemens; `grid`: finest level of a red-black
-    grid, None for a netlist; `box`: range of cells along every axis that the finest grid covers.
+    of the finest level; in a grid, positions of black cells follow all of red cells; `unit`: conductance in siemens by
+    which the conductances of all levels are divided; `largest_degree`: largest diagonal entry of the matrix, in
+    siemens; `grid`: finest level of a red-black grid, None for a netlist; `box`: range of cells along every axis that
+    the finest grid covers, empty for a netlist.
     """
 
     levels: Levels
@@ -68,9 +72,9 @@ class Hierarchy:
 
 
 def build_hierarchy(laplacian: Laplacian, threads: ThreadTeam = SINGLE_THREAD) -> Hierarchy:
-    """Return the multigrid hierarchy of a matrix; `threads`: run parts of the coarsening of a grid.
+    """Return the multigrid hierarchy of a matrix; `threads`: share the work of coarsening a grid.
 
-    The matrix is coarsened until it is small; the coarsest matrix is inverted.
+    The matrix is coarsened to about 250 nodes; the coarsest matrix is inverted.
     """
     laid_out = lay_out_grid(laplacian)
     if laid_out is not None:
@@ -89,10 +93,11 @@ def build_hierarchy(laplacian: Laplacian, threads: ThreadTeam = SINGLE_THREAD) -
 
 
 def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
-    """Return the levels of a grid, finest first, and the targets of the black slots of each level but the last.
+    """Return the levels of a grid, finest first, and the coarse nodes of the black nodes of each level but the last.
 
-    The target of a slot, in an array of shape (slots,), is the slot of the next level that contains its node.
-    Coarsening by blocks ends when the grid is small, or when too many blocks are disconnected.
+    The second list contains, for every array index of a black node, the array index of the block on the next level that
+    contains the node. Coarsening by blocks ends when the grid has fewer than 250 nodes, or when too many blocks are
+    disconnected.
     """
     levels, targets = [level], list[NDArray[np.int32]]()
     while True:
@@ -113,8 +118,8 @@ def _grid_levels(
 ) -> tuple[Finest, Levels] | None:
     """Return the finest grid, and the coarse grids with the graphs below them; None if the grid does not shrink.
 
-    `levels`: grids, finest first; `targets`: for every grid but the last, the slot of the next grid of every black
-    slot; `stencils`: the finest grid in double and in single precision.
+    `levels`: grids, finest first; `targets`: for every grid but the last, the array index on the next grid of the block
+    of every black node; `stencils`: conductances of the finest grid in double and in single precision.
     """
     level = levels[0]
     graph, number = to_graph(levels[-1])
@@ -136,7 +141,7 @@ def _grid_levels(
 
 
 def finest_stencils(level: Level) -> tuple[Stencil, Stencil]:
-    """Return the stencils of the finest level in double precision and in single precision.
+    """Return the conductances of the finest level in double precision and in single precision.
 
     The black diagonal of the second compensates the rounding of conductances (`grid_level.compensated`).
     """
@@ -146,16 +151,17 @@ def finest_stencils(level: Level) -> tuple[Stencil, Stencil]:
 
 
 def largest_degree(true: Stencil) -> float:
-    """Return the largest diagonal entry of the finest grid `true`, in the unit of the hierarchy."""
+    """Return the largest diagonal entry of the finest grid `true`, in multiples of ``hierarchy.unit``."""
     red = float(true.red_inverse.min(initial=np.inf, where=true.red_inverse > 0))
     return max(float(true.black_degree.max()), 1.0 / red)
 
 
 def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
-    """Return a grid as a `Level`, the slot of every row (n,), the unit in siemens, and the box of cells that it covers.
+    """Return a grid as a `Level`, the memory position of every row (n,), the unit in siemens, and a box of cells.
 
-    Outside the box no cell has a row; the box begins with whole blocks of several levels. Returns None if the matrix is
-    not a grid of two colours.
+    The unit is the conductance by which all conductances are divided. Outside the box no cell has a row; the box begins
+    with whole blocks of several levels. Returns None if the matrix is not a grid whose cells can be coloured red and
+    black.
     """
     if laplacian.grid is None:
         return None
@@ -175,12 +181,13 @@ def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float,
 class GridProblem:
     """The equations of a grid's black cells in the unit of the hierarchy, and their multigrid preconditioner.
 
-    Red cells are eliminated: the matrix is the Schur complement ``S = D - G^T R G``. The levels are divided into slabs
-    for the threads.
+    Red cells are eliminated: the matrix is the Schur complement ``S = D - G^T R G``, with the black diagonal ``D``,
+    conductances ``G`` and reciprocal red diagonal ``R``. The levels are divided into slabs for the threads.
 
-    `finest`: the finest level; `currents` (2, slots): currents into red and black cells; `x` (2, slots): the solution,
-    which is updated; `vectors`: vectors of conjugate gradients; `relaxes`: whether a relaxation of all cells can reduce
-    the final residual.
+    A slot is the array index of a cell within its colour. `finest`: the finest level; `currents` (2, slots): currents
+    into red and black cells, in amperes divided by the unit; `x` (2, slots): the solution in volts, which is updated;
+    `vectors`: vectors of conjugate gradients; `relaxes`: whether a relaxation of all cells can reduce the final
+    residual.
     """
 
     relaxes = True
@@ -225,7 +232,7 @@ class GridProblem:
     def set_finest(self, finest: Finest, currents: Floats, x: Floats) -> None:
         """Replace the finest level by another one of the same cells.
 
-        `currents, x` (2, slots): right-hand side and solution of the new level, of red and of black cells.
+        `finest`: the new level; `currents, x` (2, slots): right-hand side and solution of red and of black cells.
         """
         self.finest, self.currents, self.x = finest, currents, x
         self.vectors = v = self.vectors._replace(inverse=finest.stencil.black_inverse)
@@ -234,7 +241,7 @@ class GridProblem:
         self._set_addresses(0, before=v.before, r=v.r, s=v.s, w=v.w, red_double=x[0])
 
     def _describe(self, number: int, of: GridLevel) -> None:
-        """Write the numbers and array addresses of the grid ``of`` to record ``number`` of the table."""
+        """Write the numbers and array addresses of the grid ``of`` to record ``number`` of the table of grids."""
         stencil, row = of.stencil, self.table[number]
         sides, slots = stencil.faces.shape
         counts = {
@@ -248,9 +255,9 @@ class GridProblem:
         self._set_addresses(number, degree=stencil.black_degree, aggregate=of.aggregate)
 
     def _set_addresses(self, number: int, **arrays: NDArray[np.generic]) -> None:
-        """Write addresses of arrays to record ``number`` of the table, and keep the arrays alive.
+        """Write addresses of arrays to record ``number`` of the table of grids, and keep the arrays alive.
 
-        `arrays`: array for every field of the record that is to be written.
+        `arrays`: arrays by the names of the fields of the record (`levels.GRID`) that receive their addresses.
         """
         row = self.table[number]
         for name, array in arrays.items():
@@ -259,7 +266,10 @@ class GridProblem:
             self._arrays[number, name] = array
 
     def residual(self, r: Floats) -> float:
-        """Relax the red cells, write the residual ``b - A x`` at black cells to ``r`` (slots,), and return its norm."""
+        """Relax the red cells, write the residual ``b - A x`` at black cells to ``r`` (slots,), and return its norm.
+
+        The residual is in amperes divided by the unit of the hierarchy.
+        """
         return krylov.black_residual(self.finest.true, self.currents, self.x, r, self._parts, self.threads)
 
     def precondition(self, z: Singles, stop: float = ENOUGH) -> tuple[float, float, float]:
@@ -285,7 +295,7 @@ class GridProblem:
         return rest, product, gamma
 
     def set_output(self, z: Singles) -> None:
-        """Set the array (slots,) that receives the preconditioned residual of the finest level."""
+        """Set the array ``z`` over the black cells that receives the preconditioned residual of the finest level."""
         self._output, self.table["z"][0] = z, z.ctypes.data
         margin = self.finest.stencil.margin
         z[:margin], z[len(z) - margin :] = 0.0, 0.0
@@ -293,16 +303,17 @@ class GridProblem:
     def _precondition(self, stop: float) -> tuple[float, float, float]:
         """Run the compiled cycle, led by this thread; return ``z.r``, ``z.w`` and ``z.s`` of the finest vectors.
 
-        `stop`: relative residual after the first step of a K-cycle that skips the second step.
+        ``z`` is the correction, ``w`` its product with the matrix, and ``s`` the product of the last search direction.
+        `stop`: ratio of the residual norms after and before the first step of a K-cycle that skips the second step.
         """
         return precondition_grid(self.table, self.state, self._graphs, self.work, stop)
 
 
 class GraphProblem:
-    """The equations of a netlist's rows in the unit of the hierarchy and in the order of the finest level.
+    """The equations of a netlist's rows, divided by the unit of the hierarchy, in the order of the finest level.
 
-    `b` (n,): right-hand side in amperes, in the order of rows; `x` (1, n): the solution, which is updated; `vectors`:
-    vectors of conjugate gradients; `relaxes`: False, since no relaxation follows the last iteration.
+    `b` (n,): right-hand side in amperes, in the order of rows; `x` (1, n): the solution in volts, which is updated;
+    `vectors`: vectors of conjugate gradients; `relaxes`: False, since no relaxation follows the last iteration.
     """
 
     relaxes = False
@@ -314,7 +325,7 @@ class GraphProblem:
         self._slot, self._unit, self._work = hierarchy.slot, hierarchy.unit, work_space(self._graphs)
 
     def residual(self, r: Floats) -> float:
-        """Write the residual ``b - A x`` to ``r`` (n,), in the unit of the hierarchy, and return its norm."""
+        """Write the residual ``b - A x`` to ``r`` (n,), in amperes divided by the unit, and return its norm."""
         if self.x.any():
             row_residual(self._matrix, self._slot, self._b, self.x[0, self._slot], r)
             r *= 1.0 / self._unit
@@ -325,7 +336,8 @@ class GraphProblem:
     def precondition(self, z: Singles) -> tuple[float, float, float]:
         """Precondition the residual ``r`` into ``z`` (n,); set ``w = A z``; return ``z.r``, ``z.w`` and ``z.s``.
 
-        The vectors ``r``, ``w`` and ``s`` are those of `vectors`.
+        The vectors ``r``, ``w`` and ``s`` are those of ``self.vectors``: residual, product, and matrix times search
+        direction.
         """
         return precondition_graph(self._graphs, self._work, self.vectors.r, self.vectors.s, z, self.vectors.w)
 

@@ -14,16 +14,15 @@ from resgrid.solvers.scaled import Floats, Reals, Singles
 from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 _DEPTH = 3
-"""Number of preconditioned residuals that are stored before they are accumulated in the solution."""
+"""Number of preconditioned residuals that are stored before they are added to the solution."""
 
 
 class Vectors(NamedTuple):
-    """Vectors of flexible conjugate gradients, over the black slots of a grid or the rows of a netlist.
+    """Vectors of flexible conjugate gradients, over the black cells of a grid or the rows of a netlist.
 
-    `inverse` (slots,): reciprocal diagonal; `r, s, w` (slots,): residual, product ``A p`` for the search direction, and
-    product ``A z`` for the newest preconditioned residual; `before` (slots,): residual, relaxed from zero; `z` (depth,
-    slots): preconditioned residuals that are not yet accumulated in the solution; `p` (slots,): search direction before
-    these.
+    `inverse` (n,): reciprocal diagonal; `r, s, w` (n,): residual, product ``A p`` for the search direction, and
+    product ``A z`` for the newest preconditioned residual; `before` (n,): relaxed residual ``inverse * r``; `z` (depth,
+    n): preconditioned residuals that are not yet added to the solution; `p` (n,): search direction before these.
     """
 
     inverse: Singles
@@ -36,14 +35,14 @@ class Vectors(NamedTuple):
 
 
 def vectors_over(inverse: Singles) -> Vectors:
-    """Return new vectors for the reciprocal diagonal `inverse` (slots,), with residual and search direction 0."""
+    """Return new vectors for the reciprocal diagonal `inverse` (n,), with residual and search direction 0."""
     slots = len(inverse)
     r, s, w, before = np.zeros((4, slots), dtype=np.float32)
     return Vectors(inverse, r, s, w, before, np.empty((_DEPTH, slots), dtype=np.float32), np.zeros(slots))
 
 
 def norm(x: Floats, threads: ThreadTeam = SINGLE_THREAD) -> float:
-    """Return the Euclidean norm of ``x`` (n,), with equal digits for any number of threads."""
+    """Return the Euclidean norm of ``x`` (n,), with bitwise equal results for any number of threads."""
     return math.sqrt(sum(threads.over(len(x), lambda some: squares(x[some]))))
 
 
@@ -60,10 +59,10 @@ def squares(x: Floats) -> float:
 def advance(
     inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float, begin: int, end: int
 ) -> float:
-    """Set ``s = w + beta s``, ``r -= alpha s``, ``z = inverse r`` on slots ``begin:end``; return ``|r|^2`` over them.
+    """Set ``s = w + beta s``, ``r -= alpha s``, ``z = inverse r`` on ``begin`` to ``end - 1``; return ``|r|^2`` there.
 
-    `inverse` (slots,): reciprocal diagonal; `w, s` (slots,): products of the matrix with the newest preconditioned
-    residual and with the search direction; `r` (slots,): residual; `z` (slots,): relaxed residual; `beta`: coefficient
+    `inverse` (n,): reciprocal diagonal; `w, s` (n,): products of the matrix with the newest preconditioned
+    residual and with the search direction; `r` (n,): residual; `z` (n,): relaxed residual; `beta`: coefficient
     of the previous search direction; `alpha`: step length.
     """
     squares = 0.0
@@ -79,12 +78,13 @@ def advance(
 
 @kernel_fast
 def add_steps(z: Singles, on_x: Floats, on_p: Floats, p: Floats, unit: float, x: Floats, begin: int, end: int) -> None:
-    """Accumulate stored steps in ``x`` on slots ``begin`` to ``end - 1``, and update the search direction ``p``.
+    """Add the stored vectors ``z`` to the solution ``x`` and to ``p`` on entries ``begin`` to ``end - 1``.
 
     ``x += unit (on_x[-1] p + sum_j on_x[j] z[j])``, then ``p = on_p[-1] p + sum_j on_p[j] z[j]``.
 
-    `z` (steps, n): preconditioned residuals; `on_x, on_p` (depth + 1,): coefficients in the solution and in the search
-    direction; `p, x` (n,); `unit`: factor on the steps.
+    `z` (steps, n): preconditioned residuals of the last iterations; `on_x, on_p` (depth + 1,): coefficients in the
+    solution and in the search direction; `p` (n,): search direction; `x` (n,): solution; `unit`: factor on the change
+    of the solution.
     """
     before_x, before_p = on_x[-1], on_p[-1]
     for k in range(begin, end):
@@ -100,7 +100,8 @@ def add_steps(z: Singles, on_x: Floats, on_p: Floats, p: Floats, unit: float, x:
 def largest_step(z: Singles, on_p: Floats, p: Floats) -> float:
     """Return the largest magnitude of an entry of the newest search direction ``on_p[-1] p + sum_j on_p[j] z[j]``.
 
-    `z` (steps, n): preconditioned residuals; `on_p` (depth + 1,): coefficients; `p` (n,): search direction before them.
+    `z` (steps, n): preconditioned residuals of the last iterations; `on_p` (depth + 1,): coefficients; `p` (n,): search
+    direction before these iterations.
     """
     ahead = on_p[-1] * p
     for coefficient, vector in zip(on_p.tolist(), z, strict=False):
@@ -118,8 +119,9 @@ def black_residual(
 ) -> float:
     """Relax the red cells of ``x`` exactly, write the residual at black cells to ``r``, and return its Euclidean norm.
 
-    `stencil`: in double precision; `b, x` (2, slots): right-hand side and solution, of red and of black cells; `r`
-    (slots,): result; `parts`: slabs of the grid, None for a single one; `threads`: process the slabs.
+    A slot is the array index of a cell within its colour. `stencil`: conductances in double precision; `b, x` (2,
+    slots): right-hand side and solution, of red and of black cells; `r` (slots,): result; `parts`: slabs of the grid,
+    None for a single one; `threads`: process the slabs.
     """
     parts = slabs_of(stencil, 1) if parts is None else parts
     squares, margin = np.empty(blocks_of(stencil)), int(stencil.margin)
@@ -141,11 +143,12 @@ def sweep_colour(
     stencil: Stencil, colour: int, b: Floats, x: Floats, r: Floats, squares: Floats, total: Floats,
     blocks: tuple[int, int],
 ) -> None:  # fmt: skip
-    """Relax the red cells of some blocks exactly, or compute the residual at the black cells, without black couplings.
+    """Relax the red cells of some blocks exactly, or compute the residual at the black cells.
 
-    `colour`: selects one of the two; `b, x` (2, slots): right-hand side and solution; `r` (slots,): receives the
-    residual; `squares` (blocks,): receives the sum of squared residuals of every block; `total` (block,): work array;
-    `blocks`: first block, and block after the last.
+    Off-stencil couplings contribute to red cells only; those at black cells are added elsewhere. `stencil`:
+    conductances; `colour`: RED to relax, BLACK for the residual; `b, x` (2, slots): right-hand side and solution of red
+    and black cells; `r` (slots,): receives the residual; `squares` (blocks,): receives the sum of squared residuals of
+    every block; `total` (block,): work array; `blocks`: first block, and block after the last.
     """
     there, margin, coupling, (first, last) = x[1 - colour], stencil.margin, 0, blocks
     while coupling < len(stencil.couplings) and stencil.off_red[coupling] < margin + first * stencil.block:
@@ -165,10 +168,10 @@ def sweep_colour(
 
 @inner_fast
 def _subtract(degree: Reals, b: Reals, x: Reals, begin: int, count: int, total: Reals, r: Reals) -> float:
-    """Set ``r = b + total - degree x`` on ``count`` slots from ``begin`` on; return the sum of squares of ``r``.
+    """Set ``r = b + total - degree x`` on ``count`` entries from ``begin`` on; return ``|r|^2`` over these entries.
 
-    `degree, b, x, r` (slots,): diagonal, right-hand side, solution, residual; `total` (block,): currents from
-    neighbours.
+    `degree, b, x, r` (slots,): diagonal, right-hand side, solution and residual over the cells of a colour; `total`
+    (block,): currents from neighbours, of the ``count`` cells.
     """
     squares = 0.0
     at = np.uint64(begin)

@@ -2,7 +2,7 @@
 
 Kernels with dozens of array arguments take most of their compile time for passing these on. A row of the table (`GRID`)
 contains addresses of arrays instead, and a kernel opens the ones it needs. The owner of the table keeps the arrays
-alive.
+alive. A slot is the array index of a cell within its colour.
 
 In a sweep the red cells are ahead of the black ones by the distance of neighbours (wavefront sweep), so that faces are
 read once.
@@ -21,11 +21,13 @@ from resgrid.solvers.multigrid.red_black import RED, Stencil, products
 from resgrid.solvers.scaled import Indices, Reals, Singles
 
 _LEAST = 60_000
-"""Smallest number of slots per colour for which a grid is divided into slabs."""
+"""Smallest number of array entries per colour for which a grid is divided into slabs."""
 
 _THICK = 4
-"""Smallest thickness of a slab, in multiples of the lead of red over black cells; neighbouring slabs compute the lead
-twice."""
+"""Smallest thickness of a slab, in multiples of the lead of red over black cells in a wavefront sweep.
+
+Neighbouring slabs compute the lead twice.
+"""
 
 GRID = np.dtype([
     (name, np.int64)
@@ -38,6 +40,8 @@ GRID = np.dtype([
     )
 ])  # fmt: skip
 """Data type of the record of one grid in the compiled cycle: numbers, and addresses of arrays.
+
+A slot is the array index of a cell within its colour, red or black.
 
 `slots, sides, margin, block`: number of slots per colour, of faces per cell, of unused slots at either end, and of
 slots per block; `blocks`: number of blocks; `joined`: number of couplings; `below_slots`: size of the next level's
@@ -59,15 +63,16 @@ K-cycle in the solution, or the first step length.
 """
 
 Row = Any
-"""A record of the table of grids (`GRID`)."""
+"""A record of the table of grids: sizes, and addresses of the arrays of one grid (data type `GRID`)."""
 
 
 class GridLevel(NamedTuple):
     """A grid of a hierarchy, and its restriction to the next level.
 
     `stencil`: conductances, in single precision except for the black diagonal; `aggregate` (slots,): node of the next
-    level to which every black slot belongs, 0 for none. On a next grid this is a slot, where black slots follow all red
-    ones; in a next graph it is the number of the node counted from 1.
+    level to which every black cell belongs, 0 for none. If the next level is a grid, this is the array index of the
+    node within its colour, where black nodes follow all red ones; if it is a graph, this is the number of the node
+    counted from 1.
     """
 
     stencil: Stencil
@@ -78,8 +83,8 @@ class Finest(NamedTuple):
     """The finest grid of a hierarchy.
 
     `true`: conductances in double precision; `stencil`: conductances in single precision, with a black diagonal that
-    compensates their rounding (`grid_level.compensated`); `aggregate` (slots,): slot or node of the next level to which
-    every black slot belongs, 0 for none.
+    compensates their rounding (`grid_level.compensated`); `aggregate` (slots,): index of the node of the next level to
+    which every black cell belongs, 0 for none.
     """
 
     true: Stencil
@@ -102,8 +107,8 @@ class Levels(NamedTuple):
 def multiply_faces(level: Row, colour: int, x: Reals, block: int, total: Reals) -> None:
     """Set ``total`` to ``sum_j g_ij x_j`` over the neighbours ``j`` across faces of each cell ``i`` of a block.
 
-    `level`: record of the grid; `colour`: colour of the cells ``i``; `x` (slots,): values at the other colour; `block`:
-    number of the block; `total` (block,): result.
+    `level`: record of the grid; `colour`: colour of the cells ``i``; `x` (slots,): values at the cells of the other
+    colour; `block`: number of the block of cells; `total` (block,): result.
     """
     faces = singles_by_side(level.faces, level.sides, level.slots)
     begin, count = extent(level, block)
@@ -112,14 +117,17 @@ def multiply_faces(level: Row, colour: int, x: Reals, block: int, total: Reals) 
 
 @inlined
 def extent(level: Row, block: int) -> tuple[int, int]:
-    """Return the first slot of block number ``block`` of a grid, and the number of slots in the block."""
+    """Return the array index of the first cell of block number ``block`` of a grid, and its number of cells."""
     begin = level.margin + block * level.block
     return begin, min(level.block, level.slots - level.margin - begin)
 
 
 @inner_fast
 def take_step(r: Singles, v: Singles, step: np.float32, begin: int, count: int) -> tuple[float, float]:
-    """Set ``r -= step v`` on ``count`` slots from ``begin`` on; return the squared norms of ``r`` before and after."""
+    """Set ``r -= step v`` on ``count`` entries from ``begin`` on; return ``|r|^2`` over them before and after.
+
+    `r, v` (slots,): residual, and product of the matrix with the search direction; `step`: length of the step.
+    """
     before, after, at = 0.0, 0.0, np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
@@ -142,7 +150,7 @@ def copy(values: Singles, begin: int, count: int, there: Singles) -> None:
 
 @inner_fast
 def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: int, count: int, both: Singles) -> None:
-    """Set ``both = on_c c + on_z z`` on ``count`` slots from ``begin`` on."""
+    """Set ``both = on_c c + on_z z``, a sum of two search directions, on ``count`` entries from ``begin`` on."""
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
@@ -152,8 +160,9 @@ def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: i
 class Slab(NamedTuple):
     """A part of a grid that one thread sweeps over.
 
-    `first, last`: first block, and block after the last; `begin, end`: range of black slots whose nodes on the next
-    level have no slot in another slab; `buffer`: address of a work array (block,) for sums.
+    `first, last`: first block of cells, and block after the last; `begin, end`: range of array indices of the black
+    cells whose nodes on the next level belong to this slab alone; `buffer`: address of a work array (block,) for sums,
+    0 for none.
     """
 
     first: int
@@ -181,9 +190,10 @@ def blocks_ahead(level: Row) -> int:
 
 @inner
 def first_coupling(level: Row, block: int) -> int:
-    """Return the index of the first coupling whose red slot lies in block number ``block`` or in a later block.
+    """Return the index of the first coupling whose red cell lies in block number ``block`` or in a later block.
 
-    `level`: record of the grid. The index is the number of couplings if there is none.
+    `level`: record of the grid. The index is the number of couplings if there is none. Couplings are edges that cross
+    no face of the grid.
     """
     off_red, coupling = indices(level.off_red, level.joined), ZERO
     while coupling < level.joined and off_red[coupling] < level.margin + block * level.block:
@@ -193,10 +203,10 @@ def first_coupling(level: Row, block: int) -> int:
 
 @inner
 def multiply_red(level: Row, block: int, x: Singles, coupling: int, total: Reals) -> int:
-    """Set ``total = G x`` at the red cells of a block, from faces and couplings; return the index of the next coupling.
+    """Set ``total = G x`` at the red cells of a block, from all edges; return the index of the next coupling.
 
-    `level`: record of the grid; `block`: number of the block; `x` (slots,): values at black cells; `coupling`: index of
-    the first coupling of the block; `total` (block,): result.
+    Couplings are edges that cross no face of the grid. `level`: record of the grid; `block`: number of the block; `x`
+    (slots,): values at black cells; `coupling`: index of the first coupling of the block; `total` (block,): result.
     """
     multiply_faces(level, RED, x, block, total)
     begin, count = extent(level, block)
@@ -210,7 +220,7 @@ def multiply_red(level: Row, block: int, x: Singles, coupling: int, total: Reals
 
 @inner_fast
 def scale(inverse: Singles, x: Reals, first: int, begin: int, count: int, value: Reals) -> None:
-    """Set ``value = inverse x`` on ``count`` slots from ``begin`` on, where the entries of ``x`` begin at ``first``."""
+    """Set ``value = inverse x`` on ``count`` entries from ``begin`` on; the entries of ``x`` begin at ``first``."""
     at, x_at = np.uint64(begin), np.uint64(first)
     for i in range(count):
         k = np.uint64(i)
@@ -218,11 +228,11 @@ def scale(inverse: Singles, x: Reals, first: int, begin: int, count: int, value:
 
 
 def slabs_of(stencil: Stencil, most: int) -> list[Slab]:
-    """Return the slabs of a grid, at most `most`; a small grid is one slab.
+    """Return the slabs of a grid, at most `most`; a grid with less than 60,000 array entries per colour is one slab.
 
-    No slab is thinner than twice the part that its neighbours compute too. The slots that a slab restricts begin at an
-    even index along the first axis, as the blocks of the next level do. Therefore no node of that level gets values
-    from two slabs. Two steps along the first axis are one stride of slots.
+    No slab is thinner than twice the part that its neighbours compute too. The cells that a slab restricts to the next
+    level begin at an even index along the first axis, as the blocks of the next level do. Therefore no node of that
+    level gets values from two slabs.
     """
     margin, blocks, slots = stencil.margin, blocks_of(stencil), stencil.faces.shape[1]
     count = min(most, int(blocks // (_THICK * -(-margin // stencil.block)))) if slots >= _LEAST else 1
@@ -239,5 +249,5 @@ def slabs_of(stencil: Stencil, most: int) -> list[Slab]:
 
 
 def blocks_of(stencil: Stencil) -> int:
-    """Return the number of blocks of slots of a grid."""
+    """Return the number of blocks of cells of one colour into which a grid is divided."""
     return int(-(-(stencil.faces.shape[1] - 2 * stencil.margin) // stencil.block))

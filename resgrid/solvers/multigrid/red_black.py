@@ -1,11 +1,11 @@
 """Red-black grids: memory layout, and kernels over all conductances between red and black cells.
 
 Cells are numbered with a stride along every axis, as in an array, but all strides are odd. The numbers of neighbours
-therefore differ by an odd number: those of red cells are even, those of black cells odd. Half of the number is the slot
-of a cell in the array of its colour. The black neighbour across a face lies at the same distance for all red cells.
-Kernels run over blocks of slots that fit in the first cache, and over two faces of all cells at a time, which fills the
-vector registers in any dimension. Conductances across no face (an edge that closes a ring, or leads to an extra node)
-are couplings.
+therefore differ by an odd number: those of red cells are even, those of black cells odd. Half of the number is the
+slot, the index of a cell in the array of its colour. The black neighbour across a face lies at the same distance for
+all red cells. Kernels run over blocks of slots that fit in the first cache, and over two faces of all cells at a time,
+which fills the vector registers in any dimension. Conductances across no face (an edge that closes a periodic axis, or
+leads to an extra node) are couplings.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _PADDING = 16
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """Memory layout of a grid's cells: each cell has a slot in the array of its colour.
+    """Memory layout of a grid's cells: each cell has a slot, an index into the arrays of its colour, red or black.
 
     `shape`: number of cells along every axis, two axes or more; `extras`: number of slots of either colour, after those
     of the grid, for extra nodes.
@@ -41,9 +41,9 @@ class Lattice:
 
     @cached_property
     def strides(self) -> tuple[int, ...]:
-        """Difference between the numbers of neighbouring cells, for every axis; odd.
+        """Difference between the numbers of neighbouring cells in memory, for every axis; odd.
 
-        The strides leave gaps, so that the numbers of no other two cells differ by a stride.
+        The numbers have gaps, so that no two cells that are not neighbours have numbers that differ by a stride.
         """
         strides, span = [1], 0
         for cells in self.shape[:0:-1]:
@@ -53,22 +53,22 @@ class Lattice:
 
     @property
     def margin(self) -> int:
-        """Number of unused slots of a colour before the first cell and after the last node."""
+        """Number of unused array entries of a colour before the first cell; equal to the number after the last node."""
         return (self.strides[0] + 1) // 2 + _PADDING
 
     @property
     def first_extra(self) -> int:
-        """First slot for extra nodes, after the slots of the grid."""
+        """First array index, after those of the cells, for extra nodes (coarse nodes without a cell)."""
         return self.margin + (self.shape[0] * self.strides[0] + 1) // 2
 
     @property
     def slots(self) -> int:
-        """Number of slots of a colour, including the unused slots at both ends."""
+        """Length of the arrays over the cells of one colour, including the unused entries at both ends."""
         return self.first_extra + self.extras + self.margin
 
     @property
     def distance(self) -> NDArray[np.int64]:
-        """Distances in slots from a red cell to the black one across every face, shape (2 ndim,).
+        """Array index of the black cell across every face minus that of the red cell, shape (2 ndim,).
 
         The lower face of every axis precedes the upper one.
         """
@@ -76,10 +76,10 @@ class Lattice:
 
     @property
     def lines(self) -> NDArray[np.int64]:
-        """Number of the first cell of every line of cells along the last axis, shape (lines,).
+        """Number in memory of the first cell of every line of cells along the last axis, shape (lines,).
 
-        Half of a number is the slot of the cell, and the remainder the colour: red and black slots alternate along a
-        line.
+        Half of a number is the array index of the cell within its colour, and the remainder the colour, 0 for red: red
+        and black cells alternate along a line.
         """
         first = np.ix_(
             *(stride * np.arange(cells) for stride, cells in zip(self.strides, self.shape[:-1], strict=False))
@@ -88,24 +88,24 @@ class Lattice:
 
     @property
     def cells(self) -> NDArray[np.int32]:
-        """Slots of all cells, in an array of the grid's shape; black slots are numbered after all red ones."""
+        """Array indices of the cells within their colour, of the grid's shape; black ones follow all red ones."""
         return self._by_cell(np.arange(2 * self.slots, dtype=np.int32).reshape(2, -1).T.ravel())
 
     def at_slots(self, values: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Return values of cells, of the grid's shape, as an array (2, slots) over red and black slots.
+        """Return values of cells, of the grid's shape, as an array (2, slots) over the red and the black cells.
 
-        The array is 0 at unused slots.
+        The array is 0 at entries without a cell.
         """
         by_number = np.zeros(2 * self.slots, dtype=np.int32)
         self._by_cell(by_number)[...] = values
         return np.ascontiguousarray(by_number.reshape(-1, 2).T)
 
     def _by_cell(self, by_number: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Return a view, of the grid's shape, of an array (2 slots,) over alternating red and black slots."""
+        """Return a view, of the grid's shape, of an array (2 slots,) in which red and black cells alternate."""
         return as_strided(by_number[2 * self.margin :], self.shape, [4 * s for s in self.strides])
 
     def cells_at(self, colour: int, slot: NDArray[np.integer]) -> tuple[NDArray[np.int64], ...]:
-        """Return the indices of the cells at the slots ``slot`` (m,) of a colour: one array (m,) per axis."""
+        """Return the indices of the cells at the array indices ``slot`` (m,) of a colour: one array (m,) per axis."""
         rest = 2 * (slot.astype(np.int64) - self.margin) + colour
         index = []
         for stride in self.strides:
@@ -115,16 +115,17 @@ class Lattice:
 
 
 class Stencil(NamedTuple):
-    """Conductances of a grid by colour, in single or double precision, in the unit of the hierarchy.
+    """Conductances of a grid by colour, in single or double precision, divided by the conductance ``hierarchy.unit``.
 
-    Arrays over slots have shape (slots,), with unused margins at both ends.
+    A slot is the array index of a cell within its colour. Arrays over slots have shape (slots,), with unused entries at
+    both ends.
 
     `faces` (2 ndim, slots): conductance from a red cell to the black one across every face, 0 for none; `distance` (2
-    ndim,): from a red slot to the black slot across every face; `margin, first_extra`: number of slots before the first
-    cell, and first slot of extra nodes; `block`: number of slots that a kernel processes at a time; `off_red,
-    off_black` (couplings,): slots that couplings join, in the order of red slots; `couplings` (couplings,):
-    conductances of these; `red_inverse, black_inverse, black_degree` (slots,): reciprocal diagonals at red and at black
-    cells, and the black diagonal; 0 at slots without an unknown.
+    ndim,): slot of the black cell across every face minus that of the red cell; `margin, first_extra`: number of slots
+    before the first cell, and first slot of extra nodes; `block`: number of slots that a kernel processes at a time;
+    `off_red, off_black` (couplings,): slots that are joined by couplings, edges across no face, in the order of red
+    slots; `couplings` (couplings,): their conductances; `red_inverse, black_inverse, black_degree` (slots,): reciprocal
+    diagonals at red and at black cells, and the black diagonal; 0 at slots without an unknown.
     """
 
     faces: Reals
@@ -141,12 +142,13 @@ class Stencil(NamedTuple):
 
 
 class Edges(NamedTuple):
-    """The conductances of a red-black grid, in double precision, in the unit of the hierarchy.
+    """The conductances of a red-black grid, in double precision, divided by the conductance ``hierarchy.unit``.
 
-    `faces` (2 ndim, slots): conductance from a red cell to the black one across every face, 0 for none; `distance` (2
-    ndim,): from a red slot to the black slot across every face; `margin`: number of unused slots at either end;
-    `off_red, off_black` (couplings,): slots that the couplings join, sorted by red, then black slot; `off_axis,
-    couplings` (couplings,): axes and conductances of the couplings.
+    A slot is the array index of a cell within its colour. `faces` (2 ndim, slots): conductance from a red cell to the
+    black one across every face, 0 for none; `distance` (2 ndim,): slot of the black cell across every face minus that
+    of the red cell; `margin`: number of unused slots at either end; `off_red, off_black` (couplings,): slots that are
+    joined by couplings, edges across no face, sorted by red, then black slot; `off_axis, couplings` (couplings,): axes
+    and conductances of the couplings.
     """
 
     faces: Floats
@@ -162,10 +164,10 @@ class Edges(NamedTuple):
 def _two_products(
     g: Reals, q: int, at: tuple[int, int], x: Reals, there: tuple[int, int], count: int, total: Reals
 ) -> None:
-    """Set ``total`` to the sum of ``g x`` across faces ``q`` and ``q + 1``; add this sum to it unless ``q`` is 0.
+    """Set ``total`` to the sum of ``g x`` across faces ``q`` and ``q + 1``; for ``q > 0`` add it to ``total``.
 
-    `g` (faces, slots): conductances across every face; `at`: first slot of the conductances, for either face; `x`
-    (slots,): values at the neighbours; `there`: first slot of the values, for either face; `count`: number of slots;
+    `g` (faces, slots): conductances across every face; `at`: first index of the conductances, for either face; `x`
+    (slots,): values at the neighbours; `there`: first index of the values, for either face; `count`: number of cells;
     `total` (count,): result. Unsigned indices avoid checks for negative ones.
     """
     real, face, other = total.dtype.type, np.uint64(q), np.uint64(q + 1)
@@ -184,9 +186,9 @@ def _two_products(
 def products(faces: Reals, away: Integers, cells: tuple[int, int, int], x: Reals, total: Reals) -> None:
     """Set ``total`` to ``sum_j g_ij x_j`` over the neighbours ``j`` across the faces of cells ``i`` of one colour.
 
-    `faces` (faces, slots): conductances, stored at red cells; `away` (faces,): distance from a red to the black slot;
-    `cells`: colour, first slot and number of the cells ``i``; `x` (slots,): values at the other colour; `total`:
-    result.
+    `faces` (faces, slots): conductances, stored at red cells; `away` (faces,): array index of the black cell across a
+    face minus that of the red cell; `cells`: colour, first array index and number of the cells ``i``; `x` (slots,):
+    values at the cells of the other colour; `total` (number of cells,): result.
     """
     colour, begin, count = cells
     back, ahead = -colour, 1 - 2 * colour
@@ -197,10 +199,10 @@ def products(faces: Reals, away: Integers, cells: tuple[int, int, int], x: Reals
 
 @inner_fast
 def relax(inverse: Reals, rhs: Reals, begin: int, count: int, total: Reals, value: Reals) -> None:
-    """Set ``value = inverse (rhs + total)`` on ``count`` slots from ``begin`` on.
+    """Set ``value = inverse (rhs + total)`` on ``count`` entries from ``begin`` on.
 
-    `inverse, rhs` (slots,): reciprocal diagonal and right-hand side; `total` (block,): currents from neighbours into
-    these slots; `value` (slots,): result.
+    `inverse, rhs` (slots,): reciprocal diagonal and right-hand side over the cells of a colour; `total` (block,):
+    currents from neighbours into the ``count`` cells; `value` (slots,): result.
     """
     at = np.uint64(begin)
     for i in range(count):

@@ -1,8 +1,9 @@
 """Wavefront sweeps over the slabs of a grid: red cells are ahead of black ones, so that faces are read once.
 
-Slabs are whole blocks. Two neighbouring slabs compute the red values that both need, with equal results. No slab reads
-other values that another one writes. Sums are kept per block and added in a fixed order after all slabs; so are
-couplings, which join arbitrary cells. The digits are therefore equal for any division into slabs.
+Slabs are whole blocks of cells. Two neighbouring slabs compute the red values that both need, with equal results. No
+slab reads other values that another one writes. Sums are kept per block and added in a fixed order after all slabs; so
+are couplings, edges across no face, which join arbitrary cells. The results are therefore bitwise equal for any
+division into slabs.
 """
 
 from __future__ import annotations
@@ -48,9 +49,9 @@ relaxes the residual from zero. `COMBINE` sets ``before`` to the combination of 
 
 @inner
 def sweep_black(level: Row, kind: int, slab: Slab) -> None:
-    """Eliminate, restrict or relax on one slab of a grid, without couplings.
+    """Eliminate, restrict or relax on one slab of a grid, without off-stencil couplings.
 
-    `level`: record of the grid; `kind`: `ELIMINATE`, `RESTRICT` or `RELAX`; `slab`: range of blocks.
+    `level`: record of the grid; `kind`: `ELIMINATE`, `RESTRICT` or `RELAX`; `slab`: range of blocks of cells.
     """
     slots, ahead = level.slots, blocks_ahead(level)
     before, r, z = singles(level.before, slots), singles(level.r, slots), singles(level.z, slots)
@@ -87,10 +88,10 @@ def sweep_black(level: Row, kind: int, slab: Slab) -> None:
 def _add_rhs(
     inverse: Singles, rhs: Singles, total: Singles, begin: int, count: int, r: Singles, before: Singles
 ) -> None:
-    """Set ``r = total + rhs`` and ``before = inverse r`` on ``count`` slots from ``begin`` on.
+    """Set ``r = total + rhs`` and ``before = inverse r`` on ``count`` entries from ``begin`` on.
 
-    `inverse, rhs, r, before` (slots,): reciprocal diagonal, right-hand side, residual, and relaxed residual; `total`
-    (block,): currents from neighbours.
+    `inverse, rhs, r, before` (slots,): reciprocal diagonal, right-hand side, residual, and relaxed residual of the
+    black cells; `total` (block,): currents from neighbours into the ``count`` cells.
     """
     at = np.uint64(begin)
     for i in range(count):
@@ -102,9 +103,9 @@ def _add_rhs(
 
 @inner
 def _add_to_nodes(aggregate: Indices, begin: int, count: int, total: Singles, skipped: int, coarse: Singles) -> None:
-    """Restrict: add ``total[skipped:skipped + count]`` to ``coarse``, at the nodes of the slots from ``begin`` on.
+    """Restrict: add ``total[skipped:skipped + count]`` to ``coarse``, at nodes of ``count`` cells from ``begin`` on.
 
-    `aggregate` (slots,): node of the next level of every slot; `coarse`: right-hand side of the next level.
+    `aggregate` (slots,): node of the next level of every black cell; `coarse`: right-hand side of the next level.
     """
     at, t_at = np.uint64(begin), np.uint64(skipped)
     for i in range(count):
@@ -114,10 +115,10 @@ def _add_to_nodes(aggregate: Indices, begin: int, count: int, total: Singles, sk
 
 @inner
 def multiply(level: Row, slab: Slab, product: Singles) -> None:
-    """Set ``product = S z`` on one slab, without couplings; write ``z.r, z.w, z.s`` of every block to ``sums``.
+    """Set ``product = S z`` on one slab, without couplings; write ``z.r, z.w, z.s`` of every block to ``level.sums``.
 
-    `level`: record of the grid, with the vectors and ``sums``; `slab`: range of blocks; `product` (slots,): the vector
-    ``w``.
+    ``S`` is the Schur complement of the black cells. `level`: record of the grid, with the vectors; `slab`: range of
+    blocks of cells; `product` (slots,): the vector ``w``.
     """
     slots, ahead, inverse = level.slots, blocks_ahead(level), singles(level.red_inverse, level.slots)
     r, s, z = singles(level.r, slots), singles(level.s, slots), singles(level.z, slots)
@@ -145,9 +146,10 @@ def multiply(level: Row, slab: Slab, product: Singles) -> None:
 def _multiply(
     degree: Reals, z: Singles, r: Singles, s: Singles, begin: int, count: int, total: Reals, w: Singles
 ) -> tuple[float, float, float]:
-    """Set ``w = degree z - total`` on ``count`` slots from ``begin`` on; return ``z.r, z.w, z.s`` over these slots.
+    """Set ``w = degree z - total`` on ``count`` entries from ``begin`` on; return ``z.r, z.w, z.s`` over these entries.
 
-    `degree` (slots,): black diagonal; `total` (block,): currents from neighbours; `z, r, s, w` (slots,).
+    `degree` (slots,): black diagonal; `total` (block,): currents from neighbours; `z, r, s, w` (slots,): vectors over
+    the black cells.
     """
     a, b, c = 0.0, 0.0, 0.0
     at = np.uint64(begin)
@@ -166,8 +168,8 @@ def _multiply(
 def add_couplings(level: Row, kind: int, product: Singles) -> float:
     """Add the couplings to the results of a sweep over black cells, after all slabs; return the decrease of ``z.w``.
 
-    `level`: record of the grid; `kind`: `ELIMINATE`, `RESTRICT`, `RELAX` or `MULTIPLY`; `product` (slots,): result of
-    `MULTIPLY`. The decrease is 0 for the other kinds.
+    Couplings are edges that cross no face of the grid. `level`: record of the grid; `kind`: `ELIMINATE`, `RESTRICT`,
+    `RELAX` or `MULTIPLY`; `product` (slots,): result of `MULTIPLY`. The decrease is 0 for the other kinds.
     """
     slots, joined, decrease = level.slots, level.joined, 0.0
     off_red, off_black = indices(level.off_red, joined), indices(level.off_black, joined)
@@ -193,7 +195,10 @@ def add_couplings(level: Row, kind: int, product: Singles) -> float:
 
 @inner
 def back_substitute(level: Row, slab: Slab) -> None:
-    """Compute the red cells of one slab from ``before``; `level`: record of the grid; `slab`: range of blocks."""
+    """Compute the red cells of one slab from the solution at black cells, the vector ``before`` of the record.
+
+    `level`: record of the grid; `slab`: range of blocks of cells.
+    """
     slots, total, coupling = level.slots, singles(slab.buffer, level.block), first_coupling(level, slab.first)
     before, inverse = singles(level.before, slots), singles(level.red_inverse, slots)
     rhs, red = singles(level.red_rhs, slots), singles(level.red, slots)
@@ -230,9 +235,9 @@ def update_slots(level: Row, kind: int, slab: Slab) -> None:
 
 @inner
 def _add_from_nodes(aggregate: Indices, begin: int, count: int, coarse: Singles, total: Singles) -> None:
-    """Prolong: add to ``total``, on ``count`` slots from ``begin`` on, the values of the nodes that contain the slots.
+    """Prolong: add to ``total``, on ``count`` entries from ``begin`` on, the values of the cells' coarse nodes.
 
-    `aggregate` (slots,): node of the next level of every slot; `coarse`: solution on the next level.
+    `aggregate` (slots,): node of the next level of every black cell; `coarse`: solution on the next level.
     """
     at = np.uint64(begin)
     for i in range(count):

@@ -18,17 +18,17 @@ Reference = Literal["sidecar", "scene", "solve"]
 
 @dataclass(frozen=True)
 class Agreement:
-    """The outcome of a comparison with a simulator.
+    """Result of the comparison of simulated with expected voltages and currents.
 
     Returned by `resgrid.check_deck`.
 
     Attributes
     ----------
     reference : {"sidecar", "scene", "solve"}
-        Source of the expected voltages.
+        Source of the expected voltages: the deck's sidecar, a scene, or a solution by resgrid of the circuit as read.
     agrees : bool or None
-        Whether the comparison has no finding.  None if there is no finding but the simulator did not run the deck's own
-        bytes, or found no operating point.
+        Whether the deck was run and the comparison has no finding.  None if the simulator found no operating point, or
+        if there is no finding but another deck was run in place of this one.
     verified : bool
         Whether the simulator ran the deck's own bytes (only the analyses are replaced) and returned an operating point.
     max_abs_error : float or None
@@ -44,13 +44,13 @@ class Agreement:
     findings : tuple of str
         One message for each difference, with its place; empty if there is no difference.
     worst : tuple of (str, float, float)
-        Node, expected and simulated voltage in volts, the largest differences first.
+        Node, expected and simulated voltage in volts, for at most 5 nodes, the largest differences first.
     remark : str
-        Note on the comparison, or empty; for an unverified deck, the reason.
+        Note on the comparison, or empty; if `verified` is False, the reason.
     as_read : Agreement or None
-        For a deck that was not run itself: the comparison for a deck written from the circuit that resgrid read.  This
-        comparison tests the solution and not the reader.  The errors of the deck itself are then None, and its number
-        of nodes is 0.
+        For a deck that was not run itself: the comparison for a deck written from the circuit that resgrid read, which
+        tests the solution and not the reader.  `max_abs_error` and `max_relative_error` are then None, and `nodes` is
+        0.  None for a deck that was run.
 
     Examples
     --------
@@ -87,9 +87,10 @@ def compare(
 ) -> Agreement:
     """Return the comparison of simulated with expected voltages and currents.
 
-    `expected`: expected values and their scales; `simulation`: result of the simulator; `tolerance`: largest accepted
-    relative error; `reference`: source of the expected values; `findings`: further findings; `place_of`: function that
-    returns a node's place in the deck.
+    `expected`: expected values and the scales of their errors; `simulation`: result of the simulator; `tolerance`:
+    largest accepted error relative to the scale; `reference`: source of the expected values, "sidecar", "scene" or
+    "solve" (solution by resgrid); `findings`: findings of earlier tests, which come first in the result; `place_of`:
+    function that returns the place of a node in the deck (``file:line: ``, or empty) by the node's name.
     """
     error = _errors(expected.voltage, simulation.voltage)
     largest = next(iter(error.values()), np.inf)
@@ -128,9 +129,11 @@ def compare(
 
 
 def _errors(expected: Mapping[str, float | None], got: Mapping[str, float]) -> dict[str, float]:
-    """Return the absolute differences of the values with a common name, the largest first; NaN becomes infinity.
+    """Return the absolute differences between expected and simulated values, by name, the largest first.
 
-    `expected`: expected value by name, None if undetermined; `got`: simulated value by name.
+    The result has the names that both mappings contain with a value other than None.  `expected`: expected value by
+    name, in volts or amperes, None if undetermined; `got`: simulated value by name.  A difference that is NaN becomes
+    infinite.
     """
     error_of = {name: abs(got[name] - value) for name, value in expected.items() if name in got and value is not None}
     finite = {name: error if error < np.inf else np.inf for name, error in error_of.items()}
@@ -138,9 +141,10 @@ def _errors(expected: Mapping[str, float | None], got: Mapping[str, float]) -> d
 
 
 def _unmatched(expected: Mapping[str, object], got: Mapping[str, object], kind: str) -> list[str]:
-    """Return findings for the names that only one of the two mappings has, at most one for each mapping.
+    """Return messages about names that only one of two mappings contains: at most one message per mapping.
 
-    `kind`: "node" or "voltage source", for the messages.
+    `expected`: expected values by name; `got`: simulated values by name; `kind`: "node" or "voltage source", for the
+    messages.
     """
     missing = [name for name in expected if name not in got]
     extra = [name for name in got if name not in expected]
@@ -152,9 +156,10 @@ def _unmatched(expected: Mapping[str, object], got: Mapping[str, object], kind: 
 
 
 def unverified(agreement: Agreement, why: str) -> Agreement:
-    """Return the comparison of a rewritten deck as the unverified result of the deck itself.
+    """Return the result for a deck that was not run, from the comparison of a deck that was written in its place.
 
-    `agreement`: comparison of the rewritten deck; `why`: the reason why the deck itself was not run.
+    `agreement`: comparison of the deck that was run, which becomes the attribute `as_read` of the result; `why`: reason
+    why the original deck was not run.
     """
     return replace(
         agreement,

@@ -1,4 +1,4 @@
-"""Electrical rules on connectivity: ground, floating parts, loops of voltage sources, dangling nodes."""
+"""Electrical rules on connectivity: ground, floating nodes, loops of voltage sources, dangling nodes."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from resgrid.spice.circuit import CONDUCTING, SHOWN, Circuit, some
 from resgrid.spice.findings import Severity, Violation
 
 _MOST = 10
-"""Maximum number of violations that one rule reports."""
+"""Maximum number of floating components, and of contradictory loops, that are reported separately."""
 
 
 def ground(circuit: Circuit) -> Iterator[Violation]:
-    """Yield an error if neither a resistor nor a voltage source touches ground."""
+    """Yield a violation, an error, if neither a resistor nor a voltage source touches ground."""
     if not any((circuit.ends[kind] == GROUND).any() for kind in CONDUCTING):
         yield Violation(
             "error",
@@ -30,9 +30,10 @@ def ground(circuit: Circuit) -> Iterator[Violation]:
 
 
 def islands(circuit: Circuit) -> Iterator[Violation]:
-    """Yield violations for connected parts without a DC path to ground.
+    """Yield a violation for each floating component, which no resistor or voltage source connects to ground.
 
-    Parts that capacitors join to ground get another message than other parts.
+    The nodes of components beyond the 10 largest are reported as one violation.  For a netlist there are at most two
+    violations: nodes in components that a capacitor touches, and other nodes.
     """
     floating = np.flatnonzero(circuit.is_floating)
     if not floating.size:
@@ -57,7 +58,7 @@ def islands(circuit: Circuit) -> Iterator[Violation]:
 def _floating_violation(
     circuit: Circuit, nodes: NDArray[np.int64], *, by_capacitor: bool, heading: str = ""
 ) -> Violation:
-    """Return the violation for floating nodes.
+    """Return the violation for floating nodes, an error in a deck and a warning in a netlist.
 
     `nodes` (n,): node numbers; `by_capacitor`: whether capacitors touch the nodes; `heading`: beginning of the message.
     """
@@ -95,7 +96,7 @@ def _element_violation(
 
 
 def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a violation for current sources that drive a floating part, from which no current can return."""
+    """Yield a violation if current sources drive a floating component, from which no current can return."""
     trapped = circuit.trapped_sources
     if trapped.size:
         drive = "drives" if trapped.size == 1 else "drive"
@@ -108,12 +109,12 @@ def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
 class Loops:
     """Elements that close loops of voltage sources, inductors and resistors of 0 ohm.
 
-    The spanning tree takes voltage sources first, then inductors, then resistors.  The last element of a loop closes
-    it.
+    Elements are added to a spanning forest one by one: voltage sources first, then inductors, then resistors.  An
+    element closes a loop if its nodes are connected already.
 
-    `sources, inductors, shorts`: indices of the voltage sources, the inductors (which are voltage sources, too) and the
-    resistors that close a consistent loop (with a voltage sum of zero); `contradictions`: kind and index of each
-    element whose voltage contradicts the loop, and the difference in volts.
+    `sources, inductors, shorts`: indices of the voltage sources, the inductors (indices of voltage sources, too) and
+    the resistors that close a loop with a voltage sum of zero; `contradictions`: kind and index of each element whose
+    voltage contradicts the loop, and the difference in volts.
     """
 
     sources: NDArray[np.int64]
@@ -123,7 +124,7 @@ class Loops:
 
 
 def loops_of(circuit: Circuit) -> Loops:
-    """Return the loops of voltage sources in a circuit; resistors of 0 ohm count as sources of 0 V."""
+    """Return the elements that close loops of voltage sources; resistors of 0 ohm are sources of 0 V here."""
     zero = np.flatnonzero(circuit.resistance == 0)
     sources = len(circuit.source_volts)
     order = np.argsort(circuit.is_inductor, kind="stable")
@@ -146,9 +147,9 @@ def loop_voltages(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the mismatch of every voltage source in volts, and the masks of sources that close loops or contradict.
 
-    Earlier sources form a spanning forest.  A source closes a loop if its nodes are connected in the forest.  Its
-    mismatch is its voltage minus the voltage between these nodes in the forest; it contradicts if the mismatch exceeds
-    rounding errors.  `ends` (sources, 2): nodes; `volts` (sources,); returns three arrays (sources,).
+    Sources, taken in their order, form a spanning forest.  A source closes a loop if its nodes are connected in the
+    forest.  Its mismatch is its voltage minus the voltage between these nodes in the forest; it contradicts if the
+    mismatch exceeds rounding errors.  `ends` (sources, 2): nodes; `volts` (sources,); returns three arrays (sources,).
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import minimum_spanning_tree
@@ -193,7 +194,7 @@ def source_loops(circuit: Circuit) -> Iterator[Violation]:
 
 
 def shorted(circuit: Circuit) -> Iterator[Violation]:
-    """Yield violations for elements with both ends on one node."""
+    """Yield a violation per kind of element for elements with both ends at one node, which have no effect."""
     for kind in ("resistor", "current source", "nonlinear resistor"):
         both = np.flatnonzero(circuit.ends[kind][:, 0] == circuit.ends[kind][:, 1])
         if both.size:
@@ -202,7 +203,7 @@ def shorted(circuit: Circuit) -> Iterator[Violation]:
 
 
 def dangling(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a violation for the nodes with a single element, which therefore carries no current."""
+    """Yield a violation for the nodes at which only one element ends, so that the element carries no current."""
     loose = (circuit.degree == 1) & ~circuit.is_floating
     nodes = np.flatnonzero(loose[1:]) + 1  # ground may be touched once
     if nodes.size:

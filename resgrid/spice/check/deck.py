@@ -1,4 +1,4 @@
-"""Check of a deck by an outside simulator: run the deck, compare the voltages, locate the differences."""
+"""Check of a deck by an external simulator: run the deck, compare the voltages, locate the differences."""
 
 from __future__ import annotations
 
@@ -47,7 +47,10 @@ class _Limits:
             )
 
     def run(self, data: bytes, source: str, **options: Any) -> SimulatorRun:
-        """Run the simulator on a deck's content and return the result; `source`: name of the deck in messages."""
+        """Run the simulator on the content `data` of a deck and return the result.
+
+        `source`: name of the deck in messages; `options`: further arguments of the engine, such as ``direct``.
+        """
         return engine_named(self.engine)(data, source=source, timeout=self.timeout, **options)
 
 
@@ -78,8 +81,8 @@ def check_deck(
     tolerance : float
         Largest accepted voltage error relative to the supply (the largest voltage difference in the circuit).
     reference : OperatingPoint, optional
-        Expected operating point, in place of the sidecar's voltages: of the scene for a deck of resgrid, of the
-        circuit itself for a `Circuit` that was read.  The hash in a sidecar is compared in either case.
+        Expected operating point, in place of the sidecar's voltages: that of the scene for a deck written by resgrid,
+        that of the circuit itself for a `Circuit` that was read.  The hash in a sidecar is compared in either case.
     dialect : str
         Dialect of a file without sidecar, as in `read_spice`.
     root : path-like, optional
@@ -92,6 +95,7 @@ def check_deck(
     Returns
     -------
     Agreement
+        Largest errors, findings, and whether the simulated and the expected voltages agree.
 
     Raises
     ------
@@ -132,10 +136,11 @@ def check_deck(
 def _check_own(
     path: Path, data: bytes, sidecar: Sidecar | None, reference: OperatingPoint | None, dialect: str, limits: _Limits
 ) -> Agreement:
-    """Return the comparison of a deck that resgrid wrote with its sidecar or with the solution of a scene.
+    """Return the comparison of the simulation of a deck, which resgrid wrote, with its sidecar or a scene's solution.
 
     `path, data`: path and content of the deck; `sidecar`: content of the sidecar, None without a sidecar; `reference`:
-    solution of the scene, None to compare with the sidecar; `dialect`: dialect of a deck without sidecar.
+    solution of the scene, None to compare with the sidecar; `dialect`: name of the dialect of a deck without sidecar,
+    or "auto" for that of ngspice; `limits`: settings of the check.
     """
     name = dialect_named((SIMULATED if dialect == "auto" else dialect) if sidecar is None else sidecar.dialect).name
     findings = [] if sidecar is None else altered_files(data, sidecar)
@@ -172,10 +177,11 @@ def _check_external(
     limits: _Limits,
     root: str | os.PathLike[str] | None,
 ) -> Agreement:
-    """Return the comparison of a foreign deck's simulation with the solution by resgrid, with the worst nodes located.
+    """Return the comparison of the simulation of a deck that resgrid did not write with the solution by resgrid.
 
-    `data`: content of the file, None without a file; `op`: the solution, None to compute it; `root`: folder that must
-    contain all included files.
+    `deck`: circuit that was read from the deck; `data`: content of the deck's file, None without a file; `op`: the
+    solution, None to compute it; `limits`: settings of the check; `root`: folder that must contain all included files,
+    None for the deck's folder.
     """
     op = solve(deck.netlist()) if op is None else op
     job = runnable(deck, data, root=None if root is None else Path(root), engine=limits.engine)

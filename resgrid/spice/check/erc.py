@@ -22,13 +22,16 @@ from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.findings import SEVERITIES, Note, Severity, Violation
 
 WIDEST_SPREAD = 1e15
-"""Largest ratio of resistances at which double precision resolves the currents of the largest resistances."""
+"""Largest ratio of two resistances in a circuit without a warning.
+
+Beyond this ratio, double precision no longer resolves the currents of the largest resistances.
+"""
 
 SMALLEST_SAFE, LARGEST_SAFE = 1e-5, 1e12
 """Limits of the resistances that no simulator changes or loses, in ohms.
 
-HSPICE raises smaller resistances to its RESMIN.  Larger resistances carry less current than the 1e-12 S that a
-simulator may add at a node.
+HSPICE raises smaller resistances to its RESMIN.  Larger resistances conduct less than the 1e-12 S that a simulator may
+add from a node to ground.
 """
 
 
@@ -38,7 +41,7 @@ def check_erc(circuit: Netlist | Circuit) -> tuple[Violation, ...]:
     Parameters
     ----------
     circuit : Netlist or Circuit
-        From `compile_space`, plain arrays, or `read_spice`.
+        Netlist from `compile_space` or from arrays, or circuit from `read_spice`.
 
     Returns
     -------
@@ -118,7 +121,7 @@ _LIMITS = (
 
 
 def limits(circuit: Circuit) -> Iterator[Violation]:
-    """Yield violations for resistances that simulators cannot use or change: negative, zero, infinite or extreme."""
+    """Yield violations for resistances that a simulator cannot use or changes: negative, zero, infinite, extreme."""
     for limit in _LIMITS:
         beyond = np.flatnonzero(limit.is_beyond(circuit.resistance))
         if beyond.size:
@@ -153,8 +156,8 @@ class _Trap(NamedTuple):
     """A class of node names that some simulators misread.
 
     `pattern`: regular expression for the whole name, case ignored; `severity`: at most a warning, because written decks
-    rename such nodes; `message, remedy`: text of the violation, with the field ``simulators``; `misreads`: whether a
-    dialect with the given rules misreads such names.
+    rename such nodes; `message, remedy`: texts of the violation; ``message`` may have the field ``simulators``;
+    `misreads`: whether a dialect with the given rules misreads such names.
     """
 
     pattern: str
@@ -209,7 +212,7 @@ _TRAPS = (
 
 
 def name_clashes(circuit: Circuit) -> Iterator[Violation]:
-    """Yield violations for names of elements, or of nodes of a netlist, that are used twice or differ in case only."""
+    """Yield a violation per kind of element, and for nodes of a netlist, with names that are equal except for case."""
     nodes = {} if circuit.is_deck else {"node": circuit.node_names}
     for kind, names in {**nodes, **circuit.element_names}.items():
         folded = [name.lower() for name in names]
@@ -238,7 +241,7 @@ def name_clashes(circuit: Circuit) -> Iterator[Violation]:
 
 
 def repeated_names(circuit: Circuit) -> tuple[Note, ...]:
-    r"""Return one warning for every kind of element of a deck in which a name is given twice.
+    r"""Return one warning for every kind of element in a deck that has two elements of the same name.
 
     Examples
     --------
@@ -262,7 +265,7 @@ def repeated_names(circuit: Circuit) -> tuple[Note, ...]:
 
 
 def misread_names(circuit: Circuit) -> Iterator[Violation]:
-    """Yield violations for node names that some simulator misreads."""
+    """Yield a violation for each class of node names that some simulator misreads, such as names with ``$``."""
     if len(circuit.node_names) < 2:
         return
     text = "\n".join(name.replace("\n", " ") for name in circuit.node_names[1:])
@@ -282,13 +285,13 @@ def misread_names(circuit: Circuit) -> Iterator[Violation]:
 
 
 def _simulators(trap: _Trap) -> str:
-    """Return the names of the simulators that misread node names of a class, joined by commas and "and"."""
+    """Return the names of the simulators that misread a class of node names as text, joined by commas and "and"."""
     labels = [item.label for item in DIALECTS.values() if trap.misreads(item.reading)]
     return " and ".join(filter(None, (", ".join(labels[:-1]), labels[-1])))
 
 
 def _notes(circuit: Circuit) -> Iterator[Violation]:
-    """Yield the notes of the deck's reader as violations."""
+    """Yield the notes of the deck reader (`Circuit.notes`) as violations of the rule "reading"."""
     for note in circuit.notes:
         remedy = "check whether this is intended" if note.severity != "info" else "nothing to do"
         yield Violation(note.severity, "reading", note.place, note.text, remedy)

@@ -1,4 +1,4 @@
-"""Preparation of foreign decks for a simulator: unchanged where that is safe, otherwise rewritten.
+"""Preparation of decks that resgrid did not write for a simulator: unchanged where safe, otherwise rewritten.
 
 ngspice looks for an included file in the folder it runs in and in the folder of the including file, wherever these
 names lead.  The includes are therefore resolved first, by the same rule but only below a root folder, and copied to
@@ -39,10 +39,10 @@ _WORD = re.compile(r"[\w.+,@=#%-][\w.+,@=#% -]*")
 
 @dataclass(frozen=True, eq=False)
 class Runnable:
-    """Input of a simulator for a foreign deck.
+    """Input of a simulator for a deck that resgrid did not write.
 
-    `data`: content of the deck, with the operating point as its only analysis; `why`: empty if `data` is the deck
-    itself, otherwise the reason why `data` is a flat deck written from the circuit; `files`: content of the included
+    `data`: content of the deck, with the operating point as its only analysis; `why`: empty if `data` is the original
+    deck, otherwise the reason why `data` is a flat deck written from the circuit; `files`: content of the included
     files by their paths relative to the working folder; `place`: relative path of the deck.
     """
 
@@ -56,8 +56,9 @@ def runnable(deck: Circuit, data: bytes | None, *, root: Path | None, engine: st
     """Return a safe simulator input for a deck, with the operating point as the only analysis.
 
     Lines of analyses and outputs are removed; all other lines are kept byte for byte, in their own files.  A deck that
-    is not safe to run is rewritten from the circuit.  `data`: content of the deck's file, None without a file; `root`:
-    folder that must contain all included files, None for the deck's own folder; `engine`: name of the engine.
+    is not safe to run is replaced by a flat deck of the circuit.  `data`: content of the deck's file, None without a
+    file; `root`: folder that must contain all included files, None for the deck's own folder; `engine`: name of the
+    engine.
     """
     path = Path(deck.path).resolve()
     root = path.parent if root is None else root.resolve()
@@ -74,7 +75,7 @@ def runnable(deck: Circuit, data: bytes | None, *, root: Path | None, engine: st
 
 
 def rewritten(deck: Circuit) -> bytes:
-    """Return the content of a flat deck of the circuit, in the dialect of the simulator that is run."""
+    """Return the content of a flat ngspice deck of a circuit, with an operating point as its only analysis."""
     text = flatten(deck.netlist(), dialect=SIMULATED, title=f"{deck.title or deck.path}, as read").text
     return _only_operating_point(text.encode("ascii"))
 
@@ -100,9 +101,9 @@ def _safe_files(deck: Circuit, path: Path, data: bytes, root: Path, engine: str)
 
 
 def _only_operating_point(data: bytes) -> bytes:
-    """Return a deck with all analyses and outputs replaced by an operating point.
+    """Return the content of a deck with all analyses and outputs replaced by one operating point.
 
-    The first line is kept as the title.
+    The first line is kept as the title, or replaced by a comment if it is blank.  `data`: content of the deck.
     """
     rows = data.split(b"\n")
     title = rows[0] if rows[0].strip() else b"* untitled"
@@ -110,7 +111,7 @@ def _only_operating_point(data: bytes) -> bytes:
 
 
 def _without_analyses(rows: Iterable[bytes]) -> Iterator[bytes]:
-    """Yield the lines of a deck, with an empty comment in place of every line of an analysis or output."""
+    """Yield the lines of a deck, with the comment ``*`` in place of each line of an analysis or output."""
     dropping = False
     for row in rows:
         word = row.lstrip()
@@ -123,7 +124,7 @@ def _gather_includes(deck: Path, data: bytes, root: Path) -> dict[str, bytes]:
     """Return the content of every file that a simulator may include, by path relative to `root`.
 
     `deck, data`: path and content of the deck, which is not part of the result; `root`: folder that must contain all
-    files.
+    files.  Raises InputError for a file that could run commands, and for more than 200 files.
     """
     files: dict[str, bytes] = {}
     todo = [(deck, data)]
@@ -143,7 +144,7 @@ def _gather_includes(deck: Path, data: bytes, root: Path) -> dict[str, bytes]:
 
 
 def _names(path: Path, data: bytes) -> Iterator[str]:
-    """Yield the file names in the lines that include files; raise InputError for a name that is not plain.
+    """Yield the names of included files in a file; raise InputError for a name that is not a plain relative path.
 
     `path`: path of the file, for messages; `data`: content of the file.
     """
@@ -161,7 +162,10 @@ def _names(path: Path, data: bytes) -> Iterator[str]:
 
 
 def _is_plain(name: str) -> bool:
-    """Return whether a file name is a relative path of plain words, with at most `MAX_ASCENT` leading ``..``."""
+    """Return whether a file name is a relative path of words without special characters, shorter than 256 characters.
+
+    At most 8 (`MAX_ASCENT`) leading words may be ``..``.
+    """
     words = name.split("/")
     steps = next((i for i, word in enumerate(words) if word != ".."), len(words))
     rest = words[steps:]
@@ -170,9 +174,10 @@ def _is_plain(name: str) -> bool:
 
 
 def _places(name: str, path: Path, root: Path) -> Iterator[Path]:
-    """Yield the existing files that `name` can refer to: in the folder of the including file `path`, and in `root`.
+    """Yield the existing files that an included name can mean: in the including file's folder, and in `root`.
 
-    Raises InputError for a file outside `root` and for a symbolic link.
+    `name`: the name; `path`: path of the including file; `root`: folder that must contain all included files.  Raises
+    InputError for a file outside `root` and for a symbolic link.
     """
     for folder in dict.fromkeys((path.parent, root)):
         place = Path(os.path.normpath(folder / name))
@@ -190,7 +195,8 @@ def _places(name: str, path: Path, root: Path) -> Iterator[Path]:
 def expected_of(deck: Circuit, op: OperatingPoint, *, as_written: bool) -> Expected:
     """Return the expected voltages and source currents by the names that the simulator uses.
 
-    `op`: operating point of the deck; `as_written`: whether the simulator runs the deck itself, not the rewritten deck.
+    `deck`: the circuit that was read; `op`: its operating point; `as_written`: whether the simulator runs the file of
+    the deck itself, and not a deck written from the circuit.
     """
     if not as_written:
         return expect(flatten(op.netlist, dialect=SIMULATED), op)
@@ -202,7 +208,7 @@ def expected_of(deck: Circuit, op: OperatingPoint, *, as_written: bool) -> Expec
 
 
 def place_of(deck: Circuit, name: str) -> str:
-    """Return the place (``file:line: ``) where a node first occurs in a deck, empty for an unknown node.
+    """Return the place (``file:line: ``) of the first element at a node of a deck, an empty string for an unknown node.
 
     `name`: name of the node in lower case.
     """

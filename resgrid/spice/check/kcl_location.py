@@ -1,4 +1,4 @@
-"""Location of altered lines in a deck: Kirchhoff's laws at the deck's own values and the expected voltages."""
+"""Location of altered lines in a deck: Kirchhoff's laws with the values in the deck and the expected voltages."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from resgrid.spice.write.sidecar import Expected
 _MAX_FINDINGS = 5
 _OPTIONS = {"reltol", "abstol", "vntol"}
 _ROUNDING = 64 * np.finfo(np.float64).eps
-"""Allowed rounding error of a voltage difference, as a fraction of the sum of the two voltage magnitudes."""
+"""Rounding error of a voltage difference that is allowed, as a fraction of the sum of both voltage magnitudes."""
 
 
 def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]:
-    """Return findings with line numbers where a flat deck contradicts its expected voltages.
+    """Return messages with line numbers about elements of a flat deck that contradict its expected voltages.
 
-    `data`: content of the deck; `tolerance`: largest accepted error, relative to the supply voltage or to the current
-    through a node.  Kirchhoff's current law is evaluated at every node with the deck's own values and the expected
-    voltages.  This detects a changed element even where the node voltages hardly change.
+    `data`: content of the deck; `expected`: expected results; `tolerance`: largest accepted error, relative to the
+    supply voltage (for sources) or to the current through a node.  The result has at most 5 messages.  Kirchhoff's
+    current law is evaluated at every node with the deck's own values and the expected voltages.  This detects a changed
+    element even where the node voltages hardly change.
     """
     try:
         circuit = read_with(io.BytesIO(data), dialect="ngspice")
@@ -50,14 +51,14 @@ def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]
 
 
 def _by_line(text: str) -> str:
-    """Return a message with the word "line" in place of ``<text>:``, the reader's name for a text without a file."""
+    """Return a message with "line " in place of ``<text>:``, the deck reader's name for text without a file."""
     return text.replace("<text>:", "line ")
 
 
 def _wrong_sources(circuit: Circuit, voltage: NDArray[np.float64], allowed: float) -> list[str]:
-    """Return findings for voltage sources whose voltage differs from the expected one by more than `allowed` volts.
+    """Return messages about the voltage sources of a deck whose voltage differs from the expected one.
 
-    `voltage` (nodes,): expected node voltages, in volts.
+    `voltage` (nodes,): expected node voltages, in volts; `allowed`: largest difference without a message, in volts.
     """
     plus, minus = voltage[circuit.source_nodes].T
     error = np.abs(plus - minus - circuit.source_volts)
@@ -70,9 +71,10 @@ def _wrong_sources(circuit: Circuit, voltage: NDArray[np.float64], allowed: floa
 
 
 def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: float) -> list[str]:
-    """Return findings for nodes whose current residual exceeds `tolerance` times the current through the node.
+    """Return messages about at most 5 nodes at which the currents do not sum to zero (Kirchhoff's current law).
 
-    `voltage` (nodes,): expected node voltages, in volts.
+    `voltage` (nodes,): expected node voltages, in volts; `tolerance`: largest residual without a message, as a fraction
+    of the sum of the magnitudes of the currents at the node, in addition to rounding errors.
     """
     count = circuit.node_count
     ends, current, rounding = _currents(circuit, voltage)
@@ -96,7 +98,8 @@ def _currents(
 ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
     """Return the nodes of all elements, their currents from first to second node, and the currents' rounding errors.
 
-    Shapes: `voltage` (nodes,); returns (elements, 2), (elements,) and (elements,); currents and errors in amperes.
+    `voltage` (nodes,): in volts.  Elements are resistors, current sources and nonlinear resistors, in this order.
+    Shapes of the results: (elements, 2), (elements,) and (elements,); currents and errors in amperes.
     """
     sizes = len(circuit.resistance), len(circuit.current_amps)
     ends = np.concatenate([circuit.resistor_nodes, circuit.current_nodes, circuit.nonlinear_nodes])
@@ -111,6 +114,6 @@ def _currents(
 
 
 def _lines_at(circuit: Circuit, node: int) -> str:
-    """Return the numbers of the lines whose elements touch a node, as text with at most a few numbers."""
+    """Return the line numbers of the elements at a node as text, at most 5 numbers; `node`: node number."""
     lines = [str(line) for _, line in circuit.places_at(np.array([node])).tolist()]
     return some(lines, len(lines))

@@ -32,13 +32,13 @@ Outcome = Literal["right", "wrong", "fails", "unsure"]
 _Result = tuple[Outcome, float | None, str | None, tuple[str, ...]]
 
 _LARGEST = 300_000
-"""Largest number of nodes of a deck whose voltages are computed for the prediction."""
+"""Largest number of nodes of a deck for which voltage errors are computed; larger decks get reasons only."""
 _SAFE_SPREAD = 1e12
-"""Ratio of the largest to the smallest resistance above which the result of a simulator is uncertain."""
+"""Ratio of the largest to the smallest resistance of a circuit above which the outcome is "unsure", not "right"."""
 _ROUNDING = 2.0**-52
 """Relative spacing of double-precision numbers (machine epsilon)."""
 _SHOWN = 3
-"""Maximum number of notes of the reader that a prediction lists among its reasons."""
+"""Maximum number of notes of the deck reader (`Circuit.notes`) among the reasons of one `Prediction`."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,9 @@ class Prediction:
     max_error : float or None
         Largest predicted voltage error, in volts; None if it was not computed.
     worst_node : str or None
-        Node with the largest error.
+        Name of the node with the largest error; None if no error was computed.
     reasons : tuple of str
-        Reasons for an outcome other than ``"right"``.
+        Reasons for an outcome other than ``"right"``, in words.
     basis : {"measured", "documented"}
         Source of the simulator's behaviour: runs of the simulator, or its documentation.
 
@@ -92,8 +92,9 @@ class Prediction:
 class _Case:
     """A deck with the results that the predictions for all simulators need.
 
-    `duplicates`: places (``file:line``) of element names that occur twice; `loops`: loops of voltage sources in the
-    deck; `voltage` (nodes,): correct node voltages, None if the deck has no operating point or is too large.
+    `deck`: the circuit as read; `duplicates`: places (``file:line``) of element names that occur twice; `loops`: loops
+    of voltage sources in the deck; `voltage` (nodes,): correct node voltages, None if the deck has no operating point
+    or is too large.
     """
 
     deck: Circuit
@@ -110,10 +111,10 @@ def check_portability(
     Parameters
     ----------
     circuit : Netlist or Circuit
-        A deck, whose file is judged as each simulator reads it, or a netlist, which is judged as the deck that resgrid
-        writes.
+        A circuit read from a deck, whose file is judged as each simulator reads it; or a netlist, for which the deck
+        that resgrid would write is judged.
     violations : tuple of Violation, optional
-        Result of `check_erc`, if it is known.
+        Result of `check_erc` for the circuit; computed if it is not given.
 
     Returns
     -------
@@ -142,9 +143,10 @@ def check_portability(
 
 
 def _predict_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: list[Violation]) -> _Result:
-    """Return outcome, error (None), worst node (None) and reasons for a deck that resgrid writes.
+    """Return outcome, error (None), worst node (None) and reasons for a deck that resgrid would write of a netlist.
 
-    Such a deck avoids the known pitfalls.  `resistance` (m,): in ohms; `errors`: rule violations that prevent a deck.
+    Such a deck avoids the known pitfalls.  `quirks`: behaviour of the simulator; `resistance` (m,): in ohms; `errors`:
+    rule violations that prevent a deck.
     """
     if errors:
         return "fails", None, None, (f"the netlist has no deck: {errors[0].message}",)
@@ -158,8 +160,8 @@ def _predict_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: li
 def _predict_file(dialect: Dialect, case: _Case) -> _Result:
     """Return outcome, error in volts or None, worst node or None, and reasons for a deck's file.
 
-    The file is read by the simulator's rules, and the resulting circuit is judged.  `case`: the deck as its own dialect
-    reads it, with the correct voltages.
+    The file is read by the rules of the simulator's dialect, and the resulting circuit is judged.  `dialect`: the
+    dialect; `case`: the deck as its own dialect reads it, with the correct voltages.
     """
     label = dialect.label
     found = reread(case.deck, dialect)
@@ -192,9 +194,9 @@ def _finite(volts: float) -> float | None:
 
 
 def _case_of(deck: Circuit, violations: Iterable[Violation]) -> _Case:
-    """Return a deck with the results that the predictions for all simulators need.
+    """Return a deck with the results that the predictions for all simulators need, such as its voltages.
 
-    `violations`: result of `check_erc`.
+    `violations`: result of `check_erc` for the deck.
     """
     duplicates = tuple(item.place for item in violations if item.severity == "error" and item.rule == "names")
     right = _voltages(deck.netlist) if deck.node_count <= _LARGEST else None
@@ -204,7 +206,8 @@ def _case_of(deck: Circuit, violations: Iterable[Violation]) -> _Case:
 def _predict_deck(quirks: Quirks, case: _Case) -> _Result:
     """Return outcome, error in volts or None, worst node or None, and reasons for a deck as a simulator reads it.
 
-    The order of the tests is: fatal defects, changes of the circuit by the simulator, reasons for uncertainty.
+    `quirks`: behaviour of the simulator; `case`: the deck.  The order of the tests is: defects at which the simulator
+    fails, changes of the circuit by the simulator, reasons for uncertainty.
     """
     fatal = [
         f"a loop of voltage sources makes the matrix singular ({case.deck.place_of('voltage source', number)})"
@@ -244,7 +247,7 @@ def _predict_deck(quirks: Quirks, case: _Case) -> _Result:
 def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
     """Return the indices of the voltage sources that close a loop at which the simulator fails.
 
-    `quirks`: behaviour of the simulator; `case`: the deck with its loops.
+    `quirks`: behaviour of the simulator; `case`: the deck with its loops of voltage sources.
     """
     ends = case.deck.source_nodes
     closing = [int(number) for number in case.loops.sources]
@@ -257,7 +260,7 @@ def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
 
 
 def _uncertainties(quirks: Quirks, case: _Case, resistance: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return the reasons why the result is uncertain; `resistance` (m,): values that the simulator uses, in ohms."""
+    """Return the reasons why a simulator's result is uncertain; `resistance` (m,): values that it uses, in ohms."""
     uncertainties = _uncertain_spread(np.abs(case.deck.resistance)) or _cancellation(case.deck, np.abs(resistance))
     continues = quirks.loops == "fail at ground"
     for kind, numbers in (("inductors", case.loops.inductors), ("voltage sources", case.loops.sources)):
@@ -280,10 +283,9 @@ def _uncertainties(quirks: Quirks, case: _Case, resistance: NDArray[np.float64])
 def _cancellation(deck: Circuit, size: NDArray[np.float64]) -> tuple[str, ...]:
     """Return a reason for uncertainty if elimination loses small conductances next to large ones, else an empty tuple.
 
-    `size` (m,): magnitudes of the resistances, in ohms.
-
-    Elimination in a group of nodes that large conductances join subtracts these from the diagonal sums.  The remainder
-    is the conductance that leaves the group, with the rounding error of the large ones.
+    `size` (m,): magnitudes of the resistances, in ohms.  Gaussian elimination in a group of nodes that large
+    conductances join subtracts these conductances from diagonal entries that contain them.  The remainder is the
+    conductance that leaves the group, with the rounding error of the large conductances.
     """
     usable = (size > 0) & np.isfinite(size)
     size, ends = size[usable], deck.resistor_nodes[usable]
@@ -307,9 +309,9 @@ def _cancellation(deck: Circuit, size: NDArray[np.float64]) -> tuple[str, ...]:
 
 
 def _uncertain_spread(resistance: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return a reason for uncertainty if the ratio of the resistances is too large for double precision.
+    """Return a reason for uncertainty if the largest and smallest resistance differ by a factor above 1e12, else ().
 
-    Otherwise the result is an empty tuple.  `resistance` (m,): in ohms.
+    `resistance` (m,): in ohms.
     """
     size = resistance[(resistance > 0) & np.isfinite(resistance)]
     if not size.size or size.max() <= _SAFE_SPREAD * size.min():
@@ -319,7 +321,7 @@ def _uncertain_spread(resistance: NDArray[np.float64]) -> tuple[str, ...]:
 
 
 def _elements_on_title_line(deck: Circuit) -> list[str]:
-    """Return the names of the elements on the first line of a deck, which simulators read as the title."""
+    """Return the names of the elements on the first line of a deck, which simulators take for the title."""
     if deck.title is not None:
         return []
     first = ((kind, (place == [0, 1]).all(axis=1)) for kind, place in deck.place.items())
@@ -327,7 +329,7 @@ def _elements_on_title_line(deck: Circuit) -> list[str]:
 
 
 def _raised_resistances(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Return the resistances (m,) in ohms that a simulator uses, and the reason if it raises small ones."""
+    """Return the resistances (m,) in ohms that a simulator uses, and a tuple with the reason if it raises some."""
     resistance, _, _ = rebase(deck.resistance, deck.tc1, deck.tc2, deck.heating)
     least, size = quirks.smallest_resistance, np.abs(resistance)
     if least is None:
@@ -343,7 +345,8 @@ def _raised_resistances(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float
 def _shunt(quirks: Quirks, case: _Case) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
     """Return the shunt conductance, the reasons why the result is wrong, and the reasons why it is uncertain.
 
-    The first value is the conductance that the simulator adds from every node to ground, in siemens.
+    The first value is the conductance that the simulator adds from every node to ground, in siemens.  `quirks`:
+    behaviour of the simulator; `case`: the deck.
     """
     siemens, reasons, uncertainties = 0.0, [], []
     for option, unit in quirks.shunt_options.items():

@@ -16,7 +16,7 @@ from resgrid.spice.dialects.record import Dialect
 from resgrid.spice.read.deck import read_with
 
 _MOST_BYTES = 20_000_000
-"""Largest total size of a deck's files that are read a second time, in bytes."""
+"""Largest total size of a deck's files that are read by the rules of further dialects, in bytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,8 @@ class Rereading:
 def reread(deck: Circuit, dialect: Dialect) -> Rereading:
     """Return the result of reading the file of a deck by the rules of a dialect.
 
-    A deck without a file, with large files or of this dialect is not read again; the result is then `deck`.
+    `deck`: circuit read from the file by the rules of its own dialect.  If that is `dialect`, or if the deck has no
+    file or large files, nothing is read and the result contains `deck` itself.
     """
     if dialect.name == deck.dialect or deck.dialect not in DIALECTS:
         return Rereading(deck)
@@ -58,7 +59,8 @@ def first_difference(
     """Return the node with the largest voltage difference between two readings of a file, and the difference in volts.
 
     `names`: the two circuits, for the node names; `volts` (nodes,) each: their node voltages.  The difference is
-    infinite for a node that only the first reading has.  Returns None if the readings agree.
+    infinite for a node that only the first reading has.  Returns None if no such node exists and all differences are at
+    most 1e-9 of the largest voltage.
     """
     first, second = (
         {name.lower(): value for name, value in zip(circuit.node_names, found.tolist(), strict=True)}

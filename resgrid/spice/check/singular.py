@@ -1,8 +1,9 @@
-"""Detection of zero pivots: whether ngspice's elimination finds the block of a floating part singular.
+"""Detection of zero pivots: whether ngspice finds the matrix of a circuit with floating nodes singular.
 
-A floating part has a singular block.  Elimination as in ngspice's Sparse 1.3 multiplies by the reciprocal of the pivot,
-so that rounding may leave a small last pivot instead of zero.  The block is then solved as if it were regular: the
-voltages in the part are arbitrary, the others right.
+A floating component (nodes without a path to ground) has a singular diagonal block in the conductance matrix.  The
+Gaussian elimination of ngspice (Sparse 1.3, double precision) multiplies by the reciprocal of the pivot, so that
+rounding may leave a small last pivot instead of zero.  The block is then solved as if it were regular: the voltages in
+the component are arbitrary, all others right.
 """
 
 from __future__ import annotations
@@ -15,13 +16,16 @@ from numpy.typing import NDArray
 from resgrid.spice.circuit import Circuit
 
 _MOST = 50
-"""Maximum number of floating parts of a circuit that are examined."""
+"""Largest number of floating components in a circuit for which the answer is computed; with more it is "unknown"."""
 
 Singular = Literal["yes", "no", "unknown"]
 
 
 def singularity(circuit: Circuit) -> Singular:
-    r"""Return "yes" if elimination finds a zero pivot in a floating part of a circuit, otherwise "no" or "unknown".
+    r"""Return whether Gaussian elimination in ngspice meets a zero pivot, because the circuit has floating nodes.
+
+    "yes": a pivot is zero, and ngspice takes the matrix as singular; "no": rounding errors replace all zero pivots, or
+    no node floats; "unknown": the rounding errors of ngspice are not known here.
 
     Examples
     --------
@@ -42,9 +46,9 @@ def singularity(circuit: Circuit) -> Singular:
 
 
 def _part_singularity(circuit: Circuit, nodes: NDArray[np.int64]) -> Singular:
-    """Return "yes", "no" or "unknown": whether elimination finds a zero pivot in one floating part.
+    """Return "yes", "no" or "unknown": whether ngspice meets a zero pivot in the elimination of a floating component.
 
-    `nodes` (n,): node numbers of the part.
+    `nodes` (n,): node numbers of the component.
     """
     inside = {kind: np.isin(ends, nodes).all(axis=1) for kind, ends in circuit.ends.items()}
     if inside["nonlinear resistor"].any():

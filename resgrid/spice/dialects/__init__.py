@@ -1,9 +1,9 @@
 """Dialects: one record of data for each simulator, in a table.
 
-All simulators except Spectre read elements by their first letter, nodes by name, and numbers.  The module of each
-dialect describes its other rules and traps.  Default sources: ngspice manual, chapter "Analyses and Output Control";
-LTspice help, "Dot Commands"; Xyce Reference Guide, chapter "Netlist Commands"; HSPICE Command Reference; Spectre
-Circuit Simulator Reference, chapter "Analysis Statements"; for quirks also their mailing lists.  Only ngspice was run.
+In all dialects except Spectre's, the first letter of a name states the kind of an element.  The module of each dialect
+describes further rules and pitfalls.  Default sources: ngspice manual, chapter "Analyses and Output Control"; LTspice
+help, "Dot Commands"; Xyce Reference Guide, chapter "Netlist Commands"; HSPICE Command Reference; Spectre Circuit
+Simulator Reference, chapter "Analysis Statements"; for quirks also their mailing lists.  Only ngspice was run.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from resgrid.spice.dialects.spectre import SPECTRE
 from resgrid.spice.dialects.xyce import XYCE
 
 DIALECTS = {dialect.name: dialect for dialect in (NGSPICE, LTSPICE, XYCE, HSPICE, SPECTRE)}
-"""All dialects by name."""
+"""All dialects by name, such as ``"ngspice"``."""
 
 OWN_SUFFIXES = {item.reading.suffix: item.name for item in DIALECTS.values() if item.reading.suffix}
-"""Name of the dialect by the file name suffix that determines it."""
+"""Name of the dialect by file name suffix, for the suffixes that only one dialect uses (``.scs`` of Spectre)."""
 
 DECK_SUFFIXES = (".cir", ".sp", ".spice", ".ckt", ".net", ".cdl", *OWN_SUFFIXES)
-"""File name suffixes of decks."""
+"""File name suffixes that mark a file as a deck."""
 
 
 def dialect_named(name: str) -> Dialect:
-    """Return the dialect named `name`; raise InputError for an unknown name."""
+    """Return the dialect with the name `name`; raise InputError for an unknown name."""
     if name not in DIALECTS:
         hint = suggestion(name, DIALECTS) or f"choose one of {', '.join(sorted(DIALECTS))}"
         raise InputError(f"there is no SPICE dialect {name!r}; {hint}")

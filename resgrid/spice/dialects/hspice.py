@@ -4,12 +4,13 @@
   ``0``.
 - The nominal temperature is 25 degrees Celsius, not 27: decks set ``.option tnom=27`` and ``.temp 27``.
 - A behavioural current source is a G element, ``cur='...'``; HSPICE has no B element.
-- ``.end`` ends a simulation, and the lines after it are the next one: decks are included last.
+- ``.end`` ends a simulation, and the lines after it begin the next one: the file of commands includes the deck last.
 - ``gauss(nominal, relative variation, sigma)`` and ``agauss`` draw a new value for every element that refers to them.
 - ``time``, ``temper`` and ``hertz`` are variables of the simulator (HSPICE Simulation and Analysis User Guide, "HSPICE
   special variables"); a deck that redefines one is rejected, and so is a function of a built-in name.  An expression
   with blanks is written in quotes.
-- Smaller resistances are raised to ``RESMIN`` (1e-5 ohm); ``gmin`` is added at the floating nodes only, with a message.
+- Smaller resistances are raised to ``RESMIN`` (1e-5 ohm); ``gmin``, a conductance to ground, is added at the
+  floating nodes only, with a message.
 """
 
 from __future__ import annotations

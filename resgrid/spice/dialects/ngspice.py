@@ -209,6 +209,8 @@ NGSPICE = Dialect(
 def ngspice_name(name: str) -> str:
     """Return ngspice's name of an element, in lower case: ``r1`` at the top level, ``r.x1.r1`` inside a subcircuit.
 
+    `name`: name of the element in a `Circuit`, with the path of its subcircuit, such as ``X1.R1``.
+
     Examples
     --------
     >>> ngspice_name("V1"), ngspice_name("X1.X2.Vdd")

@@ -25,17 +25,17 @@ GROUND_NAME = "0"
 
 
 SUFFIXES = {"t": 12, "g": 9, "meg": 6, "k": 3, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12, "f": -15}
-"""Power of ten by suffix of a number, in lower case; all dialects except Spectre have these suffixes."""
+"""Exponent of ten of each suffix of a number, in lower case; all dialects except Spectre have these suffixes."""
 
 _NAMES = (
     "sqrt exp ln log10 abs int floor ceil min max pow pwr sgn atan2 hypot "
     "sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh"
 )
 FUNCTIONS = {name: name for name in _NAMES.split()}
-"""Functions with equal names and meanings in every dialect, each mapped to itself."""
+"""Functions that have the same name and meaning in every dialect; each name is mapped to itself."""
 
 ARCS = {"arctan": "atan", "arcsin": "asin", "arccos": "acos"}
-"""Long names of the inverse trigonometric functions, mapped to the short names."""
+"""Long names of the inverse trigonometric functions, mapped to their short names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,47 +47,48 @@ class Words:
     Attributes
     ----------
     functions : frozenset of str
-        Names that the simulator reads as functions, including those that resgrid cannot evaluate.  A parameter of such
-        a name is rejected where an expression refers to it.
+        Names that the simulator reads as functions, including those that resgrid cannot evaluate.  An expression that
+        refers to a parameter of such a name is rejected.
     constants : mapping of str to float
-        Built-in constants.
+        Values of the built-in constants by name.
     temperature : frozenset of str
         Names of the simulation temperature, in degrees Celsius.
     nominal : frozenset of str
         Names of the nominal temperature, in degrees Celsius.
     variables : mapping of str to str
-        Built-in variables that resgrid has no value for, and their meanings.
+        Meanings of the built-in variables for which resgrid has no value, by name.
     undefinable : frozenset of str
-        Names that no parameter, argument or function may have.  Other reserved names are rejected where they are used.
+        Names that no parameter, argument or function may have.  Other reserved names may be defined, but expressions
+        that refer to them are rejected.
     parameter : str
-        Regular expression for the name of a parameter.
+        Regular expression that a parameter's name must match.
     temperature_in_values : bool
         Whether the temperature is available only in the values of resistors, capacitors, inductors and models.
     cold : frozenset of str
         Functions and operators that are not available in an expression that contains the temperature.
     loose : {"", "tight", "numeric", "any"}
-        Unquoted expressions after ``name=``: not read, read without blanks outside parentheses, also read with blanks
-        if the card has one definition that begins with a number, read up to the next name.
+        Unquoted expressions that are read after ``name=``: none; those without blanks outside parentheses; also those
+        with blanks that begin with a number and are the only definition of their line; all text up to the next name.
     loose_functions : bool
         Whether the body of a function needs neither braces nor quotes.
     redefines_functions : bool
         Whether a function defined in the deck replaces a built-in one.
     ends_of_three : bool
-        Whether ``min`` and ``max`` of three arguments compare the first and the last.
+        Whether ``min`` and ``max`` of three arguments ignore the second argument.
     exponential_coefficient : bool
-        Whether ``tce=`` of a resistor multiplies by ``1.01**(tce (T - Tnom))``.
+        Whether ``tce=`` of a resistor multiplies its resistance by ``1.01**(tce (T - Tnom))``.
     model_aliases : mapping of str to str
-        Alternative names for parameters of resistor models.
+        Usual name by alternative name, for the parameters of resistor models.
     inner_names : bool
-        Whether a name in the values of an ``X`` line that is undefined at that line is looked up in the subcircuit.
+        Whether an undefined name in the values of an ``X`` line is looked up in the subcircuit that the line calls.
     joins_brackets : bool
         Whether parentheses directly after a word belong to the name of a node.
     misread : mapping of str to frozenset of str
-        Names that the simulator misreads as those of a ``"node"``, a ``"model"`` or a ``"subcircuit"``.
+        For ``"node"``, ``"model"`` and ``"subcircuit"``: the names that the simulator misreads as the name of one.
     common_nodes : frozenset of str
         Nodes that all subcircuits share without ``.global``.
     true_above_half : bool
-        Whether a condition is true above one half; otherwise it is true if it differs from zero.
+        Whether a condition is true if its value exceeds one half; if False, it is true if the value is not zero.
     drops_quotes : bool
         Whether double quotes are removed, so that an expression within them is misread, except in calls and first lines
         of subcircuits.
@@ -118,18 +119,20 @@ class Words:
 
 @dataclass(frozen=True, eq=False)
 class Refusals:
-    """Text that resgrid can read but that stops the simulator (``"fails"``) or may stop it (``"unsure"``).
+    """Text that resgrid can read, but that stops the simulator (``"fails"``) or may stop it (``"unsure"``).
+
+    The value ``""`` means that the simulator reads the text, too.
 
     Attributes
     ----------
     commands : frozenset of str
-        Commands that end the run.
+        Commands (first words of a line) that end the run.
     foreign_commands : frozenset of str
         Commands that are not in the simulator's manual.
     blank_names : {"", "fails", "unsure"}
         Consequence of a blank in a quoted name.
     letters : {"", "unsure"}
-        Consequence of letters beyond ASCII.
+        Consequence of non-ASCII letters.
     encodings : frozenset of str
         Encodings of files that end the run: ``"latin-1"``, ``"utf-16"``, ``"cr"`` (carriage returns between lines).
     commas : bool
@@ -139,10 +142,9 @@ class Refusals:
     redefinitions : bool
         Whether the run may end where a parameter is defined twice.
     keys : mapping of str to frozenset of str
-        Keys that end the run, by the first letter of the element.
+        Keys (``key=value``) of an element that end the run, by the first letter of the element.
     commands_in_comments : bytes
-        Regular expression of comments that the simulator executes as commands; resgrid does not.  Empty if there are
-        none.
+        Regular expression of comments that the simulator executes as commands and resgrid ignores; empty for none.
     """
 
     commands: frozenset[str] = frozenset()
@@ -158,14 +160,14 @@ class Refusals:
 
 
 LTSPICE_COMMANDS = frozenset({".backanno", ".loadbias", ".machine", ".savebias", ".wave"})
-"""Commands that only LTspice has."""
+"""Commands (first words of a line) that LTspice has and the other simulators do not have."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReadingRules:
     """Rules for reading decks of one dialect.
 
-    `name`: name of the dialect; `signs`: byte strings that only decks of this dialect contain, in lower case; `suffix`:
+    `name`: name of the dialect; `signs`: byte strings in lower case that only decks of this dialect contain; `suffix`:
     file name suffix of the decks, empty if none is typical; `comments`: marks that begin a comment anywhere in a line;
     `dollar_comments`: whether ``$`` after a blank or a comma, or first in a line, begins a comment; `suffixes`: power
     of ten of each suffix of a number; `infix_suffixes`: whether ``4k7`` is 4700; `d_exponents`: whether ``1d3`` is
@@ -174,26 +176,27 @@ class ReadingRules:
     to a power; `functions`: names of functions in expressions, mapped to those of
     `resgrid.spice.read.expressions.FUNCTIONS`; `model_factor`: whether the ``r`` of a resistor model is a factor;
     `lengths_twice`: whether a model's ``narrow`` and ``short`` are subtracted at both ends; `annotations`: keys of an
-    element without effect on a simulation; `flags`: words without a value that have no effect either; `operators`:
-    operators with another meaning than in `resgrid.spice.read.expressions`; `narrow_parser`: whether signs after
-    operators and nested conditionals are misread; `puts_in_text`: whether functions and the values of an ``X`` line are
-    substituted as text, so that names in them are looked up in the place of substitution; `replaces_multipliers`:
-    whether ``m=`` of an ``X`` line replaces ``m=`` in the subcircuit and does not apply to switches; `end_is_comment`:
-    whether lines after ``.end`` are read; `first_counts`: whether the first of several models of one name is used, and
-    the first of several options on a line; `temp_command_first`: whether ``.temp`` overrides ``.option temp``
-    regardless of their order; `braced_temperatures`: whether a temperature must be a number or an expression in braces;
-    `sheet_first`: whether a model's ``rsh`` overrides ``r``, even without length and width; `models_first`: whether a
-    model's name is ignored after a value that does not begin with a digit; `ignored_model_keys`: parameters of resistor
-    models that only other dialects apply, with the replacement to suggest (empty: this dialect applies the parameter,
-    but resgrid does not); `spaced_lists`: whether the values of ``tc=`` are separated by blanks, without parentheses;
-    `scale_key`: whether ``scale=`` of a resistor is applied; `refused_options`: options that change the circuit in a
-    way that resgrid does not model; `refused_elements`: meaning of each first letter that means another element than in
-    SPICE; `series_resistance`: whether voltage sources may have ``rser=``; `inductor_ohms`: series resistance of an
-    inductor without ``rser=0``, in ohms; `inductor_keys, capacitor_keys`: keys of series resistances and parasitics of
-    an inductor and a capacitor; `off_ohms`: resistance of an open switch, in ohms; `holds_initial`: whether ``.ic``
-    fixes node voltages at the operating point; `instances`: whether elements are instances of a master and names are
-    case-sensitive, as in Spectre; `spice`: rules after ``simulator lang=spice`` in such a deck; `words`: reserved names
-    and expression syntax; `refusals`: text that stops the simulator.
+    element without effect on a simulation; `flags`: words without a value and without effect; `operators`: operators
+    that the simulator evaluates differently from resgrid, with the meaning in the simulator; `narrow_parser`: whether
+    signs after operators and nested conditionals are misread; `puts_in_text`: whether functions and the values of an
+    ``X`` line are substituted as text, so that their names are looked up where the text is inserted;
+    `replaces_multipliers`: whether ``m=`` of an ``X`` line replaces ``m=`` in the subcircuit and does not apply to
+    switches; `end_is_comment`: whether lines after ``.end`` are read; `first_counts`: whether the first of several
+    models of one name is used, and the first of several options on a line; `temp_command_first`: whether ``.temp``
+    overrides ``.option temp`` regardless of their order; `braced_temperatures`: whether a temperature must be a number
+    or an expression in braces; `sheet_first`: whether a model's ``rsh`` overrides ``r``, even without length and width;
+    `models_first`: whether a model's name is ignored after a value that does not begin with a digit;
+    `ignored_model_keys`: parameters of resistor models that only other dialects apply, with the replacement to suggest
+    (empty: this dialect applies the parameter, but resgrid does not); `spaced_lists`: whether the values of ``tc=`` are
+    separated by blanks, without parentheses; `scale_key`: whether ``scale=`` of a resistor is applied;
+    `refused_options`: options that change the circuit in a way that resgrid does not model; `refused_elements`: meaning
+    of each first letter that means a different element than in SPICE; `series_resistance`: whether voltage sources may
+    have ``rser=``; `inductor_ohms`: series resistance of an inductor without ``rser=0``, in ohms; `inductor_keys,
+    capacitor_keys`: keys of series resistances and parasitics of an inductor and a capacitor; `off_ohms`: resistance of
+    an open switch, in ohms; `holds_initial`: whether ``.ic`` fixes node voltages at the operating point; `instances`:
+    whether elements are instances of a master and names are case-sensitive, as in Spectre; `spice`: rules after
+    ``simulator lang=spice`` in such a deck; `words`: reserved names and expression syntax; `refusals`: text that stops
+    the simulator.
     """
 
     name: str
@@ -247,13 +250,14 @@ class Statements:
     The fields are those of `resgrid.spice.analyses`, and ``deck``, ``results`` (name of the result file), ``source`` (a
     voltage source of the deck, for analyses that need one) and ``volts`` (voltage of ``source``).
 
-    `first, last`: lines before and after all others; `deck_first`: whether the deck is included before the statements;
+    `first, last`: first and last lines of the file; `deck_first`: whether the deck is included before the statements;
     `operating, transient, noise, temperature, mismatch`: the analyses, where ``temperatures`` and ``numbers`` (of the
     runs) are lists separated by blanks; `run`: lines that start the other analyses if one analysis is a control block;
     `one_a_run`: whether a file may hold one analysis only; `print_all`: statement that prints all voltages, with the
-    analysis as ``kind``; empty if they are saved by default; `probe`: statement that saves ``what``; `probe_voltage,
-    probe_current`: a voltage and a current in that statement; `maximum, minimum, value, crossing`: the measurements, by
-    `Measure.what`; `measure_first, measure_last`: lines around the measurements.
+    analysis as ``kind``; empty if they are saved by default; `probe`: statement that saves the quantities in the field
+    ``what``; `probe_voltage, probe_current`: a voltage and a current in the statement `probe`; `maximum, minimum,
+    value, crossing`: the statement of a `Measure` with this ``what``; `measure_first, measure_last`: lines around the
+    measurements.
     """
 
     first: tuple[str, ...]
@@ -284,8 +288,8 @@ class Quirks:
 
     `basis`: whether the behaviour was measured or taken from the manual; `smallest_resistance`: value in ohms to which
     smaller resistances are raised, 0 ohm included; None if it is not known; `raises_zero_only`: whether only 0 ohm is
-    raised; `floating`: nodes that receive a conductance to ground if a part floats: all nodes ("everywhere"), the
-    floating nodes ("there"), or "unknown"; `gmin`: that conductance, in siemens; `gmin_options`: options that set
+    raised; `floating`: nodes that receive a conductance `gmin` to ground if any node floats: all nodes ("everywhere"),
+    the floating nodes ("there"), or "unknown"; `gmin`: its default value, in siemens; `gmin_options`: options that set
     `gmin`, by decreasing precedence; `shunt_options`: unit of each option that adds a resistor from every node to
     ground; `duplicates`: effect of a second element of the same name; `loops`: whether all loops of voltage sources end
     the run ("fail"), or only loops that are tied to ground; other loops, and loops of inductors, are solved by a
@@ -309,7 +313,8 @@ class Costs:
 
     The time is ``start + element * elements + core * width**width_power * size**size_power`` and the memory
     ``start_bytes + element_bytes * elements + fill_bytes * size * width``.  `elements` is the number of elements;
-    `size` and `width` are those of the network's core (`resgrid.spice.run.cost_estimate.core_of`).
+    `size` is the number of nodes with more than two neighbours in the core of the network, which is the network without
+    nodes of known voltage and without dangling trees; `width` is the number of core nodes per breadth-first level.
     """
 
     start: float

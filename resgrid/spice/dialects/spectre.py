@@ -5,8 +5,8 @@
 - Names are case-sensitive; ``M`` is mega and ``m`` milli, unlike in SPICE; ``1meg`` is not a number.
 - Subcircuit parameters are declared in the body, after ``parameters``.  Mismatch varies per subcircuit instance, so
   every resistor becomes an instance.
-- It has no end statement and no measurements of its own (those belong to MDL): decks hold analyses only.
-- ``gmin`` is added at the floating nodes only, with a message.
+- The language has no end statement and no measurements (those belong to MDL): files of commands hold analyses only.
+- ``gmin``, a conductance to ground, is added at the floating nodes only, with a message.
 - ``temp``, ``tnom``, ``scale``, ``scalem``, ``freq`` and ``time`` are predefined parameters, ``M_...`` and ``P_...``
   constants (Spectre Circuit Simulator Reference, "Expressions"); a deck that redefines one, or gives a parameter a word
   of the language as its name, is rejected.

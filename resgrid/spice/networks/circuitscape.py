@@ -6,7 +6,7 @@ mean of their resistances, or the mean of their conductances; the distance of di
 
 The steps have the order of Circuitscape, which changes the result:
 
-1. The mask empties cells.
+1. The mask makes cells empty: they get no node.
 2. Cells get their nodes.  All cells of a polygon get the polygon's node, also its empty cells.
 3. Unit currents and direct grounds replace the values of single cells.
 4. Sources and conductances to ground are summed per node; in the lists of a network the last line of a node counts.
@@ -36,9 +36,9 @@ _POLICIES = {
     "rmvgnd": (False, True),
     "rmvall": (True, True),
 }
-"""Whether a source, and whether a ground, is removed at a node with both, by the value of ``remove_src_or_gnd``.
+"""Whether the source, and whether the ground, is removed at a node with both, by the value of ``remove_src_or_gnd``.
 
-Circuitscape 3.5 wrote ``not entered``.
+Circuitscape 3.5 wrote ``not entered`` for the default, which removes neither.
 """
 
 
@@ -47,9 +47,9 @@ def read_circuitscape(
 ) -> tuple[Network, NDArray[np.int64] | None]:
     """Return the network of a Circuitscape configuration in advanced mode, and the node of every cell.
 
-    `path`: the configuration file; `root`: folder that must contain the files that it names, by default its own
-    folder.  The nodes have the shape (rows, columns), top row first, with -1 for a cell without a node; they are None
-    unless the data are rasters.
+    `path`: the configuration file; `root`: folder that must contain all files named in the configuration, by default
+    the folder of `path`.  The nodes have the shape (rows, columns), top row first, with -1 for a cell without a node;
+    they are None unless the data are rasters.
     """
     job = read_configuration(path, root)
     scenario = job.text("scenario")
@@ -78,9 +78,10 @@ def read_circuitscape(
 def _values_of_cells(
     job: Configuration, amps: NDArray[np.float64], siemens: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return currents (A) and conductances to ground (S) after unit currents and direct grounds are applied.
+    """Return currents and conductances to ground after ``use_unit_currents`` and ``use_direct_grounds`` are applied.
 
-    `amps, siemens`: values before that, one per cell or node, arrays of any shape; the results have the same shape.
+    The first key replaces nonzero currents by 1 A, the second replaces positive conductances by infinity.  `job`: the
+    configuration; `amps, siemens`: values per cell or node, in A and S, of any shape; the results have the same shape.
     """
     if job.flag("use_unit_currents"):
         amps = (amps != 0).astype(np.float64)
@@ -90,9 +91,9 @@ def _values_of_cells(
 
 
 def _resolved(job: Configuration, network: Network) -> Network:
-    """Return the network with ``remove_src_or_gnd`` applied, and without sources in components without a ground.
+    """Return `network` with ``remove_src_or_gnd`` applied, and without sources in components without a ground.
 
-    `job`: the configuration.
+    `job`: the configuration.  Raises InputError if no ground remains, or for an unknown value of the key.
     """
     policy = job.text("remove_src_or_gnd")
     if policy not in _POLICIES:
@@ -116,13 +117,16 @@ def _resolved(job: Configuration, network: Network) -> Network:
 
 
 def _read_rasters(job: Configuration) -> tuple[Network, NDArray[np.int64]]:
-    """Return the network of a raster configuration, and the node of every cell, shape (rows, columns), -1 for none."""
+    """Return the network of a raster configuration, and the node of every cell, shape (rows, columns), -1 for none.
+
+    `job`: the configuration.
+    """
     conductance = _habitat(job)
 
     def raster_of(key: str) -> NDArray[np.float64]:
-        """Return the raster of the file that the key `key` names.
+        """Return the cells of the raster that the key `key` names, shape (rows, columns).
 
-        Raise InputError unless it has the habitat's shape.
+        Raises InputError unless the raster has the shape of the habitat file.
         """
         other = read_raster(job.file(key))
         if other.shape != conductance.shape:
@@ -162,9 +166,9 @@ def _read_rasters(job: Configuration) -> tuple[Network, NDArray[np.int64]]:
 
 
 def _habitat(job: Configuration) -> NDArray[np.float64]:
-    """Return the conductance of every cell in S, shape (rows, columns), 0 for an empty cell.
+    """Return the conductance of every cell of the habitat file in S, shape (rows, columns), 0 for an empty cell.
 
-    Raises InputError for a negative value and for 0 ohm.
+    `job`: the configuration.  Raises InputError for a negative value and for 0 ohm.
     """
     path = job.file("habitat_file")
     habitat, measure = read_raster(path), job.measure("habitat_map_is_resistances")
@@ -179,9 +183,10 @@ def _habitat(job: Configuration) -> NDArray[np.float64]:
 
 
 def _siemens(cells: NDArray[np.float64], measure: Measure) -> NDArray[np.float64]:
-    """Return the conductance of every cell in S, 0 for an empty cell (NaN); shape (rows, columns).
+    """Return the conductance of every cell in S, shape (rows, columns); 0 for an empty cell, which is NaN in `cells`.
 
-    `cells` (rows, columns): values of the raster; `measure`: quantity of the values, "resistance" or "conductance".
+    `cells` (rows, columns): values of the raster; `measure`: their quantity, "resistance" (in ohms) or "conductance"
+    (S).
     """
     with np.errstate(divide="ignore"):
         return np.where(np.isnan(cells), 0.0, cells if measure == "conductance" else 1.0 / cells)
@@ -190,10 +195,10 @@ def _siemens(cells: NDArray[np.float64], measure: Measure) -> NDArray[np.float64
 def _number_cells(
     conductance: NDArray[np.float64], polygon: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], list[str]]:
-    """Return the node of every cell, -1 for none, and the names of the nodes, ground first.
+    """Return the node number of every cell, (rows, columns), -1 for none, and the names of the nodes, ground first.
 
-    A polygon with a conducting cell is one node, and its empty cells belong to this node.  `conductance` (rows,
-    columns): in S, 0 for an empty cell; `polygon` (rows, columns): number of the cell's polygon, 0 for none.
+    A polygon with a conducting cell is one node, which its empty cells belong to.  `conductance` (rows, columns): in S,
+    0 for an empty cell; `polygon` (rows, columns): number of the cell's polygon, 0 for none.
     """
     conducts = conductance > 0
     cell = np.arange(conductance.size).reshape(conductance.shape)
@@ -215,8 +220,8 @@ def _links(
 
     `conductance` (rows, columns): of the cells, in S; `node` (rows, columns): node numbers, -1 for none;
     `mean_resistance`: whether the mean of the resistances is used instead of the mean of the conductances; `diagonals`:
-    whether diagonal neighbours are joined.  An empty cell of a polygon has 0 S: half of its neighbour's conductance is
-    the mean, and no mean resistance exists.
+    whether diagonal neighbours are joined.  An empty cell of a polygon has 0 S; it is joined to a conducting neighbour
+    with the mean of the conductances, but not with the mean of the resistances, which would be infinite.
     """
     steps: list[tuple[Any, Any, float]] = [(np.s_[:, :-1], np.s_[:, 1:], 1.0), (np.s_[:-1], np.s_[1:], 1.0)]
     if diagonals:

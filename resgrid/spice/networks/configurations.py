@@ -3,7 +3,7 @@
 The rules and the defaults are those of ``parse_config`` and ``init_config`` in ``src/config.jl`` of Circuitscape.jl: a
 line ``[...]`` is skipped, the first ``=`` ends the key, the last value of a repeated key counts, and keys are
 case-sensitive.  Circuitscape ignores unknown keys and reads every value except ``True``, ``true`` and ``1`` as false.
-Here such lines are errors, because they are mostly mistakes.
+Here unknown keys and other values are errors, because they are mostly mistakes.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ _PLACEHOLDERS = ("", "None", "none")
 class Configuration:
     """The keys of one configuration file.
 
-    `path`: displayed name of the file; `folder`: folder of the file, to which file names are relative; `root`: folder
-    that must contain all files; `values`: texts of the values by key.
+    `path`: name of the file for messages; `folder`: folder of the file, to which file names are relative; `root`:
+    folder that must contain all files; `values`: texts of the values by key.
     """
 
     path: str
@@ -75,7 +75,7 @@ class Configuration:
         return self.values.get(key, _DEFAULTS[key])
 
     def flag(self, key: str) -> bool:
-        """Return the value of a boolean key; raise InputError for text other than a boolean."""
+        """Return the value of a boolean key; raise InputError for text other than True, true, 1, False, false and 0."""
         word = self.text(key)
         if word not in _FLAGS:
             raise InputError(
@@ -85,16 +85,16 @@ class Configuration:
         return _FLAGS[word]
 
     def measure(self, key: str) -> Measure:
-        """Return the quantity in a file, "resistance" or "conductance".
+        """Return the quantity of the values in a raster or list, "resistance" or "conductance".
 
-        `key`: boolean key that is true for resistances.
+        `key`: key of the configuration that is true if the values are resistances.
         """
         return "resistance" if self.flag(key) else "conductance"
 
     def file(self, key: str) -> Path:
-        """Return the path of the file that a key names; raise InputError if no such file exists below `root`.
+        """Return the path of the file that a key names; raise InputError if `root` contains no such file.
 
-        If the file is missing at its path, a file with the same name in the configuration's folder is used.
+        If the named file is missing, a file with the same name in the configuration's folder is used.
         """
         name = self.text(key)
         if name in _PLACEHOLDERS or name == _DEFAULTS[key]:
@@ -110,9 +110,9 @@ class Configuration:
 
 
 def read_configuration(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Configuration:
-    """Return the keys of a configuration file; raise InputError for unknown keys and other lines.
+    """Return the keys and values of a configuration file; raise InputError for unknown keys and other lines.
 
-    `root`: folder that must contain the files that the configuration names, by default the folder of `path`.
+    `root`: folder that must contain the files named in the configuration, by default the folder of `path`.
     """
     name = os.fspath(path)
     values: dict[str, str] = {}
@@ -131,7 +131,7 @@ def read_configuration(path: str | os.PathLike[str], root: str | os.PathLike[str
 
 
 def _advice(key: str) -> str:
-    """Return the message about an unknown key, with the nearest known key if one is similar."""
+    """Return the error message about the unknown key `key`, with the most similar known key if there is one."""
     near = difflib.get_close_matches(key.strip().lower(), [*_DEFAULTS, *sorted(_WITHOUT_EFFECT)], 1)
     if near and near[0] == key.strip().lower():
         return f"Circuitscape does not read the key {key!r}; write it {near[0]!r}, without blanks before it"

@@ -27,7 +27,7 @@ _DECIMAL = re.compile(r"[-+]?(\d+\.\d*|\.\d+|\d+(?=[eE][-+]))([eE][-+]?\d{1,3})?
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 _DIGITS = "+-.0123456789"
 _LONGEST = 20
-"""Maximum number of digits of an integer node name in decimal form, such as ``1.000e+00``."""
+"""Largest number of digits of an integer in decimal form (``1.000e+00``) that is read as the node name ``1``."""
 _GROUND = "ground"
 _MATRIX = "%%MatrixMarket"
 _HEADINGS = {
@@ -53,7 +53,7 @@ class Network:
     to_ground: NDArray[np.float64]
 
     def netlist(self) -> Netlist:
-        """Return the network as a netlist; a node with infinite conductance to ground gets a source of 0 V."""
+        """Return the network as a netlist; infinite conductances to ground become sources of 0 V."""
         held, driven = np.flatnonzero(np.isinf(self.to_ground)), np.flatnonzero(self.amps)
         resistive = np.flatnonzero(np.isfinite(self.to_ground) & (self.to_ground > 0))
         return Netlist(
@@ -69,17 +69,17 @@ class Network:
 
 
 def _with_ground(nodes: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Return pairs of each node and ground, shape (n, 2); `nodes` (n,): node numbers."""
+    """Return the pairs (node, ground) of node numbers, shape (n, 2); `nodes` (n,): node numbers."""
     return np.stack([nodes, np.zeros_like(nodes)], axis=1).astype(np.int32)
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeTable:
-    """Content of a file with lines ``name ... name number``.
+    """Content of a file whose lines consist of one or two node names and a number.
 
-    `source`: displayed name of the file; `names`: names in each row; `values` (rows,): number in each row; `lines`:
-    line number of each row, counted from 1; `measure`: "resistance" or "conductance" if the heading states it, else
-    None.
+    `source`: name of the file for messages; `names`: node names of each row; `values` (rows,): number of each row;
+    `lines`: line number of each row, counted from 1; `measure`: "resistance" or "conductance" if the heading states it,
+    else None.
     """
 
     source: str
@@ -93,11 +93,11 @@ class EdgeTable:
         return f"{self.source}:{self.lines[row]}"
 
     def siemens(self, measure: str | None, *, shorts: bool = False, absent: bool = False) -> NDArray[np.float64]:
-        """Return the values as conductances in S, shape (rows,).
+        """Return the values as conductances in S, shape (rows,); infinite for 0 ohm.
 
-        The quantity of the values is that of the heading, else `measure`, else resistance.  Raises InputError for a
-        value below zero, or zero unless allowed: `shorts` allows 0 ohm (infinite conductance) and 0 S; `absent` allows
-        0 S.
+        `measure`: quantity of the values, "resistance" or "conductance", None for that of the heading, or resistance
+        without a heading.  `shorts`: whether values of 0 are allowed; `absent`: whether 0 S is allowed, but not 0 ohm.
+        Raises InputError for a negative value, a zero that is not allowed, and a heading that contradicts `measure`.
         """
         if measure not in (None, *MEASURES):
             raise InputError(f"measure = {measure!r} is unknown; it may be one of {', '.join(MEASURES)}")
@@ -124,7 +124,7 @@ class EdgeTable:
 
 
 def _bound(zero: bool) -> str:
-    """Return the lower bound of a value in words for an error message; `zero`: whether 0 is allowed."""
+    """Return "not be negative" if `zero` (0 is allowed), else "be positive", for an error message."""
     return "not be negative" if zero else "be positive"
 
 
@@ -142,8 +142,9 @@ def read_edges(
 
     Every line of `edges` is one resistor, so that repeated edges are in parallel.  `sources`: file of injected
     currents, in A; `grounds`: file of resistors to ground; `measure, ground_measure`: "resistance" or "conductance",
-    the quantity of the values of `edges` and `grounds` without a heading.  The values of several lines of a node are
-    summed, or with `last_counts` the last one counts.  With `absent_edges` edges of 0 S are omitted.
+    the quantity of the values in `edges` and in `grounds`, None for that of the heading (without a heading,
+    resistance); `last_counts`: whether the last value of a node in `sources` and in `grounds` is used instead of the
+    sum; `absent_edges`: whether edges of 0 S are omitted instead of rejected.
     """
     table = _read_table(edges, 2, "edge")
     number: dict[str, int] = {_GROUND: 0}
@@ -162,9 +163,9 @@ def read_edges(
 
 
 def _accumulate(sums: NDArray[np.float64], nodes: list[int], values: NDArray[np.float64], last_counts: bool) -> None:
-    """Add the values to `sums` at the given nodes in place, or with `last_counts` assign the last value of each node.
+    """Add `values` to `sums` at the given nodes in place, or with `last_counts` assign the last value of each node.
 
-    `sums` (nodes,): result; `nodes` (rows,), `values` (rows,): node and value of each row.
+    `sums` (nodes,): one number per node; `nodes` (rows,), `values` (rows,): node number and value of each row.
     """
     if last_counts:
         sums[nodes] = values
@@ -173,7 +174,10 @@ def _accumulate(sums: NDArray[np.float64], nodes: list[int], values: NDArray[np.
 
 
 def edges_text(netlist: Netlist) -> str:
-    """Return the resistors of a netlist as the text of an edge list, one line ``node node ohms`` each."""
+    """Return the resistors of a netlist as the text of an edge list, one line ``node node ohms`` each.
+
+    Raises InputError for a node name that an edge list cannot hold.
+    """
     names = netlist.names_of(range(netlist.node_count))
     for node in np.unique(netlist.resistor_nodes).tolist():
         if node != GROUND and not _is_writable(names[node]):
@@ -186,14 +190,14 @@ def edges_text(netlist: Netlist) -> str:
 
 
 def _is_writable(name: str) -> bool:
-    """Return whether a node's name remains the same after writing and reading an edge list."""
+    """Return whether a node's name is the same after it is written to an edge list and read again."""
     return name.lower() != _GROUND and _words(name) == [name] and _node_name(name) == name
 
 
 def is_edge_list(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file begins like an edge list: two nodes and a number, possibly below a heading.
+    """Return whether a file begins like an edge list: a line with two nodes and a number, possibly below a heading.
 
-    `path`: the file, of which 4096 bytes are read; an unreadable file is not an edge list.
+    `path`: the file, of which the first 4096 bytes are read; the result for an unreadable file is False.
     """
     try:
         with Path(path).open("rb") as file:
@@ -212,10 +216,10 @@ def _is_edge(words: list[str]) -> bool:
 
 
 def _read_table(path: str | os.PathLike[str], columns: int, entry: str) -> EdgeTable:
-    """Return the table of a file whose lines hold `columns` names and one number.
+    """Return the table of a file whose lines hold `columns` node names and one number.
 
-    Blanks, commas and semicolons separate; ``#`` and ``%`` begin comments.  `entry`: the word for a line in messages,
-    such as "edge".
+    Blanks, commas and semicolons separate words; ``#`` and ``%`` begin comments.  `entry`: the word for a line in
+    messages, such as "edge".  Raises InputError for any other line except one heading.
     """
     source = os.fspath(path)
     names: list[tuple[str, ...]] = []
@@ -247,15 +251,18 @@ def _read_table(path: str | os.PathLike[str], columns: int, entry: str) -> EdgeT
 
 
 def _measure_of(heading: str | None) -> str | None:
-    """Return the quantity that a heading states, "resistance" or "conductance"; None if it states neither."""
+    """Return the quantity that the last word of a heading states: "resistance", "conductance", or None.
+
+    `heading`: the word; None without a heading.
+    """
     word = (heading or "").lower()
     return next((measure for measure, form in _HEADINGS.items() if form.fullmatch(word)), None)
 
 
 def _node_name(word: str) -> str:
-    """Return the name of a node.
+    """Return the node name that a word of an edge list means.
 
-    An integer in decimal form (``1.000e+00``) becomes ``1``, other words stay unchanged.
+    An integer in decimal form, such as ``1.000e+00``, means ``1``; every other word is the name itself.
     """
     if not _DECIMAL.fullmatch(word):
         return word
@@ -266,15 +273,15 @@ def _node_name(word: str) -> str:
 
 
 def _words(line: str) -> list[str]:
-    """Return the words of a line without its comment and without double quotes."""
+    """Return the words of a line, which blanks, commas and semicolons separate, without comment and double quotes."""
     words = _COMMENT.sub("", line).replace(",", " ").replace(";", " ").split()
     return [word[1:-1] if len(word) > 2 and word[0] == word[-1] == '"' else word for word in words]
 
 
 def _numbers(table: EdgeTable, number: dict[str, int]) -> list[int]:
-    """Return the node number of every row's first name; raise InputError for a node without an edge.
+    """Return the node number of the first name in every row, n integers; raise InputError for a node without an edge.
 
-    `number`: node number by name.
+    `number`: node number by name, of all nodes with an edge.
     """
     nodes = [number.get(names[0], -1) for names in table.names]
     if -1 in nodes:

@@ -27,7 +27,7 @@ _ARRAYS = tuple(name for names in ARRAYS.values() for name in names)
 def graphml(netlist: Netlist) -> bytes:
     """Return the content of a GraphML file of a netlist.
 
-    The two nodes of an element are one string, because GraphML has no lists.
+    The attribute ``nodes`` of an edge is one string with the numbers of both nodes, because GraphML has no lists.
     """
     import networkx as nx
 
@@ -47,7 +47,7 @@ def node_link(netlist: Netlist) -> dict[str, Any]:
 
 
 def netlist_arrays(netlist: Netlist) -> dict[str, Any]:
-    """Return the contents of an NPZ file of a netlist: arrays of elements and of names, by key."""
+    """Return the contents of an NPZ file of a netlist: arrays of elements, node names and element names, by key."""
     arrays = {name: getattr(netlist, name) for name in _ARRAYS if getattr(netlist, name) is not None}
     arrays["node_names"] = np.array(netlist.names_of(np.arange(netlist.node_count)), dtype=np.str_)
     names = (netlist.element_names or {}).items()
@@ -95,7 +95,8 @@ def _read_json(path: Path) -> Netlist:
 def _netlist_of(graph: nx.Graph[Any]) -> Netlist:
     """Return the netlist of a graph.
 
-    Ground is the node 0, or else the node whose attribute ``name`` is 0, or else an added node.
+    Ground is the graph's node ``0``; without one, the node whose attribute ``name`` is ``0``; without both, an added
+    node.
     """
     by_node = (node for node in graph if str(node) == "0")
     by_name = (node for node, data in graph.nodes(data=True) if str(data.get("name")) == "0")
@@ -103,7 +104,7 @@ def _netlist_of(graph: nx.Graph[Any]) -> Netlist:
 
 
 def _read_arrays(path: Path) -> Netlist:
-    """Return the netlist of an NPZ file with the arrays of `netlist_arrays`."""
+    """Return the netlist of an NPZ file with the arrays of `netlist_arrays`; raise InputError if one is missing."""
     with np.load(path, allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
     if "resistor_nodes" not in arrays or "node_names" not in arrays:

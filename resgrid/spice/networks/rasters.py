@@ -13,7 +13,7 @@ from resgrid.errors import InputError
 from resgrid.spice.read.files import deck_bytes, decode, normalise
 
 NODATA = -9999.0
-"""Value of an empty cell, even if the header of a raster states another value (as in Circuitscape)."""
+"""Value that marks an empty cell in addition to the value in the raster's header (as in Circuitscape)."""
 
 _ORIGIN = ("xllcorner", "yllcorner", "xllcenter", "yllcenter")
 _KEYS = frozenset(("ncols", "nrows", *_ORIGIN, "cellsize", "dx", "dy", "nodata_value", "nodata"))
@@ -29,9 +29,9 @@ _LIST = re.compile(r"\s*([-+.\deE]+[ \t,]+){2}[-+.\deE]+[ \t]*\n")
 
 
 def read_raster(path: Path) -> NDArray[np.float64]:
-    """Return the cells of an ESRI ASCII grid: shape (rows, columns), top row first, NaN where a cell is empty.
+    """Return the cells of an ESRI ASCII grid: shape (rows, columns), top row first, NaN for an empty cell.
 
-    `path`: the file.  Raises InputError for another format and for a damaged file.
+    Raises InputError for another format and for a damaged file.
     """
     data = deck_bytes(path, str(path))
     other = next((kind for mark, kind in _OTHERS.items() if data.startswith(mark)), None)
@@ -60,9 +60,10 @@ def read_raster(path: Path) -> NDArray[np.float64]:
 
 
 def _without_empty(cells: NDArray[np.float64], header: dict[str, float], path: Path) -> NDArray[np.float64]:
-    """Return the cells with NaN for empty ones, shape (cells,); raise InputError for a wrong number of cells.
+    """Return `cells` with NaN for empty cells, shape (cells,); raise InputError for a wrong number of cells.
 
-    `cells` (cells,): values row by row, changed in place; `header`: values of the header by key; `path`: for messages.
+    `cells` (cells,): values row by row, changed in place; `header`: numbers of the header by key in lower case; `path`:
+    the file, for messages.
     """
     rows, columns = header["nrows"], header["ncols"]
     if len(cells) != rows * columns:

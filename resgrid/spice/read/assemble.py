@@ -75,10 +75,11 @@ def assemble_deck(collector: Collector, source: SourceFile, limit: int | None) -
 
 
 def _resolve_title(contents: Contents, scope: Scope, elements: Elements, expander: Expander) -> None:
-    """Add the first line as an element, or set it as the title.
+    """Add the first line of the deck as an element to `elements`, or set it as the title of the deck.
 
-    The first line is an element if it can be read as one and shares a node other than ground with the rest of the
-    deck.  `elements`: elements of the rest; `expander`: expansion of the deck.
+    The first line is an element if it can be read as one and shares a node other than ground with the other elements.
+    `contents`: content of the deck; `scope`: parameter values of the deck; `elements`: all elements of the other lines;
+    `expander`: expansion of the deck.
     """
     first, diagnostics = contents.first, contents.diagnostics
     if first is None:
@@ -109,9 +110,10 @@ def _resolve_title(contents: Contents, scope: Scope, elements: Elements, expande
 def _with_switches(
     parts: dict[str, ElementArrays], node_count: int, files: tuple[str, ...], diagnostics: Diagnostics
 ) -> ElementArrays:
-    """Return the resistors together with the switches, each switch as the resistance of its state.
+    """Return the resistors and the switches as one array of resistors; a switch has its on or its off resistance.
 
-    `parts`: elements by kind; `files`: displayed names of the files, for messages.  An undecided switch is an error.
+    `parts`: elements by kind; `node_count`: number of nodes; `files`: names of the files, for messages; `diagnostics`:
+    receives an error for every switch whose state is not determined.
     """
     switches, resistors = parts["switch"], parts["resistor"]
     if not len(switches):
@@ -144,10 +146,10 @@ def _with_switches(
 
 
 def _held_voltages(parts: dict[str, ElementArrays], node_count: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the voltage of every node relative to the root of its tree of voltage sources and shorts, and the root.
+    """Return the voltage of every node relative to a root node, in volts, and the number of that root; shapes (nodes,).
 
-    `parts`: elements by kind.  Both results have the shape (nodes,); the voltages are NaN if the sources contradict
-    each other.
+    Voltage sources and resistors of 0 ohm connect nodes to trees, and each tree has one root.  `parts`: elements by
+    kind; `node_count`: number of nodes.  If the sources contradict each other, all voltages are NaN.
     """
     from resgrid.circuit.sources import tie_sources
 
@@ -166,9 +168,10 @@ def _held_voltages(parts: dict[str, ElementArrays], node_count: int) -> tuple[ND
 def _note_zero_ohms_and_grounds(
     parts: dict[str, ElementArrays], nodes: NodeTable, files: tuple[str, ...], contents: Contents
 ) -> None:
-    """Add notes about resistors of 0 ohm and about names of ground.
+    """Add warnings about resistors of 0 ohm, and notes about node names that are, or look like, names of ground.
 
-    `parts`: elements by kind; `files`: displayed names.
+    `parts`: elements by kind; `nodes`: table of the nodes; `files`: names of the files, for messages; `contents`:
+    content of the deck, which receives the notes.
     """
     resistor, diagnostics, top = parts["resistor"], contents.diagnostics, Spot(files[0], 1)
     zero = np.flatnonzero(resistor.values[:, 0] == 0)
@@ -187,10 +190,10 @@ def _note_zero_ohms_and_grounds(
 
 
 def _by_first_use(nodes: list[NDArray[np.int64]], names: list[str]) -> tuple[NDArray[np.int32], tuple[str, ...]]:
-    """Return the new number of every node in the order of first use, -1 if unused, and the names in the new order.
+    """Return the new number of every node in the order of first use, -1 if unused, and the node names in the new order.
 
-    `nodes`: node numbers of the elements, arrays (elements, nodes per element); node 0 (ground) stays first; `names`:
-    names by old number.
+    `nodes`: old node numbers of the elements, one array (elements, nodes per element) per kind; node 0 (ground) stays
+    first; `names`: names by old number.  The new numbers have the shape (old nodes,).
     """
     used = np.concatenate([np.zeros(1, dtype=np.int64), *(ends.ravel() for ends in nodes)])
     first = np.full(len(names), -1, dtype=np.int64)

@@ -33,7 +33,7 @@ def assignments(card: Card, tokens: list[Token], *, blanks: bool = False) -> lis
 
 
 def depths(tokens: list[Token]) -> list[int]:
-    """Return the nesting depth of parentheses before each token, 0 outside all parentheses."""
+    """Return the nesting depth of parentheses before each token, one integer per token, 0 outside all parentheses."""
     depth, before = 0, []
     for token in tokens:
         before.append(depth)
@@ -42,9 +42,9 @@ def depths(tokens: list[Token]) -> list[int]:
 
 
 def misplaced_comma(card: Card, pairs: list[Setting]) -> int | None:
-    """Return the offset of a comma directly after a value and before the next name; None without such a comma.
+    """Return the offset in the text of `card` of a comma between a value and the next name; None without such a comma.
 
-    `pairs`: the assignments of `card`.
+    `pairs`: the definitions ``name=value`` of `card`.
     """
     for pair, after in pairwise(pairs):
         value = pair.values[-1]
@@ -68,9 +68,10 @@ def _begins_definition(tokens: list[Token], i: int) -> bool:
 
 
 def _value(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> Token | None:
-    """Return the value that the tokens `parts` form, as one token; None if they are not a value.
+    """Return the tokens of a value as one token; None if they do not form a value.
 
-    `blanks`: whether an expression may contain blanks; `alone`: whether the card has only this definition.
+    `card`: the card that contains the tokens; `parts`: the tokens after ``name=``; `blanks`: whether an expression may
+    contain blanks; `alone`: whether the card has only this definition.
     """
     if len(parts) == 3 and parts[0].is_mark("(") and parts[2].is_mark(")"):
         parts = parts[1:2]
@@ -103,9 +104,10 @@ def _unquoted(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> T
 
 
 def _first_gap(card: Card, parts: list[Token], *, inside: bool) -> int | None:
-    """Return the offset of the first token after a gap between the tokens `parts`; None without a gap.
+    """Return the offset in the text of `card` of the first token after a gap; None without a gap.
 
-    A gap is a separator outside parentheses, and with `inside` also a blank within parentheses.
+    A gap is a separator outside parentheses, and with `inside` also a blank within parentheses.  `parts`: the tokens of
+    a value.
     """
     for depth, token, after in zip(depths(parts)[1:], parts, parts[1:], strict=False):
         gap = card.text[token.offset + len(token.text) : after.offset]

@@ -1,7 +1,7 @@
 """Lexer of decks: lines to cards, cards to tokens.
 
-Comments are removed and continuation lines joined; line and column of every character are kept.  Tokens are words,
-marks, expressions and strings.
+A card is one statement.  Comments are removed and continuation lines joined; line and column of every character are
+kept.  Tokens are words, marks, expressions and strings.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
 from resgrid.spice.read.files import SourceFile
 
 Line = tuple[int, str]
-"""Line number, counted from 1, and text of a line."""
+"""Line number in the file, counted from 1, and text of a line."""
 
 _LANGUAGE = re.compile(r"\s*simulator\s+lang\s*=\s*(\w+)\s*")
 
 
 @dataclass(frozen=True, eq=False)
 class Card:
-    """A card (statement): a line and its continuation lines.
+    """A card, which is one statement of a deck: a line and its continuation lines.
 
-    `text`: the lines joined by blanks, without comments; `file`: index of the file; `name`: displayed name of the file;
-    `rules`: the dialect's rules; `joins`: for each line the offset in `text`, the line number, and the column of the
-    first character, counted from 1.
+    `text`: the lines joined by blanks, without comments; `file`: index of the file among the files of the deck; `name`:
+    name of the file for messages; `rules`: reading rules of the dialect; `joins`: for each line the offset of its first
+    character in `text`, and the line number and column of this character in the file, counted from 1.
     """
 
     text: str
@@ -49,7 +49,7 @@ class Card:
         return self.text.split(maxsplit=1)[0].lower()
 
     def spot(self, offset: int | None = None) -> Spot:
-        """Return the position of the character at `offset` in `text`, or of the whole card if `offset` is None."""
+        """Return the position in the file of the character at `offset` in `text`; None means the whole card."""
         if offset is None:
             return Spot(self.name, self.line)
         start, line, column = next(join for join in reversed(self.joins) if join[0] <= max(offset, 0))
@@ -61,9 +61,10 @@ class Card:
 
 
 def cards(lines: Iterable[Line], source: SourceFile, rules: ReadingRules, diagnostics: Diagnostics) -> Iterator[Card]:
-    """Yield the cards of some lines; skip blank lines, comments and statements that change the language.
+    """Yield the cards (statements) that some lines form; skip blank lines, comments and changes of Spectre's language.
 
-    `lines`: number and text of each line; `source`: the file that contains the lines.
+    `lines`: number and text of each line; `source`: the file that contains the lines; `rules`: reading rules of the
+    dialect; `diagnostics`: receives errors.
     """
     pieces: list[tuple[int, int, str]] = []
     language, glued = rules, False
@@ -113,9 +114,9 @@ _MICRO = "\N{MICRO SIGN}"
 
 
 def _check_letters(text: str, spot: Spot, source: SourceFile, rules: ReadingRules, diagnostics: Diagnostics) -> None:
-    """Add an error about non-ASCII blanks, and warnings about bytes that may stop the dialect's simulator.
+    """Add an error for a non-ASCII blank in a line, and warnings for bytes that may stop the dialect's simulator.
 
-    `text`: a line; `spot`: position of the line.
+    `text`: the line; `spot`: its position; `source`: the file; `diagnostics`: receives the error and the warnings.
     """
     blank = _WIDE_BLANK.search(text)
     if blank is not None:
@@ -132,7 +133,11 @@ def _check_letters(text: str, spot: Spot, source: SourceFile, rules: ReadingRule
 
 
 def _joined(pieces: list[tuple[int, int, str]], source: SourceFile, rules: ReadingRules) -> Card:
-    """Return the card that consists of `pieces`; each piece is a line number, a column (counted from 1) and a text."""
+    """Return the card that consists of a line and its continuation lines.
+
+    `pieces`: for each line its number, the column of its first character (both counted from 1) and its text without
+    comment; `source`: the file; `rules`: reading rules of the dialect.
+    """
     joins: list[tuple[int, int, int]] = []
     offset = 0
     for line, column, text in pieces:
@@ -170,8 +175,8 @@ _TOKEN = re.compile(
 class Token(NamedTuple):
     """A token of a card.
 
-    `kind`: "word", "mark", "expression" or "string"; `text`: its characters without quotes or braces; `offset`:
-    position in the text of the card.
+    `kind`: "word", "mark" (``=``, ``(`` or ``)``), "expression" (in braces or single quotes) or "string" (in double
+    quotes); `text`: its characters without quotes or braces; `offset`: position in the text of the card.
     """
 
     kind: str
@@ -184,10 +189,7 @@ class Token(NamedTuple):
 
 
 def tokenise(card: Card) -> list[Token]:
-    """Return the tokens of a card, which blanks and commas separate.
-
-    Raise CardError for an unbalanced quote or brace.
-    """
+    """Return the tokens of a card, separated by blanks or commas; raise CardError for an unbalanced quote or brace."""
     tokens = _split(card.text)
     for token in tokens:
         if token.kind == "wrong":
@@ -197,7 +199,7 @@ def tokenise(card: Card) -> list[Token]:
 
 @lru_cache(maxsize=8192)
 def _split(text: str) -> tuple[Token, ...]:
-    """Return the tokens of a card's text; an unbalanced quote or brace is a token of kind "wrong"."""
+    """Return the tokens of a card's text; a quote or brace without its partner becomes a token of kind "wrong"."""
     found = ((match.lastgroup or "", match) for match in _TOKEN.finditer(text))
     return tuple(
         [Token("expression" if kind == "quoted" else kind, match[kind], match.start(kind)) for kind, match in found]
@@ -211,7 +213,7 @@ def refuse_quotes(card: Card, token: Token) -> None:
 
 
 def without_parentheses(tokens: Iterable[Token]) -> list[Token]:
-    """Return the tokens that are not parentheses."""
+    """Return the given tokens without parentheses, in the same order."""
     return [token for token in tokens if not token.is_mark("()")]
 
 
@@ -228,9 +230,9 @@ class Setting(NamedTuple):
 
 
 def settings(card: Card, tokens: list[Token], several: frozenset[str] = frozenset()) -> list[Setting]:
-    """Return the ``key=value`` pairs in `tokens`, without the parentheses around them.
+    """Return the ``key=value`` pairs that `tokens`, a part of the tokens of `card`, consist of; ignore parentheses.
 
-    `several`: keys that may have several values.
+    `several`: keys that may have several values.  Raises CardError for tokens of another form.
     """
     if card.rules.instances:
         return _unquoted_settings(card, tokens)
@@ -258,7 +260,10 @@ _KEY = re.compile(r"([^\W\d]\w*)\s*=(?!=)\s*")
 
 
 def _unquoted_settings(card: Card, tokens: list[Token]) -> list[Setting]:
-    """Return the ``key=value`` pairs of a Spectre card, where an unquoted expression ends at the next key."""
+    """Return the ``key=value`` pairs of a Spectre card; a value without quotes ends where the next key begins.
+
+    `tokens`: the tokens of the card from the first key on.
+    """
     if not tokens:
         return []
     begin = tokens[0].offset
@@ -281,15 +286,15 @@ def _begins_pair(tokens: list[Token], i: int) -> bool:
 
 
 def split_positional(tokens: list[Token]) -> tuple[list[Token], list[Token]]:
-    """Return the tokens before the first ``key=``, and the tokens from there on."""
+    """Return two lists of tokens: those before the first ``key=``, and all others, from that key on."""
     first = next((i for i in range(len(tokens)) if tokens[i].kind == "word" and _begins_pair(tokens, i)), len(tokens))
     return tokens[:first], tokens[first:]
 
 
 def split_call(tokens: list[Token]) -> tuple[list[Token], list[Token]]:
-    """Return the positional tokens and the ``key=value`` tokens of ``.subckt`` or of an instance.
+    """Return two lists of tokens of a ``.subckt`` line or an instance: the positional ones and the ``key=value`` ones.
 
-    Parentheses and the word ``params:`` are left out.
+    Parentheses and the word ``params:`` are left out.  `tokens`: tokens of the card, without the word ``.subckt``.
     """
     positional, tail = split_positional(tokens)
     positional = without_parentheses(positional)
@@ -300,9 +305,10 @@ def split_call(tokens: list[Token]) -> tuple[list[Token], list[Token]]:
 
 
 def joined_names(card: Card, tokens: list[Token], count: int) -> list[Token]:
-    """Return tokens with names such as ``Net-(R1-Pad2)`` joined: a word and the parentheses directly after it.
+    """Return the tokens of `card`, where names with parentheses such as ``Net-(R1-Pad2)`` are single tokens.
 
-    `count`: number of tokens at the beginning to which this applies.  Only some dialects have such names.
+    Only some dialects have such names; for the others the tokens are unchanged.  `count`: number of leading tokens of
+    the result that may be such names.
     """
     if not card.rules.words.joins_brackets or "(" not in card.text:
         return tokens
@@ -322,7 +328,7 @@ def joined_names(card: Card, tokens: list[Token], count: int) -> list[Token]:
 
 
 def _is_tight(tokens: list[Token]) -> bool:
-    """Return whether four tokens are a word and, without a gap, a word in parentheses, such as ``net(1)``."""
+    """Return whether four tokens are a word and, without gaps, a word in parentheses, such as ``net(1)``."""
     kinds = [token.text if token.kind == "mark" else token.kind for token in tokens]
     adjoin = all(after.offset == token.offset + len(token.text) for token, after in pairwise(tokens))
     return kinds[1:] == ["(", "word", ")"] and adjoin

@@ -16,24 +16,24 @@ from resgrid.spice.read.files import Library, SourceFile, decode
 from resgrid.spice.read.plain_cards import PlainCards, plain_lines
 
 MAX_INCLUDES = 20
-"""Maximum nesting depth of include files."""
+"""Maximum nesting depth of include files; deeper nesting is an error of the deck."""
 
 MAX_INCLUSIONS = 2000
-"""Maximum number of inclusions in one deck, over all files."""
+"""Maximum number of inclusions of files in one deck, repeated ones included; more raise BudgetError."""
 
 _ANALYSES = frozenset(
     ".op .dc .ac .tran .noise .disto .sens .tf .pz .four .fft .hb .sp .sampling".split()  # noqa: SIM905
 )
 _OUTPUTS = frozenset(".save .print .plot .probe .meas .measure .width .graph .wave .backanno".split())  # noqa: SIM905
 _HARMLESS = _ANALYSES | _OUTPUTS | {".end", ".control"}
-"""Commands after ``.end`` that do not change the circuit."""
+"""Commands that may follow ``.end`` without a warning, because they do not change the circuit."""
 _HINTS = frozenset(
     ".nodeset .ic .protect .unprotect .prot .unprot .csparam .machine .savebias .loadbias".split()  # noqa: SIM905
 )
 _SWEEPS = frozenset((".step", ".data", ".enddata", ".mc", ".wcase", ".variation", ".sampling"))
 _CONDITIONS = frozenset((".if", ".elseif", ".else", ".endif"))
 _BLOCKS = {".control": ".endc", ".data": ".enddata"}
-"""Commands that begin a block of skipped lines, and the commands that end such a block."""
+"""Last command of a group of lines that is skipped, by the first command of the group."""
 _CHANGING = frozenset(
     "alter altermod alterparam mc_source reset source remcirc codemodel setseed".split()  # noqa: SIM905
 )
@@ -43,7 +43,7 @@ _INCLUSIONS = frozenset((".lib", ".inc", ".include", ".incl"))
 _STATEMENTS = frozenset((*COMMANDS, *_ANALYSES, *_OUTPUTS, *_INCLUSIONS, *_HINTS, ".control", ".end"))
 
 _LOOKED_AT = 200
-"""Number of bytes after the first line that are searched for a continuation line."""
+"""Number of bytes after the first line that are searched for a ``+``, which continues the first line."""
 
 _ELEMENT_LETTERS = frozenset("rvilcsxRVILCSX")
 
@@ -52,8 +52,8 @@ _ELEMENT_LETTERS = frozenset("rvilcsxRVILCSX")
 class Collector:
     """The reader of a deck's files.
 
-    `library`: opens the include files; `contents`: receives the cards; `quick`: whether plain cards (``name node node
-    value``) outside subcircuits are read in bulk; `plain`: the plain cards of each file.
+    `library`: opens the include files; `contents`: receives the cards; `quick`: whether lines of the form ``name node
+    node value`` (plain cards) outside subcircuits are read in bulk; `plain`: these lines of each file.
     """
 
     library: Library
@@ -109,7 +109,8 @@ class Collector:
     def _role(self, line: str, continued: bool) -> str:
         """Return the role of the first line: "title", "command", "element" or "language" (a Spectre statement).
 
-        The role "element" is only a possibility.  `continued`: whether the next line continues the first one.
+        An "element" is a line that looks like one and may still be the title.  `line`: the first line; `continued`:
+        whether the second line continues it.
         """
         words = line.split()
         if not words or words[0][0] == "*":
@@ -125,7 +126,7 @@ class Collector:
         return "element" if words[0][0] in _ELEMENT_LETTERS and (len(words) > 3 or continued) else "title"
 
     def _with_first_command(self, stream: Iterator[Card]) -> Iterator[Card]:
-        """Yield all cards of `stream`; add a warning if the first one is a command other than ``.title``."""
+        """Yield all cards of `stream`; add a warning if the first one is a command, except ``.title``."""
         for first in islice(stream, 1):
             if first.first_word != ".title":
                 text = "the first line is a command, not a title: it is applied; SPICE would ignore it"
@@ -134,13 +135,14 @@ class Collector:
         yield from stream
 
     def _cards(self, lines: Iterable[tuple[int, str]], source: SourceFile) -> Iterator[Card]:
-        """Yield the cards of some lines of a file; `lines`: number and text of each line."""
+        """Yield the cards (statements) that some lines of a file form; `lines`: number and text of each line."""
         return cards(lines, source, self.contents.rules, self.contents.diagnostics)
 
     def _lines(self, source: SourceFile, start: int) -> Iterator[tuple[int, str]]:
-        """Return the number and text of every line of a file from the byte offset `start` on.
+        """Return the numbers and texts of the lines of a file from the byte offset `start` on.
 
-        If plain cards are read in bulk, the result does not contain their lines, and the cards are added to `plain`.
+        Lines of the form ``name node node value`` (plain cards) are omitted if they are read in bulk; their elements
+        are then added to `plain`.
         """
         words = self.contents.rules.words
         misread = words.misread.get("node", frozenset()) | words.common_nodes
@@ -151,9 +153,9 @@ class Collector:
         return self.plain[-1].other_lines(lambda: len(self.contents.open) == 1 and not self._skipping)
 
     def _take(self, stream: Iterable[Card], source: SourceFile) -> None:
-        """Add the elements of a stream of cards to the innermost open block, and apply the commands.
+        """Collect the cards of a file: add elements to the innermost open deck or subcircuit, and apply commands.
 
-        `source`: the file that contains the cards.
+        `stream`: the cards; `source`: the file that contains them.
         """
         contents = self.contents
         depth = len(contents.open)
@@ -186,9 +188,9 @@ class Collector:
         del contents.open[depth:]
 
     def _note_text_after(self, end: Card) -> None:
-        """Add one warning that cards after ``.end`` are read, because the dialect's simulator reads them.
+        """Add a warning that cards after ``.end`` are read, as by the dialect's simulator; only once per ``.end``.
 
-        `end`: the card.
+        `end`: the card ``.end``.
         """
         if end.spot() not in self._noted:
             text = f"cards after .end are read, as in {end.rules.name}; other simulators stop here"
@@ -196,10 +198,11 @@ class Collector:
         self._noted.add(end.spot())
 
     def _command(self, card: Card, word: str, source: SourceFile, stream: Iterable[Card]) -> str:
-        """Apply a command; return "stop" or "end" if the file ends at the command, otherwise an empty string.
+        """Apply a command; return "stop" or "end" if the deck ends at the command, otherwise an empty string.
 
-        With "stop" no further card is read; with "end" (dialects that read on after ``.end``) a warning may follow.
-        `word`: the command in lower case; `stream`: the cards after it.
+        After "stop" no further card is read; after "end" (in dialects that read on after ``.end``) the next element
+        causes a warning.  `card`: the card of the command; `word`: the command in lower case; `source`: the file that
+        contains the card; `stream`: the cards after it.
         """
         rules, diagnostics = self.contents.rules, self.contents.diagnostics
         if word == ".end":
@@ -228,9 +231,9 @@ class Collector:
         return ""
 
     def _note(self, card: Card, word: str) -> None:
-        """Add a note about a command that leaves the operating point unchanged; raise CardError for any other command.
+        """Add a note that a command is ignored; raise CardError for one that changes the operating point or is unknown.
 
-        `word`: the command in lower case.
+        `card`: the card of the command; `word`: the command in lower case.
         """
         diagnostics, shown = self.contents.diagnostics, spectre.command_of(card, word)
         if word == ".control":
@@ -312,9 +315,10 @@ class Collector:
             self._including.pop()
 
     def _section(self, source: SourceFile, section: str, asked: Spot) -> Iterator[Card]:
-        """Yield the cards between ``.lib section`` and ``.endl``; in Spectre, ``section`` and ``endsection``.
+        """Yield the cards of a library section: those between ``.lib section`` and ``.endl`` (Spectre: ``endsection``).
 
-        `section`: name in lower case; `asked`: position of the request, for the error about a missing section.
+        `source`: the library file; `section`: name in lower case; `asked`: position of the request, for the error about
+        a missing section.
         """
         begin, end = ("section", "endsection") if self.contents.rules.instances else (".lib", ".endl")
         inside = exists = False
@@ -337,9 +341,9 @@ def _opened(card: Card) -> int:
 
 
 def _file_and_section(card: Card, word: str) -> tuple[list[Token], str | None, int]:
-    """Return the file name of an inclusion as tokens, the section's name or None, and the offset of the section's name.
+    """Return an inclusion's file name as tokens, the section's name or None, and the offset of that name in the card.
 
-    `word`: the command in lower case.
+    `word`: the command in lower case.  The offset is 0 without a section.
     """
     if card.rules.instances:
         words, tail = split_positional(tokenise(card)[1:])

@@ -24,11 +24,11 @@ _PLAIN_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 class Contents:
     """The content of a deck, sorted by kind of statement.
 
-    `rules`: reading rules of the dialect; `diagnostics`: collected errors, warnings and notes; `top`: the block outside
-    all subcircuits; `open`: the nested blocks at the present line, `top` first; `title`: title of the deck, None if it
-    has no title; `first`: card of a first line that may be an element, otherwise None; `global_nodes`: names of the
-    global nodes, in lower case; `grounds`: names of ground; `options`: values of the options by name in lower case,
-    ``""`` for a flag.
+    `rules`: reading rules of the dialect; `diagnostics`: collected errors, warnings and notes; `top`: the block of the
+    deck itself (a block is the deck or a subcircuit); `open`: the blocks that contain the line being read, `top` first;
+    `title`: title of the deck, None if it has no title; `first`: card of a first line that may be an element, otherwise
+    None; `global_nodes`: names of the global nodes, in lower case; `grounds`: names of ground; `options`: values of the
+    options by name in lower case, ``""`` for a flag.
     """
 
     rules: ReadingRules
@@ -52,7 +52,7 @@ class Contents:
 
     @property
     def block(self) -> Block:
-        """The innermost open block: the subcircuit that contains the present line, or the deck."""
+        """The innermost open block: the subcircuit whose lines are being read, or the deck."""
         return self.open[-1]
 
     def temperature(self, key: str, scope: Scope) -> float | None:
@@ -67,9 +67,9 @@ class Contents:
             return None
 
     def _stated(self, key: str, scope: Scope) -> float | None:
-        """Return the deck's temperature in degrees Celsius, None if the deck states none.
+        """Return a temperature that the deck states, in degrees Celsius; None if the deck does not state it.
 
-        `key`: ``temp`` or ``tnom``.
+        `key`: ``temp`` for the simulation temperature, ``tnom`` for the nominal one; `scope`: the scope of the deck.
         """
         stated = self._temperatures.get(f".{key}") or self._temperatures.get(key)
         return None if stated is None else scope.number(*stated)
@@ -91,12 +91,12 @@ class Contents:
         return BuiltIns(self.rules, dialect.label, temperature, nominal, self._swept, self._redefined)
 
     def note_swept(self, card: Card) -> None:
-        """Record the names in a command that sweeps parameters; `card`: the card of the command, such as ``.step``."""
+        """Record the names of the parameters that a command sweeps; `card`: the command, such as ``.step``."""
         command, *words = card.text.lower().split()
         self._swept.update({word: (command, card.spot()) for word in words if word.isidentifier()})
 
     def _spell(self, card: Card, name: str, offset: int) -> None:
-        """Raise CardError if an earlier name differs from `name` only by case and the dialect is case-sensitive.
+        """Raise CardError in a case-sensitive dialect if an earlier name of the deck differs from `name` only by case.
 
         `offset`: position of `name` in the text of `card`.
         """
@@ -136,7 +136,7 @@ class Contents:
     def note_comma(self, card: Card, pairs: list[Setting]) -> None:
         """Add a warning if a comma directly after a value makes the dialect's simulator hang.
 
-        `pairs`: the assignments ``key=value`` of `card`.
+        `pairs`: the definitions ``key=value`` of `card`.
         """
         place = misplaced_comma(card, pairs) if card.rules.refusals.commas else None
         if place is not None:
@@ -157,9 +157,9 @@ class Contents:
             raise card.error(offset, f"{name!r} is a reserved name of {label}: rename the parameter")
 
     def refuse_misread(self, card: Card, kind: str, names: list[Token]) -> None:
-        """Raise CardError if the dialect's simulator misreads a name.
+        """Raise CardError if the dialect's simulator misreads one of some names.
 
-        `kind`: "node", "model" or "subcircuit"; `names`: tokens.
+        `kind`: use of the names, "node", "model" or "subcircuit"; `names`: tokens of the names in `card`.
         """
         misread = card.rules.words.misread.get(kind, frozenset())
         for token in names:
@@ -225,9 +225,9 @@ class Contents:
         self.block.functions[name] = Definition(card, expression, arguments)
 
     def _body(self, card: Card, body: list[Token]) -> Token:
-        """Return the token of a function's expression; raise CardError if it lacks quotes that the dialect needs.
+        """Return the expression of a function's definition as one token; raise CardError if it lacks necessary quotes.
 
-        `body`: the tokens after the argument list.
+        `card`: the definition; `body`: its tokens after the argument list.
         """
         if len(body) == 1 and body[0].kind != "mark":
             refuse_quotes(card, body[0])
@@ -277,7 +277,7 @@ class Contents:
         raise card.error(0, ".connect is not supported; connect the two nodes by a source of 0 V")
 
     def _options(self, card: Card) -> None:
-        """Record the options of an ``.option`` card, and apply its ``temp`` and ``tnom``."""
+        """Record the options of an ``.option`` card; set the temperatures from its keys ``temp`` and ``tnom``."""
         tokens = tokenise(card)[1 + card.rules.instances :]
         seen: set[str] = set()
         i = 0
@@ -291,9 +291,10 @@ class Contents:
         self.diagnostics.inform(card.spot(), "options are recorded, but only temp and tnom are applied")
 
     def _set_option(self, key: str, card: Card, token: Token, value: Token | None) -> None:
-        """Record one option.
+        """Record one option of an ``.option`` card.
 
-        `key`: its name; `token`: the token of its name; `value`: token of its value, None for a flag.
+        `key`: name of the option in lower case; `token`: token of the name; `value`: token of the value, None for a
+        flag.
         """
         option = word_for(card.rules, ".option")
         if key in self.rules.refused_options:
@@ -320,9 +321,10 @@ class Contents:
         self._set_temperature(".temp" if self.rules.temp_command_first else "temp", card, tokens[0])
 
     def _set_temperature(self, key: str, card: Card, token: Token) -> None:
-        """Record the token of a temperature, which is evaluated after all parameters are known.
+        """Record the token of a temperature, which is evaluated later, when all parameters are known.
 
-        `key`: ``temp``, ``tnom``, or ``.temp`` for a command that precedes the options.
+        `key`: ``temp`` or ``tnom`` of an option, or ``.temp`` for the command in a dialect where it overrides the
+        option.
         """
         unit = _WITH_UNIT.match(token.text) if token.kind == "word" and key[0] != "." else None
         if unit is not None and self.rules.braced_temperatures:  # ngspice drops all text after a number and its suffix

@@ -23,7 +23,7 @@ from resgrid.spice.read.files import Library, SourceFile, deck_bytes, resolve
 from resgrid.spice.read.plain_cards import LEAST_BYTES
 
 _HEAD = 4096
-"""Number of bytes at the beginning of a sidecar that are searched for the dialect."""
+"""Number of bytes at the beginning of a sidecar that are searched for the name of the dialect."""
 
 _LOOKED_AT = 65536
 """Number of bytes at the beginning and at the end of a deck that are searched for signs of its dialect."""
@@ -48,8 +48,9 @@ def read_spice(
     elements are errors with their position.
 
     The suffix decides about other formats.  ``.ini`` is a Circuitscape configuration in advanced mode.  ``.graphml``,
-    node-link ``.json`` and ``.npz`` hold whole netlists.  ``.csv``, ``.tsv`` and a ``.txt`` with such lines are edge
-    lists: each line is ``node node ohms``, or siemens below a heading ``conductance``; ground is the node ``ground``.
+    node-link ``.json`` and ``.npz`` hold whole netlists.  ``.csv`` and ``.tsv`` are edge lists, and ``.txt`` is one if
+    it begins with such a line: each line is ``node node ohms``, or siemens below a heading ``conductance``; ground is
+    the node ``ground``.
 
     Parameters
     ----------
@@ -73,6 +74,7 @@ def read_spice(
     Returns
     -------
     Circuit
+        Circuit as the file states it, with element names, line numbers and remarks.
 
     Raises
     ------
@@ -118,10 +120,12 @@ def read_with(
     least_bytes: int = LEAST_BYTES,
     rules: ReadingRules | None = None,
 ) -> Circuit:
-    """Return the circuit of a deck; in files of at least `least_bytes` bytes, plain cards are read in bulk.
+    """Return the circuit of a deck.
 
     `path`: path or open file; `dialect`: name of the dialect, or "auto"; `root`: folder that must contain all included
-    files; `max_elements`: maximum number of elements after expansion; `rules`: replaces the rules of the dialect.
+    files; `max_elements`: maximum number of elements after expansion, None for the default of `read_spice`;
+    `least_bytes`: smallest deck, in bytes, whose lines ``name node node value`` are read in bulk, which is faster;
+    `rules`: reading rules in place of those of the dialect, None for those of the dialect.
     """
     if dialect != "auto":
         dialect_named(dialect)
@@ -139,7 +143,7 @@ def read_with(
 def _open(
     path: str | os.PathLike[str] | IO[str] | IO[bytes], root: str | os.PathLike[str] | None
 ) -> tuple[Library, SourceFile]:
-    """Return the collection of a deck's files, which contains only the deck so far, and the deck's file.
+    """Return the library of a deck's files, to which included files will be added, and the file of the deck itself.
 
     `path`: path or open file of the deck; `root`: folder that must contain all included files.
     """
@@ -166,7 +170,10 @@ def _folder(root: str | os.PathLike[str]) -> Path:
 
 
 def _dialect_of(source: SourceFile) -> str:
-    """Return the name of the dialect that a deck's sidecar, suffix or text indicates; ngspice by default."""
+    """Return the name of the dialect that a deck's sidecar states, or else its file name suffix or text indicates.
+
+    The name is "ngspice" if none of them indicates a dialect.
+    """
     suffix = ""
     if source.path is not None:
         suffix = source.path.suffix.lower()

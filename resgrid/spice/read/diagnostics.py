@@ -1,4 +1,4 @@
-"""Diagnostics of the deck reader: errors, collected up to a limit, and notes, equal notes counted."""
+"""Diagnostics of the deck reader: errors, collected up to a limit, and notes, where equal notes are counted."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from resgrid.errors import InputError
 from resgrid.spice.findings import Note, Severity
 
 MAX_ERRORS = 20
-"""Number of errors in a deck after which reading stops."""
+"""Number of errors in a deck at which reading stops with DeckError."""
 
 _MAX_TEXT = 300
-"""Maximum length of the message of one error, in characters."""
+"""Maximum length of the message of one error, in characters; longer messages are cut."""
 
 
 @dataclass(frozen=True)
 class Spot:
-    """A position in a deck: displayed file name, line and column, counted from 1; column 0 means the whole line."""
+    """A position in a deck: file name for messages, line and column, counted from 1; column 0 means the whole line."""
 
     file: str
     line: int
@@ -39,7 +39,7 @@ class CardError(InputError):
 
 
 class DeckError(InputError):
-    """Error for a deck that cannot be read; the message has one line per error in the deck."""
+    """Error for a deck that cannot be read; the message has one line for each error in the deck."""
 
 
 @dataclass
@@ -58,39 +58,42 @@ class Diagnostics:
             self.raise_errors()
 
     def raise_errors(self) -> None:
-        """Raise DeckError if there are errors."""
+        """Raise DeckError with one line per error if errors have been added."""
         if self.errors:
             raise DeckError("\n".join(self.errors))
 
     def warn(self, spot: Spot, text: str, count: int = 1) -> None:
-        """Add a warning: simulators disagree about the text, or it is probably a mistake.
+        """Add a warning about text that simulators read differently, or that is probably a mistake.
 
-        `spot`: position; `text`: the message; `count`: number of occurrences.
+        `spot`: position of the text; `text`: the message; `count`: number of occurrences.
         """
         self._note("warning", spot, text, count)
 
     def refuse(self, spot: Spot, text: str) -> None:
-        """Add a warning about deck text that can be read here but stops the dialect's own simulator.
+        """Add a warning about text that resgrid reads, but that stops the dialect's own simulator.
 
-        `spot`: position of the deck text; `text`: the message.
+        `spot`: position of the text; `text`: the message.
         """
         self._outcomes[text] = "fails"
         self._note("warning", spot, text, 1)
 
     def warn_ignored(self, spot: Spot, text: str) -> None:
-        """Add a warning about deck text that is ignored here but may change the result of the dialect's simulator.
+        """Add a warning about text that resgrid ignores, but that may change the result of the dialect's simulator.
 
-        `spot`: position of the deck text; `text`: the message.
+        `spot`: position of the text; `text`: the message.
         """
         self._outcomes[text] = "unsure"
         self._note("warning", spot, text, 1)
 
     def inform(self, spot: Spot, text: str) -> None:
-        """Add a note of severity "info"; `spot`: position; `text`: the message."""
+        """Add a note of severity "info" to the notes; `spot`: position; `text`: the message."""
         self._note("info", spot, text, 1)
 
     def _note(self, severity: Severity, spot: Spot, text: str, count: int) -> None:
-        """Add a note, or increase the count of a note with the same text and severity by `count`."""
+        """Add a note, or add `count` to the number of occurrences of a note with the same text and severity.
+
+        `spot`: position; `text`: the message.
+        """
         first, seen = self._notes.get((severity, text), (spot, 0))
         self._notes[severity, text] = (first, seen + count)
 

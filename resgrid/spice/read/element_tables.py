@@ -1,4 +1,4 @@
-"""Tables of elements and nodes while a deck is read: lists first, arrays when a block is complete."""
+"""Tables of elements and nodes while a deck is read: lists first, arrays when the deck or a subcircuit is complete."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ resistance in ohms, the control voltages at which the switch is on and off, and 
 """
 
 RESISTIVE = {"resistor": 1, "switch": 2}
-"""Number of leading values of an element that a multiplier ``m=`` divides, by kind.
+"""Number of leading values that the multiplier ``m=`` (number of parallel elements) divides, by kind of element.
 
-For other kinds the multiplier multiplies the first value, and for voltage sources it has no effect.
+For other kinds the first value is multiplied by the multiplier, except that voltage sources ignore it.
 """
 
 
@@ -66,9 +66,10 @@ class NodeTable:
         return self._number
 
     def number_of(self, name: str, order: int) -> int:
-        """Return the number of the node `name`, which is added if it is new.
+        """Return the number of the node `name`, which is added to the table if it is new.
 
-        `order`: position of this use in the deck.
+        `order`: position of this use in the deck, a number as from `order_of`; the spelling at the first position is
+        kept.
         """
         folded = name.lower()
         number = self._number.get(folded)
@@ -86,9 +87,9 @@ class NodeTable:
         return number
 
     def _new(self, name: str, folded: str, order: int) -> int:
-        """Add a node, or an alias of ground; return the node's number.
+        """Add the node `name`, or an alias of ground, to the table; return the node's number.
 
-        `folded`: the name in lower case; `order`: position of the first use in the deck.
+        `folded`: the name in lower case; `order`: position of the first use in the deck, a number as from `order_of`.
         """
         ground = folded in self.grounds
         number = self._number["0"] if ground and "0" in self._number else len(self.names)
@@ -103,10 +104,10 @@ class NodeTable:
         return number
 
     def numbers_in_instances(self, names: list[str], orders: list[int]) -> NDArray[np.int64]:
-        """Return the numbers of nodes inside instances of subcircuits, shape (n,).
+        """Return the numbers of nodes inside instances of subcircuits, shape (n,), and add new nodes to the table.
 
-        `names`: full names of the nodes; `orders`: position of each use in the deck.  The nodes are new, unless the
-        deck itself uses names with a dot.
+        `names`: n full names of the nodes, such as ``x1.mid``; `orders`: position of each use in the deck, numbers as
+        from `order_of`.  All nodes are new unless the deck itself uses names with a dot.
         """
         if self._dotted:
             return np.fromiter(map(self.number_of, names, orders), np.int64, len(names))
@@ -115,9 +116,10 @@ class NodeTable:
         return np.arange(first, first + len(names))
 
     def numbers_of(self, names: list[str], orders: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the numbers (n,) of nodes whose names differ from each other regardless of case.
+        """Return the numbers (n,) of nodes, and add new nodes to the table.
 
-        `names`: names of the nodes; `orders` (n,): position of each node's first use in the deck.
+        `names`: n names of nodes, no two of which are equal regardless of case; `orders` (n,): position of each node's
+        first use in the deck, numbers as from `order_of`.
         """
         if len(self.names) > 1:
             return np.fromiter(map(self.number_of, names, orders.tolist()), np.int64, len(names))
@@ -134,9 +136,9 @@ class ElementArrays:
     """Elements of one kind as arrays.
 
     `names`: function that returns the names of the elements; `nodes` (n, nodes): node numbers; `values` (n, values), or
-    (n, 1) if all values but the first are zero, columns see `WIDTHS`; `place` (n, 2): file and line of the element's
-    card; `order` (n,): position of the card outside all subcircuits that adds the element (see `order_of`), None if
-    this is the element's own card and the elements are sorted.
+    (n, 1) if all values but the first are zero, in the columns that `WIDTHS` lists; `place` (n, 2): index of the file,
+    and line of the element's card; `order` (n,): position in the deck (number from `order_of`) of the outermost
+    instance that contains the element, or of the element itself; None if all elements are outside instances and sorted.
     """
 
     names: Callable[[], list[str]]
@@ -150,12 +152,15 @@ class ElementArrays:
 
     @property
     def ordered(self) -> NDArray[np.int64]:
-        """The array `order` (n,), or the positions of the elements' own cards if `order` is None."""
+        """Positions (n,) in the deck by which the elements are sorted, as numbers from `order_of`."""
         return order_of(self.place) if self.order is None else self.order
 
 
 def order_of(place: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return file and line of each element as one sortable number, shape (n,); `place` (n, 2): file and line."""
+    """Return the position of each element as one number, which sorts by file and then by line; shape (n,).
+
+    `place` (n, 2): index of the file, and line.
+    """
     return np.asarray((place[:, 0] << 40) | place[:, 1])
 
 
@@ -178,7 +183,11 @@ class Elements:
     parts: dict[str, list[ElementArrays]] = field(default_factory=lambda: {kind: [] for kind in WIDTHS})
 
     def add(self, kind: str, name: str, nodes: Iterable[str], values: tuple[float, ...], card: Card) -> None:
-        """Add one element; new nodes are added to the node table; `nodes`: node names; `values`: see `WIDTHS`."""
+        """Add one element, and its nodes if they are new.
+
+        `kind`: kind of element; `nodes`: names of the nodes; `values`: values in the columns of `WIDTHS`; `card`: its
+        card.
+        """
         number_of, order = self.nodes.number_of, card.file << 40 | card.line
         self.rows[kind].append(
             (name, tuple([number_of(node, order) for node in nodes]), values, (card.file, card.line))
@@ -195,7 +204,10 @@ class Elements:
 
 
 def joined_parts(kind: str, parts: list[ElementArrays]) -> ElementArrays:
-    """Return arrays of elements of one kind as one, sorted by the order of the elements in the deck."""
+    """Return several arrays of elements of one kind as one, sorted by position in the deck.
+
+    `kind`: kind of element; `parts`: the arrays, which may be empty.
+    """
     filled = [part for part in parts if len(part)]
     if not filled:
         width, count = WIDTHS[kind]
@@ -216,9 +228,10 @@ def joined_parts(kind: str, parts: list[ElementArrays]) -> ElementArrays:
 
 
 def widened(kind: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return element values with all columns, shape (n, values); missing columns are zero.
+    """Return element values with all columns of their kind, shape (n, columns); missing columns are filled with zeros.
 
-    `values`: shape (n, values), or (n, 1) if only the first column is stored.
+    `kind`: kind of element, which has ``WIDTHS[kind][1]`` columns; `values`: shape (n, columns), or (n, 1) if only the
+    first column is stored.
     """
     if values.shape[1] == WIDTHS[kind][1]:
         return values
@@ -228,7 +241,7 @@ def widened(kind: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _sorted(part: ElementArrays) -> ElementArrays:
-    """Return the elements `part`, sorted by their order in the deck."""
+    """Return the elements `part`, sorted by their positions in the deck (`ElementArrays.ordered`)."""
     if part.order is None or np.all(part.order[1:] >= part.order[:-1]):
         return part
     order = np.argsort(part.order, kind="stable")

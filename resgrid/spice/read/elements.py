@@ -48,11 +48,11 @@ REFUSED = {
     "n": "a device of its simulator's own",
     "a": "a code model",
 }
-"""Descriptions of the elements that cannot be read, by the first letter of the card."""
+"""Descriptions for error messages of the elements that cannot be read, by the first letter of the card."""
 
 _SEVERAL = frozenset({"tc"})
 _WARM_KEYS = frozenset({"r", "resistance", "c", "l"})
-"""Keys whose values may depend on the simulation temperature in every dialect."""
+"""Keys of elements whose values may depend on the simulation temperature in every dialect."""
 
 _FREE_KEYS = frozenset({"ac", "noisy", "noise", "ic", "temp_ac", "isnoisy"})
 _VALUE_KEYS = frozenset({"tc", "tc1", "tc2", "m", "scale", "temp", "dtemp"})
@@ -64,7 +64,7 @@ class Element:
     """The card of an element with two nodes, split into its parts.
 
     `name`: name of the element; `nodes`: names of the nodes; `positional`: tokens after the nodes that have no key;
-    `pairs`: tokens with a key; `keys`: values by key.
+    `pairs`: the ``key=value`` pairs; `keys`: numerical values of the pairs, by key.
     """
 
     card: Card
@@ -80,7 +80,7 @@ class Element:
 
 
 def letter_of(card: Card, block: Block) -> str:
-    """Return the letter of an element's kind, in lower case; `block`: the block that contains the card."""
+    """Return the letter of an element's kind, "r" for a resistor, "x" for an instance; `block`: has the card."""
     return spectre.letter_of(card, block) if card.rules.instances else card.text[0].lower()
 
 
@@ -132,7 +132,7 @@ def read_nodes(card: Card, tokens: list[Token], count: int) -> tuple[list[str], 
 
 
 def multiplier(card: Card, value: float) -> float:
-    """Return `value` (of ``m=``, the number of parallel elements); raise CardError unless it is positive."""
+    """Return `value`, the number of parallel elements that ``m=`` states; raise CardError unless it is positive."""
     if value <= 0:
         raise card.error(None, f"m = {value:g} must be positive: it is the number of parallel elements")
     return value
@@ -141,8 +141,8 @@ def multiplier(card: Card, value: float) -> float:
 def _split(card: Card, scope: Scope, known: str = "") -> Element:
     """Return the parts of the card of an element with two nodes.
 
-    `scope`: parameter values of the block; `known`: the keys of this kind of element besides the common ones, separated
-    by blanks; if `known` is empty, no value is evaluated.
+    `scope`: parameter values of the block; `known`: keys that are admissible for this kind of element in addition to
+    `_VALUE_KEYS`, separated by blanks; if `known` is empty, the result has no values of keys.
     """
     tokens = tokenise(card)
     if card.rules.instances:
@@ -163,7 +163,10 @@ def _split(card: Card, scope: Scope, known: str = "") -> Element:
 
 
 def _note_key(card: Card, key: str, offset: int, scope: Scope) -> None:
-    """Add a warning about a key at which the dialect's simulator stops; `offset`: position of the key in the card."""
+    """Add a warning about a key at which the dialect's simulator stops.
+
+    `card`: the card of the element; `key`: the key; `offset`: its position in the card; `scope`: receives the warning.
+    """
     text = f"{card.rules.name} has no {key}= for {card.text[0].upper()}, and stops at it"
     scope.diagnostics.refuse(card.spot(offset), text)
 
@@ -173,7 +176,8 @@ def _values_of(
 ) -> dict[str, list[float]]:
     """Return the values of the keys in `pairs`, by key; raise CardError for unknown and repeated keys.
 
-    `known`: the keys that the element may have.  Keys without effect at direct current are left out.
+    `card`: the card of the element; `known`: the keys that the element may have; `scope`: parameter values.  Keys
+    without effect at direct current are left out.
     """
     values: dict[str, list[float]] = {}
     for pair in pairs:
@@ -200,7 +204,7 @@ def _values_of(
 
 
 def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
-    """Add a resistor in ohms at the nominal temperature, with its scale, multiplier and temperature keys applied."""
+    """Add the resistor of a card to `elements`: its ohms at the nominal temperature, tc1 and tc2, all keys applied."""
     with scope.recorded() as use:
         element = _split(card, scope, "r resistance l w")
         model, ohms = _model_and_value(element, scope, RESISTOR_KINDS, "resistance", "r", "resistance")
@@ -262,10 +266,11 @@ def _refuse_unspaced(card: Card, pairs: list[Setting]) -> None:
 def _model_and_value(
     element: Element, scope: Scope, kinds: frozenset[str], quantity: str, *keys: str
 ) -> tuple[Model | None, float | None]:
-    """Return the model that an element names and the element's value, each None if missing.
+    """Return the model that an element's card names and the value that it states, each None if missing.
 
-    The value is positional or has one of the `keys`.  `kinds`: kinds of model that fit the element; `quantity`: name of
-    the value for the message about a second value, empty if several values are allowed.
+    The value has no key or one of the `keys`.  `scope`: parameter values; `kinds`: kinds of model that fit the element;
+    `quantity`: name of the value for the error about a second value, empty if several values are allowed (the first one
+    is returned).
     """
     card, model, values = element.card, None, []
     for token in element.positional:
@@ -300,9 +305,9 @@ def _is_literal(token: Token) -> bool:
 
 
 def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> None:
-    """Add an independent source with its value at direct current, and its series resistance as a resistor.
+    """Add the source of a card to `elements`, with its value at direct current; its series resistance is a resistor.
 
-    `kind`: "voltage source" or "current source".
+    `kind`: "voltage source" or "current source"; `scope`: parameter values of the block.
     """
     tokens = tokenise(card)
     if card.rules.instances:
@@ -332,7 +337,7 @@ def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> Non
 
 
 def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
-    """Add a capacitor, in farads, to `elements`."""
+    """Add the capacitor of a card to `elements`, in farads; a capacitance that only a model states becomes 0."""
     element = _split(card, scope, " ".join(("c l w", *card.rules.capacitor_keys)))
     model, farads = _model_and_value(element, scope, frozenset({"c", "cap", "capacitor"}), "capacitance", "c")
     if farads is None:
@@ -347,7 +352,7 @@ def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
 
 
 def _read_inductor(card: Card, scope: Scope, elements: Elements) -> None:
-    """Add an inductor as a voltage source of 0 V, or as a resistor if it has a series resistance."""
+    """Add the inductor of a card to `elements`: a voltage source of 0 V, or a resistor for its series resistance."""
     element = _split(card, scope, " ".join(("l nt", *card.rules.inductor_keys)))
     model, henries = _model_and_value(element, scope, frozenset({"l", "ind", "inductor"}), "", "l")
     if henries is None and model is None:
@@ -368,7 +373,7 @@ def _read_inductor(card: Card, scope: Scope, elements: Elements) -> None:
 
 
 def _read_switch(card: Card, scope: Scope, elements: Elements) -> None:
-    """Add a switch with its four nodes (two of the contact, two of control) and the values of its model."""
+    """Add the switch of a card to `elements`: two nodes of its contact, two of its control, and its model's values."""
     tokens = tokenise(card)
     nodes, rest = read_nodes(card, tokens, 4)
     words = [token for token in rest if token.kind == "word"]

@@ -1,4 +1,4 @@
-"""Functions of expressions in decks; each dialect maps its own names to them."""
+"""Functions of expressions in decks, by resgrid's names; each dialect maps the names in its decks to these names."""
 
 from __future__ import annotations
 
@@ -34,4 +34,4 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
     "if_half": (3, lambda condition, this, that: this if condition > 0.5 else that),
     "limit": (3, lambda x, low, high: min(max(x, min(low, high)), max(low, high))),
 }
-"""Number of arguments and implementation of every function in expressions, by name."""
+"""Number of arguments and implementation of every function in expressions, by resgrid's name of the function."""

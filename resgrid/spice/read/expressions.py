@@ -24,10 +24,10 @@ from resgrid.spice.read.numerals import parse_numeral
 _PARENS = "write parentheses"
 
 MAX_NESTING = 60
-"""Maximum nesting depth of an expression."""
+"""Maximum nesting depth of parentheses and conditionals in an expression; deeper ones raise ExpressionError."""
 
 MAX_LENGTH = 10_000
-"""Maximum length of an expression, in characters."""
+"""Maximum length of an expression, in characters; longer ones raise ExpressionError."""
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d+|[dD][+-]?\d+)?(?:[^\W\d_]\w*)?)"
@@ -54,7 +54,7 @@ class ExpressionError(ValueError):
 
 
 class ReservedNameError(ValueError):
-    """A name that the simulator reserves and that has no value here; the message gives the reason."""
+    """Error for a name that the simulator reserves and resgrid has no value for; the message gives the reason."""
 
 
 class _Token(NamedTuple):
@@ -205,13 +205,13 @@ class _Reader:
         return value
 
     def expect_end(self) -> None:
-        """Raise ExpressionError unless all tokens are consumed."""
+        """Raise ExpressionError unless all tokens of the expression are consumed."""
         if self._now.kind != "end":
             raise ExpressionError(self._now.offset, f"unexpected {self._now.text!r}")
 
     @property
     def _now(self) -> _Token:
-        """The next token, which is not consumed yet."""
+        """The next token to consume."""
         return self.tokens[self.position]
 
     def _expect(self, text: str) -> None:
@@ -221,7 +221,7 @@ class _Reader:
         self.position += 1
 
     def _binary(self, level: int) -> float:
-        """Return the value of an operand and the binary operators after it of precedence `level` (1 to 5) or higher."""
+        """Return the value of the expression up to the next operator of a precedence below `level` (1 weakest to 5)."""
         left = self._signed()
         while self._now.text in _BINARY and level <= _BINARY[self._now.text][0]:
             token = self._now
@@ -236,7 +236,7 @@ class _Reader:
         return left
 
     def _check_truth(self, *values: float) -> None:
-        """Raise ExpressionError for a nonzero condition value of at most 0.5 if the dialect's threshold is 0.5."""
+        """Raise ExpressionError if a condition's value is nonzero but at most 0.5, the dialect's threshold of truth."""
         if self.rules.words.true_above_half and any(bool(value) != (value > 0.5) for value in values):
             label = self.rules.name
             raise ExpressionError(self._now.offset, f"in {label} only values above 0.5 are true: write a comparison")
@@ -265,7 +265,7 @@ class _Reader:
             raise ExpressionError(sign.offset, f"{self.rules.name} misreads a sign after an operator: {_PARENS}")
 
     def _power(self) -> float:
-        """Return the value of a power, or of its base if no exponent follows."""
+        """Return the value of ``base ** exponent``, or of the base if no power operator follows it."""
         negated = self.position > 0 and self.tokens[self.position - 1].text == "!"
         base = self._atom()
         sign = self._now
@@ -294,7 +294,7 @@ class _Reader:
         return float(base**exponent)
 
     def _atom(self) -> float:
-        """Return the value of a number, a name, a function call, or an expression in parentheses."""
+        """Consume a number, a name, a function call or an expression in parentheses; return its value."""
         token = self._now
         self.position += token.kind != "end"
         if token.kind == "number":

@@ -1,4 +1,4 @@
-"""The files of a deck, read below a root folder only."""
+"""The files of a deck, which are read only if they lie below a root folder."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from resgrid._internal.files import read_bytes
 from resgrid.errors import InputError
 
 MAX_BYTES = 2**31 - 2**20
-"""Maximum size of one file of a deck, in bytes."""
+"""Maximum size of one file of a deck, in bytes; a larger file raises InputError."""
 
 MAX_FILES = 200
-"""Maximum number of files of a deck."""
+"""Maximum number of files of a deck, including the deck itself; more files raise InputError."""
 
 _LOOKED_AT = 4096
-"""Number of bytes at even offsets, and at odd offsets, that are searched for the zero bytes of UTF-16."""
+"""Number of bytes at even offsets, and at odd offsets, among which zero bytes are counted to recognize UTF-16."""
 
 _BOMS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 
@@ -26,9 +26,9 @@ _BOMS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs
 class SourceFile:
     """The content of one file.
 
-    `number`: index among the files of the deck; `name`: displayed name; `path`: path with links resolved, None for text
-    without a file; `data`: UTF-8 or Latin-1 text without byte order mark, with LF line ends and a final one;
-    `oddities`: properties of the file before normalization, ``"utf-16"`` or ``"cr"`` (carriage returns as line ends).
+    `number`: index among the files of the deck; `name`: name for messages; `path`: path with links resolved, None for
+    text without a file; `data`: UTF-8 or Latin-1 text without byte order mark, with LF line ends and a final one;
+    `oddities`: unusual properties of the original file, ``"utf-16"`` or ``"cr"`` (carriage returns as line ends).
     """
 
     number: int
@@ -51,7 +51,7 @@ class Library:
     def add(self, name: str, path: Path | None, data: bytes) -> SourceFile:
         """Add a file and return it; raise InputError above `MAX_FILES` files.
 
-        `name`: displayed name; `path`: resolved path, None for text without a file; `data`: content.
+        `name`: name for messages; `path`: resolved path, None for text without a file; `data`: content.
         """
         if len(self.sources) >= MAX_FILES:
             raise InputError(f"{name}: more than {MAX_FILES} files are included")
@@ -60,15 +60,16 @@ class Library:
         return source
 
     def open(self, path: Path, name: str) -> SourceFile:
-        """Return the file at `path`, which is read at the first use only; `name`: displayed name."""
+        """Return the file at `path`, which is read at the first use only; `name`: name for messages."""
         resolved = resolve(path, name)
         known = next((source for source in self.sources if source.path == resolved), None)
         return known or self.add(name, resolved, deck_bytes(resolved, name))
 
     def find(self, file: str, including: SourceFile) -> tuple[Path, str]:
-        """Return path and displayed name of an include file; raise InputError if it is missing or outside the root.
+        """Return the path and name of an include file; raise InputError if it is missing or outside the root.
 
-        `file`: name in the include statement; `including`: the file with that statement.
+        The name is for messages.  `file`: name in the include statement; `including`: the file that contains the
+        statement.
         """
         if self.root is None:
             raise InputError(f"{file!r} is included, but the deck has no folder: give the root to read below")
@@ -87,7 +88,7 @@ class Library:
 
 
 def _exists(path: Path) -> bool:
-    """Return whether a path exists; False also if the system rejects the path."""
+    """Return whether a path exists; return False also if the operating system reports an error for the path."""
     try:
         return path.exists()
     except OSError:  # a name that is too long, a folder that may not be searched
@@ -95,7 +96,7 @@ def _exists(path: Path) -> bool:
 
 
 def resolve(path: Path, name: str) -> Path:
-    """Return a path without symbolic links and dots; `name`: name of the path in messages."""
+    """Return a path without symbolic links and dots; raise InputError if that fails; `name`: path in messages."""
     try:
         return path.resolve()
     except (OSError, RuntimeError, ValueError) as error:
@@ -103,14 +104,14 @@ def resolve(path: Path, name: str) -> Path:
 
 
 def deck_bytes(path: Path, name: str) -> bytes:
-    """Return the bytes of a regular file of at most `MAX_BYTES` bytes; `name`: name of the file in messages."""
+    """Return the content of a regular file of at most `MAX_BYTES` bytes; `name`: name of the file in messages."""
     return read_bytes(path, MAX_BYTES, name=name, piped=False)
 
 
 def normalise(data: bytes, name: str) -> bytes:
-    """Return bytes as UTF-8 or Latin-1 without byte order mark, with LF line ends and a final one.
+    """Return the content of a file as UTF-8 or Latin-1 without byte order mark, with LF line ends and a final one.
 
-    Raises InputError for a zero byte.  `name`: name of the file in messages.
+    Raises InputError for a zero byte.  `data`: content of the file; `name`: name of the file in messages.
     """
     mark, coding = coding_of(data)
     data = data[len(mark) :] if mark else data
@@ -125,9 +126,9 @@ def normalise(data: bytes, name: str) -> bytes:
 
 
 def coding_of(data: bytes) -> tuple[bytes, str]:
-    """Return the byte order mark and the encoding of a file's bytes, each empty if there is none.
+    """Return the byte order mark of a file's content, and the encoding: "utf-8", "utf-16-le" or "utf-16-be".
 
-    UTF-16 without a mark is recognized by zeros in every second byte.
+    UTF-16 without a mark is recognized by zeros in every second byte.  Otherwise, without a mark both are empty.
 
     Examples
     --------
@@ -145,7 +146,7 @@ def coding_of(data: bytes) -> tuple[bytes, str]:
 
 
 def oddities_of(data: bytes) -> frozenset[str]:
-    """Return the properties of a file before normalization: ``"utf-16"``, ``"cr"`` (carriage returns as line ends)."""
+    """Return the set of unusual properties of a file: ``"utf-16"``, ``"cr"`` (carriage returns as line ends)."""
     found = {"utf-16"} if coding_of(data)[1].startswith("utf-16") else set[str]()
     if b"\r" in data and b"\n" not in data:
         found.add("cr")

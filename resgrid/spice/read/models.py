@@ -67,9 +67,10 @@ def modelled_resistor(
 ) -> tuple[float, float, float, float, float]:
     """Return the resistance in ohms, tc1, tc2, the reference temperature and tce of a resistor with a model.
 
-    `ohms`: value on the card, None without a value; `length, width`: in metres, None without a value; `card`: card of
-    the resistor.  The reference temperature is in degrees Celsius, NaN for the nominal one.  The units are 1/K for tc1
-    and 1/K^2 for tc2; tce is the exponent of 1.01 per kelvin.
+    `scope`: scope of the resistor; `ohms`: value on the card of the resistor, None without a value; `length, width`: on
+    that card, in metres, None without a value; `card`: that card.  The reference temperature is in degrees Celsius, NaN
+    for the nominal one; tc1 is in 1/K and tc2 in 1/K^2; tce adds the factor ``1.01**(tce d)`` at `d` kelvin above the
+    reference temperature.
     """
     exponential = card.rules.words.exponential_coefficient
     values = model_values(model, scope, _RESISTOR_KEYS | ({"tce"} if exponential else set()))
@@ -82,9 +83,10 @@ def modelled_resistor(
 
 
 def _from_model(values: dict[str, float], length: float | None, width: float | None, card: Card, model: Model) -> float:
-    """Return the resistance, in ohms, from a sheet resistance with length and width, or from the key ``r``.
+    """Return the resistance, in ohms, from the model's sheet resistance with length and width, or from its key ``r``.
 
-    `values`: values of the model by key; `length, width`: in metres, None for the model's own.
+    `values`: values of the model by key; `length, width`: on the resistor's card, in metres, None for the model's
+    values; `card`: the resistor's card; `model`: the model, for messages.
     """
     rules = card.rules
     span = values.get("l", _DEFAULT_LENGTH) if length is None else length
@@ -109,8 +111,8 @@ def _from_model(values: dict[str, float], length: float | None, width: float | N
 def modelled_switch(model: Model, scope: Scope, state: float, card: Card) -> tuple[float, float, float, float, float]:
     """Return on and off resistance in ohms, upper and lower threshold in volts, and the state between thresholds.
 
-    `state`: state between the thresholds on the card of the switch, 1 for on and 0 for off; the returned state is NaN
-    if the switch is neither on nor off there.
+    `scope`: scope of the switch; `state`: state between the thresholds on the card of the switch, 1 for on and 0 for
+    off; `card`: that card.  The returned state is NaN if the switch is neither on nor off between the thresholds.
     """
     values = model_values(model, scope, _SWITCH_KEYS)
     on, off = values.get("ron", 1.0), values.get("roff", card.rules.off_ohms)

@@ -31,9 +31,9 @@ def read_nonlinear(card: Card, scope: Scope, elements: Elements) -> bool:
 
 @lru_cache(maxsize=64)
 def _nonlinear_form(dialect: str) -> re.Pattern[str]:
-    """Return the regular expression of a nonlinear resistor in a dialect, regardless of blanks and case.
+    """Return the regular expression of a nonlinear resistor's card in a dialect, which ignores case and extra blanks.
 
-    The groups are ``name``, ``a``, ``b`` (nodes), ``current`` and ``voltage``.
+    The groups are ``name``, ``a``, ``b`` (nodes), ``current`` and ``voltage``.  `dialect`: name of the dialect.
     """
     groups = {"name": r"b\S*", "a": r"[^\s,()]+", "b": r"[^\s,()]+"}
     pattern, seen = "", set()

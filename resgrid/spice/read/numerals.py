@@ -58,9 +58,9 @@ def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> 
 
 
 def _suffix(letters: str, rules: ReadingRules) -> tuple[int | None, str, str]:
-    """Return the power of ten of a suffix (None for ``mil``), the unit after it, and a warning or an empty string.
+    """Return the exponent of ten of a suffix (None for ``mil``), the unit after it, and a warning or an empty string.
 
-    `letters`: suffix and unit, such as ``kOhm``.
+    `letters`: suffix and unit, such as ``kOhm``; `rules`: reading rules of the dialect.
     """
     if rules.instances:
         return rules.suffixes.get(letters[:1], 0), letters[letters[:1] in rules.suffixes :], ""
@@ -81,9 +81,9 @@ def _suffix(letters: str, rules: ReadingRules) -> tuple[int | None, str, str]:
 
 
 def _infix(text: str, rules: ReadingRules) -> Numeral | str | None:
-    """Return the value of a numeral with its suffix as decimal point (``4k7``); None for other text.
+    """Return the value of a numeral whose suffix stands for the decimal point (``4k7``); None for other text.
 
-    In a dialect without such numerals, the result is an error message.
+    In a dialect without such numerals, the result is an error message.  `rules`: reading rules of the dialect.
     """
     match = _INFIX.fullmatch(text)
     if match is None:
@@ -95,7 +95,7 @@ def _infix(text: str, rules: ReadingRules) -> Numeral | str | None:
 
 
 def _checked(text: str, value: float, digits: str, warning: str) -> Numeral | str:
-    """Return the numeral `value` with its warning, or an error message if the value overflows or underflows.
+    """Return `value` as a numeral with the warning, or an error message if the value overflows or underflows.
 
     `text`: the numeral as written; `digits`: digits of the numeral without sign and exponent.
     """

@@ -1,4 +1,4 @@
-r"""Fast path for plain cards: one regular expression finds them, all other lines are left to the general reader.
+r"""Fast reader of plain cards: one regular expression finds them, all other lines are left to the general reader.
 
 A *plain card* is one line ``name node node value`` of a resistor, source or capacitor.  The value may be written
 ``R=value`` for a resistor and ``DC value`` for a source.  The line consists of printable ASCII without quotes,
@@ -22,27 +22,28 @@ from resgrid.spice.read.files import SourceFile, decode
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 
 LEAST_BYTES = 40_000
-"""Smallest file, in bytes, whose plain cards are read in bulk by default.
+"""Smallest file, in bytes, whose plain cards (lines ``name node node value``) are read in bulk by default.
 
-In smaller files this saves less than 0.1 s.
+In smaller files, reading in bulk would save less than 0.1 s.
 """
 
 _BLOCK_BYTES = 2**16
-"""Bytes of text that one call of the regular expression splits, which limits the memory of the matches."""
+"""Size of the parts of a file that one call of the regular expression splits, in bytes; this limits its memory."""
 
 _KINDS = ("resistor", "voltage source", "current source", "capacitor")
 _OTHER, _EMPTY = 254, 255
 """Codes of lines that are not plain cards: `_OTHER` for the card-by-card reader, `_EMPTY` for blanks and comments."""
 
 _CODES: dict[bytes | None, int] = {None: _OTHER}
+"""Code of a line by the first letter of its plain card: an index into `_KINDS`; `_OTHER` for None (no plain card)."""
 _CODES |= {bytes([c]): code for code, letters in enumerate((b"rR", b"vV", b"iI", b"cC")) for c in letters}
 """Index in `_KINDS` for the first letter of a card; `_OTHER` where the expression matched no card."""
 
 _COMMAND, _BACKSLASH, _CONTINUES = 1, 2, 4
 """Properties of a line, as bits: a command, a backslash, a line that may continue the card before it (``+``).
 
-The card after a command or a backslash goes to the card-by-card reader, because the line before it decides its scope.
-A line that may continue a card sends that card to the card-by-card reader.
+Cards that such lines can affect are left to the card-by-card reader: the card after a command or a backslash, and the
+card before a line that may continue it.
 """
 
 _NAME = rb"[!#%&*+\-./0-9:<>?@A-Z\[\]^_`a-z|~]"
@@ -55,21 +56,27 @@ _LINE = rb"""[ \t]*+(?:
     [ \t]*+
     |(.*+)                                                                 # any other line
 )\n"""
-"""One line of a deck.  Only single characters repeat possessively: Python before 3.11.5 gets groups wrong."""
+"""Regular expression of one line: groups 1 to 6 are the parts of a plain card, group 7 is any other line.
+
+``NAME`` is replaced by `_NAME`.  Only single characters repeat possessively: Python before 3.11.5 gets groups wrong.
+"""
 _PIECES = 8
-"""Pieces per line into which `_LINE` splits a text: the seven groups, and the empty text between two lines."""
+"""Number of strings per line in the result of ``split`` with `_LINE`: seven groups, and the text between lines."""
 
 _FIRST_WORD = re.compile(rb"[ \t]*+(" + _NAME + rb"*+).*+\n")
 
 
 def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
-    """Yield the number (counted from 1) and text of every line of a file from the byte offset `start` on."""
+    """Yield line number (counted from 1) and text of all lines of a file from the byte offset `start` on.
+
+    `data`: content of the file; `start`: the beginning of a line.
+    """
     number = data.count(b"\n", 0, start) + 1
     return enumerate(map(decode, data[start:].split(b"\n")), number)
 
 
 def _blocks(data: bytes, start: int) -> Iterator[tuple[int, int]]:
-    """Yield the byte offsets (first, end) of consecutive blocks of whole lines of `data`, from `start` on."""
+    """Yield the byte offsets (first, end) of consecutive parts of `data` that are whole lines, from `start` on."""
     while start < len(data):
         stop = data.index(b"\n", min(start + _BLOCK_BYTES, len(data)) - 1) + 1
         yield start, stop
@@ -79,9 +86,9 @@ def _blocks(data: bytes, start: int) -> Iterator[tuple[int, int]]:
 class PlainCards:
     """The plain cards of a file (``name node node value`` on one line), which are read in bulk, and the other lines.
 
-    `_code` (lines,): index in `_KINDS`, `_OTHER` or `_EMPTY`; `_start` (lines,): byte offset; `_value` (lines,): ohms,
-    volts, amperes or farads, NaN for other lines; `_spelling` (lines, 2): number of each node's spelling in
-    `_spellings`; `_is_taken` (lines,): whether the line has been read in bulk.
+    `_code` (lines,): index into `_KINDS`, or `_OTHER` or `_EMPTY`; `_start` (lines,): byte offset of the line in the
+    file; `_value` (lines,): ohms, volts, amperes or farads, NaN for other lines; `_spelling` (lines, 2): number of each
+    node's spelling in `_spellings`; `_is_taken` (lines,): whether the line has been read in bulk.
     """
 
     def __init__(self, source: SourceFile, start: int, rules: ReadingRules) -> None:
@@ -104,7 +111,7 @@ class PlainCards:
         self._is_taken = np.zeros(lines, dtype=np.bool_)
 
     def _scan(self) -> None:
-        """Fill the arrays with the code, offset, value and node spellings of every line, block by block."""
+        """Fill the arrays with code, offset, value and node spellings of all lines, one part of the file at a time."""
         data, first = self._source.data, 0
         name = _NAME_WITHOUT_SLASHES if data.find(b"//", self._offset) >= 0 else _NAME  # // may begin a comment
         pattern = re.compile(_LINE.replace(b"NAME", name), re.VERBOSE)
@@ -127,18 +134,20 @@ class PlainCards:
             first += len(letters)
 
     def _reject_keys(self, first: int, keys: list[bytes | None]) -> None:
-        """Mark a card as `_OTHER` if its value has the key of another kind, such as a source with ``R=``.
+        """Mark a card as `_OTHER` if its key belongs to a different kind of element, such as a source with ``R=``.
 
-        `first`: index of the first line of a block; `keys`: key of the value in each line, None or empty without a key.
+        `first`: index of the first of some consecutive lines; `keys`: key before the value in each of these lines, None
+        or empty without a key.
         """
         for line, key in enumerate(keys, first):
             if key and self._code[line] not in ((0,) if key[1:2] == b"=" else (1, 2)):
                 self._code[line] = _OTHER
 
     def _values(self, decimals: list[bytes], suffixed: list[bytes]) -> NDArray[np.float64]:
-        """Return the values (lines,) of a block's lines in SI units; NaN or infinity for cards that are not plain.
+        """Return the values of consecutive lines in SI units, shape (lines,); NaN or infinity where no plain card is.
 
-        `decimals, suffixed`: texts of the values without and with a suffix, per line.
+        `decimals`: text of each value without a suffix; `suffixed`: text of each value with a suffix; empty or None if
+        the line has no such value.
         """
         value = _parsed(float, decimals)
         for line in np.flatnonzero(value == 0).tolist():
@@ -149,9 +158,10 @@ class PlainCards:
         return value
 
     def _note_properties(self, first: int, texts: list[bytes | None]) -> None:
-        """Mark a block's empty lines as `_EMPTY`, and record the properties of other lines that are not plain cards.
+        """Mark empty lines and comments as `_EMPTY`; record the properties (bits) of other lines without a plain card.
 
-        `first`: index of the first line of the block; `texts`: text of each line, None for a plain card.
+        `first`: index of the first of some consecutive lines; `texts`: text of each of these lines, None for a plain
+        card.
         """
         for line in np.flatnonzero(self._code[first : first + len(texts)] == _OTHER).tolist():
             text = texts[line]
@@ -167,7 +177,7 @@ class PlainCards:
                 self._properties.append((first + line, bits))
 
     def _leave_to_general_reader(self) -> None:
-        """Mark the cards next to commands, backslashes and continuation lines as `_OTHER`."""
+        """Mark the cards that commands, backslashes or continuation lines next to them may affect as `_OTHER`."""
         cards = np.flatnonzero(self._code < _OTHER)
         lines = np.array([line for line, _ in self._properties], dtype=np.int64)
         data, start = self._source.data, self._offset
@@ -184,11 +194,11 @@ class PlainCards:
     def _leave_next(
         self, cards: NDArray[np.int64], pending: int, at: int, stop: int, last: int
     ) -> tuple[int, int, int]:
-        """Mark the next card as `_OTHER` for every pending bit, and return the new `pending`, `at` and `last`.
+        """Mark the next cards as `_OTHER`, one for every bit in `pending`; return the new `pending`, `at` and `last`.
 
-        `cards`: line indices of the plain cards; `pending`: bits of earlier lines that concern the next card; `at,
-        stop`: range in `cards` up to the next special line; `last`: index in `cards` of the last card that stays plain,
-        -1 for none.
+        `cards`: line indices of the plain cards; `pending`: properties (bits) of earlier lines that affect the next
+        card; `at, stop`: range of indices into `cards` of the cards before the next line with a property; `last`: index
+        into `cards` of the last card that stays plain, -1 for none.
         """
         while pending and at < stop:
             pending &= ~(_BACKSLASH if pending & _BACKSLASH else _COMMAND)
@@ -197,9 +207,10 @@ class PlainCards:
         return pending, max(at, stop), stop - 1 if at < stop else last
 
     def other_lines(self, may_take: Callable[[], bool]) -> Iterator[tuple[int, str]]:
-        """Yield the number (counted from 1) and text of the lines that are not plain cards.
+        """Yield number (counted from 1) and text of the lines that are not read in bulk, in the order of the file.
 
-        `may_take` is called before every run of plain cards; if it returns False, the run is yielded too.
+        `may_take`: called before every group of consecutive plain cards; if it returns False, these lines are yielded,
+        too.
         """
         begin, lines = 0, len(self._is_taken)
         for other in (*self._others.tolist(), lines):
@@ -212,12 +223,16 @@ class PlainCards:
             begin = other + 1
 
     def _line(self, line: int) -> tuple[int, str]:
-        """Return the number (counted from 1) and the text of the line with index `line`."""
+        """Return the line number in the file (counted from 1) and the text of one line.
+
+        `line`: index of the line among the lines that were scanned (counted from 0 at the offset `start` of the
+        constructor).
+        """
         start, data = int(self._start[line]), self._source.data
         return self._number + line, decode(data[start : data.index(b"\n", start)])
 
     def add_to(self, elements: Elements) -> None:
-        """Add the plain cards that have been read in bulk to the elements of the deck."""
+        """Add the elements of all plain cards that have been read in bulk to `elements`."""
         taken = np.flatnonzero(self._is_taken & self._is_plain)
         number, names, first = self._nodes(taken)
         file = self._source.number
@@ -234,10 +249,10 @@ class PlainCards:
                 )
 
     def _nodes(self, cards: NDArray[np.int64]) -> tuple[NDArray[np.int32], list[str], NDArray[np.int64]]:
-        """Return the nodes of plain cards, numbered in order of first use, regardless of case.
+        """Return node numbers (2 cards,), node names (nodes,), and the index of each node's first use (nodes,).
 
-        `cards`: indices of the lines.  The values are: node numbers (2 cards,), names as first spelt (nodes,), and the
-        index of the first use of each node (nodes,).
+        Nodes are numbered in the order of first use and regardless of case; a name has the spelling of the first use.
+        `cards`: indices of the lines of plain cards.  An index of a use is an index into the node numbers.
         """
         text = b"\n".join(word or b"" for word in self._spellings).decode("ascii")
         spellings, lower = text.split("\n"), text.lower()
@@ -257,9 +272,9 @@ class PlainCards:
 
 
 def _parsed(parse: Callable[[bytes], float], words: list[bytes]) -> NDArray[np.float64]:
-    """Return the value of each word, shape (words,), NaN for a missing word (None or empty).
+    """Return the number that each word means, shape (words,), NaN for a missing word (None or empty).
 
-    `parse`: returns a value.
+    `parse`: function that returns the number that one word means.
     """
     if all(words):
         return np.fromiter(map(parse, words), np.float64, len(words))
@@ -271,7 +286,7 @@ def _parsed(parse: Callable[[bytes], float], words: list[bytes]) -> NDArray[np.f
 
 
 class _SuffixedValues(dict[bytes, float]):
-    """Values of numerals with a suffix, each parsed once; NaN if the card-by-card reader has an error or a warning."""
+    """Values of numerals with a suffix, each parsed once; NaN for a numeral that would cause an error or a warning."""
 
     def __init__(self, rules: ReadingRules) -> None:
         super().__init__()
@@ -285,9 +300,10 @@ class _SuffixedValues(dict[bytes, float]):
 
 
 def _first_words(data: bytes, start: int, lines: NDArray[np.int64]) -> list[str]:
-    """Return the first words of some lines of a text, which are the names of the elements.
+    """Return the first words of some lines of a text, which are the names of the elements in these lines.
 
-    `start`: byte offset of the first line; `lines`: ascending indices of the lines, 0 for the line at `start`.
+    `data`: the text; `start`: byte offset of a line; `lines`: ascending indices of the lines, counted from 0 at
+    `start`.
     """
     is_wanted = np.zeros(data.count(b"\n", start), dtype=np.bool_)
     is_wanted[lines] = True

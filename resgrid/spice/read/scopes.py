@@ -14,10 +14,10 @@ from resgrid.spice.read.expressions import ExpressionError, Lookup, ReservedName
 from resgrid.spice.read.numerals import parse_numeral
 
 MAX_CHAIN = 40
-"""Maximum length of a chain of parameters that refer to parameters of later lines; earlier lines are unlimited."""
+"""Maximum length of a chain of parameters that each refer to one of a later line; other chains have no limit."""
 
 _MOST_NOTED = 5
-"""Maximum number of warnings about parameters without a value, per scope."""
+"""Maximum number of warnings about parameters without a value, per scope (deck or instance of a subcircuit)."""
 
 MAX_CALLS = 10_000
 """Maximum number of calls of the deck's functions during the evaluation of one value."""
@@ -41,7 +41,7 @@ class Definition:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A ``.model`` card; `settings`: the keys with their values; `block`: the block that contains the card."""
+    """A ``.model`` card; `settings`: its ``key=value`` pairs; `block`: the deck or subcircuit with the card."""
 
     name: str
     kind: str
@@ -55,9 +55,10 @@ class Block:
     """The deck or a subcircuit.
 
     `name`: name of the subcircuit, empty for the deck; `outer`: the block that contains the definition, None for the
-    deck; `ports`: names of the terminals, as written; `defaults`: names of the parameters in the first line of the
-    subcircuit; `parameters`: these parameters and those of ``.param`` lines, by name in lower case; `functions, models,
-    blocks`: other definitions by name in lower case; `cards`: the elements; `spot`: position of the first line.
+    deck; `ports`: names of the terminals of the subcircuit, as written; `defaults`: names of the parameters in the
+    first line of the subcircuit; `parameters`: these parameters and those of ``.param`` lines, by name in lower case;
+    `functions, models, blocks`: other definitions by name in lower case; `cards`: the elements; `spot`: position of the
+    first line.
     """
 
     name: str
@@ -72,19 +73,19 @@ class Block:
     spot: Spot = field(default_factory=lambda: Spot("", 0))
 
     def model(self, name: str) -> Model | None:
-        """Return the model with a name in lower case of this block or an enclosing one.
+        """Return the model `name` of this block or of the nearest enclosing block; None if there is no such model.
 
-        None if there is no such model.
+        `name`: in lower case.
         """
         model = self.models.get(name)
         return model if model is not None or self.outer is None else self.outer.model(name)
 
     def block_of_function(self, name: str) -> Block:
-        """Return the innermost block that defines a function, the outermost block if the function is undefined."""
+        """Return the nearest block, this or an enclosing one, that defines a function; the deck if none does."""
         return self if name in self.functions or self.outer is None else self.outer.block_of_function(name)
 
     def block(self, name: str) -> Block | None:
-        """Return the subcircuit with a name in lower case of this block or an enclosing one; None if there is none."""
+        """Return the subcircuit `name` (lower case) of this or the nearest enclosing block; None if there is none."""
         block = self.blocks.get(name)
         return block if block is not None or self.outer is None else self.outer.block(name)
 
@@ -101,7 +102,7 @@ class TemperatureUse:
     unsupported: str = ""
 
     def add(self, other: TemperatureUse) -> None:
-        """Merge the record of another evaluation into this record."""
+        """Merge `other`, the record of another evaluation, into this record."""
         self.used |= other.used
         self.unsupported = self.unsupported or other.unsupported
 
@@ -113,7 +114,7 @@ class BuiltIns:
     `rules`: the dialect's rules, which include the names; `label`: the simulator's name; `temperature, nominal`:
     functions that return the simulation and the nominal temperature in degrees Celsius, given the scope of the deck;
     `swept`: names that a command sweeps, with the command and its position; `redefined`: a parameter that is defined
-    twice, or an empty string; `use`: record of the present evaluation.
+    twice, or an empty string; `use`: record of temperature use of the evaluation that is running.
     """
 
     rules: ReadingRules
@@ -134,8 +135,9 @@ class BuiltIns:
     def value(self, name: str, scope: Scope) -> float | None:
         """Return the value of the built-in constant or temperature `name`; None for other names.
 
-        A constant that `scope` defines as a parameter is another name, too.  Raises ReservedNameError for a built-in
-        variable or function, for a name that only a sweep defines, and for a temperature that the deck redefines.
+        The result is also None for a constant that `scope` redefines as a parameter.  Raises ReservedNameError for a
+        built-in variable or function, for a name that only a sweep defines, and for a temperature that the deck
+        redefines.
         """
         words = self.words
         if name in words.temperature or name in words.nominal:
@@ -161,7 +163,7 @@ class BuiltIns:
         return None
 
     def _refuse_redefined(self, name: str, scope: Scope, meaning: str) -> None:
-        """Raise ReservedNameError if the deck defines `name`, which the dialect uses for `meaning`."""
+        """Raise ReservedNameError if the deck defines `name`; `meaning`: its use in the dialect, for the message."""
         if scope.defines(name):
             text = f"{self.label} takes {name!r} for {meaning} even if the deck defines it: rename the parameter"
             raise ReservedNameError(text)
@@ -217,7 +219,7 @@ class Scope:
             self._note_idle()
 
     def _note_idle(self) -> None:
-        """Add warnings about parameters without a value, because the simulator may stop even if they are unused."""
+        """Add warnings about parameters without a value; the dialect's simulator may stop even if they are unused."""
         idle = [name for name in self.block.parameters if name not in self._known]
         for name in idle[:_MOST_NOTED]:
             definition = self.block.parameters[name]
@@ -230,9 +232,9 @@ class Scope:
                     self.diagnostics.warn_ignored(definition.card.spot(definition.token.offset), text)
 
     def parameter(self, name: str) -> float | None:
-        """Return the value of a parameter, by its name in lower case, in this scope or an enclosing one.
+        """Return the value of a parameter in this scope or in the nearest enclosing scope; None if it is undefined.
 
-        None if undefined.
+        `name`: in lower case.  Raises CardError if the definition has no value.
         """
         if name in self.given:
             return self.given[name]
@@ -255,18 +257,18 @@ class Scope:
         return self._known[name]
 
     def defines(self, name: str) -> bool:
-        """Return whether this scope or an enclosing one defines a parameter of this name."""
+        """Return whether this scope or an enclosing one defines a parameter `name` (in lower case)."""
         own = name in self.given or name in self.block.parameters
         return own or (self.outer is not None and self.outer.defines(name))
 
     def named(self, name: str) -> float | None:
-        """Return the value of a built-in name or a parameter in an expression; None for unknown names."""
+        """Return the value of a name in an expression: a built-in name, or else a parameter; None if undefined."""
         value = None if self.built_ins is None else self.built_ins.value(name, self)
         return self.parameter(name) if value is None else value
 
     @contextmanager
     def recorded(self) -> Iterator[TemperatureUse]:
-        """Yield a record of the temperature use in evaluations inside the ``with`` block; outer records include it."""
+        """Yield a record of the temperature use inside the ``with`` block; enclosing records include this use, too."""
         use, built_ins = TemperatureUse(), self.built_ins
         if built_ins is None:
             yield use
@@ -280,9 +282,10 @@ class Scope:
                 outer.add(use)
 
     def function(self, name: str, values: list[float], lookup: Lookup) -> float | None:
-        """Return the value of a function of the deck, None if the deck does not define it.
+        """Return the value of a function that the deck defines, None if the deck does not define it.
 
-        `values`: values of the arguments; `lookup`: returns the value of a name in the scope of the call.
+        `name`: in lower case; `values`: values of the arguments; `lookup`: returns the value of a name in the scope of
+        the call.
         """
         home = self.scope_of(self.block.block_of_function(name))
         if home is not self:
@@ -307,9 +310,10 @@ class Scope:
         return self._value_of(definition, key, lambda name: given[name] if name in given else other_names(name))
 
     def _value_of(self, definition: Definition, key: str, lookup: Lookup) -> float:
-        """Return the value of a definition; raise CardError if it has none.
+        """Return the value of the definition of a parameter or function; raise CardError if it has none.
 
-        `key`: name on the stack of evaluations, which detects cycles; `lookup`: returns the value of a name, or None.
+        `key`: name of the parameter or function on the stack of evaluations, which detects cycles; `lookup`: function
+        that returns the value of a name in the definition, or None.
         """
         self._busy.append(key)
         try:
@@ -386,9 +390,9 @@ class Scope:
 
 
 def _shown_call(name: str, values: list[float]) -> str:
-    """Return the name of a function, with a property of its arguments that some dialects do not support.
+    """Return the name of a function with the property of this call that some dialects do not support, if it has one.
 
-    `values`: values of the arguments.
+    `values`: values of the arguments.  Examples: "min of three arguments", "pow of a negative number".
     """
     if name in ("min", "max") and len(values) == 3:
         return f"{name} of three arguments"

@@ -15,7 +15,7 @@ PRIMITIVES = {
     "bsource": "b",
     "iprobe": "v",
 }
-"""Letter of the equivalent SPICE element by Spectre master; other masters cannot be read."""
+"""Letter of the SPICE element that is equivalent to a Spectre primitive; other primitives cannot be read."""
 
 STATEMENTS = {
     "subckt": ".subckt",
@@ -62,14 +62,17 @@ def word_for(rules: ReadingRules, dot: str) -> str:
 
 
 def words_of(card: Card) -> list[str]:
-    """Return the words of a Spectre card before the first ``key=``, without parentheses."""
+    """Return the words of a Spectre card that precede the first ``key=``, without parentheses."""
     head, keyed, _ = card.text.partition("=")
     words = head.replace("(", " ").replace(")", " ").split()
     return words[:-1] if keyed else words
 
 
 def statement_of(card: Card) -> str:
-    """Return the dot command of SPICE that corresponds to a Spectre statement; an empty string for an instance."""
+    """Return the dot command of SPICE that is equivalent to a Spectre statement, an empty string for an instance.
+
+    Raises CardError for a statement that is not supported.
+    """
     words = words_of(card) or [card.text.split()[0]]
     if words[0] in _REFUSED:
         raise card.error(0, f"the statement {words[0]} is not supported; replace it by the elements that it defines")
@@ -77,9 +80,9 @@ def statement_of(card: Card) -> str:
 
 
 def command_of(card: Card, dot: str) -> str:
-    """Return the name of a card's command as written, in Spectre the keyword or the master.
+    """Return the name of a card's command as the card writes it: in Spectre the keyword or the master, else `dot`.
 
-    `dot`: the equivalent dot command of SPICE.
+    `dot`: the dot command of SPICE.  A master is the last word before the parameters, such as the kind of an analysis.
     """
     words = words_of(card)
     if not card.rules.instances or not words:
@@ -88,9 +91,9 @@ def command_of(card: Card, dot: str) -> str:
 
 
 def letter_of(card: Card, block: Block) -> str:
-    """Return the letter of the SPICE element for a Spectre instance, "x" for a subcircuit.
+    """Return the letter of the SPICE element that is equivalent to a Spectre instance, "x" for a subcircuit.
 
-    `block`: the block that contains the card, whose models may name the master.
+    `block`: the deck or subcircuit that contains the card, whose models may define the instance's kind.
     """
     master = (words_of(card) or [""])[-1]
     model = block.model(master.lower())
@@ -102,7 +105,7 @@ def letter_of(card: Card, block: Block) -> str:
 def source_value(card: Card, pairs: list[Setting], scope: Scope) -> tuple[float, float]:
     """Return the value of a source at direct current, in volts or amperes, and the number of parallel sources.
 
-    `pairs`: the ``key=value`` pairs of the card.
+    `card`: the card of the source; `pairs`: its ``key=value`` pairs; `scope`: parameter values.
     """
     values: dict[str, float] = {}
     waveform = False

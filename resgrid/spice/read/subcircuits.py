@@ -23,13 +23,13 @@ from resgrid.spice.read.spectre import PRIMITIVES, word_for
 from resgrid.spice.read.temperature import refuse_temperature
 
 MAX_DEPTH = 50
-"""Maximum nesting depth of subcircuits."""
+"""Maximum nesting depth of subcircuits; deeper nesting is an error of the deck."""
 
 MAX_ELEMENTS = 20_000_000
-"""Maximum number of elements after the expansion of subcircuits."""
+"""Maximum number of elements after the expansion of subcircuits, unless the caller of `read_spice` sets a limit."""
 
 FREE_GROWTH, MAX_GROWTH = 500_000, 5000
-"""Maximum number of elements after expansion: `FREE_GROWTH`, or `MAX_GROWTH` per card if that is more."""
+"""Default limit of the number of elements after expansion: `FREE_GROWTH`, or `MAX_GROWTH` per card if that is more."""
 
 _OWN_MULTIPLIER = re.compile(r"^[^vs].*[\s,]m\s*=", re.IGNORECASE)
 
@@ -55,8 +55,8 @@ class Instance:
 class FlatSubcircuit:
     """A flattened subcircuit with given parameter values.
 
-    `names` (n,): names of nodes, ports first; `ports`: number of ports; `is_global` (n,): whether a node is global or
-    ground; `parts`: arrays of the elements by kind.
+    `names` (n,): names of nodes, terminals first; `ports`: number of terminals; `is_global` (n,): whether a node is
+    global or ground, and no terminal; `parts`: arrays of the elements by kind.
     """
 
     names: tuple[str, ...]
@@ -67,7 +67,7 @@ class FlatSubcircuit:
 
 @dataclass(eq=False)
 class Expander:
-    """Expansion of blocks (the deck and its subcircuits); each is flattened once per set of parameter values.
+    """Expander of instances; each subcircuit is flattened once per set of parameter values and copied to its instances.
 
     `contents`: content of the deck; `nominal`: nominal temperature of the deck, in degrees Celsius; `heating`:
     simulation temperature minus nominal temperature, in kelvin; `used`: names of the subcircuits with instances.
@@ -87,7 +87,7 @@ class Expander:
         return Elements(nodes, self.nominal, self.heating)
 
     def fill(self, scope: Scope, elements: Elements, cards: Iterable[Card]) -> None:
-        """Add the elements of `cards`, with instances expanded, to `elements`; errors of cards are collected."""
+        """Add the elements of `cards`, with instances expanded, to `elements`; errors go to `scope.diagnostics`."""
         groups: dict[FlatSubcircuit, list[tuple[Instance, float]]] = {}
         names: set[str] = set()
         for card in cards:
@@ -114,7 +114,7 @@ class Expander:
             )
 
     def _check_names(self, card: Card, letter: str) -> None:
-        """Raise CardError for a node name that the simulator misreads; warn about blanks in quoted names."""
+        """Raise CardError for a node name that the simulator misreads; warn about a blank; `letter`: kind of card."""
         misread = card.rules.words.misread.get("node", ())
         if any(name in card.text.lower() for name in misread):
             tokens = [token for token in tokenise(card)[1:] if token.kind != "mark"]
@@ -151,7 +151,7 @@ class Expander:
             )
 
     def _size(self, block: Block, path: list[Block]) -> int:
-        """Return the number of elements of an expanded block; `path`: the enclosing blocks, outermost first."""
+        """Return the number of elements of an expanded block; `path`: the blocks that contain it, outermost first."""
         if block in self._sizes:
             return self._sizes[block]
         count = 0
@@ -226,9 +226,9 @@ class Expander:
     def _given_value(
         self, instance: Instance, setting: Setting, scope: Scope, given: dict[str, float], names: set[str]
     ) -> float:
-        """Return the value of one parameter of an instance; add the names in its expression to `names`.
+        """Return the value that an instance passes to one parameter; add the names in its expression to `names`.
 
-        `scope`: the scope that contains the instance; `given`: values of the parameters that precede this one, by name.
+        `setting`: the parameter; `scope`: contains the instance; `given`: values that were evaluated before, by name.
         """
         inner: list[Scope] = []
 
@@ -250,7 +250,7 @@ class Expander:
     def _ordered(self, instance: Instance, scope: Scope) -> list[Setting]:
         """Return the parameters of an instance in an order in which each follows those that its expression uses.
 
-        If a parameter is given twice, the last value counts.
+        `scope`: scope that contains the instance.  If a parameter is given twice, only the last one is returned.
         """
         last = {setting.key: setting for setting in instance.given}
         if not instance.card.rules.words.inner_names or len(last) < 2:
@@ -258,7 +258,10 @@ class Expander:
         ordered: dict[str, Setting] = {}
 
         def visit(setting: Setting, path: tuple[str, ...]) -> None:
-            """Add the parameters that a value refers to, then the parameter itself; `path`: keys of the callers."""
+            """Append the parameters that `setting` refers to, then `setting`, to `ordered` (depth-first).
+
+            `path`: names in the chain of references that leads to `setting`; it breaks cycles.
+            """
             for name in sorted(names_in(setting.values[0].text)):
                 if name in last and name not in ordered and name not in path and not scope.defines(name):
                     visit(last[name], (*path, name))
@@ -271,10 +274,10 @@ class Expander:
     def _refuse_captured(
         self, instance: Instance, scope: Scope, given: dict[str, float], named: dict[str, set[str]]
     ) -> None:
-        """Raise CardError for a name in an instance's expression that has another value inside the subcircuit.
+        """Raise CardError for a name in an instance's expression with different values outside and in the subcircuit.
 
-        The dialect's simulator looks the name up inside the subcircuit, other simulators outside.  `given`: parameter
-        values that the instance passes; `named`: names in the expression of each parameter.
+        The dialect's simulator takes the value in the subcircuit.  `scope`: scope that contains the instance; `given`:
+        parameter values that it passes; `named`: for each parameter, the names in its expression.
         """
         ambiguous = [
             (setting, name)
@@ -342,7 +345,7 @@ class Expander:
 def _stamp(flat: FlatSubcircuit, instances: list[tuple[Instance, float]], elements: Elements) -> None:
     """Add the elements of a flattened subcircuit to `elements`, once for every instance.
 
-    `instances`: pairs of an instance and its multiplier.
+    `flat`: the flattened subcircuit; `instances`: pairs of an instance and its multiplier ``m``.
     """
     factor = np.array([factor for _, factor in instances])
     place = np.array([(instance.card.file, instance.card.line) for instance, _ in instances], dtype=np.int64)
@@ -367,7 +370,7 @@ def _stamp(flat: FlatSubcircuit, instances: list[tuple[Instance, float]], elemen
 
 
 def _names_of_instances(instances: list[tuple[Instance, float]], part: ElementArrays) -> list[str]:
-    """Return the names of the copied elements, ``instance.element``; `part`: the elements of the subcircuit."""
+    """Return the names ``instance.element`` of all copied elements; `part`: the elements of the subcircuit."""
     names = part.names()
     return [f"{instance.name}.{name}" for instance, _ in instances for name in names]
 
@@ -377,8 +380,8 @@ def _node_map(
 ) -> NDArray[np.int64]:
     """Return the node numbers of the subcircuit's nodes for every instance, shape (instances, nodes).
 
-    `orders` (instances,): position of each instance in the deck, which determines the order of new nodes; `table`: node
-    table of the enclosing block, which gets the new nodes.
+    `orders` (instances,): position of each instance in the deck, which decides between spellings of a node's name;
+    `table`: node table of the enclosing block, to which new nodes are added.
     """
     number_of = table.number_of
     numbers = np.empty((len(instances), len(flat.names)), dtype=np.int64)

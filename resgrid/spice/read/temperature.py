@@ -1,4 +1,4 @@
-"""Checks for expressions of the temperature that a simulator does not evaluate."""
+"""Checks for expressions of the simulation temperature that the dialect's simulator does not evaluate."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from resgrid.spice.read.scopes import TemperatureUse
 
 
 def refuse_unsupported(card: Card, use: TemperatureUse, ohms: float | None) -> None:
-    """Raise CardError for an expression of the temperature that the dialect's simulator does not evaluate.
+    """Raise CardError if an expression uses the temperature in a way that the dialect's simulator cannot evaluate.
 
-    `use`: record of the evaluation; `ohms`: value of a resistor, None for other values; ngspice fails at 0 ohm.
+    `card`: the card with the expression; `use`: record of its evaluation; `ohms`: its value if it is a resistance (at
+    which 0 fails), None for other values.
     """
     words = card.rules.words
     if not use.used or not words.temperature_in_values:
@@ -56,9 +57,10 @@ def refuse_dropped(
 
 
 def refuse_temperature(card: Card, offset: int | None, place: str) -> None:
-    """Raise CardError where the dialect's simulator does not know the temperature.
+    """Raise CardError for a value that uses the temperature, if the dialect's simulator does not know it there.
 
-    `offset`: position in the card, None for the whole card; `place`: description of the value in the message.
+    `card`: the card with the value; `offset`: position in the card, None for the whole card; `place`: description of
+    the value in the message.
     """
     words = card.rules.words
     if words.temperature_in_values:

@@ -11,7 +11,7 @@ from resgrid.spice.read.cards import Card, Token
 from resgrid.spice.read.scopes import Scope
 
 _DELAYS = {"pulse": (2,), "sin": (3,), "sine": (3,), "exp": (2, 4), "pwl": (), "sffm": ()}
-"""Indices of the values that are delays, by the name of each supported waveform."""
+"""Positions of the delays among the values of a waveform, counted from 0, by the name of each supported waveform."""
 
 _OTHER_WAVEFORMS = frozenset(
     ("am", "trnoise", "trrandom", "external", "pat", "pattern", "prbs", "wavefile", "port", "lfsr", "trrand", "pwlz")
@@ -32,10 +32,10 @@ class SourceValue:
 
 
 def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
-    """Return the value of an independent source at direct current from the tokens after its nodes.
+    """Return the value of an independent source at direct current, its multiplier and its series resistance.
 
     The value is the number with or without ``DC``; if it is missing, the value of the waveform at time 0; otherwise 0.
-    `scope`: parameter values for expressions.
+    `tokens`: tokens of the card after the nodes; `scope`: parameter values for expressions.
     """
     rest, keys = tokens[::-1], dict[str, float]()
     value: float | None = None
@@ -72,9 +72,10 @@ def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
 
 
 def _waveform(card: Card, token: Token, rest: list[Token], scope: Scope) -> tuple[Token, list[float], dict[str, float]]:
-    """Consume the values of a waveform; return its name's token, its values without a key, and its values by key.
+    """Consume the values of a waveform; return the token of its name, its values without a key, and its values by key.
 
-    `token`: name of the waveform; `rest`: the remaining tokens of the card, in reverse order.
+    `token`: name of the waveform; `rest`: the remaining tokens of the card, in reverse order; `scope`: parameter
+    values.
     """
     bracketed, word = _takes(rest, "("), token.text.lower()
     values: list[float] = []
@@ -95,14 +96,15 @@ def _waveform(card: Card, token: Token, rest: list[Token], scope: Scope) -> tupl
 
 
 def _takes(rest: list[Token], mark: str) -> bool:
-    """Consume the next token if it is `mark`; return whether it was; `rest`: the remaining tokens, in reverse order."""
+    """Remove the next token from `rest` if it is `mark`; return whether it was; `rest`: tokens in reverse order."""
     return bool(rest) and rest[-1].is_mark(mark) and bool(rest.pop())
 
 
 def _number(card: Card, after: Token, rest: list[Token], scope: Scope) -> float:
-    """Consume the next token and return its value.
+    """Remove the next token from `rest` and return its value.
 
-    `after`: the word before the number, for the message; `rest`: the remaining tokens, in reverse order.
+    `after`: the word before the number, for the error about a missing number; `rest`: the remaining tokens of the card,
+    in reverse order; `scope`: parameter values.
     """
     if not rest:
         raise card.error(after.offset, f"{after.text!r} has no value")
@@ -117,7 +119,8 @@ def _begins_number(token: Token) -> bool:
 def _at_zero(card: Card, token: Token, values: list[float], keys: dict[str, float]) -> float:
     """Return the value of a waveform at time 0, in volts or amperes; raise CardError where simulators disagree.
 
-    `token`: name of the waveform; `values`: values of the waveform without a key; `keys`: values with a key, by key.
+    `token`: name of the waveform; `values`: its values without a key, in the order of the card; `keys`: its values by
+    key.
     """
     text = token.text
     delays = [*(values[i] for i in _DELAYS[text.lower()] if i < len(values)), keys.get("td", 0.0)]

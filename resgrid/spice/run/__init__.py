@@ -9,10 +9,10 @@ from resgrid.spice.run.eecircuit import simulate_eecircuit
 from resgrid.spice.run.ngspice import SimulatorRun, simulate
 
 SIMULATED = "ngspice"
-"""Name of the dialect that all engines read."""
+"""Name of the dialect that all engines (programs that simulate decks) read."""
 
 ENGINES: dict[str, Callable[..., SimulatorRun]] = {"ngspice": simulate, "eecircuit": simulate_eecircuit}
-"""Function that computes the operating point of a deck's content, by the name of the engine."""
+"""Function that runs an engine on a deck's content and returns the operating point, by the name of the engine."""
 
 
 def engine_named(name: str) -> Callable[..., SimulatorRun]:

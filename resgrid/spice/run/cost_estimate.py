@@ -24,15 +24,16 @@ from resgrid.spice.dialects import DIALECTS
 _FIRST_WITH_KLU = 42
 """First version of ngspice that uses KLU."""
 _RANDOM_WIDTH = 0.117
-"""Factor in the upper limit of the core's width: this factor times neighbours per node times ``size**(2/3)``.
+"""Coefficient ``a`` of the upper limit ``a * k * n**(2/3)`` of the core's width in the cost model.
 
-The limit is for random networks.  They have few breadth-first levels, so that the nodes per level would overestimate
-the cost of elimination.
+``k`` is the mean number of neighbours and ``n`` the number of core nodes with more than two neighbours.  The limit is
+for random networks.  They have few breadth-first levels, so that the nodes per level would overestimate the cost of
+elimination.
 """
 
 
 COSTS = {engine: costs for dialect in DIALECTS.values() for engine, costs in dialect.engines.items()}
-"""Coefficients of the cost model by engine."""
+"""Coefficients of the cost model by name of the engine: "ngspice", "ngspice-klu" (ngspice with KLU), "eecircuit"."""
 
 
 @dataclass(frozen=True)
@@ -59,10 +60,11 @@ class Forecast:
 
 
 def forecast(circuit: Netlist | Circuit, engine: str = "ngspice", version: str = "") -> Forecast:
-    """Return the estimated time and memory of an operating point; the estimate takes time proportional to the elements.
+    """Return the estimated time and memory that an engine needs for an operating point.
 
-    `engine`: name of the engine; `version`: version of ngspice, which determines the matrix package (KLU from 42 on).
-    Raises InputError for an unknown engine.
+    `engine`: name of the engine; `version`: version of ngspice, which determines the matrix package (KLU from 42 on),
+    empty if unknown.  Computing the estimate takes time proportional to the number of elements.  Raises InputError for
+    an unknown engine.
     """
     major = version.partition(".")[0].rstrip("+")
     if engine == "ngspice" and major.isdecimal() and int(major) >= _FIRST_WITH_KLU:
@@ -79,7 +81,7 @@ def forecast(circuit: Netlist | Circuit, engine: str = "ngspice", version: str =
 
 
 def require_time(expected: Forecast, timeout: float) -> None:
-    """Raise BudgetError if the estimated time exceeds `timeout` seconds; `expected`: the estimate."""
+    """Raise BudgetError if the estimated time exceeds the limit `timeout`, in seconds; `expected`: the estimate."""
     if expected.seconds > timeout:
         other = "" if expected.engine != "ngspice" else ", use the faster engine (--engine eecircuit)"
         more = f"allow more (--timeout {max(expected.seconds * 3, 1):.0f})"
@@ -88,10 +90,11 @@ def require_time(expected: Forecast, timeout: float) -> None:
 
 
 def core_of(circuit: Circuit) -> tuple[int, float]:
-    """Return the size and the width of a network's core.
+    """Return the size and the width of the core of a network, (0, 0.0) for a network without a core.
 
-    The core is the network without nodes of known voltage and dangling trees.  The size counts core nodes with more
-    than two neighbours; the width is the number of nodes per breadth-first level.
+    The core is the network without nodes of known voltage and without dangling trees.  Its size is the number of nodes
+    with more than two neighbours in the core.  Its width is the number of core nodes per breadth-first level, limited
+    for random networks.
     """
     from scipy.sparse import coo_array
 
@@ -118,7 +121,7 @@ def core_of(circuit: Circuit) -> tuple[int, float]:
 
 
 def _strip_leaves(graph: Any, degree: NDArray[np.int64]) -> None:
-    """Remove nodes with one neighbour repeatedly, which sets the `degree` of removed nodes to 0 in place.
+    """Remove nodes with one neighbour until none is left; removal sets their entries of `degree` to 0 in place.
 
     `graph`: compressed sparse rows of the symmetric adjacency; `degree` (nodes,): number of neighbours of every node.
     """
@@ -134,9 +137,9 @@ def _strip_leaves(graph: Any, degree: NDArray[np.int64]) -> None:
 
 
 def _sweep(graph: Any, start: int) -> tuple[int, int, int]:
-    """Return the number of breadth-first levels from node `start`, the number of nodes reached, and the last node.
+    """Return the number of breadth-first levels from node `start`, the number of nodes reached, and a farthest node.
 
-    `graph`: sparse adjacency of the network.
+    `graph`: sparse adjacency matrix of the network.
     """
     from scipy.sparse.csgraph import breadth_first_order
 

@@ -41,8 +41,8 @@ def simulate_eecircuit(
     """Compute the operating point of a deck's content with ``eecircuit-engine`` and return the result.
 
     `data`: content of the deck; `source`: name of the deck in messages; `timeout`: longest run, in seconds; `direct`:
-    whether the deck contains its own analysis statement.  Raises ToolMissingError if the engine is not installed,
-    InputError for a deck with commands, and BudgetError after the timeout.
+    whether the deck contains an analysis statement (if not, ``.op`` is added).  Raises ToolMissingError if the engine
+    is not installed, InputError for a deck with commands, and BudgetError after the timeout.
     """
     node, module = find_program(NODE_VARIABLE, "node", _INSTALL), find_module()
     refuse_commands(data, source, models=direct)
@@ -55,7 +55,7 @@ def simulate_eecircuit(
 
 
 def find_module() -> Path:
-    """Return the path of the engine's ES module; raise ToolMissingError if the package is not installed."""
+    """Return the path of the engine's JavaScript module; raise ToolMissingError if its package is not installed."""
     for folder in _folders():
         manifest = folder / "package.json"
         try:

@@ -33,13 +33,16 @@ _DECK, RAW, _LOG = "deck.cir", "operating_point.raw", "log.txt"
 _RUN = '* operating point of {deck}\n.include "{deck}"\n.options klu\n.op\n.end\n'
 _PLOT = "Operating Point"
 _MAX_LOG = 2**20
-"""Maximum number of bytes that are read from a simulator's log."""
+"""Maximum number of bytes that are read from the beginning of a simulator's log; later messages are ignored."""
 _MAX_SECONDS = 2**31
-"""Largest limit of a simulator's processor time, in seconds."""
+"""Largest limit of the processor time of a simulator run, in seconds; a longer timeout is reduced to this limit."""
 _MAX_COMPLAINTS = 10
-"""Maximum number of a simulator's messages that a result contains."""
+"""Maximum number of different warnings and errors of a simulator that `SimulatorRun.complaints` contains."""
 MAX_ASCENT = 8
-"""Maximum number of ``..`` in the name of an included file; the deck runs in a folder at this nesting depth."""
+"""Maximum number of leading ``..`` in the name of an included file.
+
+The deck runs in a folder at this nesting depth of the temporary folder, so that ``..`` cannot lead outside.
+"""
 _VERSION = re.compile(r"ngspice-(\d[\w.+-]*)")
 _COMPLAINT = re.compile(
     r"warning|error|fatal|singular|gmin|source step|transient op|no convergence|timestep|abort|fail|unable|cannot|"
@@ -68,8 +71,8 @@ class SimulatorRun:
 
     `voltage`: voltage of every node by name, in volts; empty without an operating point; `source_current`: current into
     the plus terminal of every voltage source by name, in amperes; `simulator, version`: name and version of the
-    simulator, ``"unknown"`` if it prints none; `complaints`: defects of the run and suspicious messages of the
-    simulator.
+    simulator, ``"unknown"`` if it prints no version; `complaints`: messages about a missing or unusable result, and
+    warnings and errors that the simulator printed.
     """
 
     voltage: Mapping[str, float]
@@ -91,10 +94,10 @@ def simulate(
     """Compute the operating point of a deck's content with ngspice, in a temporary folder, and return the result.
 
     `data`: content of the deck; `source`: name of the deck in messages; `timeout`: longest run, in seconds; `direct`:
-    whether the deck contains its own analysis statement; `files`: content of the included files by relative path;
-    `place`: relative path of the deck.  A defective deck gives complaints in the result, not an exception.  Raises
-    ToolMissingError if ngspice is not installed, InputError for a deck with commands, and BudgetError after the
-    timeout.
+    whether the deck contains an analysis statement (if not, ``.op`` is added); `files`: content of the included files
+    by relative path; `place`: relative path of the deck.  A defective deck gives complaints in the result, not an
+    exception.  Raises ToolMissingError if ngspice is not installed, InputError for a deck with commands, and
+    BudgetError after the timeout.
     """
     program = find_program(EXECUTABLE_VARIABLE, "ngspice", _INSTALL)
     refuse_commands(data, source, models=direct, includes=bool(files))
@@ -118,9 +121,10 @@ def ngspice_version() -> str:
 
 
 def find_program(variable: str, name: str, remedy: str) -> str:
-    """Return the absolute path of the program `name`, which the environment variable `variable` may override.
+    """Return the absolute path of the program `name`, or of the program that the environment variable `variable` names.
 
-    Raises ToolMissingError with the text `remedy` (its field ``name`` is the program) if the program is not installed.
+    `remedy`: message of the ToolMissingError that is raised if the program is not installed; its field ``name`` becomes
+    the program.
     """
     named = os.environ.get(variable) or name
     path = shutil.which(named)
@@ -133,7 +137,7 @@ def refuse_commands(data: bytes, source: str, *, models: bool = False, includes:
     """Raise InputError for a deck that could run commands or read other files.
 
     `data`: content of the deck; `source`: name of the deck in messages; `models`: whether ``.model`` and ``.func`` are
-    allowed; `includes`: whether statements that include files are allowed.
+    allowed (code models are then rejected); `includes`: whether statements that include files are allowed.
     """
     words = _COMMANDS + (b"" if includes else _FILES) + (_CODE_MODELS if models else _MODELS)
     forbidden = re.compile(rb"^\s*(" + words + rb")", re.IGNORECASE | re.MULTILINE)
@@ -150,9 +154,9 @@ def refuse_commands(data: bytes, source: str, *, models: bool = False, includes:
 
 
 def _version(program: str, folder: Path) -> str:
-    """Return the version that a program prints, ``"unknown"`` if it prints none within 10 s.
+    """Return the version that ngspice prints, ``"unknown"`` if it prints none within 10 s.
 
-    `folder`: folder for the log.
+    `program`: path of ngspice; `folder`: folder for the log.
     """
     try:
         run_quietly([program, "--version"], folder, 10.0, "--version")
@@ -227,9 +231,9 @@ def _read_log(folder: Path) -> str:
 
 
 def result_in(folder: Path, simulator: str, version: str, status: int) -> SimulatorRun:
-    """Return the result of a run from the raw file and the log in a folder.
+    """Return the result of a run from the raw file and the log that the simulator wrote to `folder`.
 
-    `simulator, version`: name and version of the simulator; `status`: exit status, for messages.
+    `simulator, version`: name and version of the simulator; `status`: its exit status, which appears in messages only.
     """
     lines = (re.sub(r"\s+", " ", line).strip() for line in re.split(r"[\r\n]+", _read_log(folder)))
     bad = dict.fromkeys(line for line in lines if _COMPLAINT.search(line) and not _HARMLESS.search(line))
@@ -248,7 +252,7 @@ def result_in(folder: Path, simulator: str, version: str, status: int) -> Simula
 
 
 def _operating_point(path: Path) -> RawFile:
-    """Return the content of the raw file of an operating point; raise InputError for any other content."""
+    """Return the content of the raw file `path`; raise InputError unless it is one operating point with voltages."""
     if not path.is_file():
         raise InputError("ngspice wrote no raw file")
     raw = read_rawfile(path.read_bytes(), "ngspice's raw file")

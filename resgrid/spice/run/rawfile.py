@@ -66,9 +66,9 @@ def read_rawfile(data: bytes, source: str = "raw file") -> RawFile:
 
 
 def _count(fields: Mapping[str, str], key: str, source: str) -> int:
-    """Return the integer of the header's field `key`; raise InputError for any other text.
+    """Return the value of the header's field `key` as an integer; raise InputError if its text is not an integer.
 
-    `fields`: texts of the header's fields; `source`: name of the file in messages.
+    `fields`: texts of the header's fields by key in lower case; `source`: name of the file in messages.
     """
     text = fields.get(key, "")
     if not (text.isascii() and text.isdigit() and len(text) < 12):
@@ -77,7 +77,7 @@ def _count(fields: Mapping[str, str], key: str, source: str) -> int:
 
 
 def raw_of(op: OperatingPoint) -> RawFile:
-    """Return the voltages and source currents of an operating point as one plot, with ngspice's names."""
+    """Return the node voltages and source currents of an operating point as one plot, with ngspice's names."""
     netlist = op.netlist
     nodes = np.flatnonzero(np.isfinite(op.voltage))
     nodes = nodes[nodes != GROUND]
@@ -118,7 +118,7 @@ def format_raw(raw: RawFile, *, title: str = "resistor network", form: str = "bi
 
 
 def _rows(values: NDArray[Any]) -> Iterable[str]:
-    """Yield the lines of a text raw file; `values` (points, variables): in SI units."""
+    """Yield the lines of a text raw file that hold the numbers; `values` (points, variables): in SI units."""
     for number, row in enumerate(values.tolist()):
         first, *rest = map(repr, row) if row else ("",)
         yield f" {number}\t{first}"

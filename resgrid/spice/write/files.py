@@ -47,9 +47,11 @@ class WrittenDeck:
     companion : pathlib.Path or None
         The self-check deck, with which ngspice prints PASS or FAIL; None for other dialects, and for random values.
     chip, pattern : pathlib.Path or None
-        In tile form, the array of tiles and the scene, which the deck includes.
+        Files that a deck in tile form (one subcircuit per cell) includes: the array of subcircuits, and the states of
+        the cells.  None in flat form.
     left_out : mapping of str to int
-        Number of floating nodes, and of elements of each kind, that the deck omits.
+        Number of floating nodes (key ``"floating node"``) and of elements of each kind that the deck omits; a number of
+        0 is absent.
 
     Examples
     --------
@@ -100,7 +102,7 @@ def write_spice(
     chip : Chip, optional
         For ``form="cells"``: the chip that the netlist was built from (`build_chip`), with all switches of its tiles.
     form : {"flat", "cells"}
-        One line per element, or an array of tiles and a pattern that sets their switches.
+        One line per element; or tile form: one subcircuit per cell, and a parameter per cell that sets its switches.
     analyses : sequence of Analysis
         Analyses that the commands request in place of the operating point, such as `TransientAnalysis`.
     expected : mapping of str to object, optional
@@ -188,9 +190,10 @@ def write_spice(
 def _apply_mismatch(
     circuit: Netlist | OperatingPoint, analyses: Sequence[Analysis]
 ) -> tuple[Netlist | OperatingPoint, list[Analysis]]:
-    """Return the circuit with random resistances, if resgrid draws them, and the analyses for the simulator.
+    """Return the circuit to write, with random resistances if resgrid draws them, and the analyses for the simulator.
 
-    resgrid draws the resistances if `analyses` contains a `MismatchAnalysis` without runs of the simulator.
+    resgrid draws the resistances if `analyses` contains a `MismatchAnalysis` with ``runs = 0``; the returned circuit is
+    then a netlist, and the returned analyses do not contain that analysis.  Otherwise both arguments are returned.
     """
     mismatch: MismatchAnalysis | None = only_one(analyses, MismatchAnalysis)
     if mismatch is None or mismatch.runs:
@@ -204,7 +207,10 @@ def _apply_mismatch(
 
 
 def _checked_target(target: Path) -> Path:
-    """Return `target`, the path of a deck; raise InputError if it cannot be written or included."""
+    """Return `target`, the path of a deck; raise InputError if no sidecar or command file can accompany a deck there.
+
+    The path must be a regular file or absent, and its name printable and without double quotes.
+    """
     sidecar_path(target)
     if target.exists() and not (target.is_file() or target.is_dir()):
         raise InputError(
@@ -219,7 +225,7 @@ def _checked_target(target: Path) -> Path:
 
 
 def _described(analysis: Analysis) -> dict[str, Any]:
-    """Return an analysis as a dict of JSON values for the sidecar."""
+    """Return an analysis as a dict of JSON values for the sidecar: its kind and its attributes."""
     if isinstance(analysis, TransientAnalysis):
         changed = analysis.after is not None
         return {"kind": "transient", "stop": analysis.stop, "step": analysis.step, "changes_scene": changed}

@@ -24,14 +24,14 @@ _MAX_TITLE = 200
 class FlatDeck:
     """Text of a deck, and the correspondence between names in the deck and the netlist.
 
-    `netlist`: the netlist that was written; `text`: the deck, LF line ends; `dialect`: dialect of the deck; `title`:
-    one line of ASCII; `nodes` (n,): netlist numbers of the nodes in the deck, ascending, without ground; `node_names`
-    (n,): names of `nodes` in the deck; `sources` (s,): netlist indices of the voltage sources in the deck, in the order
-    of the deck; `source_names` (s,): names of `sources` in the deck; `left_out`: netlist names of the floating nodes,
-    which the deck omits; `renamed_nodes, renamed_elements`: netlist name by deck name, where they differ; `resistors`
-    (m,): the simulator's names of the resistors; `resistor_value` (m,): resistances in ohms; `parts`: content of the
-    included files, by suffix; `dropped`: number of omitted elements of each kind (an omitted element touches a floating
-    node, or closes a loop of voltage sources).
+    `netlist`: the netlist that was written; `text`: the deck, with LF line ends; `dialect`: dialect of the deck;
+    `title`: one line of ASCII; `nodes` (n,): netlist numbers of the nodes in the deck, ascending, without ground;
+    `node_names` (n,): names of `nodes` in the deck; `sources` (s,): netlist indices of the voltage sources in the deck,
+    in the order of the deck; `source_names` (s,): names of `sources` in the deck; `left_out`: netlist names of the
+    floating nodes, which the deck omits; `renamed_nodes, renamed_elements`: netlist name by deck name, where they
+    differ; `resistors` (m,): the simulator's names of the resistors; `resistor_value` (m,): resistances in ohms;
+    `parts`: content of the included files, by suffix; `dropped`: number of omitted elements of each kind (an omitted
+    element touches a floating node, or closes a loop of voltage sources); a kind without omitted elements is absent.
     """
 
     netlist: Netlist
@@ -52,7 +52,7 @@ class FlatDeck:
 
     @property
     def missing(self) -> dict[str, int]:
-        """Number of nodes and elements of the netlist that the deck omits, by kind."""
+        """Number of floating nodes, and of elements of each kind, of the netlist that the deck omits; without zeros."""
         return {**({"floating node": len(self.left_out)} if self.left_out else {}), **self.dropped}
 
 
@@ -61,7 +61,7 @@ class Additions:
     """Changes of a deck's lines that analyses require.
 
     `suffix`: text appended to the line of a voltage source (a waveform), by the netlist index of the source; `first`:
-    text appended to the voltage source in the deck with the lowest netlist index; `spread`: relative standard deviation
+    text appended to the line of the voltage source with the lowest netlist index; `spread`: relative standard deviation
     of the resistances, which the simulator draws; 0 for fixed values.
     """
 
@@ -70,7 +70,7 @@ class Additions:
     spread: float = 0.0
 
     def of(self, sources: Iterable[int]) -> list[str]:
-        """Return the text appended to the line of each voltage source; `sources`: netlist indices of the sources."""
+        """Return the text appended to the line of each voltage source in the deck; `sources`: their netlist indices."""
         numbers = list(sources)
         least = min(numbers, default=0)
         return [self.suffix.get(number, "") + self.first * (number == least) for number in numbers]
@@ -85,9 +85,9 @@ def flatten(
     """Return the flat deck of a netlist.  The text does not depend on the order of the netlist's elements.
 
     `dialect`: name of the dialect; `title`: first line, None for a description of the netlist; `additions`: changes
-    that analyses require.  Floating nodes, the elements that touch floating nodes, and sources that close a consistent
-    loop are omitted.  Raises InputError for an unknown dialect, an overflowing resistance or a netlist without grounded
-    nodes, and CircuitError for a current source that drives a floating part.
+    that analyses require.  Floating nodes, the elements that touch floating nodes, and voltage sources that close a
+    loop with a voltage sum of zero are omitted.  Raises InputError for an unknown dialect, an overflowing resistance or
+    a netlist without grounded nodes, and CircuitError for a current source that drives a floating node.
     """
     rules = dialect_named(dialect)
     held = _grounded_nodes(netlist)
@@ -135,9 +135,9 @@ def flatten(
 
 
 def fill(template: str, columns: Mapping[str, Iterable[str]]) -> list[str]:
-    """Return one line per row of the columns, filled into a `str.format` template.
+    """Return the lines that result from a `str.format` template, one for each row of a table of texts.
 
-    `columns`: texts of each field of the template, by name; all columns have the same length.
+    `columns`: column of the table for each field of the template, by name; all these columns have the same length.
 
     Examples
     --------
@@ -150,7 +150,7 @@ def fill(template: str, columns: Mapping[str, Iterable[str]]) -> list[str]:
 
 
 def plain(values: NDArray[np.float64]) -> list[str]:
-    """Return the shortest exact decimal text of each number, with ``0.0`` for negative zero; `values` (n,)."""
+    """Return the shortest decimal text that reads back as each number, ``0.0`` for negative zero; `values` (n,)."""
     return list(map(repr, (values + 0.0).tolist()))
 
 
@@ -174,7 +174,7 @@ def resistances(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return positive numbers (n,) rounded to 12 significant digits, shape (n,)."""
+    """Return positive numbers rounded to 12 significant digits, shape (n,); `values` (n,)."""
     with np.errstate(all="ignore"):
         scale = 10.0 ** (11 - np.floor(np.log10(values)))
         return np.asarray(np.rint(values * scale) / scale)
@@ -183,7 +183,7 @@ def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def _grounded_nodes(netlist: Netlist) -> NDArray[np.bool_]:
     """Return the mask (node_count,) of the nodes that resistors and voltage sources connect to ground.
 
-    Raises InputError if only ground is in the mask, and CircuitError for a current source that drives a floating part.
+    Raises InputError if only ground is in the mask, and CircuitError for a current source that drives a floating node.
     """
     circuit = Circuit.of(netlist)
     for source in circuit.trapped_sources.tolist():
@@ -202,9 +202,10 @@ def _grounded_nodes(netlist: Netlist) -> NDArray[np.bool_]:
 
 
 def _choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDArray[np.int64]]:
-    """Return the netlist indices of the elements in the deck, by kind, sorted by nodes and values.
+    """Return the netlist indices of the elements in the deck, by kind, sorted by nodes and then by values.
 
-    `held` (node_count,): mask of the nodes in the deck.
+    Elements at nodes outside the deck, and voltage sources that close a loop of voltage sources, are left out.  `held`
+    (node_count,): mask of the nodes in the deck.
     """
     from resgrid.circuit.sources import tie_sources
 
@@ -264,9 +265,9 @@ def _has_coefficients(netlist: Netlist) -> bool:
 
 
 def _preamble(netlist: Netlist, rules: Dialect, additions: Additions) -> list[str]:
-    """Return the lines between the comments at the top and the elements: dialect, tolerances, random resistors.
+    """Return the lines between the title and the elements: dialect statements, tolerances, random resistors.
 
-    `additions`: changes of the deck that analyses require.
+    `rules`: dialect of the deck; `additions`: changes of the deck that analyses require.
     """
     precise = [rules.precise] if netlist.nonlinear_nodes.size else []
     spread = spread_preamble(rules, additions.spread, temperature=_has_coefficients(netlist))
@@ -274,7 +275,7 @@ def _preamble(netlist: Netlist, rules: Dialect, additions: Additions) -> list[st
 
 
 def spread_preamble(rules: Dialect, sigma: float, *, temperature: bool = False) -> list[str]:
-    """Return the lines of the definitions that resistors of random value need.
+    """Return the lines that define resistors of random value in a dialect, an empty list for fixed values.
 
     `sigma`: relative standard deviation of the resistances, 0 for fixed values; `temperature`: whether resistors have
     temperature coefficients.
@@ -298,9 +299,9 @@ def _renamed(names: Sequence[str], given: Sequence[str] | None, numbers: NDArray
 
 
 def _one_line_title(netlist: Netlist, title: str | None) -> str:
-    """Return the title as one line of printable ASCII, since old simulators read only ASCII.
+    """Return the title as one line of at most 200 printable ASCII characters, as old simulators read only ASCII.
 
-    `title`: None for a description of the netlist.
+    `title`: text of the title; None for a description of the netlist.
     """
     if title is None and netlist.cell_map is not None:
         cells = " x ".join(str(cells) for cells in netlist.cell_map.space.shape)

@@ -13,7 +13,7 @@ from resgrid.core.networkx_graphs import ELEMENTS
 from resgrid.spice.dialects.record import GROUND_NAME, Dialect
 
 INITIALS = {"voltage source": "v", "current source": "i", "resistor": "r", "nonlinear resistor": "b", "capacitor": "c"}
-"""First letter of the names of each kind of element, in the order of a deck."""
+"""First letter of the names of each kind of element; the kinds have the order in which a deck lists them."""
 
 _LEGAL = re.compile(r"[a-z][a-z0-9_]*")
 _ALL_LEGAL = re.compile(r"(?:[a-z][a-z0-9_]*\n)*")
@@ -22,9 +22,10 @@ _MAX_LENGTH = 200
 
 
 def name_nodes(netlist: Netlist, dialect: Dialect, held: NDArray[np.bool_]) -> list[str]:
-    """Return the deck's names of all nodes, empty for nodes that the deck omits.
+    """Return the deck's names of all nodes, node_count strings, empty for nodes that the deck omits.
 
-    `held` (node_count,): mask of the nodes in the deck.
+    `dialect`: dialect of the deck, whose reserved names are avoided; `held` (node_count,): mask of the nodes in the
+    deck.
     """
     nodes = np.flatnonzero(held)
     nodes = nodes[nodes != GROUND]
@@ -39,7 +40,7 @@ def name_nodes(netlist: Netlist, dialect: Dialect, held: NDArray[np.bool_]) -> l
 
 
 def name_elements(netlist: Netlist, kind: str, numbers: NDArray[np.int64], node_names: Sequence[str]) -> list[str]:
-    """Return the deck's names of elements, made from the netlist's names if it has any, else from the nodes' names.
+    """Return the deck's names of n elements, made from their names in the netlist, or without these from node names.
 
     `kind`: kind of the elements; `numbers` (n,): netlist indices; `node_names` (node_count,): deck names of all nodes.
     """
@@ -60,8 +61,9 @@ def name_elements(netlist: Netlist, kind: str, numbers: NDArray[np.int64], node_
 def legal_names(names: Sequence[str], initial: str, reserved: Iterable[str] = ()) -> list[str]:
     """Return unique legal names that change the given ones as little as possible.
 
-    The first use of a legal name keeps it.  Other names are folded to lower case, illegal characters become ``_``, and
-    a number is appended if the result is in use already.  `initial`: prefix of names that do not begin with a letter;
+    A legal name has at most 200 lower case letters, digits and underscores, a letter first.  The first element with a
+    legal name keeps it.  Other names are folded to lower case, illegal characters become ``_``, and a number is
+    appended if the result is in use already.  `initial`: prefix of names that do not begin with a letter;
     `reserved`: names that may not be used.
 
     Examples

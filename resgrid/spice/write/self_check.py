@@ -17,13 +17,14 @@ from resgrid.spice.write.sidecar import Expected
 LARGEST = 400_000
 """Maximum number of comparisons in a self-check deck; with more, ngspice would take hours."""
 _PER_LINE = 40
-"""Number of error expressions per ``compose`` command."""
+"""Number of error expressions in one ``compose`` command, which makes a vector of their values."""
 
 
 def format_self_check(name: str, deck: FlatDeck, expected: Expected, sha256: str) -> str:
-    """Return the text of the self-check deck.
+    """Return the text of the self-check deck, with which ngspice compares its results with expected ones.
 
-    `name`: file name of the deck; `expected`: expected voltages and currents; `sha256`: hash of the deck, hexadecimal.
+    `name`: file name of the deck; `deck`: the deck; `expected`: expected voltages and currents; `sha256`: hash of the
+    deck, 64 hexadecimal digits.
     """
     amps = {source: value for source, value in expected.source_current.items() if value is not None}
     values = zip(deck.resistors, plain(deck.resistor_value), strict=True)
@@ -62,9 +63,10 @@ def format_self_check(name: str, deck: FlatDeck, expected: Expected, sha256: str
 
 
 def _errors(function: str, values: Mapping[str, float], scale: float) -> list[str]:
-    """Return expressions for the errors of simulated values, relative to `scale`.
+    """Return one ngspice expression per value for its absolute error divided by `scale`, each after a blank.
 
-    `function`: beginning of a simulated value's name, such as ``op1.v``; `values`: expected value by name.
+    `function`: beginning of the name of a simulated value, such as ``op1.v``; `values`: expected value by name, in
+    volts or amperes; `scale`: in the same unit.
     """
     return [
         f" abs({function}({name}){'-' if value >= 0 else '+'}{abs(value)!r})/{scale!r}"
@@ -73,9 +75,10 @@ def _errors(function: str, values: Mapping[str, float], scale: float) -> list[st
 
 
 def _summary(groups: Mapping[tuple[str, str], list[str]]) -> list[str]:
-    """Return the commands that print PASS or FAIL with the largest errors, and set the exit status.
+    """Return the commands that print PASS or FAIL with the largest errors, and set the exit status of ngspice.
 
-    `groups`: error expressions of each group; the key is the quantity and the reference of its errors.
+    `groups`: error expressions of each group; the key of a group is the quantity ("voltages", ...) and the scale of its
+    errors as text ("of the supply", ...).
     """
     total = sum(map(len, groups.values()))
     counts = ", ".join(

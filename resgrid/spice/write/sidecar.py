@@ -30,18 +30,18 @@ from resgrid.spice.write.flat import FlatDeck
 SCHEMA = 1
 """Version of the sidecar's format."""
 _BLOCK_LINES = 16
-"""Number of lines in each hashed block of a deck."""
+"""Number of lines in each block of a deck that has its own hash, which locates altered lines."""
 _BLOCK_DIGITS = 16
 """Number of hexadecimal digits of a block's hash that a sidecar contains."""
 _MAX_BYTES = 2**31
 """Largest sidecar that is read, in bytes."""
 _BLANK = "0" * 64
-"""Placeholder for the sidecar's own hash during the computation of the hash."""
+"""Text in place of the sidecar's own hash while this hash is computed."""
 _CONDUCTANCE_FRACTION = 1e-3
-"""Smallest scale of current errors, as a fraction of the current in the largest conductance at the supply voltage.
+"""Lower limit of the scale of current errors, as a fraction of the largest conductance times the supply voltage.
 
-Where that current is much larger than the supply current, the rounding error of source currents is about 1e-13 of that
-current (measured with ngspice 39 and 46); with this scale the tolerance of 1e-9 is ten times larger.
+Where this product is much larger than the supply current, the rounding error of source currents is about 1e-13 of the
+product (measured with ngspice 39 and 46).  The tolerance of 1e-9 of the scale is then ten times the rounding error.
 """
 
 _OWN = re.compile(rb'(?<="own_sha256": ")[0-9a-f]{64}(?=")')
@@ -67,9 +67,10 @@ class Expected:
 
     @staticmethod
     def of(op: OperatingPoint, voltage: Mapping[str, float], source_current: Mapping[str, float]) -> Expected:
-        """Return expected results with the scales of their tolerances, which are those of an operating point.
+        """Return the expected results of a deck; their scales are computed from an operating point.
 
-        `voltage`: in volts by node; `source_current`: in amperes by voltage source, not finite if undetermined.
+        `op`: operating point of the circuit; `voltage`: expected voltages in volts by node name; `source_current`:
+        expected currents in amperes by name of the voltage source, not finite if undetermined.
         """
         netlist = op.netlist
         ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
@@ -88,7 +89,11 @@ class Expected:
 
 
 def expect(deck: FlatDeck, op: OperatingPoint) -> Expected:
-    """Return the expected results of a deck, by the deck's names; `op`: an operating point of the same netlist."""
+    """Return the expected results of a deck, by the deck's names.
+
+    `op`: operating point of the netlist that the deck was written from.  Raises InputError for the operating point of
+    another netlist.
+    """
     if not op.is_of(deck.netlist):
         raise InputError("the operating point belongs to another netlist; solve this one first")
     voltage = op.voltage[deck.nodes]
@@ -112,9 +117,9 @@ _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class _Blocks(BaseModel):
-    """Hashes of the blocks of a deck.
+    """Hashes of the blocks of a deck, which are groups of consecutive lines.
 
-    `lines`: number of lines per block; `sha256`: first hexadecimal digits of the SHA-256 of every block.
+    `lines`: number of lines per block; `sha256`: first 16 hexadecimal digits of the SHA-256 of every block.
     """
 
     lines: PositiveInt
@@ -122,7 +127,7 @@ class _Blocks(BaseModel):
 
 
 class _Node(BaseModel):
-    """Node of a sidecar, with its expected voltage in volts."""
+    """A node in a sidecar; `voltage`: expected voltage, in volts."""
 
     voltage: FiniteFloat
 
@@ -130,10 +135,11 @@ class _Node(BaseModel):
 class Sidecar(BaseModel):
     """Content of a sidecar, without the keys that are only informative.
 
-    `path`: path of the sidecar; `intact`: whether its bytes match its own hash; `schema_`: version of the format;
-    `sha256`: hash of the deck, hexadecimal; `dialect`: name of the deck's dialect; `blocks`: hashes of the deck's
-    blocks; `nodes, sources, supply, current_scale, kcl_residual`: expected results, see `expected`; `files`: hashes of
-    the files that the deck includes, empty for a flat deck; `companions`: hashes of the files that include the deck.
+    `path`: path of the sidecar; `intact`: whether the file is unaltered according to its own hash; `schema_`: version
+    of the format; `sha256`: hash of the deck, hexadecimal; `dialect`: name of the deck's dialect; `blocks`: hashes of
+    the deck's groups of lines; `nodes, sources, supply, current_scale, kcl_residual`: expected results, which
+    `expected` returns as one object; `files`: hashes of the files that the deck includes, empty for a flat deck;
+    `companions`: hashes of the files that include the deck.
     """
 
     model_config = ConfigDict(strict=True, frozen=True)
@@ -153,7 +159,7 @@ class Sidecar(BaseModel):
 
     @property
     def expected(self) -> Expected:
-        """Expected node voltages and source currents of the deck."""
+        """Expected node voltages and source currents of the deck, with the scales of their errors."""
         voltage = {name: node.voltage for name, node in self.nodes.items()}
         return Expected(voltage, self.sources, self.supply, self.current_scale, self.kcl_residual)
 
@@ -168,7 +174,7 @@ def sidecar_path(deck: Path) -> Path:
 def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected, more: Mapping[str, Any]) -> str:
     """Return the text of a sidecar, one node per line.
 
-    `deck_name`: file name of the deck; `expected`: expected results; `more`: further keys and values.
+    `deck_name`: file name of the deck; `deck`: the deck; `expected`: expected results; `more`: further keys and values.
     """
     data = deck.text.encode("utf-8")
     head = {
@@ -235,7 +241,7 @@ def read_sidecar(deck: Path) -> Sidecar:
 
 
 def block_hashes(data: bytes, lines: int) -> list[str]:
-    """Return the first hexadecimal digits of the SHA-256 of every block of a text.
+    """Return the first 16 hexadecimal digits of the SHA-256 of every block (group of lines) of a text.
 
     `lines`: number of lines per block.
     """
@@ -245,9 +251,10 @@ def block_hashes(data: bytes, lines: int) -> list[str]:
 
 
 def altered_lines(data: bytes, sidecar: Sidecar) -> list[tuple[int, int]]:
-    """Return the ranges of lines (first and last, counted from 1) that differ from the deck that was written.
+    """Return the ranges of lines, (first, last) counted from 1, in which a deck differs from the deck that was written.
 
-    `data`: content of the deck.
+    The ranges consist of whole blocks (groups of lines with one hash).  `data`: content of the deck; `sidecar`: its
+    sidecar.
     """
     size = sidecar.blocks.lines
     ranges: list[tuple[int, int]] = []
@@ -262,9 +269,10 @@ def altered_lines(data: bytes, sidecar: Sidecar) -> list[tuple[int, int]]:
 
 
 def altered_files(data: bytes, sidecar: Sidecar) -> list[str]:
-    """Return a finding for each file that differs from the written one: the deck, its sidecar and further files.
+    """Return a message for each file that differs from the written one: the deck, its sidecar and further files.
 
-    `data`: content of the deck.  A further file that is absent is not a finding.
+    `data`: content of the deck; `sidecar`: its sidecar, which lists the further files.  A further file that is absent
+    gives no message.
     """
     name = sidecar.path.name
     problems = []
@@ -283,9 +291,10 @@ def altered_files(data: bytes, sidecar: Sidecar) -> list[str]:
 
 
 def with_parts(deck: Path, data: bytes, sidecar: Sidecar) -> bytes:
-    """Return the content of a tile deck with its included files inserted.
+    """Return the content of a deck in tile form with the files that it includes inserted.
 
-    `deck, data`: path and content of the main file.
+    `deck, data`: path and content of the main file; `sidecar`: its sidecar, which lists the included files.  Raises
+    InputError if an included file cannot be read.
     """
     include = dialect_named(sidecar.dialect).include
     for name in sidecar.files:

@@ -1,4 +1,4 @@
-"""Writer of analyses: waveforms of a deck's sources, elements that change its scene, and statements."""
+"""Writer of analyses: waveforms of sources, elements that change the circuit during a transient, and statements."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ _KIND_WORDS: dict[type[Analysis], str] = {
     TemperatureAnalysis: "dc",
     MismatchAnalysis: "dc",
 }
-"""Word for each kind of analysis in the statements that save or print results, empty if the analysis needs none."""
+"""Name of each kind of analysis in statements that save or print results (``tran``, ...); empty if none is needed."""
 _SAME_NODES, _SAME_VALUES = ("resistor", "voltage source"), ("capacitor", "nonlinear resistor")
-"""Kinds of element that keep their nodes when the scene changes, and kinds that also keep their values."""
+"""Kinds of element whose nodes must not change in a transient, and kinds whose values must not change either."""
 
 
 def only_one(analyses: Sequence[Analysis], kind: type[Analysis]) -> Any:
-    """Return the analysis of class `kind`, None if there is none; raise InputError if there are several."""
+    """Return the analysis of class `kind`, None if `analyses` has none; raise InputError if `analyses` has several."""
     own = [analysis for analysis in analyses if isinstance(analysis, kind)]
     if len(own) > 1:
         raise InputError(
@@ -49,9 +49,10 @@ def only_one(analyses: Sequence[Analysis], kind: type[Analysis]) -> Any:
 
 
 def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect) -> Additions:
-    """Return the changes of the deck's lines that analyses require: waveforms, AC sources and random resistors.
+    """Return the changes of a deck's lines that analyses require: waveforms, AC sources and random resistors.
 
-    `netlist`: the netlist of the deck; `rules`: the dialect of the deck.
+    `netlist`: the netlist of the deck; `rules`: the dialect of the deck.  Raises InputError if the deck and the circuit
+    after a change differ in more than values.
     """
     suffix: dict[int, str] = {}
     transient: TransientAnalysis | None = only_one(analyses, TransientAnalysis)
@@ -69,9 +70,9 @@ def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect) ->
 
 
 def _check_alike(before: Netlist, after: Netlist) -> None:
-    """Raise InputError unless two scenes differ only in the values of resistors and voltage sources.
+    """Raise InputError unless two netlists have resistors and sources at the same nodes, and equal other elements.
 
-    `before, after`: netlists of the scenes; their current sources are not compared.
+    `before, after`: netlists before and after a change; their current sources are not compared.
     """
     for kind in (*_SAME_NODES, *_SAME_VALUES):
         for key in ELEMENTS[kind][1]:
@@ -84,15 +85,16 @@ def _check_alike(before: Netlist, after: Netlist) -> None:
 
 
 def _ends(netlist: Netlist, kind: str) -> list[tuple[str, str]]:
-    """Return the names of both nodes of every element of a kind; the names are the same in all scenes of a grid."""
+    """Return the names of both nodes of every element of a kind, in the order of the elements."""
     first, second = getattr(netlist, ELEMENTS[kind][0]).T
     return list(zip(netlist.names_of(first), netlist.names_of(second), strict=True))
 
 
 def _sums(netlist: Netlist, kind: str, key: str) -> dict[tuple[str, str], float]:
-    """Return the sum of a value over parallel elements, by the names of their two nodes; empty if the netlist has none.
+    """Return the sum of a value over parallel elements, by the names of their two nodes.
 
-    `kind`: kind of element; `key`: name of the value in the graph of a netlist, such as ``"conductance"``.
+    `kind`: kind of element; `key`: name of the value in the graph of a netlist, such as ``"conductance"``.  The result
+    is empty if the netlist does not have the value, such as temperature coefficients.
     """
     values = getattr(netlist, ELEMENTS[kind][1][key])
     total: dict[tuple[str, str], float] = {}
@@ -179,9 +181,9 @@ def _statement(words: Statements, name: str, deck: FlatDeck, analysis: Analysis)
 
 
 def _first_source(deck: FlatDeck) -> dict[str, str]:
-    """Return name and voltage of the voltage source with the lowest netlist index, which some statements need.
+    """Return name and voltage of the voltage source with the lowest netlist index, for sweep and noise statements.
 
-    The keys are ``source`` and ``volts``; both values are empty if the deck has no voltage source.
+    The keys are ``source`` and ``volts`` (as text); both values are empty if the deck has no voltage source.
     """
     if not deck.source_names:
         return {"source": "", "volts": ""}
@@ -191,7 +193,7 @@ def _first_source(deck: FlatDeck) -> dict[str, str]:
 
 
 def _probes(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
-    """Return the statements that save the probed voltages and currents, or all voltages without a probe.
+    """Return the statements that save the quantities of all probes; without a probe, those that print all voltages.
 
     `words`: statement templates of the dialect.
     """
@@ -207,7 +209,7 @@ def _probes(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
 
 
 def _measures(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
-    """Return the statements of the measurements; `words`: statement templates of the dialect."""
+    """Return the statements for every `Measure` in `analyses`; `words`: statement templates of the dialect."""
     lines = [
         getattr(words, item.what).format(name=item.name, node=item.node, at=None if item.at is None else float(item.at))
         for item in analyses
@@ -217,10 +219,12 @@ def _measures(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
 
 
 def _change(deck: FlatDeck, transient: TransientAnalysis | None) -> Iterator[str]:
-    """Yield the lines of elements that change the deck's scene into the next one at the step of a transient analysis.
+    """Yield the lines of the elements that change the circuit within the first step of a transient analysis.
 
-    A resistor that changes gets a parallel source of the additional current, ``(g_after - g_before) V``, times a step
-    from 0 to 1.  A change of the injected currents is a source of the difference times that step.
+    Every resistor that changes gets a parallel current source of ``(g_after - g_before) V`` times a ramp from 0 to 1,
+    with the conductances ``g`` and the voltage ``V`` of the resistor.  A node whose injected current changes gets a
+    current source of the difference times that ramp.  `transient`: the analysis; None, or one without `after`, gives no
+    lines.
     """
     if transient is None or transient.after is None:
         return

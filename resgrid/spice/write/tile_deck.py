@@ -1,9 +1,9 @@
 """Writer of tile decks: a subcircuit per kind of tile, the array of instances, and the scene as parameters.
 
-A tile deck consists of three files: the deck (title, supplies, includes), the chip (tiles and array) and the pattern
-(one parameter per cell, its `State`).  Without cost maps and random effects the chip is the same for all scenes of a
-grid.  Switch values are polynomials in the state `s`, exact for s = 0 to 3, because arithmetic is the only part of
-expressions on which all simulators agree:
+A tile is the circuit of one cell on a chip.  A tile deck consists of three files: the deck (title, supplies, includes),
+the chip (tiles and array) and the pattern (one parameter per cell, its `State`).  Without cost maps and random effects
+the chip is the same for all scenes of a grid.  Switch values are polynomials in the state `s`, exact for s = 0 to 3,
+because arithmetic is the only part of expressions on which all simulators agree:
 
     blocked = s (2 - s) (3 - s) / 2,   goal = s (s - 1) (3 - s) / 2,   driven = s (s - 1) (s - 2) / 6
 """
@@ -33,8 +33,8 @@ def write_tiles(
 ) -> FlatDeck:
     """Return the tile deck of a netlist that was built from a chip.
 
-    `name`: file name of the deck; `dialect`: name of the simulator's dialect; `title`: first line, None for a
-    description of the array; `additions`: changes of the lines that analyses require.
+    `chip`: the chip; `name`: file name of the deck; `dialect`: name of the simulator's dialect; `title`: first line,
+    None for a description of the array; `additions`: changes of the lines that analyses require.
     """
     tiles = tiles_of(netlist, chip)
     size = " x ".join(map(str, tiles.shape))
@@ -53,9 +53,10 @@ def write_tiles(
 
 
 def _deck_lines(tiles: Tiles, flat: FlatDeck, name: str, additions: Additions) -> Iterator[str]:
-    """Yield the lines of the main file: title, includes and supplies of the rails.
+    """Yield the lines of the main file: title, includes and voltage sources of the rails.
 
-    `flat`: the same netlist as a flat deck; `name`: file name of the deck; `additions`: text appended to the supplies.
+    `flat`: the same netlist as a flat deck; `name`: file name of the deck; `additions`: text to append to the lines of
+    the voltage sources.
     """
     rules, netlist = flat.dialect, tiles.netlist
     yield f"{rules.comment}{flat.title}"
@@ -71,9 +72,10 @@ def _deck_lines(tiles: Tiles, flat: FlatDeck, name: str, additions: Additions) -
 
 
 def _pattern_lines(tiles: Tiles, flat: FlatDeck, labels: Sequence[str]) -> Iterator[str]:
-    """Yield the lines of the pattern file, which set one parameter per cell to its `State`.
+    """Yield the lines of the pattern file: for every cell the definition of a parameter, whose value is its `State`.
 
-    `flat`: the same netlist as a flat deck; `labels` (cells,): part of each cell's names, such as ``0_1``.
+    `flat`: the same netlist as a flat deck; `labels` (cells,): coordinates of each cell as text in names, such as
+    ``0_1``.
     """
     rules = flat.dialect
     yield f"{rules.comment}pattern: {flat.title}"
@@ -85,10 +87,10 @@ def _pattern_lines(tiles: Tiles, flat: FlatDeck, labels: Sequence[str]) -> Itera
 
 
 def _chip_lines(tiles: Tiles, rules: Dialect, labels: Sequence[str], spread: float) -> Iterator[str]:
-    """Yield the lines of the chip file: subcircuits of the tiles, the array, and the resistors at the grid's edge.
+    """Yield the lines of the chip file: subcircuits of tiles (cells), instances, and the resistors at the grid's edge.
 
-    `labels` (cells,): part of each cell's names, such as ``0_1``; `spread`: relative standard deviation of the
-    resistances, 0 for fixed values.
+    `rules`: dialect of the deck; `labels` (cells,): coordinates of each cell as text in names, such as ``0_1``;
+    `spread`: relative standard deviation of the resistances, 0 for fixed values.
     """
     dimensions, links = len(tiles.shape), tiles.links
     link = np.full((len(tiles.state), dimensions), -1)
@@ -113,9 +115,9 @@ def _chip_lines(tiles: Tiles, rules: Dialect, labels: Sequence[str], spread: flo
 
 
 def _parameters(tiles: Tiles, axis: int) -> dict[str, tuple[NDArray[np.float64], float]]:
-    """Return the parameters of a tile's resistor along an axis, by name.
+    """Return the subcircuit parameters of a tile's resistor along an axis, by name, each as a pair of values.
 
-    Each value is a pair: the parameter of every resistor of the grid (n,), in ohms, and its usual value, in ohms.
+    The pair holds the parameter of every resistor of the grid (n,) and its most frequent value, both in ohms.
     """
     own = tiles.resistance[tiles.links[tiles.axis[tiles.links] == axis]]
     values, count = np.unique(own, return_counts=True)
@@ -126,36 +128,37 @@ def _parameters(tiles: Tiles, axis: int) -> dict[str, tuple[NDArray[np.float64],
 
 
 def _wall(tiles: Tiles, axis: int) -> str:
-    """Return the name of the parameter for the wall resistance along an axis.
+    """Return the name of the subcircuit parameter for the wall resistance along an axis.
 
-    All axes have the common name ``wall_resistance`` unless the walls of the grid have different values.
+    The name is ``wall_resistance`` for all axes if all walls have the same resistance, else ``wall_resistance_<axis>``.
     """
     return f"wall_resistance_{axis}" if len(np.unique(tiles.wall[tiles.links])) > 1 else "wall_resistance"
 
 
 def _neighbour_state(tiles: Tiles, axis: int) -> str:
-    """Return the name of a tile's parameter for the state of the next tile along an axis.
+    """Return the name of the subcircuit parameter for the state of the next tile along an axis.
 
-    On a grid with one axis, the name ``state_0`` belongs to the state of cell 0, so ``state_beside`` is used.
+    The name is ``state_<axis>``.  On a grid with one axis it is ``state_beside``, because there ``state_0`` is the name
+    of the global parameter for the state of cell 0.
     """
     return f"state_{axis}" if len(tiles.shape) > 1 else "state_beside"
 
 
 def _has_switched_links(tiles: Tiles) -> bool:
-    """Return whether a switch is in series with every resistor between cells."""
+    """Return whether a switch is in series with every resistor between neighbouring cells."""
     return "internodal_switch_on" in tiles.ohms
 
 
 def _depends_on_neighbours(tiles: Tiles) -> bool:
-    """Return whether the resistor between two cells depends on the states of both cells."""
+    """Return whether the resistance between two cells depends on the states of both cells (Neumann, wall boundary)."""
     return tiles.wiring.boundary in ("neumann", "wall")
 
 
 def _subcircuit(rules: Dialect, tiles: Tiles, master: str, axes: Sequence[int], spread: float) -> Iterator[str]:
-    """Yield the lines of the subcircuit of one kind of tile.
+    """Yield the lines of the subcircuit for tiles (circuits of one cell) that have resistors along certain axes.
 
-    `master`: name of the subcircuit; `axes`: axes along which the tile has a resistor; `spread`: relative standard
-    deviation of the resistances, 0 for fixed values.
+    `rules`: dialect of the deck; `master`: name of the subcircuit; `axes`: axes along which the tile has a resistor;
+    `spread`: relative standard deviation of the resistances, 0 for fixed values.
     """
     defaults: dict[str, float | int] = {"state": 0}
     if _depends_on_neighbours(tiles):
@@ -177,10 +180,10 @@ def _subcircuit(rules: Dialect, tiles: Tiles, master: str, axes: Sequence[int], 
 
 
 def _elements(rules: Dialect, tiles: Tiles, axes: Sequence[int], spread: float) -> Iterator[str]:
-    """Yield the element lines of one kind of tile: resistors along its axes, switches, capacitor and drive.
+    """Yield the element lines of the subcircuit of a tile: resistors along its axes, switches, capacitor and source.
 
-    `axes`: axes along which the tile has a resistor; `spread`: relative standard deviation of the resistances, 0 for
-    fixed values.
+    `rules`: dialect of the deck; `axes`: axes along which the tile has a resistor; `spread`: relative standard
+    deviation of the resistances, 0 for fixed values.
     """
 
     def expression(value: str) -> str:
@@ -209,15 +212,19 @@ def _elements(rules: Dialect, tiles: Tiles, axes: Sequence[int], spread: float) 
 
 
 def _switch(name: str, closed: str) -> str:
-    """Return the expression of a switch's resistance, in ohms.
+    """Return the expression of a switch's resistance, in ohms, in the syntax of the deck.
 
-    `name`: name of the switch; `closed`: an expression that is 1 if the switch is closed and 0 if it is open.
+    `name`: first part of the parameters of its on and off resistance, such as ``goal``; `closed`: an expression that is
+    1 if the switch is closed and 0 if it is open.
     """
     return f"{name}_switch_on*({closed})+{name}_switch_off*(1-({closed}))"
 
 
 def _internodal(tiles: Tiles, axis: int) -> str:
-    """Return the expression of the resistance in series with the resistor to the next cell along an axis, in ohms."""
+    """Return the expression of the resistance in series with the resistor to the next cell along an axis, in ohms.
+
+    The resistance depends on the states of both cells: an internodal switch, and a wall where one cell is blocked.
+    """
     own, other = _BLOCKED.format("state"), _BLOCKED.format(_neighbour_state(tiles, axis))
     if tiles.wiring.is_driven:
         return _switch("internodal", f"(1-{own})*(1-{other})")
@@ -231,8 +238,9 @@ def _instances(
 ) -> Iterator[str]:
     """Yield one instance line per cell; a parameter with its most frequent value is left to the subcircuit's default.
 
-    `link` (cells, axes): index of the cell's resistor along each axis, -1 for none; `masters` (cells,): names of the
-    subcircuits; `labels` (cells,): part of each cell's names, such as ``0_1``.
+    `rules`: dialect of the deck; `link` (cells, axes): index of the cell's resistor along each axis, -1 for none;
+    `masters` (cells,): names of the subcircuits; `labels` (cells,): coordinates of each cell as text in names, such as
+    ``0_1``.
     """
     usual = [
         {name: (ohms.tolist(), most) for name, (ohms, most) in _parameters(tiles, axis).items()}
@@ -259,9 +267,9 @@ def _instances(
 
 
 def _edge_names(tiles: Tiles, labels: Sequence[str]) -> list[str]:
-    """Return the names of the resistors at the grid's edge: label of the cell, axis and side.
+    """Return the names of the resistors at the grid's edge, such as ``r_edge_0_1_0_upper`` (cell, axis, side).
 
-    `labels` (cells,): part of each cell's names, such as ``0_1``.
+    `labels` (cells,): coordinates of each cell as text in names, such as ``0_1``.
     """
     columns = (column[tiles.edges].tolist() for column in (tiles.cell, tiles.axis, tiles.upward))
     return [
@@ -273,8 +281,8 @@ def _edge_names(tiles: Tiles, labels: Sequence[str]) -> list[str]:
 def _edge_values(rules: Dialect, tiles: Tiles, labels: Sequence[str]) -> list[str]:
     """Return the resistances between edge cells and the obstacle rail as text, in ohms, one per resistor.
 
-    A circuit with walls has expressions of the cell's state instead of numbers.  `labels` (cells,): part of each cell's
-    names, such as ``0_1``.
+    With a wall boundary the texts are expressions of the cell's state instead of numbers.  `labels` (cells,):
+    coordinates of each cell as text in names, such as ``0_1``.
     """
     ohms = plain(tiles.resistance[tiles.edges])
     if not tiles.wiring.wall_resistance:
@@ -287,9 +295,9 @@ def _edge_values(rules: Dialect, tiles: Tiles, labels: Sequence[str]) -> list[st
 
 
 def _simulated_resistors(tiles: Tiles, labels: Sequence[str]) -> tuple[list[str], NDArray[np.float64]]:
-    """Return ngspice's names of all resistors after expansion, and their resistances (n,) in ohms.
+    """Return ngspice's names of all resistors after the expansion of subcircuits, and their resistances (n,) in ohms.
 
-    `labels` (cells,): part of each cell's names, such as ``0_1``.
+    `labels` (cells,): coordinates of each cell as text in names, such as ``0_1``.
     """
     links, edges = tiles.links, tiles.edges
     places = [

@@ -1,4 +1,4 @@
-"""Decomposition of a chip's netlist into an array of tiles.
+"""Decomposition of a chip's netlist into an array of tiles, where a tile is the circuit of one cell.
 
 A tile holds the resistors to the next cells along each axis, a switch to the obstacle rail, a switch to the goal rail,
 and a capacitor to ground.  With open obstacles or walls it also holds an internodal switch in series with every
@@ -30,15 +30,15 @@ from resgrid.spice.write.flat import resistances, rounded
 RAILS = ("obstacle", "goal")
 """Rails to which every tile has a switch; a rail is a node of fixed voltage that all tiles share."""
 SWITCHES = (*RAILS, "internodal")
-"""Kinds of switches of a tile: to the obstacle rail, to the goal rail, and in series with the resistors."""
+"""Kinds of switches of a tile: to the obstacle rail, to the goal rail, and in series with resistors between cells."""
 ENDS = ("on", "off")
-"""States of a switch, which are the last words of a chip's keys, such as ``goal_switch_on``."""
+"""States of a switch; a chip's key for the resistance of a switch ends with one of them, as in ``goal_switch_on``."""
 _ON, _OFF = 10.0, 1e10
 """Default resistances of a closed and an open switch, in ohms."""
 
 
 class State(IntEnum):
-    """State of a cell (free, blocked, goal or driven), which sets the switches of its tile."""
+    """State of a cell, which sets the switches of its tile: free, obstacle (blocked), goal, or start (driven)."""
 
     FREE = 0
     BLOCKED = 1
@@ -48,14 +48,15 @@ class State(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Tiles:
-    """A chip's circuit as an array of tiles.
+    """A chip's circuit as an array of tiles; a tile is the circuit of one cell.
 
     `ohms`: resistances of the switches in ohms, by their keys in a chip; `capacitance`: capacitance of every cell, in
     farads; `amps`: current injected into every free tile, in amperes; `state` (cells,): `State` of every tile.  The
     other arrays describe the resistors of the grid, shapes (n,): `cell`: flat index of the cell whose tile holds the
-    resistor; `beyond`: index of the neighbouring cell, -1 for the obstacle rail beyond the grid's edge; `axis, upward`:
-    direction of the neighbour; `resistance`: in ohms; `wall`: wall resistance at a contact with an obstacle, in ohms;
-    `series`: total resistance in series with the resistor in this scene, in ohms.
+    resistor; `beyond`: index of the neighbouring cell, -1 for the obstacle rail beyond the grid's edge; `axis`: axis of
+    the resistor; `upward`: whether it leads from the cell towards larger coordinates; `resistance`: in ohms; `wall`:
+    wall resistance at a contact with an obstacle, in ohms; `series`: total resistance in series with the resistor in
+    this scene, in ohms.
     """
 
     netlist: Netlist
@@ -83,17 +84,17 @@ class Tiles:
 
     @property
     def links(self) -> NDArray[np.int64]:
-        """Indices of the resistors between two cells, in the arrays of the grid's resistors."""
+        """Indices of the resistors between two cells, into the arrays of all resistors such as `resistance`."""
         return np.flatnonzero(self.beyond >= 0)
 
     @property
     def edges(self) -> NDArray[np.int64]:
-        """Indices of the resistors to the obstacle rail beyond the edge, in the arrays of the grid's resistors."""
+        """Indices of the resistors from edge cells to the obstacle rail, into the arrays of all resistors."""
         return np.flatnonzero(self.beyond < 0)
 
     @property
     def rail_switches(self) -> dict[str, NDArray[np.float64]]:
-        """Resistances (cells,) of the switches to each rail in this scene, in ohms, by the name of the rail."""
+        """Resistances (cells,) of the switches to a rail in this scene, in ohms; the key is the name of the rail."""
         closed = {"obstacle": State.DRIVEN if self.wiring.is_driven else State.BLOCKED, "goal": State.GOAL}
         return {
             rail: np.where(self.state == state, *(self.ohms[f"{rail}_switch_{end}"] for end in ENDS))
@@ -102,9 +103,9 @@ class Tiles:
 
 
 def with_tile_switches(chip: Chip, boundary: str) -> Chip:
-    """Return a chip with all switches that its tiles need; missing switches get 10 ohm (on) and 10 Gohm (off).
+    """Return a copy of a chip with all switches that its tiles need; added switches have 10 ohm (on) and 10 Gohm (off).
 
-    `boundary`: boundary of the wiring, such as ``"neumann"``.
+    `boundary`: boundary of the wiring, such as ``"neumann"``, which decides whether internodal switches are needed.
     """
     assumed = {key: _ON if key.endswith("_on") else _OFF for key in _needed_switches(chip, boundary)}
     changes: dict[str, Any] = {key: ohms for key, ohms in assumed.items() if getattr(chip, key) is None}
@@ -112,24 +113,30 @@ def with_tile_switches(chip: Chip, boundary: str) -> Chip:
 
 
 def _needed_switches(chip: Chip, boundary: str) -> list[str]:
-    """Return the keys of the switches that tiles need, such as ``goal_switch_on``.
+    """Return the chip's keys for the resistances of the switches that its tiles need, such as ``goal_switch_on``.
 
-    `boundary`: boundary of the wiring.
+    `boundary`: boundary of the wiring; ``"neumann"`` and ``"wall"`` need internodal switches, between cells.
     """
     between = boundary in ("neumann", "wall") or any((chip.internodal_switch_on, chip.internodal_switch_off))
     return [f"{name}_switch_{end}" for name in (SWITCHES if between else RAILS) for end in ENDS]
 
 
 def tile_values(netlist: Netlist, chip: Chip) -> dict[str, float | None]:
-    """Return the element values of a tile by the keys of the ``[chip]`` table, in ohms and farads; None if unset."""
+    """Return the resistance, capacitance and switch resistances that all tiles of a chip have in common.
+
+    The keys are those of the ``[chip]`` table: ``resistance`` (nominal, in ohms), ``capacitance`` (in farads, 0 without
+    one), and on and off resistances such as ``goal_switch_on`` (in ohms, None for a switch that the chip does not
+    have).
+    """
     switches = {key: getattr(chip, key) for key in (f"{name}_switch_{end}" for name in SWITCHES for end in ENDS)}
     return {"resistance": netlist.cells.wiring.resistance, "capacitance": chip.capacitance or 0.0, **switches}
 
 
 def difference_from_ideal(op: OperatingPoint) -> float | None:
-    """Return the largest voltage difference between a chip's free cells and those of ideal rails, in volts.
+    """Return the largest voltage difference over all free cells between a chip and its ideal circuit, in volts.
 
-    `op`: operating point of the chip.  Returns None if the circuit with ideal rails has no operating point.
+    The ideal circuit is that of the same space without switches and mismatch.  `op`: operating point of the chip.
+    Returns None if the ideal circuit has no operating point.
     """
     cells = op.netlist.cells
     ideal = compile_space(cells.space, cells.wiring)
@@ -147,9 +154,9 @@ def difference_from_ideal(op: OperatingPoint) -> float | None:
 def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
     """Return the tiles of a netlist that was built from a chip.
 
-    The resistors and their nominal values are those of the same grid without obstacles.  The actual value of a resistor
-    and its wall is the netlist's resistance between the two cells, minus the closed switch in series.  Raises
-    InputError if the netlist is not an array of tiles.
+    The tiles contain the resistors of the same grid without obstacles.  Where the netlist has a resistor between two
+    cells, the resistance of the tile's resistor and of its wall follows from the netlist's resistance, minus the closed
+    switch in series; elsewhere it is nominal.  Raises InputError if the netlist is not an array of tiles.
     """
     space, wiring = netlist.cells.space, netlist.cells.wiring
     ohms = {key: getattr(chip, key) for key in _needed_switches(chip, wiring.boundary)}
@@ -199,9 +206,10 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
 
 
 def _round_within_error(ohms: NDArray[np.float64], total: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return resistances rounded to 12 digits where the change is within the rounding error of their series sum.
+    """Return resistances rounded to 12 digits where that changes them by at most 8 machine epsilons of a series sum.
 
-    Shapes: `ohms` (n,), in ohms; `total` (n,): series sum that contains the resistance, in ohms; returns (n,).
+    `ohms` (n,): resistances, in ohms; `total` (n,): the series sum that contains each resistance, in ohms; NaN counts
+    as the resistance itself.  The result has the shape (n,).
     """
     with np.errstate(invalid="ignore"):
         short = rounded(ohms)
@@ -209,9 +217,10 @@ def _round_within_error(ohms: NDArray[np.float64], total: NDArray[np.float64]) -
 
 
 def _states(netlist: Netlist) -> NDArray[np.uint8]:
-    """Return the `State` of every cell, shape (cells,).
+    """Return the `State` of every cell as a number, shape (cells,).
 
-    With open obstacles, free cells without a path to a goal are blocked, because their nodes would float.
+    In a grid with a drive (open obstacles), free cells without a path to a goal count as blocked, as their nodes would
+    float.
     """
     space, wiring = netlist.cells.space, netlist.cells.wiring
     state = space.cell.astype(np.uint8)
@@ -223,7 +232,7 @@ def _states(netlist: Netlist) -> NDArray[np.uint8]:
 
 
 def _check_complete(tiles: Tiles) -> None:
-    """Raise InputError unless the tiles account for every node, source, resistor and switch of the netlist."""
+    """Raise InputError unless the tiles contain every node, source, resistor and switch of the netlist."""
     netlist, cells = tiles.netlist, tiles.netlist.cells
     count = len(tiles.state)
     pins = dict(zip(RAILS, (cells.obstacle_node, *cells.goal_nodes), strict=False))
