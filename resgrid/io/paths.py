@@ -24,6 +24,7 @@ from resgrid.io.tables import Views, require_names, suffix_of, write
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, length_of
 from resgrid.planning.time_parameterization import Trajectory
+from resgrid.planning.workspace import Collision
 
 _VIEWS = ("table", "record", "arrays", "message")
 """Names of the views (representations in `resgrid.io.tables`) of a path, which determine its file formats."""
@@ -122,12 +123,21 @@ class Route:
         Whether the streamline has passed `certify`.
     advice : str, optional
         Reason why no goal is reached, replaces `Streamline.reason`.
+    workspace_clearance : float or None
+        Smallest distance of an arm from obstacles along the path, in metres; None if it was not computed.
+    is_tested : bool
+        Whether the path was tested for collisions of the exact solids of a robot in space.
+    collision : Collision or None
+        First collision of this test.
     """
 
     path: Timed
     start: tuple[float, ...]
     certified: bool = False
     advice: str | None = None
+    workspace_clearance: float | None = None
+    is_tested: bool = False
+    collision: Collision | None = None
 
     @cached_property
     def streamline(self) -> Streamline | None:
@@ -265,6 +275,17 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
         record["short"] = {"length": short.length, "clearance": short.clearance}
     if route.duration is not None:
         record["duration"] = route.duration
+    return record | _workspace_record(route)
+
+
+def _workspace_record(route: Route) -> dict[str, Any]:
+    """Return clearance in metres and collision of a route as a dictionary for JSON; empty if they are unknown."""
+    record: dict[str, Any] = {}
+    if route.workspace_clearance is not None:
+        record["workspace_clearance"] = route.workspace_clearance
+    if route.is_tested:
+        hit = route.collision
+        record["collision"] = None if hit is None else {"configuration": hit.configuration, "bodies": hit.names}
     return record
 
 
@@ -295,6 +316,8 @@ def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
         "k": [_number(route.k) for route in routes],
         "start": [route.start for route in routes],
     }
+    if any(route.workspace_clearance is not None for route in routes):
+        arrays["workspace_clearance"] = [_number(route.workspace_clearance) for route in routes]
     for number, route in enumerate(routes):
         columns: dict[str, Any] = {"points": points_of(route.path)}
         if route.streamline is not None:
