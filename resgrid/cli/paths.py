@@ -113,7 +113,8 @@ def _workspace_text(route: Route) -> str:
     if hit is not None:
         bodies = " and ".join(hit.names or ())
         return f", but {bodies} collide at {place_of(hit.configuration)}"
-    return "" if distance is None or distance == float("inf") else f", {distance:.4g} m from obstacles"
+    tested = ", no collision" * route.is_tested
+    return tested if distance is None or distance == float("inf") else f"{tested}, {distance:.4g} m from obstacles"
 
 
 def _figures(length: float, clearance: float | None, path: rg.Streamline) -> str:

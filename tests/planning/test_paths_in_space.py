@@ -198,3 +198,17 @@ def test_tables_have_the_position_of_the_tool(tmp_path) -> None:
     record = json.loads(rg.save(motion, tmp_path / "motion.json").read_text())
     assert record["tool_z"] == pytest.approx([HEIGHT, HEIGHT])
     assert record["elbow_joint"][-1] == 0.8 and tau > record["elbow_joint"][-1]
+
+
+def test_undecided_cells_are_the_reason_of_a_failure_that_they_cause() -> None:
+    cell = np.zeros(SPACE.shape)
+    cell[6], cell[15], cell[0, 3] = rg.Cell.OBSTACLE, rg.Cell.OBSTACLE, rg.Cell.GOAL
+    undecided = np.zeros(SPACE.shape, bool)
+    undecided[6, 4] = True
+    space = rg.ConfigurationSpace(SPACE.axes, cell, robot=ROBOT, undecided=undecided)
+    planner = rg.plan(space, boundary="neumann")
+    reason = planner.path(cell=(10, 3)).reason
+    assert reason is not None and "undecided cells separate the start from every goal: use more cells" in reason
+    assert "obstacles separate the start" in str(planner.path(cell=(17, 3)).reason)
+    assert "the start lies in an undecided cell" in str(planner.path(cell=(6, 4)).reason)
+    assert "the start lies in an obstacle" in str(planner.path(cell=(6, 5)).reason)
