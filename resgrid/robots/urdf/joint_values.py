@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid._internal.numbers import is_number
-from resgrid.core.space import MAX_DIMENSIONS
+from resgrid.core.cell import MAX_DIMENSIONS
 from resgrid.errors import InputError, suggestion
 from resgrid.robots.urdf.description import Description, Joint
 
