@@ -292,7 +292,8 @@ class URDFRobot(Robot):
 
         A result is stored on disk under a hash of the robot, the obstacles and the axes; see `cache_folder`.
         """
-        from resgrid.robots.urdf.free_cells import CellVerdict, centre_cells, prove_cells
+        from resgrid.robots.urdf.cell_blocks import CellVerdict
+        from resgrid.robots.urdf.free_cells import centre_cells, prove_cells
 
         self.check_axes(axes)
         tree = self.among(obstacles)
