@@ -49,7 +49,7 @@ _COLOURS = 255
 _DPI = 100
 """Resolution of frames, in dots per inch."""
 _HELD = 12
-"""Number of additional frames that repeat the last row of a run."""
+"""Number of additional frames that repeat the last row of a run at the end of an animation."""
 
 _PANEL = 3.6
 """Width of a panel of an animation, in inches."""

@@ -236,7 +236,7 @@ def virtual_cells(virtual: NDArray[np.bool_] | None) -> list[Mask]:
 
 
 def _slices(space: ConfigurationSpace, ax: Axes | None, cuts: list[tuple[int, int]]) -> list[Panel]:
-    """Return one panel of a new figure for each slice; raise InputError if `ax` is given.
+    """Return one panel of a new figure for each slice; raise InputError unless `ax` is None.
 
     `cuts`: number of the normal axis and cell index of each slice.
     """

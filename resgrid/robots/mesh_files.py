@@ -1,4 +1,4 @@
-"""Triangle meshes from files: STL, OBJ and PLY by trimesh, COLLADA (DAE) by a reader of its own."""
+"""Triangle meshes from files: OBJ and PLY by trimesh, STL and COLLADA (DAE) by strict readers of the project."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from resgrid._internal.extras import install_command
 from resgrid._internal.files import read_bytes
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.robots.collada import read_collada
+from resgrid.robots.mesh_completeness import check_complete
+from resgrid.robots.stl import read_stl
 
 FORMATS = (".stl", ".obj", ".ply", ".dae")
 """Suffixes of the supported mesh formats, in lower case."""
@@ -44,14 +46,21 @@ def read_mesh(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     InputError
         If the file is missing or damaged, has another format or no triangles, or a coordinate is not finite.
     ToolMissingError
-        If trimesh is not installed.
+        If the file is OBJ or PLY, and trimesh is not installed.
     """
     suffix = file.suffix.lower()
     if suffix not in FORMATS:
         known = ", ".join(FORMATS)
         raise InputError(f"{file}: unknown mesh format {file.suffix!r}; convert the mesh to one of {known}")
     data = read_bytes(file, MAX_BYTES)
-    points, triangles = read_collada(data, str(file)) if suffix == ".dae" else _by_trimesh(file, data, suffix[1:])
+    check_complete(data, suffix, file)
+    if suffix == ".stl":
+        corners = read_stl(data, str(file)).reshape(-1, 3)
+        points, triangles = corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
+    elif suffix == ".dae":
+        points, triangles = read_collada(data, str(file))
+    else:
+        points, triangles = _by_trimesh(file, data, suffix[1:])
     if not len(triangles):
         raise InputError(f"{file}: the mesh has no triangles; is it the right file?")
     if triangles.min() < 0 or triangles.max() >= len(points):
@@ -74,7 +83,9 @@ def _by_trimesh(file: Path, data: bytes, kind: str) -> tuple[NDArray[np.float64]
     try:
         trimesh: Any = import_module("trimesh")
     except ImportError:
-        raise ToolMissingError(f"{file}: meshes need trimesh; install it: {install_command('robots')}") from None
+        raise ToolMissingError(
+            f"{file}: {kind.upper()} meshes need trimesh; install it: {install_command('robots')}"
+        ) from None
     options = {"skip_materials": True, "split_objects": False} if kind == "obj" else {}
     try:
         mesh = trimesh.load(io.BytesIO(data), file_type=kind, force="mesh", process=False, **options)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from support.trees import FORE, HEIGHT, THICKNESS, UPPER, HandMadeRobot
+from support.hand_made_robot import FORE, HEIGHT, THICKNESS, UPPER, HandMadeRobot
 
 import resgrid as rg
 from resgrid.planning.workspace import sample_path
