@@ -28,7 +28,6 @@ from resgrid.robots.urdf.reach import motion_per_joint
 from resgrid.robots.urdf.tool_goals import ToolGoal, tool_goal_cells, tool_poses
 from resgrid.robots.urdf.tree import KinematicTree
 
-
 Rate = Annotated[float, Gt(0), Le(LARGEST)]
 
 
