@@ -253,3 +253,15 @@ def test_paths_in_proven_cells_do_not_collide(examples, name, moving, cells, sta
     for way in (path, short, motion):
         assert rg.check_collisions(way, obstacles, step=5e-3) is None
         assert rg.planning.workspace_clearance(way, obstacles) > 0
+
+
+def test_a_path_to_a_pose_of_the_tool_ends_with_the_tool_there(examples) -> None:
+    pytest.importorskip("pinocchio")
+    scene = rg.read_scene(examples / "scenes" / "scara.toml")
+    goal = rg.GoalPose((0.3, 0.2, 0.035), radius=0.01)
+    scene = scene.replace(goal=goal)
+    paths = rg.plan(scene).paths()
+    assert [str(path.outcome) for path in paths] == ["reached", "reached"]
+    for path in paths:
+        end = rg.planning.workspace_path(rg.shortcut(path))[-1]
+        assert np.linalg.norm(end - goal.position) <= goal.radius + 1e-9
