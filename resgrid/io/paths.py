@@ -19,11 +19,13 @@ from numpy.typing import NDArray
 
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.io.ros_paths import Timed, points_of, require_plane, streamline_of, to_ros_path
+from resgrid.io.ros_paths import Timed, points_of, require_plane, streamline_of
+from resgrid.io.ros_trajectories import has_joints, message_of, require_joints
 from resgrid.io.tables import Views, require_names, suffix_of, write
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, length_of
 from resgrid.planning.time_parameterization import Trajectory
+from resgrid.planning.workspace import Collision
 
 _VIEWS = ("table", "record", "arrays", "message")
 """Names of the views of a path, which determine its file formats; a view is a representation of a value
@@ -33,7 +35,7 @@ _FIXED_NAMES = {".csv": ["path", "k", "outcome"], ".json": ["schema", "k", "outc
 """Names of columns, keys or arrays in a file of one path, by suffix, in addition to those of `column_names`."""
 
 
-def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
+def write_path(path: Timed, file: str | os.PathLike[str], *, fixed_joints: bool = False) -> Path:
     """Write a path in the format that the file's suffix selects.  The file is written atomically.
 
     The coordinates are world coordinates, continuous across the seams of periodic axes.  A file that the command
@@ -45,7 +47,10 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
         Path to write.  For an arm, the file also contains the positions of its tip.
     file : path-like
         ``.csv``, or ``-`` for standard output: table with a header; ``.json``: one list per column; ``.npz``: one
-        array per column; ``.yaml``: a ``nav_msgs/Path`` message for ROS.
+        array per column; ``.yaml``: a ``nav_msgs/Path`` message for ROS, or, of a trajectory of a robot from a URDF
+        file, a ``trajectory_msgs/JointTrajectory``.
+    fixed_joints : bool
+        Whether a JointTrajectory also has the joints that do not move (see `resgrid.maps.to_ros_trajectory`).
 
     Returns
     -------
@@ -56,7 +61,8 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
     ------
     InputError
         If the suffix is unknown, an axis has the name of another column, the file cannot be written, or the format is a
-        message for ROS and the path reached no goal or its configurations are not poses in the plane.
+        message for ROS and the path reached no goal, its configurations are neither poses in the plane nor joints of a
+        robot from a URDF file, or it is a path of such a robot without times.
 
     Examples
     --------
@@ -65,12 +71,15 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
     ['path,k,outcome,x,y', '0,1.0,reached,5.5,2.5']
     """
     route = Route(path, tuple(points_of(path)[0].tolist()))
-    _check_names(path.space, suffix_of(file, _VIEWS, "a path"), _FIXED_NAMES, timed=isinstance(path, Trajectory))
+    suffix = suffix_of(file, _VIEWS, "a path")
+    _check_names(path.space, suffix, _FIXED_NAMES, timed=isinstance(path, Trajectory))
+    if fixed_joints:
+        _require_joints_file(suffix, path.space, "fixed_joints")
     views: Views = {
         "table": lambda: _routes_table([route]),
         "record": lambda: {"k": route.k, "outcome": route.outcome, **route.columns},
         "arrays": lambda: {"k": _number(route.k), "outcome": route.outcome or "", **route.columns},
-        "message": lambda: to_ros_path(path),
+        "message": lambda: message_of(path, fixed_joints=fixed_joints),
     }
     return write(file, views, "a path")
 
@@ -101,7 +110,7 @@ def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
     """
     axes = [axis.name for axis in space.axes]
     mounted = space.robot is not None and space.robot.base is not None
-    tip = [f"{space.robot.reference}_{name}" for name in "xy"] if mounted else []
+    tip = [f"{space.robot.reference}_{name}" for name in "xyz"[: space.robot.workspace_ndim]] if mounted else []
     return ["t", *axes, *tip, *(f"{name}_rate" for name in axes)] if timed else [*axes, *tip]
 
 
@@ -119,12 +128,21 @@ class Route:
         Whether the streamline from which the path was made has passed `certify`.
     advice : str, optional
         Reason why no goal is reached, in place of `Streamline.reason`.
+    workspace_clearance : float or None
+        Smallest distance of an arm from obstacles along the path, in metres; None if it was not computed.
+    is_tested : bool
+        Whether the path was tested for collisions of the exact solids of a robot in space.
+    collision : Collision or None
+        First collision of this test.
     """
 
     path: Timed
     start: tuple[float, ...]
     certified: bool = False
     advice: str | None = None
+    workspace_clearance: float | None = None
+    is_tested: bool = False
+    collision: Collision | None = None
 
     @cached_property
     def streamline(self) -> Streamline | None:
@@ -200,21 +218,32 @@ def _number(value: float | None) -> float:
     return math.nan if value is None else value
 
 
-def write_routes(routes: Sequence[Route], target: str | os.PathLike[str]) -> Path:
+def write_routes(routes: Sequence[Route], target: str | os.PathLike[str], *, fixed_joints: bool = False) -> Path:
     """Write several routes to one file atomically, and return the file.
 
     `target`: name of the file, whose suffix selects the format: one table, one record or one set of arrays for all
     routes, or one message for ROS per route.  With several routes, a comment before each message gives start, k and
     outcome; a route that reaches no goal has only the comment.  Raises InputError for messages if no route reaches a
-    goal.
+    goal.  `fixed_joints`: whether messages also have the joints that do not move.
     """
     views: Views = {
         "table": lambda: _routes_table(routes),
         "record": lambda: {"paths": [route_record(route) | {"columns": route.columns} for route in routes]},
         "arrays": lambda: _routes_arrays(routes),
-        "message": lambda: _documents(routes),
+        "message": lambda: _documents(routes, fixed_joints=fixed_joints),
     }
     return write(target, views, "paths")
+
+
+def _require_joints_file(suffix: str, space: ConfigurationSpace, option: str) -> None:
+    """Raise InputError unless a file of a suffix holds joints of a robot; `option`: option that needs such a file."""
+    if suffix != ".yaml" or not has_joints(space):
+        raise InputError(f"{option} applies to .yaml files of robots from URDF files only; leave it out")
+
+
+def check_fixed_joints(target: str | None, space: ConfigurationSpace) -> None:
+    """Raise InputError unless the routes of a space, written to a file named `target`, can have fixed joints."""
+    _require_joints_file("" if target is None else suffix_of(target, _VIEWS, "paths"), space, "--fixed-joints")
 
 
 def check_routes_file(target: str, space: ConfigurationSpace | None = None, *, timed: bool = False) -> None:
@@ -234,7 +263,9 @@ def _check_names(space: ConfigurationSpace, suffix: str, fixed: dict[str, list[s
     `space`: space of the paths; `suffix`: suffix of the file; `fixed`: names of columns in addition to those of
     `column_names`, by suffix; `timed`: whether the paths are trajectories.
     """
-    if suffix == ".yaml":
+    if suffix == ".yaml" and has_joints(space):
+        require_joints(space, timed=timed)
+    elif suffix == ".yaml":
         require_plane(space)
     else:
         require_names(space.axes, [*fixed.get(suffix, []), *column_names(space, timed=timed)])
@@ -269,6 +300,17 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
         record["short"] = {"length": short.length, "clearance": short.clearance}
     if route.duration is not None:
         record["duration"] = route.duration
+    return record | _workspace_record(route)
+
+
+def _workspace_record(route: Route) -> dict[str, Any]:
+    """Return clearance in metres and collision of a route as a dictionary for JSON; empty if they are unknown."""
+    record: dict[str, Any] = {}
+    if route.workspace_clearance is not None:
+        record["workspace_clearance"] = route.workspace_clearance
+    if route.is_tested:
+        hit = route.collision
+        record["collision"] = None if hit is None else {"configuration": hit.configuration, "bodies": hit.names}
     return record
 
 
@@ -300,6 +342,8 @@ def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
         "k": [_number(route.k) for route in routes],
         "start": [route.start for route in routes],
     }
+    if any(route.workspace_clearance is not None for route in routes):
+        arrays["workspace_clearance"] = [_number(route.workspace_clearance) for route in routes]
     for number, route in enumerate(routes):
         columns: dict[str, Any] = {"points": points_of(route.path)}
         if route.streamline is not None:
@@ -308,21 +352,22 @@ def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
     return arrays
 
 
-def _documents(routes: Sequence[Route]) -> str:
+def _documents(routes: Sequence[Route], *, fixed_joints: bool) -> str:
     """Return YAML text with one message per route that reaches a goal, and a comment on each start and outcome.
 
-    A single route has no comment.  Raises InputError if no route reaches a goal.
+    A single route has no comment.  Raises InputError if no route reaches a goal.  `fixed_joints`: whether messages also
+    have the joints that do not move.
     """
     if len(routes) == 1:
-        return to_ros_path(routes[0].path)
+        return message_of(routes[0].path, fixed_joints=fixed_joints)
     if not any(route.reached for route in routes):
         raise InputError(
-            "no path reaches a goal, and a nav_msgs/Path message cannot hold an outcome; write .csv, .json or .npz"
+            "no path reaches a goal, and a message for ROS cannot hold an outcome; write .csv, .json or .npz"
         )
     text, begin = "", ""
     for route in routes:
         place = ", ".join(f"{value:.6g}" for value in route.start)
         comment = f"# start ({place}), k = {_number(route.k):g}: {route.outcome}\n"
-        text += f"{begin}{comment}{to_ros_path(route.path)}" if route.reached else comment
+        text += f"{begin}{comment}{message_of(route.path, fixed_joints=fixed_joints)}" if route.reached else comment
         begin = "---\n" if route.reached else begin
     return text

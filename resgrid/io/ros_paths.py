@@ -84,8 +84,8 @@ def require_reached(path: Timed) -> None:
     streamline = streamline_of(path)
     if streamline is not None and streamline.outcome is not Outcome.REACHED:
         raise InputError(
-            f"this path ended with {str(streamline.outcome)!r} ({streamline.reason}), and a nav_msgs/Path cannot hold "
-            "an outcome; test path.outcome first, or write .csv, .json or .npz, which hold it"
+            f"this path ended with {str(streamline.outcome)!r} ({streamline.reason}), and a message for ROS cannot "
+            "hold an outcome; test path.outcome first, or write .csv, .json or .npz, which hold it"
         )
 
 
