@@ -1,0 +1,372 @@
+"""Compiled device functions: proofs that two convex pieces stay apart while joints move within a box.
+
+Import this module only inside functions that call a kernel, because importing numba takes seconds.
+
+The bound.  Joint values q lie in the box c + d, ``|d_j| <= e_j`` (c: centre, e: half widths).  Let p be a point of a
+body at q = c, and E_j(d) the motion of the world by joint j from its pose at c.  With the joints 1, ..., k between the
+common ancestor and the body, the nearest to the ancestor first, p moves to ``E_1(d_1) ... E_k(d_k) p``.  Turn the joints
+in this order: the displacement is the sum of ``Q_j (E_j(d_j) p - p)``, where Q_j is the rotation of the joints before j,
+and p is still at its pose at c.  For a unit vector n and the angle t_j of Q_j, ``|n Q_j v - n v| <= 2 sin(t_j / 2) |v|``.
+
+- Revolute joint with axis w through o, ``r = p - o``: ``n (E(d) p - p) = A (cos d - 1) + B sin d`` with
+  ``A = n r - (n w)(w r)`` and ``B = n (w x r)``; the minimum over ``|d| <= e`` is known in closed form, and
+  ``|E(d) p - p| <= 2 sin(e / 2) rho`` with rho the distance of p from the axis.
+- Prismatic joint: ``n (E(d) p - p) = d n w``, length at most e.
+
+The lowest level of n over a moving piece is therefore at least the minimum over its points of::
+
+    n p + sum_j [ min_d n (E_j(d) p - p) - 2 sin(t_j / 2) max_d |E_j(d) p - p| ] - radius.
+
+This is a concave function of n: the support function of the sum of p, of an arc for every joint, and of balls.  The
+algorithm of Gilbert, Johnson and Keerthi (1988) finds the direction n with the largest gap between the swept sets of
+both pieces.  Any n proves that the pieces stay apart if the gap is positive, whatever the algorithm loses on the way.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from resgrid._internal.jit import inner
+from resgrid.robots.urdf.arrays import Flags, Floats, Integers, TreeArrays
+from resgrid.robots.urdf.simplex_kernels import dot, drop_corners, nearest_on_simplex
+
+MAX_STEPS = 24
+"""Maximum number of steps of the search for a separating direction."""
+
+TOLERANCE = 1e-7
+"""Distance in metres at which swept pieces count as touching, and relative accuracy of distances."""
+
+
+class Frames(NamedTuple):
+    """Poses of the joints at one configuration; entry 0 is the world, entry j + 1 joint j.
+
+    `rotation` (k + 1, 3, 3), `origin` (k + 1, 3) in metres; `axis` (k + 1, 3): unit vector along a joint's axis.
+    """
+
+    rotation: Floats
+    origin: Floats
+    axis: Floats
+
+
+class Sweep(NamedTuple):
+    """Motion of the two pieces of an item, in the frame of each piece's joint; side 0 or 1, joints in chain order.
+
+    `piece, frame, count` (2,): index of the piece, of its frame, number of joints; `joint` (2, K): index of a joint;
+    `prismatic` (2, K); `axis, origin` (2, K, 3): axis of a joint and a point of it; `half` (2, K): largest motion in
+    radians or metres; `cosine, sine` (2, K): of the half widths; `chord` (2, K): largest displacement per metre of
+    distance from the axis, for a prismatic joint in metres; `turn` (2, K): ``2 sin(t / 2)`` of the joints before;
+    `ball` (2, V): sum over joints of turn times displacement, of every point of the piece, in metres; `level` (V,):
+    work array; `point` (2, 3): point of the swept piece that is the lowest, in the world; `vertex` (2,): its index.
+    """
+
+    piece: Integers
+    frame: Integers
+    count: Integers
+    joint: Integers
+    prismatic: Flags
+    axis: Floats
+    origin: Floats
+    half: Floats
+    cosine: Floats
+    sine: Floats
+    chord: Floats
+    turn: Floats
+    ball: Floats
+    level: Floats
+    point: Floats
+    vertex: Integers
+
+
+class Search(NamedTuple):
+    """Work arrays of the search for a separating direction.
+
+    `normal` (3,): current direction, from the second piece to the first; `best` (3,): direction with the largest gap;
+    `corners` (4, 3): simplex; `weights, trial` (4,); `nearest` (3,): point of the simplex nearest to the origin;
+    `local, across` (3,): directions in the frame of a piece.
+    """
+
+    normal: Floats
+    best: Floats
+    corners: Floats
+    weights: Floats
+    trial: Floats
+    nearest: Floats
+    local: Floats
+    across: Floats
+
+
+@inner
+def new_frames(joints: int) -> Frames:
+    """Return unset poses of a number of joints; the world's frame is set."""
+    frames = Frames(np.zeros((joints + 1, 3, 3)), np.zeros((joints + 1, 3)), np.zeros((joints + 1, 3)))
+    for i in range(3):
+        frames.rotation[0, i, i] = 1.0
+    return frames
+
+
+@inner
+def new_sweep(joints: int, points: int) -> Sweep:
+    """Return work arrays for chains of up to `joints` joints and pieces of up to `points` points."""
+    two = (2, joints)
+    return Sweep(
+        np.zeros(2, np.int64), np.zeros(2, np.int64), np.zeros(2, np.int64), np.zeros(two, np.int64),
+        np.zeros(two, np.bool_), np.zeros((2, joints, 3)), np.zeros((2, joints, 3)), np.zeros(two), np.zeros(two),
+        np.zeros(two), np.zeros(two), np.zeros(two), np.zeros((2, points)), np.zeros(points), np.zeros((2, 3)),
+        np.zeros(2, np.int64),
+    )  # fmt: skip
+
+
+@inner
+def new_search() -> Search:
+    """Return work arrays of a search."""
+    return Search(
+        np.zeros(3), np.zeros(3), np.zeros((4, 3)), np.zeros(4), np.zeros(4), np.zeros(3), np.zeros(3), np.zeros(3)
+    )
+
+
+@inner
+def place(values: Floats, tree: TreeArrays, frames: Frames) -> None:
+    """Write the poses of all joints at a configuration `values` (m,): forward kinematics, Rodrigues' formula."""
+    local = np.empty((3, 3))
+    for joint in range(len(tree.parent)):
+        base, value = tree.parent[joint] + 1, tree.factor[joint] * values[tree.driver[joint]] + tree.offset[joint]
+        x, y, z = tree.direction[joint, 0], tree.direction[joint, 1], tree.direction[joint, 2]
+        sine, versine = math.sin(value), 2.0 * math.sin(value / 2.0) ** 2
+        slide = 0.0
+        if tree.prismatic[joint]:
+            sine, versine, slide = 0.0, 0.0, value
+        local[0, 0], local[1, 1], local[2, 2] = (
+            1.0 - versine * (y * y + z * z), 1.0 - versine * (x * x + z * z), 1.0 - versine * (x * x + y * y)
+        )  # fmt: skip
+        local[0, 1], local[1, 0] = versine * x * y - sine * z, versine * x * y + sine * z
+        local[0, 2], local[2, 0] = versine * x * z + sine * y, versine * x * z - sine * y
+        local[1, 2], local[2, 1] = versine * y * z - sine * x, versine * y * z + sine * x
+        own, placed = frames.rotation[joint + 1], frames.rotation[base]
+        for i in range(3):
+            for j in range(3):
+                total = 0.0
+                for k in range(3):
+                    total += placed[i, k] * (
+                        tree.rotation[joint, k, 0] * local[0, j]
+                        + tree.rotation[joint, k, 1] * local[1, j]
+                        + tree.rotation[joint, k, 2] * local[2, j]
+                    )
+                own[i, j] = total
+        for i in range(3):
+            frames.axis[joint + 1, i] = own[i, 0] * x + own[i, 1] * y + own[i, 2] * z
+            frames.origin[joint + 1, i] = (
+                frames.origin[base, i] + dot(placed[i], tree.translation[joint]) + slide * frames.axis[joint + 1, i]
+            )
+
+
+@inner
+def _to_local(vector: Floats, frames: Frames, frame: int, out: Floats) -> None:
+    """Write a vector of the world in coordinates of a frame."""
+    rotation = frames.rotation[frame]
+    for i in range(3):
+        out[i] = rotation[0, i] * vector[0] + rotation[1, i] * vector[1] + rotation[2, i] * vector[2]
+
+
+@inner
+def sweep_side(
+    side: int, piece: int, pair: int, half: Floats, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search
+) -> None:
+    """Write the motion of one piece of an item; `half` (m,): half widths of the box of the moving joints."""
+    frame = tree.joint[piece] + 1
+    sweep.piece[side], sweep.frame[side], sweep.count[side] = piece, frame, 0
+    turned = 0.0
+    for joint in tree.chain[pair, side]:
+        if joint < 0:
+            break
+        largest = abs(tree.factor[joint]) * half[tree.driver[joint]]
+        if largest == 0.0:
+            continue
+        at = sweep.count[side]
+        sweep.count[side] = at + 1
+        sweep.joint[side, at], sweep.prismatic[side, at], sweep.half[side, at] = joint, tree.prismatic[joint], largest
+        sweep.turn[side, at] = 2.0 * math.sin(min(turned, math.pi) / 2.0)
+        _to_local(frames.axis[joint + 1], frames, frame, sweep.axis[side, at])
+        for i in range(3):
+            search.across[i] = frames.origin[joint + 1, i] - frames.origin[frame, i]
+        _to_local(search.across, frames, frame, sweep.origin[side, at])
+        if tree.prismatic[joint]:
+            sweep.chord[side, at] = largest
+        else:
+            clipped = min(largest, math.pi)
+            sweep.cosine[side, at], sweep.sine[side, at] = math.cos(clipped), math.sin(clipped)
+            sweep.chord[side, at] = 2.0 * math.sin(clipped / 2.0)
+            turned += largest
+
+
+@inner
+def _from_axis(x: float, y: float, z: float, axis: Floats, origin: Floats) -> float:
+    """Return the distance of a point from a line."""
+    x, y, z = x - origin[0], y - origin[1], z - origin[2]
+    along = x * axis[0] + y * axis[1] + z * axis[2]
+    return math.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
+
+
+@inner
+def weigh_points(side: int, tree: TreeArrays, sweep: Sweep) -> None:
+    """Write the radii of the balls around the points of a piece: displacements times the turn of the joints before."""
+    first, last = tree.first[sweep.piece[side]], tree.first[sweep.piece[side] + 1]
+    xs, ys, zs = tree.points[0, first:last], tree.points[1, first:last], tree.points[2, first:last]
+    ball = sweep.ball[side, : last - first]
+    ball[:] = 0.0
+    for k in range(sweep.count[side]):
+        weight = sweep.turn[side, k] * sweep.chord[side, k]
+        if weight == 0.0:
+            continue
+        if sweep.prismatic[side, k]:
+            ball += weight
+            continue
+        axis, origin = sweep.axis[side, k], sweep.origin[side, k]
+        for v in range(last - first):
+            ball[v] += weight * _from_axis(xs[v], ys[v], zs[v], axis, origin)
+
+
+@inner
+def ball_gap(tree: TreeArrays, frames: Frames, sweep: Sweep) -> float:
+    """Return a lower bound of the distance, in metres, of the moving balls around both pieces of an item."""
+    squared, gap = 0.0, 0.0
+    a, b = tree.centre[sweep.piece[0]], tree.centre[sweep.piece[1]]
+    first, second = frames.rotation[sweep.frame[0]], frames.rotation[sweep.frame[1]]
+    for i in range(3):
+        difference = (
+            dot(first[i], a) + frames.origin[sweep.frame[0], i] - dot(second[i], b) - frames.origin[sweep.frame[1], i]
+        )
+        squared += difference * difference
+    gap = math.sqrt(squared)
+    for side in range(2):
+        centre, reach = tree.centre[sweep.piece[side]], tree.reach[sweep.piece[side]]
+        gap -= reach
+        for k in range(sweep.count[side]):
+            if sweep.prismatic[side, k]:
+                gap -= sweep.half[side, k]
+            else:
+                axis, origin = sweep.axis[side, k], sweep.origin[side, k]
+                gap -= sweep.chord[side, k] * (_from_axis(centre[0], centre[1], centre[2], axis, origin) + reach)
+    return gap
+
+
+@inner
+def _arc_levels(level: Floats, side: int, k: int, tree: TreeArrays, sweep: Sweep, search: Search) -> None:
+    """Add to the levels of the points the lowest level of the arc on which joint number k of a chain moves them."""
+    first, last = tree.first[sweep.piece[side]], tree.first[sweep.piece[side] + 1]
+    xs, ys, zs = tree.points[0, first:last], tree.points[1, first:last], tree.points[2, first:last]
+    n, w, o = search.local, sweep.axis[side, k], sweep.origin[side, k]
+    along = dot(n, w)
+    ax, ay, az = n[0] - along * w[0], n[1] - along * w[1], n[2] - along * w[2]
+    bx, by, bz = n[1] * w[2] - n[2] * w[1], n[2] * w[0] - n[0] * w[2], n[0] * w[1] - n[1] * w[0]
+    a0, b0 = ax * o[0] + ay * o[1] + az * o[2], bx * o[0] + by * o[1] + bz * o[2]
+    cosine, sine = sweep.cosine[side, k], sweep.sine[side, k]
+    for v in range(last - first):
+        a = ax * xs[v] + ay * ys[v] + az * zs[v] - a0
+        b = bx * xs[v] + by * ys[v] + bz * zs[v] - b0
+        radius = math.sqrt(a * a + b * b)
+        end = a * cosine - abs(b) * sine
+        level[v] += (-radius if -a >= radius * cosine else end) - a
+
+
+@inner
+def lowest(side: int, sign: float, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search) -> float:
+    """Return the lowest level of ``sign * normal`` over a moving piece without its radius, and note where it is.
+
+    Writes the point of the swept piece in the world and the index of its vertex to `sweep`.
+    """
+    frame, piece = sweep.frame[side], sweep.piece[side]
+    normal = search.normal
+    _to_local(normal, frames, frame, search.local)
+    n = search.local
+    n[0], n[1], n[2] = sign * n[0], sign * n[1], sign * n[2]
+    first, last = tree.first[piece], tree.first[piece + 1]
+    xs, ys, zs = tree.points[0, first:last], tree.points[1, first:last], tree.points[2, first:last]
+    level, ball = sweep.level[: last - first], sweep.ball[side, : last - first]
+    for v in range(last - first):
+        level[v] = n[0] * xs[v] + n[1] * ys[v] + n[2] * zs[v] - ball[v]
+    shift = 0.0
+    for k in range(sweep.count[side]):
+        if sweep.prismatic[side, k]:
+            shift -= sweep.half[side, k] * abs(dot(n, sweep.axis[side, k]))
+        else:
+            _arc_levels(level, side, k, tree, sweep, search)
+    at, least = 0, level[0]
+    for v in range(1, last - first):
+        if level[v] < least:
+            at, least = v, level[v]
+    sweep.vertex[side] = first + at
+    _extreme_point(side, at, tree, frames, sweep, search)
+    return least + shift + sign * dot(normal, frames.origin[frame])
+
+
+@inner
+def _extreme_point(side: int, at: int, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search) -> None:
+    """Write the point, in the world, at which a moving vertex is the lowest; `at`: index of the vertex in its piece."""
+    frame, n, p = sweep.frame[side], search.local, search.across
+    vertex = sweep.vertex[side]
+    for i in range(3):
+        p[i] = tree.points[i, vertex] - sweep.ball[side, at] * n[i]
+    for k in range(sweep.count[side]):
+        w, o = sweep.axis[side, k], sweep.origin[side, k]
+        along = dot(n, w)
+        if sweep.prismatic[side, k]:
+            move = -math.copysign(sweep.half[side, k], along)
+            p[0], p[1], p[2] = p[0] + move * w[0], p[1] + move * w[1], p[2] + move * w[2]
+            continue
+        rx, ry, rz = tree.points[0, vertex] - o[0], tree.points[1, vertex] - o[1], tree.points[2, vertex] - o[2]
+        height = rx * w[0] + ry * w[1] + rz * w[2]
+        tx, ty, tz = w[1] * rz - w[2] * ry, w[2] * rx - w[0] * rz, w[0] * ry - w[1] * rx
+        rx, ry, rz = rx - height * w[0], ry - height * w[1], rz - height * w[2]
+        a, b = n[0] * rx + n[1] * ry + n[2] * rz, n[0] * tx + n[1] * ty + n[2] * tz
+        radius = math.sqrt(a * a + b * b)
+        cosine, sine = sweep.cosine[side, k], -math.copysign(sweep.sine[side, k], b)
+        if radius > 0.0 and -a >= radius * cosine:
+            cosine, sine = -a / radius, -b / radius
+        p[0] += (cosine - 1.0) * rx + sine * tx
+        p[1] += (cosine - 1.0) * ry + sine * ty
+        p[2] += (cosine - 1.0) * rz + sine * tz
+    for i in range(3):
+        sweep.point[side, i] = frames.origin[frame, i] + dot(frames.rotation[frame, i], p)
+
+
+@inner
+def largest_gap(margin: float, exact: bool, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search) -> float:
+    """Return a lower bound of the gap, in metres, between the moving pieces, and write its direction to `search.best`.
+
+    Stops at the first direction with a positive gap, or with `exact` at the direction of the largest gap.  The start
+    is the direction `search.normal`.  `margin`: distance in metres that is subtracted from the gap.
+    """
+    radii = tree.radius[sweep.piece[0]] + tree.radius[sweep.piece[1]] + margin
+    is_flat = tree.flat[sweep.piece[1]]
+    if is_flat:
+        _set(search.normal, tree.normal[sweep.piece[1]])
+    best, count = -np.inf, 0
+    for _ in range(MAX_STEPS):
+        low = lowest(0, 1.0, tree, frames, sweep, search)
+        gap = low + lowest(1, -1.0, tree, frames, sweep, search) - radii
+        if gap > best:
+            best = gap
+            _set(search.best, search.normal)
+        if is_flat or (gap > 0.0 and not exact):
+            break
+        for i in range(3):
+            search.corners[count, i] = sweep.point[0, i] - sweep.point[1, i] - radii * search.normal[i]
+        squared = nearest_on_simplex(search.corners, count + 1, search.weights, search.trial, search.nearest)
+        distance = math.sqrt(squared)
+        if distance <= TOLERANCE or distance - best <= 1e-3 * distance:
+            break
+        count = drop_corners(search.corners, count + 1, search.weights)
+        if count == 4:
+            break
+        for i in range(3):
+            search.normal[i] = search.nearest[i] / distance
+    return best
+
+
+@inner
+def _set(target: Floats, source: Floats) -> None:
+    """Copy a vector."""
+    target[0], target[1], target[2] = source[0], source[1], source[2]

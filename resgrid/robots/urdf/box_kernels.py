@@ -1,0 +1,238 @@
+"""Compiled kernel that tests boxes of joint values: pairs of convex pieces that stay apart, and likely collisions.
+
+Import this module only inside functions that call a kernel, because importing numba takes seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from resgrid._internal.jit import inner, kernel
+from resgrid.robots.urdf.arrays import Flags, Floats, Integers, TreeArrays
+from resgrid.robots.urdf.bound_kernels import (
+    Frames,
+    Search,
+    Sweep,
+    ball_gap,
+    largest_gap,
+    lowest,
+    new_frames,
+    new_search,
+    new_sweep,
+    place,
+    sweep_side,
+    weigh_points,
+)
+from resgrid.robots.urdf.simplex_kernels import dot
+
+
+class Boxes(NamedTuple):
+    """Boxes of joint values, and items: the pairs of pieces that are not yet proven to stay apart in a box.
+
+    `lower, upper` (n, m): corners, in joint units; `first` (n + 1,): box i has the items ``first[i] .. first[i+1] - 1``;
+    `items` (t, 3): pair of bodies, piece of the first body, piece of the second one; `hints` (t, 3): likely separating
+    directions, from the second piece to the first one.
+    """
+
+    lower: Floats
+    upper: Floats
+    first: Integers
+    items: Integers
+    hints: Floats
+
+
+class Findings(NamedTuple):
+    """Results of the test of n boxes with t items.
+
+    `is_open` (t,): items that are not proven; `touching` (t,): open items whose pieces overlap at the centre of the
+    box, if this was tested; `weight` (n, m): displacement by every moving joint that the worst open item contains;
+    `probe` (n, m): configuration at which the worst item's pieces overlap; `probe_item` (n,): this item, -1 for none;
+    `counts` (2,): number of evaluated bounds, of tests of fixed configurations.
+    """
+
+    is_open: Flags
+    touching: Flags
+    weight: Floats
+    probe: Floats
+    probe_item: Integers
+    counts: Integers
+
+
+class _Work(NamedTuple):
+    """Work arrays: poses at the centre and at a corner of a box, motions, search, and vectors (m,).
+
+    `middle, half`: centre and half widths of a box; `still`: zeros; `slope`: derivative of a gap by every moving joint;
+    `target`: a configuration.
+    """
+
+    frames: Frames
+    corner: Frames
+    sweep: Sweep
+    search: Search
+    middle: Floats
+    half: Floats
+    still: Floats
+    slope: Floats
+    target: Floats
+
+
+@inner
+def _load(item: Integers, half: Floats, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search) -> None:
+    """Write the motion of the two pieces of an item in a box of half widths `half` (m,)."""
+    for side in range(2):
+        sweep_side(side, item[1 + side], item[0], half, tree, frames, sweep, search)
+
+
+@inner
+def _gap(
+    item: Integers, hint: Floats, margin: float, exact: bool, tree: TreeArrays, frames: Frames, work: _Work
+) -> float:
+    """Return the bound of `largest_gap` for the motion that was loaded, from a start direction (3,)."""
+    for side in range(2):
+        weigh_points(side, tree, work.sweep)
+    work.search.normal[:] = hint
+    return largest_gap(margin, exact, tree, frames, work.sweep, work.search)
+
+
+@inner
+def _add_weights(side: int, weight: Floats, tree: TreeArrays, work: _Work) -> None:
+    """Add to `weight` (m,) the displacements, towards the other piece, of the lowest vertex by every moving joint."""
+    sweep = work.sweep
+    vertex, n = sweep.vertex[side], work.search.local
+    p = work.search.across
+    for k in range(sweep.count[side]):
+        w, o = sweep.axis[side, k], sweep.origin[side, k]
+        driver = tree.driver[sweep.joint[side, k]]
+        if sweep.prismatic[side, k]:
+            weight[driver] += sweep.half[side, k] * abs(dot(n, w))
+            continue
+        for i in range(3):
+            p[i] = tree.points[i, vertex] - o[i]
+        height = dot(p, w)
+        for i in range(3):
+            p[i] -= height * w[i]
+        tangent = (
+            n[0] * (w[1] * p[2] - w[2] * p[1]) + n[1] * (w[2] * p[0] - w[0] * p[2]) + n[2] * (w[0] * p[1] - w[1] * p[0])
+        )
+        length = math.sqrt(dot(p, p))
+        weight[driver] += sweep.sine[side, k] * abs(tangent) + sweep.chord[side, k] * length * (
+            sweep.turn[side, k] + sweep.chord[side, k] / 2.0
+        )
+
+
+@inner
+def _weigh(item: Integers, best: Floats, weight: Floats, tree: TreeArrays, work: _Work) -> None:
+    """Write the displacements of an item's pieces by every moving joint along the direction `best` (3,)."""
+    weight[:] = 0.0
+    _load(item, work.half, tree, work.frames, work.sweep, work.search)
+    work.search.normal[:] = best
+    for side in range(2):
+        weigh_points(side, tree, work.sweep)
+        lowest(side, 1.0 - 2.0 * side, tree, work.frames, work.sweep, work.search)
+        _add_weights(side, weight, tree, work)
+
+
+@inner
+def _slopes(item: Integers, tree: TreeArrays, work: _Work) -> None:
+    """Write the derivative of the gap of an item by every moving joint to `work.slope`; the pieces do not move."""
+    work.slope[:] = 0.0
+    n, p, frames = work.search.best, work.search.across, work.frames
+    for side in range(2):
+        sign = 1.0 - 2.0 * side
+        for joint in tree.chain[item[0], side]:
+            if joint < 0:
+                break
+            w = frames.axis[joint + 1]
+            driver, factor = tree.driver[joint], sign * tree.factor[joint]
+            if tree.prismatic[joint]:
+                work.slope[driver] += factor * dot(n, w)
+                continue
+            for i in range(3):
+                p[i] = work.sweep.point[side, i] - frames.origin[joint + 1, i]
+            work.slope[driver] += factor * (
+                n[0] * (w[1] * p[2] - w[2] * p[1])
+                + n[1] * (w[2] * p[0] - w[0] * p[2])
+                + n[2] * (w[0] * p[1] - w[1] * p[0])
+            )
+
+
+@inner
+def _probe(item: Integers, hint: Floats, probe: Floats, tree: TreeArrays, work: _Work) -> int:
+    """Return 1 if the pieces of an item overlap at the centre of the box, 2 if at the corner they approach, else 0.
+
+    Writes the configuration to `probe` (m,), and the direction of the distance at the centre to `hint` (3,).
+    """
+    _load(item, work.still, tree, work.frames, work.sweep, work.search)
+    probe[:] = work.middle
+    if _gap(item, hint, 0.0, True, tree, work.frames, work) <= 0.0:
+        return 1
+    hint[:] = work.search.best
+    _slopes(item, tree, work)
+    for d in range(len(probe)):
+        probe[d] -= math.copysign(work.half[d], work.slope[d])
+    place(probe, tree, work.corner)
+    _load(item, work.still, tree, work.corner, work.sweep, work.search)
+    return 2 if _gap(item, hint, 0.0, False, tree, work.corner, work) <= 0.0 else 0
+
+
+@inner
+def _bound_items(box: int, boxes: Boxes, margin: float, tree: TreeArrays, found: Findings, work: _Work) -> int:
+    """Mark the open items of a box, improve their hints, and return the item of the smallest bound; -1 for none."""
+    worst, least = -1, np.inf
+    for i in range(boxes.first[box], boxes.first[box + 1]):
+        item = boxes.items[i]
+        _load(item, work.half, tree, work.frames, work.sweep, work.search)
+        found.is_open[i] = found.touching[i] = False
+        if not tree.flat[item[2]] and ball_gap(tree, work.frames, work.sweep) > margin:
+            continue
+        found.counts[0] += 1
+        gap = _gap(item, boxes.hints[i], margin, False, tree, work.frames, work)
+        boxes.hints[i] = work.search.best
+        if gap > 0.0:
+            continue
+        found.is_open[i] = True
+        if gap < least:
+            worst, least = i, gap
+    return worst
+
+
+@kernel
+def bound_boxes(
+    boxes: Boxes, excess: Floats, margin: float, probing: int, tree: TreeArrays, points: int, found: Findings
+) -> None:
+    """Test boxes: prove that items stay apart, weigh the joints of the worst open item, and find likely collisions.
+
+    `excess` (m,): rounding error of joint values, added to half widths; `margin`: distance in metres by which pieces
+    must stay apart; `probing`: 0 for no test of likely collisions, 1 for the worst item, 2 for all open items at the
+    centre; `points`: largest number of points of a piece.
+    """
+    joints, count = len(tree.parent), len(excess)
+    work = _Work(
+        new_frames(joints), new_frames(joints), new_sweep(tree.chain.shape[2], points), new_search(),
+        np.empty(count), np.empty(count), np.zeros(count), np.empty(count), np.empty(count),
+    )  # fmt: skip
+    for box in range(len(boxes.lower)):
+        found.probe_item[box] = -1
+        for d in range(count):
+            work.middle[d] = 0.5 * (boxes.lower[box, d] + boxes.upper[box, d])
+            work.half[d] = 0.5 * (boxes.upper[box, d] - boxes.lower[box, d]) + excess[d]
+        place(work.middle, tree, work.frames)
+        worst = _bound_items(box, boxes, margin, tree, found, work)
+        if worst < 0:
+            continue
+        _weigh(boxes.items[worst], boxes.hints[worst], found.weight[box], tree, work)
+        if probing == 0:
+            continue
+        for d in range(count):
+            work.half[d] -= excess[d]
+        for i in range(boxes.first[box], boxes.first[box + 1]):
+            if i == worst or (probing == 2 and found.is_open[i]):
+                found.counts[1] += 1
+                outcome = _probe(boxes.items[i], boxes.hints[i], work.target, tree, work)
+                found.touching[i] = outcome == 1
+                if outcome > 0 and i == worst:
+                    found.probe_item[box] = i
+                    found.probe[box] = work.target
