@@ -26,6 +26,7 @@ from resgrid.core.axis import Axis
 OBSTACLE = "#3d3d3d"
 UNREACHABLE = "#c4c4c4"
 UNKNOWN = "#9db3c6"
+UNDECIDED = "#CC79A7"
 FREE = "#ffffff"
 NO_DROP = "#e8d3e4"
 FAILURE = "#B2182B"
