@@ -1,10 +1,11 @@
 """Converter resolution: the number of bits that a robot needs to measure its next step.
 
 Tarassenko & Blake (1991) note that the potential of a grid with obstacles held at a rail is nearly flat far from the
-goal.  A converter of ``b`` bits resolves two voltages that differ by one step, its range over ``2**b``.  A cell
-therefore needs ``log2(range / (V - V_best))`` bits, where ``V_best`` is the voltage of its lowest face neighbour.
+goal.  A converter of ``b`` bits resolves two voltages that differ by one step, its range over ``2**b``.  A cell with
+the voltage ``V`` therefore needs ``log2(range / (V - V_best))`` bits, where ``V_best`` is the voltage of its lowest
+face neighbour.
 
-The voltage step along a resistor is its current over its conductance.  The operating point holds logarithms of
+The voltage step along a resistor is its current over its conductance.  The operating point contains logarithms of
 currents, so that steps compare correctly even where voltages are equal in double precision.
 """
 
@@ -27,27 +28,26 @@ from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 
 _MOST_CELLS = 400
-"""Maximum number of cells on a path for which sensitivities are computed."""
+"""Maximum number of cells on the paths for which sensitivities are computed; further cells are left out."""
 
 _SMALL = 1e-4
-"""Current of a nonlinear resistor, as a fraction of its saturation current ``I0``, below which the resistor counts as
-linear.
+"""Current of a nonlinear resistor, as a fraction of its saturation current, below which the resistor counts as linear.
 """
 
 _SATURATED = 1.0 - 1e-16
-"""Current of a nonlinear resistor, as a fraction of its saturation current ``I0``, above which rounding decides its
-voltage.
+"""Largest current of a nonlinear resistor, as a fraction of its saturation current, in the computation of its voltage.
+Rounding would decide the voltage of a larger current.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Voltage steps from cells to their face neighbours, one entry for each cell and each of its faces with a resistor.
+    """Voltage steps from free cells to their face neighbours, one entry (of ``s``) for each pair of cell and neighbour.
 
     `cells`: map of the cells; `cell` (s,): flat index (C order) of the free cell, ascending; `neighbour` (s,): flat
     index of the free or goal cell across the face; `sign` (s,): 1 where the neighbour is lower (nearer to the goal
-    rail), -1 where it is higher, 0 where both are equal; `log_volts` (s,): natural logarithm of the size of the step,
-    in volts.
+    rail), -1 where it is higher, 0 where both are equal; `log_volts` (s,): natural logarithm of the magnitude of the
+    step in volts, minus infinity for equal voltages.
     """
 
     cells: CellMap
@@ -59,8 +59,8 @@ class Steps:
     def lowest(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the flat index of the lowest neighbour of every cell, and the natural log of the voltage step to it.
 
-        Both arrays have shape (cells,); the step is in volts.  A cell without a lower neighbour has -1 and minus
-        infinity.  Among equal neighbours the first is returned.
+        Both arrays have shape (cells,); the step is in volts.  For a cell without a lower neighbour they contain -1 and
+        minus infinity.  Among equal neighbours the first is returned.
         """
         size = self.cells.space.cell.size
         down = np.where(self.sign > 0, self.log_volts, -np.inf)
@@ -80,7 +80,8 @@ def enterable(space: ConfigurationSpace) -> NDArray[np.bool_]:
 def steps_of(op: OperatingPoint) -> Steps:
     """Return the voltage steps between neighbouring cells at an operating point.
 
-    Neighbours without a resistor between them are compared by their voltages.
+    The step across a resistor is its current over its conductance.  Without a resistor between two neighbours, the step
+    is the difference of their voltages.
     """
     cells = op.netlist.cells
     space, node = cells.space, cells.node.ravel()
@@ -109,10 +110,11 @@ def steps_of(op: OperatingPoint) -> Steps:
 def _across_elements(
     op: OperatingPoint, cells: CellMap
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]:
-    """Return the resistors that cross a cell face: face, whether upwards, sign of the current, and log of the voltage.
+    """Return face, orientation, direction of the current, and voltage of all resistors that cross a cell face.
 
-    All four arrays have shape (elements,): number of the face; whether the element points to the upper cell; -1, 0 or
-    1; natural logarithm of the voltage across the element, in volts.
+    The result has four arrays (elements,), linear resistors first: number of the face; whether the first end of the
+    resistor lies in the lower cell; sign of the current from the first end to the second (-1, 0 or 1); natural
+    logarithm of the magnitude of the voltage in volts.  `cells`: map of the cells.
     """
     netlist = op.netlist
     linear, nonlinear = cells.resistor_face >= 0, cells.nonlinear_face >= 0
@@ -150,14 +152,15 @@ class ADCResolution(Result):
     span : float
         Range of the converter, in volts.
     cell_bits : ndarray of float64, shape of the space
-        Bits at which one step of the converter equals the voltage step to the lowest neighbour.  Infinite where no
+        Bits at which one step of the converter equals the voltage step to the lowest face neighbour.  Infinite where no
         neighbour is lower; NaN in cells that are not free or have no path to a goal.
     start_bits : ndarray of float64, shape of the space
-        Largest `cell_bits` along the path from a cell to the goal, each step leading to the lowest neighbour.
+        Largest `cell_bits` along the path from a cell to the goal, in which each step leads to the lowest face
+        neighbour; infinite or NaN under the same conditions.
     following : ndarray of int64, shape of the space
-        Flat index (C order) of the lowest neighbour, -1 for none.
+        Flat index (C order) of the lowest face neighbour of a cell, -1 if no neighbour is lower.
     boundary : str
-        ``"dirichlet"``, ``"neumann"`` or ``"wall"``.
+        Boundary condition of the circuit: ``"dirichlet"``, ``"neumann"`` or ``"wall"``.
     starts : ndarray of float64, shape (k,)
         Bits that every start with a path to a goal needs, in C order of the cells.
     figures : mapping of str to Figure
@@ -187,7 +190,7 @@ class ADCResolution(Result):
         return self.start_bits[self.space.goal_connected]
 
     def served(self, bits: float) -> float:
-        """Return the fraction of the starts that a read-out serves.
+        """Return the fraction of the starts (free cells with a path to a goal) that a read-out serves.
 
         Parameters
         ----------
@@ -197,7 +200,7 @@ class ADCResolution(Result):
         Returns
         -------
         float
-            Starts are free cells with a path to a goal; NaN without a start.
+            Fraction of the starts whose `start_bits` are at most `bits`; NaN without a start.
         """
         return float(np.mean(self.starts <= bits)) if self.starts.size else float("nan")
 
@@ -212,7 +215,7 @@ class ADCResolution(Result):
         Returns
         -------
         int or None
-            None if no number of bits serves the fraction.
+            Number of bits, at least 1; None if no number of bits serves the fraction.
 
         Raises
         ------
@@ -227,17 +230,18 @@ class ADCResolution(Result):
         return max(int(np.ceil(needed)), 1) if np.isfinite(needed) else None
 
     def cells_passed(self, starts: Sequence[tuple[int, ...]] = ()) -> NDArray[np.int64]:
-        """Return the cells on the paths from some starts.
+        """Return the cells on the paths from some starts, in which each step leads to the lowest face neighbour.
 
         Parameters
         ----------
         starts : sequence of tuple of int
-            Start cells; by default the start that needs most bits.
+            Indices of start cells; those without a path to a goal are left out.  If none is left, the start that needs
+            most bits.
 
         Returns
         -------
         ndarray of int64, shape (k, axes)
-            Indices of the cells, in the order in which the paths pass them.
+            Indices of the cells, at most 400, without goal cells, in the order in which the paths pass them.
 
         Raises
         ------
@@ -270,7 +274,7 @@ class ADCResolution(Result):
         Returns
         -------
         str
-            The percentage is rounded down, so that 100 % means all starts.
+            The sentence.  The percentage is rounded down, so that 100 % means all starts.
         """
         if not self.starts.size:
             return "no start has a path to a goal"
@@ -301,15 +305,15 @@ class ADCResolution(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, the boundary condition and the sentence as plain values."""
+        """Return the figures, the boundary condition and the sentence as a dictionary for JSON."""
         return {**super().to_json(), "boundary": self.boundary, "sentence": self.sentence()}
 
 
 def analyse_adc_resolution(op: OperatingPoint, *, span: Positive | None = None) -> ADCResolution:
     """Compute the converter bits that every cell and every start needs; return them as an ADCResolution.
 
-    `op`: operating point of the chip; `span`: range of the converter, in volts; by default the supply or, with a
-    uniform drive, the height of the highest node above the goal rail.
+    `op`: operating point of the chip; `span`: range of the converter in volts, None for the supply or, with a uniform
+    drive, for the largest voltage between a node and the goal rail.
     """
     steps = steps_of(op)
     space, wiring = steps.cells.space, steps.cells.wiring
@@ -338,7 +342,7 @@ def _largest_ahead(
     """Return the largest value on the path from every cell to its end, shape (cells,), by pointer doubling.
 
     `bits` (cells,): values, NaN outside the starts; `following` (cells,): flat index of the next cell on the path, -1
-    at an end.
+    at an end; `space`: gives the goal cells, which have no value.
     """
     most = np.where(space.cell.ravel() == Cell.GOAL, -np.inf, bits)
     ahead = np.where(following < 0, np.arange(len(bits)), following)

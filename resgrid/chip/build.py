@@ -1,4 +1,4 @@
-"""Build chips: from a chip description to the netlist of one chip, or to the conductances of many."""
+"""Build chips: from a chip description to the netlist of one chip, or to the conductances of many chips."""
 
 from __future__ import annotations
 
@@ -26,14 +26,19 @@ from resgrid.scene.chip import Chip
 from resgrid.scene.table_models import described_keys
 
 Form = Literal["circuit", "tiles", "grid"]
-"""Form of the exported circuit: the netlist of `build_chip`, the array of tiles, or the ideal grid without effects."""
+"""Form of an exported circuit: the netlist of `build_chip` with all effects (``"circuit"``), an array of equal
+subcircuits with one cell each (``"tiles"``), or the ideal netlist without effects (``"grid"``).
+"""
 
 READING = ("readout.offset", "readout.noise_bandwidth", "readout.bits", "readout.range")
-"""Keys of the chip's read-out that do not change the circuit."""
+"""Keys of the read-out in a chip description that do not change the circuit."""
 
 _SCALE = ("resistance", "supply", "wall_resistance")
-"""Keys of a chip that every form of its circuit holds.  The next three constants are groups of further keys: switches,
-drawn resistors, and random deviations."""
+"""Keys of the chip description that every form of the circuit represents.
+
+The next three constants are groups of further keys: switches, resistors with rounded or drawn values, and deviations of
+the resistors.
+"""
 _SWITCHES = tuple(f"{kind}_switch_{state}" for kind in ("goal", "obstacle", "internodal") for state in ("on", "off"))
 _DRAWN = ("preferred", "sheet_resistance", "width", "length", "drawing_grid")
 _SCATTERED = ("gradient", "pelgrom", "mismatch", "seed")
@@ -41,7 +46,7 @@ _HELD = {
     "grid": (*_SCALE, "capacitance"),  # capacitors carry no current at the operating point
     "tiles": (*_SCALE, "capacitance", *_SWITCHES, *_DRAWN, *_SCATTERED),
 }
-"""Keys of a chip that a form of the circuit contains, by the name of the form."""
+"""Keys of the chip description whose effects a form of the circuit represents, by the name of the form."""
 
 
 def build_chip(netlist: Netlist, chip: Chip | Iterable[Effect], seed: Any = None) -> Netlist:
@@ -55,13 +60,13 @@ def build_chip(netlist: Netlist, chip: Chip | Iterable[Effect], seed: Any = None
     chip : Chip or iterable of Effect
         The chip description, or effects in the order in which they are applied (`resgrid.chip.effects`).
     seed : int, sequence of int or numpy.random.SeedSequence, optional
-        Seed of the random effects; by default that of the description.
+        Seed of the random effects; by default that of the chip description, or of each effect in `chip`.
 
     Returns
     -------
     Netlist
-        Resistors of the grid keep their numbers; saturating resistors become nonlinear ones in the same order, and open
-        ones are left out.  Switches, rails and loads are appended.
+        The circuit with all effects.  Resistors of the grid keep their order; saturating resistors become nonlinear
+        ones in the same order, and open resistors are left out.  Switches, rails and loads are appended.
 
     Raises
     ------
@@ -85,7 +90,8 @@ def build_chip(netlist: Netlist, chip: Chip | Iterable[Effect], seed: Any = None
 def ideal_netlist(space: ConfigurationSpace, chip: Chip, wiring: Wiring) -> Netlist:
     """Return the ideal netlist of a space for `build_chip`: one node per cell, with the chip's resistance and supply.
 
-    A uniform drive is scaled to the supply.  `wiring`: boundary conditions of the circuit.
+    The currents of a uniform drive are scaled so that the highest node is at the supply.  `space`: the space to
+    compile; `chip`: gives resistance, supply and wall resistance; `wiring`: boundary conditions of the circuit.
     """
     wall = chip.wall_resistance if wiring.boundary == "wall" else None
     own = dataclasses.replace(
@@ -107,11 +113,12 @@ def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -
 class ConductanceModel:
     """Distribution of the conductances of chips that share one circuit: everything that does not depend on the seed.
 
-    A site is the numbered place of a grid resistor, for which a random factor is drawn.  `netlist`: the circuit without
-    mismatch; `site` (drawn resistors,): site of each resistor that mismatch applies to, -1 for none; these are the
-    first resistors of the netlist; `sites`: number of sites; `deviation`: standard deviation of a resistance as a
-    fraction of its mean, shape () or (sites,), None without mismatch; `switch` (drawn resistors,): resistance in series
-    with each resistor that has no mismatch, in ohms.
+    A site is the numbered place of a grid resistor, for which a random factor is drawn.  The drawn resistors are the
+    first resistors of the circuit: those that exist before mismatch is applied.  `netlist`: the circuit without
+    mismatch; `site` (drawn resistors,): site of each, -1 for a resistor without mismatch; `sites`: number of sites;
+    `deviation`: standard deviation of a resistance as a fraction of its mean, shape () or (sites,), None without
+    mismatch; `switch` (drawn resistors,): part of the resistance that belongs to a switch in series, without mismatch,
+    in ohms.
     """
 
     netlist: Netlist
@@ -122,7 +129,7 @@ class ConductanceModel:
 
     @classmethod
     def of(cls, netlist: Netlist, chip: Chip) -> ConductanceModel:
-        """Return the model of a chip; raise InputError where defects or saturation change the circuit.
+        """Return the model of a chip; raise InputError for chips with defects or saturation, whose circuits differ.
 
         `netlist`: ideal circuit; `chip`: chip description.
         """
@@ -159,12 +166,12 @@ class ConductanceModel:
 
 
 def chip_keys(chip: Chip) -> dict[str, Any]:
-    """Return the value of every key of a chip by key, with dots for nested tables (``readout.bits``)."""
+    """Return the values of all keys of a chip description, by key, with dots for nested tables (``readout.bits``)."""
     return {key: attrgetter(key)(chip) for key in described_keys(Chip)}
 
 
 def chip_with(chip: Chip, values: Mapping[str, Any]) -> Chip:
-    """Return a copy of a chip with other values, given by key: ``{"mismatch": 0.02, "readout.bits": 8}``.
+    """Return a copy of a chip description with other values, given by key: ``{"mismatch": 0.02, "readout.bits": 8}``.
 
     Raises InputError for an unknown key or an invalid value.
     """
@@ -182,9 +189,10 @@ def chip_with(chip: Chip, values: Mapping[str, Any]) -> Chip:
 
 
 def described(chip: Chip, shape: Sequence[int], boundary: str) -> list[tuple[str, str, str]]:
-    """Return texts (key, value, meaning) on the grid of a chip and on every key of the description that is set.
+    """Return rows of text (key, value with unit, meaning) on the grid of a chip and on every key that is set.
 
-    `shape`: number of cells along each axis; `boundary`: ``"dirichlet"``, ``"neumann"`` or ``"wall"``.
+    `chip`: chip description; `shape`: number of cells along each axis; `boundary`: ``"dirichlet"``, ``"neumann"`` or
+    ``"wall"``.
     """
     meaning = {"dirichlet": "are a rail", "neumann": "are open", "wall": "are a rail with a series resistance"}[
         boundary
@@ -202,7 +210,10 @@ def described(chip: Chip, shape: Sequence[int], boundary: str) -> list[tuple[str
 
 
 def value_text(value: Any, unit: str) -> str:
-    """Return a value of a chip as text with its unit; ``"none"`` for None; parts of a tuple are separated by commas."""
+    """Return a value of a chip description as text with its unit; ``"none"`` for None.
+
+    Entries of a tuple are separated by commas.  `unit`: SI unit, or ``""`` for a pure number.
+    """
     if isinstance(value, tuple):
         return ", ".join(value_text(part, unit) for part in value)
     if value is None:
@@ -213,9 +224,9 @@ def value_text(value: Any, unit: str) -> str:
 
 
 def keys_not_held(chip: Chip, form: Form) -> tuple[str, ...]:
-    """Return the keys of a chip that are set and that a form of its circuit cannot represent.
+    """Return the keys of a chip description that differ from their defaults and that a form of its circuit ignores.
 
-    `form`: ``"circuit"`` (all effects), ``"tiles"`` (array of tiles) or ``"grid"`` (ideal grid).
+    `form`: ``"circuit"`` (all effects), ``"tiles"`` (array of subcircuits) or ``"grid"`` (ideal netlist).
     """
     usual, values = chip_keys(Chip()), chip_keys(chip)
     held = values.keys() - set(READING) if form == "circuit" else _HELD[form]
@@ -226,7 +237,7 @@ def keys_not_held(chip: Chip, form: Form) -> tuple[str, ...]:
 def _matters(chip: Chip, key: str, usual: Any) -> bool:
     """Return whether the chip would change if a key had its default value.
 
-    `key`: key of the chip description; `usual`: default value of the key.
+    `key`: key of the chip description; `usual`: default value of the key.  A key that another key requires also counts.
     """
     try:
         other = chip_with(chip, {key: usual})

@@ -1,8 +1,8 @@
-"""SPICE decks of a chip, each with an analysis and its expected result.
+"""SPICE decks of a chip, each with an analysis and the results that a simulator should give.
 
-``op``: the operating point.  ``transient``: the supplies of a discharged chip rise within one time step.  ``noise``:
-the noise voltage at the noisiest cell.  ``temperature``: operating points at several temperatures.  In ``transient``
-and ``noise``, a nonlinear chip is replaced by its linearization at the operating point.
+The deck ``op``: the operating point.  ``transient``: the supplies of a discharged chip rise within one time step.
+``noise``: the noise voltage at the noisiest cell.  ``temperature``: operating points at several temperatures.  In
+``transient`` and ``noise``, a nonlinear chip is replaced by its linearization at the operating point.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from resgrid.spice.write.files import WrittenDeck, write_spice
 CELSIUS = (-40.0, 27.0, 85.0, 125.0)
 """Temperatures of the operating points of the temperature deck, in degrees Celsius."""
 BAND = 100.0
-"""Upper limit of the noise band, as angular frequency times the fastest time constant (no unit)."""
+"""Upper limit of the noise band as an angular frequency, multiplied by the fastest time constant (no unit)."""
 
 Words = dict[str, Any]
-"""Title and dialect of the decks, by the names of the options of `write_spice`."""
+"""Title and dialect of the decks, by the names of these arguments of `write_spice`."""
 
 _DESCRIPTIONS = {
     "op": "the chip, for its operating point",
@@ -45,15 +45,15 @@ _DESCRIPTIONS = {
 }
 """Descriptions of the decks, by name."""
 _POINTS = 20
-"""Number of frequencies per decade of frequency in the noise analysis."""
+"""Number of frequencies per decade of frequency in the noise analysis of a deck."""
 _STEPS = 400
-"""Number of time steps of the transient analysis."""
+"""Number of time steps of the transient analysis of a deck."""
 _MOMENTS = 10
-"""Number of times of the transient analysis for which the sidecar states expected voltages."""
+"""Number of times of the transient analysis at which the sidecar states expected voltages."""
 _MOST_PROBES = 1000
-"""Maximum number of nodes of a netlist whose voltages are all recorded."""
+"""Number of nodes up to which a deck records all node voltages."""
 _FEW_PROBES = 64
-"""Number of nodes with recorded voltages in a larger netlist."""
+"""Number of nodes whose voltages the deck of a larger netlist records."""
 
 
 def write_decks(
@@ -67,9 +67,10 @@ def write_decks(
 ) -> dict[str, WrittenDeck]:
     """Write the SPICE decks of a chip; return the written decks by name.
 
-    `op`: operating point; `linear`: the chip, linearized where it is nonlinear; `settling`: settling of the chip, None
-    without capacitances, which then has no transient and no noise deck; `ideal`: circuit before the effects; `chip`:
-    chip description; `folder`: existing folder; `words`: title and dialect.
+    `op`: operating point; `linear`: the circuit, linearized at `op` if it is nonlinear; `settling`: settling of the
+    chip, None for a chip without capacitances, for which no transient deck and no noise deck is written; `ideal`:
+    circuit before the effects of the chip; `chip`: chip description; `folder`: existing folder; `words`: title and
+    dialect.
     """
     decks = {"op": write_spice(op, folder / "op.cir", **words)}
     if settling is not None:
@@ -95,10 +96,10 @@ def described_files(decks: Mapping[str, WrittenDeck], dialect: str) -> dict[str,
 
 
 def _transient(netlist: Netlist, settling: Settling, path: Path, words: Words) -> WrittenDeck:
-    """Write the transient deck to `path`; return the written deck.
+    """Write the deck of the transient analysis to `path`; return the written deck.
 
-    Time 0 of the expected result is the middle of the simulator's first step.  `settling`: settling of the same
-    netlist; `words`: title and dialect.
+    Time 0 of the expected result is the middle of the simulator's first time step.  `netlist`: linear circuit;
+    `settling`: settling of this circuit; `words`: title and dialect.
     """
     tau = float(settling.time_constants[0])
     stop = float(f"{max(1.1 * settling.settle_time, 6.0 * tau):.3g}")
@@ -130,9 +131,9 @@ def _transient(netlist: Netlist, settling: Settling, path: Path, words: Words) -
 
 
 def _noise(netlist: Netlist, settling: Settling, path: Path, words: Words) -> WrittenDeck:
-    """Write the noise deck of the noisiest cell to `path`; return the written deck.
+    """Write the deck with the noise of the noisiest cell to `path`; return the written deck.
 
-    `settling`: settling of the same netlist, which gives the band; `words`: title and dialect.
+    `netlist`: linear circuit; `settling`: settling of this circuit, which gives the band; `words`: title and dialect.
     """
     band = noise_band(settling)
     noise = analyse_noise(netlist, band=band)
@@ -155,10 +156,11 @@ def _noise(netlist: Netlist, settling: Settling, path: Path, words: Words) -> Wr
 
 
 def noise_band(settling: Settling) -> tuple[float, float]:
-    """Return the lower and the upper limit of the noise band, in hertz, from the time constants of a settling.
+    """Return the lower and the upper limit of the noise band of a settling chip, in hertz.
 
-    The band reaches from 0.01 times the lowest to 100 times the highest corner frequency.  The upper limit is a
-    frequency point of the simulator, which would otherwise stop below it.
+    The band reaches from 0.01 times the lowest to 100 times the highest corner frequency.  Because the simulator stops
+    at the last of its frequency points, the upper limit is rounded up to such a point.  `settling`: gives the time
+    constants.
     """
     low = float(f"{0.01 / (2.0 * np.pi * float(settling.time_constants[0])):.3g}")
     points = int(np.ceil(_POINTS * np.log10(BAND / (2.0 * np.pi * settling.fastest * low))))
@@ -166,10 +168,10 @@ def noise_band(settling: Settling) -> tuple[float, float]:
 
 
 def _temperature(ideal: Netlist, chip: Chip, path: Path, words: Words) -> WrittenDeck:
-    """Write the temperature deck to `path`; return the written deck.
+    """Write the deck of the operating points at several temperatures to `path`; return the written deck.
 
-    The expected voltages are given for every temperature at which the coefficients leave all resistances positive.
-    `ideal`: circuit before the effects; `chip`: chip description; `words`: title and dialect.
+    The sidecar states the voltages for every temperature at which the coefficients leave all resistances positive.
+    `ideal`: circuit before the effects of the chip; `chip`: chip description; `words`: title and dialect.
     """
     cold = build_chip(ideal, dataclasses.replace(chip, temperature=None))
     nodes = _probed(cold, solve(cold).voltage)
@@ -192,7 +194,7 @@ def _temperature(ideal: Netlist, chip: Chip, path: Path, words: Words) -> Writte
 
 
 def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Return the nodes of cells whose voltages are recorded, shape (k,): all of a small netlist, 64 of a large one.
+    """Return the nodes of cells whose voltages a deck records, shape (k,): all of at most 1000 nodes, else 64 of them.
 
     `volts` (nodes,): node voltages; nodes with NaN are left out.
     """
@@ -205,5 +207,8 @@ def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int32]:
 
 
 def _probe(netlist: Netlist, nodes: NDArray[np.int32]) -> list[Analysis]:
-    """Return the list of analyses that restricts recording to `nodes`: one probe for a large netlist, else empty."""
+    """Return the list of analyses that restricts recording to `nodes`: one probe if the netlist is large, else empty.
+
+    A netlist is large if it has more than 1000 nodes.
+    """
     return [Probe(tuple(netlist.names_of(nodes)))] if netlist.node_count > _MOST_PROBES else []

@@ -1,8 +1,8 @@
 """Error limits of a chip: the largest value of one error at which the yield still reaches a target.
 
-The values form a ladder from ideal to worst, in steps of the E12 series (IEC 60063) or single bits.  The yields of all
-values come from the same chips and the same random numbers (common random numbers), so that neighbouring values differ
-by the error only.
+The candidate values of an error form a ladder from ideal to worst, in steps of the E12 series (IEC 60063) or of one
+bit. The yields of all values come from the same chips and the same random numbers (common random numbers), so that
+neighbouring values differ by the error only.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from resgrid.chip.figures_of_merit import Figure, Proportion, formatted
 from resgrid.scene.chip import Chip
 
 _E12 = (1.0, 1.2, 1.5, 1.8, 2.2, 2.7, 3.3, 3.9, 4.7, 5.6, 6.8, 8.2)
-"""Preferred values of the E12 series, per decade, without unit."""
+"""Preferred values of the E12 series between 1 and 10."""
 _MOST_BITS = 32
 """Largest converter resolution that is tried, in bits."""
 _SMALLEST_OFFSET = 1e-6
-"""Smallest nonzero read-out offset that is tried, as a fraction of the supply."""
+"""Smallest nonzero standard deviation of the read-out's offset that is tried, as a fraction of the supply."""
 
 
 @dataclass(frozen=True)
@@ -37,30 +37,31 @@ class Limit:
     target : float
         The yield to reach.
     value : float, int or None
-        The worst value on the ladder at which, and at all better values, the yield reaches the target.  None where the
-        ideal value does not reach it, or where only an ideal converter does.
+        The worst candidate at which, and at all better ones, the yield reaches the target.  None where the yield at
+        the ideal value misses the target, or where only an ideal converter reaches it.
     share : Proportion
         Yield at `value`, or at the ideal value where `value` is None.
     beyond : float, int or None
-        The next worse value on the ladder; None at its end.
+        The next worse candidate after `value`; None after the last candidate.
     beyond_share : Proportion or None
-        Yield at `beyond`, below the target.
+        Yield at `beyond`, below the target; None if there is no next candidate.
     sure, possible : float, int or None
-        Ends of the interval of `value`: the worst value at which the lower end of the yield's interval reaches the
-        target, and the worst at which its upper end does.  None where the ideal value has no such yield.
+        Ends of the interval of `value`: the worst value at which the lower end of the yield's confidence interval
+        reaches the target, and the worst at which its upper end does.  None where no value but an ideal converter, or
+        no value at all, has such a yield.
     reached : bool
-        Whether the ideal value reaches the target.
+        Whether the yield reaches the target at the ideal value.
     tolerated : float, int or None
-        Only where the ideal value does not reach the target: the worst value that reduces the yield of the ideal one by
-        at most ``1 - target``.
+        Only where the yield at the ideal value misses the target: the worst value at which the yield is at most ``1 -
+        target`` below that of the ideal value.  Otherwise None.
     tried : tuple of (float, int or None, Proportion)
-        Every value that was tried, best first, with its yield; None is an ideal converter.
+        Every candidate that was tried, best first, with its yield; None is an ideal converter.
     figure : Figure
         The value with its unit and definition.
     answer : str
-        The value as text, with the yields on both sides of it.
+        The value as text, with the yields at this value and at the next worse one.
     remark : str
-        The yields on both sides of the limit, or the reason why there is no limit.
+        The yields at the limit and at the next worse candidate, or the reason why there is no limit.
 
     Examples
     --------
@@ -103,7 +104,7 @@ class Limit:
 
     @property
     def remark(self) -> str:
-        """The yields on both sides of the limit, or the reason why there is no limit."""
+        """The yields at the limit and at the next worse candidate, or the reason why there is no limit, as text."""
         if not self.reached:
             text = f"not reached even with {_IDEAL[self.name]}, where the yield is {self.share}: other causes dominate"
             if self.tolerated is None:
@@ -116,14 +117,14 @@ class Limit:
         return f"where the yield is {here} (at {self._text(self.beyond)} it is {next_one})"
 
     def _text(self, value: float) -> str:
-        """Return a value of this error as text with its unit, such as ``"11 bits"``."""
+        """Return a value of the limited error as text with its unit, such as ``"11 bits"``."""
         if self.name == "fewest_bits":
             return f"{value} bit{'s' * (value != 1)}"
         return f"{100 * value:.3g} %" if self.name == "largest_mismatch" else formatted(value, _WORDS[self.name][1])
 
 
 def _distinguished(first: float, second: float) -> tuple[str, str]:
-    """Return two fractions as texts in per cent, with as many decimals (one to five) as they need to differ."""
+    """Return two fractions as texts in per cent, with the fewest decimals (one to five) that make the texts differ."""
     for decimals in range(1, 6):
         texts = f"{100 * first:.{decimals}f} %", f"{100 * second:.{decimals}f} %"
         if texts[0] != texts[1]:
@@ -147,10 +148,10 @@ _IDEAL = {
 
 @dataclass(frozen=True)
 class Ladder:
-    """Candidate values of one error from ideal to worst.
+    """Candidate values of one error, from ideal to worst.
 
     `name`: name of the limit, such as ``"fewest_bits"``; `values`: candidates, None for an ideal converter;
-    `chip_with`: function from a candidate to the chip with this value of the error.
+    `chip_with`: function from a candidate to the chip description with this value of the error.
     """
 
     name: str
@@ -161,7 +162,7 @@ class Ladder:
 def mismatch_ladder(chip: Chip) -> Ladder:
     """Return the mismatches to try for a chip: 0 and 0.01 % to 82 %, as standard deviations of a resistance.
 
-    A chip described by ``pelgrom`` keeps the area of its resistors.
+    If the description has a Pelgrom coefficient, this coefficient is changed, and the area of the resistors is not.
     """
 
     def changed(deviation: float) -> Chip:
@@ -206,11 +207,11 @@ def bits_ladder(chip: Chip) -> Ladder:
 
 
 def find_limit(ladder: Ladder, target: float, yields: Callable[[int], Proportion], *, every: bool) -> Limit:
-    """Find the worst value of an error with a sufficient yield; return it as a Limit.
+    """Find the worst value of an error at which the yield still reaches a target; return it as a Limit.
 
-    `ladder`: candidate values; `target`: sufficient yield; `yields`: function from the number of a candidate to its
-    yield; `every`: try the values one after the other; otherwise bisect, assuming that the yield falls from value to
-    value.
+    `ladder`: candidate values; `target`: yield to reach, between 0 and 1; `yields`: function from the position of a
+    candidate in `ladder.values` to its yield; `every`: whether to try the candidates one after the other; otherwise
+    bisect, assuming that the yield falls from candidate to candidate.
     """
     count = len(ladder.values)
     seen: dict[int, Proportion] = {}
@@ -243,19 +244,19 @@ def find_limit(ladder: Ladder, target: float, yields: Callable[[int], Proportion
 
 
 def _last_by_scan(count: int, passes: Callable[[int], bool]) -> int:
-    """Return the number of the last candidate before the first one that fails; -1 if candidate 0 fails.
+    """Return the position of the last candidate before the first one that fails; -1 if candidate 0 fails.
 
-    `count`: number of candidates; `passes`: whether a candidate, given by its number, is sufficient.
+    `count`: number of candidates; `passes`: function from the position of a candidate to whether it is sufficient.
     """
     return next((candidate for candidate in range(count) if not passes(candidate)), count) - 1
 
 
 def _last_sure(last: int, passes: Callable[[int], bool], *, every: bool) -> int:
-    """Return the number of the worst candidate, up to `last`, whose whole interval lies above the target; -1 for none.
+    """Return the position of the worst candidate, up to `last`, whose whole confidence interval passes; -1 for none.
 
     Better candidates need not pass: the interval of equal chips is wider than that of chips that differ a little.
-    `passes`: whether the interval of a candidate lies above the target; `every`: try all candidates instead of
-    bisecting.
+    `passes`: function from the position of a candidate to whether its interval lies above the target; `every`: whether
+    to try all candidates instead of bisecting.
     """
     if every:
         return next((candidate for candidate in range(last, -1, -1) if passes(candidate)), -1)
@@ -264,10 +265,10 @@ def _last_sure(last: int, passes: Callable[[int], bool], *, every: bool) -> int:
 
 
 def _last_by_bisection(count: int, passes: Callable[[int], bool]) -> int:
-    """Return the number of a candidate that passes and whose successor fails; -1 if candidate 0 fails.
+    """Return the position of a candidate that passes and whose successor fails; -1 if candidate 0 fails.
 
-    `count`: number of candidates; `passes`: whether a candidate, given by its number, is sufficient.  If no candidate
-    fails, the last is returned.
+    If no candidate fails, the position of the last is returned.  `count`: number of candidates; `passes`: function from
+    the position of a candidate to whether it is sufficient.
     """
     if not passes(0):
         return -1

@@ -1,11 +1,12 @@
 """Fault analysis: the number of starts lost when one resistor or switch of a chip is open or shorted.
 
 A fault changes one conductance, and the change of all voltages is a multiple of one vector (Sherman & Morrison 1950).
-Let ``w`` be 1 and -1 at the ends of the element, ``d`` the voltage across it, and ``z = A^-1 w``.  A change ``delta``
-of the conductance changes the voltages by ``-delta d z / (1 + delta w . z)``.  The relative error is rounding over the
-denominator.  The denominator is small where only leakage connects the two sides without the element; one step of
-iterative refinement then corrects the voltages.  The denominator vanishes where an open cuts the circuit in two; such a
-fault, and every fault of a circuit with nonlinear resistors, is solved from scratch.
+With the conductance matrix ``A``, let ``w`` be 1 and -1 at the ends of the element, ``d`` the voltage across it, and
+``z = A^-1 w``.  A change ``delta`` of the conductance changes the voltages by ``-delta d z / (1 + delta w . z)``.  The
+relative error is the rounding error over the denominator.  The denominator is small where, without the element, only
+leakage connects its two ends; one step of iterative refinement then corrects the voltages.  The denominator vanishes
+where an open cuts the circuit in two; such a fault, and every fault of a circuit with nonlinear resistors, is solved
+from scratch.
 """
 
 from __future__ import annotations
@@ -33,18 +34,23 @@ from resgrid.scene.chip import Readout
 from resgrid.solvers.supernodal import factor_supernodes
 
 IDEAL_BITS = 40
-"""Resolution in bits that stands for an ideal read-out; its step is 1e-12 of the supply, above rounding errors."""
+"""Resolution in bits that stands for an ideal read-out; one step is 1e-12 of the converter's range, above rounding
+errors.
+"""
 
 _BLOCK = 128
-"""Number of elements between two checks of the time limit."""
+"""Number of elements between two calls of the progress function and checks of the time limit."""
 _LEAKY, _BRIDGE = 1e-3, 1e-9
-"""Denominators below `_LEAKY` need a refinement step; those below `_BRIDGE` need a new solve."""
+"""Values of the denominator ``1 + delta w . z`` of the update (see the module) below which voltages need an iterative
+refinement step (`_LEAKY`), or a new solve (`_BRIDGE`).
+"""
 
 _WORST = 10
-"""Default number of elements in a list of the worst ones."""
+"""Default maximum number of elements in a list of the most harmful ones."""
 
 Solve = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Function from currents into the rows, in amperes, to their voltages in volts, both (n,)."""
+"""Function from currents into the rows (unknown voltages), in amperes, to the voltages of the rows in volts, both (n,).
+"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,10 +64,10 @@ class FaultAnalysis(Result):
     netlist : Netlist
         The chip.
     served : int
-        Starts that reach a goal without a fault.
+        Number of starts that reach a goal without a fault.
     open, short : ndarray of float64, shape (elements,)
-        Number of these starts that are lost when the element is open, or shorted.  Resistors (switches and rails
-        included) come first, then nonlinear resistors.  NaN for elements beyond the time limit.
+        Number of these starts that are lost when the element is open, or shorted.  Linear resistors (switches and rail
+        segments included) come first, then nonlinear resistors.  NaN for elements not examined within the time limit.
     short_resistance : float
         Resistance of a short, in ohms.
     bits : int
@@ -156,7 +162,7 @@ class FaultAnalysis(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures and the worst elements (nodes, starts lost) of each fault as plain values."""
+        """Return the figures and the worst elements (nodes, starts lost) of each fault as a dictionary for JSON."""
         listed = {}
         for fault in ("open", "short"):
             worst = self.worst(fault)
@@ -175,7 +181,7 @@ class FaultAnalysis(Result):
         Returns
         -------
         ndarray of float64, shape (elements,)
-            NaN for elements beyond the time limit.
+            Numbers of starts; NaN for elements not examined within the time limit.
 
         Raises
         ------
@@ -199,8 +205,9 @@ def analyse_faults(
     """Simulate an open and a short of every element of a netlist, and count the starts that each fault loses.
 
     `readout`: read-out of the chip, whose offset and noise are ignored; `short_resistance`: resistance of a short, in
-    ohms; `starts` (shape of the space): mask of the start cells, by default all with a path to a goal; `seconds`: time
-    limit, None for no limit; `progress`: called with the numbers of finished and of all elements.
+    ohms; `starts` (shape of the space): mask of the start cells, None for all cells with a path to a goal; `seconds`:
+    time limit, None for no limit; `progress`: function called with the numbers of finished and of all elements.
+    Returns a FaultAnalysis.
     """
     cells = cells_with_nodes(netlist, "faults that cost starts")
     bits = IDEAL_BITS if readout.bits is None else readout.bits
@@ -231,8 +238,9 @@ def faulty_voltages(
 ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
     """Yield each element and the node voltages (nodes,) in volts with the element open, and with the element shorted.
 
-    `volts` (nodes,): voltages without a fault; `order`: numbers of the elements, in the order of simulation;
-    `short_resistance`: resistance of a short, in ohms.  Voltages are NaN if the faulty circuit has no operating point.
+    `volts` (nodes,): voltages without a fault; `order` (elements,): numbers of the elements (linear resistors first,
+    then nonlinear ones), in the order of simulation; `short_resistance`: resistance of a short, in ohms.  Voltages are
+    NaN if the faulty circuit has no operating point.
     """
     rows = solve_rows = None
     if not netlist.nonlinear_nodes.size:
@@ -249,11 +257,11 @@ def faulty_voltages(
 
 @dataclass(frozen=True, eq=False)
 class _Change:
-    """A change of the conductance of one element of a linear circuit.
+    """A change of the conductance of one resistor of a linear circuit with the conductance matrix ``A``.
 
     `rows`: equations of the circuit; `solve`: product with ``A^-1``; `volts` (nodes,): voltages before the change, in
-    volts; `element`: index of the resistor; `z` (nodes,): voltages for 1 A into the first end of the resistor and out
-    of the second (``A^-1 w``), 0 where voltages are known.
+    volts; `element`: number of the resistor; `z` (nodes,): voltages for 1 A into the first end of the resistor and out
+    of the second, 0 where voltages are known.
     """
 
     rows: Dynamics
@@ -264,23 +272,23 @@ class _Change:
 
     @classmethod
     def of(cls, rows: Dynamics, solve: Solve, volts: NDArray[np.float64], element: int) -> _Change:
-        """Return the change of an element, after a solve for the voltages ``z``.
+        """Return the change of a resistor's conductance, with the voltages ``z`` for 1 A through its ends.
 
-        `rows`: equations of the circuit; `solve`: product with ``A^-1``; `volts` (nodes,): voltages before the change,
-        in volts; `element`: index of the resistor.
+        `rows`: equations of the circuit; `solve`: product with the inverse conductance matrix; `volts` (nodes,):
+        voltages before the change, in volts; `element`: number of the resistor.
         """
         w = rows.injection(rows.netlist.resistor_nodes[element], np.array([1.0, -1.0]))
         return cls(rows, solve, volts, element, rows.at_nodes(solve(w)))
 
     def _across(self, volts: NDArray[np.float64]) -> float:
-        """Return the difference of voltages (nodes,) across the element, in the same unit."""
+        """Return the difference of `volts` (nodes,) between the first and the second end of the resistor."""
         a, b = self.rows.netlist.resistor_nodes[self.element]
         return float(volts[a] - volts[b])
 
     def voltages(self, siemens: float) -> NDArray[np.float64] | None:
-        """Return the node voltages at another conductance of the element, in volts, shape (nodes,).
+        """Return the node voltages in volts, shape (nodes,), when the resistor has the conductance `siemens`.
 
-        Returns None where the circuit without the element is singular, or nearly so.  `siemens`: the new conductance.
+        Returns None where the circuit without the resistor is singular, or nearly so.
         """
         delta = siemens - float(self.rows.netlist.conductance[self.element])
         rest = 1.0 + delta * self._across(self.z)
@@ -293,9 +301,9 @@ class _Change:
         return np.asarray(changed)
 
     def _kcl_residual(self, volts: NDArray[np.float64], siemens: float) -> NDArray[np.float64]:
-        """Return the residual of Kirchhoff's current law in every row, in amperes, shape (n,).
+        """Return the residual of Kirchhoff's current law in every row (unknown voltage), in amperes, shape (n,).
 
-        `volts` (nodes,): node voltages, in volts; `siemens`: new conductance of the element.
+        `volts` (nodes,): node voltages, in volts; `siemens`: new conductance of the resistor.
         """
         netlist = self.rows.netlist
         conductance = netlist.conductance.copy()
@@ -306,9 +314,10 @@ class _Change:
 
 
 def _voltages_with(netlist: Netlist, element: int, siemens: float) -> NDArray[np.float64]:
-    """Return the node voltages in volts with another conductance of an element; NaN without an operating point.
+    """Return the node voltages in volts with another conductance of one element, shape (nodes,).
 
-    `element`: index among resistors and nonlinear resistors; `siemens`: new conductance, 0 for an open element.
+    All are NaN if the circuit has no operating point.  `element`: number of the element, linear resistors first, then
+    nonlinear ones; `siemens`: new conductance, 0 for an open element.
     """
     try:
         return solve(_netlist_with(netlist, element, siemens), accuracy="normwise").voltage
@@ -317,9 +326,10 @@ def _voltages_with(netlist: Netlist, element: int, siemens: float) -> NDArray[np
 
 
 def _netlist_with(netlist: Netlist, element: int, siemens: float) -> Netlist:
-    """Return the netlist with another conductance of an element.
+    """Return the netlist with another conductance of one element.
 
-    `element`: index among resistors and nonlinear resistors; `siemens`: new conductance, 0 removes the element.
+    `element`: number of the element, linear resistors first, then nonlinear ones; `siemens`: new conductance; 0 removes
+    the element.  A nonlinear resistor becomes a linear one.
     """
     linear = len(netlist.conductance)
     if element < linear:

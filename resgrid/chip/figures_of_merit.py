@@ -30,7 +30,7 @@ class Figure:
     unit : str
         SI unit; ``""`` for a pure number.
     definition : str
-        One sentence.
+        Definition of the figure, as a phrase.
 
     Examples
     --------
@@ -50,9 +50,10 @@ class Figure:
 
 
 def formatted(value: float | int | str | None, unit: str) -> str:
-    """Return a value with its unit as text, four digits with an engineering prefix: ``"38.12 µA"``.
+    """Return a value with its unit as text, with four digits and an SI prefix in steps of a thousand: ``"38.12 µA"``.
 
-    `value`: number, text, or None for an undefined value; `unit`: SI unit, ``""`` for a pure number.
+    `value`: number, text (returned unchanged), or None for an undefined value; `unit`: SI unit, ``""`` for a pure
+    number.
     """
     if value is None:
         return "undefined"
@@ -64,7 +65,10 @@ def formatted(value: float | int | str | None, unit: str) -> str:
 
 
 def table_lines(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return the lines of a Markdown table; `head`: column titles; `rows`: cells of every row."""
+    """Return the lines of a Markdown table.
+
+    `head`: column titles; `rows`: texts of the columns, for every row.
+    """
     return [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
 
 
@@ -107,24 +111,24 @@ class Result:
 
 
 def defined(value: float) -> float | None:
-    """Return a number if it is finite, else None."""
+    """Return a number as a float if it is finite, else None."""
     return float(value) if math.isfinite(value) else None
 
 
 @dataclass(frozen=True)
 class Proportion:
-    """A fraction of trials, with its interval.
+    """A fraction of trials, with its confidence interval.
 
     The type of `Yield.overall`, `Yield.perfect`, `YieldLoss.overall` and `Cause.share`.
 
     Attributes
     ----------
     value, low, high : float
-        The observed fraction, and the ends of the interval.
+        The observed fraction, and the lower and upper ends of the interval.
     trials : int
         Number of trials.
     confidence : float
-        Confidence of the interval.
+        Confidence of the interval, between 0 and 1.
     half_width : float
         Half the width of the interval.
 
@@ -146,7 +150,7 @@ class Proportion:
 
     @property
     def half_width(self) -> float:
-        """Half the width of the confidence interval, as a fraction of the trials."""
+        """Half the width of the confidence interval, a fraction between 0 and 0.5."""
         return 0.5 * (self.high - self.low)
 
     def __str__(self) -> str:
@@ -156,11 +160,11 @@ class Proportion:
 def proportion(
     share: float, trials: int, confidence: float, effective: float | None = None, *, random: bool
 ) -> Proportion:
-    """Return a fraction of trials with its score interval, as a Proportion.
+    """Return a fraction of trials with its score interval (Wilson 1927), as a Proportion.
 
     `share`: observed fraction; `trials`: number of trials; `confidence`: confidence of the interval, between 0 and 1;
-    `effective`: number of independent trials, by default `trials`; `random`: False where a single trial is exact, so
-    that the interval has no width.
+    `effective`: number of independent trials with the same information, None for `trials`; `random`: whether trials
+    differ. If they do not, the interval has no width and the number of trials is 1.
     """
     if not random:
         return Proportion(share, share, share, 1, confidence)
@@ -171,7 +175,7 @@ def proportion(
 def wilson(share: NDArray[np.float64] | float, trials: float, confidence: float) -> tuple[Any, Any]:
     """Return the lower and upper ends of the Wilson score interval of observed fractions, in the shape of `share`.
 
-    `share`: observed fractions; `trials`: number of independent trials; `confidence`: between 0 and 1.
+    `share`: observed fractions, 0 to 1; `trials`: number of independent trials; `confidence`: between 0 and 1.
     """
     z = NormalDist().inv_cdf(0.5 + 0.5 * confidence)
     weight = 1.0 + z * z / trials

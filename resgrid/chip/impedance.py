@@ -1,10 +1,12 @@
-"""Resistive parts of impedances to the rails, the source of thermal noise.
+"""Resistive parts of the impedances from nodes to the rails, which determine the thermal noise of node voltages.
 
-Let ``z`` be the voltages caused by 1 A (a phasor) into a node.  The resistors dissipate ``Re Z = sum g |z_a - z_b|^2``,
-a sum of positive terms.  The diagonal entry of ``(G + 2 pi j f C)^-1`` is almost purely imaginary where capacitors tie
-a node to its rail, so that its real part would be lost to rounding.  Parts with weak or no resistive connections to the
-rails have voltages much larger than the voltages across their resistors.  Therefore one unknown of such a part is the
-voltage of one node above the rail, and the others are the differences of the other nodes from this node.
+Let ``z`` be the voltages caused by a current of 1 A (a phasor) into a node.  The real part of the node's impedance
+``Z`` is the power in the resistors, ``Re Z = sum g |z_a - z_b|^2`` over all conductances ``g`` between nodes ``a`` and
+``b``, a sum of positive terms.  The diagonal entry of ``(G + 2 pi j f C)^-1`` is almost purely imaginary where
+capacitors connect a node to its rail, so that its real part would be lost to rounding.  Parts of the circuit with weak
+or no resistive connections to the rails have voltages much larger than the voltages across their resistors.  Therefore
+one unknown of such a part is the voltage of one node above the rail, and the others are the differences of the other
+nodes from this node.
 """
 
 from __future__ import annotations
@@ -27,28 +29,36 @@ from resgrid.solvers.selected_inverse import (
 from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
 
 _WEAK = 1e-3
-"""Upper limit of the total conductance to the rails of a weakly tied part, as a fraction of its largest conductance."""
+"""Ratio of a part's total conductance to the rails to its largest conductance, below which differences of voltages are
+unknowns.
+"""
 
 _ALLOWED = 1e-6
-"""Largest accepted relative error of the real part of an impedance."""
+"""Largest accepted relative error of the real part of an impedance; beyond it, AccuracyError is raised."""
 
 _ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
-"""Assumed relative perturbation of the entries of the triangular factors by rounding (backward error of a solution)."""
+"""Assumed relative error of each entry of the triangular factors, caused by rounding (backward error of a solution)."""
 
 _POINTS_PER_DECADE = 6
 """Number of quadrature points per decade of frequency."""
 _FLAT = 1e-2
-"""Fraction of the lowest corner frequency below which the density is a parabola, to a relative error of 1e-8."""
+"""Fraction of the lowest corner frequency below which the noise density is taken as a parabola in the frequency; the
+relative error is 1e-8.
+"""
 
 _MOST_ROUNDING = 1e-3
-"""Largest accepted relative effect of rounding on a noise density within the band."""
+"""Largest accepted relative effect of rounding on an exact noise density within the band; beyond it, AccuracyError is
+raised.
+"""
 
 _MOST_ESTIMATED = 0.1
-"""Largest accepted relative effect of rounding on an estimate; about the sampling error of the estimate."""
+"""Largest accepted relative effect of rounding on an estimated noise density, about the sampling error of the estimate;
+beyond it, AccuracyError is raised.
+"""
 
 _EPS = float(np.finfo(np.float64).eps)
 _ITERATED = 1e-10
-"""Assumed normwise backward error of solutions by multigrid."""
+"""Assumed normwise relative backward error of solutions by multigrid iterations."""
 
 
 def resistive_parts(
@@ -56,8 +66,8 @@ def resistive_parts(
 ) -> NDArray[np.float64]:
     """Return the real parts of the impedances from rows to the rails, shape (frequencies, rows), in ohms.
 
-    `dynamics`: circuit equations; `rows`: numbers of the rows (unknown node voltages); `frequencies`: in hertz, at
-    least 0.  Raises AccuracyError if a relative error may exceed 1e-6.
+    `dynamics`: circuit equations; `rows`: numbers of the rows (unknown node voltages) of the equations; `frequencies`:
+    in hertz, at least 0.  Raises AccuracyError if a relative error may exceed 1e-6.
     """
     basis = _weak_part_basis(dynamics.conductance)
     (G, conductors), (C, capacitors) = (_elements(part, basis) for part in (dynamics.conductance, dynamics.capacitance))
@@ -89,15 +99,15 @@ def resistive_parts(
 
 
 _Elements = tuple[sparse.csr_array, NDArray[np.float64]]
-"""Incidence matrix from unknowns to the voltages across elements, shape (m, n), and the conductances or capacitances of
-the elements, shape (m,).
+"""Incidence matrix (m, n) that maps the unknowns to the voltages across elements, and the element values (m,):
+conductances in siemens or capacitances in farads.
 """
 
 
 def _elements(laplacian: Laplacian, basis: sparse.csr_array) -> tuple[sparse.csr_array, _Elements]:
-    """Return a matrix of conductances or capacitances in a basis of the unknowns, shape (n, n), and its elements.
+    """Return a matrix of conductances or capacitances for given unknowns, shape (n, n), and its `_Elements`.
 
-    `laplacian`: the matrix for node voltages; `basis` (n, n): node voltages as combinations of the unknowns.
+    `laplacian`: the matrix for row voltages; `basis` (n, n): matrix that maps the unknowns to row voltages.
     """
     incidence, value = laplacian.elements
     across = sparse.csr_array(incidence @ basis)
@@ -108,7 +118,8 @@ def _elements(laplacian: Laplacian, basis: sparse.csr_array) -> tuple[sparse.csr
 def _dissipated(elements: _Elements, y: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Return the sum of ``value |across|^2`` over all elements, for every column of unknowns, shape (k,).
 
-    `elements`: incidence matrix and element values; `y` (n, k): complex unknowns, in volts.
+    ``value`` is the conductance or capacitance of an element, ``across`` the voltage across it.  `elements`: incidence
+    matrix and element values; `y` (n, k): complex unknowns, in volts.
     """
     incidence, value = elements
     across = incidence @ y
@@ -116,9 +127,9 @@ def _dissipated(elements: _Elements, y: NDArray[np.complex128]) -> NDArray[np.fl
 
 
 def inverse_columns(factors: SupernodalFactors, size: int, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return columns of the inverse of a positive definite matrix, one in each row of the result, shape (rows, size).
+    """Return columns of the inverse of a positive definite matrix, each as a row of the result, shape (rows, size).
 
-    `factors`: factors of the matrix; `size`: dimension of the matrix; `rows`: numbers of the columns.
+    `factors`: factors of the matrix; `size`: dimension of the matrix; `rows`: numbers of the columns to compute.
     """
     columns = np.empty((len(rows), size))
     for column, row in zip(columns, rows.tolist(), strict=True):
@@ -131,8 +142,9 @@ def inverse_columns(factors: SupernodalFactors, size: int, rows: NDArray[np.int6
 def _weak_part_basis(G: Laplacian) -> sparse.csr_array:
     """Return the matrix, shape (n, n), that maps unknowns to row voltages; weakly tied parts use differences.
 
-    In a part with weak or no resistive connections to the rails, the first unknown is the voltage of its first row; the
-    other unknowns are the differences from this row.  Elsewhere unknowns are row voltages.  `G`: conductance matrix.
+    A weakly tied part of the circuit has a total conductance to the rails that is below `_WEAK` times its largest
+    conductance. Its first unknown is the voltage of its first row; the other unknowns are the differences of the other
+    rows from this row. Elsewhere the unknowns are the row voltages.  `G`: conductance matrix.
     """
     n = len(G.ground)
     part = label_components(G.edges)
@@ -147,16 +159,17 @@ def _weak_part_basis(G: Laplacian) -> sparse.csr_array:
 
 
 Integrals = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-"""Effective resistances (n,), in ohms; their errors; integrals of ``Re Z`` over a band (n,), in ohm hertz; their
-errors.
+"""Four arrays (n,): effective resistances to the rails, in ohms; errors of these; integrals of ``Re Z`` over a
+frequency band, in ohm hertz; errors of these.
 """
 
 
 def exact_integrals(dynamics: Dynamics, band: tuple[float, float] | None) -> Integrals:
-    """Compute effective resistances, and integrals of ``Re Z`` over a band, from the factors of ``G``.
+    """Compute effective resistances to the rails, and integrals of ``Re Z`` over a band, from factors of the matrices.
 
-    `dynamics`: circuit equations; `band`: limits in hertz; without a band the integrals are 0.  Returns `Integrals`:
-    resistances in ohms, their errors, integrals in ohm hertz, and their errors, each of shape (n,).
+    ``Re Z`` is the real part of the impedance from a row to the rails.  `dynamics`: circuit equations; `band`: lower
+    and upper limit in hertz, None for integrals of 0.  Returns `Integrals`: resistances in ohms, their errors,
+    integrals in ohm hertz, and their errors, each of shape (n,).
     """
     none = np.zeros(dynamics.size)
     if not dynamics.size:
@@ -175,11 +188,12 @@ def exact_integrals(dynamics: Dynamics, band: tuple[float, float] | None) -> Int
 
 
 def estimated_integrals(dynamics: Dynamics, band: tuple[float, float] | None, signs: NDArray[np.float64]) -> Integrals:
-    """Estimate effective resistances, and integrals of ``Re Z`` over a band, from products with random sign vectors.
+    """Estimate effective resistances to the rails, and integrals of ``Re Z`` over a band, from random sign vectors.
 
-    `dynamics`: circuit equations; `band`: limits in hertz; without a band the integrals are 0; `signs` (n, samples):
-    random entries 1 and -1.  Returns `Integrals`: resistances in ohms, their standard errors, integrals in ohm hertz,
-    and their standard errors, each of shape (n,).
+    ``Re Z`` is the real part of the impedance from a row to the rails.  `dynamics`: circuit equations; `band`: lower
+    and upper limit in hertz, None for integrals of 0; `signs` (n, samples): random entries 1 and -1.  Returns
+    `Integrals`: resistances in ohms, their standard errors, integrals in ohm hertz, and their standard errors, each of
+    shape (n,).
     """
     factors = factor_resolvent(dynamics, 0.0)
     currents = _largest_currents(dynamics, band or (0.0, 0.0))
@@ -196,19 +210,19 @@ def estimated_integrals(dynamics: Dynamics, band: tuple[float, float] | None, si
 
 
 def _largest_currents(dynamics: Dynamics, band: tuple[float, float]) -> NDArray[np.float64]:
-    """Return the currents into every row at 1 V at the lower end of a band, in amperes, shape (n,).
+    """Return the magnitudes of the currents into every row at 1 V, at the lower end of a band, in amperes, shape (n,).
 
     A change of ``G`` by a fraction ``eps`` of its entries changes ``R_i = (G^-1)_ii`` by at most ``2 eps (G^-1 D
     G^-1)_ii``, with the diagonal ``D`` of ``G``.  No entry of a row of ``G^-1`` exceeds ``R_i``, so that this is at
-    most ``2 eps R_i (G^-1 d)_i``, where ``d`` are the currents returned here.  `band`: limits in hertz.
+    most ``2 eps R_i (G^-1 d)_i``, where ``d`` are the currents returned here.  `band`: lower and upper limit, in hertz.
     """
     return dynamics.conductance.diagonal + 2.0 * np.pi * band[0] * dynamics.capacitance.diagonal
 
 
 def _require_digits(dynamics: Dynamics, rounding: NDArray[np.float64], most: float) -> None:
-    """Raise AccuracyError if the relative effect of rounding on the noise of a row exceeds `most`.
+    """Raise AccuracyError if the relative effect of rounding on the noise of any row exceeds `most`.
 
-    `rounding` (n,): relative effect of rounding errors on every row.
+    `dynamics`: circuit equations, for the name of the node; `rounding` (n,): relative effect of rounding on every row.
     """
     worst = int(np.argmax(rounding))
     if not rounding[worst] <= most:
@@ -222,10 +236,11 @@ def _require_digits(dynamics: Dynamics, rounding: NDArray[np.float64], most: flo
 def _quadrature(
     dynamics: Dynamics, band: tuple[float, float]
 ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Return the quadrature of a noise density over a band: the weight of 0 Hz, further frequencies, and their weights.
+    """Return the quadrature of a noise density over a band: weight of 0 Hz, further frequencies, and their weights.
 
-    Below the corner frequency the density is a parabola.  `band`: limits in hertz.  Frequencies and weights have shape
-    (k,), in hertz.
+    Below the lowest corner frequency the density is a parabola, which its values at 0 Hz and one further frequency
+    determine. `dynamics`: circuit equations; `band`: lower and upper limit, in hertz.  Frequencies and weights have
+    shape (k,), in hertz.
     """
     low, high = band
     if not dynamics.charged.any():

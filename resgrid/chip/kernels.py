@@ -1,4 +1,4 @@
-"""Numba kernels of the chip: band crossings of sums of exponentials, and the steps of a robot on read-out voltages."""
+"""Compiled kernels of the chip: band crossings of sums of exponentials, and a robot's steps on read-out voltages."""
 
 from __future__ import annotations
 
@@ -12,23 +12,25 @@ from resgrid._internal.jit import inner, kernel
 Floats = NDArray[np.float64]
 
 _FINE = 1e-9
-"""Smallest step of the search, as a fraction of the time; a sum at the edge of the band within this step counts as
-leaving the band there.
+"""Smallest step of the search for a crossing, as a fraction of the time.  If a sum is at the edge of the band within a
+step of this length, the search takes the end of the step as the crossing.
 """
 
 _EXACT = 1e-13
-"""Tolerance of a crossing: distance of the sum from the edge of the band, as a fraction of the width of the band."""
+"""Accepted distance of the sum from the edge of the band at a computed crossing, as a fraction of the half width of the
+band.
+"""
 
 _MOST_STEPS = 100
 """Maximum number of iterations of the root search for one crossing."""
 
 _GONE = 700.0
-"""Number of time constants (rate times time) after which an exponential counts as 0."""
+"""Exponent (decay rate times time) above which an exponential ``exp(-rate time)`` counts as 0, without unit."""
 
 
 @inner
 def _sums(share: Floats, rate: Floats, time: float) -> tuple[float, float]:
-    """Return ``sum_j share_j exp(-rate_j time)``, and a bound on the size of its second derivative from then on.
+    """Return ``sum_j share_j exp(-rate_j time)``, and a bound of the magnitude of its second derivative from `time` on.
 
     `share, rate` (m,): coefficients, and decay rates in 1/s; `time`: in seconds.
     """
@@ -44,11 +46,11 @@ def _sums(share: Floats, rate: Floats, time: float) -> tuple[float, float]:
 
 @inner
 def _crossing(share: Floats, rate: Floats, out: float, above: float, into: float, below: float, band: float) -> float:
-    """Return the time in seconds at which the magnitude of a sum of exponentials falls below ``band``.
+    """Return the time in seconds at which the magnitude of a sum of exponentials falls below `band`.
 
-    The method is false position (Illinois; Dowell & Jarratt 1971) between the times ``out`` and ``into``, at which the
-    magnitude is ``above`` and ``below``.  `share, rate` (m,): coefficients, and decay rates in 1/s; `band`: in the unit
-    of the coefficients.
+    The method is false position (Illinois; Dowell & Jarratt 1971).  `share, rate` (m,): coefficients, and decay rates
+    in 1/s; `out, into`: times in seconds that enclose the crossing; `above, below`: magnitudes of the sum at these
+    times, above and below `band`; `band`: half width of the band around 0, in the unit of the coefficients.
     """
     above, below = above - band, below - band
     for _ in range(_MOST_STEPS):
@@ -67,10 +69,10 @@ def _crossing(share: Floats, rate: Floats, out: float, above: float, into: float
 def _last_between(
     share: Floats, rate: Floats, first: float, last: float, end: float, band: float
 ) -> float:  # fmt: skip
-    """Return the last time at which the magnitude of a sum of exponentials falls below ``band``; ``first`` if none.
+    """Return the last time at which the magnitude of a sum of exponentials falls below `band`, else `first`.
 
     `share, rate` (m,): coefficients, and decay rates in 1/s; `first, last`: limits of the search, in seconds; `end`:
-    magnitude at time ``last``; `band`: in the unit of the coefficients.
+    magnitude of the sum at time `last`; `band`: half width of the band around 0, in the unit of the coefficients.
     """
     b = last
     h = b - first
@@ -93,16 +95,18 @@ def _last_between(
 def last_outside(
     shape: Floats, weight: Floats, rate: Floats, times: Floats, band: float, rows: NDArray[np.int64], result: Floats
 ) -> None:  # fmt: skip
-    """Find for each row the last time at which its magnitude falls below ``band``; write it into ``result[rows]``.
+    """Find for each row the last time at which its magnitude falls below `band`; write it into ``result[rows]``.
 
-    The value of row ``i`` is ``sum_j shape[i, j] weight[j] exp(-rate[j] t)``.  Rows that stay below ``band`` keep their
-    entry.  At the last of the ``times`` all rows must be below.  The search goes backwards from there, in steps of at
-    most the distance of two of the ``times``.  A step without a crossing is recognized by a bound: the line between its
-    ends, plus the largest deviation of the curve from that line (``h**2 / 8`` times its second derivative), lies below
-    ``band``.  Other steps are shortened until they contain exactly one crossing.
+    The value of row ``i`` at time ``t`` is ``sum_j shape[i, j] weight[j] exp(-rate[j] t)``.  The entry of a row that
+    stays below `band` between the first and the last of the `times` does not change.  At the last of the `times` all
+    rows must be below.  The search goes backwards from there, in steps of at most the distance of two of the `times`.
+    A step without a crossing is recognized by a bound: the line between its ends, plus the largest deviation of the
+    curve from that line (``h**2 / 8`` times its second derivative, with the step ``h``), lies below `band`.  Other
+    steps are shortened until they contain exactly one crossing.
 
-    `shape` (n, m), `weight` (m,); `rate` (m,): in 1/s; `times` (t,): ascending, in seconds; `band`: in the unit of the
-    values; `rows` (k,): numbers of the rows to examine; `result` (n,): times, in seconds.
+    `shape` (n, m), `weight` (m,); `rate` (m,): decay rates, in 1/s; `times` (t,): ascending, in seconds; `band`: half
+    width of the band around 0, in the unit of the values; `rows` (k,): numbers of the rows to examine; `result` (n,):
+    times, in seconds.
     """
     count = len(times)
     decay = np.empty((count, len(rate)))
@@ -136,9 +140,10 @@ _UNKNOWN, _REACHED, _LOST, _WALKING = 0, 1, 2, 3
 
 @inner
 def _reading(height: float, steps: float) -> float:
-    """Return the converter output: the number of whole steps, or `height` itself without a converter (`steps` 0).
+    """Return the output of the converter, the number of whole steps; without a converter (`steps` 0), `height` itself.
 
-    `height`: voltage as a fraction of the converter's range; `steps`: number of steps of the range.
+    `height`: voltage above the lower end of the converter's range, as a fraction of the range; `steps`: number of steps
+    of the range, ``2**bits``.
     """
     if steps == 0.0 or math.isnan(height):
         return height
@@ -152,11 +157,12 @@ def lowest_neighbours(
 ) -> None:
     """Find the neighbour of every cell with the lowest reading; -1 where no neighbour reads lower than the cell.
 
-    Among equal readings the first is taken.  ``height`` (cells,): voltage as a fraction of the converter's range;
-    ``noise`` (cells,): its standard deviation; ``draw`` (cells, 2 ndim + 1): standard normal numbers for the readings
-    of the neighbours and of the cell itself, without rows if there is no noise; ``steps``: number of steps of the
-    range, 0 without a converter; ``falling``: 1, or -1 where the goal rail lies above the obstacle rail; ``around``
-    (cells, 2 ndim): flat indices of the neighbours, -1 for none; ``following`` (cells,): result.
+    Among equal readings the first is taken.  `height` (cells,): voltage above the lower end of the converter's range,
+    as a fraction of the range; `noise` (cells,): standard deviation of one measurement of `height`; `draw` (cells, 2
+    ndim + 1): standard normal numbers for the readings of the neighbours and, last, of the cell itself, without rows if
+    there is no noise; `steps`: number of steps of the range, 0 without a converter; `falling`: 1, or -1 where the goal
+    rail lies above the obstacle rail; `around` (cells, 2 ndim): flat indices of the neighbours, -1 for none;
+    `following` (cells,): output array, flat indices of the lowest neighbours.
     """
     last = around.shape[1]
     noisy = len(draw) > 0
@@ -176,10 +182,10 @@ def lowest_neighbours(
 
 @kernel
 def reach_goals(following: Integers, goal: NDArray[np.bool_], reached: NDArray[np.bool_]) -> None:
-    """Find the cells from which a walk along ``following`` reaches a goal; write the mask to ``reached`` (cells,).
+    """Find the cells from which a walk along `following` reaches a goal; write the mask to `reached` (cells,).
 
-    A walk fails at a cell without successor (-1), and where it returns to a cell that it has passed.  ``following``
-    (cells,): flat index of the next cell; ``goal`` (cells,): mask of the goal cells.
+    A walk fails at a cell without successor (-1), and where it returns to a cell that it has passed.  `following`
+    (cells,): flat index of the next cell; `goal` (cells,): mask of the goal cells.
     """
     count = len(following)
     state = np.zeros(count, np.int8)

@@ -1,12 +1,12 @@
 """Modal response: the approach to the operating point as a sum of exponentials, without time steps.
 
-The deviation ``y`` from the operating point obeys ``C y' = -G y``.  Small circuits use all their modes
-(`resgrid.chip.time_constants`).  Larger circuits use one sum of exponentials for each window of times.  It comes from
-Lanczos iteration on ``(G + s C)^-1 C``, started from the deviation, with ``1/s`` a hundredth of the end of the window
-(shift and invert; van den Eshof & Hochbruck 2006).  The number of vectors does not depend on the spread of the time
-constants, because the method amounts to a rational approximation of ``exp(-t x)`` for all positive ``x``.  Vectors are
-orthonormal in the inner product of ``C``, in which every deviation shrinks.  They are stored as ``F v``, with ``C = F^T
-F``, which does not involve nodes without capacitance.
+The deviation ``y`` from the operating point obeys ``C y' = -G y``.  Circuits of at most 200 unknown voltages use all
+their modes (`resgrid.chip.time_constants`).  Larger circuits use one sum of exponentials for each window (interval of
+times).  It comes from Lanczos iteration on ``(G + s C)^-1 C``, started from the deviation, with ``1/s`` a hundredth of
+the end of the window (shift and invert; van den Eshof & Hochbruck 2006).  The number of vectors does not depend on the
+spread of the time constants, because the method amounts to a rational approximation of ``exp(-t x)`` for all positive
+``x``.  Vectors are orthonormal in the inner product of ``C``, in which every deviation shrinks.  They are stored as ``F
+v``, with ``C = F^T F``, which does not involve nodes without capacitance.
 """
 
 from __future__ import annotations
@@ -33,24 +33,26 @@ _SHIFT = 100.0
 _BLOCK = 8
 """Number of Lanczos steps between two tests of convergence."""
 _MOST_VECTORS = 400
-"""Maximum number of Lanczos vectors for one window of times."""
+"""Maximum number of Lanczos vectors for one window of times; if they do not suffice, AccuracyError is raised."""
 _COMPLETE = 1e-13
 """Norm of a new Lanczos vector after orthogonalization, relative to its norm before, below which the Krylov space
 contains the whole motion."""
 
 _INSTANT = 1e-14
-"""Size of a Ritz value, as a fraction of the largest one, below which the value is a rounding error."""
+"""Size of a Ritz value (approximate eigenvalue), as a fraction of the largest, below which it counts as a rounding
+error and is left out.
+"""
 
 _PROBES = 9
-"""Number of times of a window at which convergence is tested, besides its first time."""
+"""Number of times, after the first time of a window, at which convergence is tested."""
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
     """A sum of exponentials: ``y(t) = shape @ (weight * exp(-rate t))``.
 
-    `shape` (n, m): shape of every exponential; `rate` (m,): decay rates, in 1/s; `weight` (m,): coefficients.  The
-    product of `shape` and `weight` is in volts.
+    `shape` (n, m): deviations of the n unknown voltages in each of m exponentials; `rate` (m,): decay rates, in 1/s;
+    `weight` (m,): coefficients.  The product of `shape` and `weight` has the unit of ``y``.
     """
 
     shape: Floats
@@ -58,18 +60,18 @@ class Motion:
     weight: Floats
 
     def at(self, times: Floats) -> Floats:
-        """Return the deviations from the final voltages at times (t,) in seconds, shape (t, n), in volts."""
+        """Return the deviations ``y`` from the final voltages at `times` (t,) in seconds, shape (t, n)."""
         return np.asarray((self.weight * np.exp(-np.multiply.outer(times, self.rate))) @ self.shape.T)
 
 
 def motions(
     dynamics: Dynamics, modes: Modes, deviation: Floats, accuracy: float, method: str = "auto"
 ) -> Callable[[float, float], Motion]:
-    """Return a function from the first and the last time of a window, in seconds, to the Motion in that window.
+    """Return a function from the first and the last time of a window, in seconds, to the Motion between these times.
 
     `dynamics`: circuit equations; `modes`: some or all modes of the circuit; `deviation` (n,): voltages at time 0 minus
     their final values; `accuracy`: largest error of a computed deviation, in the unit of `deviation`; `method`: linear
-    solver.
+    solver, a method of `resgrid.solve`.
     """
     root = laplacian_root(dynamics.capacitance)
     if modes.whole:
@@ -89,10 +91,11 @@ def motions(
 def _krylov(
     root: sparse.csr_array, solve: LinearMap, shift: float, deviation: Floats, accuracy: float, times: Floats
 ) -> Motion:
-    """Return the motion at some times as a sum of a few exponentials, by Lanczos iteration.
+    """Return the motion at some times as a sum of at most 400 exponentials, by Lanczos iteration.
 
     `root` (m, n): ``F``, with ``C = F^T F``; `solve`: product with ``(G + shift C)^-1 F^T``; `shift`: in 1/s;
-    `deviation` (n,): initial deviation; `accuracy`: largest error of a deviation at the `times` (t,) in seconds.
+    `deviation` (n,): voltages at time 0 minus their final values; `accuracy`: largest error of a deviation at `times`,
+    in the unit of `deviation`; `times` (t,): in seconds.
     """
     u = root @ deviation
     length = float(np.linalg.norm(u))

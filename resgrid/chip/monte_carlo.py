@@ -40,7 +40,7 @@ from resgrid.errors import CircuitError, InputError
 from resgrid.scene.chip import Chip, Defects, Readout
 
 _SCHEMA = 2
-"""Version number of the trials' algorithm; a checkpoint with another version is rejected."""
+"""Version number of the algorithm of the trials; a checkpoint of another version is rejected."""
 
 _BLOCK = 16
 """Number of chips that are drawn and solved together; limits the memory of a worker."""
@@ -49,9 +49,9 @@ _BLOCK = 16
 class ChipSolution(NamedTuple):
     """Solution of one chip: the values that its read-outs need.
 
-    `voltage` (nodes,): node voltages in volts, NaN if the chip has no operating point; None where every read-out is
-    ideal; `lowest` (cells,): flat index of the face neighbour with the lowest potential according to the face currents,
-    -1 if no neighbour is lower; None where no read-out is ideal.
+    `voltage` (nodes,): node voltages in volts, all NaN if the chip has no operating point; None if every read-out under
+    test is ideal; `lowest` (cells,): flat index of the face neighbour with the lowest potential according to the face
+    currents, -1 if no neighbour is lower; None if no read-out under test is ideal.
     """
 
     voltage: NDArray[np.float64] | None
@@ -61,9 +61,9 @@ class ChipSolution(NamedTuple):
 class DrawnChips(NamedTuple):
     """A block of randomly drawn chips.
 
-    `seeds`: seed of every chip; `conductance` (chips, resistors): conductances in siemens, for chips that differ only
-    in conductances and are solved as one batch, otherwise None; `netlists`: the same chips as netlists, built one at a
-    time.
+    `seeds`: seed of every chip; `conductance` (chips, resistors): conductances in siemens of chips that differ only in
+    conductances and are solved as one batch, None for other chips; `netlists`: iterator over the netlists of the same
+    chips, each built when it is requested.
     """
 
     seeds: Sequence[Seed]
@@ -75,11 +75,11 @@ class DrawnChips(NamedTuple):
 class Experiment:
     """A chip description, the read-outs under test, and everything that does not depend on the trial.
 
-    `netlist`: the ideal circuit, with one node per cell; `chip`: description of the errors; `seed`: trial ``k`` is chip
-    ``(seed, k)``; `neighbours`: face neighbours of every cell; `starts` (cells,): mask of the start cells;
-    `converters`: one for each read-out, None for an ideal read-out; `model, batch`: distribution of the conductances
-    and the prepared batch solve, for chips that differ only in conductances, otherwise None; `fixed`: the solution of
-    every chip if chips do not differ, otherwise None.
+    `netlist`: the ideal circuit, with one node per cell; `chip`: description of the errors; `seed`: trial ``k`` is the
+    chip with the seed ``(seed, k)``; `neighbours`: face neighbours of every cell; `starts` (cells,): mask of the start
+    cells; `converters`: converter of each read-out, None for an ideal read-out; `model, batch`: distribution of the
+    conductances and the prepared batch solve, for chips that differ only in conductances, otherwise None; `fixed`: the
+    common solution if all chips are equal, otherwise None.
     """
 
     netlist: Netlist
@@ -94,7 +94,7 @@ class Experiment:
 
     @property
     def random(self) -> bool:
-        """Whether the result of a trial depends on its number: chips differ, or a read-out has random errors."""
+        """Whether trials differ: the chips are random, or a read-out has random errors."""
         return differs(self.chip) or any(converter is not None and converter.random for converter in self.converters)
 
     def seeds(self, numbers: Sequence[int]) -> list[Seed]:
@@ -122,12 +122,14 @@ def differs(chip: Chip) -> bool:
 
 
 def die_temperature(chip: Chip) -> float:
-    """Return the temperature of the die of a chip, in kelvin; the nominal temperature if the chip states none."""
+    """Return the temperature of the die in kelvin; 300.15 K (27 degrees Celsius) if the description states none."""
     return NOMINAL_KELVIN if chip.temperature is None else NOMINAL_KELVIN + chip.temperature - NOMINAL_CELSIUS
 
 
 Noises = dict[tuple[Chip, float], NDArray[np.float64]]
-"""Rms noise voltages of chips without random errors: arrays (cells,) in volts, by chip and noise bandwidth in hertz."""
+"""Rms noise voltages (cells,) in volts of chips without random errors, by chip description and noise bandwidth in
+hertz.
+"""
 
 
 def prepare_experiment(
@@ -140,9 +142,10 @@ def prepare_experiment(
 ) -> Experiment:
     """Precompute everything that does not depend on the trial; return it as an Experiment.
 
-    `netlist`: the ideal circuit; `chip`: description of the errors; `readouts`: read-outs under test; `seed`: by
-    default that of the chip; `starts` (shape of the space): mask of the start cells, by default all with a path to a
-    goal; `known`: noise voltages computed before for chips of the same space, to which new ones are added.
+    `netlist`: the ideal circuit; `chip`: description of the errors; `readouts`: read-outs under test; `seed`: seed of
+    the trials, None for that of the chip; `starts` (shape of the space): mask of the start cells, None for all cells
+    with a path to a goal; `known`: noise voltages of other chips in the same space, to which this function adds those
+    of this chip.
     """
     cells = cells_with_nodes(netlist, "robots that see the read-out")
     mask = _checked_mask(cells.space, starts)
@@ -186,7 +189,8 @@ def _converters(
     """Return the converter of every read-out, None for an ideal one.
 
     `op`: operating point of the chip without random errors; `chip`: full description; `flawless`: description without
-    random errors; `readouts`: read-outs; `known`: noise voltages computed before, to which new ones are added.
+    random errors; `readouts`: read-outs; `known`: noise voltages that earlier calls have computed, to which new ones
+    are added.
     """
     bands = {readout.noise_bandwidth for readout in readouts if readout.noise_bandwidth is not None}
     for band in bands:
@@ -201,9 +205,9 @@ def _converters(
 
 
 def _is_ideal(readout: Readout) -> bool:
-    """Return whether a read-out has no errors; the robot then compares the currents through the cell faces.
+    """Return whether a read-out has no quantization, offset or noise.
 
-    Errors are quantization, offset and noise.
+    With an ideal read-out the robot compares the currents through the faces of its cell instead of readings.
     """
     return readout.bits is None and not readout.offset and readout.noise_bandwidth is None
 
@@ -222,10 +226,10 @@ def _noise(op: OperatingPoint, chip: Chip, bandwidth: float) -> NDArray[np.float
 
 
 def run_trials(experiment: Experiment, numbers: Sequence[int]) -> list[NDArray[np.uint8]]:
-    """Run trials: draw chips, solve them, read them out, walk from every start; return the starts that reach a goal.
+    """Run trials (draw chips, solve them, read them out, walk); return the starts that reach a goal in each.
 
-    `experiment`: from `prepare_experiment`; `numbers`: numbers of the trials.  The result has one array per trial, with
-    one packed bit per start and read-out, shape (readouts, bytes); `unpacked` turns it into a mask.
+    `experiment`: from `prepare_experiment`; `numbers`: numbers of the trials.  The result has one array per trial, of
+    shape (readouts, bytes), with one bit for every start and read-out; `unpacked` turns it into a mask.
     """
     results: list[NDArray[np.uint8]] = []
     for begin in range(0, len(numbers), _BLOCK):
@@ -240,13 +244,19 @@ def run_trials(experiment: Experiment, numbers: Sequence[int]) -> list[NDArray[n
 
 
 def draw_chips(experiment: Experiment, seeds: Sequence[Seed]) -> DrawnChips:
-    """Draw the chips with the given seeds at random; return them as a DrawnChips block."""
+    """Draw the chips with the given seeds at random; return them as a DrawnChips block.
+
+    `experiment`: gives the ideal circuit and the distribution of the errors.
+    """
     conductance = None if experiment.model is None else experiment.model.draw(seeds)
     return DrawnChips(seeds, conductance, (build_chip(experiment.netlist, experiment.chip, seed) for seed in seeds))
 
 
 def solve_chips(experiment: Experiment, chips: DrawnChips) -> Iterator[ChipSolution]:
-    """Solve the chips of a block, and yield the solution of each."""
+    """Solve the chips of a block, and yield the solution of each.
+
+    `experiment`: gives the read-outs under test, which determine the values of a solution; `chips`: the block.
+    """
     converters, batch = experiment.converters, experiment.batch
     if experiment.fixed is not None:
         yield from (experiment.fixed for _ in chips.seeds)
@@ -260,7 +270,7 @@ def solve_chips(experiment: Experiment, chips: DrawnChips) -> Iterator[ChipSolut
 
 
 def _voltage(netlist: Netlist) -> NDArray[np.float64]:
-    """Return the node voltages of a chip in volts, shape (nodes,); NaN everywhere if it has no operating point."""
+    """Return the node voltages of a chip in volts, shape (nodes,); all NaN if the circuit has no operating point."""
     try:
         return solve(netlist, accuracy="normwise").voltage
     except CircuitError:
@@ -268,9 +278,9 @@ def _voltage(netlist: Netlist) -> NDArray[np.float64]:
 
 
 def _lowest_of(netlist: Netlist) -> NDArray[np.int64]:
-    """Return the flat index of the lowest face neighbour of every cell of a chip, shape (cells,).
+    """Return the flat index of the lowest face neighbour of every cell of a chip, shape (cells,), by the face currents.
 
-    The index is -1 where no neighbour is lower, and everywhere if the chip has no operating point.
+    The index is -1 where no neighbour is lower; all indices are -1 if the chip has no operating point.
     """
     try:
         return _lowest(solve(netlist))
@@ -287,9 +297,10 @@ def _lowest(op: OperatingPoint) -> NDArray[np.int64]:
 
 
 def _steps(experiment: Experiment, solution: ChipSolution, seed: Seed) -> Iterator[NDArray[np.int64]]:
-    """Yield for each read-out the flat index of the robot's next cell from every cell, shape (cells,); -1 for none.
+    """Yield for each read-out the flat index of the robot's next cell from every cell, shape (cells,).
 
-    `solution`: solution of the chip; `seed`: seed of the chip's read-out errors.
+    The index is -1 where the robot is stuck.  `experiment`: gives the converters of the read-outs; `solution`: solution
+    of the chip; `seed`: seed of the chip, from which offsets and noise are drawn.
     """
     for converter in experiment.converters:
         following = solution.lowest
@@ -301,9 +312,9 @@ def _steps(experiment: Experiment, solution: ChipSolution, seed: Seed) -> Iterat
 
 
 def unpacked(bits: NDArray[np.uint8], starts: int) -> NDArray[np.bool_]:
-    """Return the mask of the starts that reach a goal, shape (readouts, starts), from packed bits of `run_trials`.
+    """Return the mask of the starts that reach a goal, shape (readouts, starts).
 
-    `bits` (readouts, bytes): one bit per start; `starts`: number of starts.
+    `bits` (readouts, bytes): packed bits, an entry of the result of `run_trials`; `starts`: number of starts.
     """
     return np.unpackbits(bits, axis=-1, count=starts).view(np.bool_)
 
@@ -311,9 +322,9 @@ def unpacked(bits: NDArray[np.uint8], starts: int) -> NDArray[np.bool_]:
 class TrialSeries(NamedTuple):
     """Trials of one chip description.
 
-    `trials`: number of trials; `readouts`: number of read-outs of each trial; `prepare`: function without arguments
-    that returns the `Experiment`, with everything that does not depend on the trial; `name`: noun for messages, in the
-    plural; `random`: whether trials differ.
+    `trials`: number of trials; `readouts`: number of read-outs that each trial tests; `prepare`: function without
+    arguments that returns the `Experiment`, called when the first trial runs; `name`: noun for messages, in the plural;
+    `random`: whether trials differ.
     """
 
     trials: int
@@ -328,10 +339,10 @@ def run_series(
 ) -> Generator[tuple[NDArray[np.bool_], bool], None, None]:
     """Run several series of trials, and yield the result of every trial in order.
 
-    `series`: the series; `starts`: number of starts; `executor`: distributes blocks of trials, None for this process;
-    `journal`: checkpoint, None for none.  A result is the mask of the starts that reach a goal, shape (readouts,
-    starts), and whether the trial is new.  Trials recorded in the journal come first; new trials are appended to the
-    journal.
+    `series`: the series; `starts`: number of starts; `executor`: workers that run blocks of trials, None for this
+    process; `journal`: checkpoint file, None for no checkpoint.  A result is a pair: the mask of the starts that reach
+    a goal, shape (readouts, starts), and whether the trial was run now (True) or read from the journal (False).  The
+    trials in the journal come first; new trials are appended to the journal.
     """
     done = 0
     for served in _recorded_trials(series, starts, journal):
@@ -351,7 +362,8 @@ def _recorded_trials(
 ) -> Iterator[NDArray[np.bool_]]:
     """Yield for every trial in a journal the mask of the starts that reach a goal, shape (readouts, starts).
 
-    `series`: all series, in the order of the journal; `starts`: number of starts.  Raises an error for a damaged line.
+    `series`: all series, in the order of the journal; `starts`: number of starts; `journal`: checkpoint file, None for
+    no trials.  A damaged line raises the error of `Journal.damaged`.
     """
     readouts = [each.readouts for each in series for _ in range(each.trials)]
     for number, record in enumerate(journal or ()):
@@ -367,8 +379,8 @@ def _recorded_trials(
 def _recorded(record: Mapping[str, Any], number: int, shape: tuple[int, int]) -> NDArray[np.bool_]:
     """Return the mask of the starts that reach a goal from a line of a journal, shape (readouts, starts).
 
-    `record`: the parsed line; `number`: expected number of the trial; `shape`: numbers of read-outs and of starts.
-    Raises ValueError for contradictory entries.
+    `record`: the parsed line; `number`: expected number of the trial; `shape`: number of read-outs and number of
+    starts. Raises ValueError for contradictory entries.
     """
     data = zlib.decompress(base64.b64decode(record["starts"], validate=True))
     bits = np.frombuffer(data, dtype=np.uint8).reshape(shape[0], -1)
@@ -378,7 +390,10 @@ def _recorded(record: Mapping[str, Any], number: int, shape: tuple[int, int]) ->
 
 
 def _remaining(series: Sequence[TrialSeries], done: int) -> Iterator[JobPart]:
-    """Yield a job part with the trials of each series, without the first `done` trials of all series together."""
+    """Yield a job part for every series that has trials left, without the first `done` trials of all series together.
+
+    `series`: all series, in order.
+    """
     for each in series:
         if done < each.trials:
             yield JobPart(run_trials, each.prepare(), range(done, each.trials), each.name)

@@ -1,10 +1,11 @@
 """Thermal noise of a chip: every resistor adds current noise of density ``4 k T / R`` (Johnson 1928; Nyquist 1928).
 
-The power spectral density of a node voltage is ``4 k T Re Z(f)``, where ``Z`` is the impedance from the node to the
-rails, the diagonal of ``(G + 2 pi j f C)^-1``.  Below the corner frequency of the slowest time constant it is ``4 k T
-R_eff``.  Its integral over all frequencies is ``k T (C^-1)_ii``, whatever the resistors, and infinite at a node without
-a capacitive connection to a rail.  All resistors have the given temperature; sources, drivers of switches and
-capacitors are noiseless.
+The power spectral density of a node voltage is ``4 k T Re Z(f)``, with the Boltzmann constant ``k``, the temperature
+``T``, and the impedance ``Z`` from the node to the rails, the diagonal of ``(G + 2 pi j f C)^-1``.  Below the corner
+frequency of the slowest time constant the density is ``4 k T R_eff``, with the effective resistance ``R_eff`` from the
+node to the rails.  The integral of the density over all frequencies is ``k T (C^-1)_ii``, whatever the resistors, and
+infinite at a node without a capacitive connection to a rail.  All resistors have the given temperature; sources,
+drivers of switches and capacitors are noiseless.
 """
 
 from __future__ import annotations
@@ -30,12 +31,14 @@ BOLTZMANN = 1.380649e-23
 """Boltzmann constant, in J/K (exact)."""
 
 NOMINAL_KELVIN = 300.15
-"""Nominal temperature of SPICE, 27 degrees Celsius, in kelvin."""
+"""Nominal temperature of SPICE (27 degrees Celsius), in kelvin."""
 
 _HIGHEST = np.float64(1e300)
-"""Upper limit of accepted frequencies, in hertz."""
+"""Upper limit of frequencies in arguments, in hertz; higher ones raise InputError."""
 _EXACT_PLANE, _EXACT_VOLUME = 300_000, 15_000
-"""Maximum numbers of rows (unknown node voltages) of plane grids and of other circuits for which results are exact."""
+"""Number of rows (unknown node voltages) up to which the method "auto" computes exact results: for plane grids, and for
+all other circuits.
+"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,20 +56,23 @@ class Noise(Result):
     resistance : ndarray of float64, shape (nodes,)
         Effective resistance from every node to the rails at low frequency, in ohms.
     resistance_error : ndarray of float64, shape (nodes,)
-        Standard error of an estimate, in ohms; 0 for exact results, which are accurate to a few units of rounding.
+        Standard error of an estimated `resistance`, in ohms; 0 for exact results, whose relative error is a few units
+        of rounding.
     limit : ndarray of float64, shape (nodes,)
         Root mean square noise from 0 Hz to infinity, ``sqrt(k T (C^-1)_ii)``, in volts; infinite at a node without a
         capacitive connection to a rail.
     band : tuple of float, or None
-        Limits of the integral, in hertz.
+        Lower and upper limit of the noise integral, in hertz; None without an integral.
     total : ndarray of float64, shape (nodes,), or None
-        Root mean square noise within the band, in volts.
+        Root mean square noise within the band, in volts; None without a band.
     total_error : ndarray of float64, shape (nodes,), or None
-        Standard error of an estimate, in volts; for exact results, a bound on rounding errors.
+        Standard error of an estimated `total`, in volts; for exact results, a bound on rounding errors; None without a
+        band.
     exact : bool
         Whether the results are exact, not estimated from samples.
     density : ndarray of float64, shape (nodes,)
-        Power spectral density ``4 k T R_eff`` at low frequency, in V^2/Hz.
+        Power spectral density ``4 k T R_eff`` at low frequency, in V^2/Hz, with the Boltzmann constant ``k``, the
+        `temperature` ``T`` and the `resistance` ``R_eff``.
     figures : mapping of str to Figure
         Figures of the noisiest node by name.
 
@@ -124,7 +130,7 @@ class Noise(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, the temperature (K), the band (Hz) and whether results are exact, as plain values."""
+        """Return figures, temperature (K), band (Hz) and whether results are exact, as a dictionary for JSON."""
         band = None if self.band is None else list(self.band)
         return {**super().to_json(), "temperature": self.temperature, "band": band, "exact": self.exact}
 
@@ -138,11 +144,11 @@ def analyse_noise(
     samples: Annotated[int, Ge(2)] = 64,
     seed: Natural = 0,
 ) -> Noise:
-    """Compute the thermal noise of every node voltage of a netlist.
+    """Compute the thermal noise of every node voltage of a netlist; return it as a Noise.
 
-    `band`: limits of the noise integral in hertz, None for no integral; `temperature`: of the resistors, in kelvin;
-    `method`: exact, estimated, or chosen by size; `samples`: number of random vectors of an estimate; `seed`: their
-    seed.
+    `band`: lower and upper limit of the noise integral in hertz, None for no integral; `temperature`: temperature of
+    the resistors, in kelvin; `method`: exact results, an estimate from random vectors, or a choice by the number of
+    nodes; `samples`: number of random vectors of an estimate; `seed`: seed of these vectors.
     """
     if band is not None and not 0 <= band[0] < band[1] < _HIGHEST:
         raise InputError(f"band = {band} must be two frequencies in hertz, the lower first (for all of them see limit)")
@@ -179,8 +185,9 @@ def noise_density(
 ) -> NDArray[np.float64]:
     """Return the power spectral density ``4 k T Re Z(f)`` of node voltages in V^2/Hz, shape (frequencies, nodes).
 
-    `nodes`: node numbers; `frequencies`: in hertz; `temperature`: of the resistors, in kelvin.  The density is 0 on
-    rails, NaN where a node floats.
+    `nodes` (nodes,): node numbers; `frequencies` (frequencies,): in hertz; `temperature`: temperature ``T`` of the
+    resistors, in kelvin.  ``Z`` is the impedance from a node to the rails.  The density is 0 on rails, NaN where a node
+    floats.
     """
     node = _checked_nodes(netlist, nodes)
     when = _checked_frequencies(frequencies)
@@ -201,8 +208,8 @@ def noise_covariance(
 ) -> NDArray[np.float64]:
     """Return the covariance ``k T C^-1`` of node voltages over all frequencies in V^2, shape (nodes, nodes).
 
-    `nodes`: node numbers; `temperature`: of the resistors, in kelvin.  The covariance is 0 on rails, NaN where a node
-    floats.  Raises InputError for a node without a capacitive connection to a rail.
+    `nodes` (nodes,): node numbers; `temperature`: temperature ``T`` of the resistors, in kelvin.  The covariance is 0
+    on rails, NaN where a node floats.  Raises InputError for a node without a capacitive connection to a rail.
     """
     node = _checked_nodes(netlist, nodes)
     dynamics = dynamics_of(netlist)
@@ -226,17 +233,17 @@ def noise_covariance(
 
 
 def _tied_by_capacitors(dynamics: Dynamics) -> NDArray[np.bool_]:
-    """Return the mask of the rows whose nodes have a capacitive connection to a rail, shape (n,)."""
+    """Return the mask of the rows (unknown voltages) with a capacitive connection to a rail, shape (n,)."""
     return np.asarray(np.diff(dynamics.null_space.indptr) == 0)
 
 
 def _elastance_factors(dynamics: Dynamics, tied: NDArray[np.bool_]) -> SupernodalFactors:
-    """Return the factors of the capacitance matrix, restricted to the rows in a mask `tied` (n,)."""
+    """Return the factors of the capacitance matrix, restricted to some rows; `tied` (n,): mask of these rows."""
     return factor_supernodes(dynamics.capacitance.within(tied))
 
 
 def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
-    """Return the diagonal of ``C^-1`` in 1/F, shape (n,); infinite without a capacitive connection to a rail."""
+    """Return the diagonal of ``C^-1`` in 1/F, shape (n,); infinite in rows without capacitive connection to a rail."""
     tied = _tied_by_capacitors(dynamics)
     elastance = np.full(dynamics.size, np.inf)
     if tied.any():
@@ -245,7 +252,7 @@ def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
 
 
 def _is_small(dynamics: Dynamics) -> bool:
-    """Return whether the circuit has few enough rows for exact results by factors of the matrix."""
+    """Return whether the circuit has few enough rows (unknown voltages) for exact results from matrix factors."""
     plane = dynamics.conductance.edges.nnz <= 4.2 * max(dynamics.size, 1)
     return dynamics.size <= (_EXACT_PLANE if plane else _EXACT_VOLUME)
 

@@ -1,4 +1,7 @@
-"""Paired trials: several chip descriptions on the same random numbers, so that yields can be compared chip by chip."""
+"""Paired trials: several chip descriptions on the same random numbers, so that yields can be compared chip by chip.
+
+A point is one of the compared chip descriptions, and its key is any hashable name.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +25,10 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 class SharedCircuit(NamedTuple, Generic[Key]):
-    """Points of a comparison with the same circuit and different read-outs; their chips are solved once.
+    """Points (chip descriptions) of a comparison that have the same circuit and different read-outs.
 
-    `keys`: names of the points; `random`: whether the trials of each point differ; `series`: trials of the circuit.
+    The chips of a group are solved once for all points.  `keys`: key of every point; `random`: for every point, whether
+    its trials differ; `series`: trials of the circuit, with one read-out for each point.
     """
 
     keys: list[Key]
@@ -35,7 +39,7 @@ class SharedCircuit(NamedTuple, Generic[Key]):
 class StartsServed(NamedTuple):
     """Number of starts from which the robot reaches a goal, for each chip.
 
-    `counts` (trials,): the numbers, shape (1,) if all chips are equal; `random`: whether chips differ.
+    `counts` (trials,): the numbers, shape (1,) if all chips are equal; `random`: whether the chips differ.
     """
 
     counts: NDArray[np.int64]
@@ -45,10 +49,10 @@ class StartsServed(NamedTuple):
 def groups_of(
     netlist: Netlist, points: Mapping[Key, Chip], trials: int, known: Noises | None = None
 ) -> list[SharedCircuit[Key]]:
-    """Return the points of a comparison, grouped by the circuit of their chips.
+    """Return the points (chip descriptions) of a comparison, grouped by the circuit of their chips.
 
     `netlist`: ideal circuit; `points`: chip description of every point by key; `trials`: number of chips per point;
-    `known`: noise voltages of chips without random errors, computed before, to which new ones are added.
+    `known`: noise voltages that earlier calls have computed, to which new ones are added, None for none.
     """
     kinds: dict[Chip, list[Key]] = {}
     for key, chip in points.items():
@@ -63,9 +67,10 @@ def groups_of(
 def run_groups(
     groups: Sequence[SharedCircuit[Key]], starts: int, executor: Executor | None, journal: Journal | None = None
 ) -> Generator[dict[Key, StartsServed], None, None]:
-    """Run the trials of all groups, and yield for each group the numbers of served starts by the key of the point.
+    """Run the trials of all groups, and yield for each group the numbers of served starts, by the key of the point.
 
-    `starts`: number of starts; `executor`: workers, None for this process; `journal`: checkpoint, None for none.
+    A start is served if the robot reaches a goal from there.  `groups`: points with the same circuit; `starts`: number
+    of starts; `executor`: workers, None for this process; `journal`: checkpoint file, None for no checkpoint.
     """
     with closing(run_series([group.series for group in groups], starts, executor, journal)) as results:
         for keys, random, series in groups:
@@ -77,10 +82,11 @@ def run_groups(
 def _group(
     netlist: Netlist, kind: Chip, keys: list[Key], readouts: Sequence[Readout], trials: int, known: Noises | None
 ) -> SharedCircuit[Key]:
-    """Return the trials of one circuit with several read-outs.
+    """Return the trials of one circuit with several read-outs, as a SharedCircuit.
 
-    `netlist`: ideal circuit; `kind`: chip description without read-out errors; `keys, readouts`: names and read-outs of
-    the points; `trials`: number of chips; `known`: noise voltages computed before.
+    `netlist`: ideal circuit; `kind`: chip description whose read-out has only the input resistance; `keys, readouts`:
+    key and read-out of every point; `trials`: number of chips; `known`: noise voltages that earlier calls have
+    computed.
     """
     cells = netlist.cells
     random = [differs(kind) or bool(item.offset or item.noise_bandwidth) for item in readouts]

@@ -29,9 +29,9 @@ class RailPower:
     Attributes
     ----------
     name : str
-        ``"obstacle"``, ``"goal_0"`` ..., ``"start"``, or the name of the node.
+        ``"obstacle"``, ``"goal_0"`` and so on for the goal regions, or the name of the node that the sources hold.
     volts : float
-        Voltage of the sources.
+        Voltage of the sources, in volts.
     sources : int
         Number of sources.
     amps : float
@@ -68,18 +68,19 @@ class Power(Result):
     current_sources : float
         Power that all current sources deliver, in watts.
     resistor : ndarray of float64, shape (resistors,)
-        Heat of every resistor, in watts.
+        Heat (dissipated power) of every linear resistor, in watts.
     nonlinear : ndarray of float64, shape (nonlinear resistors,)
         Heat of every nonlinear resistor, in watts.
     node : ndarray of float64, shape (nodes,)
-        Half the heat of all resistors at each node, in watts.
+        Half the heat of all resistors with an end at each node, in watts.
     droop : ndarray of float64, shape (nodes,)
-        Voltage between an obstacle or goal cell and its rail, in volts, positive towards the other rail.  NaN at other
+        Voltage between an obstacle or goal cell and its rail, in volts.  It is positive where the voltage of an
+        obstacle cell deviates towards the goal rail, or that of a goal cell towards the obstacle rail.  NaN at other
         nodes; empty without a map of cells.
     total : float
         Heat of all resistors, equal to the power of all sources, in watts.
     largest_droop : float
-        Largest magnitude of `droop`, in volts; 0 where rail cells have no nodes of their own.
+        Largest magnitude of `droop`, in volts; 0 where obstacle and goal cells have no nodes of their own.
     cell_heat : ndarray of float64, shape of the space
         Heat at every cell, in watts; NaN where a cell has no node of its own.
     figures : mapping of str to Figure
@@ -110,7 +111,7 @@ class Power(Result):
 
     @property
     def largest_droop(self) -> float:
-        """Largest droop of a rail cell, in volts; 0 where rail cells have no nodes of their own."""
+        """Largest droop of an obstacle or goal cell, in volts; 0 where these cells have no nodes of their own."""
         return float(np.nanmax(np.abs(self.droop))) if np.isfinite(self.droop).any() else 0.0
 
     def worst(self, count: int = _WORST) -> NDArray[np.int64]:
@@ -124,13 +125,16 @@ class Power(Result):
         Returns
         -------
         ndarray of int64, shape (at most count,)
-            Row numbers in `resistor`.
+            Numbers of the resistors, indices into `resistor`.
         """
         return np.argsort(-self.resistor, kind="stable")[:count]
 
     @property
     def cell_heat(self) -> NDArray[np.float64]:
-        """Heat at every cell, shape of the space, in watts; NaN where a cell has no node of its own."""
+        """Heat at every cell, shape of the space, in watts: half the heat of all resistors at the cell's node.
+
+        The heat is NaN where a cell has no node of its own.
+        """
         cell_map = self.op.netlist.cells
         cell = self.op.netlist.cell_of_node()
         heat = np.full(cell_map.space.cell.size, np.nan)
@@ -158,7 +162,7 @@ class Power(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures and the ten hottest resistors (nodes, power in watts) as plain values."""
+        """Return the figures and the ten hottest resistors (nodes, power in watts) as a dictionary for JSON."""
         worst = self.worst()
         names, heat = end_names(self.op.netlist, worst), self.resistor[worst].tolist()
         hottest = [{"nodes": pair, "power": watts} for pair, watts in zip(names, heat, strict=True)]
@@ -188,7 +192,8 @@ def analyse_power(op: OperatingPoint) -> Power:
 def _rails(op: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
     """Return the power of the voltage sources, grouped by rail and voltage, as a tuple of RailPower.
 
-    `balance`: power of every element.  Sources of 0 V between two nodes are left out.
+    Sources of 0 V between two nodes, which join a cell to a rail, are left out.  `op`: operating point; `balance`:
+    power of every element.
     """
     netlist = op.netlist
     ties = (netlist.source_volts == 0.0) & (netlist.source_nodes != GROUND).all(axis=1)
@@ -209,7 +214,10 @@ def _rails(op: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
 
 
 def rail_names(netlist: Netlist) -> list[str]:
-    """Return the rail of every voltage source: ``"obstacle"``, ``"goal_0"`` ..., or else the name of its node."""
+    """Return the name of the rail of every voltage source: ``"obstacle"``, or ``"goal_0"`` and so on for goal regions.
+
+    Other sources, and all sources of a netlist without one node per cell, have the name of their node.
+    """
     plus, minus = netlist.source_nodes.T
     node = np.where(plus == GROUND, minus, plus)
     names = netlist.names_of(node)
@@ -227,7 +235,8 @@ def rail_names(netlist: Netlist) -> list[str]:
 def _droop(op: OperatingPoint) -> NDArray[np.float64]:
     """Return the voltage between obstacle or goal cells and their rail, in volts, shape (nodes,).
 
-    The value is positive towards the other rail, and NaN at other nodes; the array is empty without a map of cells.
+    The value is positive where the cell's voltage deviates from its rail towards the opposite rail, and NaN at other
+    nodes. The array is empty if the netlist has no map of cells.
     """
     if op.netlist.cell_map is None:
         return np.empty(0)

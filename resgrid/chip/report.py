@@ -24,22 +24,23 @@ from resgrid.scene.chip import Chip
 from resgrid.scene.table_models import described_keys
 
 _SWEEP_TRIALS = 32
-"""Number of chips at every point of the sweep section."""
+"""Number of random chips that are tried for each pair of values in the sweep section."""
 _DECKS = (
     "The expected results of a deck are in its sidecar of the same name with `.json`. The file with `.ngspice` (or "
     "the dialect's name) runs it; its first lines give the command. Node `n_3_7` is the node of cell (3, 7), from 0."
 )
-"""Text of the report's section on SPICE decks."""
+"""Paragraph that introduces the SPICE decks in the report."""
 
 
 @dataclass(frozen=True)
 class Effort:
     """Limits on the effort of the analyses of a report.
 
-    `half_width`: half the width of the yield's interval at which trials stop; `trials`: maximum number of chips;
-    `seconds`: time limit of the fault analysis; `sweep`: keys and values to sweep, none or two; `executor`: workers
-    that run the trials; `checkpoints`: files of trial results, by the name of the analysis; `progress`: called with the
-    finished and the total number of items, and a yield.
+    `half_width`: Monte Carlo trials stop when half the width of the confidence interval of the yield, as a fraction, is
+    at most this; `trials`: maximum number of random chips; `seconds`: time limit of the fault analysis; `sweep`: keys
+    of the chip description to sweep, with their values, none or two; `executor`: workers that run the trials, None for
+    this process; `checkpoints`: files of trial results, by the name of the analysis; `progress`: function called with
+    the numbers of finished and of all items, and the yield so far.
     """
 
     half_width: float = 0.01
@@ -59,8 +60,8 @@ USUAL = Effort()
 class Picture:
     """A picture of a report.
 
-    `name`: file name without suffix; `caption`: description; `value, options`: arguments of `resgrid.draw`; `is_map`:
-    whether the picture needs a space of two axes.
+    `name`: file name without suffix; `caption`: description; `value, options`: positional argument and keyword
+    arguments of `resgrid.draw`; `is_map`: whether the picture shows cells, which needs a space of two axes.
     """
 
     name: str
@@ -74,8 +75,9 @@ class Picture:
 class Section:
     """Result of one analysis, as a section of a report.
 
-    `name`: name of the analysis; `text`: sentences, the answer first; `figures`: figures of merit by name; `pictures`:
-    pictures; `data`: plain values for JSON; `table`: lines of a Markdown table.
+    `name`: name of the analysis; `text`: sentences, the first of which is the main result; `figures`: figures of merit
+    by name; `pictures`: pictures; `data`: values for JSON (numbers, texts, lists, dictionaries); `table`: lines of a
+    Markdown table, empty without a table.
     """
 
     name: str
@@ -92,12 +94,12 @@ class Section:
 
 
 def _section(name: str, result: Result, text: Sequence[str], *pictures: Picture) -> Section:
-    """Return the section of a result; `name`: name of the analysis; `text`: sentences; `pictures`: pictures."""
+    """Return the section of a result; `name`: name of the analysis; `text`: sentences, the main result first."""
     return Section(name, tuple(text), result.figures, pictures, result.to_json())
 
 
 def _missing(name: str, reason: str) -> Section:
-    """Return the section of an analysis that is impossible for this chip, with the reason as its text."""
+    """Return a section that states the `reason` (a clause) why the analysis `name` is impossible for this chip."""
     return Section(name, (f"Not analysed: {reason}.",), data={"reason": reason})
 
 
@@ -146,7 +148,7 @@ def yield_loss_section(chip: Study, effort: Effort) -> Section:
 
 
 def adc_resolution_section(chip: Study, _effort: Effort) -> Section:
-    """Return the section on the converter bits that starts need, for every boundary condition of the chip's space."""
+    """Return the section on the converter bits that starts need, for each boundary condition with a drive."""
     results = _by_boundary(chip)
     own = next(iter(results.values()))
     needed = own.bits_for(0.99)
@@ -163,9 +165,9 @@ def adc_resolution_section(chip: Study, _effort: Effort) -> Section:
 
 
 def _by_boundary(chip: Study) -> dict[str, ADCResolution]:
-    """Return the ADC resolution of a chip by boundary condition, the scene's own first, with the same seed.
+    """Return the converter bits that starts need, by boundary condition, the scene's own first, with the same seed.
 
-    Boundary conditions without a drive are left out.
+    Boundary conditions without a drive, and the wall without a wall resistance, are left out.
     """
     cells = chip.ideal.cells
     results: dict[str, ADCResolution] = {cells.wiring.boundary: chip.adc_resolution()}
@@ -182,7 +184,7 @@ def _by_boundary(chip: Study) -> dict[str, ADCResolution]:
 
 
 def settling_section(chip: Study, _effort: Effort) -> Section:
-    """Return the section on the settling time and the energy of one settling of the chip."""
+    """Return the section on the settling time, and on the energy of one settling after the supplies are switched on."""
     if not chip.netlist.capacitance.any():
         return _missing("settling", "the chip has no capacitance; give chip.capacitance, such as 50f")
     result = chip.usual_settling
@@ -202,7 +204,7 @@ def settling_section(chip: Study, _effort: Effort) -> Section:
 
 
 def noise_section(chip: Study, _effort: Effort) -> Section:
-    """Return the section on the thermal noise of the chip, in volts and in steps of the converter."""
+    """Return the section on the thermal noise of the node voltages, in volts and in steps of the converter."""
     bandwidth = None if chip.chip is None else chip.chip.readout.noise_bandwidth
     if bandwidth is None and not chip.netlist.capacitance.any():
         why = "neither a noise bandwidth nor a capacitance limits the noise; give chip.readout.noise_bandwidth"
@@ -220,7 +222,7 @@ def noise_section(chip: Study, _effort: Effort) -> Section:
 
 
 def _linearization(chip: Study) -> tuple[str, ...]:
-    """Return a tuple with a remark if the chip has nonlinear resistors, else an empty tuple."""
+    """Return a tuple with a sentence on the linearization if the chip has nonlinear resistors, else an empty tuple."""
     if not chip.netlist.nonlinear_nodes.size:
         return ()
     return ("The resistors saturate: the result holds for small signals around the operating point.",)
@@ -242,7 +244,7 @@ def power_section(chip: Study, _effort: Effort) -> Section:
 
 
 def sensitivity_section(chip: Study, _effort: Effort) -> Section:
-    """Return the section on the resistors whose drift changes a step of the robot on the chip."""
+    """Return the section on the resistors whose relative change (drift) alters a step of the robot on the chip."""
     result = chip.sensitivity()
     starts = 0 if chip.scene is None else len(chip.scene.starts)
     origin = {0: "the start that needs most bits", 1: "the start"}.get(starts, f"the {starts} starts")
@@ -258,9 +260,10 @@ def sensitivity_section(chip: Study, _effort: Effort) -> Section:
 
 
 def sweep_section(chip: Study, effort: Effort) -> Section:
-    """Return the section on the yield over a grid of two values of the chip description.
+    """Return the section on the yield for all pairs of values of two keys of the chip description.
 
-    `chip`: the chip under study; `effort`: gives the keys, the values, and limits on the trials.
+    `chip`: the chip under study; `effort`: `effort.sweep` gives the keys and values; workers and checkpoint of the
+    trials.
     """
     result = chip.sweep(
         *effort.sweep,
@@ -310,7 +313,7 @@ def defects_section(chip: Study, effort: Effort) -> Section:
 
 
 def _worst(result: FaultAnalysis) -> str:
-    """Return a sentence on the elements whose open or short loses most starts."""
+    """Return a sentence on the two elements that lose most starts: one when it is open, one when it is shorted."""
     words = []
     for fault in ("open", "short"):
         worst = result.worst(fault, 1)
@@ -334,7 +337,7 @@ SECTIONS: dict[str, Callable[[Study, Effort], Section]] = {
 
 
 def report_section(name: str, chip: Study, effort: Effort = USUAL) -> Section:
-    """Return the section of the analysis `name`; its maps are left out unless the space has two axes.
+    """Return the section of the analysis `name`; pictures of cells are left out unless the space has two axes.
 
     `chip`: the chip under study; `effort`: limits on the trials and the time.
     """
@@ -344,7 +347,10 @@ def report_section(name: str, chip: Study, effort: Effort = USUAL) -> Section:
 
 
 def seconds_needed(name: str, chip: Study, effort: Effort) -> float:
-    """Return a rough estimate of the time that the analysis `name` takes, in seconds; 0 for a quick one."""
+    """Return a rough estimate of the time that the analysis `name` takes, in seconds; 0 if it is negligible.
+
+    `chip`: the chip under study; `effort`: limits on the trials and the time.
+    """
     nodes = chip.netlist.node_count
     known = {"settling": 1 + 2e-5 * nodes, "noise": 1 + 2e-4 * nodes, "sensitivity": 1 + 1e-4 * nodes, "yield": 2.0}
     return known.get(name, {"sweep": 5.0, "yield_loss": 3 + 6e-3 * nodes, "defects": effort.seconds}.get(name, 0.0))
@@ -353,8 +359,8 @@ def seconds_needed(name: str, chip: Study, effort: Effort) -> float:
 def checkpoints_beside(folder: Path, chip: Study, sweep: Sequence[SweptKey]) -> dict[str, Path]:
     """Return the paths of the files of trial results next to a report folder, by the name of the analysis.
 
-    The names contain a hash of the chip description, the space and the sweep.  `folder`: folder of the report; `sweep`:
-    keys and values to sweep.
+    The names contain a hash of the chip description, the space and the sweep.  `folder`: folder of the report; `chip`:
+    the chip under study; `sweep`: keys of the chip description to sweep, with their values.
     """
     cells = chip.ideal.cells
     space, keys = cells.space, asdict(chip.chip or Chip())  # a repr would truncate long lists

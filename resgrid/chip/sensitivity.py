@@ -37,7 +37,7 @@ from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.scaled import Scaled, logarithm, power
 
 _WORST = 10
-"""Maximum number of resistors in the list of the most sensitive ones."""
+"""Number of the most sensitive resistors that `Sensitivity.to_json` lists."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,18 +53,19 @@ class Sensitivity(Result):
     op : OperatingPoint
         Operating point of the chip.
     cells : ndarray of int64, shape (k, axes)
-        Cells of the decisions.
+        Indices of the cells in which the robot decides.
     best, runner_up : ndarray of int64, shape (k,)
-        Flat index (C order) of the lowest cell, the next cell of the robot, and of the second lowest; the latter may be
-        the cell itself.
+        Flat index (C order) of the lowest neighbour, to which the robot steps, and of the second lowest cell, which may
+        be the cell of the decision itself.
     margin : ndarray of float64, shape (k,)
         Voltage of the second lowest above the lowest, in volts, counted towards the obstacle rail.
     flip_drift : ndarray of float64, shape (resistors,)
         Smallest relative change of each resistance that changes one of the decisions, to first order.  Infinite where
-        no change does, and where the derivative is below its error (`voltage_sensitivity`).  Nonlinear resistors follow
-        the linear ones; for them it is the change of ``1 / I0``.
+        no change of the resistance does, and where the derivative is below its error (`voltage_sensitivity`).
+        Nonlinear resistors follow the linear ones; their relative change is that of ``1 / I0``, with the saturation
+        current ``I0``.
     decision : ndarray of int64, shape (resistors,)
-        Index of that decision, below ``k``.
+        Index, in `cells`, of the decision that each resistor changes first; 0 where `flip_drift` is infinite.
     figures : mapping of str to Figure
         Figures of merit by name.
 
@@ -97,8 +98,8 @@ class Sensitivity(Result):
 
         Returns
         -------
-        ndarray of int64, shape (k,)
-            Resistors with ``flip_drift <= drift``.
+        ndarray of int64, shape (m,)
+            Numbers of the resistors with ``flip_drift <= drift``; nonlinear resistors follow the linear ones.
         """
         order = np.argsort(self.flip_drift, kind="stable")
         return order[self.flip_drift[order] <= drift]
@@ -124,7 +125,7 @@ class Sensitivity(Result):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures and the ten most sensitive resistors (nodes, drift, cell) as plain values."""
+        """Return the figures and the ten most sensitive resistors (nodes, drift, cell) as a dictionary for JSON."""
         worst = self.flips(np.finfo(np.float64).max)[:_WORST]
         names, cells = end_names(self.op.netlist, worst), self.cells[self.decision[worst]].tolist()
         weakest = [
@@ -135,10 +136,13 @@ class Sensitivity(Result):
 
 
 def voltage_sensitivity(op: OperatingPoint, weights: ArrayLike) -> NDArray[np.float64]:
-    """Return the derivatives of ``c . V`` with respect to the log of every resistance, in volts, shape (resistors,).
+    """Return the derivatives of ``c .
 
-    `op`: operating point, with node voltages ``V``; `weights` (nodes,): ``c``.  Derivatives below their error bound are
-    0.  Raises InputError for unsuitable weights.
+    V`` with respect to the natural log of every resistance, in volts, shape (resistors,).
+
+    `op`: operating point, with node voltages ``V``; `weights` (nodes,): ``c``.  Nonlinear resistors follow the linear
+    ones. Derivatives below their error bound are 0.  Raises InputError for weights of another shape, infinite weights,
+    or a weight other than 0 at a floating node.
     """
     netlist = op.netlist
     c = np.asarray(weights, dtype=np.float64)
@@ -152,7 +156,7 @@ def voltage_sensitivity(op: OperatingPoint, weights: ArrayLike) -> NDArray[np.fl
 
 
 def analyse_sensitivity(op: OperatingPoint, cells: ArrayLike) -> Sensitivity:
-    """Find the resistors whose drift can change the cell that the robot steps to; return them as a Sensitivity.
+    """Find the resistors whose drift (relative change) alters the robot's next cell; return them as a Sensitivity.
 
     `op`: operating point of the chip; `cells` (k, axes): indices of the cells in which the robot decides.
     """
@@ -178,10 +182,11 @@ def analyse_sensitivity(op: OperatingPoint, cells: ArrayLike) -> Sensitivity:
 
 
 def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
-    """Return the lowest neighbour of a cell, the second lowest cell, and two numbers for the voltage between them.
+    """Return the lowest neighbour of a cell, the second lowest cell, and two numbers ``gap`` and ``scale``.
 
-    The voltage is ``gap exp(scale)`` in volts, for the numbers `gap` and `scale`.  The second lowest may be the cell
-    itself.  `steps`: voltage steps between neighbours; `cell`: flat index.  Raises InputError if no neighbour is lower.
+    The voltage between the two is ``gap exp(scale)``, in volts.  The cells are given by flat indices.  The second
+    lowest may be the cell itself.  `steps`: voltage steps between neighbours; `cell`: flat index.  Raises InputError if
+    no neighbour is lower.
     """
     first, last = np.searchsorted(steps.cell, [cell, cell + 1])
     if not np.any(steps.sign[first:last] > 0):
@@ -200,9 +205,9 @@ def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
 
 
 def _checked_cells(space: ConfigurationSpace, cells: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the indices of cells without goal cells, shape (k, axes), and their flat indices, shape (k,).
+    """Return cell indices without those of goal cells, shape (k, axes), and their flat indices, shape (k,).
 
-    `cells`: array of cell indices.  Raises InputError for obstacle cells, or if no cell is left.
+    `cells`: array of cell indices.  Raises InputError for obstacle cells, or if all cells are goal cells.
     """
     where = cell_indices(space, cells).reshape(-1, space.ndim)
     code = space.cell[tuple(where.T)]
@@ -213,21 +218,23 @@ def _checked_cells(space: ConfigurationSpace, cells: ArrayLike) -> tuple[NDArray
 
 
 ENOUGH = 1e-5
-"""Largest accepted error of a derivative, as a fraction of the largest derivative."""
+"""Largest accepted error of a derivative, as a fraction of the largest derivative; beyond it, AccuracyError is raised.
+"""
 
 _RTOL = 1e-12
-"""Largest relative residual of solutions by the linear solver."""
+"""Largest accepted relative residual of solutions by the normwise linear solver."""
 _EPS = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, eq=False)
 class Adjoint:
-    """Factors and currents for derivatives around an operating point.
+    """Factors and currents from which the derivatives of voltages around an operating point are computed.
 
-    `factors`: factors of the linearized circuit, None where the rails hold every node; `row` (resistors, 2): matrix
-    rows of the ends of the resistors, nonlinear ones last, -1 where the voltage is known; `conductance` (resistors,):
-    small-signal conductances, in siemens; `log_amps` (resistors,): natural logarithm of the currents, in amperes;
-    `direction` (resistors,): sign of the currents; `height` (n,): ``G^-1`` times 1 A in every row, in volts.
+    Linear resistors come first, then nonlinear ones.  `factors`: factors of the linearized circuit, None if no node
+    voltage is unknown; `row` (resistors, 2): matrix rows of both ends of each resistor, -1 where the voltage is known;
+    `conductance` (resistors,): small-signal conductances, in siemens; `log_amps` (resistors,): natural logarithm of the
+    magnitude of the currents in amperes; `direction` (resistors,): sign of the currents, -1, 0 or 1; `height` (n,):
+    ``G^-1`` times 1 A in every row, in volts.
     """
 
     factors: CircuitFactor | None
@@ -238,10 +245,13 @@ class Adjoint:
     height: NDArray[np.float64]
 
     def derivatives(self, c: NDArray[np.float64]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-        """Return the derivatives of ``c . V`` with respect to the log of every resistance, as signs and logarithms.
+        """Return the derivatives of ``c .
+
+        V`` with respect to the natural log of every resistance, as signs and logarithms.
 
         `c` (nodes,): weights of the node voltages ``V``.  Returns the sign (-1, 0 or 1) and the natural logarithm of
-        the size in volts, each of shape (resistors,).  Raises AccuracyError if the errors may be too large.
+        the magnitude in volts, each of shape (resistors,).  Raises AccuracyError if an error may exceed 1e-5 of the
+        largest derivative.
         """
         zero = np.zeros_like(self.direction), np.full(len(self.row), -np.inf)
         if self.factors is None:
@@ -267,10 +277,11 @@ class Adjoint:
         )
 
     def _normwise(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return the differences of the adjoint ``lambda`` across resistors, and their error bounds, from one solve.
+        """Return the differences of the adjoint ``lambda = G^-1 rhs`` across resistors, with errors, from one solve.
 
-        `factors`: factors of the linearized circuit; `rhs` (n,): scaled weights; result: signs, logarithms of the
-        sizes, and logarithms of the error bounds, each of shape (resistors,).
+        `factors`: factors of the linearized circuit; `rhs` (n,): weights, divided by the largest magnitude.  The result
+        is in the same scale: signs, natural logarithms of the magnitudes, and natural logarithms of the error bounds,
+        each of shape (resistors,).
         """
         matrix = factors.system.laplacian
         try:
@@ -283,11 +294,12 @@ class Adjoint:
         return *self._across([Scaled.of(x)]), self._log_error(residual)
 
     def _entrywise(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return the differences of the adjoint ``lambda`` across resistors, and their error bounds, from two solves.
+        """Return the differences of the adjoint ``lambda = G^-1 rhs`` across resistors, with errors, from two solves.
 
-        Each solve has currents of one sign and is accurate componentwise.  `factors`: factors of the linearized
-        circuit; `rhs` (n,): scaled weights; result: signs, logarithms of the sizes, and logarithms of the error bounds,
-        each of shape (resistors,).
+        The positive and the negative part of `rhs` are solved separately, each with componentwise accuracy.  `factors`:
+        factors of the linearized circuit; `rhs` (n,): weights, divided by the largest magnitude.  The result is in the
+        same scale: signs, natural logarithms of the magnitudes, and natural logarithms of the error bounds, each of
+        shape (resistors,).
         """
         parts, residual, matrix = [], np.zeros(len(rhs)), factors.system.laplacian
         diagonal, edges = matrix.diagonal, matrix.edges
@@ -307,10 +319,13 @@ class Adjoint:
         return *self._across(parts), log_error
 
     def _is_at_rest_around(self, rhs: NDArray[np.float64]) -> bool:
-        """Return whether the adjoint ``lambda`` is constant across every resistor that carries a current.
+        """Return whether the adjoint ``lambda = G^-1 rhs`` is constant across every resistor that carries a current.
 
-        The derivatives with respect to all resistances are then 0.  The condition holds if the currents `rhs` (n,)
-        enter and leave within parts of the circuit without currents, each connected to one other node or to rails.
+        The derivatives with respect to all resistances are then 0.  A part is a set of rows that resistors without
+        current connect. The condition holds if each part with an entry of `rhs` (n,) other than 0 meets one of two
+        conditions.  Either resistors without current connect the part to a known voltage, and no resistor of its rows
+        carries a current; or at most one of its rows has resistors with a current, and its entries of `rhs` add up to
+        0.
         """
         size, resting = len(rhs), np.isneginf(self.log_amps)
         is_inner = (self.row >= 0).all(axis=1)
@@ -324,18 +339,18 @@ class Adjoint:
         return bool(is_shut[injected > 0].all())
 
     def _log_error(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the natural log of the error across every resistor that a residual may cause, shape (resistors,).
+        """Return the natural log of the largest error of ``lambda`` across every resistor, shape (resistors,).
 
-        `residual` (n,): bound on the residual of every row, in amperes.
+        `residual` (n,): bound on the magnitude of the residual of every row, which causes the error.
         """
         with np.errstate(divide="ignore"):
             energy = np.log(np.sum(self.height * residual**2))
         return np.asarray(0.5 * (energy - np.log(self.conductance)))
 
     def _across(self, parts: list[Scaled]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return sign and natural logarithm of the differences across resistors, each of shape (resistors,).
+        """Return sign and natural log of the magnitude of a solution's differences across resistors, each (resistors,).
 
-        `parts`: one solution, or two whose difference is the solution, with one entry per row (n,).
+        `parts`: the solution, or two vectors whose difference is the solution, with one entry per row (n,).
         """
         hi, lo, e = (
             np.stack([np.append(getattr(x, name), 0)[self.row] for x in parts]) for name in ("hi", "lo", "exponent")
@@ -348,7 +363,10 @@ class Adjoint:
 
 
 def adjoint_of(op: OperatingPoint, factors: CircuitFactor | None = None) -> Adjoint:
-    """Return the adjoint of an operating point; `factors`: factors of its linearized circuit, None to compute them."""
+    """Return the Adjoint of an operating point, which computes derivatives of voltages.
+
+    `op`: operating point; `factors`: factors of the circuit linearized at `op`, None to compute them.
+    """
     signals = linearize(op)
     if factors is None:
         system = assemble(signals)

@@ -37,16 +37,21 @@ from resgrid.errors import AccuracyError, InputError
 Floats = NDArray[np.float64]
 
 _FINENESS = 0.005
-"""Largest error of a voltage's computed deviation from its final value, as a fraction of the settling band."""
+"""Largest error of a computed deviation from the final voltage, as a fraction of the half width of the settling band.
+"""
 
 _STEPS = 64
-"""Number of times per window of the modal response at which deviations are compared with the settling band."""
+"""Number of times in one window (interval of times with one sum of exponentials) at which deviations are compared with
+the settling band.
+"""
 _POINTS = 256
 """Maximum number of points of the settling curve."""
 _FEWEST_POINTS = 32
 """Minimum number of points of the settling curve."""
 _MOST_VALUES = 3e7
-"""Maximum number of computed deviations (points times rows) of the settling curve."""
+"""Maximum number of deviations that are computed for the settling curve: number of points times number of unknown
+voltages.
+"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,35 +65,37 @@ class Settling(Result):
     netlist : Netlist
         The chip.
     bits : int
-        Accuracy of a settled voltage: within half a step of a converter of `bits` bits, ``span / 2**(bits + 1)``, of
-        the final voltage, from then on.
+        Resolution that defines a settled voltage: from the settling time on, the voltage differs from its final value
+        by at most half a step of a converter of `bits` bits, ``span / 2**(bits + 1)``.
     span : float
         Range of the converter, in volts.
     time_constants : ndarray of float64, shape (k,)
         Slowest time constants of the circuit, slowest first, in seconds: eigenvalues of ``C v = tau G v``, with
-        multiplicity.  In circuits of more than 200 rows those below 1e-12 of the slowest are left out, because rounding
-        would decide them.
+        multiplicity, for the capacitance matrix ``C`` and the conductance matrix ``G``.  In circuits of more than 200
+        unknown voltages, those below 1e-12 of the slowest are left out, because rounding would decide them.
     mode : ndarray of float64, shape (nodes,)
-        Shape of the slowest mode: voltages that decay everywhere as ``exp(-t / tau)``; largest magnitude 1; 0 on rails,
-        NaN where a node floats.
+        Shape of the slowest mode, scaled to the largest magnitude 1: voltages that decay everywhere as ``exp(-t /
+        tau)``; 0 on rails, NaN at a node without any connection to a rail.
     fastest : float
-        Shortest time constant, in seconds; to 1 % in circuits of more than 200 rows.
+        Shortest time constant, in seconds; with a relative error of up to 1 % in circuits of more than 200 unknown
+        voltages.
     node_time : ndarray of float64, shape (nodes,)
-        Settling time of every node, in seconds; 0 on rails, NaN where a node floats.  The width of the band is accurate
-        to 0.5 %, or better in circuits of at most 200 rows.
+        Settling time of every node, in seconds; 0 on rails, NaN where a node floats.  The time is exact for a tolerance
+        that differs from the half step of the converter by at most 0.5 %.
     bound : float
         Upper bound of the settling time from the slowest time constant alone, in seconds
         (`resgrid.chip.settling.settling_bound`).
     energy : float
         Energy that all sources deliver until all nodes have settled, in joules.
     power : float
-        Power that they deliver afterwards, in watts.
+        Power that all sources deliver after settling, in watts.
     final : ndarray of float64, shape (nodes,)
         Final voltages, in volts; NaN where a node floats.
     times : ndarray of float64, shape (t,)
-        Times in seconds: 0, then in equal ratios until the last node has settled, or later.
+        Times of the settling curve, in seconds: 0, then a geometric sequence that ends when the last node has settled,
+        or later.
     distance : ndarray of float64, shape (t,)
-        Largest distance of a node from its final voltage at those times, in volts.
+        Largest distance of any node from its final voltage at each of the `times`, in volts.
     settle_time : float
         Settling time of the last node, in seconds.
     figures : mapping of str to Figure
@@ -160,11 +167,12 @@ def analyse_settling(
     span: Positive | None = None,
     method: str = "auto",
 ) -> Settling:
-    """Compute the settling time and the energy of a netlist after its sources are switched on at time 0.
+    """Compute the settling time and the energy of a netlist after its sources are switched on at time 0, as a Settling.
 
-    `bits`: resolution that defines a settled voltage, by default 10; `initial`: voltages before time 0, None for
-    discharged capacitors; `modes`: number of slow time constants; `span`: range of the converter in volts, by default
-    the largest difference of final voltages; `method`: linear solver.  Raises CircuitError if a part never settles.
+    `bits`: resolution that defines a settled voltage (within half a step of a converter), None for 10; `initial`:
+    voltages before time 0, None for discharged capacitors; `modes`: number of slow time constants to compute; `span`:
+    range of the converter in volts, None for the largest difference of final voltages; `method`: linear solver, a
+    method of `resgrid.solve`.  Raises CircuitError if a part of the circuit never settles.
     """
     bits = 10 if bits is None else bits
     dynamics = dynamics_of(netlist)
@@ -222,15 +230,16 @@ def _largest_difference(settled: Floats) -> float:
 
 
 def settling_bound(dynamics: Dynamics, solve: LinearMap, deviation: Floats, tau: float, band: float) -> float:
-    """Return a time, in seconds, after which ``exp(-t / tau)`` leaves no row outside a band around its final value.
+    """Return a time, in seconds, after which all unknown voltages stay within a band around their final values.
 
     In the norms ``sqrt(y^T C y)`` and ``sqrt(y^T G y)`` every deviation ``y`` decays at least as ``exp(-t / tau)``.  A
     voltage is at most the first norm over the root of the smallest eigenvalue of C.  That eigenvalue is at least the
     smallest capacitance to a rail, where every row has one or lies between rows that have one.  A voltage is also at
     most the second norm times the root of its ``(G^-1)_ii``, which is at most its ``(G^-1 1)_i``.
 
-    `dynamics`: circuit equations; `solve`: product with ``G^-1``; `deviation` (n,): row voltages at time 0 minus their
-    final values; `tau`: slowest time constant, in seconds; `band`: half width of the band, in the unit of `deviation`.
+    `dynamics`: circuit equations ``C x' + G x = b``, one row for each unknown voltage; `solve`: product with ``G^-1``;
+    `deviation` (n,): voltages at time 0 minus their final values; `tau`: slowest time constant, in seconds; `band`:
+    half width of the band, in the unit of `deviation`.
     """
     stiffness = dynamics.capacitance.ground[dynamics.charged]
     if (stiffness > 0).all():
@@ -244,12 +253,13 @@ def settling_bound(dynamics: Dynamics, solve: LinearMap, deviation: Floats, tau:
 def _walk_back(
     deviation: Floats, window: Callable[[float, float], Motion], bound: float, fastest: float, band: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Find the time after which each row stays within a band, window by window from the bound back to time 0.
+    """Find the time after which each voltage stays within a band, window by window from an upper bound back to time 0.
 
-    Returns that time, shape (n,); the deviations when the last row has settled, shape (n,); and times, shape (t,), with
-    the largest deviation at each.  `deviation` (n,): deviations at time 0; `window`: returns the motion between two
-    times; `bound`: time after which all rows lie within the band; `fastest`: shortest time constant; `band`: largest
-    settled deviation, in the unit of `deviation`; all times in seconds.
+    Returns that time for every unknown voltage, shape (n,); the deviations at the last such time, shape (n,); and the
+    settling curve: times, shape (t,), with the largest magnitude of a deviation at each, shape (t,).  `deviation` (n,):
+    voltages at time 0 minus their final values; `window`: function from the first and last time of a window to the
+    motion (sum of exponentials) in between; `bound`: time after which all voltages lie within the band; `fastest`:
+    shortest time constant; `band`: half width of the band, in the unit of `deviation`.  All times are in seconds.
     """
     from resgrid.chip.kernels import last_outside
 
@@ -275,10 +285,10 @@ def _walk_back(
 
 
 def _curve(motion: Motion, deviation: Floats, first: float, last: float) -> tuple[Floats, Floats]:
-    """Return time 0 and times of a window in seconds, shape (t,), and the largest deviation at each, shape (t,).
+    """Return the settling curve: times in seconds, shape (t,), and the largest deviation at each of them, shape (t,).
 
-    `motion`: sum of exponentials; `deviation` (n,): deviations at time 0, in the unit of the result; `first, last`:
-    limits of the window, in seconds.
+    The times are 0 and a geometric sequence from `first` to `last` (seconds).  `motion`: deviations as a sum of
+    exponentials; `deviation` (n,): voltages at time 0 minus their final values, in the unit of the result.
     """
     count = int(np.clip(_MOST_VALUES / len(deviation), _FEWEST_POINTS, _POINTS))
     times = np.geomspace(first, last, count)
@@ -290,8 +300,8 @@ def _energy(dynamics: Dynamics, solve: LinearMap, final: Floats, start: Floats, 
     """Return the energy that the sources deliver while the deviation changes from `start` to `end`, in joules.
 
     The integral of the deviation over time is ``G^-1 C (start - end)``.  `dynamics`: circuit equations; `solve`:
-    product with ``G^-1``; `final` (n,): final voltages; `start, end` (n,): deviations from the final voltages, in
-    volts; `time`: duration, in seconds.
+    product with ``G^-1``; `final` (n,): final voltages of the rows; `start, end` (n,): deviations from the final
+    voltages at the beginning and the end of the interval, in volts; `time`: duration of the interval, in seconds.
     """
     if time == 0.0:
         return 0.0
@@ -301,7 +311,10 @@ def _energy(dynamics: Dynamics, solve: LinearMap, final: Floats, start: Floats, 
 
 
 def _within_range(name: str, value: float) -> float:
-    """Return a value; raise AccuracyError if it is not finite; `name`: name of the quantity for the message."""
+    """Return `value` unchanged; raise AccuracyError if it is not finite.
+
+    `name`: name of the quantity for the message.
+    """
     if not np.isfinite(value):
         raise AccuracyError(f"the {name} overflows; give smaller voltages and conductances")
     return value

@@ -47,7 +47,7 @@ class Study(CircuitStudy):
     scene : Scene or None
         The scene that the chip comes from.
     solved : OperatingPoint or None
-        Operating point of `netlist`, where it was given.
+        Operating point of the circuit, if it was given; None if it is computed when an analysis needs it.
 
     Examples
     --------
@@ -87,9 +87,9 @@ class Study(CircuitStudy):
             Trials stop after the first whole batch at which half the width of the interval of the overall yield is at
             most this.
         confidence : float
-            Confidence of all intervals.
+            Confidence of all intervals, between 0 and 1.
         trials : int
-            Maximum number of trials.
+            Maximum number of trials (chips).
         batch : int
             Number of trials between two tests of the interval.
         seed : int, sequence of int or numpy.random.SeedSequence, optional
@@ -106,7 +106,7 @@ class Study(CircuitStudy):
         Returns
         -------
         Yield
-            A chip on which a defect leaves no operating point serves no start.
+            Yield and its interval.  A chip on which a defect leaves no operating point serves no start.
 
         Raises
         ------
@@ -141,22 +141,22 @@ class Study(CircuitStudy):
     ) -> YieldLoss:
         """Find the causes of yield loss, and the largest mismatch and offset and the fewest bits that reach a yield.
 
-        Each effect of the chip is switched off in turn, on the same chips and with the same random numbers.  The
-        limits change one value of the chip and leave all others as they are.  An effect without which the chip has no
-        operating point, or cannot be described, is left out.
+        Each effect of the chip is switched off in turn, on chips with the same random numbers.  The limits change one
+        value of the chip description and leave all others as they are.  An effect is left out if without it the chip
+        has no operating point or the description is invalid.
 
         Parameters
         ----------
         target : float
-            Yield that the limits reach.
+            Yield that the limits reach, as a fraction.
         trials : int, optional
-            Number of chips of each kind; by default 400, fewer for grids of more than 650 cells.
+            Number of chips for each variant; by default 400, fewer (at least 16) for grids of more than 650 cells.
         confidence : float
             Confidence of all intervals.
         executor : concurrent.futures.Executor, optional
             Workers that run the trials.  The result does not depend on it.
         progress : callable, optional
-            Called after every kind of chip with the number of trials, the expected number of trials, and a yield.
+            Called after the trials of each variant with the number of trials, their expected number, and the yield.
 
         Returns
         -------
@@ -185,25 +185,25 @@ class Study(CircuitStudy):
         checkpoint: str | os.PathLike[str] | None = None,
         progress: Progress | None = None,
     ) -> Sweep:
-        """Estimate the yield over a grid of two values of the chip, on the same chips at every point.
+        """Estimate the yield for all pairs of values of two keys of the chip description, on the same random numbers.
 
         Parameters
         ----------
         first, second : tuple of str and sequence, optional
-            A key of the chip description, with dots (``"readout.bits"``), and its values in ascending order of cost.
-            `second` is the value with a cost (`Sweep.cheapest`).  By default the offset or the mismatch, and the bits
-            of the converter.
+            A key of the chip description, with dots (``"readout.bits"``), and its values.  Those of `second` ascend in
+            cost (`Sweep.cheapest`).  By default `first` is the read-out's offset or ``pelgrom`` if the chip has one,
+            else the mismatch, and `second` the bits of the converter.
         trials : int
-            Number of chips at every point.
+            Number of chips for each pair of values.
         confidence : float
             Confidence of all intervals.
         executor : concurrent.futures.Executor, optional
             Workers that run the trials.  The result does not depend on it.
         checkpoint : path, optional
-            File with one line of JSON for every finished trial, as in `yields`.
+            File with one line of JSON for every finished trial.  A later run with the same arguments continues from it.
         progress : callable, optional
-            Called after every group of points with the number of trials, the total number of trials, and the yield of
-            the last point.
+            Called after every group of pairs that share a circuit, with the number of finished and of all trials, and
+            the yield of the last pair.
 
         Returns
         -------
@@ -233,7 +233,7 @@ class Study(CircuitStudy):
 
         Parameters
         ----------
-        seeds : iterable of seeds
+        seeds : iterable of int, sequence of int or numpy.random.SeedSequence
             One seed for each chip.
 
         Returns
@@ -266,14 +266,14 @@ class Study(CircuitStudy):
         Parameters
         ----------
         readout : Readout, optional
-            The read-out; by default that of the chip.  Its offset and noise are ignored.  An ideal read-out has 40
-            bits, which resolve 1e-12 of the supply.
+            The read-out, whose offset and noise are ignored; by default that of the chip.  An ideal read-out has 40
+            bits, which resolve 1e-12 of the range of its converter.
         starts : array_like of bool, shape of the space, optional
             Mask of the start cells; by default every free cell with a path to a goal.
         short_resistance : float, optional
             Resistance of a short, in ohms; by default that of the chip.
         seconds : float, optional
-            Time limit.  Elements with the largest currents come first.
+            Time limit; by default no limit.  Elements with the largest currents come first.
         progress : callable, optional
             Called with the number of finished elements and the number of all elements.
 
@@ -387,7 +387,10 @@ def study(
 
 
 def _with_values(chip: Chip, wiring: Wiring, options: WiringOptions) -> Chip:
-    """Return the chip with the resistance and supply in `options`, and the wall resistance of `wiring`, where given."""
+    """Return the chip description with the resistance and the supply in `options` and the wall resistance of `wiring`.
+
+    Values that are not given do not change the description.
+    """
     given: dict[str, Any] = {"resistance": options.get("resistance"), "supply": options.get("supply")}
     given["wall_resistance"] = wiring.wall_resistance
     changes = {name: value for name, value in given.items() if value is not None and value != getattr(chip, name)}

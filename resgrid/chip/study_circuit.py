@@ -45,14 +45,14 @@ class CircuitStudy(StudyInputs):
             Accuracy of a settled voltage, 1 to 24: half a step of a converter of this resolution.  By default the
             resolution of the read-out, or 10.
         initial : OperatingPoint or array_like of float, shape (nodes,), optional
-            Voltages before the switch, as in `resgrid.circuit.transient`.  By default all capacitors are discharged.
+            Voltages before the supplies are switched on.  By default all capacitors are discharged.
         modes : int
             Number of slow time constants to compute.
         span : float, optional
             Range of the converter, in volts.  By default that of the read-out; without a chip description, the largest
             difference of final voltages.
         method : str
-            Method of the linear solver, as in `resgrid.solve`.
+            Linear solver, one of the methods of `resgrid.solve`.
 
         Returns
         -------
@@ -78,7 +78,7 @@ class CircuitStudy(StudyInputs):
 
     @cached_property
     def usual_settling(self) -> Settling:
-        """Settling of the chip, with the resolution and the range of its own converter."""
+        """Settling of the chip, for the resolution and the range of the chip's own converter."""
         return self.settling()
 
     @checked_method
@@ -96,13 +96,15 @@ class CircuitStudy(StudyInputs):
         Parameters
         ----------
         band : tuple of float, optional
-            Limits of the noise integral, in hertz; a read-out of noise bandwidth ``B`` has ``(0, B)``.  By default the
-            band of the read-out, else the band that the capacitances leave; no band without a chip description.
+            Lower and upper limit of the noise integral, in hertz; a read-out of noise bandwidth ``B`` has ``(0, B)``.
+            By default the band of the read-out, else from 0 to 100 times the highest corner frequency of the circuit;
+            no band without a chip description or without capacitance.
         temperature : float, optional
             Temperature of the resistors, in kelvin; by default that of the die.
         method : {"auto", "exact", "estimate"}
-            "exact" computes the diagonal of the inverse from the factors.  "estimate" estimates it from products with
-            random signs, for grids of three or more dimensions, whose factors are large.
+            "exact" computes the diagonal of the inverse matrix from its factors.  "estimate" estimates the diagonal
+            from products with random signs, for large grids of three or more dimensions, whose factors need too much
+            memory.  "auto" chooses by the number of nodes.
         samples : int
             Number of random vectors of an estimate.
         seed : int
@@ -131,10 +133,11 @@ class CircuitStudy(StudyInputs):
 
     @cached_property
     def _band(self) -> tuple[float, float] | None:
-        """Default limits of the noise band in hertz, lower and upper; None for no band.
+        """Default lower and upper limit of the noise band in hertz; None for no band.
 
-        The upper limit is the noise bandwidth of the read-out, else a frequency above the highest corner frequency.
-        There is no band without a bandwidth for a circuit without capacitors, or without a chip description.
+        The upper limit is the noise bandwidth of the read-out, else a frequency above the highest corner frequency.  If
+        the read-out has no noise bandwidth, there is no band for a circuit without capacitors or without a chip
+        description.
         """
         if self.description.readout.noise_bandwidth is not None:
             return 0.0, self.description.readout.noise_bandwidth
@@ -146,7 +149,7 @@ class CircuitStudy(StudyInputs):
     def noise_density(
         self, nodes: ArrayLike, frequencies: ArrayLike, *, temperature: Positive | None = None
     ) -> NDArray[np.float64]:
-        """Compute the power spectral density of thermal noise, ``4 k T Re Z(f)``.
+        """Compute the power spectral density of thermal noise, ``4 k T Re Z(f)``, for the impedance ``Z`` to the rails.
 
         Parameters
         ----------
@@ -231,8 +234,9 @@ class CircuitStudy(StudyInputs):
         Parameters
         ----------
         cells : array_like of int, shape (axes,) or (k, axes), optional
-            One cell, or all cells of a path; goal cells are left out.  Each cell costs one linear solve.  By default
-            the cells on the paths from the starts of the scene, or from the start that needs most bits.
+            Indices of one cell, or of all cells of a path; goal cells are left out.  Each cell costs one linear solve.
+            By default the cells on the paths from the starts of the scene; without starts, those on the path from the
+            start that needs most bits.
 
         Returns
         -------
@@ -252,7 +256,7 @@ class CircuitStudy(StudyInputs):
 
     @checked_method
     def voltage_sensitivity(self, weights: ArrayLike) -> NDArray[np.float64]:
-        """Compute the derivatives of a weighted sum of node voltages with respect to the log of every resistance.
+        """Compute the derivatives of a weighted sum of node voltages with respect to the natural log of resistances.
 
         Parameters
         ----------
@@ -264,7 +268,7 @@ class CircuitStudy(StudyInputs):
         ndarray of float64, shape (resistors,)
             Derivatives in volts.  The error is at most 1e-5 of the largest derivative, plus the errors of the currents
             of the operating point; derivatives below their error are 0.  Nonlinear resistors follow the linear ones;
-            for them the derivative is with respect to ``-ln I0``.
+            for them the derivative is with respect to ``-ln I0``, with the saturation current ``I0``.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Common inputs of the analyses of one chip: its circuits, operating point, and the data of its read-out."""
+"""Common inputs of the analyses of one chip: its circuits, operating point, and parameters of its read-out."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ Returned = TypeVar("Returned")
 
 
 def checked_method(method: Callable[Parameters, Returned]) -> Callable[Parameters, Returned]:
-    """Return a method of `Study` that first checks the names and types of its arguments, with InputError for others."""
+    """Return a method of `Study` that first checks the names and types of its arguments.
+
+    The returned method raises InputError for an unknown argument or a value of another type.
+    """
     method.__qualname__ = f"Study.{method.__name__}"  # the name in Python's own messages
     call = guarded(method.__name__, method)
 
@@ -42,8 +45,9 @@ def checked_method(method: Callable[Parameters, Returned]) -> Callable[Parameter
 class StudyInputs:
     """Circuits and descriptions that the analyses of one chip share; each circuit is built and solved once.
 
-    `ideal`: circuit before the effects; `chip`: chip description, None for a circuit that is studied as it is; `scene`:
-    scene of the chip, or None; `solved`: operating point of the circuit, if known.
+    `ideal`: circuit before the effects of the chip; `chip`: chip description, None for a circuit without effects to
+    add; `scene`: scene of the chip, None if the chip comes from a space or a netlist; `solved`: operating point of the
+    circuit, None to compute it.
     """
 
     ideal: Netlist
@@ -73,12 +77,12 @@ class StudyInputs:
 
     @property
     def description(self) -> Chip:
-        """The chip description; the default description if none was given."""
+        """The chip description; ``Chip()``, an ideal chip, if none was given."""
         return self.chip or Chip()
 
     @property
     def bits(self) -> int:
-        """Resolution of the converter in bits; 10 where the converter is ideal."""
+        """Resolution of the read-out's converter in bits; 10 for an ideal read-out."""
         return self.description.readout.bits or 10
 
     @property
@@ -96,7 +100,7 @@ class StudyInputs:
 
     @property
     def parameters(self) -> list[tuple[str, str, str]]:
-        """Rows (key, value, meaning) of every key of the chip description that is set."""
+        """Rows (key, value with unit, meaning) on the grid, the boundary and every set key of the chip description."""
         cells = self.ideal.cells
         return described(self.description, cells.space.shape, cells.wiring.boundary)
 

@@ -1,4 +1,4 @@
-"""Sweeps: the yield of a chip over a grid of two values of its description."""
+"""Sweeps: the yield of a chip for all pairs of values of two keys of its description."""
 
 from __future__ import annotations
 
@@ -27,16 +27,20 @@ SweptKey = tuple[str, Sequence[Any]]
 """A key of a chip description, such as ``"readout.bits"``, and the values to try."""
 
 _BITS = (6, 8, 10, 12, 14, 16)
-"""Default resolutions of the converter, in bits."""
+"""Values of the key ``readout.bits`` that a sweep tries by default, in bits."""
 _SHARES = (0.0, 0.01, 0.02, 0.05, 0.1)
-"""Default mismatches to try: standard deviations of a resistance as fractions of its mean."""
+"""Values of the key ``mismatch`` that a sweep tries by default: standard deviations of a resistance as fractions of its
+mean.
+"""
 _MULTIPLES = (0.0, 0.3, 1.0, 3.0, 10.0)
-"""Factors of the value in the description that give the default values of another key."""
+"""Default values of the key ``readout.offset`` or ``pelgrom`` in a sweep, as multiples of its value in the chip
+description.
+"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sweep(Result):
-    """Yield over a grid of two values of a chip.
+    """Yield of a chip for all pairs of values of two keys of its description.
 
     Returned by `resgrid.chip.Study.sweep`.
 
@@ -45,15 +49,15 @@ class Sweep(Result):
     first, second : str
         Keys of the chip description, such as ``"mismatch"`` or ``"readout.bits"``.
     first_values, second_values : tuple
-        Values of each key.
-    share, low, high : ndarray of float64, shape (first, second)
-        Overall yield, and the ends of its Wilson interval (`Yield.overall`).
+        Values of the first and of the second key, in the order of the sweep.
+    share, low, high : ndarray of float64, shape (first values, second values)
+        Overall yield (`Yield.overall`) for each pair of values, and the ends of its Wilson interval.
     trials : int
-        Number of chips at every point; the chips have the same random numbers at all points.
+        Number of chips for each pair of values; all pairs have the same random numbers.
     confidence : float
-        Confidence of the intervals.
+        Confidence of the intervals, between 0 and 1.
     figures : mapping of str to Figure
-        For each first value, the smallest second value from which on the yield is at least 99 %.
+        For each first value, the first of the second values from which on the yield is at least 99 %.
 
     Examples
     --------
@@ -77,7 +81,7 @@ class Sweep(Result):
     confidence: float
 
     def cheapest(self, share: float = 0.99) -> list[Any]:
-        """Return, for each first value, the smallest second value from which on the yield is at least `share`.
+        """Return, for each first value, the first of the second values from which on the yield is at least `share`.
 
         Parameters
         ----------
@@ -87,7 +91,8 @@ class Sweep(Result):
         Returns
         -------
         list
-            One second value for each first value; None where no second value reaches the yield.
+            One entry for each of `first_values`: the earliest of `second_values` such that the yield at this value and
+            all later ones is at least `share`; None if there is no such value.
 
         Raises
         ------
@@ -103,7 +108,7 @@ class Sweep(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of merit by name: for each first value, the smallest second value with a yield of at least 99 %."""
+        """For each first value, the second value from which on the yield is at least 99 %, as figures by name."""
         return {
             f"least_{self.second.rpartition('.')[2]}_at_{value}": Figure(
                 least,
@@ -115,7 +120,7 @@ class Sweep(Result):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, keys, values, yields and intervals of all points as plain values."""
+        """Return the figures, keys, values, yields and intervals of all pairs as a dictionary for JSON."""
         plain = {**vars(self), "yield": self.share}
         del plain["share"]
         arrays = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in plain.items()}
@@ -134,11 +139,12 @@ def sweep_yield(
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> Sweep:
-    """Estimate the yield at every pair of two values of a chip; return the yields as a Sweep.
+    """Estimate the yield of a chip for all pairs of values of two keys; return the yields as a Sweep.
 
-    `netlist`: ideal circuit; `chip`: chip description; `first, second`: keys and values to try, None for the default;
-    `trials`: number of chips at every point; `confidence`: of the intervals; `executor`: workers; `checkpoint`: file of
-    finished trials; `progress`: called after every group of points.
+    `netlist`: ideal circuit; `chip`: chip description; `first, second`: a key of the description and its values, None
+    for the default keys and values; `trials`: number of chips for each pair; `confidence`: of the intervals, between 0
+    and 1; `executor`: workers, None for this process; `checkpoint`: file of finished trials, None for no file;
+    `progress`: function called after each group of pairs that share a circuit.
     """
     cells = netlist.cells
     first, second = first or _usual_sweep(chip), second or ("readout.bits", _BITS)
@@ -169,7 +175,10 @@ def sweep_yield(
 
 
 def _usual_sweep(chip: Chip) -> SweptKey:
-    """Return the default first key of a sweep and its values: an error that the chip has, else the mismatch."""
+    """Return the default first key of a sweep and its values.
+
+    The key is ``readout.offset`` or ``pelgrom`` if the chip description sets it, else ``mismatch``.
+    """
     for key, value in (("readout.offset", chip.readout.offset), ("pelgrom", chip.pelgrom)):
         if value:
             return key, tuple(float(f"{value * multiple:.3g}") for multiple in _MULTIPLES)

@@ -35,24 +35,29 @@ from resgrid.solvers.selected_inverse import symmetric_factors
 
 Floats = NDArray[np.float64]
 LinearMap = Callable[[Floats], Floats]
-"""Function from a vector (n,) to the product of a matrix, or of its inverse, with the vector."""
+"""Function from a vector (n,) to the product of a fixed matrix, or of its inverse, with the vector."""
 
 _SOLVE_RTOL = 1e-11
-"""Largest normwise backward error of solutions that need no componentwise accuracy."""
+"""Largest accepted normwise relative backward error of linear solutions by the normwise solver."""
 _SPOILT = 1e-9
-"""Relative difference between the normwise and the componentwise solution for the Elmore delays, above which the
-normwise solution is too inaccurate.
+"""Largest accepted difference between the normwise and the componentwise solution for the Elmore delays, as a fraction
+of the largest delay.  Beyond it, the componentwise solver is used.
 """
 
 _PROVED = 1e-3
-"""Largest accepted (pessimistic) bound on the relative error of Elmore delays."""
+"""Largest accepted bound on the relative error of Elmore delays; the bound is pessimistic.  Beyond it, AccuracyError is
+raised.
+"""
 
 _ENTRYWISE = 1e-10
-"""Largest accepted componentwise backward error of a solution."""
+"""Largest accepted componentwise backward error of a linear solution; beyond it, AccuracyError is raised."""
 
 
 def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
-    """Return the root ``F`` of a Laplacian ``F^T F``, with one row for each element, shape (m, n)."""
+    """Return the root ``F`` of a Laplacian ``F^T F``, shape (m, n), with one row for each of the m elements.
+
+    An element is a conductance or a capacitance between two rows, or from a row to a known voltage.
+    """
     incidence, value = laplacian.elements
     return sparse.csr_array(sparse.diags_array(np.sqrt(value)) @ incidence)
 
@@ -60,9 +65,10 @@ def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
 def accurate_solver(factors: Factor, capacitance: Laplacian) -> LinearMap:
     """Return a function from a right-hand side (n,) to a solution (n,) that is accurate enough for time constants.
 
-    The function is the normwise solver if it gives accurate Elmore delays, else a componentwise one.  Elmore delays are
-    dominated by the slowest parts, where rounding errors appear first.  `factors`: factors of the matrix (``G``, or ``G
-    + s C``); `capacitance`: ``C``.
+    The function is the normwise solver if it computes the Elmore delays ``A^-1 C 1`` accurately, else a componentwise
+    solver. The largest Elmore delays belong to the slowest parts of the circuit, where rounding errors appear first.
+    `factors`: factors of the matrix ``A``, which is ``G`` or ``G + s C``; `capacitance`: ``C``.  Raises AccuracyError
+    if even the componentwise solution may be inaccurate.
     """
 
     def plain(b: Floats) -> Floats:
@@ -86,8 +92,9 @@ def accurate_solver(factors: Factor, capacitance: Laplacian) -> LinearMap:
 def entrywise_solution(factors: Factor, b: Floats, watch: ProgressMonitor | None = None) -> Floats:
     """Return the solution (n,) of a linear system, from separate solves for the positive and negative part of `b`.
 
-    `factors`: factors of the matrix; `b` (n,): right-hand side (currents), in amperes; `watch`: records the error bound
-    of each solve.  Each part of the solution is accurate componentwise; their difference need not be.
+    The solution of each part is accurate componentwise; the difference of the two solutions need not be.  `factors`:
+    factors of the matrix; `b` (n,): right-hand side (currents), in amperes; `watch`: monitor that records the error
+    bound of each solve, None for no record.  Raises AccuracyError for an inaccurate or infinite solution.
     """
     x, low = np.zeros(len(b)), np.zeros(len(b))
     for sign in (1.0, -1.0):
@@ -111,10 +118,11 @@ def entrywise_solution(factors: Factor, b: Floats, watch: ProgressMonitor | None
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Modes of a circuit: some of the slowest, or, with `whole`, all modes of a small circuit.
+    """Modes of a circuit: the slowest ones or, with `whole`, all of them.
 
-    `tau` (k,): time constants, slowest first, in seconds; `shape` (n, k): row voltages of every mode, normalised so
-    that ``shape.T @ C @ shape`` is the identity.
+    `tau` (k,): time constants, slowest first, in seconds; `shape` (n, k): voltages of the rows (unknown voltages) in
+    every mode, normalised so that ``shape.T @ C @ shape`` is the identity, with ``C`` in farads; `whole`: whether these
+    are all modes of the circuit.
     """
 
     tau: Floats
@@ -123,7 +131,7 @@ class Modes:
 
 
 def all_modes(dynamics: Dynamics) -> Modes:
-    """Compute all modes of a small circuit by dense linear algebra; return them as Modes."""
+    """Compute all modes of a circuit with at most a few hundred rows by dense linear algebra; return them as Modes."""
     from scipy.linalg import solve_triangular
     from scipy.linalg.lapack import dgejsv
 
@@ -145,7 +153,8 @@ def all_modes(dynamics: Dynamics) -> Modes:
 def _star_mesh(laplacian: Laplacian) -> tuple[Floats, Floats]:
     """Return ``L``, shape (n, n), and the diagonal of ``D``, shape (n,), of the factors ``L D L^T`` of a Laplacian.
 
-    Star-mesh elimination computes both without subtractions.
+    Star-mesh elimination computes both without subtractions.  ``L`` is lower triangular with unit diagonal, ``D``
+    diagonal.
     """
     edges, ground = laplacian.edges.toarray(), laplacian.ground.copy()
     L, pivot = np.eye(len(ground)), np.empty(len(ground))
@@ -161,27 +170,31 @@ def _star_mesh(laplacian: Laplacian) -> tuple[Floats, Floats]:
 
 
 DENSE = 200
-"""Maximum number of rows (unknown node voltages) of a circuit for which all modes are computed."""
+"""Number of rows (unknown node voltages) up to which all modes of a circuit are computed by dense linear algebra."""
 
 _RTOL = 1e-12
-"""Relative residual of an eigenvector at which the iteration for slow modes stops: near the rounding error."""
+"""Relative residual of an eigenpair at which the iteration for slow modes stops, close to the rounding error."""
 _PROBE_RTOL = 1e-3
-"""Relative residual of an eigenvector at which a search for further slow modes stops."""
+"""Relative residual of an eigenpair at which the search for further slow modes stops."""
 _FASTEST_RTOL = 5e-3
-"""Relative residual at which the iteration for the fastest mode stops; the error of its time constant is of the order
-of the squared residual."""
+"""Relative residual of the eigenpair at which the iteration for the fastest mode stops; the relative error of its time
+constant is of the order of the squared residual.
+"""
 
 _RESOLVED = 1e-12
-"""Smallest time constant, as a fraction of the slowest, that an iteration determines in spite of rounding errors."""
+"""Smallest time constant that the iteration determines in spite of rounding errors, as a fraction of the slowest;
+faster ones are left out.
+"""
 
 _KRYLOV, _PROBE_KRYLOV = 20, 10
-"""Minimum number of Lanczos vectors of an iteration, and of a search for slower modes."""
+"""Minimum number of Lanczos vectors: in an iteration for modes, and in a search for further slow modes."""
 
 
 def slowest_modes(dynamics: Dynamics, count: int, solve: LinearMap | None = None) -> Modes:
-    """Compute the `count` slowest modes, or all modes of a small circuit; return them as Modes.
+    """Compute the `count` slowest modes of a circuit; return them as Modes.
 
-    `dynamics`: circuit equations; `solve`: product with ``G^-1`` from `accurate_solver`, None to create it.
+    If the number of rows is at most 200 or at most twice `count`, the result contains all modes.  `dynamics`: circuit
+    equations; `solve`: product with ``G^-1`` from `accurate_solver`, None to create it.
     """
     live = require_charge(dynamics)
     solve = solve or accurate_solver(factor_resolvent(dynamics, 0.0), dynamics.capacitance)
@@ -191,7 +204,7 @@ def slowest_modes(dynamics: Dynamics, count: int, solve: LinearMap | None = None
 
 
 def require_charge(dynamics: Dynamics) -> int:
-    """Return the number of modes of a circuit; raise InputError for a circuit without capacitance."""
+    """Return the number of modes (finite time constants); raise InputError for a circuit without capacitance."""
     live = int(dynamics.charged.sum())
     if not live:
         raise InputError(
@@ -202,10 +215,10 @@ def require_charge(dynamics: Dynamics) -> int:
 
 
 def _slowest(dynamics: Dynamics, count: int, live: int, solve: LinearMap) -> Modes:
-    """Compute the `count` slowest modes by Lanczos iteration on ``K = F G^-1 F^T``; return them as Modes.
+    """Compute the `count` slowest modes by Lanczos iteration on ``F G^-1 F^T``, with ``C = F^T F``, as Modes.
 
-    The iteration is repeated until no slower mode remains.  `live`: number of all modes; `solve`: product with
-    ``G^-1``.
+    The iteration is repeated until no slower mode remains.  `dynamics`: circuit equations; `live`: number of all modes;
+    `solve`: product with ``G^-1``.
     """
     F = laplacian_root(dynamics.capacitance)
 
@@ -233,15 +246,16 @@ def _slowest(dynamics: Dynamics, count: int, live: int, solve: LinearMap) -> Mod
 
 
 def _project_out(U: Floats, u: Floats) -> Floats:
-    """Return the part of `u` (m,) orthogonal to the columns of `U` (m, k)."""
+    """Return the part of the vector `u` (m,) that is orthogonal to the orthonormal columns of `U` (m, k)."""
     return np.asarray(u - U @ (U.T @ u))
 
 
 def _top(apply: LinearMap, start: Floats, count: int, rtol: float, least: int) -> tuple[Floats, Floats]:
-    """Return the `count` largest eigenvalues of a symmetric operator, shape (k,), and eigenvectors, shape (m, k).
+    """Return the `count` largest eigenvalues (count,) of a symmetric operator, and their eigenvectors (m, count).
 
     The largest eigenvalue comes first.  `apply`: product of the operator with a vector (m,); `start` (m,): start
-    vector; `rtol`: relative residual at which the iteration stops; `least`: minimum number of Lanczos vectors.
+    vector; `rtol`: relative residual of an eigenpair at which the iteration stops; `least`: minimum number of Lanczos
+    vectors.
     """
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
@@ -258,15 +272,15 @@ def _top(apply: LinearMap, start: Floats, count: int, rtol: float, least: int) -
 
 
 def _sorted(tau: Floats, U: Floats) -> tuple[Floats, Floats]:
-    """Return eigenvalues `tau` (k,) and eigenvectors `U` (m, k), largest eigenvalue first."""
+    """Return eigenvalues `tau` (k,) and eigenvectors (columns of `U`, shape (m, k)), the largest eigenvalue first."""
     order = np.argsort(-tau, kind="stable")
     return tau[order], U[:, order]
 
 
 def fastest_time_constant(dynamics: Dynamics) -> float:
-    """Return the shortest time constant in seconds, with a relative error of at most 1 %.
+    """Return the shortest time constant of a circuit in seconds, with a relative error of at most 1 %.
 
-    Nodes without capacitance follow instantly and have no time constant.
+    The voltages of nodes without capacitance follow the others instantly; they have no time constant.
     """
     require_charge(dynamics)
     if dynamics.size <= DENSE:

@@ -1,6 +1,6 @@
 """Read-out and walk: the steps of a robot that sees voltages only through a converter.
 
-In a cell, the robot measures the voltages of the cell and of its face neighbours, and steps to the lowest.  The
+In a cell, the robot measures the voltages of the cell and of its face neighbours, and steps to the lowest reading.  The
 converter rounds every voltage down to one of ``2**bits`` equal steps of its range.  The robot moves only to a strictly
 lower reading.  Among equal readings it takes the first: axes in their order, lower side first.  The robot is lost where
 no neighbour has a lower reading, and where it returns to a cell that it has passed.  The offset of a cell's read-out is
@@ -24,11 +24,11 @@ from resgrid.scene.chip import Readout
 
 @dataclass(frozen=True, eq=False)
 class Neighbours:
-    """Cells between which the robot moves.
+    """Face neighbours of every cell, between which the robot moves, and the nodes and goal mask of the cells.
 
-    `around` (cells, 2 ndim): flat indices of the free and goal neighbours of every free cell, -1 for none; axis by
-    axis, lower side first; `goal` (cells,): mask of the goal cells; `node` (cells,): node of every cell, 0 (ground) for
-    cells without a node.
+    `around` (cells, 2 ndim): flat indices (C order) of the free and goal neighbours of every free cell, -1 for none;
+    axis by axis, lower side first; `goal` (cells,): mask of the goal cells; `node` (cells,): node of every cell, 0
+    (ground) for cells without a node.
     """
 
     around: NDArray[np.int64]
@@ -37,7 +37,10 @@ class Neighbours:
 
 
 def neighbours_of(cells: CellMap) -> Neighbours:
-    """Return the face neighbours, goal mask and nodes of the cells of a netlist, as Neighbours."""
+    """Return the face neighbours, goal mask and nodes of the cells of a netlist.
+
+    `cells`: map of the cells of the netlist.
+    """
     space = cells.space
     walkable = enterable(space) & (cells.node >= 0)
     flat = np.where(walkable, np.arange(space.cell.size).reshape(space.shape), -1)
@@ -54,9 +57,10 @@ def neighbours_of(cells: CellMap) -> Neighbours:
 class Converter:
     """Read-out of the node voltages, with errors as fractions of the converter's range.
 
-    `low, span`: lower end and width of the range, in volts; `steps`: ``2**bits``, 0 for an ideal converter; `offset`:
-    standard deviation of the offsets, as a fraction of the range; `noise` (cells,): standard deviation of a
-    measurement, as a fraction of the range; `falling`: 1, or -1 where the goal rail lies above the obstacle rail.
+    `low, span`: lower end and width of the range, in volts; `steps`: number of steps of the range, ``2**bits``, 0 for a
+    read-out without quantization; `offset`: standard deviation of the constant offsets of the cells, as a fraction of
+    the range; `noise` (cells,): standard deviation of one measurement, as a fraction of the range; `falling`: 1, or -1
+    where the goal rail lies above the obstacle rail.
     """
 
     low: float
@@ -75,7 +79,8 @@ class Converter:
 def converter_of(readout: Readout, cells: CellMap, noise: NDArray[np.float64] | None = None) -> Converter:
     """Return the converter of a read-out.
 
-    `cells`: map of the cells, which gives the default range; `noise` (cells,): rms noise in volts, None for 0.
+    `readout`: description of the read-out; `cells`: map of the cells, whose supply is the default range; `noise`
+    (cells,): rms noise of one measurement in volts, None for 0.
     """
     wiring = cells.wiring
     low, high = readout.range or sorted((wiring.goal_voltage, wiring.high))
@@ -91,16 +96,17 @@ def reaches_goal(
     """Return the mask of the cells from which the robot reaches a goal, shape (cells,).
 
     `volts` (nodes,): node voltages; `neighbours`: face neighbours of every cell; `converter`: read-out; `seed`: seed of
-    the chip, which determines offsets and noise.
+    the chip, from which the offsets and the noise are drawn.
     """
     return walk(read_out(volts, neighbours, converter, seed), neighbours)
 
 
 def read_out(volts: NDArray[np.float64], neighbours: Neighbours, converter: Converter, seed: Seed) -> NDArray[np.int64]:
-    """Return the flat index of the neighbour with the lowest reading for every cell, shape (cells,).
+    """Return for every cell the flat index of the face neighbour with the lowest reading, shape (cells,).
 
     The index is -1 where no neighbour reads lower than the cell.  `volts` (nodes,): node voltages; `neighbours`: face
-    neighbours of every cell; `converter`: read-out; `seed`: seed of the chip, which determines offsets and noise.
+    neighbours of every cell; `converter`: read-out; `seed`: seed of the chip, from which the offsets and the noise are
+    drawn.
     """
     from resgrid.chip.kernels import lowest_neighbours
 

@@ -41,15 +41,19 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "noise": {"readout.noise_bandwidth": None},
     "quantization": {"readout.bits": None, "readout.range": None},
 }
-"""Effects of a chip by name, and for each the chip keys that describe it, with their values without the effect."""
+"""Effects of a chip by name.  Each value maps the keys of the chip description that cause the effect to their values
+without it.
+"""
 
 _MOST_TRIALS, _LEAST_TRIALS, _CELLS = 400, 16, 2**18
-"""Default number of chips; larger grids have fewer, for about 260,000 cells of all chips together.
+"""Default number of chips: maximum, minimum, and number of cells of all chips together (about 260,000), which reduces
+the number of chips on larger grids.
 
 At least 381 chips without a failure are needed for a Wilson interval at 95 % that lies above 99 %.
 """
 _BISECTED = 10
-"""Typical number of mismatches that a bisection tries, as the estimate for the progress bar."""
+"""Number of mismatches that a bisection is expected to try; used for the total number of trials in the progress report.
+"""
 
 
 @dataclass(frozen=True)
@@ -63,15 +67,15 @@ class Cause:
     name : str
         Name of the effect.
     keys : tuple of str
-        Keys of the chip that describe the effect.
+        Keys of the chip description that cause the effect.
     share : Proportion
         Yield without the effect.
     gain : float
-        Change of the yield by switching the effect off; positive where the effect costs yield.
+        Change of the yield (a fraction) by switching the effect off; positive where the effect costs yield.
     low, high : float
-        Ends of the interval of the gain, from the differences chip by chip.
+        Ends of the confidence interval of the gain, from the differences chip by chip.
     changed : int
-        Number of chips that serve another number of starts without the effect.
+        Number of chips on which the number of starts that reach a goal changes when the effect is switched off.
 
     Examples
     --------
@@ -94,7 +98,7 @@ class Cause:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class YieldLoss(Result):
-    """Causes of yield loss.
+    """Causes of yield loss: the yield without each effect of a chip, and limits of three errors.
 
     Returned by `resgrid.chip.Study.yield_loss`.
 
@@ -105,13 +109,13 @@ class YieldLoss(Result):
     causes : tuple of Cause
         Every effect of the chip, largest gain first.
     limits : tuple of Limit
-        The largest mismatch, the largest offset and the fewest bits that reach the target.
+        The largest mismatch, the largest offset and the fewest bits with which the yield reaches the target.
     target : float
-        Yield that the limits reach.
+        Yield that the limits reach, as a fraction.
     trials : int
-        Number of chips of each kind; trial ``k`` has the same random numbers for each kind.
+        Number of chips for each variant of the description; trial ``k`` has the same random numbers in each variant.
     confidence : float
-        Confidence of the intervals.
+        Confidence of the intervals, between 0 and 1.
     figures : mapping of str to Figure
         The yield and the limits by name.
 
@@ -142,7 +146,7 @@ class YieldLoss(Result):
         return figures | {limit.name: limit.figure for limit in self.limits}
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, causes and limits as plain values."""
+        """Return the figures, causes and limits as a dictionary for JSON."""
         return {
             **super().to_json(),
             "causes": [asdict(cause) for cause in self.causes],
@@ -166,8 +170,8 @@ def analyse_yield_loss(
     """Estimate the yield without each effect of a chip, and the limits of its errors; return them as a YieldLoss.
 
     `netlist`: ideal circuit; `chip`: chip description; `target`: yield that the limits reach; `trials`: number of chips
-    of each kind, None for the default; `confidence`: of the intervals; `executor`: workers; `progress`: called after
-    every kind of chip.
+    for each variant of the description, None for `usual_trials`; `confidence`: of the intervals, between 0 and 1;
+    `executor`: workers, None for this process; `progress`: function called after the trials of each variant.
     """
     space = netlist.cells.space
     starts = int(space.goal_connected.sum())
@@ -224,12 +228,15 @@ def analyse_yield_loss(
 
 
 def usual_trials(space: ConfigurationSpace) -> int:
-    """Return the default number of chips of each kind, between 16 and 400, for a space; large spaces get fewer."""
+    """Return the default number of chips for each variant of a description: 16 to 400, fewer for larger spaces."""
     return min(_MOST_TRIALS, max(_LEAST_TRIALS, _CELLS // space.cell.size))
 
 
 def _without(chip: Chip) -> dict[str, tuple[tuple[str, ...], Chip]]:
-    """Return the effects that a chip has, by name: the keys that describe the effect, and the chip without it."""
+    """Return the effects of a chip by name, each with the keys that cause it and the chip description without it.
+
+    An effect is left out if the description would be invalid without its keys.
+    """
     values = chip_keys(chip)
     found = {}
     for name, ideal in EFFECTS.items():
@@ -248,8 +255,9 @@ def _cause(
 ) -> Cause:
     """Return the change of the yield by switching one effect off, compared chip by chip, as a Cause.
 
-    `name`: name of the effect; `keys`: chip keys that describe it; `base, other`: starts served with and without the
-    effect; `share`: yield without the effect; `size`: numbers of starts and of chips.
+    `name`: name of the effect; `keys`: keys of the chip description that cause it; `base`: numbers of starts from which
+    the robot reaches a goal, on the chips with all effects; `other`: these numbers without this effect; `share`: yield
+    without the effect; `size`: number of starts and number of chips.
     """
     starts, trials = size
     differences = (other.counts - base.counts) / starts  # without randomness, one chip stands for all
@@ -262,8 +270,9 @@ def _cause(
 def paired_interval(differences: NDArray[np.float64], confidence: float) -> tuple[float, float]:
     """Return the lower and upper ends of the confidence interval of a mean of paired differences.
 
-    Student's t interval.  Where no chip of ``n`` differs, at most a fraction ``1 - (1 - confidence)**(1/n)`` of all
-    chips does, with this confidence.  `differences` (trials,): numbers between -1 and 1; `confidence`: between 0 and 1.
+    It is Student's t interval.  If all ``n`` differences are 0, the ends are ``-b`` and ``b``, with ``b = 1 - (1 -
+    confidence)**(1/n)``: with this confidence, at most a fraction ``b`` of all chips differs.  With a single difference
+    other than 0, they are -1 and 1.  `differences` (trials,): numbers between -1 and 1; `confidence`: between 0 and 1.
     """
     from scipy.special import stdtrit
 
@@ -291,7 +300,7 @@ def loss_sentences(result: YieldLoss) -> tuple[str, ...]:
 
 
 def loss_table(result: YieldLoss) -> tuple[str, ...]:
-    """Return the lines of a Markdown table of the causes of yield loss."""
+    """Return the lines of a Markdown table of the causes of yield loss: effect, yield, change, changed chips."""
     rows = (
         (
             f"{cause.name} ({', '.join(f'`{key}`' for key in cause.keys)})",
@@ -315,7 +324,10 @@ _LIMITS = {
 
 
 def _largest_loss(result: YieldLoss) -> str:
-    """Return a sentence on the effects whose removal certainly raises the yield, largest change first."""
+    """Return a sentence on the yield and on up to three effects whose removal certainly raises the yield.
+
+    The largest change comes first.  A change is certain if its confidence interval is above 0.
+    """
     now = f"{100 * result.overall.value:.1f} %"
     losses = [cause for cause in result.causes if cause.low > 0]
     if not losses:
@@ -333,6 +345,6 @@ def _change(cause: Cause) -> str:
 
 
 def _points(share: float) -> str:
-    """Return a change of a yield, given as a fraction, as text in percentage points; zero has no sign."""
+    """Return a change of a yield, given as a fraction, as signed text in percentage points; ``"0.00"`` for zero."""
     text = f"{100 * share:+.2f}"
     return "0.00" if float(text) == 0 else text

@@ -23,8 +23,8 @@ from resgrid.errors import InputError
 from resgrid.scene.chip import Chip
 
 Progress = Callable[[int, int, Proportion], None]
-"""Function called after every batch with the number of trials, the expected number of trials, and the overall yield so
-far.
+"""Function called after every batch of trials with the number of finished trials, the expected number of trials, and
+the yield of the finished trials.
 """
 
 
@@ -41,19 +41,19 @@ class Yield(Result):
     starts : ndarray of bool, shape of the space
         Mask of the start cells: free cells with a path to a goal.
     reached : ndarray of int64, shape of the space
-        Number of chips on which a robot from this cell reaches a goal; 0 outside the starts.
+        Number of chips on which a robot that starts in the cell reaches a goal; 0 outside the starts.
     served : ndarray of int64, shape (trials,)
         Number of starts that reach a goal, for every chip.
     random : bool
-        Whether chips differ.  If not, a single chip was tried, and the numbers are exact.
+        Whether trials differ.  If not, a single chip was tried, and the numbers are exact.
     confidence : float
-        Confidence of all intervals.
+        Confidence of all intervals, between 0 and 1.
     trials : int
         Number of chips that were tried.
     probability : ndarray of float64, shape of the space
         Fraction of the chips on which a start reaches a goal; NaN outside the starts.
     interval : tuple of two ndarray of float64, shape of the space
-        Ends of the Wilson interval of every start; NaN outside the starts.
+        Lower and upper ends of the Wilson interval of `probability`; NaN outside the starts.
     overall : Proportion
         Fraction of all starts on all chips that reach a goal.
     perfect : Proportion
@@ -128,7 +128,7 @@ class Yield(Result):
         return {name: Figure(value, "", definition) for name, (value, definition) in shares.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, the confidence of the intervals and whether chips differ, as plain values."""
+        """Return the figures, the confidence of the intervals and whether chips differ, as a dictionary for JSON."""
         return {**super().to_json(), "confidence": self.confidence, "random": self.random}
 
 
@@ -146,15 +146,16 @@ def analyse_yield(
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> Yield:
-    """Estimate the yield of an ideal circuit with the effects of a chip by Monte Carlo trials.
+    """Estimate the yield of an ideal circuit with the effects of a chip by Monte Carlo trials; return it as a Yield.
 
     The stages: precompute everything that does not depend on the trial; for each chip draw, solve, read out and walk
     (`resgrid.chip.monte_carlo.run_trials`); count the starts that reach a goal; stop at a narrow enough interval.
 
-    `netlist`: ideal circuit; `chip`: chip description; `starts` (shape of the space): mask of the start cells, by
-    default all with a path to a goal; `half_width`: half the width of the interval at which trials stop; `confidence`:
-    of the intervals; `trials`: maximum number of chips; `batch`: number of chips between two tests; `seed`: by default
-    that of the chip; `executor`: workers; `checkpoint`: file of finished trials; `progress`: called after every batch.
+    `netlist`: ideal circuit; `chip`: chip description; `starts` (shape of the space): mask of the start cells, None for
+    all with a path to a goal; `half_width`: half the width of the interval of the yield (a fraction) at which trials
+    stop; `confidence`: of the intervals, between 0 and 1; `trials`: maximum number of chips; `batch`: number of chips
+    between two tests; `seed`: None for that of the chip; `executor`: workers, None for this process; `checkpoint`: file
+    of finished trials, None for no file; `progress`: function called after every batch.
     """
     mask = None if starts is None else checked_starts(netlist.cells.space, starts)
     experiment = prepare_experiment(netlist, chip, [chip.readout], None if seed is None else seed_of(seed), mask)
@@ -175,9 +176,10 @@ def analyse_yield(
 
 
 class _Tally:
-    """Counts of the starts that reach a goal, added up trial by trial.
+    """Running counts of the starts that reach a goal.
 
-    `experiment`: the prepared trials; `confidence`: confidence of the intervals.
+    `experiment`: prepared trials, with the mask of the starts; `confidence`: confidence of the intervals, between 0 and
+    1.
     """
 
     def __init__(self, experiment: Experiment, confidence: float) -> None:
@@ -187,22 +189,22 @@ class _Tally:
         self.starts = int(experiment.starts.sum())
 
     def add(self, served: NDArray[np.bool_]) -> None:
-        """Count one trial; `served` (starts,): mask of the starts that reach a goal."""
+        """Add one trial to the counts; `served` (starts,): mask of the starts that reach a goal."""
         self._reached[self._experiment.starts] += served
         self._served.append(int(served.sum()))
 
     @property
     def trials(self) -> int:
-        """Number of trials counted."""
+        """Number of trials that have been added."""
         return len(self._served)
 
     @property
     def overall(self) -> Proportion:
-        """Fraction of all starts that reach a goal, over all counted trials, with its interval."""
+        """Fraction of all starts that reach a goal, over all added trials, with its confidence interval."""
         return overall_yield(np.array(self._served), self.starts, self._confidence, random=self._experiment.random)
 
     def result(self) -> Yield:
-        """Return the yield of all counted trials."""
+        """Return the yield over all trials that have been added."""
         experiment = self._experiment
         space, counts = experiment.netlist.cells.space, np.array(self._served, dtype=np.int64)
         starts, reached = experiment.starts.reshape(space.shape), self._reached.reshape(space.shape)
@@ -210,9 +212,9 @@ class _Tally:
 
 
 def _journal(checkpoint: str | os.PathLike[str] | None, experiment: Experiment) -> Journal | None:
-    """Return the open checkpoint of an experiment, or None if no file is given or the chips do not differ.
+    """Return the open checkpoint of an experiment, or None if no file is given or the trials do not differ.
 
-    A single trial is exact if chips do not differ.  `checkpoint`: path of the file, or None.
+    `checkpoint`: path of the file, None for no file.
     """
     if checkpoint is None or not experiment.random:
         return None
@@ -220,10 +222,11 @@ def _journal(checkpoint: str | os.PathLike[str] | None, experiment: Experiment) 
 
 
 def _expected_trials(overall: Proportion, half_width: float, batch: int, trials: int) -> int:
-    """Return an estimate of the number of trials that the wanted interval needs, a multiple of `batch`.
+    """Return an estimate of the number of trials for the wanted interval: a multiple of `batch`, at most `trials`.
 
-    The result is at most `trials`.  Interval widths are inversely proportional to the square root of the number of
-    trials.  `overall`: yield so far; `half_width`: wanted half width of the interval.
+    Interval widths are inversely proportional to the square root of the number of trials.  `overall`: yield of the
+    finished trials; `half_width`: wanted half width of its interval, as a fraction; `batch`: number of trials between
+    two tests; `trials`: maximum number of trials.
     """
     needed = int(overall.trials * max(overall.half_width / half_width, 1.0) ** 2)
     return min(-(-needed // batch) * batch, trials)
@@ -232,8 +235,8 @@ def _expected_trials(overall: Proportion, half_width: float, batch: int, trials:
 def overall_yield(served: NDArray[np.int64], starts: int, confidence: float, *, random: bool) -> Proportion:
     """Return the fraction of all starts that reach a goal, with an interval that treats each chip as a cluster.
 
-    `served` (trials,): number of starts of each chip that reach a goal; `starts`: number of starts of a chip;
-    `confidence`: of the interval; `random`: whether chips differ.
+    `served` (trials,): number of starts of each chip that reach a goal; `starts`: number of starts on one chip;
+    `confidence`: of the interval, between 0 and 1; `random`: whether trials differ; if not, the interval has no width.
     """
     fraction = int(served.sum()) / (len(served) * starts)
     return proportion(fraction, len(served), confidence, effective_trials(served, starts), random=random)
@@ -242,7 +245,7 @@ def overall_yield(served: NDArray[np.int64], starts: int, confidence: float, *, 
 def checked_starts(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.bool_]:
     """Return the mask of start cells, shape of the space; raise InputError for another type or shape.
 
-    `starts`: array of True and False with one entry per cell.
+    `starts`: array of True and False with the shape of the space.
     """
     mask = np.asarray(starts)
     if mask.dtype != np.bool_ or mask.shape != space.shape:

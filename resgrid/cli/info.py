@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import resgrid as rg
+from resgrid.cli.arms import verdict_data, verdict_lines
 from resgrid.cli.decks import deck_data, is_deck, open_deck
 from resgrid.cli.options import CommandInput, subcommand, with_source
 from resgrid.cli.scenes import Job, free_counts, open_job, report_ignored, several_k, size_of
@@ -83,6 +84,7 @@ def describe(job: Job) -> dict[str, Any]:
         "sketch_key": None if drawn is None else drawn.key,
         "cells": space.cell.size,
         **free_counts(space),
+        **verdict_data(job),
         "obstacle_cells": int((space.cell == rg.Cell.OBSTACLE).sum()),
         "goal_cells": int((space.cell == rg.Cell.GOAL).sum()),
         "goals": space.goal_count,
@@ -239,6 +241,7 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
     if data["sketch"] is not None:
         yield from _sketch_lines(data)
     lost = f", of which {data['unreachable_cells']:,} are not connected with a goal" if data["goals"] else ""
+    yield from (f"  {line}" for line in verdict_lines(data))
     yield f"  free          {data['free_cells']:,}{lost}"
     yield f"  obstacle      {data['obstacle_cells']:,}"
     regions = f" in {counted(data['goals'], 'region')}" if data["goals"] else ""

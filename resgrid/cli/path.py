@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, cast
 import click
 
 import resgrid as rg
+from resgrid.cli.arms import check_routes, collides
 from resgrid.cli.options import (
     NUMBERS,
     POSITIVE,
@@ -27,6 +28,7 @@ from resgrid.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from resgrid.cli.scenes import Job
     from resgrid.io.paths import Route
     from resgrid.planning.streamline import AnyPath
 
@@ -55,7 +57,8 @@ if TYPE_CHECKING:
     metavar="V,...",
     type=NUMBERS,
     default=(),
-    help="Add times to paths: largest speed (for an arm, of every joint), or one number per coordinate.",
+    help="Add times to paths: largest speed (for an arm, of every joint), or one number per coordinate. For a robot "
+    "from a URDF file, by default its limits.",
 )
 @click.option(
     "--acceleration", metavar="A,...", type=NUMBERS, default=(), help="Largest acceleration, in the form of --speed."
@@ -71,14 +74,11 @@ def command(
 
     Coordinates are continuous across the seams of periodic axes; timed paths have columns for time and velocity.
     Length and clearance refer to the path in the file. For a start without a path, files contain its outcome; files for
-    ROS omit it. Exits with 1 if a start has no path.
+    ROS omit it. Paths of a robot from a URDF file are tested for collisions, and files for ROS hold its joint
+    trajectories. Exits with 1 if a start has no path or a path collides.
     """
     from resgrid.io.paths import check_routes_file, route_record
 
-    if acceleration and not speed:
-        raise InputError("--acceleration needs a timed path: add --speed, or leave it out")
-    if rate is not None and not speed:
-        raise InputError("--rate needs a timed path: add --speed, or leave it out")
     if keep_clearance is not None and not shorten:
         raise InputError("--keep-clearance needs a shortened path: add --shorten, or leave it out")
     if limit is not None and queries is None:
@@ -91,21 +91,23 @@ def command(
         if shorten or speed:
             raise InputError("--queries only gives lengths of streamlines: leave out --shorten and --speed")
         return answer_queries(job, queries, limit, output, ignored)
+    timed = _is_timed(job, output, speed, acceleration, rate)
     require_starts(job.scene)
     _check_limits("--speed", speed, job.space)
     _check_limits("--acceleration", acceleration, job.space)
     if output is not None:
-        check_routes_file(output, job.space, timed=bool(speed))
+        check_routes_file(output, job.space, timed=timed)
     plan = plan_routes(job)
     routes = plan.routes
     if shorten:
         routes = [_shortened(route, keep_clearance) for route in routes]
-    if speed:
+    if timed:
         routes = [_timed(route, speed, acceleration, rate) for route in routes]
+    routes = check_routes(job, routes)
     written = output is not None and _write(routes, output)
     data = {"scene": job.scene.title, "paths": [route_record(route) for route in routes], **ignored}
     finish(data, route_lines(routes), written=output if written else None)
-    return 0 if plan.complete else NEGATIVE
+    return 0 if plan.complete and not collides(routes) else NEGATIVE
 
 
 def _write(routes: Sequence[Route], output: str) -> bool:
@@ -125,6 +127,21 @@ def _write(routes: Sequence[Route], output: str) -> bool:
             say(f"{output} has no path from start {', start '.join(missing)}")
     write_routes(routes, output)
     return True
+
+
+def _is_timed(
+    job: Job, output: str | None, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None
+) -> bool:
+    """Return whether paths get times: with --speed, or within a robot's own limits for options or files that need them.
+
+    Raises InputError for --acceleration or --rate without --speed if the robot has no limits of its own.
+    """
+    has_limits = job.scene.robot.velocity_limits is not None
+    for option, given in (("--acceleration", bool(acceleration)), ("--rate", rate is not None)):
+        if given and not speed and not has_limits:
+            raise InputError(f"{option} needs a timed path: add --speed, or leave it out")
+    is_message = output is not None and Path(output).suffix.lower() == ".yaml"
+    return bool(speed) or (has_limits and (is_message or bool(acceleration) or rate is not None))
 
 
 def _check_limits(option: str, limits: tuple[float, ...], space: rg.ConfigurationSpace) -> None:
@@ -150,12 +167,12 @@ def _shortened(route: Route, clearance: float | None) -> Route:
 def _timed(route: Route, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None) -> Route:
     """Return a route whose path is replaced by a path with times.
 
-    `speed`, `acceleration`: largest values in axis units per s and s², one for all coordinates or one for each; no
-    limit for an empty `acceleration`; `rate`: sampling rate in hertz, None for no sampling.
+    `speed`, `acceleration`: largest values in axis units per s and s², one for all coordinates or one for each; those
+    of the robot if they are empty; `rate`: sampling rate in hertz, None for no sampling.
     """
     velocity, change = (limits[0] if len(limits) == 1 else limits for limits in (speed, acceleration))
     motion = rg.time_parameterize(
-        cast("AnyPath", route.path), velocity_limits=velocity, acceleration_limits=change or None
+        cast("AnyPath", route.path), velocity_limits=velocity or None, acceleration_limits=change or None
     )
     whole = replace(route, path=motion)
     if rate is None:

@@ -98,11 +98,23 @@ def _reached_line(route: Route) -> str:
     head = f"start {place_of(route.start)}, k = {route.k:g}: reached goal {path.goal}{of_several}"
     size = counted(len(path.cells), "cell")
     time = "" if route.duration is None else f", {route.duration:.4g} s"
+    time += _workspace_text(route)
     figures = _figures(route.length, route.clearance, path)
     if route.path is path:
-        return f"{head} at {place_of(path.points[-1])}, {figures}, {size}"
+        return f"{head} at {place_of(path.points[-1])}, {figures}{time}, {size}"
     original = _figures(path.length, path.clearance, path)
     return f"{head} at {place_of(path.points[-1])}, {figures}{time} (streamline: {original}, {size})"
+
+
+def _workspace_text(route: Route) -> str:
+    """Return the distance of an arm from obstacles, and its first collision, as the continuation of a line of text."""
+    distance = route.workspace_clearance
+    hit = route.collision
+    if hit is not None:
+        bodies = " and ".join(hit.names or ())
+        return f", but {bodies} collide at {place_of(hit.configuration)}"
+    tested = ", no collision" * route.is_tested
+    return tested if distance is None or distance == float("inf") else f"{tested}, {distance:.4g} m from obstacles"
 
 
 def _figures(length: float, clearance: float | None, path: rg.Streamline) -> str:

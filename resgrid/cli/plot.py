@@ -78,10 +78,15 @@ def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | Non
         yield name, f"potential, currents and paths{end}", "page", field
     if job.space.ndim == 2 and (several or not plan.fields):
         yield "paths", "map and all paths", "paths", None
-    if not job.scene.robot.moves_in_workspace and any(route.reached for route in plan.routes):
+    if _has_picture(job.scene.robot) and any(route.reached for route in plan.routes):
         yield "robot", "the robot in its workspace along its first path", "robot", None
     if job.space.ndim <= 2 and max(job.space.shape) <= CIRCUIT_CELLS and len(plan.operating_points) == 1:
         yield "circuit", "the chip as a circuit, with its voltages", "circuit", None
+
+
+def _has_picture(robot: rg.Robot) -> bool:
+    """Return whether a robot has a picture in its workspace: robots that turn and arms, in the plane."""
+    return not robot.moves_in_workspace and robot.workspace_ndim == 2
 
 
 def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
@@ -139,6 +144,8 @@ def _draw_robot(job: Job, plan: Plan) -> Any:
         raise InputError(
             "--what robot: this robot is a point or a disc, whose picture is 'paths'; it draws arms and polygons"
         )
+    if not _has_picture(job.scene.robot):
+        raise InputError("--what robot: it draws robots of the plane, and this robot moves in space; draw 'page'")
     path = next((path for path in plan.streamlines if path.outcome is rg.Outcome.REACHED), None)
     if path is None:
         raise InputError("--what robot: no path reaches a goal, so the robot has no path; draw 'page' instead")

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ import click
 
 import resgrid as rg
 from resgrid._internal.files import SUMMARY, whole_folder
+from resgrid.cli.arms import check_routes, collides, timed_by_robot, verdict_data, verdict_lines, write_trajectories
 from resgrid.cli.check import agreement_data, agreement_lines, check_written
 from resgrid.cli.compile import write_deck
 from resgrid.cli.options import CommandInput, dialect_option, folder_of, output_option, subcommand, with_source
@@ -47,7 +49,8 @@ def command(source: CommandInput, output: str | None, asked: bool | None, dialec
     """Compile and solve SCENE, compute its paths, draw pictures, write SPICE decks and simulate them.
 
     All results go to one folder, which is created after all results are complete; an existing folder keeps its other
-    files. Exits with 1 if a start has no path or the simulator disagrees.
+    files. Paths of a robot from a URDF file are shortened, timed within its velocity limits and tested for collisions.
+    Exits with 1 if a start has no path, a path collides, or the simulator disagrees.
     """
     from resgrid.io.tables import json_text
 
@@ -56,6 +59,7 @@ def command(source: CommandInput, output: str | None, asked: bool | None, dialec
         job = open_job(source)
         ignored = report_ignored(job, "grid")
         plan = plan_routes(job)
+        plan = replace(plan, routes=check_routes(job, timed_by_robot(job, plan.routes)))
         circuits = {name: _described(job, op) for name, op in plan.operating_points.items()}
         files = _write_all(work, job, plan, circuits, dialect)
         checks = {name: check_written(work / f"{name}.cir", op.netlist, asked, folder) for name, op in circuits.items()}
@@ -63,7 +67,7 @@ def command(source: CommandInput, output: str | None, asked: bool | None, dialec
         (work / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
     finish({"folder": folder, **data}, _lines(job, plan, folder, files, checks))
     verdicts = [check.agrees for check in checks.values() if not isinstance(check, str)]
-    if not plan.complete or False in verdicts:
+    if not plan.complete or False in verdicts or collides(plan.routes):
         return NEGATIVE
     return NOT_VERIFIED if asked and None in verdicts else 0
 
@@ -110,6 +114,7 @@ def _write_all(
         write_routes(plan.routes, work / "paths.csv")
         write_routes(plan.routes, work / "paths.json")
         files |= {"paths.csv": "points of the paths, world coordinates", "paths.json": "the paths with all figures"}
+    files |= write_trajectories(work, plan.routes)
     if _has_message(job, plan):
         write_routes(plan.routes, work / "paths.yaml")
         files["paths.yaml"] = "the paths that reach a goal as nav_msgs/Path, for ROS"
@@ -155,6 +160,7 @@ def _summary(
         "title": job.scene.title,
         "scene": job.scene.source,
         "shape": job.space.shape,
+        **verdict_data(job),
         "chips": chips,
         "paths": [route_record(route, points=False) for route in plan.routes],
         "files": dict(files),
@@ -164,6 +170,7 @@ def _summary(
 def _lines(job: Job, plan: Plan, folder: Path, files: Mapping[str, str], checks: Checks) -> Iterator[str]:
     space = job.space
     yield f"{job.scene.title or job.scene.source}: {size_of(space.shape)} cells, {counted(space.goal_count, 'goal')}"
+    yield from (f"  {line}" for line in verdict_lines(verdict_data(job)))
     yield "paths"
     if not plan.routes:
         yield "  none: the scene has no start; add one with --start X,Y"

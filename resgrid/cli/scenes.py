@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import resgrid as rg
+from resgrid.cli.arms import workers_for
 from resgrid.cli.options import CommandInput
 from resgrid.cli.terminal import compute, say, stage
 from resgrid.errors import InputError, suggestion
@@ -118,8 +119,8 @@ def open_job(
 
         require_netlist_memory(tuple(axis.cells for axis in scene.axes), remedy_of_size(scene))
     cells = math.prod(axis.cells for axis in scene.axes)
-    with stage("build the space", seconds=3e-7 * cells) as progress:
-        space = rg.build_space(scene, require_goal=require_goal, progress=progress.count)
+    with stage("build the space", seconds=3e-7 * cells) as progress, workers_for(scene, cells) as workers:
+        space = rg.build_space(scene, require_goal=require_goal, progress=progress.count, executor=workers)
     return Job(scene, space, source.threads, method or "auto", ranks, launcher)
 
 

@@ -1,9 +1,10 @@
 """Rigid contact with friction for a robot that is moved by velocities, and its collision-free steps.
 
-The robot obeys ``qdot = v + A sum_k J_k^T f_k`` with the admittance A.  Contact is a complementarity problem at the
-level of velocities (D. E. Stewart and J. C. Trinkle, Int. J. Numer. Methods Eng. 39 (1996) 2673; M. Anitescu and F. A.
-Potra, Nonlinear Dynamics 14 (1997) 231): it needs no stiffness and is stable at any step.  The ends of axes are
-contacts of the same problem.  Velocities keep gaps to first order; `Body.move` shortens the step so that no gap closes.
+The robot obeys ``qdot = v + A sum_k J_k^T f_k`` with the commanded velocity ``v``, the admittance ``A``, and the
+Jacobian ``J_k`` and force ``f_k`` of each contact.  Contact is a complementarity problem at the level of velocities (D.
+E. Stewart and J. C. Trinkle, Int. J. Numer. Methods Eng. 39 (1996) 2673; M. Anitescu and F. A. Potra, Nonlinear
+Dynamics 14 (1997) 231): it needs no stiffness and is stable at any step.  The ends of axes are contacts of the same
+problem. Velocities keep gaps to first order; `Body.move` shortens the step so that no gap closes.
 """
 
 from __future__ import annotations
@@ -22,33 +23,39 @@ from resgrid.robots.geometry import TOUCH
 Vector = NDArray[np.float64]
 
 _LOOK = 4.0
-"""Radius of the search for near obstacles, in units of the largest motion of the robot in one step."""
+"""Largest gap of the near-point pairs that a search returns, in units of the largest motion of any point of the robot
+in one step.
+"""
 _AT_STOP = 1e-6
-"""Distance from a mechanical stop, in cells, at which the robot is at the stop."""
+"""Distance from a mechanical stop, as a fraction of the cell width, up to which the robot counts as at the stop."""
 _LEAST = 1e-3
-"""Smallest collision-free fraction of a step at which the step is taken; below it the robot is blocked."""
+"""Smallest collision-free fraction of a step for which the step is taken; with a smaller fraction the robot is blocked.
+"""
 _POSES = 50
-"""Maximum number of collision tests along a step, each at another pose of the robot."""
+"""Maximum number of collision tests along one step, each from a later pose of the robot on the step."""
 _LIFTS = 3
-"""Maximum number of moves at the start that separate a robot from obstacles it touches."""
+"""Maximum number of moves that separate a robot at the start from obstacles that it touches."""
 _LIFT = 10 * TOUCH
-"""Gap in metres after such a move, as a factor of 1 m plus the largest radius."""
+"""Gap that these moves aim at, in metres, divided by 1 m plus the largest radius of the robot and of disc obstacles."""
 
 KEEP = 0.2
-"""Smallest gap after a step, as a fraction of the contact margin, unless the robot starts with a smaller gap."""
+"""Smallest gap after a step, as a fraction of the gap at which the robot is in contact (`Body.margin`), unless the gap
+is smaller before the step.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactSet:
     """Contacts of the robot at one moment, with their forces.
 
-    `pairs` (m,): touching points, of dtype `PAIR`; `force` (m, 2): force on the robot, with ``tau = J^T force``;
-    `sticking` (m,): the force lies inside the friction cone, and the point does not move; `torque` (ndim,): generalised
-    force of all contacts, mechanical stops included; `normal_torque` (ndim,): generalised force of the obstacles'
-    normal forces only; it points away from the obstacles in configuration space, while the force of a sticking contact
-    merely balances the drive along the streamline; `velocity` (ndim,): velocity of the robot with contacts, along the
-    axes, per second; `solved`: False where rounding, such as between axes of very different scales, prevented a
-    solution; the robot then stands still with unknown forces.
+    `pairs` (m,): touching points, of dtype `PAIR`; `force` (m, 2): force on the robot at each contact, in axis
+    coordinates of the workspace, whose generalised force is ``J^T force`` with the Jacobian ``J`` of the point;
+    `sticking` (m,): whether the force lies inside the friction cone, and the point does not move; `torque` (ndim,):
+    generalised force of all contacts, mechanical stops included; `normal_torque` (ndim,): generalised force of the
+    obstacles' normal forces only; it points away from the obstacles in configuration space, while the force of a
+    sticking contact merely balances the drive along the streamline; `velocity` (ndim,): velocity of the robot with
+    contacts, in axis coordinates, per second; `solved`: False where rounding, such as between axes of very different
+    scales, prevented a solution; velocity and forces are then 0.
     """
 
     pairs: NDArray[Any]
@@ -70,7 +77,7 @@ class Surroundings:
     """Pairs of near points, with the rates of their gaps for unit velocities of the axes.
 
     `pairs` (n,): pairs of dtype `PAIR`; `normal_rows, tangent_rows` (n, ndim): ``n . J`` and ``t . J``, the normal and
-    tangential velocity of the robot's point per unit velocity of each axis.
+    tangential velocity of the robot's point per unit velocity of each axis, with the Jacobian ``J`` of the point.
     """
 
     pairs: NDArray[Any]
@@ -84,7 +91,10 @@ class Surroundings:
 
 
 def surroundings(pose: Pose, pairs: NDArray[Any]) -> Surroundings:
-    """Return pairs of near points (n,) of dtype `PAIR` with the rows of their contact Jacobians, as Surroundings."""
+    """Return pairs of near points with the rows of their contact Jacobians, as Surroundings.
+
+    `pose`: pose of the robot; `pairs` (n,): pairs of dtype `PAIR` at this pose.
+    """
     from resgrid.control import contact_kernels
 
     ndim = pose.spin.shape[1]
@@ -105,10 +115,10 @@ def solve_contacts(
 ) -> ContactSet:
     """Compute contact forces and the resulting velocity; return them as a ContactSet.
 
-    `around`: all n pairs of near points; `touching` (n,): mask of the pairs in contact; `velocity` (ndim,): command
-    along the axes, per second; `admittance` (ndim, ndim): velocity per generalised force; `friction`: friction
-    coefficient; `opening` (n,): rates, in m/s, at which the gaps must grow; `stops` (s, ndim): unit vectors away from
-    the mechanical stops that the robot is at, None for none.
+    `around`: all n pairs of near points; `touching` (n,): mask of the pairs in contact; `velocity` (ndim,): command in
+    axis coordinates, per second; `admittance` (ndim, ndim): velocity per generalised force; `friction`: friction
+    coefficient; `opening` (n,): least rates, in m/s, at which the gaps must grow; `stops` (s, ndim): unit vectors away
+    from the mechanical stops that the robot is at, None if it is at no stop.
     """
     pairs = around.pairs[touching]
     ends = np.empty((0, len(velocity))) if stops is None else stops
@@ -139,11 +149,11 @@ class Body:
 
     Contacts hold gaps to first order only, and the path of a turning link is curved.  Therefore every step is shortened
     to a fraction with proven positive gaps (`Plant.free_fraction`), pose by pose.  A robot that touches an obstacle at
-    the start is moved away by `_LIFT`, so that its side of the obstacle is unambiguous.  A robot that is wedged too
-    tightly for that never moves.
+    the start is moved about 1e-8 m away, so that its side of the obstacle is unambiguous.  A robot that is wedged too
+    tightly for this motion never moves.
 
-    `plant`: robot and true obstacles; `start` (ndim,): configuration along the axes; `step`: largest motion along an
-    axis in one step, in cells; `margin`: gap at which the robot is in contact, in metres.
+    `plant`: robot and true obstacles; `start` (ndim,): configuration in axis coordinates; `step`: largest motion along
+    an axis in one step, in cells; `margin`: gap at which the robot is in contact, in metres.
     """
 
     def __init__(self, plant: Plant, start: Vector, step: float, margin: float) -> None:
@@ -158,7 +168,7 @@ class Body:
         self.configuration = self._lifted()
 
     def _lifted(self) -> Vector:
-        """Return the configuration (ndim,), moved about 1e-8 m away from touched obstacles where possible."""
+        """Return the configuration (ndim,), moved about 1e-8 m away from obstacles that touch the robot if possible."""
         none = np.zeros_like(self.configuration)
         for _ in range(_LIFTS):
             around = self._survey()
@@ -170,9 +180,9 @@ class Body:
         return self.configuration
 
     def look(self) -> Surroundings:
-        """Return the pairs of near points at the present configuration.
+        """Return the pairs of near points at the present configuration as Surroundings.
 
-        Returns no pairs, without a search, while the last search proves that no obstacle is in reach of a step.
+        The result is empty, without a search, while the last search proves that no obstacle is in reach of a step.
         """
         return self._nothing if self._clear > 2.0 * self._reach else self._survey()
 
@@ -186,11 +196,11 @@ class Body:
     def contacts(
         self, around: Surroundings, velocity: Vector, admittance: Vector, friction: float, pause: float
     ) -> ContactSet | None:
-        """Return the contacts with obstacles and mechanical stops at a velocity; None without contacts.
+        """Return the contacts with obstacles and mechanical stops at a commanded velocity; None without contacts.
 
-        `around`: pairs of near points; `velocity` (ndim,): command along the axes, per second; `admittance` (ndim,
+        `around`: pairs of near points; `velocity` (ndim,): command in axis coordinates, per second; `admittance` (ndim,
         ndim): velocity per generalised force; `friction`: friction coefficient; `pause`: duration of a step, in
-        seconds.  A gap below half the margin opens within about five such durations.
+        seconds.  A gap below half the margin opens to the margin within about five such durations.
         """
         stops = self._stops()
         touching = around.gap <= 1.5 * self.margin
@@ -211,11 +221,11 @@ class Body:
     def move(
         self, velocity: Vector, longest: float, pause: float, around: Surroundings, keep: float = KEEP
     ) -> tuple[float, Vector]:
-        """Take a step; return its duration in seconds and its velocity, or `pause` and 0 if the robot is blocked.
+        """Take a step; return its duration in seconds and its velocity (ndim,); `pause` and 0 if the robot is blocked.
 
-        `velocity` (ndim,): along the axes, per second; `longest`: maximum duration, in seconds; `pause`: duration to
-        return for a blocked robot, in seconds; `around`: pairs of near points; `keep`: smallest gap after the step, as
-        a fraction of the margin.
+        `velocity` (ndim,): in axis coordinates, per second; `longest`: maximum duration, in seconds; `pause`: duration
+        to return for a blocked robot, in seconds; `around`: pairs of near points; `keep`: smallest gap after the step,
+        as a fraction of the margin.
         """
         step = self._time_step(velocity, longest, around)
         fraction = self._free(step * velocity, around, keep)
@@ -226,7 +236,10 @@ class Body:
         return fraction * step, velocity
 
     def shaken(self, by: Vector) -> bool:
-        """Move by an offset `by` (ndim,) along the axes if it is collision-free; return whether the robot moved."""
+        """Move by an offset if this motion is free of collisions; return whether the robot moved.
+
+        `by` (ndim,): offset in axis units.
+        """
         around = self.look()
         motion = self.plant.within_stops(self.configuration + by) - self.configuration
         if not motion.any() or self._free(motion, around, KEEP) < 1.0:
@@ -238,8 +251,8 @@ class Body:
     def _time_step(self, velocity: Vector, longest: float, around: Surroundings) -> float:
         """Return the duration of a step in seconds: until an axis has moved by one step, or until a new contact.
 
-        `velocity` (ndim,): along the axes, per second; `longest`: maximum duration, in seconds; `around`: pairs of near
-        points.
+        `velocity` (ndim,): in axis coordinates, per second; `longest`: maximum duration, in seconds; `around`: pairs of
+        near points.
         """
         fastest = float((np.abs(velocity) / self._spacing).max())
         if fastest == 0.0:
@@ -260,8 +273,8 @@ class Body:
     def _free(self, motion: Vector, around: Surroundings, keep: float) -> float:
         """Return a fraction (0 to 1) of a motion on which no gap falls below a limit.
 
-        The limit is `keep` margins, or the present smallest gap if that is less.  `motion` (ndim,): offset along the
-        axes; `around`: pairs of near points.
+        The limit is `keep` times the margin, or the smallest gap before the motion if that is less.  `motion` (ndim,):
+        offset of the configuration, in axis units; `around`: pairs of near points; `keep`: fraction of the margin.
         """
         if around is self._nothing:
             return 1.0

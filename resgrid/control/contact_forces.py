@@ -1,7 +1,9 @@
 """Contact forces: a linear complementarity problem, by pivoting (Lemke 1965; Cottle, Pang & Stone 1992, section 4.4).
 
 The unknowns of a contact are its normal force and, with friction, the two directions of the tangential force and the
-slip.  In the plane the friction cone is a wedge, so that the problem is linear.
+slip.  In the plane the friction cone is a wedge, so that the problem is linear.  With the unit normal ``n`` out of the
+obstacle, the tangent ``t`` (``n`` turned left) and the Jacobian ``J`` of the robot's point, the rows ``n . J`` and ``t
+. J`` give the normal and tangential velocity of the point for unit velocities of the axes.
 """
 
 from __future__ import annotations
@@ -11,22 +13,30 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 Basis = tuple[NDArray[np.int64], Vector]
-"""Indices of the nonzero columns (slacks, unknowns, Lemke's artificial variable), and the matrix from ``q`` to their
-values.
+"""Lemke's basis for a problem of size n, as a pair of arrays: index of the variable of each row of the tableau, shape
+(n,), and the matrix (n, n) from the right-hand side ``q`` to the values of these variables.
+
+Indices 0 to n - 1 are the slacks ``w``, n to 2 n - 1 the unknowns ``z``, 2 n the artificial variable.
 """
 
 _LEAST_MOBILITY = 1e-12
-"""Largest entry of ``n . J`` (or ``t . J``) of a contact, as a fraction of that of all contacts, below which the
-contact (or its friction) is ignored.
+"""Contacts are ignored if no entry of their row ``n . J`` exceeds this fraction of the largest entry of all contacts;
+their friction is ignored if no entry of ``t . J`` does.
 """
 _LEAST_PIVOT = 1e-13
 """Smallest accepted pivot of Lemke's method, relative to the largest entry of the inverse basis."""
 _TIE = 1e-12
-"""Relative difference of ratios that count as equal, and relative size of forces that count as 0."""
+"""Relative difference up to which two ratios of Lemke's method count as equal, and size up to which forces count as 0,
+as a fraction of the largest force.
+"""
 _GONE = 1e-9
-"""Largest value of Lemke's artificial variable, relative to the largest entry of ``q``, that counts as 0."""
+"""Value of Lemke's artificial variable up to which it counts as 0, as a fraction of the largest entry of the right-hand
+side ``q``.
+"""
 _CLOSED = 1e-6
-"""Largest accepted relative residual of the complementarity problem."""
+"""Largest accepted residual of the complementarity problem, as a fraction of the largest entry of the right-hand side
+``q``.
+"""
 _REFINEMENTS = 3
 """Number of steps of iterative refinement of the contact forces."""
 
@@ -36,13 +46,15 @@ def contact_forces(
 ) -> tuple[Vector, Vector, bool]:
     """Compute the velocity with contacts, the normal and tangential forces, and whether they are a solution.
 
-    Conditions: ``0 <= f_n, n . J qdot - target >= 0``, one of them 0, and ``|f_t| <= mu f_n``, opposing ``t . J qdot``.
-    Contacts whose force cannot move the robot are ignored.  The tolerance is 1e-6 of the velocity.  A solution exists
-    if no target is positive.  Without a solution, velocity and forces are 0.
+    Conditions for the velocity ``qdot`` and the forces ``f_n, f_t`` of each contact: ``0 <= f_n, n . J qdot - target >=
+    0``, one of them 0, and ``|f_t| <= mu f_n``, opposing ``t . J qdot``.  Contacts whose force cannot move the robot
+    are ignored. The relative tolerance of the velocity is 1e-6.  A solution exists if no target is positive.  Without a
+    solution, velocity and forces are 0.
 
-    `normal, tangent` (m, ndim): ``n . J`` and ``t . J``; `target` (m,): least rates at which the gaps grow, in m/s;
-    `velocity` (ndim,): command along the axes, per second; `admittance` (ndim, ndim): velocity per generalised force;
-    `friction`: friction coefficient ``mu``.  Shapes of the results: velocity (ndim,), forces (m, 2).
+    `normal, tangent` (m, ndim): ``n . J`` and ``t . J`` of the m contacts; `target` (m,): least rates at which the gaps
+    must grow, in m/s; `velocity` (ndim,): command in axis coordinates, per second; `admittance` (ndim, ndim): velocity
+    per generalised force; `friction`: friction coefficient ``mu``.  Shapes of the results: velocity (ndim,), forces (m,
+    2).
     """
     least = _LEAST_MOBILITY * max(np.abs(normal).max(initial=0.0), np.abs(tangent).max(initial=0.0))
     used = np.flatnonzero(np.abs(normal).max(axis=1) > least)
@@ -73,11 +85,12 @@ def contact_forces(
 
 
 def _solution(rows: Vector, give: Vector, cone: Vector, offset: Vector) -> Vector | None:
-    """Return ``z`` with ``z >= 0, w = M z + q >= 0, z . w = 0`` for ``M = rows give^T + cone``; None without solution.
+    """Return ``z`` (u,) with ``z >= 0, w = M z + q >= 0, z . w = 0`` for ``M = rows give^T + cone``, or None.
 
-    Iterative refinement uses the factors, because contacts that almost face each other give ``M = N A N^T`` the squared
-    condition number of ``N``.  `rows` (u, ndim): scaled contact Jacobian; `give` (u, ndim): its product with the
-    admittance; `cone` (u, u): conditions of the friction cones; `offset` (u,): ``q``.
+    None means that no solution was found.  Iterative refinement uses the factors of ``M``, because contacts that almost
+    face each other give ``M = N A N^T`` the squared condition number of ``N``.  `rows` (u, ndim): scaled contact
+    Jacobian; `give` (u, ndim): its product with the admittance; `cone` (u, u): conditions of the friction cones;
+    `offset` (u,): ``q``.
     """
     size, z, w = len(offset), np.zeros(len(offset)), offset.copy()
     if w.min(initial=0.0) >= 0.0:
@@ -98,10 +111,10 @@ def _solution(rows: Vector, give: Vector, cone: Vector, offset: Vector) -> Vecto
 
 
 def _complementary(M: Vector, q: Vector) -> Basis | None:
-    """Return a basis of ``z >= 0, w = M z + q >= 0, z . w = 0`` by Lemke's method; None without a solution.
+    """Return a basis that solves ``z >= 0, w = M z + q >= 0, z . w = 0``, by Lemke's method; None without a solution.
 
     Columns of the tableau: the slacks ``w``, the unknowns ``z``, Lemke's artificial variable, and the right-hand side.
-    `M` (n, n): small copositive matrix; `q` (n,): right-hand side with a negative entry.
+    `M` (n, n): copositive matrix; `q` (n,): right-hand side with a negative entry, scaled to a largest magnitude of 1.
     """
     size = len(q)
     basis, artificial = np.arange(size), 2 * size
@@ -125,8 +138,9 @@ def _complementary(M: Vector, q: Vector) -> Basis | None:
 def _bounding_row(table: Vector, entering: int, basis: NDArray[np.int64]) -> int | None:
     """Return the row of Lemke's tableau that bounds the entering variable (smallest ratio); None if no row does.
 
-    The ratio is the right-hand side over the entry of column `entering`.  Ties are broken by the ratios of the inverse
-    basis (lexicographic rule).  `table` (n, 2 n + 2): tableau; `basis` (n,): variable of each row.
+    The ratio is the right-hand side over the entry of the entering variable's column.  Ties are broken by the ratios of
+    the inverse basis (lexicographic rule).  `table` (n, 2 n + 2): tableau; `entering`: number of the column; `basis`
+    (n,): index of the variable of each row.
     """
     size = len(table)
     rows = np.flatnonzero(table[:, entering] > _LEAST_PIVOT * np.abs(table[:, :size]).max())

@@ -1,11 +1,12 @@
-"""Numba kernels of a robot among obstacles: pairs of near points, and collision-free fractions of motions.
+"""Compiled kernels of a robot among obstacles: pairs of near points, and collision-free fractions of motions.
 
-A segment of the robot and a convex piece of an obstacle (an edge, a disc, a half-plane) are separate while a line
-separates them.  Two kinds of lines are used.  One is fixed, and both ends of the segment stay beyond it.  The other is
-the line of the segment, which moves with it, and the obstacle stays on its other side.  The heights above such a line
-have known rates and bounded second derivatives, so that the time until a height vanishes is at least the root of a
-parabola.  The motion of a segment is given by seven numbers: the rates of both ends (4), bounds on their accelerations
-(2), and the rate of its direction.
+The robot consists of segments with a radius, obstacles of edges, discs and half-planes.  A segment of the robot and an
+obstacle are separate while a line separates them.  Two kinds of lines are used.  One is fixed, and both ends of the
+segment stay beyond it.  The other is the line of the segment, which moves with it, and the obstacle stays on the other
+side of this line.  The heights (signed distances) above such a line have known rates and bounded second derivatives, so
+that the time until a height vanishes is at least the root of a parabola.  The motion of a segment is given by seven
+numbers: the rates of both ends (4), bounds on their accelerations (2), and the rate of its direction.  The unit of time
+is the duration of the whole motion.
 
 Importing numba takes seconds, so that this module is imported only by functions that call a kernel.
 """
@@ -23,11 +24,11 @@ from resgrid.robots.geometry import TOUCH, ObstacleArrays, Pose
 from resgrid.robots.kernels import segment_parameter
 
 _RIM = 1e-13
-"""Allowance for rounding in gaps, as a fraction of 1 m plus the largest coordinate."""
+"""Allowance for rounding errors in gaps, in metres, divided by 1 m plus the largest coordinate."""
 
 Floats = NDArray[np.float64]
 Pairs = Any
-"""An array of dtype `resgrid.control.plant.PAIR`."""
+"""A structured array of near-point pairs, with the dtype `resgrid.control.plant.PAIR`."""
 
 
 @inner
@@ -37,10 +38,10 @@ def _add(
 ) -> int:  # fmt: skip
     """Append a pair of near points to an array unless it is a duplicate or too far; return the new number of pairs.
 
-    `pairs`: array of dtype `PAIR`; `count`: number of pairs so far; `px, py`: point on the robot's core (its skeleton
+    `pairs`: array of dtype `PAIR`; `count`: present number of pairs; `px, py`: point on the robot's core (its segment
     without the radius), in metres; `ox, oy`: point on the obstacle's surface, in metres; `inward`: unit direction into
-    the obstacle; `outward`: unit normal for points that coincide; `owner`: radius of the robot's part in metres, number
-    of the part, number of the obstacle; `reach`: largest gap of a pair, in metres.
+    the obstacle; `outward`: unit normal out of the obstacle, used if both points coincide; `owner`: radius of the
+    segment in metres, number of its rigid part, number of the obstacle; `reach`: largest gap of a pair, in metres.
     """
     dx, dy = px - ox, py - oy
     apart = math.hypot(dx, dy)
@@ -63,10 +64,10 @@ def _add(
 
 @inlined
 def misses(edge: Floats, x0: float, x1: float, y0: float, y1: float) -> bool:
-    """Return whether an edge lies outside an axis-parallel box.
+    """Return whether an edge certainly lies outside an axis-parallel box.
 
-    A sufficient test: edges that pass a corner of the box may count as inside.  `edge` (4,): ``ax, ay, bx, by``; `x0,
-    x1, y0, y1`: limits of the box; all in metres.
+    The test is sufficient only: the result may be False for an edge that passes close to a corner of the box.  `edge`
+    (4,): start and end, ``ax, ay, bx, by``; `x0, x1, y0, y1`: limits of the box; all in metres.
     """
     ax, ay, bx, by = edge
     return bool(max(ax, bx) < x0 or min(ax, bx) > x1 or max(ay, by) < y0 or min(ay, by) > y1)
@@ -74,7 +75,7 @@ def misses(edge: Floats, x0: float, x1: float, y0: float, y1: float) -> bool:
 
 @inlined
 def _left_of(edge: Floats) -> tuple[float, float]:
-    """Return the components of the unit normal of an edge into the solid, which lies on the left of the edge.
+    """Return the components of the unit normal to the left of an edge, which points into the obstacle.
 
     `edge` (4,): start and end, ``ax, ay, bx, by``, in metres.
     """
@@ -85,10 +86,10 @@ def _left_of(edge: Floats) -> tuple[float, float]:
 
 @inner
 def _inside_corner(edge: Floats, before: Floats) -> tuple[float, float]:
-    """Return the unit direction ``(x, y)`` into the solid from the corner at the start of an edge.
+    """Return the unit direction ``(x, y)`` into the obstacle from the corner at the start of an edge.
 
-    The direction bisects the normals of both edges; at a spike it points along the spike.
-    `edge` (4,): edge that starts at the corner; `before` (4,): edge that ends there.
+    The direction bisects the normals of both edges; at a spike it points along the spike.  `edge` (4,): edge that
+    starts at the corner; `before` (4,): edge that ends there; both as ``ax, ay, bx, by``, in metres.
     """
     (ax, ay), (bx, by) = _left_of(edge), _left_of(before)
     length = math.hypot(ax + bx, ay + by)
@@ -99,9 +100,9 @@ def _inside_corner(edge: Floats, before: Floats) -> tuple[float, float]:
 
 @inner
 def _off_side(ax: float, ay: float, bx: float, by: float, inward: tuple[float, float]) -> tuple[float, float]:
-    """Return the unit normal ``(x, y)`` of the segment from a to b on the side away from a solid.
+    """Return the unit normal ``(x, y)`` of the segment from a to b on the side away from an obstacle.
 
-    `ax, ay, bx, by`: ends of the segment, in metres; `inward`: direction into the solid.
+    `ax, ay, bx, by`: ends of the segment, in metres; `inward`: direction into the obstacle.
     """
     length = math.hypot(bx - ax, by - ay)
     nx, ny = (ay - by) / length, (bx - ax) / length
@@ -115,9 +116,10 @@ def _add_end(
 ) -> int:  # fmt: skip
     """Append the pair of a robot point and an edge (or the edge's start corner); return the new number of pairs.
 
-    `pairs`: array of dtype `PAIR`; `count`: number of pairs so far; `px, py`: point on the robot's core, in metres;
-    `edge` (4,): start and end of the edge; `before` (4,): edge that ends at its start; `owner`: radius in metres,
-    number of the robot's part, number of the obstacle; `reach`: largest gap of a pair, in metres.
+    `pairs`: array of dtype `PAIR`; `count`: present number of pairs; `px, py`: point on the robot's core (its segment
+    without the radius), in metres; `edge` (4,): start and end of the edge; `before` (4,): edge that ends at the start
+    of `edge`; `owner`: radius of the segment in metres, number of its rigid part, number of the obstacle; `reach`:
+    largest gap of a pair, in metres.
     """
     ax, ay, bx, by = edge
     t = segment_parameter(px, py, ax, ay, bx, by)
@@ -139,9 +141,10 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -
 
     Two segments that do not cross are nearest at an end of one of them, so that the ends of both are tested; two
     parallel segments give both ends of their overlap.  A disc or half-plane that is entered by at most `TOUCH` is
-    touched, with a gap of 0.  Edges have the solid on their left, and `edge_before` is the edge that ends at the start
-    of an edge.  An end of the robot pairs with an edge only from its free side (or on it), and with a corner only where
-    the corner is nearer than its edges; other pairs would lie through a solid or across a corner.
+    touched, with a gap of 0.  Edges have the obstacle on their left, and ``solid.edge_before`` is the edge that ends at
+    the start of an edge.  The end of a segment pairs with an edge only from the free side of the edge (or on it), and
+    with a corner only where the corner is nearer than its edges; other pairs would lie through an obstacle or across a
+    corner.
 
     `pose`: segments of the robot in the workspace; `solid`: obstacles; `reach`: largest gap of a pair, in metres;
     `pairs`: output array of dtype `PAIR`, filled from its start; pairs beyond its length are dropped.
@@ -198,7 +201,8 @@ def contact_rows(pairs: Pairs, pose: Pose, normal: Floats, tangent: Floats) -> N
     """Write the rows ``n . J`` and ``t . J`` of every pair to `normal` and `tangent`, both of shape (pairs, ndim).
 
     ``J`` is the Jacobian of the point on the robot's surface, in metres per axis unit; ``n`` is the unit normal out of
-    the obstacle, and ``t`` is ``n`` turned left.  `pairs`: array of dtype `PAIR`; `pose`: pose of the robot.
+    the obstacle, and ``t`` is ``n`` turned left by a right angle.  `pairs`: array of dtype `PAIR`; `pose`: pose of the
+    robot.
     """
     shift, spin, pivot = pose.shift, pose.spin, pose.pivot
     for k in range(len(pairs)):
@@ -214,8 +218,9 @@ def contact_rows(pairs: Pairs, pose: Pose, normal: Floats, tangent: Floats) -> N
 def _time_to_zero(height: float, rate: float, bend: float) -> float:
     """Return the time ``u`` at which ``height + rate u - bend u^2 / 2`` becomes negative; 0 for a negative height.
 
-    `height`: distance above a line, in metres; `rate`: its first derivative; `bend`: bound on its second derivative, at
-    least 0.  The unit of time is the duration of the whole motion.  Returns infinity if the parabola stays positive.
+    `height`: distance above a line, in metres; `rate`: first derivative of the height; `bend`: bound on the magnitude
+    of its second derivative.  The unit of time is the duration of the whole motion.  Returns infinity if the parabola
+    stays positive.
     """
     if height < 0.0:
         return 0.0
@@ -227,11 +232,11 @@ def _time_to_zero(height: float, rate: float, bend: float) -> float:
 
 @inner
 def _time_beyond(nx: float, ny: float, segment: Floats, moves: Floats, top: float) -> float:
-    """Return the time for which both ends of a moving segment stay beyond the line ``n . x = top``.
+    """Return a time for which both ends of a moving segment stay beyond the line ``n . x = top``.
 
-    The unit of time is the duration of the motion.  `nx, ny`: unit normal of the line; `segment` (4,): ends, in metres;
-    `moves` (7,): rates of both ends (4), bounds on their accelerations (2), turning rate; `top`: offset of the line, in
-    metres.
+    The unit of time is the duration of the motion.  `nx, ny`: unit normal ``n`` of the line; `segment` (4,): ends, in
+    metres; `moves` (7,): rates of both ends (4), bounds on their accelerations (2), turning rate; `top`: offset of the
+    line, in metres.
     """
     first = _time_to_zero(nx * segment[0] + ny * segment[1] - top, nx * moves[0] + ny * moves[1], moves[4])
     return min(first, _time_to_zero(nx * segment[2] + ny * segment[3] - top, nx * moves[2] + ny * moves[3], moves[5]))
@@ -239,7 +244,7 @@ def _time_beyond(nx: float, ny: float, segment: Floats, moves: Floats, top: floa
 
 @inner
 def _time_beside(px: float, py: float, qx: float, qy: float, segment: Floats, moves: Floats, keep: float) -> float:
-    """Return the time for which two fixed points stay on one side of the line of a moving segment.
+    """Return a time for which two fixed points stay on one side of the line of a moving segment.
 
     The points keep a distance of `keep` metres from the line.  The unit of time is the duration of the motion.  `px,
     py, qx, qy`: the points, in metres; `segment` (4,): ends, in metres; `moves` (7,): rates of both ends (4), bounds on
@@ -268,7 +273,7 @@ def _time_beside(px: float, py: float, qx: float, qy: float, segment: Floats, mo
 def _distance(segment: Floats, edge: Floats) -> tuple[float, float, float]:
     """Return the distance of two segments in metres, and the components of the unit vector from `edge` to `segment`.
 
-    The segments (4,) must not cross.  All three values are 0 for segments that touch.
+    The segments, given by their ends (4,), must not cross.  All three values are 0 for segments that touch.
     """
     best, vx, vy = np.inf, 0.0, 0.0
     for case in range(4):
@@ -313,11 +318,11 @@ def _segment_motion(
 ) -> None:  # fmt: skip
     """Write the motion of a segment for a motion of the axes to `moves` (7,).
 
-    Its entries are the rates of both ends (4), bounds on their accelerations (2), and the turning rate (1), with the
-    duration of the motion as the unit of time.  `segment` (4,): ends, in metres; `part`: number of the rigid part;
-    `shift, spin, pivot`: translation rate, turning rate and pivot of every part for each axis; `lever` (2, parts):
-    distances that bound the accelerations; `motion` (ndim,): motion of the axes; `turn` (parts,): turning rate of every
-    part.
+    The entries of `moves` are the rates of both ends (4), bounds on their accelerations (2), and the turning rate (1),
+    with the duration of the motion as the unit of time.  `segment` (4,): ends, in metres; `part`: number of the rigid
+    part; `shift, spin, pivot`: translation rate, turning rate and pivot of every part for each axis (fields of Pose);
+    `lever` (2, parts): bound on the acceleration of each end per squared turning rate of each part, in metres; `motion`
+    (ndim,): motion of the axes, in axis units; `turn` (parts,): turning rate of every part.
     """
     moves[:] = 0.0
     for axis in range(len(motion)):
@@ -339,7 +344,7 @@ def free_fraction(pose: Pose, solid: ObstacleArrays, motion: Floats, least: floa
     """Return a fraction (0 to 1) of a straight motion in configuration space on which every gap stays at least `least`.
 
     The result is a proven lower bound: the true fraction may be larger.  `pose`: pose of the robot at the start;
-    `solid`: obstacles; `motion` (ndim,): offset of the configuration along the axes; `least`: smallest gap, in metres.
+    `solid`: obstacles; `motion` (ndim,): offset of the configuration, in axis units; `least`: smallest gap, in metres.
     """
     segments, radius, part, lever = pose.segments, pose.radius, pose.part, pose.lever
     edges, discs, planes = solid.edges, solid.discs, solid.half_planes

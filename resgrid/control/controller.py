@@ -1,4 +1,4 @@
-"""The velocity controller: one call per control period, from a believed configuration to a velocity."""
+"""The velocity controller: one call per control period, from a measured configuration to a velocity."""
 
 from __future__ import annotations
 
@@ -28,16 +28,17 @@ if TYPE_CHECKING:
 Response = Literal["admittance", "equipotential"]
 
 ALONG = 1e-3
-"""Sine of the angle between contact force and streamline, below which the robot cannot evade and is in a jam."""
+"""Sine of the angle between contact force and streamline, up to which the robot cannot evade and is in a jam."""
 
 
 class Nominal(NamedTuple):
     """The nominal motion at a configuration.
 
     `place`: "free" (free cell with a path to a goal), "goal" (goal cell) or "off" (no path or no current); `velocity`
-    (n,): ``V0``, per second, in the coordinates in which the configuration was given (world or axes); `longest`:
-    maximum duration of a straight step, in seconds.  The step ends just across the next cell face with outward current,
-    and at most half way to a zero of a component, so that it enters no cell that the current does not enter.
+    (n,): ``V0``, per second, in the coordinates in which the configuration was given (world or axis coordinates);
+    `longest`: maximum duration of a straight step at this velocity, in seconds, infinite except in a free cell.  The
+    step ends just across the next cell face with outward current, and at most half way to a zero of a velocity
+    component, so that it enters no cell that the current does not enter.
     """
 
     place: str
@@ -59,18 +60,19 @@ class Controller:
     field : Field
         The field to follow.
     admittance : ndarray of float64, shape (n, n)
-        ``A``, symmetric positive definite: world coordinates per second for a unit of generalised force.
+        ``A``, symmetric positive definite: velocity in world coordinates per second for a unit of generalised force.
     speed : float
-        Length of ``V0``, per second.
+        Length of ``V0``, in world coordinates per second.
     speed_limits : ndarray of float64, shape (n,)
         Largest speed of each joint or world coordinate, per second.  A faster command is scaled as a whole, so that its
         direction does not change.
     response : {"admittance", "equipotential"}
-        Response to a force: ``V0 + A F``, or motion along the equipotential (equation 1) while the force lasts.
+        Response to a force: ``V0 + A F``, or motion along the equipotential (equation 1 of the paper) while the force
+        lasts.
     threshold : float
-        Smallest generalised force that ``"equipotential"`` responds to.
+        Length of the generalised force above which ``"equipotential"`` responds.
     axis_admittance : ndarray of float64, shape (n, n)
-        The admittance along the axes.
+        The matrix `admittance` in axis coordinates.
 
     Examples
     --------
@@ -101,10 +103,10 @@ class Controller:
         Parameters
         ----------
         configuration : array_like of float, shape (n,)
-            The believed configuration, in world coordinates.
+            The configuration according to the robot's sensors, in world coordinates.
         force : array_like of float, shape (n,), optional
-            Generalised force on the robot (joint torques; for a point or a disc the force in the world), without
-            weight; by default 0.
+            Generalised force on the robot (joint torques; for a point or a disc the force in world coordinates),
+            without the robot's weight; by default 0.
 
         Returns
         -------
@@ -127,9 +129,10 @@ class Controller:
         return self._frame.turned_to_world(self.limited(velocity))
 
     def admitting(self, nominal: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the velocity ``V0 + A F`` (n,) along the axes, per second; on overflow, the largest representable one.
+        """Return the velocity ``V0 + A F`` (n,) in axis coordinates, per second, or on overflow a finite one.
 
-        `nominal` (n,): ``V0`` along the axes, per second; `force` (n,): generalised force ``F`` along the axes.
+        `nominal` (n,): ``V0`` per second; `force` (n,): generalised force ``F``; both in axis coordinates.  On
+        overflow, the result points along ``A F``.
         """
         admittance = self.axis_admittance
         with np.errstate(over="ignore", invalid="ignore"):
@@ -150,7 +153,7 @@ class Controller:
         return own._replace(velocity=self._frame.turned_to_world(own.velocity))
 
     def axis_nominal(self, configuration: ArrayLike) -> Nominal:
-        """Return the nominal motion at a configuration (n,) along the axes, with the velocity along the axes.
+        """Return the nominal motion at a configuration (n,), both in axis coordinates.
 
         In a cell without a path to a goal, the velocity leads to the nearest cell with a path.
         """
@@ -158,7 +161,10 @@ class Controller:
         return Nominal("off", self._recover(np.asarray(configuration)), np.inf) if seen.place == "off" else seen
 
     def seen(self, configuration: ArrayLike) -> Nominal:
-        """Return the nominal motion at a configuration (n,) along the axes, with velocity 0 in cells without a path."""
+        """Return the nominal motion at a configuration (n,), both in axis coordinates, without recovery.
+
+        The velocity is 0 in a cell without a path to a goal.  Raises InputError for an invalid configuration.
+        """
         try:
             point = np.ascontiguousarray(configuration, dtype=np.float64)
         except (TypeError, ValueError):
@@ -181,7 +187,7 @@ class Controller:
         return Nominal(_PLACES[status], velocity, np.inf)
 
     def limited(self, velocity: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a velocity (n,) along the axes, per second, scaled down as a whole so that every speed limit holds."""
+        """Return a velocity (n,) in axis coordinates, per second, scaled so that every speed limit holds."""
         size = float(np.abs(velocity).max())
         if size == 0.0:
             return velocity
@@ -206,7 +212,7 @@ class Controller:
 
     @cached_property
     def axis_admittance(self) -> NDArray[np.float64]:
-        """The matrix `admittance` (velocity per generalised force) in the directions of the grid axes, shape (n, n)."""
+        """The matrix `admittance` (velocity per generalised force) in axis coordinates, shape (n, n)."""
         # Rotate rows and columns.
         return self._frame.turned_from_world(self._frame.turned_from_world(self.admittance).T).T
 
@@ -236,9 +242,10 @@ class Controller:
         return np.asarray(space.goal_connected | (space.cell == Cell.GOAL))
 
     def _recover(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the velocity (n,) at nominal speed, along the axes, towards the nearest cell with a path to a goal.
+        """Return the velocity (n,) at nominal speed, in axis coordinates, towards the nearest cell with a path.
 
-        `point` (n,): configuration along the axes.  Raises InputError if no such cell is within `RECOVERY` cells.
+        `point` (n,): configuration in axis coordinates.  Raises InputError if no such cell is within `RECOVERY` (2)
+        cells.
         """
         space = self.field.space
         cell = tuple(space.split(point)[0].tolist())
@@ -259,7 +266,7 @@ class Controller:
 
 
 _PLACES = ("free", "goal", "off")
-"""Values of `Nominal.place`, indexed by the status that the compiled function returns."""
+"""Values of `Nominal.place`; the index is the status that the function `Controller._kernel` returns."""
 
 
 def make_controller(
@@ -279,12 +286,12 @@ def make_controller(
     speed : float, optional
         Nominal speed, in world coordinates per second; by default a twentieth of the longest axis.
     admittance : array_like of float, shape (n, n), (n * n,), (n,) or (), optional
-        The matrix (flat: row by row), its diagonal, or one number for all axes; by default a unit force changes the
-        velocity by `speed`.
+        Velocity per generalised force, as a matrix (flat: row by row), its diagonal, or one number for all axes; by
+        default a unit force changes the velocity by `speed`.
     speed_limits : array_like of float, shape (n,) or (), optional
-        Largest speed of each world coordinate, per second; by default five times the speed.
+        Largest speed of each world coordinate, per second; by default five times the nominal speed.
     response : {"admittance", "equipotential"}
-        Whether a force pushes the robot, or turns it along the equipotential.
+        Whether a force adds its admittance velocity, or turns the robot along the equipotential.
 
     Returns
     -------
@@ -323,8 +330,8 @@ def equipotential_velocity(
     """Return the velocity along the equipotential surface, to the side that a force points to.
 
     Equation (1) of Connolly & Grupen (1992), ``v_phi = c (v_psi x (f x v_psi))``, is ``c |v|^2 (I - v v^T / |v|^2) f``
-    in any number of dimensions.  So ``v_phi . v_psi = 0`` and ``v_phi . f >= 0``.  It vanishes where the force lies
-    along the streamline; this rule cannot resolve such a jam.
+    with ``v = v_psi`` in any number of dimensions.  So ``v_phi . v_psi = 0`` and ``v_phi . f >= 0``.  The velocity is 0
+    where the force lies along the streamline; this rule cannot resolve such a jam.
 
     Parameters
     ----------
@@ -369,17 +376,18 @@ def equipotential_velocity(
 def _across(v: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return ``|v|^2 f - v (v . f)``, shape (n,), for a velocity `v` (n,) and a force `f` (n,).
 
-    The antisymmetric matrix ``f v^T - v f^T`` makes the result exactly 0 for a force along the streamline.
+    This is ``|v|^2`` times the component of `f` perpendicular to `v`.  The antisymmetric matrix ``f v^T - v f^T`` makes
+    the result exactly 0 for a force along the velocity.
     """
     turn = np.outer(f, v) - np.outer(v, f)
     return np.asarray(turn @ v)
 
 
 def following_velocity(streamline_velocity: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the equipotential velocity with the gain ``c = 1 / (|v| |f|)``, shape (n,).
+    """Return the velocity along the equipotential to the side of a force, shape (n,), with the gain ``1 / (|v| |f|)``.
 
     `streamline_velocity` (n,): ``v``, per second; `force` (n,): generalised force ``f``.  The length of the result is
-    the streamline speed times the sine of the angle between both vectors; the result is 0 for a sine below `ALONG`.
+    the streamline speed times the sine of the angle between both vectors; the result is 0 for a sine up to `ALONG`.
     """
     speed, size = math.hypot(*streamline_velocity), math.hypot(*force)
     if speed == 0.0 or size == 0.0:

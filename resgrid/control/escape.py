@@ -1,4 +1,8 @@
-"""Straight motions without current: to the goal within a goal cell, and out of a cell without a path."""
+"""Straight motions that follow no current: to the goal in a goal cell, and out of a cell without a path to a goal.
+
+A goal cell may contain configurations outside the goal.  One configuration in the cell that lies in the goal is known
+(`ConfigurationSpace.goal_points`): the configuration that solves the goal.
+"""
 
 from __future__ import annotations
 
@@ -14,18 +18,20 @@ Vector = NDArray[np.float64]
 CellIndex = tuple[int, ...]
 
 RECOVERY = 2.0
-"""Largest distance in cells from a cell with a path at which a robot outside is still led back to it."""
+"""Largest distance, in cells, from a configuration in a cell without a path to a goal to a cell with a path that the
+robot may move to in a straight line.
+"""
 
 _INSIDE = 2e-9
-"""Smallest distance of a target from the border of its cell, in cells."""
+"""Smallest distance of a target from the border of its cell, as a fraction of the cell width."""
 
 
 def goal_offset(space: ConfigurationSpace, place: Vector, *, sure: bool = True) -> Vector:
-    """Return the offset from a point in a goal cell to the configuration that solves the goal, shape (ndim,).
+    """Return the offset from a point in a goal cell to the configuration that solves the goal, in axis units, (ndim,).
 
-    The offset is 0 where the whole cell is a goal; with an inexact position (`sure` False) it then leads to the centre.
-    A target on the border is moved 2e-9 of a cell inside, so that its cell is unambiguous.  `place` (ndim,): the point,
-    along the axes.
+    If every configuration of the cell solves the goal, the offset is 0 or, with an inexact position (`sure` is False),
+    leads to the centre of the cell.  A target on the border of the cell is moved 2e-9 of a cell inside, so that its
+    cell is unambiguous.  `place` (ndim,): the point, in axis coordinates.
     """
     cell, local = space.split(place)
     solution = (space.goal_point(cell) - space.lower) / space.spacing - cell
@@ -35,11 +41,12 @@ def goal_offset(space: ConfigurationSpace, place: Vector, *, sure: bool = True) 
 
 
 def goal_offsets(space: ConfigurationSpace, place: Vector, *, sure: bool = True) -> list[tuple[CellIndex, Vector]]:
-    """Return goal cells near a point with the offsets (ndim,) to the configurations that solve their goals.
+    """Return goal cells near a point, each with the offset (ndim,) to the configuration that solves its goal.
 
-    The cell of the point comes first; its face neighbours follow in order of distance.  Two neighbours that share a
-    face form a convex box, so that straight lines between them stay in goal cells.  `place` (ndim,): the point, along
-    the axes; `sure`: whether the position is exact (see `goal_offset`).
+    The cell of the point comes first; those of its face neighbours that have a single such configuration follow in
+    order of distance.  Two cells that share a face form a convex box, so that straight lines between them stay in goal
+    cells.  `place` (ndim,): the point, in axis coordinates; `sure`: whether the position is exact (see `goal_offset`).
+    Offsets are in axis units.
     """
     cell, local = space.split(place)
     own = tuple(cell.tolist())
@@ -60,7 +67,7 @@ def exits(space: ConfigurationSpace, place: Vector) -> list[tuple[CellIndex, Vec
     """Return the cells with a path to a goal within `RECOVERY` cells of a point, nearest first.
 
     Each entry is the index of a cell and the offset (ndim,) from the point to the centre of the cell, in axis units.
-    `place` (ndim,): the point, along the axes.
+    The cell of the point is left out.  `place` (ndim,): the point, in axis coordinates.
     """
     cell, local = space.split(place)
     most = int(RECOVERY)
@@ -78,9 +85,9 @@ def exits(space: ConfigurationSpace, place: Vector) -> list[tuple[CellIndex, Vec
 
 
 def neighbour(space: ConfigurationSpace, cell: NDArray[np.int64]) -> CellIndex | None:
-    """Return a cell index as a tuple, wrapped across periodic axes; None beyond an end of another axis.
+    """Return a cell index as a tuple, wrapped around periodic axes; None if it lies beyond an end of another axis.
 
-    `cell` (ndim,): index that may lie outside the grid.
+    `cell` (ndim,): index of a cell, which may lie outside the grid.
     """
     other = np.where(space.periodic, cell % space.shape, cell)
     return None if np.any(other < 0) or np.any(other >= space.shape) else tuple(other.tolist())

@@ -18,7 +18,7 @@ from resgrid.scene.control import Control
 Force = Callable[[float, NDArray[np.float64]], ArrayLike]
 """Function from a time in seconds and a configuration (ndim,) to a generalised force (ndim,).
 
-For a point or a disc, configuration and force are in world coordinates.
+For a point or a disc, configuration and force are in world coordinates; for an arm they are joint angles and torques.
 """
 
 
@@ -33,7 +33,8 @@ class ExternalForce:
     start, duration : float
         Start time and duration of the force, in seconds.
     force : ndarray of float64, shape (ndim,)
-        Generalised force on the robot; its product with `Control.admittance` is a velocity.
+        Generalised force on the robot (joint torques for an arm).  Its unit is that of the scene's admittance: the
+        product of `Control.admittance` and a force is a velocity.
 
     Raises
     ------
@@ -74,7 +75,7 @@ def random_forces(
     until : float
         Upper limit of the start times, in seconds.
     size : float
-        Length of the generalised force.
+        Length of each generalised force; only the direction is random.
     duration : float
         Duration of each force, in seconds.
     count : int
@@ -104,10 +105,11 @@ def random_forces(
 
 
 def control_pushes(control: Control, seed: int, space: ConfigurationSpace, speed: float) -> list[ExternalForce]:
-    """Return the external forces of a ``[control]`` table of a scene: listed ones, then random ones.
+    """Return the external forces of a ``[control]`` table of a scene: the listed ones, then the random ones.
 
-    Random forces start within the time that the robot needs along the longest axis.  `seed`: seed of the random forces;
-    `space`: gives the axes; `speed`: nominal speed, in world coordinates per second.
+    Random forces start within the time in which the robot could move along the whole longest axis.  `control`: the
+    table; `seed`: seed of the random forces; `space`: gives the axes; `speed`: nominal speed, in world coordinates per
+    second.
     """
     pushes = [ExternalForce(start, duration, np.array(force)) for start, duration, *force in control.push]
     until = float((space.upper - space.lower).max()) / speed
@@ -120,7 +122,8 @@ def control_pushes(control: Control, seed: int, space: ConfigurationSpace, speed
 def force_of(pushes: Sequence[ExternalForce] | Force, ndim: int) -> Force:
     """Return external forces, given as a list or a function, as one function of time and configuration.
 
-    `ndim`: number of axes.  The function raises InputError for a force of another shape or not finite.
+    The forces of a list that act at the same time are added.  `ndim`: number of axes.  The function raises InputError
+    for a force of another shape or a force that is not finite.
     """
     if callable(pushes):
         return lambda time, configuration: checked_force(pushes(time, configuration), ndim, f"the push at {time:g} s")

@@ -1,4 +1,8 @@
-"""Distance of a robot from the goal itself; a goal cell may contain configurations that do not solve the goal."""
+"""Distance between a robot's configuration and the goals of its scene.
+
+A goal cell may contain configurations that do not solve the goal.  Therefore a robot may be in a goal cell, and its
+distance from the goal may still be above 0.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +25,13 @@ Vector = NDArray[np.float64]
 def goal_distance(space: ConfigurationSpace, configuration: Vector, scene: Scene | None) -> float:
     """Return the distance of a configuration from the nearest goal; 0 inside a goal.
 
-    For a goal in the workspace (a shape or a point) the result is the distance of the robot's reference point (the tip
-    of an arm), in units of the workspace.  For a cell or joint angles it is a distance in axis units.  Without a scene
-    it is the distance to the goal point of the cell; NaN outside all goal cells.
+    For a goal in the workspace (a shape or a point) the result is the distance from the robot's reference point (the
+    tip of an arm) to the goal, in metres.  For a goal cell or joint angles it is the distance between configurations,
+    in axis units.  Without a scene it is the distance to the configuration that solves the goal in the cell of the
+    configuration; NaN if this cell is not a goal cell.
 
-    `space`: map; `configuration` (ndim,): along the axes; `scene`: gives the goals, None for the goal cells of the map.
+    `space`: map; `configuration` (ndim,): in axis coordinates; `scene`: gives the goals, None for the goal cells of the
+    map.
     """
     if scene is not None and scene.goals:
         return min(_distance(scene, space, goal, configuration) for goal in scene.goals)
@@ -36,7 +42,11 @@ def goal_distance(space: ConfigurationSpace, configuration: Vector, scene: Scene
 
 
 def _distance(scene: Scene, space: ConfigurationSpace, goal: Goal, configuration: Vector) -> float:
-    """Return the distance of a configuration (ndim,) along the axes from one goal of a scene (see `goal_distance`)."""
+    """Return the distance of a configuration from one goal of a scene; 0 inside the goal.
+
+    For a goal in the workspace it is the distance of the robot's reference point in metres, else a distance between
+    configurations in axis units.  `configuration` (ndim,): in axis coordinates.
+    """
     robot, frame, width = scene.robot, space.frame, space.spacing
     match goal:
         case GoalCell(cell):
@@ -60,9 +70,10 @@ def _distance(scene: Scene, space: ConfigurationSpace, goal: Goal, configuration
 
 
 def _from_place(robot: Robot, space: ConfigurationSpace, shape: Shape, configuration: Vector) -> float:
-    """Return the distance of the robot's reference point from a workspace shape; NaN if no copy of the shape exists.
+    """Return the distance of the robot's reference point from a shape in the workspace, in metres.
 
-    `shape`: shape in the directions of the axes; `configuration` (ndim,): along the axes.
+    Over periodic axes the shape has several copies; the nearest counts.  NaN if no copy exists.  `robot`: robot;
+    `space`: map; `shape`: shape in axis coordinates; `configuration` (ndim,): in axis coordinates.
     """
     import shapely
 
@@ -73,10 +84,10 @@ def _from_place(robot: Robot, space: ConfigurationSpace, shape: Shape, configura
 
 
 def _from_box(space: ConfigurationSpace, configuration: Vector, lower: Vector, upper: Vector) -> float:
-    """Return the distance of a configuration from a box in configuration space, in axis units.
+    """Return the distance of a configuration from a box in configuration space, in axis units; 0 inside the box.
 
-    Periodic axes wrap around.  `configuration, lower, upper` (ndim,): configuration and corners of the box, along the
-    axes.
+    Periodic axes wrap around.  `configuration` (ndim,): in axis coordinates; `lower, upper` (ndim,): smallest and
+    largest coordinates of the box.
     """
     turn = np.where(space.periodic, space.upper - space.lower, 0.0)
     at = _wrapped(space, configuration) + np.multiply.outer([-1.0, 0.0, 1.0], turn)
@@ -84,6 +95,6 @@ def _from_box(space: ConfigurationSpace, configuration: Vector, lower: Vector, u
 
 
 def _wrapped(space: ConfigurationSpace, configuration: Vector) -> Vector:
-    """Return a configuration (ndim,) along the axes, shifted into the range of periodic axes."""
+    """Return a configuration (ndim,) in axis coordinates, shifted by whole periods into the range of periodic axes."""
     turn = space.upper - space.lower
     return np.asarray(np.where(space.periodic, space.lower + np.mod(configuration - space.lower, turn), configuration))

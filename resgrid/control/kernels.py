@@ -1,4 +1,4 @@
-"""Numba kernels of control: the nominal direction at a configuration, and relaxation sweeps.
+"""Compiled kernels of control: the nominal direction at a configuration, and relaxation sweeps.
 
 Importing numba takes seconds, so that this module is imported only by functions that call a kernel.
 """
@@ -23,19 +23,20 @@ _EDGE = 1e-9
 _BORDER = 2e-9
 _CLEARANCE = 3e-9
 _VANISHING = 4e-9
-"""Lengths as fractions of a cell: `_EDGE`: overshoot beyond a crossed face; `_BORDER`: width of a border;
-`_CLEARANCE`: distance from a border; `_VANISHING`: half width of the interval around a zero of a velocity component.
+"""Lengths as fractions of a cell width: `_EDGE`: overshoot beyond a crossed face; `_BORDER`: distance from a face up to
+which a point counts as on the border of its cell; `_CLEARANCE`: distance from the border to which points on it are
+moved; `_VANISHING`: half width of the interval around a zero of a velocity component in which the component is 0.
 """
 
 _LARGEST_TILT = 1e-3
-"""Largest distance by which a step is corrected away from a border, as a fraction of the length of the step."""
+"""Largest correction that moves the end of a step away from a border, as a fraction of the length of the step."""
 
 
 class FlowGrid(NamedTuple):
     """Currents of a field, with the position of its cells.
 
-    `flow`: face currents, cell widths and cell codes; `served` (cells,): mask of goal cells and cells with a path to a
-    goal; `corner` (n,): lower ends of the axes; `periodic` (n,): mask of the periodic axes.
+    `flow`: face currents, cell widths and cell codes; `served` (cells,): mask of goal cells and of cells with a path to
+    a goal; `corner` (n,): lower ends of the axes; `periodic` (n,): mask of the periodic axes.
     """
 
     flow: Flow
@@ -48,8 +49,8 @@ class FlowGrid(NamedTuple):
 def _cell_at(grid: FlowGrid, point: Floats, cell: Integers, local: Floats) -> int:
     """Find the cell of a point; return a status (`MOVES`, or `OUTSIDE` or `NOT_FINITE` for an invalid point).
 
-    `point` (n,): configuration along the axes; `cell` (n,): result, index of the cell; `local` (n,): result, position
-    in the cell, 0 to 1 along each axis.
+    `grid`: currents and cells; `point` (n,): configuration in axis coordinates; `cell` (n,): output, index of the cell;
+    `local` (n,): output, position in the cell, 0 to 1 along each axis.
     """
     for axis in range(len(cell)):
         count = grid.flow.shape[axis]
@@ -67,9 +68,10 @@ def _cell_at(grid: FlowGrid, point: Floats, cell: Integers, local: Floats) -> in
 
 @inlined
 def _to_face(x: float, velocity: float, spacing: float) -> float:
-    """Return the time until a point lies `_EDGE` of a cell beyond the face in front of it, along one axis.
+    """Return the time until a point lies `_EDGE` of a cell width beyond the face in front of it, along one axis.
 
-    `x`: position in the cell, 0 to 1; `velocity`: component along the axis; `spacing`: cell width.
+    `x`: position in the cell, 0 to 1; `velocity`: velocity component along the axis, in axis units per unit of time;
+    `spacing`: cell width, in axis units.
     """
     return ((1.0 - x if velocity > 0.0 else x) + _EDGE) * spacing / abs(velocity)
 
@@ -78,12 +80,14 @@ def _to_face(x: float, velocity: float, spacing: float) -> float:
 def _along_current(local: Floats, lower: Floats, upper: Floats, spacing: Floats, velocity: Floats) -> float:
     """Compute the unit velocity within a cell; return the length of the longest straight step, -1 without outflow.
 
-    Each component is linear between its two faces (Pollock 1988).  A component is set to 0 where it changes by more
-    than its value over `_VANISHING` of a cell: the point lies at a zero of the component, and following the rounding
-    error would take thousands of steps that are too short for the coordinates of a robot.
+    Outflow is a current out of the cell through any of its faces.  Each component is linear between its two faces
+    (Pollock 1988).  A component is set to 0 where it is smaller than its change over `_VANISHING` of a cell: the point
+    lies at a zero of the component, and following the rounding error would take thousands of steps that are too short
+    for the coordinates of a robot.
 
     `local` (n,): position in the cell, 0 to 1; `lower, upper` (n,): current through the lower and the upper face of
-    each axis; `spacing` (n,): cell widths; `velocity` (n,): result.  The length is in axis units.
+    each axis, positive along the axis; `spacing` (n,): cell widths; `velocity` (n,): output.  The length is in axis
+    units.
     """
     drifts, outward, out = False, 0.0, 0
     squares, decay = 0.0, 0.0
@@ -115,10 +119,11 @@ def _along_current(local: Floats, lower: Floats, upper: Floats, spacing: Floats,
 
 @inner
 def _cross(grid: FlowGrid, cell: Integers, local: Floats, lower: Floats, upper: Floats) -> bool:
-    """Move a point on cell faces with outward current across the face with the largest; return whether it moved.
+    """Move a point that lies on cell faces with outward current across the face with the largest current.
 
-    `cell, local` (n,): cell of the point and position in it (0 to 1), both updated; `lower, upper` (n,): current
-    through the lower and the upper face of each axis.
+    Returns whether the point was moved.  `grid`: currents and cells; `cell, local` (n,): cell of the point and position
+    in the cell (0 to 1), both updated; `lower, upper` (n,): current through the lower and the upper face of each axis,
+    positive along the axis.
     """
     out, step, outward = 0, 0, 0.0
     for axis in range(len(cell)):
@@ -131,7 +136,7 @@ def _cross(grid: FlowGrid, cell: Integers, local: Floats, lower: Floats, upper: 
 
 @inner
 def _keep_off(local: Floats, spacing: Floats, farthest: float, velocity: Floats) -> None:
-    """Turn the velocity away from borders without current, by `_CLEARANCE` of a cell at the end of the step.
+    """Turn the velocity so that the step ends `_CLEARANCE` of a cell width away from borders without current.
 
     On such a border the point could lie where two cells meet without a current between them, and belong to either.
     `local` (n,): position in the cell, 0 to 1; `spacing` (n,): cell widths; `farthest`: length of the step, in axis
@@ -149,10 +154,10 @@ def _keep_off(local: Floats, spacing: Floats, farthest: float, velocity: Floats)
 
 @inner
 def _step(grid: FlowGrid, cell: Integers, local: Floats, axis: int, step: int) -> bool:
-    """Move a point on a border to the same position in the next cell; return whether that cell exists.
+    """Move a point on a border to the same position in the next cell along one axis; return whether that cell exists.
 
-    `cell, local` (n,): cell of the point and position in it (0 to 1), both updated; `axis`: axis to cross; `step`: 1
-    upwards, -1 downwards.
+    `grid`: currents and cells; `cell, local` (n,): cell of the point and position in the cell (0 to 1), both updated;
+    `axis`: number of the axis; `step`: 1 upwards, -1 downwards.
     """
     other = cell[axis] + step
     if grid.periodic[axis]:
@@ -168,8 +173,8 @@ def _step(grid: FlowGrid, cell: Integers, local: Floats, axis: int, step: int) -
 def _enter_served_neighbour(grid: FlowGrid, cell: Integers, local: Floats) -> bool:
     """Move a point on the border of its cell into a neighbour with a path to a goal; return whether there is one.
 
-    Rounding may place a point on the border of a cell with a path just outside it.  `cell, local` (n,): cell of the
-    point and position in it (0 to 1), both updated.
+    Rounding may place a point on the border of a cell with a path just outside this cell.  `grid`: currents and cells;
+    `cell, local` (n,): cell of the point and position in the cell (0 to 1), both updated.
     """
     for axis in range(len(cell)):
         step = 1 if local[axis] >= 1.0 - _BORDER else -1
@@ -196,10 +201,11 @@ def nominal(
     with outward current, and at most half way to a zero of a component, so that it never ends beyond a face without
     outward current.
 
-    `flow`: currents of the field; `served` (cells,): mask of goal cells and cells with a path to a goal; `corner` (n,):
-    lower ends of the axes; `periodic` (n,): mask of the periodic axes; `point` (n,): configuration along the axes;
-    `velocity` (n,): result, 0 unless the status is `MOVES`.  Status: `MOVES`, `GOAL` (in a goal cell), `OFF` (no path
-    or current), `OUTSIDE` or `NOT_FINITE`.  The length is in axis units.
+    `flow`: currents of the field; `served` (cells,): mask of goal cells and of cells with a path to a goal; `corner`
+    (n,): lower ends of the axes; `periodic` (n,): mask of the periodic axes; `point` (n,): configuration in axis
+    coordinates; `velocity` (n,): output, 0 unless the status is `MOVES`.  Status: `MOVES`, `GOAL` (in a goal cell),
+    `OFF` (no path to a goal, or no current), `OUTSIDE` (of the grid) or `NOT_FINITE`.  The length is in axis units; it
+    is 0 unless the status is `MOVES`.
     """
     grid, ndim = FlowGrid(flow, served, corner, periodic), len(point)
     cell, local, lower, upper = np.empty(ndim, np.int64), np.empty(ndim), np.empty(ndim), np.empty(ndim)
@@ -233,10 +239,10 @@ def relax(
     first: NDArray[np.int32], column: NDArray[np.int32], coupling: Floats, diagonal: Floats, drive: Floats,
     omega: float, count: int, value: Floats, spare: Floats,
 ) -> None:  # fmt: skip
-    """Apply relaxation sweeps to ``G x = b``, row by row; ``omega = 0`` selects Jacobi sweeps (old values only).
+    """Apply relaxation sweeps to ``G x = b``, row by row; ``omega = 0`` selects Jacobi sweeps, other values SOR.
 
-    The solution is nonnegative.  Over-relaxation may overshoot and is clipped at 0; projected SOR (Cryer 1971)
-    converges to the same solution.
+    A Jacobi sweep uses old values only, successive over-relaxation (SOR) updated ones.  The solution is nonnegative.
+    Over-relaxation may overshoot and is clipped at 0; projected SOR (Cryer 1971) converges to the same solution.
 
     `first` (n + 1,), `column` and `coupling`: index pointers, column indices and values of the negated off-diagonal
     part of ``G``, in compressed rows; `diagonal` (n,): diagonal of ``G``; `drive` (n,): ``b``; `omega`: relaxation

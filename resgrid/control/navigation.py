@@ -1,4 +1,8 @@
-"""Motion without contact: along the current, to the goal, back along the trail, out of cells without a path."""
+"""Motion without contact: along the current, to the goal, back along the trail, out of cells without a path to a goal.
+
+The trail is the list of the true configurations that the robot has passed.  An exit is the cell that the robot
+currently moves to in a straight line.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,8 @@ from resgrid.errors import InputError
 Vector = NDArray[np.float64]
 
 STALL_LIMIT = 40.0
-"""Distance, in cells, that the robot could have moved while it stayed within half a cell, at which it has stalled."""
+"""Distance, in cells, that the robot could have moved while it stayed within half a cell, from which on it has stalled.
+"""
 
 _FLAT = (
     "no current flows here, although a path leads to a goal: these cells have no drive; open the obstacles (k below "
@@ -26,16 +31,16 @@ _FLAT = (
 """Message for a cell with a path to a goal but without current."""
 
 DITHERS = 10
-"""Maximum number of random motions of a robot that has stalled at one place."""
+"""Maximum number of small random motions of a robot that has stalled, until it has left a half cell."""
 
 SAME = 1e-9
-"""Distance below which two positions count as equal, as a fraction of a cell."""
+"""Distance up to which two positions count as equal, as a fraction of the cell width."""
 
 
 class StallDetector:
     """Detects that a robot stays within half a cell of a place, although its commands would have moved it farther.
 
-    The commanded distance since the last reset is compared with a limit; both are in cells.  `spacing` (ndim,): cell
+    The commanded distance since the last reset, in cells, is compared with `STALL_LIMIT`.  `spacing` (ndim,): cell
     widths; `place` (ndim,): position at the start; both in axis units.
     """
 
@@ -44,13 +49,13 @@ class StallDetector:
         self.reset(place)
 
     def reset(self, place: Vector) -> None:
-        """Restart the detection with the position `place` (ndim,) as centre of the half cell."""
+        """Restart the detection: set the distance to 0, and measure the half cell from the position `place` (ndim,)."""
         self._anchor, self.crossed, self._dithers = place, 0.0, 0
 
     def update(self, place: Vector, cells: float) -> None:
         """Add a distance that the robot could have moved; restart if the robot has left the half cell.
 
-        `place` (ndim,): present position; `cells`: distance, in cells.
+        `place` (ndim,): present position, in axis units; `cells`: distance, in cells.
         """
         if np.any(np.abs(place - self._anchor) > 0.5 * self._spacing):
             self.reset(place)
@@ -59,13 +64,13 @@ class StallDetector:
 
     @property
     def stalled(self) -> bool:
-        """Whether the robot could have moved `STALL_LIMIT` cells since it last left a half cell."""
+        """Whether the robot could have moved `STALL_LIMIT` (40) cells since the last restart of the detection."""
         return self.crossed >= STALL_LIMIT * (1.0 - 1e-9)
 
     def may_dither(self) -> bool:
-        """Return whether another random motion is allowed here; if so, count the motion and restart the distance.
+        """Return whether another random motion is allowed; if so, count the motion and set the distance to 0.
 
-        At most `DITHERS` motions are allowed within one half cell.
+        At most `DITHERS` motions are allowed between two restarts of the detection.
         """
         if self._dithers >= DITHERS:
             return False
@@ -76,7 +81,8 @@ class StallDetector:
 class Command(NamedTuple):
     """The velocity command of one step, before contacts and external forces.
 
-    `mode`: kind of motion; `velocity` (ndim,): along the axes, per second; `longest`: maximum duration, in seconds.
+    `mode`: kind of motion; `velocity` (ndim,): in axis coordinates, per second; `longest`: maximum duration, in
+    seconds.
     """
 
     mode: ControlMode
@@ -85,7 +91,7 @@ class Command(NamedTuple):
 
 
 class Navigator:
-    """Chooses the command without contact; keeps the trail of the robot and the cells that it could not reach.
+    """Chooses the command without contact; records the trail of the robot and the cells that it could not reach.
 
     `live`: map and controller of the robot; `sensor`: position sensor; `stall`: stall detector.
     """
@@ -102,7 +108,8 @@ class Navigator:
         """Return the command of the next step without contact, or the end of the run.
 
         `believed` (ndim,): configuration according to the sensor; `configuration` (ndim,): true configuration; `seen`:
-        nominal motion at `believed`; `torque` (ndim,): generalised contact force of the last step.
+        nominal motion at `believed`; `torque` (ndim,): generalised contact force of the last step; all in axis
+        coordinates.
         """
         live, controller = self._live, self._live.controller
         if self._first is None:
@@ -126,10 +133,10 @@ class Navigator:
         return Command(ControlMode.STREAMLINE, seen.velocity, seen.longest * float(slowed))
 
     def _to_goal(self, believed: Vector) -> Command | End:
-        """Return the command to the goal in this goal cell or a neighbouring one, or the end of the run at the goal.
+        """Return the command to the goal in the present goal cell or a neighbour, or the end of the run at the goal.
 
-        A neighbour is tried where the robot could not reach the goal in its own cell.  `believed` (ndim,):
-        configuration according to the sensor.
+        A neighbour is tried if the robot could not reach the configuration that solves the goal in its own cell.
+        `believed` (ndim,): configuration according to the sensor, in axis coordinates.
         """
         offsets = goal_offsets(self._live.space, believed, sure=self._sensor.exact)
         own = offsets[0][1]
@@ -139,10 +146,11 @@ class Navigator:
         return self._straight(ControlMode.HOMING, own if self.exit is None else dict(offsets)[self.exit])
 
     def _recover(self, believed: Vector, configuration: Vector) -> Command | End:
-        """Return the command that leads out of a cell without a path to a goal, or the end of the run if there is none.
+        """Return the command that leads out of a cell without a path to a goal, or the end of a run without way out.
 
-        The robot moves back along its trail or, if no cell of the trail has a path, straight to a near cell with a
-        path.  `believed` (ndim,): configuration according to the sensor; `configuration` (ndim,): true configuration.
+        The robot moves back along its trail or, if no configuration of the trail lies in a cell with a path, straight
+        to a near cell with a path.  `believed` (ndim,): configuration according to the sensor; `configuration` (ndim,):
+        true configuration; both in axis coordinates.
         """
         if self._cut_off:
             for cell, offset in exits(self._live.space, believed):
@@ -165,9 +173,9 @@ class Navigator:
         return self._no_path()
 
     def _straight(self, mode: ControlMode, offset: Vector) -> Command:
-        """Return the command of a straight motion at nominal speed.
+        """Return the command of a straight motion at nominal speed, whose maximum duration ends at the target.
 
-        `mode`: kind of motion; `offset` (ndim,): vector from the present configuration to the target, along the axes.
+        `mode`: kind of motion; `offset` (ndim,): vector from the present configuration to the target, in axis units.
         """
         controller, length = self._live.controller, float(np.linalg.norm(offset))
         velocity = controller.limited(offset * (controller.speed / length))
@@ -186,9 +194,9 @@ class Navigator:
         return End(TerminationReason.NO_PATH, message)
 
     def fail(self, mode: ControlMode, configuration: Vector) -> None:
-        """Discard the present target if it cannot be reached: a near cell, or the last place of the trail.
+        """Discard the target of a straight motion: the exit or, on the way back, the last configuration of the trail.
 
-        `mode`: kind of motion of the step; `configuration` (ndim,): present configuration.
+        `mode`: kind of motion of the step; `configuration` (ndim,): present true configuration, in axis coordinates.
         """
         if self.exit is not None:
             self.give_up_exit(configuration)
@@ -196,7 +204,10 @@ class Navigator:
             self._trail.pop()
 
     def give_up_exit(self, configuration: Vector) -> None:
-        """Mark the present target cell as unreachable; `configuration` (ndim,): present configuration."""
+        """Mark the present exit as unreachable.
+
+        `configuration` (ndim,): present true configuration, in axis coordinates.
+        """
         assert self.exit is not None
         self._tried.add(self.exit)
         self.exit = None
@@ -206,8 +217,9 @@ class Navigator:
     def remember(self, mode: ControlMode, before: Vector, after: Vector, *, pushed: bool) -> None:
         """Append the configuration `before` a step to the trail, so that each step back repeats an earlier step.
 
-        A robot on its way back is recorded only where an external force `pushed` it off its trail.  `mode`: kind of
-        motion of the step; `before, after` (ndim,): true configurations.
+        On the way back a configuration is appended only where an external force pushed the robot off the trail.
+        `mode`: kind of motion of the step; `before, after` (ndim,): true configurations, in axis coordinates; `pushed`:
+        whether an external force acted in the step.
         """
         away = np.abs(after - self._trail[-1]) if self._trail else np.zeros_like(before)
         pushed_off = mode is ControlMode.RETREATING and pushed and np.any(away > SAME * self._live.spacing)
@@ -216,10 +228,10 @@ class Navigator:
             self._trail.append(before)
 
     def learnt(self, configuration: Vector) -> End | None:
-        """Respond to a changed map; return the end of the run, or None if the robot can still find a path.
+        """Respond to a changed map; return the end of the run, or None if the robot can still find a path to a goal.
 
-        A path exists if some place of the trail, or a cell near one, has a path to a goal.  `configuration` (ndim,):
-        present true configuration.
+        It can if some configuration of the trail lies in a cell with a path, or near such a cell.  `configuration`
+        (ndim,): present true configuration, in axis coordinates.
         """
         self._tried, self.exit = set(), None
         space = self._live.space

@@ -21,8 +21,9 @@ from resgrid.scene.scene import Scene
 from resgrid.scene.world_coordinates import to_space
 
 INSIDE = 1e-6
-"""Minimum thickness of an obstacle behind a touched surface, as a fraction of the robot's largest motion across a
-cell."""
+"""Depth below a touched surface of the point that counts as part of the obstacle, as a fraction of the robot's largest
+motion across a cell.  Obstacles must be thicker.
+"""
 
 PAIR = np.dtype(
     [
@@ -30,21 +31,25 @@ PAIR = np.dtype(
         ("gap", np.float64), ("part", np.int64), ("body", np.int64),
     ]
 )  # fmt: skip
-"""Record of a pair of near points of robot and obstacle.
+"""Record of a pair of near points, one on the robot and one on an obstacle.
 
 `on_robot, point`: points on the surfaces of robot and obstacle, in metres; `normal`: unit normal out of the obstacle;
-`inward`: unit direction into the obstacle; `gap`: in metres; `part`: index of the rigid part of the robot (the link of
-an arm); `body`: index of the obstacle.
+`inward`: unit direction into the obstacle; `gap`: distance of the surfaces, in metres; `part`: index of the rigid part
+of the robot (the link of an arm); `body`: index of the obstacle.
 """
 
 _CAPACITY = 64
-"""Initial length of the array of near-point pairs."""
+"""Initial length of the array of near-point pairs, which grows as needed."""
 _SPLIT = 4
-"""Number of pieces into which a line in configuration space is cut if its collision test is undecided."""
+"""Number of pieces into which a line in configuration space is divided if its collision test is undecided."""
 _LEVELS = 10
-"""Maximum number of successive subdivisions of a line in configuration space whose collision test is undecided."""
+"""Maximum number of levels at which lines in configuration space are tested and divided; lines that are still undecided
+then count as free.
+"""
 _INNER = np.linspace(0.0, 1.0, 17)
-"""Positions along each edge (0 to 1) of the intersection of robot and obstacle at which its depth is evaluated."""
+"""Positions (0 to 1) along each edge of the intersection of robot and obstacle at which the penetration depth is
+evaluated.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +57,8 @@ class Plant:
     """A robot and the true obstacles.
 
     `robot`: a plane robot (point, disc, polygon or arm); `axes`: axes of the configuration space; the ends of an axis
-    that is not periodic are mechanical stops; `obstacles`: all obstacles in the directions of the axes, those of the
-    map first; `known`: number of obstacles in the map; `frame`: position of the axes in the world.
+    that is not periodic are mechanical stops; `obstacles`: all obstacles in axis coordinates of the workspace, those of
+    the map first; `known`: number of obstacles in the map; `frame`: position and direction of the axes in the world.
     """
 
     robot: Robot
@@ -63,11 +68,11 @@ class Plant:
     frame: Frame
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
-        """Return the pose of the robot at a configuration (ndim,) along the axes, wrapped into periodic axes."""
+        """Return the pose of the robot at a configuration (ndim,) in axis coordinates, wrapped into periodic axes."""
         return self.robot.pose(self._within_seams(configuration))
 
     def _within_seams(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return configurations (..., ndim) along the axes, wrapped into the range of periodic axes."""
+        """Return configurations (..., ndim) in axis coordinates, wrapped into the range of periodic axes."""
         return self.robot.within_seams(self.axes, configurations)
 
     @cached_property
@@ -77,7 +82,7 @@ class Plant:
 
     @cached_property
     def cell_motion(self) -> float:
-        """Largest motion of any point of the robot across one cell, corner to corner, in metres."""
+        """Largest motion of any point of the robot, in metres, while the configuration crosses a cell diagonally."""
         spacing = np.array([[axis.spacing for axis in self.axes]])
         return float(self.robot.travel(np.zeros_like(spacing), spacing)[0])
 
@@ -99,20 +104,21 @@ class Plant:
     def free_fraction(self, pose: Pose, motion: NDArray[np.float64], least: float) -> float:
         """Return a fraction (0 to 1) of a straight motion on which every gap provably stays at least `least` metres.
 
-        `pose`: pose of the robot at the start; `motion` (ndim,): offset of the configuration along the axes.
+        `pose`: pose of the robot at the start; `motion` (ndim,): offset of the configuration, in axis units.
         """
         from resgrid.control import contact_kernels
 
         return contact_kernels.free_fraction(pose, self.arrays, motion, least)
 
     def within_stops(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return configurations along the axes, shape (..., ndim), clipped to the mechanical stops."""
+        """Return configurations (..., ndim) in axis coordinates, clipped to the mechanical stops, in the same shape."""
         return np.minimum(np.maximum(configurations, self.stops[0]), self.stops[1])
 
     def true_space(self, space: ConfigurationSpace) -> ConfigurationSpace:
-        """Return a map with all hidden obstacles added; a cell is an obstacle if any configuration in it may collide.
+        """Return a map with all hidden obstacles added by the conservative rule.
 
-        `space`: map without the hidden obstacles.
+        By this rule a cell is an obstacle if the robot may collide at any configuration in the cell.  `space`: map
+        without the hidden obstacles.
         """
         hidden = self.robot.occupancy(self.axes, self.obstacles[self.known :], "conservative")
         cell = np.where(hidden, np.uint8(Cell.OBSTACLE), space.cell)
@@ -120,9 +126,9 @@ class Plant:
 
     @cached_property
     def self_blocked(self) -> NDArray[np.bool_]:
-        """Mask of the cells that the robot blocks without obstacles, shape of the space.
+        """Mask of the cells that are obstacle cells even without obstacles, shape of the space.
 
-        Causes are self-collisions and virtual obstacles of the robot.
+        Causes are collisions between parts of the robot, and forbidden configurations (virtual obstacles) of the robot.
         """
         return self.robot.occupancy(self.axes, [], "conservative")
 
@@ -137,7 +143,7 @@ class Plant:
         return self.robot.occupancy(self.axes, [Ball(place, 0.0)], "conservative") & ~self.self_blocked
 
     def only(self, number: int) -> Plant:
-        """Return a plant with the same robot and one of the obstacles; `number`: index of the obstacle."""
+        """Return a plant with the same robot and one of the obstacles; `number`: index of this obstacle."""
         return replace(self, obstacles=(self.obstacles[number],), known=1)
 
     def name_of(self, number: int) -> str:
@@ -148,23 +154,23 @@ class Plant:
 
     @cached_property
     def stops(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lower and upper ends of the axes, shape (ndim,) each; infinite for periodic axes."""
+        """Lower and upper ends of the axes in axis coordinates, shape (ndim,) each; infinite for periodic axes."""
         lower = [-np.inf if axis.periodic else axis.lower for axis in self.axes]
         upper = [np.inf if axis.periodic else axis.upper for axis in self.axes]
         return np.array(lower), np.array(upper)
 
     def penetration(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Return the penetration depth of the robot into obstacles, in metres, shape (n,), computed with shapely.
+        """Return the penetration depth of the robot into obstacles, in metres, shape (n,); a touch has depth 0.
 
-        The computation is independent of the geometry that moves the robot.  `configurations` (n, ndim): in world
-        coordinates.
+        The depth is computed with shapely, independently of the geometry that moves the robot.  `configurations` (n,
+        ndim): in world coordinates.
         """
         return self.axis_penetration(np.atleast_2d(self.frame.from_world(configurations)))
 
     def axis_penetration(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the penetration depth of the robot into obstacles, in metres, shape (n,); a touch has depth 0.
 
-        `configurations` (n, ndim): along the axes.
+        `configurations` (n, ndim): in axis coordinates.
         """
         depth = np.zeros(len(configurations))
         for part in self.robot.parts(self._within_seams(configurations)):
@@ -181,11 +187,11 @@ class Plant:
         return depth
 
     def deepest(self, route: NDArray[np.float64]) -> float:
-        """Return the largest penetration depth of the robot on a route of straight lines, in metres.
+        """Return the largest penetration depth of the robot on a route of straight lines, in metres, or 0.
 
         A line is free if no point of the robot moves farther on it than the sum of the gaps at its ends.  Other lines
-        are cut into four pieces, up to ten times, or twice if a penetration was found.  `route` (n, ndim):
-        configurations along the axes.
+        are divided into four pieces, up to ten times, or twice if a penetration was found.  `route` (n, ndim):
+        configurations in axis coordinates.
         """
         deepest = float(self.axis_penetration(route).max(initial=0.0))
         moves = np.any(route[:-1] != route[1:], axis=1)
@@ -208,7 +214,8 @@ class Plant:
     def _gaps(self, configurations: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
         """Return the distance from the robot to the nearest obstacle at every configuration, in metres, shape (n,).
 
-        `configurations` (n, ndim): along the axes; `reach`: limit in metres, returned for all larger distances.
+        `configurations` (n, ndim): in axis coordinates; `reach`: upper limit in metres, returned for all larger
+        distances.
         """
         import shapely
 
@@ -224,12 +231,15 @@ class Plant:
 
     @cached_property
     def _solids(self) -> list[Obstacle]:
-        """The obstacles as shapely geometries with a radius."""
+        """The obstacles as shapely geometries, each with a radius by which the geometry is thickened."""
         return obstacles_of(self.obstacles, self.robot.workspace_axes(self.axes))
 
 
 def plant_of(scene: Scene) -> Plant:
-    """Return the plant of a scene with all its obstacles; raise InputError if its contacts cannot be simulated."""
+    """Return the plant of a scene with all its obstacles, hidden ones included.
+
+    Raises InputError for a scene outside the plane, or with a hidden obstacle without an area.
+    """
     if scene.robot.workspace_ndim != 2:
         raise InputError("control works in the plane; a robot from a URDF file moves in space: plan a path instead")
     if scene.ndim != 2 and scene.robot.moves_in_workspace:
@@ -258,8 +268,8 @@ def make_plant(
     """Return the plant of a robot, its axes and the obstacles, given in world coordinates.
 
     `robot`: plane robot; `axes`: axes of the configuration space; `known`: obstacles of the robot's map; `hidden`:
-    obstacles that the map does not contain; `frame`: position of the axes in the world, by default at the world's
-    origin.
+    obstacles that the map does not contain; `frame`: position and direction of the axes in the world, None for the
+    world's own.
     """
     place = Frame() if frame is None else frame
     obstacles = tuple(to_space(shape, place) for shape in (*known, *hidden))

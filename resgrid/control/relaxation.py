@@ -3,9 +3,11 @@
 A change of the map changes the rail connections of some cells at once; all other voltages follow as a wavefront.  Two
 mechanisms are emulated: the digital relaxation of the paper, with a number of sweeps over the grid per control step,
 and the chip, with a capacitor at every node, by implicit time steps.  One time step of the chip is the time between two
-readings, `TICK` of a cell; 2 R C at the default pace.  Backward Euler is of first order, and late: a mode that decays
-as ``exp(-t / tau)`` takes ``step / (2 tau)`` longer.  At that pace the error of potentials is about 2 % of the supply
-at the first reading and 0.4 % at the fourth.  Between readings the robot sees the last reading.
+readings of its voltages, in which a robot at nominal speed crosses `TICK` (0.2) of a cell; this is 2 R C at the default
+pace, with the resistance R of one resistor and the capacitance C of one node.  Backward Euler is of first order, and
+late: a mode that decays as ``exp(-t / tau)`` takes ``step / (2 tau)`` longer, as a fraction of its time.  At the
+default pace the error of potentials is about 2 % of the supply at the first reading and 0.4 % at the fourth.  Between
+readings the robot sees the last reading.
 
 Voltages are measured from the obstacle rail (Dirichlet, walls) or from the goal rail (Neumann).  The right-hand side is
 then nonnegative, and neither a Jacobi sweep nor a backward Euler step contains a subtraction.  Therefore a voltage
@@ -36,28 +38,29 @@ from resgrid.planning.blend import blend
 from resgrid.planning.fields import Field, read_field
 
 TICK = 0.2
-"""Interval between two readings of a chip, in cells that a robot at nominal speed crosses in this interval."""
+"""Time between two readings of a chip, as the distance in cells that a robot at nominal speed covers in this time."""
 
 _OMEGA = 1.8
 """Relaxation factor of successive over-relaxation, a number between 1 and 2."""
 
 _SETTLED = 1e-6
-"""Largest relative difference of a voltage from its final value at which the voltage counts as settled."""
+"""Largest difference of a voltage from its final value at which it counts as settled, as a fraction of the final value.
+"""
 
 _DIRECT = 100_000
-"""Maximum number of unknowns (circuit nodes without a source) of the direct solver."""
+"""Maximum number of unknowns (circuit nodes without a source) for which the direct solver is used."""
 
 Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Relaxation:
-    """Mechanism and speed of settling.
+    """Mechanism and speed of the settling of a grid.
 
-    `method`: ``"jacobi"`` sweeps, ``"sor"`` (sweeps of successive over-relaxation), or ``"chip"`` (the transient with a
-    capacitor at every node); `pace`: number of sweeps, or of time units ``R C`` (one resistor and one capacitor) for a
-    chip, while the robot at nominal speed crosses one cell; `patience`: time that the robot waits before it gives up,
-    in cells that it could have crossed.
+    `method`: ``"jacobi"`` (Jacobi sweeps), ``"sor"`` (sweeps of successive over-relaxation), or ``"chip"`` (the
+    transient with a capacitor at every node); `pace`: number of sweeps or, for a chip, of time units ``R C`` (one
+    resistor times one capacitor) in which the robot at nominal speed crosses one cell; `patience`: time that the robot
+    waits for an outward current before the run ends, as the number of cells that it could have crossed.
     """
 
     method: str = "chip"
@@ -68,8 +71,8 @@ class Relaxation:
 class RelaxingGrid:
     """Voltages of a grid during the transition from the operating point of an old map to that of a new map.
 
-    `relaxation`: mechanism and speed of settling; `before`: the field to which the grid had settled; its wiring and
-    blend also apply to the new map.
+    `relaxation`: mechanism and speed of settling; `before`: the field of the old map after settling; its wiring and
+    Dirichlet weight k also apply to the new map.
     """
 
     def __init__(self, relaxation: Relaxation, before: Field) -> None:
@@ -92,7 +95,11 @@ class RelaxingGrid:
         self._parts = [_SettlingCircuit(self.relaxation, part.wiring, space, part.per_cell()) for part in self._parts]
 
     def advance(self, cells: float) -> bool:
-        """Continue settling for the time in which the robot crosses `cells` cells; return whether a step was taken."""
+        """Continue settling for the time in which the robot at nominal speed crosses a number of cells.
+
+        Returns whether a sweep or time step was taken; a remaining fraction of a step counts in the next call.
+        `cells`: number of cells, which need not be whole.
+        """
         self._pending += cells * (self.relaxation.pace if self.relaxation.method != "chip" else 1.0 / TICK)
         due = int(self._pending * (1 + 1e-12))
         self._pending -= due
@@ -103,12 +110,12 @@ class RelaxingGrid:
 
     @property
     def settled(self) -> bool:
-        """Whether every voltage has reached its final value."""
+        """Whether every voltage has reached its final value, with a relative tolerance of 1e-6."""
         return all(part.settled for part in self._parts)
 
     @property
     def distance(self) -> float:
-        """Largest difference of a cell's normalised potential (0 to 1) from its final value."""
+        """Largest difference, over all cells, of the normalised potential (0 to 1) from its value after settling."""
         apart = np.abs(self.field.potential - self._final.potential)
         return float(np.nanmax(apart, initial=0.0))
 
@@ -123,9 +130,9 @@ class RelaxingGrid:
         return self._shown([part.final_voltage for part in self._parts])
 
     def _shown(self, voltages: list[Vector]) -> Field:
-        """Return the field of the circuits' node voltages; for a blend, combine the Dirichlet and the Neumann field.
+        """Return the field of node voltages; for a blend, combine the Dirichlet and the Neumann field.
 
-        `voltages`: for every circuit the node voltages, shape (nodes,), in volts.
+        `voltages`: for each circuit the node voltages, shape (nodes,), in volts.
         """
         fields = [field_now(part.netlist, volts) for part, volts in zip(self._parts, voltages, strict=True)]
         return fields[0] if len(fields) == 1 else blend(fields[0], fields[1], self.before.k)
@@ -135,8 +142,8 @@ class _SettlingCircuit:
     """One circuit during its transition to the operating point.
 
     `relaxation`: mechanism and speed of settling; `wiring`: rules that turn the space into a circuit; `space`: the map;
-    `cells`: voltages of the cells at the start (shape of the space, in volts; NaN for unknown), or None for a settled
-    circuit.
+    `cells`: voltages of the cells at the start (shape of the space, in volts; NaN for unknown, which starts at 0 V), or
+    None to start at the operating point.
     """
 
     def __init__(
@@ -184,7 +191,7 @@ class _SettlingCircuit:
 def _stepping(dynamics: Dynamics, relaxation: Relaxation, solver: Solver) -> Callable[[Vector, int], Vector]:
     """Return a function ``(x, count)`` that returns the state after `count` sweeps, or time steps of a chip.
 
-    A state ``x`` (n,) holds the voltages of the nodes without a source, in volts.  `dynamics`: circuit equations;
+    A state ``x`` (n,) contains the voltages of the nodes without a source, in volts.  `dynamics`: circuit equations;
     `relaxation`: mechanism and speed; `solver`: linear solver of the time steps.
     """
     if relaxation.method == "chip":
@@ -214,7 +221,8 @@ def _stepping(dynamics: Dynamics, relaxation: Relaxation, solver: Solver) -> Cal
 def _compiled(wiring: Wiring, space: ConfigurationSpace) -> Netlist:
     """Return a netlist with resistors of 1 ohm and 1 farad at every free node, so that the time unit is ``R C``.
 
-    `wiring`: rules that turn the space into a circuit; `space`: the map.  The reference rail has 0 V.
+    The obstacle rail has 0 V or, in a circuit with a drive, the goal rail.  `wiring`: rules that turn the space into a
+    circuit; `space`: the map.
     """
     supply, goal = (1.0, 0.0) if wiring.is_driven else (-1.0, 1.0)
     wall = None if wiring.wall_resistance is None else wiring.wall_resistance / wiring.resistance
@@ -226,7 +234,10 @@ def _compiled(wiring: Wiring, space: ConfigurationSpace) -> Netlist:
 
 
 def field_now(netlist: Netlist, voltage: Vector) -> Field:
-    """Return the field of node voltages (nodes,), in volts, that need not be an operating point of the netlist."""
+    """Return the field of node voltages that need not satisfy Kirchhoff's current law.
+
+    `netlist`: compiled netlist with cells; `voltage` (nodes,): node voltages, in volts.
+    """
     cells = netlist.cells
     height = voltage - cells.wiring.goal_voltage
     volts = cells.wiring.supply if cells.wiring.drive != "uniform" else float(np.nanmax(height, initial=0.0)) or 1.0

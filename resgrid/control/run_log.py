@@ -21,8 +21,8 @@ from resgrid.scene.scene import Scene
 Vector = NDArray[np.float64]
 
 _AT_GOAL = 1e-8
-"""Distance from a goal that counts as 0, as a fraction of a length: the robot's largest motion across a cell plus the
-cell diagonal.
+"""Distance from a goal below which the robot counts as inside the goal, as a fraction of a length.  The length is the
+robot's largest motion across a cell (metres) plus the cell diagonal (axis units).
 """
 
 
@@ -48,15 +48,17 @@ class ControlMode(IntEnum):
     FOLLOWING = 4
     """The robot responded to a contact force by motion along the equipotential."""
     JAM = 5
-    """The contact force lies along the streamline, so that equipotential following gives no velocity."""
+    """The contact force lies along the streamline, so that motion along the equipotential is impossible."""
     LEARNING = 6
-    """The robot stood still while contacts were marked in the map and the field was solved again."""
+    """The robot stood still while touched cells became obstacles of the map and the field was solved again."""
     RETREATING = 7
     """The robot moved back along its path, to a cell with a path to a goal."""
     RECOVERING = 8
-    """The robot left a cell without a path (due to a wrong belief or a learnt obstacle) for a near cell with a path."""
+    """The robot left a cell without a path to a goal (after a wrong measurement or a learnt obstacle) for a near cell
+    with a path.
+    """
     DITHERING = 9
-    """The robot made a small random motion after a long stall."""
+    """The robot made a small random motion because it had made no progress."""
     ARRIVED = 10
     """The robot is in a goal cell, at the configuration that solves the goal if the space specifies one."""
     WAITING = 11
@@ -68,11 +70,12 @@ class ControlMode(IntEnum):
 class TerminationReason(StrEnum):
     """Reason for the end of a controlled motion.
 
-    ``arrived``: the robot is in a goal; ``missed``: only the believed configuration is in a goal; ``no_path``: obstacle
-    cells separate the start from every goal; ``no_current``: no current flows in a cell with a path; ``goal_blocked``,
-    ``start_blocked``: obstacles cover every goal, or the start; ``jam``: the contact force lies along the streamline;
-    ``stalled``: the robot makes no progress; ``out_of_steps``: the maximum number of steps was taken; ``entered``: the
-    robot penetrated an obstacle.
+    ``arrived``: the robot is in a goal; ``missed``: the configuration is in a goal according to the sensor, but not in
+    truth; ``no_path``: obstacle cells separate the start from every goal; ``no_current``: no current flows in the
+    robot's cell, although a path leads to a goal; ``goal_blocked``, ``start_blocked``: obstacles cover every goal, or
+    the start; ``jam``: the contact force lies along the streamline, so that the robot cannot evade; ``stalled``: the
+    robot stays within half a cell; ``out_of_steps``: the maximum number of steps was taken; ``entered``: the robot
+    penetrated an obstacle.
 
     Examples
     --------
@@ -105,28 +108,29 @@ class End(NamedTuple):
 @frozen
 @dataclass(frozen=True, eq=False)
 class ContactLog:
-    """All contacts of a motion with a force, one row each.
+    """All contacts of a controlled motion that have a force, one row each.
 
     The type of `Run.contacts`.  Points, normals and forces are in world coordinates.
 
     Attributes
     ----------
     step : ndarray of int64, shape (m,)
-        Row of the log of the run.
+        Row of the contact in the arrays of `Run`, such as `Run.time`.
     point : ndarray of float64, shape (m, 2)
         Point on the obstacle, in metres.
     normal : ndarray of float64, shape (m, 2)
         Unit normal out of the obstacle.
     force : ndarray of float64, shape (m, 2)
-        Force on the robot; its product with `Control.admittance` is a velocity.
+        Force on the robot.  Its unit is that of the scene's admittance: the product of `Control.admittance` and a
+        force is a velocity.
     gap : ndarray of float64, shape (m,)
         Distance between robot and obstacle, in metres.
     part : ndarray of int64, shape (m,)
-        Index of the rigid part of the robot.
+        Index of the rigid part of the robot (the link of an arm).
     body : ndarray of int64, shape (m,)
-        Index of the obstacle; those of the map come first.
+        Index of the obstacle; the obstacles of the map come first, then hidden ones.
     sticking : ndarray of bool, shape (m,)
-        Whether friction holds the contact.
+        Whether friction holds the contact: the force lies inside the friction cone, and the point does not move.
 
     Examples
     --------
@@ -158,11 +162,11 @@ class MapUpdate:
     Attributes
     ----------
     step : int
-        Row of the log of the run.
+        Row of the update in the arrays of `Run`, such as `Run.time`.
     cells : ndarray of int64, shape (c, ndim)
-        The new obstacle cells, at least one.
+        Indices of the new obstacle cells, at least one.
     points : ndarray of float64, shape (p, 2)
-        Touched points of the obstacle in world coordinates, in metres, according to the believed configuration.
+        Touched points of the obstacle in world coordinates, in metres, computed from the measured configuration.
 
     Examples
     --------
@@ -189,37 +193,39 @@ class Run:
     message : str
         A sentence on the end.
     goal : int or None
-        Number of the goal region that the robot is truly in at the end, if it arrived.
+        Number of the goal region that contains the true configuration at the end; None if the robot did not arrive.
     time : ndarray of float64, shape (n,)
         Time of each row, in seconds.
     configuration, believed : ndarray of float64, shape (n, ndim)
-        True configuration, continuous across periodic seams, and believed configuration, in world coordinates.
+        True configuration, continuous across the seams of periodic axes, and configuration according to the position
+        sensor, both in world coordinates.
     velocity : ndarray of float64, shape (n, ndim)
         Velocity of the step that begins at this row, in world coordinates, per second; 0 in the last row.
     mode : ndarray of uint8, shape (n,)
         Values of `ControlMode`.
     torque, push : ndarray of float64, shape (n, ndim)
-        Generalised forces of contacts, and external ones; for a point or a disc forces in world coordinates.
+        Generalised forces on the robot: of all contacts, and external ones.  For a point or a disc these are forces in
+        world coordinates, for an arm joint torques.
     contacts : ContactLog
         All contacts with a force.
     lessons : tuple of MapUpdate
-        Updates of the map with learnt obstacle cells, in order.
+        Updates of the map with obstacle cells that contacts proved, in order.
     space, field : ConfigurationSpace, Field
-        The final map, and its field.
+        The map at the end of the run, and its field.
     penetration : float
         Largest penetration of the robot into an obstacle, in any row and on the straight lines between rows, by exact
-        geometry, in metres.  A run with penetration has the ending ``"entered"``, whatever else happened.
+        geometry, in metres.  A run with penetration has the ending ``"entered"``, unless the start was blocked.
     goal_distance : float
         Distance from the nearest goal at the end, 0 inside it.  For a goal in the workspace it is the distance of the
-        robot's reference point (the tip of an arm) in metres; for a cell or joint angles it is in axis units; NaN if
-        unknown.  A robot that does not know its configuration exactly may arrive in a goal cell and still be outside
-        the goal.
+        robot's reference point (the tip of an arm) in metres; for a goal cell or joint angles it is a distance between
+        configurations, in axis units; NaN outside all goal cells of a run without a scene.  A robot that does not know
+        its configuration exactly may arrive in a goal cell and still be outside the goal.
     unsolved : int
-        Number of steps without a solution for the contact forces, in which the robot stood still.
+        Number of steps in which no contact forces could be computed, and the robot stood still.
     scene : Scene or None
-        The scene of the motion.
+        The scene of the motion; None for a simulation that was made without a scene.
     learnt : ndarray of bool, shape of the space
-        Mask of the learnt obstacle cells.
+        Mask of the cells that contacts added to the map as obstacles.
 
     Examples
     --------
@@ -266,7 +272,7 @@ class Run:
 
 
 class Recorder:
-    """Record of the steps of a run, in axis units; `ndim`: number of axes."""
+    """Record of the steps of a run, in axis coordinates; `ndim`: number of axes."""
 
     def __init__(self, ndim: int) -> None:
         self._ndim = ndim
@@ -288,9 +294,10 @@ class Recorder:
     ) -> None:  # fmt: skip
         """Append one step to the record.
 
-        `time`: begin of the step, in seconds; `configuration, believed` (ndim,): true configuration and that of the
-        sensor; `velocity` (ndim,): per second; `mode`: kind of motion; `contacts`: contacts, None for none; `push`
-        (ndim,): external generalised force; all along the axes.
+        `time`: beginning of the step, in seconds; `configuration, believed` (ndim,): true configuration, and
+        configuration according to the sensor; `velocity` (ndim,): velocity of the step, per second; `mode`: kind of
+        motion; `contacts`: contacts, None for none; `push` (ndim,): external generalised force.  All vectors are in
+        axis coordinates.
         """
         torque = np.zeros(self._ndim)
         if contacts is not None and contacts.pressing.any():
@@ -344,7 +351,10 @@ class Recorder:
         )
 
     def _contact_log(self, frame: Frame) -> ContactLog:
-        """Return all recorded contacts with a force, in world coordinates; `frame`: position of the axes."""
+        """Return all recorded contacts with a force, in world coordinates.
+
+        `frame`: position and direction of the axes in the world.
+        """
 
         def column(name: str, empty: NDArray[Any]) -> NDArray[Any]:
             return np.concatenate([empty, *(getattr(each, name)[each.pressing] for _, each in self._contacts)])

@@ -36,7 +36,7 @@ from resgrid.scene.scene import Scene
 @frozen
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """A controller and the plant that it moves; runs from any number of starts.
+    """A controller and the plant (robot and true obstacles) that it moves; `run` simulates one motion.
 
     Attributes
     ----------
@@ -45,9 +45,9 @@ class Simulation:
     plant : Plant
         The robot and all obstacles, hidden ones included.
     friction : float
-        Coefficient mu of Coulomb friction.
+        Coefficient mu of Coulomb friction of all contacts.
     learn : bool
-        Whether contacts update the map.
+        Whether contacts add obstacle cells to the map.
     step : float
         Largest motion along an axis in one step, as a fraction of a cell.  No point of the robot then moves farther
         than this fraction of its largest motion across a cell.
@@ -56,11 +56,11 @@ class Simulation:
     before : Field or None
         With `relaxation`, the field to which the grid had settled at time 0; None for the field of the controller.
     scene : Scene or None
-        The scene of the simulation.
+        The scene of the simulation; None if it was made from a controller and a plant.
     space : ConfigurationSpace
-        The initial map.
+        The map of the robot at the start of a run.
     margin : float
-        Gap at which the robot is in contact, in metres.
+        Gap between robot and obstacle at which the robot is in contact, in metres.
 
     Examples
     --------
@@ -101,7 +101,7 @@ class Simulation:
     ) -> Run:
         """Simulate the robot from a start until it arrives, finds that there is no path, or cannot continue.
 
-        With learning, an exact belief, and external forces that end, a run ends at a goal or with a proof that there is
+        With learning, an exact sensor, and external forces that end, a run ends at a goal or with a proof that there is
         no path.  Let F be the set of cells that are not obstacles in the map.  (1) Each update of the map removes at
         least one cell from F, and no cell is ever added, so that there are at most ``|F|`` updates.  (2) After the last
         update the robot follows the current of a harmonic function, which enters no cell twice, so that it reaches a
@@ -126,13 +126,13 @@ class Simulation:
         Parameters
         ----------
         start : array_like of float, shape (n,), optional
-            In world coordinates, by default the scene's first start; other defaults: ``control`` of the scene.
+            In world coordinates; by default the scene's first start.  All other defaults: ``control`` of the scene.
         pushes : sequence of ExternalForce or callable, optional
-            External generalised forces, scheduled or as a function of time and configuration; ``()`` for none.
+            External generalised forces, as a list or a function of time and configuration; ``()`` for none.
         bias : array_like of float, shape () or (n,), optional
-            Constant error of the believed configuration, in world coordinates.
+            Constant error of the measured configuration, in world coordinates.
         noise : array_like of float, shape () or (n,), optional
-            Largest additional random error in each step.
+            Largest additional random error of the measured configuration in each step, in world coordinates.
         seed : int, optional
             Seed of all random numbers; the same seed gives the same run.
         max_steps : int, optional
@@ -171,9 +171,9 @@ class Simulation:
         return loop.recorder.run(end, goal, tuple(loop.lessons), field, live.space, self.plant, self.scene)
 
     def _checked_start(self, start: ArrayLike | None, *, exact: bool) -> NDArray[np.float64]:
-        """Return a start (n,) along the axes; raise InputError for a start in an obstacle that the map does not have.
+        """Return a start (n,) in axis coordinates; raise InputError if the robot is inside an obstacle there.
 
-        `start` (n,): in world coordinates, None for the scene's first start; `exact`: whether the sensor has no error.
+        `start` (n,): in world coordinates, None for the scene's; `exact`: True to skip the check in an obstacle cell.
         """
         if start is None:
             if self.scene is None or not self.scene.starts:
@@ -205,7 +205,7 @@ class Simulation:
 
 
 MARGIN = 5e-3
-"""Gap below which the robot is in contact, as a fraction of the robot's largest motion across a cell."""
+"""Gap up to which the robot is in contact, as a fraction of `Plant.cell_motion` (the robot's motion across a cell)."""
 
 
 def simulation(
@@ -245,13 +245,13 @@ def simulation(
     learn : bool, optional
         Whether touched cells become obstacles of the map.
     step : float, optional
-        Largest motion of an axis in a step, as a fraction of a cell; at most 0.5.
+        Largest motion along an axis in one step, as a fraction of a cell; at most 0.5.
     settle : {"chip", "jacobi", "sor"}, optional
-        How the grid settles while the robot moves; without a value it settles at once.
+        Mechanism by which the grid settles while the robot moves (`Relaxation`); without a value it settles at once.
     pace : float, optional
-        Sweeps, or units RC of a chip, while the robot crosses a cell.
+        Number of sweeps, or of time units RC of a chip, while the robot at nominal speed crosses a cell.
     announce : bool, optional
-        Whether hidden obstacles appear on the map at time 0, and the grid settles.
+        Whether hidden obstacles appear on the map at time 0, at which the grid begins to settle.
     field : Field, optional
         The field of the scene's map, if it has been solved already.
 
@@ -304,7 +304,7 @@ def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
 def arrival(
     end: End, space: ConfigurationSpace, configuration: NDArray[np.float64], believed: NDArray[np.float64]
 ) -> tuple[End, int | None]:
-    """Return the end of a run whose believed configuration is in a goal, and the true goal region's number or None."""
+    """Return the end of a run at a believed goal, and the number of the true goal region, None outside all goals."""
     region = int(space.goal_region[tuple(space.split(configuration)[0])])
     if region >= 0:
         return end, region
@@ -327,13 +327,13 @@ class Wavefront:
     before, after : ConfigurationSpace
         The maps before and after the change.
     cells : ndarray of float64, shape (t,)
-        Times, in cells that the robot could have crossed.
+        Times since the change, as numbers of cells that the robot at nominal speed could have crossed.
     potential : ndarray of float64, shape (t,) + shape of the space
-        Normalised potential at those times; NaN in cells without a node.
+        Normalised potential (0 to 1) at each time; NaN in cells without a node.
     distance : ndarray of float64, shape (t,)
-        Largest distance of a normalised potential from its final value.
+        At each time, the largest difference of a cell's normalised potential from its final value.
     first : ndarray of float64, shape of the space
-        Normalised potential before the change.
+        Normalised potential (0 to 1) before the change.
 
     Examples
     --------
@@ -364,7 +364,7 @@ def wavefront(simulation: Simulation, cells: NDArray[np.float64]) -> Wavefront:
     simulation : Simulation
         A simulation in the plane, made with ``announce=True`` and a value of ``settle``.
     cells : ndarray of float64, shape (t,)
-        Times, in cells that the robot could have crossed since the change, ascending.
+        Times since the change, as numbers of cells that the robot at nominal speed could have crossed, ascending.
 
     Returns
     -------

@@ -18,17 +18,21 @@ from resgrid.core.cell import Cell
 Vector = NDArray[np.float64]
 
 _PROGRESS = 0.1
-"""Smallest cosine of the angle between velocity and command (no unit) at which a step counts as progress."""
+"""Scalar product of velocity and command of a step, both divided by the command's largest component, above which the
+step counts as progress.
+"""
 _HUGE = 1e100
-"""Largest ratio of a command to its limited value; above this ratio, contacts are solved for the limited command."""
+"""Factor by which a command must exceed the speed limits so that contacts are solved for the limited command instead.
+"""
 
 
 class Loop:
     """State of one simulation run: the true body, the sensor and map of the robot, its navigator, and the records.
 
     `plant`: robot and true obstacles; `body`: true configuration; `sensor`: position sensor; `live`: the robot's map
-    and controller; `push_at`: external force as a function of time (s) and configuration; `rng`: random generator of
-    the small random motions; `friction`: friction coefficient; `learn`: whether contacts add obstacle cells to the map.
+    and controller; `push_at`: external generalised force as a function of time (s) and configuration; `rng`: random
+    generator of the small random motions; `friction`: friction coefficient; `learn`: whether contacts add obstacle
+    cells to the map.
     """
 
     def __init__(
@@ -114,9 +118,9 @@ class Loop:
         return self._check_progress(mode, elapsed * pace, pushed, seen)
 
     def _pace(self, velocity: Vector) -> float:
-        """Return the speed of a velocity after the speed limits, in cells per second (largest axis component).
+        """Return the speed of a velocity within the speed limits, in cells per second (largest axis component).
 
-        `velocity` (ndim,): along the axes, per second.  For a velocity of 0 the nominal speed of the controller is
+        `velocity` (ndim,): in axis coordinates, per second.  For a velocity of 0 the nominal speed of the controller is
         used.
         """
         controller, spacing = self.live.controller, self.live.spacing
@@ -129,8 +133,8 @@ class Loop:
         """Return the contacts and their forces at a commanded velocity, or None without contacts.
 
         The speed limits scale the whole velocity later, including the rates at which gaps open; `pause` is scaled
-        accordingly.  `around`: pairs of near points; `velocity` (ndim,): command along the axes, not yet limited;
-        `pause`: duration of the step, in seconds.
+        accordingly. `around`: pairs of near points; `velocity` (ndim,): command in axis coordinates, per second, before
+        the speed limits; `pause`: duration of the step, in seconds.
         """
         controller = self.live.controller
         limited = controller.limited(velocity)
@@ -142,9 +146,9 @@ class Loop:
     def _check_progress(self, mode: ControlMode, cells: float, pushed: bool, seen: Nominal) -> End | None:
         """Return the end of a run that makes no progress, else None.
 
-        A stalled robot first gives up its target cell, or makes a small random motion, before the run ends.  `mode`:
-        kind of motion of the step; `cells`: distance, in cells, that the step could have covered; `pushed`: whether an
-        external force acted; `seen`: nominal motion at the believed configuration.
+        A robot that has stalled first gives up its target cell, or makes a small random motion, before the run ends.
+        `mode`: kind of motion of the step; `cells`: distance that the step could have covered, in cells; `pushed`:
+        whether an external force acted; `seen`: nominal motion at the measured configuration.
         """
         stall, place, grid = self.stall, self.body.configuration, self.live.grid
         if pushed:
@@ -171,7 +175,7 @@ class Loop:
     def _end_of_stall(self, mode: ControlMode, seen: Nominal) -> End:
         """Return the end of a stalled run; its message depends on the mode and on the place (goal cell or not).
 
-        `mode`: kind of motion of the last step; `seen`: nominal motion at the believed configuration.
+        `mode`: kind of motion of the last step; `seen`: nominal motion at the measured configuration.
         """
         if mode is ControlMode.JAM:
             return End(
@@ -203,8 +207,9 @@ class Loop:
     def _proven_cells(self, contacts: ContactSet, believed: Vector) -> tuple[NDArray[np.bool_], Vector] | None:
         """Return the mask of new obstacle cells that contacts prove, and the touched points; None without a new cell.
 
-        Shapes: the mask has the shape of the space, the points (p, 2), in metres.  `contacts`: contacts with forces;
-        `believed` (ndim,): configuration according to the sensor, along the axes.
+        The mask has the shape of the space, the points the shape (p, 2), in metres, in axis coordinates of the
+        workspace. `contacts`: contacts with forces; `believed` (ndim,): configuration according to the sensor, in axis
+        coordinates.
         """
         pairs = contacts.pairs[contacts.pressing]
         points = pairs["point"] + INSIDE * self.plant.cell_motion * pairs["inward"]
@@ -227,9 +232,9 @@ class Loop:
     ) -> End | None:
         """Stand still for a step, mark cells as obstacles, and solve the new map; return the end of the run, or None.
 
-        The run ends if no place of the robot's trail has a path to a goal any more.  `cells`: mask of the new obstacle
-        cells (shape of the space); `points` (p, 2): touched points, in metres; `contacts`: contacts of the step; `push`
-        (ndim,): external generalised force; `pause`: duration of the step, in seconds.
+        The run ends if no configuration of the robot's trail has a path to a goal any more.  `cells`: mask of the new
+        obstacle cells (shape of the space); `points` (p, 2): touched points, in metres; `contacts`: contacts of the
+        step; `push` (ndim,): external generalised force; `pause`: duration of the step, in seconds.
         """
         place, none = self.body.configuration, np.zeros_like(self.torque)
         world = self.live.space.frame.to_world(points)
@@ -246,19 +251,20 @@ class Loop:
 
 
 def _makes_progress(velocity: Vector, chosen: Vector) -> bool:
-    """Return whether the velocity of a step has a component along the command, with a cosine above `_PROGRESS`.
+    """Return whether the velocity of a step has a significant component along the command.
 
-    `velocity` (ndim,): velocity of the step; `chosen` (ndim,): command without contacts and external force.
+    `velocity` (ndim,): velocity of the step; `chosen` (ndim,): command without contacts and external force; both in
+    axis coordinates, per second.
     """
     size = float(np.abs(chosen).max())
     return size > 0.0 and float((velocity / size) @ (chosen / size)) > _PROGRESS
 
 
 def _contact_mode(mode: ControlMode, contacts: ContactSet) -> ControlMode:
-    """Return the mode to record for a step with contact forces: sticking, sliding, or `mode` itself.
+    """Return the mode to record for a step with contact forces: `STICKING` if friction holds a contact, else `SLIDING`.
 
-    `mode`: mode without contacts; it is kept for jams and for motions along equipotentials, along the trail or to a
-    target.
+    `mode`: mode without contacts; it is returned for jams and for motions along equipotentials, along the trail or to a
+    target.  `contacts`: contacts of the step.
     """
     if mode in {
         ControlMode.RETREATING,

@@ -1,4 +1,4 @@
-"""State of the robot's knowledge: the believed configuration, and the map with its field."""
+"""State of the robot's knowledge: the configuration according to its sensor, and the map with its field."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ Vector = NDArray[np.float64]
 class Sensor:
     """Position sensor with a constant bias and bounded noise.
 
-    `plant`: robot and world; `bias` (ndim,): constant error, in world coordinates; `noise` (ndim,): largest random
-    error of a measurement, in world coordinates; `rng`: random generator of the noise.
+    `plant`: robot and true obstacles; `bias` (ndim,): constant error, in world coordinates; `noise` (ndim,): largest
+    random error of one measurement, in world coordinates; `rng`: random generator of the noise.
     """
 
     def __init__(self, plant: Plant, bias: Vector, noise: Vector, rng: np.random.Generator) -> None:
@@ -32,11 +32,14 @@ class Sensor:
         return not (self.bias.any() or self.noise.any())
 
     def believed(self, configurations: Vector) -> Vector:
-        """Return the measurements of configurations (..., ndim) along the axes without noise, in the same shape."""
+        """Return the noise-free measurements of `configurations` (..., ndim), in the same shape.
+
+        Measurements and configurations are in axis coordinates; the result is clipped to the mechanical stops.
+        """
         return self._plant.within_stops(configurations + self.bias)
 
     def sense(self, configuration: Vector) -> Vector:
-        """Return a measurement of a configuration (ndim,) with bias and noise, along the axes, shape (ndim,)."""
+        """Return one measurement with bias and noise of a configuration (ndim,), both in axis coordinates."""
         if not self.noise.any():
             return self.believed(configuration)
         error = self.noise * self._rng.uniform(-1.0, 1.0, len(self.noise))
@@ -46,8 +49,8 @@ class Sensor:
 class LiveMap:
     """The robot's map and the controller on its field, which is solved at once or on a settling grid.
 
-    `controller`: controller with the field of the initial map; `grid`: grid that settles step by step, None for at
-    once.
+    `controller`: controller with the field of the initial map; `grid`: grid whose voltages settle while the robot
+    moves, None for a field that is solved at once.
     """
 
     def __init__(self, controller: Controller, grid: RelaxingGrid | None = None) -> None:
@@ -61,7 +64,7 @@ class LiveMap:
         return self.space.spacing
 
     def read(self, time: float) -> None:
-        """Let the grid settle until a time in seconds since the start, and update the field if it has changed."""
+        """Let the grid settle until `time`, in seconds since the start of the run, and update the field."""
         if self.grid is None:
             return
         crossed = (time - self._read_at) * self.controller.speed / float(self.spacing.min())
@@ -70,7 +73,7 @@ class LiveMap:
             self.controller = self.controller.with_field(self.grid.field)
 
     def mark(self, cells: NDArray[np.bool_]) -> None:
-        """Mark cells (mask, shape of the space) as obstacles, goal cells included; the field does not change."""
+        """Mark cells (mask, shape of the space) as obstacles of the map, goal cells included; keep the field."""
         self.space = self.space.with_cells(np.where(cells, np.uint8(Cell.OBSTACLE), self.space.cell))
 
     def solve(self) -> None:
@@ -90,6 +93,6 @@ class LiveMap:
 def solve_again(field: Field, space: ConfigurationSpace) -> Field:
     """Return the field of a changed map.
 
-    `field`: field of the old map, whose wiring and Dirichlet weight k are used; `space`: the new map.
+    `field`: field of the old map, whose wiring and Dirichlet weight k are used again; `space`: the new map.
     """
     return solve_field(space, field.wiring, field.k if field.boundary == "blend" else None)

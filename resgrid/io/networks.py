@@ -1,6 +1,6 @@
 """Netlists as edge lists, graphs and arrays, which `read_spice` can read.
 
-These files do not hold the cells of a space; an edge list holds resistors only.
+These files do not contain the cells of a space; an edge list contains resistors only.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from resgrid.spice.networks.graph_files import graphml, netlist_arrays, node_lin
 
 _VIEWS = {"edges": edges_text, "graph": graphml, "record": node_link, "arrays": netlist_arrays}
 NETWORK_SUFFIXES = tuple(suffix for suffix, form in FORMATS.items() if form.view in _VIEWS)
-"""File name suffixes of netlist formats other than SPICE decks."""
+"""Suffixes of the file formats for netlists other than SPICE decks."""
 
 
 def write_network(netlist: Netlist, file: str | os.PathLike[str]) -> Path:
@@ -28,6 +28,7 @@ def write_network(netlist: Netlist, file: str | os.PathLike[str]) -> Path:
     Parameters
     ----------
     netlist : Netlist
+        Circuit to write.
     file : path-like
         ``.txt``: list of edges, two nodes and a resistance in ohms per line, resistors only; ``.graphml`` and
         node-link ``.json``: graphs with all elements; ``.npz``: arrays and names of the netlist.
@@ -40,7 +41,7 @@ def write_network(netlist: Netlist, file: str | os.PathLike[str]) -> Path:
     Raises
     ------
     InputError
-        If the suffix is unknown, an edge list cannot hold a node's name, or the file cannot be written.
+        If the suffix is unknown, an edge list cannot represent a node's name, or the file cannot be written.
 
     Examples
     --------
@@ -52,10 +53,11 @@ def write_network(netlist: Netlist, file: str | os.PathLike[str]) -> Path:
 
 
 def left_out(netlist: Netlist, file: str | os.PathLike[str]) -> dict[str, int]:
-    """Return the number of elements that a file of this name cannot hold, by kind of element.
+    """Return the numbers of elements that a file of this name cannot represent, by kind of element.
 
-    Only an edge list (``.txt``) omits elements, because it holds resistors only.  A nonzero temperature coefficient
-    counts as an element.
+    Kinds without such elements are omitted.  Only an edge list (``.txt``) leaves out elements, because it contains
+    resistors only.  A resistor with a temperature coefficient other than 0 counts as one element of the kind
+    "temperature coefficient".
     """
     if FORMATS[Path(file).suffix.lower()].view != "edges":
         return {}

@@ -1,6 +1,7 @@
 """Path files: tables, records, arrays, and messages for ROS.
 
-All formats hold the same columns and values, in world coordinates that are continuous across periodic seams.
+All formats contain the same columns and values, in world coordinates that are continuous across the seams of periodic
+axes.
 """
 
 from __future__ import annotations
@@ -18,31 +19,38 @@ from numpy.typing import NDArray
 
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.io.ros_paths import Timed, points_of, require_plane, streamline_of, to_ros_path
+from resgrid.io.ros_paths import Timed, points_of, require_plane, streamline_of
+from resgrid.io.ros_trajectories import has_joints, message_of, require_joints
 from resgrid.io.tables import Views, require_names, suffix_of, write
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, length_of
 from resgrid.planning.time_parameterization import Trajectory
+from resgrid.planning.workspace import Collision
 
 _VIEWS = ("table", "record", "arrays", "message")
-"""Names of the views (representations in `resgrid.io.tables`) of a path, which determine its file formats."""
+"""Names of the views of a path, which determine its file formats; a view is a representation of a value
+(`resgrid.io.tables`).
+"""
 _FIXED_NAMES = {".csv": ["path", "k", "outcome"], ".json": ["schema", "k", "outcome"], ".npz": ["k", "outcome"]}
-"""Names of columns, keys or arrays in a file of one path, in addition to those of `column_names`, by suffix."""
+"""Names of columns, keys or arrays in a file of one path, by suffix, in addition to those of `column_names`."""
 
 
-def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
+def write_path(path: Timed, file: str | os.PathLike[str], *, fixed_joints: bool = False) -> Path:
     """Write a path in the format that the file's suffix selects.  The file is written atomically.
 
-    The coordinates are world coordinates, continuous across periodic seams.  A file of ``resgrid path -o`` has the same
-    columns and values.
+    The coordinates are world coordinates, continuous across the seams of periodic axes.  A file that the command
+    ``resgrid path -o`` writes has the same columns and values.
 
     Parameters
     ----------
     path : Streamline, ShortPath, Polyline or Trajectory
-        For an arm, the file also holds the positions of its tip.
+        Path to write.  For an arm, the file also contains the positions of its tip.
     file : path-like
         ``.csv``, or ``-`` for standard output: table with a header; ``.json``: one list per column; ``.npz``: one
-        array per column; ``.yaml``: a ``nav_msgs/Path`` message for ROS.
+        array per column; ``.yaml``: a ``nav_msgs/Path`` message for ROS, or, of a trajectory of a robot from a URDF
+        file, a ``trajectory_msgs/JointTrajectory``.
+    fixed_joints : bool
+        Whether a JointTrajectory also has the joints that do not move (see `resgrid.maps.to_ros_trajectory`).
 
     Returns
     -------
@@ -53,7 +61,8 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
     ------
     InputError
         If the suffix is unknown, an axis has the name of another column, the file cannot be written, or the format is a
-        message for ROS and the path reached no goal or its configurations are not poses in the plane.
+        message for ROS and the path reached no goal, its configurations are neither poses in the plane nor joints of a
+        robot from a URDF file, or it is a path of such a robot without times.
 
     Examples
     --------
@@ -62,12 +71,15 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
     ['path,k,outcome,x,y', '0,1.0,reached,5.5,2.5']
     """
     route = Route(path, tuple(points_of(path)[0].tolist()))
-    _check_names(path.space, suffix_of(file, _VIEWS, "a path"), _FIXED_NAMES, timed=isinstance(path, Trajectory))
+    suffix = suffix_of(file, _VIEWS, "a path")
+    _check_names(path.space, suffix, _FIXED_NAMES, timed=isinstance(path, Trajectory))
+    if fixed_joints and not (suffix == ".yaml" and has_joints(path.space)):
+        raise InputError("fixed_joints applies to .yaml files of robots from URDF files only; leave it out")
     views: Views = {
         "table": lambda: _routes_table([route]),
         "record": lambda: {"k": route.k, "outcome": route.outcome, **route.columns},
         "arrays": lambda: {"k": _number(route.k), "outcome": route.outcome or "", **route.columns},
-        "message": lambda: to_ros_path(path),
+        "message": lambda: message_of(path, fixed_joints=fixed_joints),
     }
     return write(file, views, "a path")
 
@@ -75,8 +87,8 @@ def write_path(path: Timed, file: str | os.PathLike[str]) -> Path:
 def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
     """Return the columns of a path by name, arrays (n,) with one entry per point.
 
-    Positions are world coordinates, continuous across periodic seams; a trajectory also has times in seconds and
-    velocities.
+    Positions are world coordinates, continuous across the seams of periodic axes.  For an arm there are two more
+    columns with the position of its tip.  A trajectory also has times in seconds and velocities per second.
     """
     space, points = path.space, points_of(path)
     names = column_names(space, timed=isinstance(path, Trajectory))
@@ -92,17 +104,17 @@ def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
 def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
     """Return the names of the columns of a path: time, position, tip of an arm, velocity.
 
-    `timed`: whether the path is a trajectory, which alone has time and velocity.
+    `space`: space of the path; `timed`: whether the path is a trajectory; only a trajectory has time and velocity.
     """
     axes = [axis.name for axis in space.axes]
     mounted = space.robot is not None and space.robot.base is not None
-    tip = [f"{space.robot.reference}_{name}" for name in "xy"] if mounted else []
+    tip = [f"{space.robot.reference}_{name}" for name in "xyz"[: space.robot.workspace_ndim]] if mounted else []
     return ["t", *axes, *tip, *(f"{name}_rate" for name in axes)] if timed else [*axes, *tip]
 
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """A requested start and the path from it.
+    """A requested start and the path from this start.
 
     Attributes
     ----------
@@ -111,19 +123,28 @@ class Route:
     start : tuple of float
         The requested start, in world coordinates.
     certified : bool
-        Whether the streamline has passed `certify`.
+        Whether the streamline from which the path was made has passed `certify`.
     advice : str, optional
-        Reason why no goal is reached, replaces `Streamline.reason`.
+        Reason why no goal is reached, in place of `Streamline.reason`.
+    workspace_clearance : float or None
+        Smallest distance of an arm from obstacles along the path, in metres; None if it was not computed.
+    is_tested : bool
+        Whether the path was tested for collisions of the exact solids of a robot in space.
+    collision : Collision or None
+        First collision of this test.
     """
 
     path: Timed
     start: tuple[float, ...]
     certified: bool = False
     advice: str | None = None
+    workspace_clearance: float | None = None
+    is_tested: bool = False
+    collision: Collision | None = None
 
     @cached_property
     def streamline(self) -> Streamline | None:
-        """Streamline from which the path was made; None for a path without a field."""
+        """Streamline from which the path was made; None for a path that was not made from a field."""
         return streamline_of(self.path)
 
     @property
@@ -133,17 +154,17 @@ class Route:
 
     @property
     def reached(self) -> bool:
-        """Whether the streamline ends in a goal."""
+        """Whether the streamline from which the path was made ends in a goal; False without a streamline."""
         return self.outcome == Outcome.REACHED
 
     @property
     def reason(self) -> str | None:
-        """Reason why no goal is reached, with a remedy; None if one is reached."""
+        """Reason why no goal is reached, with a remedy; None if a goal is reached, or without a streamline."""
         return self.advice or (None if self.streamline is None else self.streamline.reason)
 
     @property
     def k(self) -> float | None:
-        """Weight of the Dirichlet field in the blend, 0 to 1; None without a field."""
+        """Weight of the Dirichlet field in the blend, 0 to 1; None for a path that was not made from a field."""
         return None if self.streamline is None else self.streamline.field.k
 
     @cached_property
@@ -154,9 +175,9 @@ class Route:
 
     @cached_property
     def clearance(self) -> float | None:
-        """Smallest distance from the polyline through the written points to an obstacle cell; None without a field.
+        """Smallest distance from the polyline through the written points to an obstacle cell, in axis units.
 
-        The distance is in axis units.
+        The value is None for a path that was not made from a field.
         """
         path = self.path
         if isinstance(path, Streamline | ShortPath):
@@ -173,12 +194,12 @@ class Route:
 
     @cached_property
     def columns(self) -> dict[str, NDArray[np.float64]]:
-        """Columns of the path by name, arrays (n,) with one entry per point, in world coordinates."""
+        """Columns of the path by name (`path_columns`), arrays (n,) with one entry per point, in world coordinates."""
         return path_columns(self.path)
 
 
 def _line(path: Polyline | Trajectory) -> NDArray[np.float64]:
-    """Return the points of a path that are written to the file, in axis units, shape (n, ndim)."""
+    """Return the points of a path that are written to the file, in axis coordinates, shape (n, ndim)."""
     return path.line if isinstance(path, Polyline) else path.space.from_world(path.positions)
 
 
@@ -191,9 +212,9 @@ def write_routes(routes: Sequence[Route], target: str | os.PathLike[str]) -> Pat
     """Write several routes to one file atomically, and return the file.
 
     `target`: name of the file, whose suffix selects the format: one table, one record or one set of arrays for all
-    routes, or one message for ROS per route.  With several routes, a comment before each message names the start; a
-    route that reaches no goal has only the comment, with its outcome.  Raises InputError for messages if no route
-    reaches a goal.
+    routes, or one message for ROS per route.  With several routes, a comment before each message gives start, k and
+    outcome; a route that reaches no goal has only the comment.  Raises InputError for messages if no route reaches a
+    goal.
     """
     views: Views = {
         "table": lambda: _routes_table(routes),
@@ -205,9 +226,10 @@ def write_routes(routes: Sequence[Route], target: str | os.PathLike[str]) -> Pat
 
 
 def check_routes_file(target: str, space: ConfigurationSpace | None = None, *, timed: bool = False) -> None:
-    """Raise InputError if routes cannot be written to a file named `target`.
+    """Raise InputError if routes cannot be written to a file named `target`, because of its suffix or a column name.
 
-    `space`: space of the routes, None if unknown; `timed`: whether the routes are trajectories.
+    `space`: space of the routes, None if unknown, which omits the check of the names; `timed`: whether the routes are
+    trajectories.
     """
     suffix = suffix_of(target, _VIEWS, "paths")
     if space is not None:
@@ -215,12 +237,14 @@ def check_routes_file(target: str, space: ConfigurationSpace | None = None, *, t
 
 
 def _check_names(space: ConfigurationSpace, suffix: str, fixed: dict[str, list[str]], *, timed: bool) -> None:
-    """Raise InputError if an axis has the name of another column, or a message for ROS cannot hold the poses.
+    """Raise InputError if an axis has the name of another column, or a message for ROS cannot represent the poses.
 
-    `suffix`: suffix of the file; `fixed`: names of columns in addition to those of `column_names`, by suffix; `timed`:
-    whether the paths are trajectories.
+    `space`: space of the paths; `suffix`: suffix of the file; `fixed`: names of columns in addition to those of
+    `column_names`, by suffix; `timed`: whether the paths are trajectories.
     """
-    if suffix == ".yaml":
+    if suffix == ".yaml" and has_joints(space):
+        require_joints(space, timed=timed)
+    elif suffix == ".yaml":
         require_plane(space)
     else:
         require_names(space.axes, [*fixed.get(suffix, []), *column_names(space, timed=timed)])
@@ -229,8 +253,8 @@ def _check_names(space: ConfigurationSpace, suffix: str, fixed: dict[str, list[s
 def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
     """Return outcome, length, clearance and further values of a route as a dictionary for a JSON file.
 
-    `points`: whether to include the points and cells.  `length`, `clearance` and `points` (continuous world
-    coordinates) are those of the written path.  For a shortened or timed path, the key `streamline` holds length and
+    `points`: whether to include the points and cells.  The keys `length`, `clearance` and `points` (continuous world
+    coordinates) describe the written path.  For a shortened or timed path, the key `streamline` contains length and
     clearance of the streamline.
     """
     path = route.streamline
@@ -255,6 +279,17 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
         record["short"] = {"length": short.length, "clearance": short.clearance}
     if route.duration is not None:
         record["duration"] = route.duration
+    return record | _workspace_record(route)
+
+
+def _workspace_record(route: Route) -> dict[str, Any]:
+    """Return clearance in metres and collision of a route as a dictionary for JSON; empty if they are unknown."""
+    record: dict[str, Any] = {}
+    if route.workspace_clearance is not None:
+        record["workspace_clearance"] = route.workspace_clearance
+    if route.is_tested:
+        hit = route.collision
+        record["collision"] = None if hit is None else {"configuration": hit.configuration, "bodies": hit.names}
     return record
 
 
@@ -274,7 +309,8 @@ def _routes_table(routes: Sequence[Route]) -> dict[str, list[Any]]:
 def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
     """Return the arrays of all routes by name.
 
-    Each outcome array has one entry per route; the columns of route ``i`` are arrays with the suffix ``_i``.
+    Arrays such as outcome and length have one entry per route; the columns of route ``i`` are arrays with the suffix
+    ``_i``. Missing numbers are NaN, a missing goal is -1, and a missing outcome is an empty text.
     """
     goals = [None if route.streamline is None else route.streamline.goal for route in routes]
     arrays: dict[str, Any] = {
@@ -285,6 +321,8 @@ def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
         "k": [_number(route.k) for route in routes],
         "start": [route.start for route in routes],
     }
+    if any(route.workspace_clearance is not None for route in routes):
+        arrays["workspace_clearance"] = [_number(route.workspace_clearance) for route in routes]
     for number, route in enumerate(routes):
         columns: dict[str, Any] = {"points": points_of(route.path)}
         if route.streamline is not None:
@@ -294,17 +332,20 @@ def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
 
 
 def _documents(routes: Sequence[Route]) -> str:
-    """Return YAML text with one message per route that reaches a goal, and a comment on each start and outcome."""
+    """Return YAML text with one message per route that reaches a goal, and a comment on each start and outcome.
+
+    A single route has no comment.  Raises InputError if no route reaches a goal.
+    """
     if len(routes) == 1:
-        return to_ros_path(routes[0].path)
+        return message_of(routes[0].path)
     if not any(route.reached for route in routes):
         raise InputError(
-            "no path reaches a goal, and a nav_msgs/Path message cannot hold an outcome; write .csv, .json or .npz"
+            "no path reaches a goal, and a message for ROS cannot hold an outcome; write .csv, .json or .npz"
         )
     text, begin = "", ""
     for route in routes:
         place = ", ".join(f"{value:.6g}" for value in route.start)
         comment = f"# start ({place}), k = {_number(route.k):g}: {route.outcome}\n"
-        text += f"{begin}{comment}{to_ros_path(route.path)}" if route.reached else comment
+        text += f"{begin}{comment}{message_of(route.path)}" if route.reached else comment
         begin = "---\n" if route.reached else begin
     return text

@@ -22,12 +22,12 @@ Timed = AnyPath | Trajectory
 
 
 def points_of(path: Timed) -> NDArray[np.float64]:
-    """Return the points (n, ndim) of a path in world coordinates, continuous across periodic seams."""
+    """Return the points (n, ndim) of a path in world coordinates, continuous across the seams of periodic axes."""
     return path.positions if isinstance(path, Trajectory) else unwrap(path)
 
 
 def streamline_of(path: Timed) -> Streamline | None:
-    """Return the streamline from which a path was made; None for a path without a field."""
+    """Return the streamline from which a path was made; None for a path that was not made from a field."""
     if isinstance(path, Trajectory):
         path = path.path
     if isinstance(path, ShortPath):
@@ -38,8 +38,8 @@ def streamline_of(path: Timed) -> Streamline | None:
 def to_ros_path(path: Timed, *, frame_id: str = "map") -> str:
     """Return the text of a ``nav_msgs/Path`` message of a path, as ``ros2 topic pub`` reads it.
 
-    Every pose is oriented towards the next one, the last pose like the one before; a turning polygon has its own
-    heading.  The times of a trajectory are the stamps.
+    Every pose is oriented towards the next one, the last pose like the one before; for a polygon that turns, the pose
+    has the heading of the polygon.  The stamps are the times of a trajectory, and 0 for other paths.
 
     Parameters
     ----------
@@ -77,17 +77,20 @@ def to_ros_path(path: Timed, *, frame_id: str = "map") -> str:
 
 
 def require_reached(path: Timed) -> None:
-    """Raise InputError if the streamline of a path reached no goal; its message would look like a path to a goal."""
+    """Raise InputError if the streamline from which a path was made reached no goal.
+
+    A message cannot contain an outcome, so that it would look like a path to a goal.
+    """
     streamline = streamline_of(path)
     if streamline is not None and streamline.outcome is not Outcome.REACHED:
         raise InputError(
-            f"this path ended with {str(streamline.outcome)!r} ({streamline.reason}), and a nav_msgs/Path cannot hold "
-            "an outcome; test path.outcome first, or write .csv, .json or .npz, which hold it"
+            f"this path ended with {str(streamline.outcome)!r} ({streamline.reason}), and a message for ROS cannot "
+            "hold an outcome; test path.outcome first, or write .csv, .json or .npz, which hold it"
         )
 
 
 def require_plane(space: ConfigurationSpace) -> None:
-    """Raise InputError unless the configurations of a space are poses in the plane."""
+    """Raise InputError unless the configurations of a space are poses in the plane (see `has_poses`)."""
     if not has_poses(space):
         robot, axes = (
             with_article(type(space.robot or PointRobot()).__name__),
@@ -99,17 +102,20 @@ def require_plane(space: ConfigurationSpace) -> None:
 
 
 def has_poses(space: ConfigurationSpace) -> bool:
-    """Return whether the configurations of a space are poses in the plane: x and y with one unit, or with a heading."""
+    """Return whether the configurations of a space are poses in the plane, with or without a heading.
+
+    They are if the robot has a heading, or if it moves in the workspace and the space has two axes with the same unit.
+    """
     robot = space.robot or PointRobot()
     is_flat = space.ndim == 2 and space.axes[0].unit == space.axes[1].unit and robot.moves_in_workspace
     return is_flat or robot.heading(np.zeros((1, space.ndim))) is not None
 
 
 def headings(place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the direction (n,) from every point to the next distinct point, in radians.
+    """Return the direction (n,) from every point to the next distinct point, in radians from the first axis.
 
-    `place` (n, 2): the points.  The last point has the direction of the previous point; the direction of a single point
-    is 0.
+    `place` (n, 2): the points.  A point without a later distinct point has the direction of the last motion; the
+    direction is 0 if all points are equal.
     """
     step = np.diff(place, axis=0)
     moved = np.flatnonzero(np.any(step != 0, axis=1))
@@ -122,8 +128,8 @@ def headings(place: NDArray[np.float64]) -> NDArray[np.float64]:
 def _message(times: Sequence[float], places: Sequence[Sequence[float]], yaws: Sequence[float], frame_id: str) -> str:
     """Return a ``nav_msgs/Path`` message as YAML text.
 
-    `times` (n,): stamps in seconds; `places` (n, 2): positions; `yaws` (n,): headings in radians; `frame_id`: name of
-    the coordinate frame.
+    `times` (n,): time stamps in seconds; `places` (n, 2): positions; `yaws` (n,): headings in radians; `frame_id`: name
+    of the coordinate frame.
     """
 
     def header(time: float) -> dict[str, Any]:

@@ -15,10 +15,11 @@ from resgrid.core.axis import Axis
 from resgrid.io.tables import Views, require_names, suffix_of, write
 
 _STEP = {"": "configuration", "_believed": "believed", "_rate": "velocity", "_torque": "torque", "_push": "push"}
-"""Attributes of a run with one column per axis, by the end of the name of the column in a file."""
+"""Attributes of `Run` with one column per axis, by the ending that is added to the name of the axis in a column name.
+"""
 
 _CONTACT = ("contact_x", "contact_y", "force_x", "force_y", "part", "body", "sticking")
-"""Names of the columns of the strongest contact of a time step."""
+"""Names of the columns for the contact with the largest force in a time step."""
 
 
 def write_run(run: Run | Sequence[Run], file: str | os.PathLike[str]) -> Path:
@@ -54,13 +55,16 @@ def write_run(run: Run | Sequence[Run], file: str | os.PathLike[str]) -> Path:
 
 
 def check_run_file(file: str | os.PathLike[str], axes: Sequence[Axis] = ()) -> None:
-    """Raise InputError if runs cannot be written to a file of this name; `axes`: axes of the runs, empty if unknown."""
+    """Raise InputError if runs cannot be written to a file of this name, because of its suffix or a column name.
+
+    `axes`: axes of the runs, empty if unknown, which omits the check of the names.
+    """
     if suffix_of(file, _views(()), "a run") == ".csv":
         require_names(axes, _names(axes))
 
 
 def run_record(run: Run) -> dict[str, Any]:
-    """Return outcome, times, contacts and further totals of a run as a dictionary for JSON."""
+    """Return termination reason, times, counts of contacts and further totals of a run as a dictionary for JSON."""
     modes, counts = np.unique(run.mode, return_counts=True)
     return {
         "outcome": str(run.ending),
@@ -85,7 +89,10 @@ def run_record(run: Run) -> dict[str, Any]:
 
 
 def _views(runs: Sequence[Run]) -> Views:
-    """Return functions that return the views of runs, which determine their file formats, by name of the view."""
+    """Return functions that return the views (representations) of runs, by name of the view.
+
+    The views determine the file formats.
+    """
     return {"table": lambda: _table(runs), "record": lambda: _record(runs), "arrays": lambda: _arrays(runs)}
 
 
@@ -105,7 +112,10 @@ def _table(runs: Sequence[Run]) -> dict[str, list[Any]]:
 
 
 def _rows(run: Run) -> list[list[Any]]:
-    """Return the rows of one run: time, mode, values per axis, number of contacts, and the strongest contact."""
+    """Return the rows of one run: time, mode, values per axis, number of contacts, and the strongest contact.
+
+    The strongest contact has the largest force; the entries are None in steps without contact.
+    """
     contacts = run.contacts
     size = np.hypot(*contacts.force.T)
     values = np.hstack([getattr(run, name) for name in _STEP.values()]).tolist()
@@ -143,6 +153,9 @@ def _record(runs: Sequence[Run]) -> dict[str, Any]:
 
 
 def _columns(run: Run) -> dict[str, NDArray[np.generic]]:
-    """Return all arrays of a run by name, in world coordinates, with one entry per time step or per contact."""
+    """Return all arrays of a run by name, in world coordinates, with one entry per time step or per contact.
+
+    The array `learnt` is a mask of cells.
+    """
     columns = {name: getattr(run, name) for name in ("time", "mode", *_STEP.values(), "learnt")}
     return columns | {f"contact_{name}": column for name, column in vars(run.contacts).items()}

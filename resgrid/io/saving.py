@@ -34,14 +34,16 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
         ``-`` is standard output.  By type of value:
 
         =====================  ==========================================================================
-        path                   ``.csv``, ``.json``, ``.npz``; ``.yaml``: a ``nav_msgs/Path`` for ROS
+        path                   ``.csv``, ``.json``, ``.npz``; ``.yaml``: a ``nav_msgs/Path`` for ROS, or, of a
+                               trajectory of a robot from a URDF file, a ``trajectory_msgs/JointTrajectory``
         run, runs              ``.csv``, ``.json``, ``.npz``
         field, solved space    ``.npz``: ``potential``, ``log_drop``, ``cell``, perhaps ``safe``
         other operating point  ``.csv``, ``.json``, ``.npz``, ``.raw`` (for waveform viewers)
         netlist                ``.txt`` (edge list), ``.graphml``, ``.json`` (node-link), ``.npz``
         =====================  ==========================================================================
     **options
-        For ``.raw``: ``title``, its first line, and ``form``, ``"binary"`` or ``"ascii"``.
+        For ``.raw``: ``title``, the first line of the file, and ``form``, ``"binary"`` or ``"ascii"``.  For a JointTrajectory:
+        ``fixed_joints``, whether it also has the joints that do not move (`resgrid.maps.to_ros_trajectory`).
 
     Returns
     -------

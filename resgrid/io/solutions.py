@@ -35,9 +35,10 @@ def write_solution(
         Solution to write.
     file : path-like
         For a field or the circuit of a space, ``.npz``: arrays with one dimension per axis, ``potential`` (NaN in cells
-        without a node), ``log_drop`` if it exists, ``cell``, and for a field ``safe`` if it has that mask.  For any
-        other circuit, ``.csv``: table of nodes, then elements; ``.json``, ``.npz``: the same values by name; ``.raw``:
-        raw file for waveform viewers.  ``-`` is standard output (arrays of a space, otherwise the table).
+        without a node), ``log_drop`` if it exists, ``cell`` (`Cell` codes), and for a field ``safe`` if it has that
+        mask.  For any other circuit, ``.csv``: table of nodes, then elements; ``.json``, ``.npz``: the same values by
+        name; ``.raw``: raw file for waveform viewers.  ``-`` is standard output (arrays of a space, otherwise the
+        table).
     title : str
         First line of a raw file.
     form : {"binary", "ascii"}
@@ -76,7 +77,8 @@ def check_solution_file(file: str | os.PathLike[str], *, of_space: bool) -> None
 def solution_record(op: OperatingPoint, worst: int = 10) -> dict[str, Any]:
     """Return residual, powers, largest drops and largest source currents of a circuit as a dictionary for JSON.
 
-    `worst`: number of nodes with the largest drop from the supply, and of sources with the largest currents.
+    Here a drop is the voltage between a node and its supply, in volts.  `worst`: number of listed nodes with the
+    largest drops, and number of listed sources with the largest currents.
     """
     netlist = op.netlist
     drops, balance = ir_drop(op), power_balance(op)
@@ -100,7 +102,7 @@ def solution_record(op: OperatingPoint, worst: int = 10) -> dict[str, Any]:
 def _supplies(op: OperatingPoint, count: int) -> list[dict[str, Any]]:
     """Return name, voltage (V) and current (A) of the `count` voltage sources with the largest currents.
 
-    Sources with an undetermined current come first.
+    Sources whose current is undetermined (NaN) come first.
     """
     amps = np.nan_to_num(np.abs(op.source_current), nan=np.inf)
     names = _names(op.netlist, "voltage source", "v", len(amps))
@@ -109,9 +111,10 @@ def _supplies(op: OperatingPoint, count: int) -> list[dict[str, Any]]:
 
 
 def _views(op: OperatingPoint | Field, title: str, form: str, about: Mapping[str, Any]) -> Views:
-    """Return functions that return the views of a solution, which determine its file formats, by name of the view.
+    """Return functions that return the views (representations) of a solution, by name of the view.
 
-    `title`: first line of a raw file; `form`: "binary" or "ascii" encoding of a raw file; `about`: further JSON keys.
+    The views determine the file formats.  `title`: first line of a raw file; `form`: encoding of a raw file, "binary"
+    or "ascii"; `about`: further keys of a JSON file.
     """
     if isinstance(op, Field):
         arrays = {"potential": op.potential, "log_drop": op.log_drop, "cell": op.space.cell, "safe": op.safe}
@@ -127,7 +130,7 @@ def _views(op: OperatingPoint | Field, title: str, form: str, about: Mapping[str
 
 
 def _field_arrays(op: OperatingPoint) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a space's circuit by name: potential, logarithm of the drop, and cell codes.
+    """Return the arrays of a space's circuit by name: potential, natural logarithm of the drop, and cell codes.
 
     All arrays have the shape of the space.  The logarithm is omitted if the circuit has no high rail.  In cells without
     a node, the potential and the logarithm are NaN.
@@ -193,7 +196,8 @@ def _lists(columns: Mapping[str, NDArray[Any]]) -> list[list[Any]]:
 def _elements(op: OperatingPoint) -> dict[str, dict[str, NDArray[Any]]]:
     """Return the columns of each kind of element, by kind and by name of the column.
 
-    The columns are nodes (m, 2), values in SI units, currents from first to second node, dissipated powers, and names.
+    The columns, in SI units: nodes (m, 2), values (ohms, volts or amperes), currents from the first to the second node,
+    dissipated powers (negative for a source that delivers power), and names.
     """
     netlist, balance = op.netlist, power_balance(op)
     columns = {
@@ -213,14 +217,14 @@ def _elements(op: OperatingPoint) -> dict[str, dict[str, NDArray[Any]]]:
 
 
 def _names(netlist: Netlist, kind: str, letter: str, count: int) -> list[str]:
-    """Return the names of `count` elements of one kind; elements without names are numbered from ``r1``.
+    """Return the names of `count` elements of one kind; elements without names are numbered from 1, such as ``r1``.
 
-    `kind`: kind of element; `letter`: first letter of a numbered name, such as ``r``.
+    `kind`: kind of element, such as ``"resistor"``; `letter`: first letter of a numbered name.
     """
     given = (netlist.element_names or {}).get(kind)
     return list(given) if given is not None else [f"{letter}{i + 1}" for i in range(count)]
 
 
 def _node_names(op: OperatingPoint) -> list[str]:
-    """Return the names of all nodes of a circuit, ordered by the index of the node, ground first."""
+    """Return the names of all nodes of a circuit, in the order of the node numbers, ground first."""
     return op.netlist.names_of(np.arange(op.netlist.node_count))

@@ -1,4 +1,7 @@
-"""Encoders of file formats: each format encodes one view of a value (a table, a record, arrays, a message)."""
+"""Encoders of file formats: each format encodes one view of a value.
+
+A view is a representation of the value: a table, a record (nested dictionary), named arrays, or a message as text.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +27,14 @@ SCHEMA = 1
 """Version number of the JSON records, stored under the key ``schema``."""
 
 Views = Mapping[str, Callable[[], Any]]
-"""Functions that return the views (representations) of a value, by name; only the written view is computed."""
+"""Functions that return the views (representations) of a value, by name; only the view that is written is computed."""
 
 
 class Format(NamedTuple):
     """A file format.
 
-    `view`: name of the representation that the file holds, such as "table"; `encode`: function that converts this
-    representation to the bytes of the file.
+    `view`: name of the view (representation of a value) that the file contains, such as "table"; `encode`: function
+    that converts this view to the bytes of the file.
     """
 
     view: str
@@ -39,7 +42,10 @@ class Format(NamedTuple):
 
 
 def csv_bytes(table: Mapping[str, Sequence[Any]]) -> bytes:
-    """Return the bytes of a CSV table; `table`: columns of equal length by name; NaN becomes an empty entry."""
+    """Return the bytes of a CSV table, with a first line of column names; NaN becomes an empty entry.
+
+    `table`: columns of equal length, by name.
+    """
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table)
@@ -54,12 +60,12 @@ def _cells(column: Sequence[Any]) -> list[Any]:
 
 
 def json_bytes(record: Mapping[str, Any]) -> bytes:
-    """Return the bytes of a record as one JSON object that starts with the schema number."""
+    """Return the bytes of a record as one JSON object that starts with the version number `SCHEMA`, and a line end."""
     return f"{json_text(record)}\n".encode()
 
 
 def json_text(record: Mapping[str, Any]) -> str:
-    """Return the text of a record as one JSON object that starts with the schema number."""
+    """Return the text of a record as one JSON object that starts with the version number `SCHEMA`."""
     return json.dumps({"schema": SCHEMA, **as_json(record)}, allow_nan=False, indent=2)
 
 
@@ -77,7 +83,7 @@ def as_json(value: Any) -> Any:
 
 
 def npz_bytes(arrays: Mapping[str, Any]) -> bytes:
-    """Return the bytes of an NPZ file of named arrays; equal arrays give equal bytes (no timestamps)."""
+    """Return the bytes of an NPZ file of named arrays, without timestamps, so that equal arrays give equal bytes."""
     data = BytesIO()
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, array in arrays.items():
@@ -96,13 +102,14 @@ FORMATS: dict[str, Format] = {
     ".txt": Format("edges", str.encode),
     ".graphml": Format("graph", bytes),
 }
-"""File formats by suffix; standard output (``-``) uses the first format for which a value has a representation."""
+"""File formats by suffix; standard output (``-``) uses the first format whose view the value has."""
 
 
 def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str) -> str:
     """Return the suffix that selects the format of the file `target`; raise InputError if no view has this format.
 
-    `views`: names of the value's views (representations); `kind`: name of the value in messages, such as "a path".
+    `views`: names of the views (representations) that the value has; `kind`: name of the value in messages, such as "a
+    path".
     """
     known = [suffix for suffix, form in FORMATS.items() if form.view in views]
     suffix = known[0] if os.fspath(target) == "-" else Path(target).suffix.lower()
@@ -116,8 +123,8 @@ def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str)
 def write(target: str | os.PathLike[str], views: Views, kind: str) -> Path:
     """Write a value atomically in the format that the suffix selects, and return the file.
 
-    `target`: name of the file, ``-`` for standard output; `views`: functions that return the representations of the
-    value, by name; `kind`: name of the value in messages.
+    `target`: name of the file, ``-`` for standard output; `views`: functions that return the views (representations) of
+    the value, by name; `kind`: name of the value in messages, such as "a path".
     """
     form = FORMATS[suffix_of(target, views, kind)]
     return emit(target, form.encode(views[form.view]()))
@@ -136,7 +143,10 @@ def emit(target: str | os.PathLike[str], data: bytes) -> Path:
 
 
 def require_names(axes: Iterable[Axis], names: Sequence[str]) -> None:
-    """Raise InputError if the name of an axis occurs more than once in `names`, the names of the columns of a file."""
+    """Raise InputError if the name of an axis occurs more than once in a list of column names.
+
+    `axes`: the axes; `names`: names of all columns of a file, those of the axes included.
+    """
     for axis in axes:
         if names.count(axis.name) > 1:
             raise InputError(

@@ -1,6 +1,7 @@
 """The live page: a browser editor of obstacles, goals and starts, whose grid is solved after every change.
 
-All computations run in Python.  The page stores the drawing and displays the results that the server sends.
+All computations run in Python.  The page stores the drawing (cells, starts and settings) and displays the results that
+the server sends.
 """
 
 from resgrid.live_page.launch import LivePage, live, serve

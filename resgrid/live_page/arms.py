@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from resgrid.robots import Arm
 
 _MAX_POSES = 60
-"""Largest number of poses that are sent to the page along a path."""
+"""Largest number of poses along one path that the page shows."""
 
 
 def resample(drawing: Drawing) -> Drawing:
-    """Return a drawing whose cells are computed again from its workspace; k, starts and wiring are unchanged.
+    """Return a drawing whose cells are computed again from its arm's workspace; k, starts and wiring do not change.
 
     Raises InputError for a drawing without a workspace.
     """
@@ -42,9 +42,10 @@ def resample(drawing: Drawing) -> Drawing:
 
 
 def poses(frame: SolvedDrawing) -> list[list[Any]]:
-    """Return the positions of the arm's joints along each path, as lists of shape (poses, links + 1, 2).
+    """Return the positions of the arm's joints along each path, as one list of shape (poses, links + 1, 2) per path.
 
-    The positions are in the workspace; the list is empty without an arm, and so is the entry of a missing path.
+    Positions are in the workspace, in metres.  Without an arm the result is empty; the entry of a missing path is an
+    empty list.
     """
     if frame.drawing.world is None:
         return []
@@ -53,9 +54,10 @@ def poses(frame: SolvedDrawing) -> list[list[Any]]:
 
 
 def pose(frame: SolvedDrawing, configuration: list[float]) -> list[Any] | None:
-    """Return the workspace positions of the arm's joints in a configuration, a list (links + 1, 2).
+    """Return the positions of the arm's joints in a configuration, as a list of shape (links + 1, 2), or None.
 
-    `configuration`: joint angles in radians.  The result is None without an arm.
+    Positions are in the workspace, in metres; None means that the drawing has no arm.  `configuration`: joint angles in
+    radians.
     """
     if frame.drawing.world is None:
         return None

@@ -23,16 +23,18 @@ if TYPE_CHECKING:
     from resgrid.scene import Scene
 
 MAX_CELLS = 1 << 20
-"""Largest number of cells of a drawing."""
+"""Largest number of cells of a drawing; a larger grid raises InputError."""
 
 _MAX_LEVELS = 64
-"""Largest number of different conductivities in a drawing."""
+"""Largest number of different conductivities in a drawing; a map with more raises InputError."""
 
 _MAX_GOAL_POINTS = 50_000
-"""Largest number of goal cells for which configurations are stored; with more goal cells, whole cells are goals."""
+"""Largest number of goal cells for which the configuration that solves the goal is stored; with more goal cells, every
+configuration in a goal cell solves the goal.
+"""
 
 _INSIDE = 1e-9
-"""Smallest distance of a goal point from the border of its cell, as a fraction of the cell's width."""
+"""Smallest distance of a goal configuration from the border of its cell, as a fraction of the cell's width."""
 
 
 @frozen
@@ -40,13 +42,14 @@ _INSIDE = 1e-9
 class Drawing:
     """The state of the page: cells, starts and settings of the circuit.
 
-    `title`: title of the scene; `axes`: two axes of the grid; `edge`: boundary condition at the border, for each axis;
-    `cell` (nx, ny): codes of `Cell`; `level` (nx, ny): index of each cell's conductivity in `palette`; `starts` (n, 2):
-    in axis units; `k`: weight of the Dirichlet field, 0 to 1; `wall`: wall resistance in ohms, 0 for none; `driven`:
-    whether the first start drives open obstacles, instead of the uniform drive; `chip`: the ``[chip]`` table of the
-    scene; `world`: for an arm, the document of its scene with the workspace from which the cells are computed;
-    `broken`: open resistors, as cell (i, j) and axis, for the resistor at the cell's lower face; `goal_points`:
-    configurations that solve the goal, as cell numbers in C order and points in axis units.
+    `title`: title of the scene; `axes`: two axes of the grid; `edge`: rule at the border of the grid, for each axis;
+    `cell` (nx, ny): codes of `Cell`; `level` (nx, ny): index of each cell's conductivity in `palette`; `palette`:
+    relative conductivities; `starts` (n, 2): in axis units; `k`: weight of the Dirichlet field, 0 to 1; `wall`: wall
+    resistance in ohms, 0 for no wall; `driven`: whether every start drives a circuit of its own, with open obstacles
+    (the page shows the field of the first); `chip`: keys and values of the ``[chip]`` table of the scene; `world`: for
+    an arm, the document (keys and tables) of its scene, with the workspace from which the cells are computed, else
+    None; `broken`: open resistors, as cell (i, j) and axis, for the resistor at the cell's lower face across the axis;
+    `goal_points`: configurations that solve the goal, as flat index of the cell in C order and point in axis units.
     """
 
     title: str
@@ -83,7 +86,7 @@ class Drawing:
 
     @property
     def problem(self) -> Problem:
-        """Circuits, weights k and starts to solve; equal to those of the scene that `document` describes."""
+        """Circuits, weights k and starts to solve, equal to those of the scene that `document` describes."""
         from resgrid.planning.pipeline import Problem
 
         chip = dict(self.chip or {})
@@ -94,9 +97,10 @@ class Drawing:
         return Problem(self.space, wiring, () if self.driven else (self.k,), self.starts, self.driven)
 
     def document(self) -> dict[str, Any]:
-        """Return the keys and tables of a scene file with exactly the cells of the drawing, as a dictionary.
+        """Return the keys and tables of a scene file that gives exactly the cells of the drawing, as a dictionary.
 
-        For an arm, the result is the document of the arm's scene if its workspace still gives these cells.
+        For an arm, the result contains the arm and its workspace instead of cells if the workspace still gives these
+        cells.
         """
         chip = dict(self.chip or {})
         if self.wall:
@@ -131,7 +135,7 @@ class Drawing:
         return {key: value for key, value in document.items() if value not in ([], {})}
 
     def _has_cells_of_world(self) -> bool:
-        """Return whether the cells equal those that the arm's workspace gives, without changes on the page."""
+        """Return whether the cells are those that the arm's workspace gives, unchanged; False without an arm."""
         from pathlib import Path
 
         from resgrid.scene.reading import build_scene
@@ -196,7 +200,7 @@ def drawing_of(scene: Scene) -> Drawing:
 def is_same_circuit(one: Drawing, other: Drawing) -> bool:
     """Return whether two drawings have the same circuit.
 
-    Titles may differ, and so may starts that do not drive the circuit.
+    Titles may differ, and so may all starts that do not drive the circuit.
     """
 
     def parts(drawing: Drawing) -> tuple[object, ...]:
@@ -222,9 +226,11 @@ def drawing_of_space(space: ConfigurationSpace) -> Drawing:
 
 
 def _goal_points(space: ConfigurationSpace) -> tuple[tuple[int, float, float], ...]:
-    """Return the goal configurations of a space as tuples of cell number (in C order) and point in axis units.
+    """Return the configurations of a space that solve its goals, as tuples of flat cell index (C order) and point.
 
-    Points at the border of their cell are moved inside by 1e-9 of the cell's width.
+    Points are in axis units; points at the border of their cell are moved inside by 1e-9 of the cell's width.  Goal
+    cells in which every configuration solves the goal have no entry; the result is empty for more than 50,000 goal
+    cells.
     """
     cells = np.argwhere(space.cell == Cell.GOAL)
     points = space.goal_point(cells)
@@ -246,7 +252,10 @@ def blank(cells: int = 96) -> Drawing:
 
 
 def check_size(cells: list[int]) -> None:
-    """Raise InputError for a grid with more than `MAX_CELLS` cells; `cells`: number of cells along each axis."""
+    """Raise InputError for a grid with more than `MAX_CELLS` (about a million) cells.
+
+    `cells`: number of cells along each axis.
+    """
     count = int(np.prod([float(number) for number in cells]))
     if count > MAX_CELLS:
         size = " x ".join(f"{number:,}" for number in cells)
@@ -254,7 +263,7 @@ def check_size(cells: list[int]) -> None:
 
 
 def boxes(mask: NDArray[np.bool_]) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    """Yield disjoint boxes that cover the cells of a mask (nx, ny).
+    """Yield disjoint boxes that cover exactly the cells of a mask (nx, ny).
 
     A box is a pair of cell indices: lower corner (inclusive) and upper corner (exclusive).
     """

@@ -1,4 +1,7 @@
-"""Results of a solved drawing for the page: field, paths, properties of cells and, for small grids, the circuit."""
+"""Results of a solved drawing for the page: field, paths, properties of cells and, for small grids, the circuit.
+
+A preview is a quick solution during a mouse gesture, with normwise accuracy and without certificates.
+"""
 
 from __future__ import annotations
 
@@ -24,22 +27,25 @@ MAX_CIRCUIT_SIDE = 10
 """Largest number of cells per axis of a grid whose circuit the page draws."""
 
 NO_VALUE = 65535
-"""Pixel value of cells without a value in 16-bit pictures."""
+"""Pixel value that marks cells without a value in 16-bit pictures; all other pixel values are smaller."""
 
 _SPEED_DECADES = 6.0
-"""Range of currents, in orders of magnitude, over which the speed of the moving dots on the page varies."""
+"""Range of currents, in orders of magnitude, that is mapped to the range of speeds of the moving dots on the page."""
 
 _SMALLEST_DROP = 1e-7
-"""Smallest drop that a preview (a normwise solution) resolves, as a fraction of the voltage between the rails."""
+"""Smallest drop that the page shows in a preview, because normwise solutions do not resolve smaller ones; a drop is a
+fraction of the supply.
+"""
 
 
 def describe(frame: SolvedDrawing) -> tuple[dict[str, Any], list[bytes]]:
     """Return the description of a solved drawing for the page: a dictionary for JSON, and four arrays as bytes.
 
-    The arrays are lines of paths, picture, face currents and speeds of dots.  Lines: float32 (points, 2), in cells from
-    the lower corner, continuous across seams.  Picture: uint16 (nx, ny), `NO_VALUE` for cells without a value.
-    Currents: int8 (nx, ny, 4), through the lower and the upper face across each axis, 127 for the largest current of
-    the cell.  Speeds: uint8 (nx, ny).
+    The arrays are the points of all paths, a picture, face currents and speeds of dots.  Points: float32 (points, 2),
+    measured from the lower corner of the grid in cell widths, continuous across the seams of periodic axes.  Picture:
+    uint16 (nx, ny), `NO_VALUE` for cells without a value.  Currents: int8 (nx, ny, 4), through the lower and the upper
+    face across each axis, positive along the axis, 127 for the largest current of the cell.  Speeds: uint8 (nx, ny),
+    255 for the fastest dots.
     """
     field = frame.field
     lines = [_line(path) for path in frame.paths]
@@ -62,10 +68,11 @@ def describe(frame: SolvedDrawing) -> tuple[dict[str, Any], list[bytes]]:
 
 
 def describe_others(drawing: Drawing, names: Sequence[str]) -> tuple[dict[str, Any], list[bytes]]:
-    """Return certified paths for comparison with those of a drawing: numbers of points for JSON, and lines as bytes.
+    """Return certified paths in other fields of a drawing: numbers of points for JSON, and the points as bytes.
 
-    `names`: ``"ideal"`` for the chip without imperfections, ``"k = 0"`` and ``"k = 1"`` for the fields of the blend.  A
-    line is float32 (points, 2), in cells from the lower corner, continuous across seams.
+    `names`: ``"ideal"`` for the field of the chip without imperfections, ``"k = 0"`` and ``"k = 1"`` for the Neumann
+    and the Dirichlet field of the blend.  Points of a path: float32 (points, 2), measured from the lower corner of the
+    grid in cell widths, continuous across the seams of periodic axes.
     """
     others = {"ideal": without_imperfections(drawing)}
     if not drawing.driven:
@@ -100,8 +107,9 @@ def _path_head(path: Streamline | None, points: int) -> dict[str, Any]:
 def picture_of(frame: SolvedDrawing) -> tuple[dict[str, Any], NDArray[np.uint16]]:
     """Return the scale and the picture uint16 (nx, ny) of a field.
 
-    The picture shows log10 of the drop if the drop is known, otherwise the potential; the scale holds the kind, the
-    lowest and the highest value.
+    The picture shows log10 of the drop if the field has an obstacle rail, otherwise the normalised potential.  The
+    scale is a dictionary with the kind (``"decades"`` or ``"height"``), and the lowest and the highest value in this
+    unit.
     """
     field = frame.field
     goal, log_drop = field.space.cell == Cell.GOAL, _log_drop(frame)
@@ -115,16 +123,16 @@ def picture_of(frame: SolvedDrawing) -> tuple[dict[str, Any], NDArray[np.uint16]
 
 
 def quantised(value: NDArray[np.float64], shown: NDArray[np.bool_], low: float, high: float) -> NDArray[np.uint16]:
-    """Return values scaled from [low, high] to [0, 65534] as uint16; `NO_VALUE` for cells outside the mask `shown`.
+    """Return values scaled from [low, high] to [0, 65534] as uint16, in the shape of `value`.
 
-    `value` and `shown` have the same shape.
+    `value`: values; `shown`: mask of the same shape; entries outside the mask become `NO_VALUE` (65535).
     """
     fraction = np.where(shown, (value - low) / (high - low), 0.0) if high > low else np.zeros_like(value)
     return np.where(shown, np.rint(fraction * (NO_VALUE - 1)), NO_VALUE).astype("<u2")
 
 
 def _log_drop(frame: SolvedDrawing) -> NDArray[np.float64] | None:
-    """Return the natural logarithm of the drop, shape of the space; None if the drop is not known.
+    """Return the natural logarithm of the drop, shape of the space; None if the circuit has no obstacle rail.
 
     The drop of a blend is ``k u_D + (1 - k) (1 - phi_N)``, with the Dirichlet drop u_D and the Neumann potential phi_N.
     """
@@ -141,9 +149,9 @@ def _log_drop(frame: SolvedDrawing) -> NDArray[np.float64] | None:
 
 
 def _log_drop_of(field: Field) -> NDArray[np.float64] | None:
-    """Return the natural logarithm of the drop of one circuit, shape of the space; None without a high rail.
+    """Return the natural logarithm of the drop of one circuit, shape of the space; None if it has no obstacle rail.
 
-    For a preview, the drop is limited from below by the error of the preview.
+    In a preview, drops below 1e-7 are replaced by 1e-7, the error of the preview.
     """
     if field.log_drop is not None or field.wiring.is_driven:
         return field.log_drop
@@ -153,7 +161,8 @@ def _log_drop_of(field: Field) -> NDArray[np.float64] | None:
 def _currents(field: Field) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
     """Return the relative face currents int8 (nx, ny, 4) and the speeds of the moving dots uint8 (nx, ny).
 
-    Currents flow through the lower and the upper face across each axis; 127 is the largest current of the cell.
+    Currents flow through the lower and the upper face across each axis, positive along the axis; 127 is the largest
+    current of the cell.  The speed is 255 at large currents, and 0 in cells without a current.
     """
     log_current, direction = (
         [part for axis in range(2) for part in sides_of_cells(values[axis], axis)]
@@ -173,9 +182,16 @@ def _currents(field: Field) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
 
 
 def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
-    """Return the properties of a cell as a dictionary for JSON: volts, amperes per face, converter bits, certificate.
+    """Return the properties of a cell as a dictionary for JSON.
 
-    `cell`: index along each axis.
+    Keys: `cell`: index along each axis; `centre`: centre of the cell, in axis units; `kind`: ``"free"``, ``"obstacle"``
+    or ``"goal"``; `conductivity`: relative conductivity; `potential`: normalised potential, 0 to 1, NaN in a cell
+    without a node; `volts`: the same potential in volts; `drop_decades`: log10 of the drop, None without an obstacle
+    rail; `amperes`: currents through the lower and the upper face across the first axis, then across the second,
+    positive along the axis; `bits`: converter bits that resolve the voltage step to the lowest neighbour, or None;
+    `exact`: whether the solution is direction-safe; `proved`: sentences on proved properties.
+
+    `frame`: the solved drawing; `cell`: index along each axis.  Raises InputError for a cell outside the grid.
     """
     space, drawing = frame.field.space, frame.drawing
     index = (int(cell[0]), int(cell[1]))
@@ -203,7 +219,10 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
 
 
 def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
-    """Return the certified statements about a cell as sentences; `index`: index of the cell along each axis."""
+    """Return statements about a cell that are proved for this solution, as sentences.
+
+    `index`: index of the cell along each axis.
+    """
     if not frame.exact:
         return ["preview: not certified"]
     if frame.drawing.cell[index] != Cell.FREE or not frame.field.space.goal_connected[index]:
@@ -216,9 +235,10 @@ def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
 
 
 def _bits(frame: SolvedDrawing, index: tuple[int, ...]) -> float | None:
-    """Return the converter resolution, in bits, that resolves the drop from a cell to its lowest neighbour.
+    """Return the converter bits that resolve the voltage step from a cell to its lowest neighbour.
 
-    `index`: index of the cell.  The result is None for blends, drives and cells that are not free.
+    `index`: index of the cell.  The result is None for cells that are not free, for blends of two circuits, and for
+    previews without an operating point.
     """
     from resgrid.chip.adc_resolution import analyse_adc_resolution
 
@@ -229,11 +249,11 @@ def _bits(frame: SolvedDrawing, index: tuple[int, ...]) -> float | None:
 
 
 def _circuit(op: OperatingPoint) -> dict[str, Any] | None:
-    """Return resistors, supplies and injected currents as a dictionary for JSON; None for a grid that is too large.
+    """Return resistors, supplies and injected currents as a dictionary for JSON; None for more than 10 cells per axis.
 
-    `resistors`: lists of axis, i, j (the resistor at the lower face of cell (i, j)), ohms, and volts and amperes from
-    the lower to the upper side; `supplies`: name, volts and delivered amperes of every rail; `fed`: amperes that are
-    injected into every driven node, None without injected currents.
+    `resistors`: lists of axis, i, j (the resistor at the lower face of cell (i, j) across this axis), ohms, and volts
+    and amperes from the lower to the upper side; `supplies`: name of the rail, volts and delivered amperes of every
+    voltage source; `fed`: amperes injected into every driven node, None without injected currents.
     """
     netlist, cells = op.netlist, op.netlist.cells
     shape = cells.space.shape

@@ -25,16 +25,18 @@ if TYPE_CHECKING:
 _MISSING = "the live page needs starlette, uvicorn and websockets; type: {command}"
 _NO_WIDGETS = "in a notebook the page is a widget, which needs anywidget; type: {command}, or pass widget=False"
 _START_SECONDS = 20.0
-"""Longest wait for the start of the server, in seconds."""
+"""Longest wait for the start of the server, in seconds; after that, the page is returned all the same."""
 
 _STOP_SECONDS = 30.0
-"""Longest wait for the end of the server, in seconds."""
+"""Longest wait for the end of the server, in seconds; after that, its socket is closed all the same."""
 
 _WORKERS = 8
-"""Number of requests that are answered in parallel, so that browsers do not wait for each other."""
+"""Number of requests that are answered in parallel; further requests wait."""
 
 _WARM_CELLS = 256
-"""Largest number of cells per axis of the drawing that is solved at the start in order to load the kernels."""
+"""Largest number of cells per axis of the initial drawing that is solved at the start to load the compiled kernels;
+instead of a larger drawing, a blank one of this size is solved.
+"""
 
 
 class LivePage:
@@ -95,7 +97,7 @@ class LivePage:
             pass
 
     def close(self) -> None:
-        """Stop the server and drop unfinished requests."""
+        """Stop the server and discard unanswered requests."""
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)  # dropped requests would be logged as errors
         self._server.should_exit = True
         self._ended.wait(_STOP_SECONDS)
@@ -125,7 +127,7 @@ def live(
     port : int
         Port of the server; 0 for any free port.
     read_only : bool
-        Whether visitors can only change k and starts.
+        Whether visitors can only change the Dirichlet weight k and the starts.
     browser : bool
         Whether to open the page in a browser.
     widget : bool, optional
@@ -166,8 +168,9 @@ def serve(
 ) -> LivePage:
     """Start a server of the live page, and return the page.
 
-    `where`: initial drawing, an empty square for None; `host`, `port`: address of the server; `read_only`: whether
-    visitors can only change k and starts; `browser`: whether to open the page in a browser.
+    `where`: initial drawing, None for an empty square; `host`, `port`: address of the server, port 0 for any free port;
+    `read_only`: whether visitors can only change the Dirichlet weight k and the starts; `browser`: whether to open the
+    page in a browser.
     """
     page = LivePage(_drawing(where), host, port, read_only)
     if browser:
@@ -188,7 +191,10 @@ def _in_notebook() -> bool:
 
 
 def _load_engine(first: Drawing) -> None:
-    """Import the solvers and load their kernels, by the solution of the first drawing or of a smaller blank one."""
+    """Import the solvers and load their compiled kernels, by solving a drawing.
+
+    `first`: initial drawing, which is solved if it is small; otherwise a blank drawing is solved.
+    """
     from resgrid.live_page.solving import solve_drawing
 
     cells = max(first.cell.shape)

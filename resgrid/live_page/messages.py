@@ -1,7 +1,8 @@
 """Messages between page and server: binary messages with a JSON head and a body of bytes.
 
 A message consists of ``uint32`` n (little endian), n bytes of JSON (padded with spaces to a multiple of 4), and a body.
-The body of a drawing has one byte per cell in C order: its code + 4 x the index of its conductivity in the palette.
+The body of a drawing has one byte per cell in C order: the cell's code (`Cell`) plus 4 times the index of its
+conductivity in the drawing's palette.
 """
 
 from __future__ import annotations
@@ -21,20 +22,20 @@ from resgrid.live_page.drawing import Drawing, check_size
 from resgrid.scene.table_models import TableModel
 
 LARGEST = 8 << 20
-"""Largest size of a message, in bytes."""
+"""Largest size of a message from the page, in bytes; the server closes the connection after a larger one."""
 
 _PAGE_WORDS = {
     "use --drive uniform": "choose the uniform drive",
     "--drive uniform": "the uniform drive",
     "boundary = 'neumann'": "k = 0",
 }
-"""Names of the page's controls, by the option of the command line that has the same effect."""
+"""Name of the control on the page, by the option of the command line or the key of a scene that has the same effect."""
 
 _Point = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]
 
 
 class AxisHead(TableModel):
-    """An axis of a drawing in the JSON head of a message."""
+    """An axis of a drawing in the JSON head of a message, with the fields of `Axis`."""
 
     name: Annotated[str, Len(1, 40)]
     lower: float
@@ -45,7 +46,7 @@ class AxisHead(TableModel):
 
 
 class DrawingHead(TableModel):
-    """The attributes of a drawing, except for its cells, in the JSON head of a message."""
+    """The fields of a `Drawing`, except for its cells, in the JSON head of a message."""
 
     title: Annotated[str, Len(0, 200)] = ""
     axes: Annotated[list[AxisHead], Len(2, 2)]
@@ -62,14 +63,23 @@ class DrawingHead(TableModel):
 
 
 class File(TableModel):
-    """A file that the user opens on the page; `name`: file name; `data`: content of the file in base64."""
+    """A file that the user opens on the page.
+
+    `name`: file name without a folder; `data`: content of the file, encoded in base64.
+    """
 
     name: Annotated[str, Len(1, 200)]
     data: str
 
 
 class Request(TableModel):
-    """The JSON head of a request of the page; `type` determines the request and which other keys apply."""
+    """The JSON head of a request of the page.
+
+    `type`: kind of request, which determines the keys that apply; `seq`: number of the request, which the reply
+    repeats; `drawing`: the drawing without its cells; `exact`: whether the solution must be direction-safe; `paths`:
+    fields whose paths are compared; `format`: file format of an export; `cell`: index of a cell; `name`: name of an
+    example; `files`: opened files; `document`: scene of a link.
+    """
 
     type: Literal["solve", "paths", "save", "probe", "settle", "world", "example", "files", "link"]
     seq: Annotated[int, Ge(0)]
@@ -84,7 +94,10 @@ class Request(TableModel):
 
 
 def read_request(message: bytes) -> tuple[Request, bytes]:
-    """Return the JSON head and the body of a request; raise InputError if the message is invalid."""
+    """Return the JSON head and the body of a request; raise InputError if the message is invalid.
+
+    `message`: the whole message.
+    """
     size = int.from_bytes(message[:4], "little")
     if len(message) < 4 or size > len(message) - 4:
         raise InputError("this message is cut short; it must have a length, a JSON head and a body: reload the page")
@@ -101,7 +114,8 @@ def read_request(message: bytes) -> tuple[Request, bytes]:
 def read_drawing(head: DrawingHead | None, body: bytes) -> Drawing:
     """Return the drawing of a request; raise InputError if the drawing is missing or inconsistent.
 
-    `head`: attributes of the drawing, None if they are missing; `body`: one byte per cell, in C order.
+    `head`: fields of the drawing, None if they are missing; `body`: one byte per cell, in C order: the cell's code plus
+    4 times the index of its conductivity.
     """
     if head is None:
         raise InputError("this request needs a drawing")
@@ -139,7 +153,8 @@ def read_drawing(head: DrawingHead | None, body: bytes) -> Drawing:
 def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
     """Return the JSON head and the body of a message with a drawing and its goal regions.
 
-    The head lists the cell numbers (in C order) of each goal region; the body has one byte per cell.
+    The head contains the fields of the drawing and, for each goal region, the flat indices (C order) of its cells.  The
+    body has one byte per cell: the cell's code plus 4 times the index of its conductivity.
     """
     space = drawing.space
     region, goals = space.goal_region.ravel(), []
@@ -163,14 +178,17 @@ def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
 
 
 def in_page_words(text: str) -> str:
-    """Return a message of the library in which names of the page's controls replace options of the command line."""
+    """Return an error message in which names of the page's controls replace options of the command line."""
     for option, words in _PAGE_WORDS.items():
         text = text.replace(option, words)
     return text
 
 
 def pack(head: dict[str, Any], *body: bytes) -> bytes:
-    """Return the bytes of a message with a JSON head and the concatenated parts of its body."""
+    """Return the bytes of a message with a JSON head and a body.
+
+    `head`: values of the head; `body`: parts of the body, which are concatenated.
+    """
     text = json_text(head).encode()
     text += b" " * (-len(text) % 4)
     return b"".join((len(text).to_bytes(4, "little"), text, *body))

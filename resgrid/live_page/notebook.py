@@ -23,7 +23,9 @@ function urlOf(name) {
 const { show } = await import(urlOf("widget.js"));
 export default { render: (context) => show(context, sources["page.css"]) };
 """
-"""JavaScript module that contains all other modules: a widget has only one module and no address for imports."""
+"""JavaScript module that contains the sources of all modules of the page, because a widget has only one module and no
+address from which modules could be imported.
+"""
 
 
 @cache
@@ -33,10 +35,10 @@ def _module() -> str:
 
 
 class LiveWidget(anywidget.AnyWidget):
-    """The live page as a notebook widget; every view has a session of its own.
+    """The live page as a notebook widget; every view (displayed copy of the widget) has its own session.
 
-    Messages contain the name of the view and a request, as over a WebSocket; a message without a request reports that
-    the view was opened or closed.
+    Messages contain the name of the view and a request, in the format of messages over a WebSocket.  A message without
+    a request reports that the view was opened or closed.
     """
 
     def __init__(self, drawing: Drawing, *, read_only: bool = False) -> None:

@@ -25,13 +25,13 @@ _PLAIN = re.compile(r"[\w. +()-]+")
 
 @cache
 def examples() -> Mapping[str, Path]:
-    """Return the files of the shipped scenes with two axes, by the name of the scene."""
+    """Return the files of the shipped example scenes with two axes, by the name of the scene."""
     return {name: file for name, file in shipped_scenes().items() if _is_plane(file)}
 
 
 @cache
 def example_titles() -> Mapping[str, str]:
-    """Return the titles of the shipped scenes with two axes, by the name of the scene."""
+    """Return the titles of the shipped example scenes with two axes, by the name of the scene."""
     tables = {name: tomllib.loads(file.read_text(encoding="utf-8")) for name, file in examples().items()}
     return {name: table.get("title", name) for name, table in tables.items()}
 
@@ -44,16 +44,16 @@ def _is_plane(file: Path) -> bool:
 
 
 def open_example(name: str | None) -> Scene:
-    """Return the shipped scene with a name; raise InputError for an unknown name."""
+    """Return the shipped scene with a name; raise InputError for an unknown name or None."""
     if name is None or name not in examples():
         raise InputError(f"there is no example {name!r}; the examples are {', '.join(examples())}")
     return read_scene(examples()[name])
 
 
 def open_document(document: Mapping[str, Any] | None) -> Drawing:
-    """Return the drawing of the scene in a link; raise InputError for a scene with a map file.
+    """Return the drawing of the scene in a link; raise InputError for a scene that needs a map file.
 
-    `document`: keys and tables of the scene, None if the link contains none.
+    `document`: keys and tables of the scene, None if the link contains no scene.
     """
     if document is None:
         raise InputError("this link contains no scene; copy the whole link again")
@@ -64,7 +64,7 @@ def open_document(document: Mapping[str, Any] | None) -> Drawing:
 def open_files(files: Sequence[File] | None) -> Drawing:
     """Return the drawing of a scene file, or of a map with its picture; raise InputError for invalid files.
 
-    `files`: files that the user opens; the scene has no access to other files.
+    `files`: the files that the user opens, None for none; the scene has no access to other files.
     """
     if not files:
         raise InputError("there is no file to open; drop a scene or a map on the page")
@@ -105,7 +105,10 @@ def _refuse_files(document: Mapping[str, Any]) -> None:
 
 
 def _refuse_foreign_picture(map_file: Path, files: Sequence[File]) -> None:
-    """Raise InputError unless the picture of a ROS map is one of the opened files; `map_file`: the ``map.yaml``."""
+    """Raise InputError unless the picture of a ROS map is one of the opened files.
+
+    `map_file`: the YAML file of the map, which names the picture; `files`: the opened files.
+    """
     from resgrid.scene.maps.yaml_cpp import read_mapping
 
     picture = read_mapping(map_file, ("image",)).get("image")

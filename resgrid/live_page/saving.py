@@ -21,10 +21,10 @@ from resgrid.spice.write.files import write_spice
 
 
 def save(drawing: Drawing, kind: str | None) -> tuple[str, bytes]:
-    """Return name and content (bytes) of an exported file.
+    """Return the name and the content of an exported file.
 
-    `kind`: ``toml`` or ``json`` (the scene), ``csv`` (paths), ``deck`` (decks with sidecars, zipped), ``svg`` (field
-    and paths, drawn by `rg.draw`) or ``circuit`` (the circuit of a small grid, as SVG).
+    `kind`: ``toml`` or ``json`` (the scene), ``csv`` (paths), ``deck`` (SPICE decks with sidecars, zipped), ``svg``
+    (picture of field and paths, drawn by `rg.draw`) or ``circuit`` (picture of the circuit of a small grid, as SVG).
     """
     match kind:
         case "toml":
@@ -45,7 +45,7 @@ def save(drawing: Drawing, kind: str | None) -> tuple[str, bytes]:
 
 
 def scene_toml(document: Mapping[str, Any]) -> str:
-    """Return a document as TOML text: plain keys, then tables, then lists of tables.
+    """Return a document (keys and tables of a scene) as TOML text: keys, then tables, then lists of tables.
 
     Examples
     --------
@@ -115,9 +115,9 @@ def _circuit(drawing: Drawing) -> bytes:
 
 
 def _deck(drawing: Drawing) -> bytes:
-    """Return the bytes of a ZIP archive with the decks of the drawing's circuits and their sidecars.
+    """Return the bytes of a ZIP archive with the SPICE decks of the drawing's circuits and their sidecars.
 
-    The circuits include the imperfections of the chip.
+    The circuits include the mismatch and the open resistors of the chip.
     """
     problem = drawing.problem
     content = io.BytesIO()

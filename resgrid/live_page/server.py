@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 STATIC = Path(__file__).parent / "static"
 MAX_BROWSERS = 32
-"""Largest number of browsers that are connected at the same time."""
+"""Largest number of browsers that are connected at the same time; further connections are refused."""
 
 _HEADERS = {
     "content-security-policy": "default-src 'self'; img-src 'self' blob: data:; style-src 'self'; object-src 'none'; "
@@ -44,8 +44,8 @@ _LOOPBACK = {"127.0.0.1", "localhost", "::1"}
 def make_app(first: Drawing, executor: Executor, *, host: str, read_only: bool = False) -> Starlette:
     """Return the ASGI application that serves the page of a drawing.
 
-    `first`: initial drawing; `executor`: pool in which requests are answered; `host`: address of the server;
-    `read_only`: whether visitors can only change k and starts.
+    `first`: initial drawing; `executor`: workers that compute replies; `host`: address of the server; `read_only`:
+    whether visitors can only change the Dirichlet weight k and the starts.
     """
     served = set[WebSocket]()
 
@@ -72,9 +72,10 @@ def make_app(first: Drawing, executor: Executor, *, host: str, read_only: bool =
 
 
 class _Guard:
-    """Middleware that rejects requests with a foreign host name and adds security headers.
+    """Middleware that rejects requests with a foreign host name and adds security headers to responses.
 
-    A foreign name that resolves to this server belongs to an attack by another site (DNS rebinding).
+    A foreign name that resolves to this server belongs to an attack by another site (DNS rebinding).  `app`: wrapped
+    application; `names`: accepted host names.
     """
 
     def __init__(self, app: ASGIApp, names: Collection[str]) -> None:
@@ -97,7 +98,7 @@ class _Guard:
 
 
 def _name_in(headers: Headers) -> str | None:
-    """Return the host name, without the port, that a request is addressed to; None if it is invalid."""
+    """Return the host name, without the port, in the headers of a request; None if it is missing or invalid."""
     try:
         return urlsplit(f"//{headers.get('host', '')}").hostname
     except ValueError:
@@ -112,9 +113,9 @@ def _is_own(socket: WebSocket) -> bool:
 async def _talk(socket: WebSocket, first: Drawing, read_only: bool, executor: Executor) -> None:
     """Answer the requests of one browser in sequence, so that the browsers take turns, until it disconnects.
 
-    Transients are computed in parallel, one at a time, so that changes of the drawing do not wait for them.  `first`:
-    initial drawing; `read_only`: whether the visitor can only change k and starts; `executor`: pool in which requests
-    are answered.
+    Transients are computed in parallel to other requests, one at a time, so that changes of the drawing do not wait for
+    them. `socket`: connection to the browser; `first`: initial drawing; `read_only`: whether the visitor can only
+    change the Dirichlet weight k and the starts; `executor`: workers that compute replies.
     """
     loop = asyncio.get_running_loop()
     sending = asyncio.Lock()

@@ -21,9 +21,9 @@ from resgrid.live_page.opening import example_titles, open_document, open_exampl
 from resgrid.live_page.solving import SolvedDrawing, WarmFields, solve_drawing
 
 MAX_EXACT_SECONDS = 0.035
-"""Largest computing time, in seconds, of a direction-safe solution that is computed during a gesture: if the last
-direction-safe solution took less time, the solutions during a gesture are direction-safe, too; otherwise they are
-previews."""
+"""Computing time, in seconds, of the last direction-safe solution, below which previews during a mouse gesture are
+replaced by direction-safe solutions.
+"""
 
 _log = logging.getLogger(__name__)
 Reply = tuple[dict[str, Any], list[bytes]]
@@ -32,7 +32,7 @@ Reply = tuple[dict[str, Any], list[bytes]]
 class Session:
     """Session of one browser, which answers requests and stores the last solved drawings.
 
-    `first`: initial drawing; `read_only`: whether the visitor can only change k and starts.
+    `first`: initial drawing; `read_only`: whether the visitor can only change the Dirichlet weight k and the starts.
     """
 
     def __init__(self, first: Drawing, read_only: bool) -> None:
@@ -46,7 +46,7 @@ class Session:
         self._warm = WarmFields()
 
     def hello(self) -> bytes:
-        """Return the first message to a page, as bytes: examples, settings and the initial drawing."""
+        """Return the first message to a page, as bytes: names of examples, settings, and the initial drawing."""
         head, body = write_drawing(self.first)
         colours = {"height": list(HEIGHT), "goal": GOAL}
         about = {"examples": example_titles(), "read_only": self.read_only, "colours": colours}
@@ -106,9 +106,9 @@ class Session:
         return head, [cells]
 
     def _drawing(self, request: Request, body: bytes) -> Drawing:
-        """Return the drawing of a request; on a read-only page, the initial drawing with k and starts of the request.
+        """Return the drawing of a request; on a read-only page, the initial drawing with the request's k and starts.
 
-        `body`: one byte per cell of the drawing.
+        `request`: head of the request; `body`: one byte per cell of the drawing.
         """
         drawing = read_drawing(request.drawing, body)
         return replace(self.first, k=drawing.k, starts=drawing.starts) if self.read_only else drawing
@@ -116,7 +116,7 @@ class Session:
     def _origin(self, drawing: Drawing) -> OperatingPoint | None:
         """Return the operating point before the last change, from which a transient of the drawing starts.
 
-        The result is None for a new grid or a blend.
+        The result is None if no drawing of the same axes was solved before, or if the last one was a blend.
         """
         if self.before is None or self.before.drawing.axes != drawing.axes:
             return None
@@ -124,7 +124,10 @@ class Session:
         return points[0] if len(points) == 1 else None
 
     def requests_transient(self, message: bytes) -> bool:
-        """Return whether a message, as bytes, requests a transient, which may take many seconds."""
+        """Return whether a message requests a transient, whose computation may take many seconds.
+
+        `message`: the whole message, as bytes.
+        """
         head = message[4 : 4 + int.from_bytes(message[:4], "little")]
         if b'"settle"' not in head:  # avoids parsing heads that contain whole files
             return False
@@ -133,7 +136,7 @@ class Session:
         return False
 
     def begin_transient(self) -> None:
-        """Record that a transient is computed; the computation stops when a drawing of another circuit is solved."""
+        """Record that a transient is being computed, which stops when a drawing of another circuit is solved."""
         self._has_transient, self._newer = True, None
 
     def leave(self) -> None:
@@ -141,14 +144,17 @@ class Session:
         self._has_left = True
 
     def _is_wanted(self, drawing: Drawing) -> bool:
-        """Return whether the transient of a drawing is still that of the circuit on the page."""
+        """Return whether the browser is connected, and the circuit of a transient is still that on the page.
+
+        `drawing`: drawing of the transient.
+        """
         return not self._has_left and (self._newer is None or is_same_circuit(self._newer, drawing))
 
     def _solve(self, drawing: Drawing, exact: bool) -> Reply:
         """Return the head and the body of the reply with the solution of a drawing.
 
-        `exact`: whether the field must be direction-safe; if the last direction-safe solution was fast, previews are
-        direction-safe, too.
+        `exact`: whether the solution must be direction-safe; if not, it is a preview unless the last direction-safe
+        solution was fast.
         """
         if self._has_transient:
             self._newer = drawing

@@ -1,4 +1,8 @@
-"""Transients of a drawing's circuit after its rails are switched on, or after a change of its cells."""
+"""Transients of a drawing's circuit after its rails are switched on, or after a change of its cells.
+
+A level is the number that the page shows for a node: the normalised potential or, in a field with an obstacle rail, the
+drop.  Both lie between 0 and 1.
+"""
 
 from __future__ import annotations
 
@@ -18,39 +22,45 @@ from resgrid.live_page.frames import NO_VALUE, picture_of, quantised
 from resgrid.live_page.solving import SolvedDrawing, solve_drawing
 
 MAX_CELLS = 1 << 15
-"""Largest number of cells of a grid whose transient is computed."""
+"""Largest number of cells of a grid whose transient is computed; for a larger grid, BudgetError is raised."""
 
 _FARADS = 1e-12
-"""Default capacitance of a node, in farads."""
+"""Capacitance of every node, in farads, if the drawing's chip states none."""
 
 _FIRST = 0.25
-"""Ratio of the first time of a transient to `_RATIO`, in units of the time constant R C of a cell."""
+"""First time of a transient divided by `_RATIO`, in units of the time constant R C of one resistor and one capacitor.
+"""
 
 _RATIO = 1.4
 """Ratio of two successive times of a transient."""
 
 _MAX_TIMES = 80
-"""Largest number of times at which a transient is computed."""
+"""Largest number of times at which a transient is computed; the steady state follows as the last picture."""
 
 _STEPS = ((0.3, 24), (0.1, 12), (0.02, 6), (0.0, 3))
-"""Smallest logarithmic difference of fine and coarse levels at the last time, and number of coarse steps to the next.
+"""Pairs of an error and a number of time steps: the number of coarse steps to the next time, by the smallest error at
+the last time for which this number is used.
 
-The steps are of backward Euler; fine steps are half as long as coarse steps.
+The error is the largest difference of the natural logarithms of fine and coarse levels.  The steps are of backward
+Euler; fine steps are half as long as coarse steps.
 """
 
 _VISIBLE = 0.004
-"""Largest difference from the steady-state picture, as a fraction of its scale, at which a circuit counts as settled.
+"""Largest difference of a picture from the steady-state picture, as a fraction of the range of pixel values, at which
+the circuit counts as settled.
 """
 
 
 def settle(
     drawing: Drawing, before: OperatingPoint | None, is_wanted: Callable[[], bool] = lambda: True
 ) -> tuple[dict[str, Any], list[bytes]]:
-    """Return a transient: times in seconds, pictures uint16 (times, nx, ny) and volts float32 (times, nx, ny).
+    """Return a transient: a head for JSON with the times in seconds, and two arrays as bytes.
 
-    The pictures have the scale of the steady-state field, which is the last picture.  The initial state is the
-    operating point `before`, or zero voltage if there is no such point or if its picture equals the last one.  The
-    function `is_wanted` is called before every time step; InputError is raised if it returns False.
+    The arrays have shape (times, nx, ny): pictures uint16 and volts float32 (NaN in cells without a path to a goal).
+    The head has the keys ``times`` and ``from_rest`` (whether the initial state is zero voltage).  The pictures have
+    the scale of the steady-state field, which is the last picture.  The initial state is the operating point `before`,
+    or zero voltage if `before` is None or its picture equals the last one.  The function `is_wanted` is called before
+    every time step; InputError is raised if it returns False.
     """
     if not drawing.driven and 0.0 < drawing.k < 1.0:
         raise InputError("a blend consists of two chips: choose k = 0 or k = 1 for the transient of one chip")
@@ -86,11 +96,11 @@ def _transient(
     farads: float,
     is_wanted: Callable[[], bool],
 ) -> tuple[NDArray[np.uint16], NDArray[np.float64]] | None:
-    """Return pictures uint16 and volts float64 (times, nx, ny) until the circuit is settled.
+    """Return pictures uint16 and volts float64, both (times, nx, ny), until the circuit has settled.
 
-    The result is None if the circuit is settled initially.  `op`: steady state; `before`: initial operating point, None
-    for zero voltage; `farads`: capacitance of a node; `is_wanted`: function that is called before every time step, and
-    returns False to stop the computation.
+    The result is None if the initial picture equals the steady state.  `frame`: solved drawing; `op`: steady state;
+    `before`: initial operating point, None for zero voltage; `farads`: capacitance of every node; `is_wanted`: function
+    that is called before every time step, and returns False to stop the computation.
     """
     cells, wiring = op.netlist.cells, frame.field.wiring
     scale, steady = picture_of(frame)
@@ -127,7 +137,11 @@ def _transient(
 
 
 def _unit(op: OperatingPoint, is_drop: bool) -> float:
-    """Return the voltage, in volts, that the page shows as a potential of 1, or as a drop of 1 if `is_drop`."""
+    """Return the voltage, in volts, that the page shows as a potential of 1, or as a drop of 1 if `is_drop`.
+
+    `op`: operating point.  A drop of 1 is the supply, with its sign; a potential of 1 is the largest voltage between a
+    free node and the goal rail.
+    """
     wiring, free = op.netlist.cells.wiring, op.netlist.cells.free_node
     if is_drop:
         return float(wiring.supply)
@@ -135,10 +149,10 @@ def _unit(op: OperatingPoint, is_drop: bool) -> float:
 
 
 def _in_levels(netlist: Netlist, unit: float, goal: float, farads: float, is_drop: bool) -> Netlist:
-    """Return the circuit scaled to potentials, or to drops if `is_drop`, with a capacitor per free cell.
+    """Return the circuit scaled to potentials, or to drops if `is_drop`, with a capacitor at every free cell.
 
     `unit`: voltage of a potential or drop of 1, in volts; `goal`: voltage of the goal rail, in volts; `farads`:
-    capacitance of a node.  Backward Euler keeps the relative accuracy of drops and potentials over many orders of
+    capacitance of every node.  Backward Euler keeps the relative accuracy of drops and potentials over many orders of
     magnitude, because they are not negative.
     """
     nodes = netlist.cells.free_node
@@ -155,8 +169,8 @@ def _in_levels(netlist: Netlist, unit: float, goal: float, farads: float, is_dro
 def _first_levels(op: OperatingPoint, before: OperatingPoint | None, unit: float, is_drop: bool) -> NDArray[np.float64]:
     """Return the potential, or the drop if `is_drop`, of every node at time 0, shape (nodes,).
 
-    `op`: steady state; `before`: initial operating point, None for zero voltage; `unit`: voltage of a level of 1, in
-    volts.
+    `op`: steady state; `before`: initial operating point, None for zero voltage; `unit`: voltage of a potential or drop
+    of 1, in volts.
     """
     goal = op.netlist.cells.wiring.goal_voltage
     if before is None:
@@ -173,8 +187,8 @@ def _levels(netlist: Netlist, start: NDArray[np.float64], unit: float) -> Iterat
     """Yield the potentials or drops (nodes,) of all nodes at geometrically spaced times.
 
     The values are extrapolated from coarse and fine steps of backward Euler.  The geometric extrapolation ``fine**2 /
-    coarse`` has second order and keeps all values positive.  `start` (nodes,): values at time 0; `unit`: time constant
-    R C, in seconds.
+    coarse`` has second order and keeps all values positive.  `netlist`: circuit scaled to potentials or drops; `start`
+    (nodes,): values at time 0; `unit`: time constant R C, in seconds.
     """
     times = unit * _FIRST * np.array([0.0, *_RATIO ** np.arange(1, _MAX_TIMES + 1)])
     coarse = fine = start
@@ -192,9 +206,9 @@ def _levels(netlist: Netlist, start: NDArray[np.float64], unit: float) -> Iterat
 
 
 def _advanced(netlist: Netlist, level: NDArray[np.float64], seconds: float, steps: int) -> NDArray[np.float64]:
-    """Return the potentials or drops (nodes,) after `steps` equal steps of backward Euler over a time in seconds.
+    """Return the potentials or drops (nodes,) after `steps` equal steps of backward Euler in total time `seconds`.
 
-    `level` (nodes,): values before the steps.
+    `netlist`: circuit scaled to potentials or drops; `level` (nodes,): values before the steps.
     """
     stepper = transient_stepper(netlist, seconds / steps, method="backward_euler")
     level = stepper.start(level)

@@ -1,4 +1,4 @@
-"""Solution of drawings: normwise previews during a gesture, or direction-safe fields with certified paths."""
+"""Solution of drawings: normwise previews during a mouse gesture, or direction-safe fields with certified paths."""
 
 from __future__ import annotations
 
@@ -28,17 +28,21 @@ if TYPE_CHECKING:
     from resgrid.chip.effects import Effect
 
 _TOLERANCE = 1e-6
-"""Largest normwise backward error of previews, dimensionless."""
+"""Largest normwise relative backward error of the voltages of previews."""
 
 
 class WarmFields:
-    """Solver of previews of ideal circuits; its iterations start from the previous fields."""
+    """Solver of previews of ideal circuits; the iterations start from the fields of the previous call."""
 
     def __init__(self) -> None:
         self._starts: dict[str, WarmStart] = {}
 
     def solve(self, problem: Problem) -> Solution:
-        """Return the normwise fields of a problem; raise the errors of `WarmStart.solve` and `read_cells`."""
+        """Return the fields of a problem with normwise accuracy.
+
+        Raises the errors of `WarmStart.solve` and `read_cells`; after an error, the next call starts without previous
+        fields.
+        """
         pure = dict[str, Field]()
         for name, wiring in problem.wirings.items():
             start = self._starts.pop(name, None)  # after an error, the next call starts without previous fields
@@ -54,9 +58,9 @@ class WarmFields:
 class SolvedDrawing:
     """The solution of a drawing.
 
-    `drawing`: the drawing; `solution`: its circuits and fields; `paths`: one per start, None if the field of a preview
-    is too inaccurate for a path; `exact`: whether the field is direction-safe and the paths are certified, otherwise
-    the solution is a preview; `seconds`: computing time.
+    `drawing`: the drawing; `solution`: its circuits and fields; `paths`: one per start, None where the field of a
+    preview is too inaccurate for a path; `exact`: whether the field is direction-safe and the paths are certified
+    (False for a preview); `seconds`: computing time.
     """
 
     drawing: Drawing
@@ -75,7 +79,7 @@ def solve_drawing(drawing: Drawing, *, exact: bool, warm: WarmFields | None = No
     """Return the solution of a drawing, with a path for every start; raise InputError without a goal.
 
     `exact`: whether to compute a direction-safe field and certified paths, otherwise a preview; `warm`: solver of
-    previews for chips without imperfections, None to solve without previous fields.
+    previews for ideal chips, which starts from the previous fields, None to solve without previous fields.
     """
     began = time.perf_counter()
     if not (drawing.cell == Cell.GOAL).any():
@@ -114,10 +118,7 @@ def _path(field: Field, point: NDArray[np.float64], exact: bool) -> Streamline |
 
 
 def imperfections_of(drawing: Drawing) -> list[Effect]:
-    """Return the imperfections of a drawing's chip, as functions from netlist to netlist.
-
-    The list is empty for an ideal chip.
-    """
+    """Return the mismatch and the open resistors of a drawing's chip as a list of effects, empty for an ideal chip."""
     chip = drawing.chip or {}
     sigma = chip.get("mismatch", 0.0)
     if not sigma and not drawing.broken:
@@ -135,7 +136,10 @@ def without_imperfections(drawing: Drawing) -> Drawing:
 
 
 def _with_imperfections(solver: Solver, imperfections: list[Effect]) -> Solver:
-    """Return a solver that adds the imperfections of a chip to a netlist before the solution."""
+    """Return a solver that applies effects of a chip to a netlist and then solves it.
+
+    `solver`: solver of netlists; `imperfections`: effects in the order in which they are applied.
+    """
     from resgrid.chip.build import build_chip
 
     def solve_imperfect(netlist: Netlist, **options: object) -> OperatingPoint:

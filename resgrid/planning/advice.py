@@ -11,7 +11,8 @@ from functools import cached_property, partial
 from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import ResgridError
-from resgrid.planning.streamline import FAILURE_REASONS, Outcome, Streamline, nearest_start
+from resgrid.planning.failure_reasons import FAILURE_REASONS, nearest_start, undecided_reason
+from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.robots import PointRobot
 from resgrid.scene import GoalCell, GoalJoints, Scene, build_space
 from resgrid.scene.goals import Goal
@@ -51,7 +52,7 @@ class Advisor:
         cell = tuple(path.cells[0].tolist())
         is_blocked = path.outcome is Outcome.START_BLOCKED
         why = f"the start {why_blocked(self.scene, cell)}" if is_blocked else FAILURE_REASONS[path.outcome]
-        parts = [why]
+        parts = [undecided_reason(path.outcome, path.space, cell) or why]
         remedies = list(self._remedies(path, unknown="unknown space" in why))
         parts += [nearest_start(path.space, cell), *remedies]
         if not remedies and not is_blocked:

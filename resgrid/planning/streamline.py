@@ -13,9 +13,9 @@ from resgrid._internal.validation import with_article
 from resgrid._internal.values import frozen, picture_html
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
+from resgrid.planning.failure_reasons import failure_reason
 from resgrid.planning.fields import Field
 from resgrid.robots import PointRobot, Robot
-from resgrid.scene.nearest_place import nearest_place
 
 
 class Outcome(StrEnum):
@@ -43,13 +43,6 @@ class Outcome(StrEnum):
     GOAL_BLOCKED = "goal_blocked"
 
 
-FAILURE_REASONS = {
-    "no_path": "obstacles separate the start from every goal",
-    "no_current": "the current here is too small to give a direction: use --drive uniform",
-    "start_blocked": "the start lies in an obstacle",
-    "goal_blocked": "no free cell has a path to a goal: move the goal, or open a passage to it",
-}
-"""Message for every value of `Outcome` except ``"reached"``."""
 _FLAT = (
     "no current flows here, because these cells are connected to a goal but to no obstacle: open the obstacles "
     "(boundary = 'neumann', or k below 1), or let the edge count as an obstacle (edge = 'obstacle')"
@@ -304,31 +297,6 @@ class Polyline:
 
 
 AnyPath = Streamline | ShortPath | Polyline
-
-
-def failure_reason(outcome: str, space: ConfigurationSpace, cell: tuple[int, ...]) -> str | None:
-    """Return the reason why a path ended with an outcome, and a remedy, as a message; None for ``"reached"``.
-
-    `outcome`: value of `Outcome`; `cell`: start cell of the path.  Messages of `resgrid.planning.advice` also name
-    changes of the scene that were tried.
-    """
-    if outcome not in FAILURE_REASONS:
-        return None
-    parts = [FAILURE_REASONS[outcome]]
-    if outcome in ("no_path", "start_blocked"):
-        remedy = getattr(space.robot, "remedy", "")
-        parts += [nearest_start(space, cell), "open a passage" if outcome == "no_path" else "", remedy]
-    return "; ".join(part for part in parts if part)
-
-
-def nearest_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> str:
-    """Return a phrase with the goal-connected place or configuration nearest to `cell`.
-
-    The phrase is empty if no cell of the space is goal-connected.
-    """
-    place = nearest_place(space.goal_connected, cell, space.axes, space.frame)
-    kind = "place" if space.robot is None or space.robot.moves_in_workspace else "configuration"
-    return f"the nearest {kind} with a path to a goal is {place}" if place else ""
 
 
 def unwrap(path: AnyPath) -> NDArray[np.float64]:

@@ -7,22 +7,17 @@ the corner, and passes it at ``d |u2 - u1| / 4`` for unit directions ``u1`` and 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.numbers import NotNegative, check_number, per_axis
+from resgrid._internal.numbers import NotNegative, check_number
 from resgrid._internal.values import frozen
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
+from resgrid.planning.motion_limits import LimitRatio, Limits, limit_ratio, own_velocity_limits
 from resgrid.planning.streamline import AnyPath, Polyline, distinct_rows, robot_of, unwrap
-
-Limits = float | Sequence[float] | NDArray[np.float64]
-
-LimitRatio = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Function that returns, for vectors (n, ndim) in world coordinates, the ratios (n,) of their magnitudes to a limit."""
 
 Knots = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 """Times (n,), positions and velocities (n, ndim), and accelerations (n - 1, ndim) of a `Trajectory`, in this order."""
@@ -196,7 +191,7 @@ class Trajectory:
 def time_parameterize(
     path: AnyPath,
     *,
-    velocity_limits: Limits,
+    velocity_limits: Limits | None = None,
     acceleration_limits: Limits | None = None,
     tolerance: NotNegative | None = None,
 ) -> Trajectory:
@@ -210,11 +205,13 @@ def time_parameterize(
     ----------
     path : Streamline, ShortPath or Polyline
         The path to follow.
-    velocity_limits : float or sequence of float
+    velocity_limits : float or sequence of float, optional
         Positive limits in world coordinates per second.  A sequence limits each coordinate separately.  A single number
-        limits the speed (Euclidean norm) of point and disc robots, and each coordinate of other robots.
+        limits the speed (Euclidean norm) of point and disc robots, and each coordinate of other robots.  By default
+        those of the robot: of a robot from a URDF file, the limits of its joints; other robots have none.
     acceleration_limits : float or sequence of float, optional
-        Limits in world coordinates per second squared, applied in the same form.
+        Limits in world coordinates per second squared, applied in the same form.  By default those of the robot, if it
+        has some (`URDFRobot.acceleration`).
     tolerance : float, optional
         Maximum deviation from the path, in axis units: one half to straighten small bends, one half to round the
         remaining corners.  By default half of the path's clearance, at most a quarter of the smallest cell width; for a
@@ -230,7 +227,8 @@ def time_parameterize(
     Raises
     ------
     InputError
-        If a limit is not positive, or the number of limits is not the number of axes.
+        If a limit is not positive, the number of limits is not the number of axes, or velocity limits are not given
+        and the robot has none for a coordinate that changes along the path.
 
     Examples
     --------
@@ -240,13 +238,15 @@ def time_parameterize(
     >>> round(float(fast.times[-1]), 2), round(float(smooth.times[-1]), 2)
     (4.11, 7.35)
     """
-    velocity = _limit_ratio("velocity_limits", velocity_limits, path)
     points = _without_duplicates(unwrap(path))
+    velocity_limits = own_velocity_limits(points, path) if velocity_limits is None else velocity_limits
+    velocity = limit_ratio("velocity_limits", velocity_limits, path)
+    acceleration_limits = robot_of(path).acceleration_limits if acceleration_limits is None else acceleration_limits
     if acceleration_limits is None:
         if tolerance is not None:
             raise InputError("tolerance applies only with acceleration limits: give acceleration_limits too")
         return Trajectory(*_at_constant_velocities(points, velocity), path)
-    acceleration = _limit_ratio("acceleration_limits", acceleration_limits, path)
+    acceleration = limit_ratio("acceleration_limits", acceleration_limits, path)
     within = _default_tolerance(path) if tolerance is None else tolerance
     if len(points) < 2:
         return Trajectory(*_at_constant_velocities(points, velocity), path)
@@ -260,14 +260,6 @@ def _default_tolerance(path: AnyPath) -> float:
         return 0.0
     clearance = np.inf if np.isnan(path.clearance) else path.clearance
     return float(min(clearance / 2, path.space.spacing.min() / 4))
-
-
-def _limit_ratio(name: str, limits: Limits, path: AnyPath) -> LimitRatio:
-    """Return a function that computes ratios of vectors to `limits`; `name`: name of the limits, for messages."""
-    each = per_axis(name, limits, path.space.ndim, "positive and finite", above=0.0)
-    if np.size(limits) == 1 and robot_of(path).moves_in_workspace:
-        return lambda vectors: np.asarray(np.linalg.norm(vectors, axis=1) / each[0])
-    return lambda vectors: np.asarray((np.abs(vectors) / each).max(axis=1))
 
 
 def _without_duplicates(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,8 +12,9 @@ from resgrid._internal.numbers import Positive
 from resgrid._internal.values import frozen
 from resgrid.errors import InputError
 from resgrid.planning.streamline import AnyPath, robot_of, unwrap
-from resgrid.robots import RigidPart, Shape
-from resgrid.robots.geometry import Obstacle, obstacles_of
+from resgrid.planning.time_parameterization import Trajectory
+from resgrid.robots import Shape
+from resgrid.robots.collision_tests import CollisionTest
 from resgrid.scene.world_coordinates import to_space
 
 _MOST = 5_000_000
@@ -26,7 +27,7 @@ _BATCH = 4096
 @frozen
 @dataclass(frozen=True, eq=False)
 class Collision:
-    """First collision of a robot with an obstacle along a path.
+    """First collision of a robot with an obstacle, or of an arm in space with itself, along a path.
 
     Returned by `resgrid.check_collisions`.  Indices start at 0.
 
@@ -37,9 +38,12 @@ class Collision:
     configuration : ndarray of float64, shape (ndim,)
         Configuration of the robot, in world coordinates.
     part : int
-        Index of the rigid part of the robot, such as the link of an arm.
-    obstacle : int
-        Index of the obstacle in the given sequence.
+        Index of the rigid part of the robot, such as the link of an arm; of a robot from a URDF file, of its body.
+    obstacle : int or None
+        Index of the obstacle in the given sequence; None for a collision of the robot with itself.
+    names : tuple of (str, str) or None
+        Names of both bodies, such as ``("forearm_link", "obstacle[2]")``, of a robot from a URDF file; None for robots
+        of the plane.
 
     Examples
     --------
@@ -54,22 +58,23 @@ class Collision:
     segment: int
     configuration: NDArray[np.float64]
     part: int
-    obstacle: int
+    obstacle: int | None
+    names: tuple[str, str] | None = None
 
 
-def workspace_path(path: AnyPath) -> NDArray[np.float64]:
+def workspace_path(path: AnyPath | Trajectory) -> NDArray[np.float64]:
     """Return the path of the robot's reference point (an arm's tip) in the workspace.
 
     Parameters
     ----------
-    path : Streamline, ShortPath or Polyline
+    path : Streamline, ShortPath, Polyline or Trajectory
         The path, in the space of the robot.
 
     Returns
     -------
     ndarray of float64, shape (n, d)
-        World coordinates, one position per point of the path; d is 2 for arms and turning polygons, and ndim for point
-        robots, whose path is returned unchanged.
+        World coordinates, one position per point of the path; d is 2 for arms of the plane and turning polygons, 3 for
+        robots from URDF files, and ndim for point robots, whose path is returned unchanged.
 
     Examples
     --------
@@ -79,15 +84,19 @@ def workspace_path(path: AnyPath) -> NDArray[np.float64]:
     array([[2., 0.],
            [1., 1.]])
     """
+    if isinstance(path, Trajectory):
+        return robot_of(path.path).reference_point(path.positions)
     return robot_of(path).reference_point(unwrap(path))
 
 
-def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: Positive = 0.01) -> float:
+def workspace_clearance(path: AnyPath | Trajectory, obstacles: Sequence[Shape], *, step: Positive = 0.01) -> float:
     """Compute the smallest distance from the whole robot to the obstacles along a path, with exact geometry.
+
+    For a robot from a URDF file, distances between links that must not touch each other count too.
 
     Parameters
     ----------
-    path : Streamline, ShortPath or Polyline
+    path : Streamline, ShortPath, Polyline or Trajectory
         The path, in the space of the robot.
     obstacles : sequence of Shape
         Shapes in world coordinates; a `CellSet` has the axes of the space.
@@ -103,8 +112,10 @@ def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: Posi
     Raises
     ------
     InputError
-        If the robot has no geometry in the plane, the step is not positive, or it gives more than 5,000,000
+        If an obstacle does not fit the robot's workspace, the step is not positive, or it gives more than 5,000,000
         configurations.
+    ToolMissingError
+        If a robot from a URDF file is tested without the extra ``robots``.
 
     Examples
     --------
@@ -114,18 +125,22 @@ def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: Posi
     >>> round(rg.planning.workspace_clearance(path, [rg.Ball((0.5, 1.0), 0.25)]), 3)
     0.25
     """
-    nearest = np.inf
-    for _, _, parts, solids in _poses(path, obstacles, step):
-        nearest = min([nearest, *(float(solid.distance(part).min()) for solid in solids for part in parts)])
-    return nearest
+    tested = _test_of(path, obstacles)
+    configurations, _ = sample_path(path, step)
+    return min(float(tested.clearances(some).min()) for some in _batches(configurations))
 
 
-def check_collisions(path: AnyPath, obstacles: Sequence[Shape], *, step: Positive = 0.01) -> Collision | None:
+def check_collisions(
+    path: AnyPath | Trajectory, obstacles: Sequence[Shape], *, step: Positive = 0.01
+) -> Collision | None:
     """Return the first collision of the whole robot with an obstacle along a path, with exact geometry.
+
+    Links of a robot from a URDF file must also not collide with each other, if its `self_collision` is True; its
+    meshes are tested as they are, without the convex covers of the proof.
 
     Parameters
     ----------
-    path : Streamline, ShortPath or Polyline
+    path : Streamline, ShortPath, Polyline or Trajectory
         The path, in the space of the robot.
     obstacles : sequence of Shape
         Shapes in world coordinates; a `CellSet` has the axes of the space.
@@ -135,13 +150,15 @@ def check_collisions(path: AnyPath, obstacles: Sequence[Shape], *, step: Positiv
     Returns
     -------
     Collision or None
-        None without a collision.  Touching an obstacle, to within 1e-9, is not a collision.
+        None without a collision.  Touching an obstacle of the plane, to within 1e-9, is not a collision.
 
     Raises
     ------
     InputError
-        If the robot has no geometry in the plane, the step is not positive, or it gives more than 5,000,000
+        If an obstacle does not fit the robot's workspace, the step is not positive, or it gives more than 5,000,000
         configurations.
+    ToolMissingError
+        If a robot from a URDF file is tested without the extra ``robots``.
 
     Examples
     --------
@@ -151,54 +168,76 @@ def check_collisions(path: AnyPath, obstacles: Sequence[Shape], *, step: Positiv
     >>> rg.check_collisions(path, [rg.Ball((0.5, 1.0), 0.25)]) is None
     True
     >>> rg.check_collisions(path, [rg.Ball((1.5, 1.0), 0.25)])
-    Collision(segment=0, configuration=float64(2,), part=1, obstacle=0)
+    Collision(segment=0, configuration=float64(2,), part=1, obstacle=0, names=None)
     """
-    for configurations, segment, parts, solids in _poses(path, obstacles, step):
-        hits = [
-            (int(np.argmax(hit)), number, solid.number)
-            for number, part in enumerate(parts)
-            for solid in solids
-            if (hit := solid.collides(part)).any()
-        ]
-        if hits:
-            at, part, obstacle = min(hits)
-            return Collision(int(segment[at]), path.space.to_world(configurations[at]), part, obstacle)
+    tested = _test_of(path, obstacles)
+    configurations, segment = sample_path(path, step)
+    for number, some in enumerate(_batches(configurations)):
+        hit = tested.first_hit(some)
+        if hit is not None:
+            at = number * _BATCH + hit.row
+            place = path.space.to_world(configurations[at])
+            return Collision(int(segment[at]), place, hit.part, hit.obstacle, hit.names)
     return None
 
 
-def _poses(
-    path: AnyPath, obstacles: Sequence[Shape], step: float
-) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64], list[RigidPart], list[Obstacle]]]:
-    """Yield tuples ``(configurations, segments, parts, obstacles)`` for consecutive batches of poses along a path.
-
-    ``configurations`` (m, ndim): in axis units; ``segments`` (m,): index of each configuration's segment of the path;
-    ``parts``: rigid parts of the robot in these configurations; ``obstacles``: all obstacles, in every batch.
-    `step`: largest distance that a point of the robot moves between two configurations, in workspace units.
-    """
-    robot, space = robot_of(path), path.space
-    solids = obstacles_of((to_space(shape, space.frame) for shape in obstacles), robot.workspace_axes(space.axes))
-    configurations, segment = sample_path(path, step)
-    own = robot.within_seams(space.axes, configurations)
-    for first in range(0, len(own), _BATCH):
-        some = slice(first, first + _BATCH)
-        yield configurations[some], segment[some], robot.parts(own[some]), solids
+def _test_of(path: AnyPath | Trajectory, obstacles: Sequence[Shape]) -> CollisionTest:
+    """Return the collision test of a path's robot among obstacles, given in world coordinates."""
+    space = path.space
+    robot = robot_of(path.path if isinstance(path, Trajectory) else path)
+    return robot.collision_test(space.axes, [to_space(shape, space.frame) for shape in obstacles])
 
 
-def sample_path(path: AnyPath, step: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _batches(configurations: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+    """Yield consecutive batches of configurations (n, ndim)."""
+    for first in range(0, len(configurations), _BATCH):
+        yield configurations[first : first + _BATCH]
+
+
+def sample_path(path: AnyPath | Trajectory, step: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return configurations (m, ndim) along a path, in axis units, and the index of the path's segment of each (m,).
 
+    Of a trajectory, the configurations lie on the motion itself, and a segment is the part between two knots.
     `step`: largest distance that a point of the robot moves between two configurations, in workspace units.
     """
+    if isinstance(path, Trajectory):
+        return _sample_motion(path.motion or path, step)
     points, robot = path.line, robot_of(path)
     robot.check_axes(path.space.axes)
-    pieces = np.maximum(np.ceil(robot.travel(points[:-1], points[1:]) / step), 1.0)
-    if pieces.sum() > _MOST:
-        raise InputError(
-            f"step = {step:g} gives {pieces.sum():,.0f} configurations, more than {_MOST:,}; choose a longer step"
-        )
-    count = pieces.astype(np.int64)
-    segment = np.repeat(np.arange(len(count)), count)
-    fraction = (np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count)) / np.repeat(count, count)
+    count = _parts(robot.travel(points[:-1], points[1:]), step)
+    segment, fraction = _steps(count)
     inner = points[segment] + fraction[:, np.newaxis] * (points[segment + 1] - points[segment])
     last = max(len(count) - 1, 0)
     return np.concatenate([inner, points[-1:]]), np.append(segment, last).astype(np.int64)
+
+
+def _sample_motion(motion: Trajectory, step: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return configurations (m, ndim) on a trajectory, in axis units, and the indices of their knots (m,).
+
+    Between two knots no coordinate moves farther than duration times the larger of both speeds.
+    """
+    robot, space = robot_of(motion.path), motion.space
+    robot.check_axes(space.axes)
+    end = motion.velocities[:-1] + np.diff(motion.times)[:, np.newaxis] * motion.accelerations
+    farthest = np.maximum(np.abs(motion.velocities[:-1]), np.abs(end)) * np.diff(motion.times)[:, np.newaxis]
+    segment, fraction = _steps(_parts(robot.travel(np.zeros_like(farthest), farthest), step))
+    times = motion.times[segment] + fraction * np.diff(motion.times)[segment]
+    positions = np.concatenate([motion.at(times)[0], motion.positions[-1:]])
+    last = max(len(motion.times) - 2, 0)
+    return space.from_world(positions), np.append(segment, last).astype(np.int64)
+
+
+def _parts(distance: NDArray[np.float64], step: float) -> NDArray[np.int64]:
+    """Return the number of parts (n,), at most `step` long, of segments on which the robot moves a `distance` (n,)."""
+    parts = np.maximum(np.ceil(distance / step), 1.0)
+    if parts.sum() > _MOST:
+        raise InputError(
+            f"step = {step:g} gives {parts.sum():,.0f} configurations, more than {_MOST:,}; choose a longer step"
+        )
+    return np.asarray(parts.astype(np.int64))
+
+
+def _steps(count: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return segment (m,) and fraction of the segment (m,) of every part, for the numbers of parts (n,) of segments."""
+    segment = np.repeat(np.arange(len(count)), count)
+    return segment, (np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count)) / np.repeat(count, count)

@@ -6,7 +6,7 @@ A new robot is a subclass of `Robot` in a file of its own, with an entry in `res
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from itertools import product
 from math import inf, tau
@@ -19,6 +19,7 @@ from resgrid._internal.validation import with_article
 from resgrid.core.axis import Axis, Point
 from resgrid.errors import InputError
 from resgrid.robots.cells import CellClasses, GoalCells, Progress, Sampling, region_cells
+from resgrid.robots.collision_tests import CollisionTest, PlanarTest
 from resgrid.robots.geometry import Pose, RigidPart, obstacles_of
 from resgrid.robots.shapes import Shape, require_plane
 
@@ -75,6 +76,29 @@ class Robot(ABC):
     turning_length: float | None = None
     """Length in metres that corresponds to a rotation by one radian; the third coordinate of a configuration is the
     heading times this length.  None if the robot does not turn."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints for a motion controller, one per axis; empty for a robot without such names."""
+        return ()
+
+    @property
+    def fixed_joints(self) -> Mapping[str, float]:
+        """Values, in radians or metres, of joints that do not move, by their names for a motion controller."""
+        return {}
+
+    @property
+    def velocity_limits(self) -> NDArray[np.float64] | None:
+        """Largest speeds of the coordinates (ndim,) in axis units per second; None for a robot without own limits.
+
+        A limit is infinite if the robot's description has none for this coordinate.
+        """
+        return None
+
+    @property
+    def acceleration_limits(self) -> NDArray[np.float64] | None:
+        """Largest accelerations of the coordinates (ndim,) in axis units per second squared; None without limits."""
+        return None
 
     @property
     def remedy(self) -> str:
@@ -257,6 +281,15 @@ class Robot(ABC):
         use one; the other parameters are those of `occupancy`.
         """
         return CellClasses(self.occupancy(axes, obstacles, rule, progress))
+
+    def collision_test(self, axes: Sequence[Axis], obstacles: Sequence[Shape]) -> CollisionTest:
+        """Return a test of the robot among obstacles at single configurations, with exact geometry.
+
+        By default the test is that of robots of the plane.  `axes`: axes of the configuration space; `obstacles`:
+        shapes in the coordinates of the space.
+        """
+        solids = obstacles_of(obstacles, self.workspace_axes(axes))
+        return PlanarTest(lambda configurations: self.parts(self.within_seams(axes, configurations)), solids)
 
     def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
         """Return the goal cells of a grid with the given `axes`, with one configuration per cell that solves the goal.

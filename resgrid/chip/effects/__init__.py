@@ -65,7 +65,7 @@ def of_chip(chip: Chip, seed: Any = None) -> tuple[Effect, ...]:
     chip : Chip
         The chip description.
     seed : int, sequence of int or numpy.random.SeedSequence, optional
-        Seed of the random effects; by default that of the chip description.
+        Seed of the random effects; by default the seed in the chip description.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def of_chip(chip: Chip, seed: Any = None) -> tuple[Effect, ...]:
 
 
 def to_json(effects: Iterable[Effect]) -> list[dict[str, Any]]:
-    """Return effects as plain values, which `from_json` reads.
+    """Return effects as a list of tables with JSON values, which `from_json` reads.
 
     Parameters
     ----------

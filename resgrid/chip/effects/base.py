@@ -1,6 +1,7 @@
-"""Base class of the effects of a chip, and operations on netlists that effects share.
+"""Base class of the effects of a chip, and the functions on netlists that the effects share.
 
-Added elements are appended, so that resistors of the grid keep their numbers; added elements cross no face (-1).
+An effect is a deviation of real devices from the ideal circuit.  Effects append new elements, so that the resistors of
+the grid keep their numbers.  New elements cross no cell face: the map of the cells gives them the face number -1.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ from resgrid.scene.table_models import check_fields
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect of a chip on its netlist: a pure function with a seed where it is random.
+    """One effect of a chip on its netlist: a pure function, with a seed if the effect is random.
 
-    The fields of a subclass are the parameters of the effect, with the range and the unit of the chip key.  `KEYS`:
-    chip key of each field, by field name.
+    The fields of a subclass are the parameters of the effect, with the range and the unit of the matching keys of a
+    chip description (`Chip`).  `KEYS`: mapping from the name of a field to the name of its key in the chip description.
     """
 
     KEYS: ClassVar[Mapping[str, str]] = {}
@@ -39,9 +40,9 @@ class Effect:
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Self | None:
-        """Return the effect of a chip description; None if the description does not contain the effect.
+        """Return the effect of a chip description; None if the description sets none of the keys in `KEYS`.
 
-        `seed`: seed of random effects; not used here.
+        `chip`: chip description; `seed`: seed of random effects, which this method ignores.
         """
         del seed
         values = {name: attrgetter(key)(chip) for name, key in cls.KEYS.items()}
@@ -54,7 +55,7 @@ class Effect:
 
 
 def checked(effects: Iterable[Effect]) -> Iterator[Effect]:
-    """Yield the given effects; raise InputError for a value that is not an Effect."""
+    """Yield the given effects unchanged; raise InputError for a value that is not an Effect."""
     for effect in effects:
         if not isinstance(effect, Effect):
             raise InputError(f"{effect!r} is not an effect of a chip; see resgrid.chip.effects, such as Mismatch(0.01)")
@@ -64,7 +65,7 @@ def checked(effects: Iterable[Effect]) -> Iterator[Effect]:
 def cells_with_nodes(netlist: Netlist, what: str) -> CellMap:
     """Return the map of the cells of a netlist; raise InputError unless each cell has a node.
 
-    `what`: plural noun for the message.
+    `what`: plural noun for the feature that needs these nodes; subject of the error message.
     """
     if netlist.cells.wiring.rails != "cells":
         raise InputError(f"{what} need one node per cell; compile with rails = 'cells'")
@@ -72,7 +73,7 @@ def cells_with_nodes(netlist: Netlist, what: str) -> CellMap:
 
 
 def add_nodes(netlist: Netlist, count: int) -> tuple[Netlist, NDArray[np.int32]]:
-    """Append nodes; return the new netlist and the numbers of the new nodes, shape (count,)."""
+    """Append `count` nodes to a netlist; return the new netlist and the numbers of the new nodes, shape (count,)."""
     first = netlist.node_count
     names = netlist.node_names
     if names is not None:
@@ -81,15 +82,15 @@ def add_nodes(netlist: Netlist, count: int) -> tuple[Netlist, NDArray[np.int32]]
 
 
 def to_node(nodes: NDArray[np.int32], end: int) -> NDArray[np.int32]:
-    """Return the pairs of each node (n,) with one common node `end`, shape (n, 2)."""
+    """Return node pairs, shape (n, 2), that connect each of the `nodes` (n,) with the node number `end`."""
     return np.stack([nodes, np.full(len(nodes), end, dtype=np.int32)], axis=1)
 
 
 def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
-    """Return the netlist with the supply pin of a rail, and the number of the pin's node.
+    """Return the netlist with the supply pin of a rail, and the node number of the pin.
 
-    A pin is added, with a voltage source, if the rail has none.  With a uniform drive both pins are at the goal
-    voltage.  `rail`: ``"obstacle"`` or ``"goal"``.
+    The pin is the node at which the supply feeds the rail.  If the rail has no pin, one is added with a voltage source.
+    With a uniform drive the pins of both rails are at the goal voltage.  `rail`: ``"obstacle"`` or ``"goal"``.
     """
     cells = cells_with_nodes(netlist, "rails")
     wiring = cells.wiring
@@ -105,7 +106,7 @@ def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
 
 
 def without_stranded_currents(netlist: Netlist) -> Netlist:
-    """Return the netlist without current sources into parts that have no connection to ground.
+    """Return the netlist without the current sources that inject into a part without a connection to ground.
 
     The current of such a source has no return path.
     """

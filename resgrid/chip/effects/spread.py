@@ -24,7 +24,8 @@ from resgrid.scene.quantities import Listed, Quantity
 class Gradient(Effect):
     """Let resistances grow linearly across the die; the centre keeps the nominal value.
 
-    `shares`: growth from end to end along each axis (missing axes: 0), as a fraction of the nominal resistance.
+    `shares` (axes,): change of the resistance from the lower to the upper end of each axis, as a fraction of the
+    nominal resistance; 0 for axes that are not listed.
     """
 
     KEYS = {"shares": "gradient"}
@@ -49,7 +50,10 @@ class Gradient(Effect):
 
 
 def _face_centres(cells: CellMap) -> NDArray[np.float64]:
-    """Return the centres of all cell faces as fractions of the die along each axis (0 to 1), shape (faces, ndim)."""
+    """Return the centres of all cell faces, shape (faces, axes), as fractions of the length of the die along each axis.
+
+    The lower end of the die is 0, the upper end 1.  `cells`: map of the cells, which numbers the faces.
+    """
     shape = cells.space.shape
     parts = []
     for axis in range(len(shape)):
@@ -63,9 +67,10 @@ def _face_centres(cells: CellMap) -> NDArray[np.float64]:
 class Mismatch(Effect):
     """Let every resistance of the grid deviate from its mean, independently and log-normally.
 
-    `sigma`: standard deviation as a fraction of the mean.  Alternatively `pelgrom`: ``A_R`` in % µm, for ``sigma = A_R
-    / sqrt(W L)`` (Pelgrom, Duinmaijer & Welbers 1989), with `width` ``W`` in metres, and either `length` ``L`` in
-    metres or `sheet_resistance` ``Rs`` in ohms per square, for ``L = R W / Rs``.  `seed`: seed of the chip.
+    Either `sigma` or `pelgrom` is given.  `sigma`: standard deviation of a resistance as a fraction of its mean.
+    `pelgrom`: coefficient ``A_R`` in % µm, for the deviation ``A_R / sqrt(W L)`` (Pelgrom, Duinmaijer & Welbers 1989),
+    with the `width` ``W`` of a resistor in metres, and either the `length` ``L`` in metres or the `sheet_resistance`
+    ``Rs`` in ohms per square, for ``L = R W / Rs`` with the resistance ``R``.  `seed`: seed of the chip.
     """
 
     sigma: Annotated[float, Ge(0), Lt(1), Quantity("", is_fraction=True)] | None = None
@@ -86,7 +91,10 @@ class Mismatch(Effect):
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Mismatch | None:
-        """Return the mismatch of a chip description; None without mismatch; `seed`: seed of the chip."""
+        """Return the mismatch of a chip description; None if the description has neither `mismatch` nor `pelgrom`.
+
+        `seed`: seed of the chip.
+        """
         if chip.mismatch:
             return cls(sigma=chip.mismatch, seed=seed)
         return cls(None, chip.pelgrom, chip.width, chip.length, chip.sheet_resistance, seed) if chip.pelgrom else None
@@ -94,7 +102,8 @@ class Mismatch(Effect):
     def deviation(self, netlist: Netlist) -> float | NDArray[np.float64]:
         """Return the standard deviation of the resistance at every resistor site, as a fraction of its mean.
 
-        The shape is () if all sites are equal, else (sites,).
+        A site is a cell face, numbered as in `CellMap`; in a netlist without cells, a resistor.  The shape is () if all
+        sites have the same deviation, else (sites,).
         """
         if self.sigma is not None:
             return self.sigma
@@ -112,7 +121,7 @@ class Mismatch(Effect):
         return np.asarray(1e-8 * self.pelgrom / np.sqrt(self.width * metres))
 
     def factors(self, netlist: Netlist) -> NDArray[np.float64]:
-        """Return the random factors of the resistances at all resistor sites, with mean 1, shape (sites,)."""
+        """Return random factors of the resistances at all resistor sites (cell faces), with mean 1, shape (sites,)."""
         return mismatch_factors(random_sites.site_count(netlist), self.deviation(netlist), self.seed)
 
     def apply(self, netlist: Netlist) -> Netlist:
@@ -123,12 +132,14 @@ class Mismatch(Effect):
 class Faults(Effect):
     """Open some resistors of the grid, and short others.
 
-    A resistor that is open (or shorted) at one density is also open (or shorted) at every higher density of the same
-    seed.  A current source into nodes that opens isolate is removed, because its current has no return path.
+    A resistor that is open (or shorted) at one density is also open (or shorted) at every higher density with the same
+    seed.  A current source into nodes that are isolated by open resistors is removed, because its current has no return
+    path.
 
-    `open_density, short_density`: fractions of the resistors, with a sum of at most 1; `short_resistance`: resistance
-    of a short, in ohms; `seed`: seed of the chip; `open_at`: further open resistors, each given by a cell and the axis
-    across whose lower face it lies; a place without a resistor, such as the contact of an open obstacle, is allowed.
+    `open_density, short_density`: fractions of the grid's resistors, with a sum of at most 1; `short_resistance`:
+    resistance of a short, in ohms; `seed`: seed of the chip; `open_at`: further open resistors, each given by the
+    indices of a cell and the number of an axis: the resistor crosses the cell's lower face along this axis.  A face
+    without a resistor, such as the contact of an open obstacle, is allowed.
     """
 
     open_density: Density = 0.0
@@ -147,24 +158,31 @@ class Faults(Effect):
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Faults | None:
-        """Return the faults of a chip description; None without open or shorted resistors; `seed`: seed of the chip."""
+        """Return the faults of a chip description; None if it has no open and no shorted resistors.
+
+        `seed`: seed of the chip.
+        """
         defects = chip.defects
         if not (defects.open_density or defects.short_density or defects.open_at):
             return None
         return cls(**vars(defects), seed=seed)
 
     def places(self, netlist: Netlist) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return the masks of the open and of the shorted resistor sites of a netlist, each of shape (sites,)."""
+        """Return two masks, shape (sites,), of the open and of the shorted resistors of a netlist.
+
+        A site is a cell face, numbered as in `CellMap`; in a netlist without cells, a resistor.
+        """
         draw = generator(self.seed, DEFECTS).random(random_sites.site_count(netlist))
         opened = draw < self.open_density
         opened[[self._face(netlist.cells.space, place) for place in self.open_at]] = True
         return opened, ~opened & (draw >= 1 - self.short_density)
 
     def _face(self, space: ConfigurationSpace, place: tuple[int, ...]) -> int:
-        """Return the number of a cell face, counted as in `CellMap`; raise InputError for an unknown place.
+        """Return the number of a cell face, counted as in `CellMap`; raise InputError if the space has no such face.
 
-        On a periodic axis the last face is the first.  `place`: indices of a cell, then the axis across whose lower
-        face it lies.
+        `place`: indices of a cell, then the number of the axis along which the lower face of this cell is meant.  An
+        index equal to the number of cells means the upper face of the last cell; on a periodic axis this is the lower
+        face of cell 0.
         """
         *cell, axis = place
         if len(cell) == space.ndim > axis:

@@ -1,7 +1,8 @@
 """Effects that replace ideal connections by real switches, rails, capacitors and loads.
 
-They need netlists compiled with ``rails="cells"``: every cell has a node, and every obstacle and goal cell is tied to
-its rail.  An open obstacle is an open switch; an obstacle on the rail is a closed switch.
+They need netlists compiled with ``rails="cells"``: every cell has a node, and every obstacle and goal cell is connected
+to its rail.  Where obstacles are open (``boundary="neumann"``), the switch of an obstacle cell is open; where obstacles
+are held at the obstacle rail, it is closed.
 """
 
 from __future__ import annotations
@@ -28,8 +29,9 @@ from resgrid.scene.quantities import Quantity
 def _on_rail(cells: CellMap, rail: str) -> NDArray[np.bool_]:
     """Return the mask of the cells that closed switches connect to a rail, shape of the space.
 
-    For a goal rail these are the goal cells; for the obstacle rail the obstacle cells or, where obstacles are open, the
-    driven start.  `rail`: "goal" or "obstacle".
+    For the goal rail these are the goal cells.  For the obstacle rail they are the obstacle cells or, where obstacles
+    are open (``boundary="neumann"``), the start cell if it is driven, else no cells.  `rail`: ``"goal"`` or
+    ``"obstacle"``.
     """
     if rail == "goal":
         return np.asarray(cells.space.cell == Cell.GOAL)
@@ -47,8 +49,8 @@ class InternodalSwitches(Effect):
 
     `on`: resistance of a closed switch in ohms, None for a wire; `off`: resistance of an open switch in ohms, None for
     no connection.  With open obstacles (``boundary="neumann"``), `off` gives nodes to obstacles and to cells without a
-    path to a goal.  Resistors into these keep their nominal values, and the leakage through them crosses no face of the
-    field.
+    path to a goal.  Resistors that lead to these nodes keep their nominal values.  The field does not include the
+    leakage through these resistors: they are assigned to no cell face.
     """
 
     KEYS = {"on": "internodal_switch_on", "off": "internodal_switch_off"}
@@ -68,10 +70,10 @@ class InternodalSwitches(Effect):
 
 
 def _in_series(netlist: Netlist, which: NDArray[np.bool_], ohms: float) -> Netlist:
-    """Return the netlist with a resistance in series with some resistors.
+    """Return the netlist with a resistance in series with the selected resistors.
 
-    Temperature coefficients shrink to the resistor's fraction of the sum.  `which` (resistors,): mask; `ohms`:
-    resistance in ohms.
+    The temperature coefficients of a resistor are multiplied by its fraction of the summed resistance.  `which`
+    (resistors,): mask of the selected resistors; `ohms`: added resistance, in ohms.
     """
     whole = np.where(which, 1 / (1 / netlist.conductance + ohms), netlist.conductance)
     share = whole / netlist.conductance
@@ -83,15 +85,20 @@ def _in_series(netlist: Netlist, which: NDArray[np.bool_], ohms: float) -> Netli
 
 
 def _between_cells(netlist: Netlist, cells: CellMap) -> NDArray[np.bool_]:
-    """Return the mask of grid resistors that do not lead to the obstacle rail beyond the edge, shape (resistors,)."""
+    """Return the mask of the grid resistors that connect two cells, shape (resistors,).
+
+    Resistors to the obstacle rail beyond the edge of the grid are not in the mask.  `cells`: map of the cells of
+    `netlist`.
+    """
     to_edge = (netlist.resistor_nodes == cells.obstacle_node).any(axis=1) & (cells.obstacle_node >= 0)
     return np.asarray(random_sites.on_grid(netlist) & ~to_edge)
 
 
 def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
-    """Return the netlist with nodes for obstacles and for cells without a path to a goal, behind open switches.
+    """Return the netlist with nodes for obstacles and for cells without a path to a goal, connected by open switches.
 
-    `on, off`: resistances of closed and of open switches, in ohms.
+    The other resistors of the grid get closed switches in series.  `on, off`: resistances of closed and of open
+    switches, in ohms.
     """
     cells = netlist.cells
     netlist = _in_series(netlist, random_sites.on_grid(netlist), on)
@@ -109,10 +116,11 @@ def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
 
 @dataclass(frozen=True)
 class RailSwitches(Effect):
-    """Connect cells to the rails by switches: closed for cells of the rail's kind, open for all others.
+    """Connect cells to the rails by switches: closed between a cell and the rail of its kind, open for all other cells.
 
-    With open obstacles (``boundary="neumann"``), all switches to the obstacle rail are open, except that of a driven
-    start.  With a uniform drive, the obstacle rail is at the goal voltage.
+    The goal rail belongs to goal cells, the obstacle rail to obstacle cells.  With open obstacles
+    (``boundary="neumann"``), all switches to the obstacle rail are open, except that of a driven start cell.  With a
+    uniform drive, the obstacle rail is at the goal voltage.
 
     `obstacle_on, goal_on`: resistance of closed switches in ohms, None for a wire; `obstacle_off, goal_off`: resistance
     of open switches in ohms, None for no connection.
@@ -144,9 +152,10 @@ class RailSwitches(Effect):
 
 
 def _tie(netlist: Netlist, nodes: NDArray[np.int32], pin: int, resistance: float) -> Netlist:
-    """Return the netlist with resistors from nodes to a pin, in place of the voltage sources of these nodes.
+    """Return the netlist with resistors, in place of voltage sources, from nodes to the supply pin of a rail.
 
-    `nodes` (k,): node numbers; `pin`: number of the rail's supply node; `resistance`: in ohms.
+    `nodes` (k,): node numbers; `pin`: node number of the supply pin; `resistance`: resistance of each resistor, in
+    ohms.
     """
     freed = select_elements(netlist, "voltage source", ~np.isin(netlist.source_nodes[:, 0], nodes))
     return add_elements(freed, "resistor", to_node(nodes, pin), 1 / resistance)
@@ -154,11 +163,11 @@ def _tie(netlist: Netlist, nodes: NDArray[np.int32], pin: int, resistance: float
 
 @dataclass(frozen=True)
 class RailResistance(Effect):
-    """Model every rail as a resistive mesh over the die, supplied along its border, so that the supply droops.
+    """Model each rail as a resistive mesh over the die, fed along its border, so that the supply voltage droops inside.
 
-    A rail has one node per cell, segments between the nodes of face neighbours (none across periodic seams: the die is
-    flat), and one segment from each border cell to the pin.  A switch connects its cell to the rail node there; a cell
-    on an ideal source is that node itself.
+    A rail has one node per cell, segments between the rail nodes of face neighbours (none across periodic seams: the
+    die is flat), and one segment from each border cell to the supply pin.  A switch connects its cell to the rail node
+    of the cell. The node of a cell that is held by an ideal voltage source becomes the rail node itself.
 
     `ohms`: resistance of a segment; 0 for an ideal rail.
     """
@@ -178,9 +187,10 @@ class RailResistance(Effect):
 
 
 def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
-    """Return the netlist with a mesh of segments in place of a rail; its switches then lead to the nodes of the mesh.
+    """Return the netlist with a mesh of resistors (segments) in place of a rail.
 
-    `rail`: "goal" or "obstacle"; `ohms`: resistance of a segment.
+    Switches to the rail then lead to nodes of the mesh.  `rail`: ``"goal"`` or ``"obstacle"``; `ohms`: resistance of a
+    segment.
     """
     netlist, pin = rail_pin(netlist, rail)
     cells = netlist.cells
@@ -204,10 +214,10 @@ def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
 
 
 def _mesh_segments(mesh: NDArray[np.int32], pin: int) -> NDArray[np.int32]:
-    """Return the node pairs of the segments of a rail mesh, shape (n, 2).
+    """Return the pairs of nodes that the segments of a rail mesh connect, shape (segments, 2).
 
-    Segments join neighbours, and both ends of every line of cells to the pin.  `mesh` (shape of the space): rail node
-    of every cell; `pin`: number of the supply node.
+    Segments connect the rail nodes of neighbouring cells, and both ends of every line of cells to the supply pin.
+    `mesh` (shape of the space): rail node of every cell; `pin`: node number of the supply pin.
     """
     parts = []
     for axis in range(mesh.ndim):

@@ -19,19 +19,19 @@ from resgrid.scene.chip import ABSOLUTE_ZERO, Chip, Metres, Ohms
 from resgrid.scene.quantities import Quantity
 
 NOMINAL_CELSIUS = 27.0
-"""Temperature at which resistances are given (SPICE's ``TNOM``), in degrees Celsius."""
+"""Temperature to which the resistances of a description refer (SPICE's ``TNOM``), in degrees Celsius."""
 
 _E24 = (10, 11, 12, 13, 15, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 43, 47, 51, 56, 62, 68, 75, 82, 91)
-"""Preferred values of the E24 series per decade, in tenths."""
+"""Preferred values of the E24 series between 1 and 10, multiplied by 10."""
 
 
 Series = Literal["E6", "E12", "E24", "E48", "E96", "E192"]
 
 
 def preferred_values(series: Series) -> NDArray[np.float64]:
-    """Return the preferred values of a series in one decade, 1 to below 10 (IEC 60063), shape (n,).
+    """Return the preferred values of a series (IEC 60063) from 1 to below 10, in ascending order, shape (n,).
 
-    `series`: name of the series, ``"E6"`` to ``"E192"``.
+    `series`: name of the series, ``"E6"`` to ``"E192"``; the number is ``n``.
     """
     count = int(series[1:])
     if count <= len(_E24):
@@ -45,7 +45,7 @@ def preferred_values(series: Series) -> NDArray[np.float64]:
 class PreferredValues(Effect):
     """Round every resistance to the nearest value (by ratio) of a series of preferred values.
 
-    `series`: ``"E6"`` to ``"E192"``.
+    `series`: name of the series in IEC 60063, ``"E6"`` to ``"E192"``.
     """
 
     KEYS = {"series": "preferred"}
@@ -65,9 +65,10 @@ class PreferredValues(Effect):
 
 @dataclass(frozen=True)
 class SheetResistors(Effect):
-    """Round the length ``R W / Rs`` of every polysilicon resistor to a whole number of drawing steps.
+    """Round the length ``L = R W / Rs`` of every polysilicon resistor to a whole number of drawing steps.
 
-    `sheet_resistance`: ``Rs``, in ohms per square; `width`: ``W``, in metres; `drawing_grid`: drawing step, in metres.
+    ``R`` is the resistance in ohms.  `sheet_resistance`: ``Rs``, in ohms per square; `width`: width ``W`` of the strip,
+    in metres; `drawing_grid`: length of a drawing step, in metres.
     """
 
     sheet_resistance: Ohms
@@ -76,9 +77,9 @@ class SheetResistors(Effect):
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> SheetResistors | None:
-        """Return the effect of a chip description; None without a sheet resistance and a width.
+        """Return the effect of a chip description; None if the description lacks a sheet resistance or a width.
 
-        `seed`: seed of random effects; not used here.
+        `seed`: seed of random effects, which this method ignores.
         """
         del seed
         if chip.sheet_resistance is None or chip.width is None:
@@ -110,9 +111,10 @@ class SheetResistors(Effect):
 
 
 def _with_resistances(netlist: Netlist, drawn: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Netlist:
-    """Return the netlist with new resistances of the grid's resistors.
+    """Return the netlist with new resistances of the grid's linear and nonlinear resistors.
 
-    `drawn`: function from nominal to new resistances, both (k,) in ohms.
+    `drawn`: function from the present to the new resistances, both in ohms, of shape (k,).  The resistance of a
+    nonlinear resistor is that at 0 V.
     """
     own = random_sites.on_grid(netlist)
     conductance = netlist.conductance.copy()
@@ -125,9 +127,9 @@ def _with_resistances(netlist: Netlist, drawn: Callable[[NDArray[np.float64]], N
 
 @dataclass(frozen=True)
 class TemperatureCoefficients(Effect):
-    """Give the grid's resistors temperature coefficients, which decks pass on to the simulator.
+    """Give the grid's resistors temperature coefficients, which are written to SPICE decks.
 
-    `tc1, tc2`: in 1/K and 1/K^2, relative to 27 degrees Celsius.
+    `tc1, tc2`: linear and quadratic coefficient in 1/K and 1/K^2, relative to 27 degrees Celsius; 0 without dependence.
     """
 
     KEYS = {"tc1": "tc1", "tc2": "tc2"}
@@ -142,18 +144,19 @@ class TemperatureCoefficients(Effect):
 
 @dataclass(frozen=True)
 class Temperature(Effect):
-    """Scale resistances to a temperature: ``R (1 + tc1 dT + tc2 dT^2)``, as in SPICE.
+    """Scale resistances to a temperature: ``R (1 + tc1 dT + tc2 dT^2)``, as in SPICE, with ``dT = celsius - 27``.
 
-    `celsius`: temperature, in degrees Celsius.
+    `celsius`: temperature of the die, in degrees Celsius.  The resistors of the result have no temperature
+    coefficients.
     """
 
     celsius: Annotated[float, Gt(ABSOLUTE_ZERO), Quantity("°C")]
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Temperature | None:
-        """Return the effect of a chip description; None without a temperature or temperature coefficients.
+        """Return the effect of a chip description; None if it lacks a temperature or temperature coefficients.
 
-        `seed`: seed of random effects; not used here.
+        `seed`: seed of random effects, which this method ignores.
         """
         del seed
         return None if chip.temperature is None or not (chip.tc1 or chip.tc2) else cls(chip.temperature)
@@ -173,9 +176,9 @@ class Temperature(Effect):
 
 @dataclass(frozen=True)
 class Saturation(Effect):
-    """Replace the grid's resistors by nonlinear ones of the same resistance at 0 V, ``I = V0 / R tanh(dV / V0)``.
+    """Replace the grid's resistors by nonlinear ones, ``I = V0 / R tanh(dV / V0)``, with the resistance ``R`` at 0 V.
 
-    `volts`: ``V0``, the voltage at which the current begins to saturate, in volts.
+    ``dV`` is the voltage across the resistor.  `volts`: ``V0``, the voltage at which the current begins to saturate.
     """
 
     KEYS = {"volts": "saturation_voltage"}

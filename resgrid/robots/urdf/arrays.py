@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull, QhullError
 
 from resgrid.errors import InputError
-from resgrid.robots.convex import ConvexPiece
+from resgrid.robots.convex import Body, ConvexPiece
 from resgrid.robots.urdf.tree import KinematicTree
 
 Floats = NDArray[np.float64]
@@ -17,12 +18,16 @@ Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
+LOOSE = 0.8
+"""Fraction of the hull's volume below which the pieces of a body replace the hull from the start."""
+
+
 class TreeArrays(NamedTuple):
     """Joints and convex pieces of a tree, input of the kernels.
 
     `parent, driver` (k,); `rotation` (k, 3, 3), `translation` (k, 3): placement of a joint in its parent's frame;
     `direction` (k, 3); `prismatic` (k,); `factor, offset` (k,): see `KinematicTree`.
-    `points` (3, v): points of all pieces, in metres, in the frame of the body's joint; `first` (p + 1,): piece i owns
+    `x, y, z` (v,): points of all pieces, in metres, in the frame of the body's joint; `first` (p + 1,): piece i owns
     the points ``first[i] .. first[i + 1] - 1``; `radius` (p,): of the pieces, in metres; `centre` (p, 3), `reach` (p,):
     ball around a piece; `joint` (p,): joint that moves a piece, -1 for the world; `flat` (p,): whether a piece is a
     half-space; `normal` (p, 3): its unit normal, which points out of it.
@@ -38,7 +43,9 @@ class TreeArrays(NamedTuple):
     prismatic: Flags
     factor: Floats
     offset: Floats
-    points: Floats
+    x: Floats
+    y: Floats
+    z: Floats
     first: Integers
     radius: Floats
     centre: Floats
@@ -61,6 +68,8 @@ class ProofArrays:
         Index of the piece that contains a whole body.
     spans : ndarray of int64, shape (bodies, 2)
         First index, and last index plus 1, of the pieces whose union contains a body.
+    is_loose : ndarray of bool, shape (bodies,)
+        Whether the pieces of a body are much smaller than the hull, so that proofs start with the pieces.
     drivers : tuple of tuple of int
         For every pair: sorted indices of the moving joints that change the relative pose of its bodies.
     """
@@ -68,11 +77,12 @@ class ProofArrays:
     tree: TreeArrays
     hull: Integers
     spans: Integers
+    is_loose: Flags
     drivers: tuple[tuple[int, ...], ...]
 
 
 def proof_arrays(tree: KinematicTree) -> ProofArrays:
-    """Return the arrays of a tree; raise InputError for a half-space that moves."""
+    """Return the arrays of a tree; raise InputError for a half-space that moves, or a point that is not finite."""
     pieces: list[ConvexPiece] = []
     joints: list[int] = []
     hull, spans = [], []
@@ -85,10 +95,28 @@ def proof_arrays(tree: KinematicTree) -> ProofArrays:
         joints += [body.joint] * (len(pieces) - len(joints))
         if body.joint >= 0 and any(piece.normal is not None for piece in pieces[spans[-1][0] :]):
             raise InputError(f"{body.name} is a half-space and moves with a joint; use a box in its place")
+        if not all(np.isfinite(piece.points).all() and piece.radius >= 0 for piece in pieces[spans[-1][0] :]):
+            raise InputError(f"{body.name} has a point that is not finite; check its mesh, its pose and its sizes")
     chains = [pair_chains(tree, int(a), int(b)) for a, b in tree.pairs]
     drivers = tuple(tuple(sorted({int(tree.driver[j]) for side in sides for j in side})) for sides in chains)
     arrays = _tree_arrays(tree, pieces, joints, chains)
-    return ProofArrays(arrays, np.array(hull, np.int64), np.array(spans, np.int64).reshape(-1, 2), drivers)
+    is_loose = np.array([_is_loose(body) for body in tree.bodies], dtype=np.bool_)
+    return ProofArrays(arrays, np.array(hull, np.int64), np.array(spans, np.int64).reshape(-1, 2), is_loose, drivers)
+
+
+def _is_loose(body: Body) -> bool:
+    """Return whether the pieces of a body have less than a fraction of `LOOSE` of the volume of its hull."""
+    if len(body.pieces) < 2 or body.hull.normal is not None:
+        return False
+    return sum(map(_volume, body.pieces)) < LOOSE * _volume(body.hull)
+
+
+def _volume(piece: ConvexPiece) -> float:
+    """Return the volume of the core of a piece in cubic metres; 0 if the core is flat."""
+    try:
+        return float(ConvexHull(piece.points).volume)
+    except (QhullError, ValueError):
+        return 0.0
 
 
 def pair_chains(tree: KinematicTree, first: int, second: int) -> tuple[list[int], list[int]]:
@@ -118,31 +146,43 @@ def _tree_arrays(
         for side, path in enumerate(sides):
             chain[row, side, : len(path)] = path
     centre, reach = zip(*(_ball(piece) for piece in pieces), strict=True) if pieces else ((), ())
-    counts = [len(piece.points) for piece in pieces]
+    points = np.concatenate([np.zeros((0, 3)), *(piece.points for piece in pieces)])
     return TreeArrays(
-        _own(tree.parent, np.int64),
-        _own(tree.driver, np.int64),
-        _own(tree.placement[:, :3, :3], np.float64),
-        _own(tree.placement[:, :3, 3], np.float64),
-        _own(tree.direction, np.float64),
-        _own(tree.is_prismatic, np.bool_),
-        _own(tree.factor, np.float64),
-        _own(tree.offset, np.float64),
-        _own(np.concatenate([np.zeros((0, 3)), *(piece.points for piece in pieces)]).T, np.float64),
-        np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        np.array([piece.radius for piece in pieces], dtype=np.float64),
-        np.array(centre, dtype=np.float64).reshape(-1, 3),
-        np.array(reach, dtype=np.float64),
-        np.array(joints, dtype=np.int64),
-        np.array([piece.normal is not None for piece in pieces], dtype=np.bool_),
-        np.array([np.zeros(3) if piece.normal is None else piece.normal for piece in pieces]).reshape(-1, 3),
-        chain,
+        parent=_integers(tree.parent),
+        driver=_integers(tree.driver),
+        rotation=_floats(tree.placement[:, :3, :3]),
+        translation=_floats(tree.placement[:, :3, 3]),
+        direction=_floats(tree.direction),
+        prismatic=_flags(tree.is_prismatic),
+        factor=_floats(tree.factor),
+        offset=_floats(tree.offset),
+        x=_floats(points[:, 0]),
+        y=_floats(points[:, 1]),
+        z=_floats(points[:, 2]),
+        first=_integers([0, *np.cumsum([len(piece.points) for piece in pieces])]),
+        radius=_floats([piece.radius for piece in pieces]),
+        centre=_floats(centre).reshape(-1, 3),
+        reach=_floats(reach),
+        joint=_integers(joints),
+        flat=_flags([piece.normal is not None for piece in pieces]),
+        normal=_floats([np.zeros(3) if piece.normal is None else piece.normal for piece in pieces]).reshape(-1, 3),
+        chain=chain,
     )
 
 
-def _own(values: NDArray[np.generic], kind: type[np.generic]) -> NDArray[np.generic]:
+def _floats(values: ArrayLike) -> Floats:
     """Return a writable copy in C order, so that kernels are compiled for one memory layout only."""
-    return np.array(values, dtype=kind, order="C")
+    return np.array(values, dtype=np.float64, order="C")
+
+
+def _integers(values: ArrayLike) -> Integers:
+    """Return a writable copy in C order, so that kernels are compiled for one memory layout only."""
+    return np.array(values, dtype=np.int64, order="C")
+
+
+def _flags(values: ArrayLike) -> Flags:
+    """Return a writable copy in C order, so that kernels are compiled for one memory layout only."""
+    return np.array(values, dtype=np.bool_, order="C")
 
 
 def _ball(piece: ConvexPiece) -> tuple[Floats, float]:

@@ -2,18 +2,20 @@
 
 Import this module only inside functions that call a kernel, because importing numba takes seconds.
 
-The bound.  Joint values q lie in the box c + d, ``|d_j| <= e_j`` (c: centre, e: half widths).  Let p be a point of a
-body at q = c, and E_j(d) the motion of the world by joint j from its pose at c.  With the joints 1, ..., k between the
-common ancestor and the body, the nearest to the ancestor first, p moves to ``E_1(d_1) ... E_k(d_k) p``.  Turn the joints
-in this order: the displacement is the sum of ``Q_j (E_j(d_j) p - p)``, where Q_j is the rotation of the joints before j,
-and p is still at its pose at c.  For a unit vector n and the angle t_j of Q_j, ``|n Q_j v - n v| <= 2 sin(t_j / 2) |v|``.
+The bound.  Joint values q lie in the box ``c + d`` with ``|d_j| <= e_j`` (c: centre, e: half widths).  Let p be a point
+of a body at q = c, and E_j(d) the motion by joint j from its pose at c.  Number the joints from the common ancestor of
+both bodies to the body: 1, ..., k.  Then p moves to ``E_1(d_1) ... E_k(d_k) p``.  Turn joint 1 first, then joint 2, and
+so on.  The displacement is the sum of ``Q_j (E_j(d_j) p - p)``: p is still at its pose at c, and Q_j is the rotation by
+the joints before j.  Q_j has at most the angle ``t_j``, the sum of ``e_i`` over the revolute joints before j.  For a
+unit vector n, ``|n Q_j v - n v| <= 2 sin(t_j / 2) |v|``.
 
 - Revolute joint with axis w through o, ``r = p - o``: ``n (E(d) p - p) = A (cos d - 1) + B sin d`` with
-  ``A = n r - (n w)(w r)`` and ``B = n (w x r)``; the minimum over ``|d| <= e`` is known in closed form, and
+  ``A = n r - (n w)(w r)`` and ``B = n (w x r)``.  The minimum over ``|d| <= e`` is known in closed form.
   ``|E(d) p - p| <= 2 sin(e / 2) rho`` with rho the distance of p from the axis.
-- Prismatic joint: ``n (E(d) p - p) = d n w``, length at most e.
+- Prismatic joint: ``n (E(d) p - p) = d n w``; the length is at most e.
 
-The lowest level of n over a moving piece is therefore at least the minimum over its points of::
+A joint that follows a moving joint has the half width ``|factor| e``.  The lowest level of n over a moving piece is
+therefore at least the minimum over its points of::
 
     n p + sum_j [ min_d n (E_j(d) p - p) - 2 sin(t_j / 2) max_d |E_j(d) p - p| ] - radius.
 
@@ -43,18 +45,20 @@ TOLERANCE = 1e-7
 class Frames(NamedTuple):
     """Poses of the joints at one configuration; entry 0 is the world, entry j + 1 joint j.
 
-    `rotation` (k + 1, 3, 3), `origin` (k + 1, 3) in metres; `axis` (k + 1, 3): unit vector along a joint's axis.
+    `rotation` (k + 1, 3, 3); `origin` (k + 1, 3) in metres; `axis` (k + 1, 3): unit vector along a joint's axis;
+    `local` (3, 3): work array.
     """
 
     rotation: Floats
     origin: Floats
     axis: Floats
+    local: Floats
 
 
 class Sweep(NamedTuple):
     """Motion of the two pieces of an item, in the frame of each piece's joint; side 0 or 1, joints in chain order.
 
-    `piece, frame, count` (2,): index of the piece, of its frame, number of joints; `joint` (2, K): index of a joint;
+    `piece, frame, chained` (2,): index of the piece, of its frame, number of joints; `joint` (2, K): index of a joint;
     `prismatic` (2, K); `axis, origin` (2, K, 3): axis of a joint and a point of it; `half` (2, K): largest motion in
     radians or metres; `cosine, sine` (2, K): of the half widths; `chord` (2, K): largest displacement per metre of
     distance from the axis, for a prismatic joint in metres; `turn` (2, K): ``2 sin(t / 2)`` of the joints before;
@@ -64,7 +68,7 @@ class Sweep(NamedTuple):
 
     piece: Integers
     frame: Integers
-    count: Integers
+    chained: Integers
     joint: Integers
     prismatic: Flags
     axis: Floats
@@ -99,38 +103,16 @@ class Search(NamedTuple):
 
 
 @inner
-def new_frames(joints: int) -> Frames:
-    """Return unset poses of a number of joints; the world's frame is set."""
-    frames = Frames(np.zeros((joints + 1, 3, 3)), np.zeros((joints + 1, 3)), np.zeros((joints + 1, 3)))
-    for i in range(3):
-        frames.rotation[0, i, i] = 1.0
-    return frames
-
-
-@inner
-def new_sweep(joints: int, points: int) -> Sweep:
-    """Return work arrays for chains of up to `joints` joints and pieces of up to `points` points."""
-    two = (2, joints)
-    return Sweep(
-        np.zeros(2, np.int64), np.zeros(2, np.int64), np.zeros(2, np.int64), np.zeros(two, np.int64),
-        np.zeros(two, np.bool_), np.zeros((2, joints, 3)), np.zeros((2, joints, 3)), np.zeros(two), np.zeros(two),
-        np.zeros(two), np.zeros(two), np.zeros(two), np.zeros((2, points)), np.zeros(points), np.zeros((2, 3)),
-        np.zeros(2, np.int64),
-    )  # fmt: skip
-
-
-@inner
-def new_search() -> Search:
-    """Return work arrays of a search."""
-    return Search(
-        np.zeros(3), np.zeros(3), np.zeros((4, 3)), np.zeros(4), np.zeros(4), np.zeros(3), np.zeros(3), np.zeros(3)
-    )
+def copy(target: Floats, source: Floats) -> None:
+    """Copy a vector."""
+    for i in range(len(target)):
+        target[i] = source[i]
 
 
 @inner
 def place(values: Floats, tree: TreeArrays, frames: Frames) -> None:
     """Write the poses of all joints at a configuration `values` (m,): forward kinematics, Rodrigues' formula."""
-    local = np.empty((3, 3))
+    local = frames.local
     for joint in range(len(tree.parent)):
         base, value = tree.parent[joint] + 1, tree.factor[joint] * values[tree.driver[joint]] + tree.offset[joint]
         x, y, z = tree.direction[joint, 0], tree.direction[joint, 1], tree.direction[joint, 2]
@@ -176,7 +158,7 @@ def sweep_side(
 ) -> None:
     """Write the motion of one piece of an item; `half` (m,): half widths of the box of the moving joints."""
     frame = tree.joint[piece] + 1
-    sweep.piece[side], sweep.frame[side], sweep.count[side] = piece, frame, 0
+    sweep.piece[side], sweep.frame[side], sweep.chained[side] = piece, frame, 0
     turned = 0.0
     for joint in tree.chain[pair, side]:
         if joint < 0:
@@ -184,8 +166,8 @@ def sweep_side(
         largest = abs(tree.factor[joint]) * half[tree.driver[joint]]
         if largest == 0.0:
             continue
-        at = sweep.count[side]
-        sweep.count[side] = at + 1
+        at = sweep.chained[side]
+        sweep.chained[side] = at + 1
         sweep.joint[side, at], sweep.prismatic[side, at], sweep.half[side, at] = joint, tree.prismatic[joint], largest
         sweep.turn[side, at] = 2.0 * math.sin(min(turned, math.pi) / 2.0)
         _to_local(frames.axis[joint + 1], frames, frame, sweep.axis[side, at])
@@ -213,19 +195,18 @@ def _from_axis(x: float, y: float, z: float, axis: Floats, origin: Floats) -> fl
 def weigh_points(side: int, tree: TreeArrays, sweep: Sweep) -> None:
     """Write the radii of the balls around the points of a piece: displacements times the turn of the joints before."""
     first, last = tree.first[sweep.piece[side]], tree.first[sweep.piece[side] + 1]
-    xs, ys, zs = tree.points[0, first:last], tree.points[1, first:last], tree.points[2, first:last]
-    ball = sweep.ball[side, : last - first]
-    ball[:] = 0.0
-    for k in range(sweep.count[side]):
+    xs, ys, zs = tree.x[first:last], tree.y[first:last], tree.z[first:last]
+    ball = sweep.ball[side]
+    for v in range(last - first):
+        ball[v] = 0.0
+    for k in range(sweep.chained[side]):
         weight = sweep.turn[side, k] * sweep.chord[side, k]
         if weight == 0.0:
             continue
-        if sweep.prismatic[side, k]:
-            ball += weight
-            continue
         axis, origin = sweep.axis[side, k], sweep.origin[side, k]
         for v in range(last - first):
-            ball[v] += weight * _from_axis(xs[v], ys[v], zs[v], axis, origin)
+            length = 1.0 if sweep.prismatic[side, k] else _from_axis(xs[v], ys[v], zs[v], axis, origin)
+            ball[v] += weight * length
 
 
 @inner
@@ -243,7 +224,7 @@ def ball_gap(tree: TreeArrays, frames: Frames, sweep: Sweep) -> float:
     for side in range(2):
         centre, reach = tree.centre[sweep.piece[side]], tree.reach[sweep.piece[side]]
         gap -= reach
-        for k in range(sweep.count[side]):
+        for k in range(sweep.chained[side]):
             if sweep.prismatic[side, k]:
                 gap -= sweep.half[side, k]
             else:
@@ -256,7 +237,7 @@ def ball_gap(tree: TreeArrays, frames: Frames, sweep: Sweep) -> float:
 def _arc_levels(level: Floats, side: int, k: int, tree: TreeArrays, sweep: Sweep, search: Search) -> None:
     """Add to the levels of the points the lowest level of the arc on which joint number k of a chain moves them."""
     first, last = tree.first[sweep.piece[side]], tree.first[sweep.piece[side] + 1]
-    xs, ys, zs = tree.points[0, first:last], tree.points[1, first:last], tree.points[2, first:last]
+    xs, ys, zs = tree.x[first:last], tree.y[first:last], tree.z[first:last]
     n, w, o = search.local, sweep.axis[side, k], sweep.origin[side, k]
     along = dot(n, w)
     ax, ay, az = n[0] - along * w[0], n[1] - along * w[1], n[2] - along * w[2]
@@ -283,18 +264,18 @@ def lowest(side: int, sign: float, tree: TreeArrays, frames: Frames, sweep: Swee
     n = search.local
     n[0], n[1], n[2] = sign * n[0], sign * n[1], sign * n[2]
     first, last = tree.first[piece], tree.first[piece + 1]
-    xs, ys, zs = tree.points[0, first:last], tree.points[1, first:last], tree.points[2, first:last]
-    level, ball = sweep.level[: last - first], sweep.ball[side, : last - first]
+    xs, ys, zs = tree.x[first:last], tree.y[first:last], tree.z[first:last]
+    level, ball = sweep.level, sweep.ball[side]
     for v in range(last - first):
         level[v] = n[0] * xs[v] + n[1] * ys[v] + n[2] * zs[v] - ball[v]
     shift = 0.0
-    for k in range(sweep.count[side]):
+    for k in range(sweep.chained[side]):
         if sweep.prismatic[side, k]:
             shift -= sweep.half[side, k] * abs(dot(n, sweep.axis[side, k]))
         else:
             _arc_levels(level, side, k, tree, sweep, search)
-    at, least = 0, level[0]
-    for v in range(1, last - first):
+    at, least = 0, math.inf
+    for v in range(last - first):
         if level[v] < least:
             at, least = v, level[v]
     sweep.vertex[side] = first + at
@@ -307,16 +288,16 @@ def _extreme_point(side: int, at: int, tree: TreeArrays, frames: Frames, sweep: 
     """Write the point, in the world, at which a moving vertex is the lowest; `at`: index of the vertex in its piece."""
     frame, n, p = sweep.frame[side], search.local, search.across
     vertex = sweep.vertex[side]
-    for i in range(3):
-        p[i] = tree.points[i, vertex] - sweep.ball[side, at] * n[i]
-    for k in range(sweep.count[side]):
+    x, y, z = tree.x[vertex], tree.y[vertex], tree.z[vertex]
+    p[0], p[1], p[2] = x - sweep.ball[side, at] * n[0], y - sweep.ball[side, at] * n[1], z - sweep.ball[side, at] * n[2]
+    for k in range(sweep.chained[side]):
         w, o = sweep.axis[side, k], sweep.origin[side, k]
         along = dot(n, w)
         if sweep.prismatic[side, k]:
             move = -math.copysign(sweep.half[side, k], along)
             p[0], p[1], p[2] = p[0] + move * w[0], p[1] + move * w[1], p[2] + move * w[2]
             continue
-        rx, ry, rz = tree.points[0, vertex] - o[0], tree.points[1, vertex] - o[1], tree.points[2, vertex] - o[2]
+        rx, ry, rz = x - o[0], y - o[1], z - o[2]
         height = rx * w[0] + ry * w[1] + rz * w[2]
         tx, ty, tz = w[1] * rz - w[2] * ry, w[2] * rx - w[0] * rz, w[0] * ry - w[1] * rx
         rx, ry, rz = rx - height * w[0], ry - height * w[1], rz - height * w[2]
@@ -342,14 +323,15 @@ def largest_gap(margin: float, exact: bool, tree: TreeArrays, frames: Frames, sw
     radii = tree.radius[sweep.piece[0]] + tree.radius[sweep.piece[1]] + margin
     is_flat = tree.flat[sweep.piece[1]]
     if is_flat:
-        _set(search.normal, tree.normal[sweep.piece[1]])
+        copy(search.normal, tree.normal[sweep.piece[1]])
     best, count = -np.inf, 0
     for _ in range(MAX_STEPS):
-        low = lowest(0, 1.0, tree, frames, sweep, search)
-        gap = low + lowest(1, -1.0, tree, frames, sweep, search) - radii
+        gap = -radii
+        for side in range(2):
+            gap += lowest(side, 1.0 - 2.0 * side, tree, frames, sweep, search)
         if gap > best:
             best = gap
-            _set(search.best, search.normal)
+            copy(search.best, search.normal)
         if is_flat or (gap > 0.0 and not exact):
             break
         for i in range(3):
@@ -364,9 +346,3 @@ def largest_gap(margin: float, exact: bool, tree: TreeArrays, frames: Frames, sw
         for i in range(3):
             search.normal[i] = search.nearest[i] / distance
     return best
-
-
-@inner
-def _set(target: Floats, source: Floats) -> None:
-    """Copy a vector."""
-    target[0], target[1], target[2] = source[0], source[1], source[2]

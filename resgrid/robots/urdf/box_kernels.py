@@ -17,11 +17,9 @@ from resgrid.robots.urdf.bound_kernels import (
     Search,
     Sweep,
     ball_gap,
+    copy,
     largest_gap,
     lowest,
-    new_frames,
-    new_search,
-    new_sweep,
     place,
     sweep_side,
     weigh_points,
@@ -32,9 +30,9 @@ from resgrid.robots.urdf.simplex_kernels import dot
 class Boxes(NamedTuple):
     """Boxes of joint values, and items: the pairs of pieces that are not yet proven to stay apart in a box.
 
-    `lower, upper` (n, m): corners, in joint units; `first` (n + 1,): box i has the items ``first[i] .. first[i+1] - 1``;
-    `items` (t, 3): pair of bodies, piece of the first body, piece of the second one; `hints` (t, 3): likely separating
-    directions, from the second piece to the first one.
+    `lower, upper` (n, m): corners, in joint units; `first` (n + 1,): box i has the items ``first[i] .. first[i + 1] -
+    1``; `items` (t, 3): pair of bodies, piece of the first body, piece of the second one; `hints` (t, 3): likely
+    separating directions, from the second piece to the first one.
     """
 
     lower: Floats
@@ -61,7 +59,7 @@ class Findings(NamedTuple):
     counts: Integers
 
 
-class _Work(NamedTuple):
+class Work(NamedTuple):
     """Work arrays: poses at the centre and at a corner of a box, motions, search, and vectors (m,).
 
     `middle, half`: centre and half widths of a box; `still`: zeros; `slope`: derivative of a gap by every moving joint;
@@ -79,6 +77,38 @@ class _Work(NamedTuple):
     target: Floats
 
 
+def new_work(tree: TreeArrays, joints: int) -> Work:
+    """Return work arrays for a tree with a number of moving joints."""
+    points, count = int(np.diff(tree.first).max(initial=1)), len(tree.parent) + 1
+    frames = [
+        Frames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((3, 3)))
+        for _ in range(2)
+    ]
+    longest = tree.chain.shape[2]
+    sweep = Sweep(
+        piece=np.zeros(2, np.int64),
+        frame=np.zeros(2, np.int64),
+        chained=np.zeros(2, np.int64),
+        joint=np.zeros((2, longest), np.int64),
+        prismatic=np.zeros((2, longest), np.bool_),
+        axis=np.zeros((2, longest, 3)),
+        origin=np.zeros((2, longest, 3)),
+        half=np.zeros((2, longest)),
+        cosine=np.zeros((2, longest)),
+        sine=np.zeros((2, longest)),
+        chord=np.zeros((2, longest)),
+        turn=np.zeros((2, longest)),
+        ball=np.zeros((2, points)),
+        level=np.zeros(points),
+        point=np.zeros((2, 3)),
+        vertex=np.zeros(2, np.int64),
+    )
+    search = Search(
+        np.zeros(3), np.zeros(3), np.zeros((4, 3)), np.zeros(4), np.zeros(4), np.zeros(3), np.zeros(3), np.zeros(3)
+    )
+    return Work(frames[0], frames[1], sweep, search, *(np.zeros(joints) for _ in range(5)))
+
+
 @inner
 def _load(item: Integers, half: Floats, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search) -> None:
     """Write the motion of the two pieces of an item in a box of half widths `half` (m,)."""
@@ -87,30 +117,27 @@ def _load(item: Integers, half: Floats, tree: TreeArrays, frames: Frames, sweep:
 
 
 @inner
-def _gap(
-    item: Integers, hint: Floats, margin: float, exact: bool, tree: TreeArrays, frames: Frames, work: _Work
-) -> float:
+def _gap(hint: Floats, margin: float, exact: bool, tree: TreeArrays, frames: Frames, work: Work) -> float:
     """Return the bound of `largest_gap` for the motion that was loaded, from a start direction (3,)."""
     for side in range(2):
         weigh_points(side, tree, work.sweep)
-    work.search.normal[:] = hint
+    copy(work.search.normal, hint)
     return largest_gap(margin, exact, tree, frames, work.sweep, work.search)
 
 
 @inner
-def _add_weights(side: int, weight: Floats, tree: TreeArrays, work: _Work) -> None:
+def _add_weights(side: int, weight: Floats, tree: TreeArrays, work: Work) -> None:
     """Add to `weight` (m,) the displacements, towards the other piece, of the lowest vertex by every moving joint."""
     sweep = work.sweep
     vertex, n = sweep.vertex[side], work.search.local
     p = work.search.across
-    for k in range(sweep.count[side]):
+    for k in range(sweep.chained[side]):
         w, o = sweep.axis[side, k], sweep.origin[side, k]
         driver = tree.driver[sweep.joint[side, k]]
         if sweep.prismatic[side, k]:
             weight[driver] += sweep.half[side, k] * abs(dot(n, w))
             continue
-        for i in range(3):
-            p[i] = tree.points[i, vertex] - o[i]
+        p[0], p[1], p[2] = tree.x[vertex] - o[0], tree.y[vertex] - o[1], tree.z[vertex] - o[2]
         height = dot(p, w)
         for i in range(3):
             p[i] -= height * w[i]
@@ -124,11 +151,12 @@ def _add_weights(side: int, weight: Floats, tree: TreeArrays, work: _Work) -> No
 
 
 @inner
-def _weigh(item: Integers, best: Floats, weight: Floats, tree: TreeArrays, work: _Work) -> None:
+def _weigh(item: Integers, best: Floats, weight: Floats, tree: TreeArrays, work: Work) -> None:
     """Write the displacements of an item's pieces by every moving joint along the direction `best` (3,)."""
-    weight[:] = 0.0
+    for d in range(len(weight)):
+        weight[d] = 0.0
     _load(item, work.half, tree, work.frames, work.sweep, work.search)
-    work.search.normal[:] = best
+    copy(work.search.normal, best)
     for side in range(2):
         weigh_points(side, tree, work.sweep)
         lowest(side, 1.0 - 2.0 * side, tree, work.frames, work.sweep, work.search)
@@ -136,9 +164,10 @@ def _weigh(item: Integers, best: Floats, weight: Floats, tree: TreeArrays, work:
 
 
 @inner
-def _slopes(item: Integers, tree: TreeArrays, work: _Work) -> None:
+def _slopes(item: Integers, tree: TreeArrays, work: Work) -> None:
     """Write the derivative of the gap of an item by every moving joint to `work.slope`; the pieces do not move."""
-    work.slope[:] = 0.0
+    for d in range(len(work.slope)):
+        work.slope[d] = 0.0
     n, p, frames = work.search.best, work.search.across, work.frames
     for side in range(2):
         sign = 1.0 - 2.0 * side
@@ -160,26 +189,26 @@ def _slopes(item: Integers, tree: TreeArrays, work: _Work) -> None:
 
 
 @inner
-def _probe(item: Integers, hint: Floats, probe: Floats, tree: TreeArrays, work: _Work) -> int:
+def _probe(item: Integers, hint: Floats, probe: Floats, tree: TreeArrays, work: Work) -> int:
     """Return 1 if the pieces of an item overlap at the centre of the box, 2 if at the corner they approach, else 0.
 
     Writes the configuration to `probe` (m,), and the direction of the distance at the centre to `hint` (3,).
     """
     _load(item, work.still, tree, work.frames, work.sweep, work.search)
-    probe[:] = work.middle
-    if _gap(item, hint, 0.0, True, tree, work.frames, work) <= 0.0:
+    copy(probe, work.middle)
+    if _gap(hint, 0.0, True, tree, work.frames, work) <= 0.0:
         return 1
-    hint[:] = work.search.best
+    copy(hint, work.search.best)
     _slopes(item, tree, work)
     for d in range(len(probe)):
         probe[d] -= math.copysign(work.half[d], work.slope[d])
     place(probe, tree, work.corner)
     _load(item, work.still, tree, work.corner, work.sweep, work.search)
-    return 2 if _gap(item, hint, 0.0, False, tree, work.corner, work) <= 0.0 else 0
+    return 2 if _gap(hint, 0.0, False, tree, work.corner, work) <= 0.0 else 0
 
 
 @inner
-def _bound_items(box: int, boxes: Boxes, margin: float, tree: TreeArrays, found: Findings, work: _Work) -> int:
+def _bound_items(box: int, boxes: Boxes, margin: float, tree: TreeArrays, found: Findings, work: Work) -> int:
     """Mark the open items of a box, improve their hints, and return the item of the smallest bound; -1 for none."""
     worst, least = -1, np.inf
     for i in range(boxes.first[box], boxes.first[box + 1]):
@@ -189,8 +218,8 @@ def _bound_items(box: int, boxes: Boxes, margin: float, tree: TreeArrays, found:
         if not tree.flat[item[2]] and ball_gap(tree, work.frames, work.sweep) > margin:
             continue
         found.counts[0] += 1
-        gap = _gap(item, boxes.hints[i], margin, False, tree, work.frames, work)
-        boxes.hints[i] = work.search.best
+        gap = _gap(boxes.hints[i], margin, False, tree, work.frames, work)
+        copy(boxes.hints[i], work.search.best)
         if gap > 0.0:
             continue
         found.is_open[i] = True
@@ -201,19 +230,15 @@ def _bound_items(box: int, boxes: Boxes, margin: float, tree: TreeArrays, found:
 
 @kernel
 def bound_boxes(
-    boxes: Boxes, excess: Floats, margin: float, probing: int, tree: TreeArrays, points: int, found: Findings
+    boxes: Boxes, excess: Floats, margin: float, probing: int, tree: TreeArrays, found: Findings, work: Work
 ) -> None:
     """Test boxes: prove that items stay apart, weigh the joints of the worst open item, and find likely collisions.
 
     `excess` (m,): rounding error of joint values, added to half widths; `margin`: distance in metres by which pieces
     must stay apart; `probing`: 0 for no test of likely collisions, 1 for the worst item, 2 for all open items at the
-    centre; `points`: largest number of points of a piece.
+    centre; `work`: work arrays, see `new_work`.
     """
-    joints, count = len(tree.parent), len(excess)
-    work = _Work(
-        new_frames(joints), new_frames(joints), new_sweep(tree.chain.shape[2], points), new_search(),
-        np.empty(count), np.empty(count), np.zeros(count), np.empty(count), np.empty(count),
-    )  # fmt: skip
+    count = len(excess)
     for box in range(len(boxes.lower)):
         found.probe_item[box] = -1
         for d in range(count):
@@ -235,4 +260,4 @@ def bound_boxes(
                 found.touching[i] = outcome == 1
                 if outcome > 0 and i == worst:
                     found.probe_item[box] = i
-                    found.probe[box] = work.target
+                    copy(found.probe[box], work.target)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -53,14 +54,20 @@ class CollisionChecker:
         """Return whether any pair of bodies collides, shape (n,), for configurations (n, m)."""
         return self.first_pairs(configurations) >= 0
 
-    def first_pairs(self, configurations: ArrayLike) -> NDArray[np.int64]:
-        """Return the index of the first pair that collides, -1 for none, shape (n,), for configurations (n, m)."""
+    def first_pairs(
+        self, configurations: ArrayLike, pairs: Sequence[int] | NDArray[np.int64] | None = None
+    ) -> NDArray[np.int64]:
+        """Return the index of the first pair that collides, -1 for none, shape (n,), for configurations (n, m).
+
+        `pairs`: indices of the tested pairs in the order of the tests, by default of all pairs.
+        """
         values = self._checked(configurations)
+        tested = range(len(self.tree.pairs)) if pairs is None else pairs
         found = np.full(len(values), -1, dtype=np.int64)
         for start in range(0, len(values), BATCH):
             batch = slice(start, start + BATCH)
             poses = self.tree.frames(values[batch])
-            found[batch] = self._first_pairs(poses)
+            found[batch] = self._first_pairs(poses, tested)
         return found
 
     def names(self, pair: int) -> tuple[str, str]:
@@ -101,10 +108,11 @@ class CollisionChecker:
             nearest = min(nearest, self._tests[index].distance(pose))
         return nearest
 
-    def _first_pairs(self, poses: _Floats) -> NDArray[np.int64]:
-        """Return the first pair that collides, -1 for none, (n,), for poses (n, k, 4, 4)."""
+    def _first_pairs(self, poses: _Floats, pairs: Iterable[int]) -> NDArray[np.int64]:
+        """Return the first of some pairs that collides, -1 for none, (n,), for poses (n, k, 4, 4)."""
         found = np.full(len(poses), -1, dtype=np.int64)
-        for index, test in enumerate(self._tests):
+        for index in pairs:
+            test = self._tests[index]
             near = np.flatnonzero((found < 0) & (test.ball_gaps(poses) <= 0.0))
             for i in near:
                 if test.collides(poses[i]):
@@ -116,8 +124,8 @@ class CollisionChecker:
         values = np.atleast_2d(np.asarray(configurations, dtype=np.float64))
         if values.ndim != 2 or values.shape[1] != len(self.tree.moving):
             raise InputError(
-                f"a configuration of this robot has {len(self.tree.moving)} values ({', '.join(self.tree.moving)}), got "
-                f"an array of shape {np.shape(configurations)}"
+                f"a configuration of this robot has {len(self.tree.moving)} values ({', '.join(self.tree.moving)}), "
+                f"got an array of shape {np.shape(configurations)}"
             )
         return values
 
@@ -282,13 +290,12 @@ def _surface(solid: Solid) -> Any:
     return model
 
 
-@lru_cache(maxsize=1)
+@cache
 def _coal() -> Any:
     """Return the module coal; raise ToolMissingError if it is not installed."""
     try:
-        import coal
+        return import_module("coal")
     except ImportError as error:
         raise ToolMissingError(
             f"collision tests of robots need the package coal; install it with: {install_command('robots')}"
         ) from error
-    return coal

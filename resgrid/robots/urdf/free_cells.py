@@ -7,46 +7,52 @@ which any executor can process in any order with the same result.
 
 from __future__ import annotations
 
+import hashlib
+import os
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
-from enum import IntEnum
-from functools import lru_cache
-from itertools import product
+from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.parallel import spread
+from resgrid._internal.checkpoints import Journal
+from resgrid._internal.parallel import JobPart, in_order
 from resgrid._internal.values import frozen
 from resgrid.core.axis import Axis, rounding
 from resgrid.errors import InputError
 from resgrid.robots.cells import Progress
+from resgrid.robots.convex import Solid
 from resgrid.robots.urdf.arrays import Integers, ProofArrays, proof_arrays
-from resgrid.robots.urdf.cell_blocks import BlockProof, BlockProver, Group
+from resgrid.robots.urdf.batches import Group
+from resgrid.robots.urdf.cell_blocks import BlockProof, BlockProver, CellVerdict
 from resgrid.robots.urdf.collision import CollisionChecker
 from resgrid.robots.urdf.tree import KinematicTree
+
+RULES = 1
+"""Number of the rules of proofs; increase it when verdicts change, so that stored verdicts are computed again."""
+
+CENTRES = 1 << 14
+"""Number of cells whose centres are tested between two reports of progress."""
 
 BLOCK = 8
 """Largest number of cells of a block along an axis."""
 
-HALVINGS = 9
-"""Number of times that a cell of three joints is halved."""
+HALVINGS = 3
+"""Number of times that a cell is halved, per joint of the robot."""
 
+MARGIN = 1e-5
+"""Distance in metres by which proven cells stay away from collisions.
 
-class CellVerdict(IntEnum):
-    """Verdict of a cell of a configuration space."""
+Collision tests with the algorithm of Gilbert, Johnson and Keerthi report a collision at distances below 1e-6 m.
+"""
 
-    FREE = 0
-    """Proven: no configuration of the cell collides."""
-
-    COLLISION = 1
-    """A configuration of the cell collides."""
-
-    UNDECIDED = 2
-    """Neither a proof nor a collision was found."""
+ROUNDING = 1e-12
+"""Bound on the rounding error of a position, relative to the largest coordinate."""
 
 
 @frozen
@@ -59,15 +65,18 @@ class CellProof:
     verdict : ndarray of uint8, shape of the grid
         `CellVerdict` of every cell.
     bounds : int
-        Number of evaluated bounds.
+        Number of evaluated bounds: pairs of convex pieces in boxes of joint values.
+    probes : int
+        Number of tests of convex pieces at single configurations, in search of collisions.
     tests : int
         Number of collision tests of exact solids.
     seconds : float
-        Duration in seconds.
+        Duration in seconds; without blocks that a checkpoint contains.
     """
 
     verdict: NDArray[np.uint8]
     bounds: int
+    probes: int
     tests: int
     seconds: float
 
@@ -85,64 +94,220 @@ def prove_cells(
     halvings: int = HALVINGS,
     executor: Executor | None = None,
     progress: Progress | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
 ) -> CellProof:
-    """Find the cells in which no configuration collides, and cells with a collision."""
+    """Find the cells in which no configuration collides, and cells with a collision.
+
+    Parameters
+    ----------
+    tree : KinematicTree
+        Robot and surroundings, with the pairs of bodies that must not touch each other.
+    axes : sequence of Axis
+        One axis for every moving joint, in radians or metres.
+    halvings : int, optional
+        Number of times that a cell is halved, per joint.  A larger number takes longer and decides more cells.
+    executor : concurrent.futures.Executor, optional
+        Workers of the blocks of cells; by default this process.  The result does not depend on the executor.
+    progress : callable, optional
+        Called after every block as ``progress(done, total)`` with numbers of cells of the grids of all groups.
+    checkpoint : path, optional
+        File of finished blocks.  An interrupted run continues from it with the same result.
+
+    Returns
+    -------
+    CellProof
+        Verdict of every cell.  A free cell contains no configuration in which two bodies of a pair come closer than
+        1e-5 m, including configurations outside the cell by rounding errors.
+
+    Raises
+    ------
+    InputError
+        If the number of axes is wrong, a half-space moves, or the checkpoint belongs to another run.
+    ToolMissingError
+        If coal is not installed.
+    """
     begin = time.perf_counter()
-    if len(axes) != len(tree.moving):
-        raise InputError(f"the robot has {len(tree.moving)} moving joints, but there are {len(axes)} axes")
-    shape = tuple(axis.cells for axis in axes)
-    verdict = np.zeros(shape, dtype=np.uint8)
-    arrays = proof_arrays(tree)
-    groups = _groups(arrays, tuple(axes), halvings)
-    total = sum(int(np.prod([len(edges) - 1 for edges in group.edges])) for group in groups)
-    done = bounds = tests = 0
+    job = _ProofJob(tree, tuple(axes), halvings)
+    groups = job.groups
+    known = _Finished(checkpoint, tree, job.axes, halvings)
+    total, done = sum(int(np.prod(group.shape)) for group in groups), 0
+    verdict = np.zeros(tuple(axis.cells for axis in axes), dtype=np.uint8)
+    work = np.zeros(3, dtype=np.int64)
     for number, group in enumerate(groups):
         seen = _seen_by_group(verdict, group)
-        own = np.zeros(seen.shape, dtype=np.uint8)
-        blocks = list(_blocks(seen.shape))
-        items = [(number, low, high, seen[_slices(low, high)].copy()) for low, high in blocks]
-        with closing(spread(_prove_block, items, tree, tuple(axes), halvings, executor=executor)) as results:
-            for (low, high), result in zip(blocks, results, strict=True):
-                own[_slices(low, high)] = result.verdict
-                bounds, tests = bounds + result.bounds, tests + result.tests
-                done += result.verdict.size
+        own = np.zeros_like(seen)
+        blocks = list(_blocks(group.shape))
+        items = [(number, low, seen[block].copy()) for low, block in blocks[known.count(number) :]]
+        with closing(in_order([JobPart(_prove_blocks, job, items, "blocks")], executor)) as results:
+            for index, (_, block) in enumerate(blocks):
+                proof = known.take(number, index, seen[block].shape)
+                if proof is None:
+                    proof = next(results)
+                    known.add(number, proof)
+                own[block] = proof.verdict
+                work += proof.bounds, proof.probes, proof.tests
+                done += proof.verdict.size
                 if progress is not None:
                     progress(done, total)
-        wide = own.reshape([shape[axis] if axis in group.joints else 1 for axis in range(len(shape))])
-        hit = (verdict == CellVerdict.COLLISION) | (wide == CellVerdict.COLLISION)
-        verdict = np.where(hit, np.uint8(CellVerdict.COLLISION), np.maximum(verdict, wide))
-    return CellProof(verdict, bounds, tests, time.perf_counter() - begin)
+        verdict = _combined(verdict, own, group)
+    bounds, probes, tests = work.tolist()
+    return CellProof(verdict, bounds, probes, tests, time.perf_counter() - begin)
+
+
+def centre_cells(tree: KinematicTree, axes: Sequence[Axis], progress: Progress | None = None) -> NDArray[np.bool_]:
+    """Return the mask of cells whose centre collides, shape of the grid; nothing is proven about the rest of a cell.
+
+    `tree`: robot and surroundings; `axes`: one axis for every moving joint; `progress`: called as ``progress(done,
+    total)`` with numbers of cells of the grids of all groups.
+    """
+    checker = CollisionChecker(tree)
+    groups = _groups(proof_arrays(tree), _checked_axes(tree, axes))
+    verdict = np.zeros(tuple(axis.cells for axis in axes), dtype=np.uint8)
+    total, done = sum(int(np.prod(group.shape)) for group in groups), 0
+    for group in groups:
+        own = _seen_by_group(verdict, group).reshape(-1)
+        for start in range(0, len(own), CENTRES):
+            cells = start + np.flatnonzero(own[start : start + CENTRES] != CellVerdict.COLLISION)
+            values = np.tile(group.middle, (len(cells), 1))
+            for joint, index in zip(group.joints, np.unravel_index(cells, group.shape), strict=True):
+                values[:, joint] = axes[joint].centres[index]
+            own[cells] = checker.first_pairs(values, group.pairs) >= 0
+            done += len(own[start : start + CENTRES])
+            if progress is not None:
+                progress(done, total)
+        verdict = _combined(verdict, own.reshape(group.shape), group)
+    return np.asarray(verdict == CellVerdict.COLLISION)
+
+
+def proof_key(tree: KinematicTree, axes: Sequence[Axis], halvings: int = HALVINGS) -> str:
+    """Return a hash of everything on which the verdicts depend: robot, surroundings, axes and number of halvings."""
+    digest = hashlib.sha256(repr((RULES, tuple(axes), halvings, tree.moving, tree.names)).encode())
+    arrays = proof_arrays(tree)
+    solids = [array for body in tree.bodies for array in _solid_arrays(body.solid)]
+    for array in (*arrays.tree, arrays.hull, arrays.spans, tree.pairs, *solids):
+        digest.update(f"{array.dtype.str}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _solid_arrays(solid: Solid) -> tuple[NDArray[Any], ...]:
+    """Return the description of an exact solid as arrays."""
+    kind = np.frombuffer(solid.kind.encode(), dtype=np.uint8)
+    return (
+        kind,
+        np.array(solid.size),
+        np.asarray(solid.placement),
+        np.asarray(solid.points),
+        np.asarray(solid.triangles),
+    )
+
+
+class _ProofJob:
+    """Inputs of all blocks; the arrays are computed once in every process.
+
+    `tree`, `axes`, `halvings`: see `prove_cells`.
+    """
+
+    def __init__(self, tree: KinematicTree, axes: tuple[Axis, ...], halvings: int) -> None:
+        self.tree, self.axes, self.halvings = tree, _checked_axes(tree, axes), halvings
+        self.arrays, self.checker = proof_arrays(tree), CollisionChecker(tree)
+        self.groups = _groups(self.arrays, self.axes)
+        self.margin = max(MARGIN, ROUNDING * _extent(self.arrays, self.axes))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _ProofJob, (self.tree, self.axes, self.halvings)
+
+
+def _prove_blocks(job: _ProofJob, items: Sequence[tuple[int, Integers, NDArray[np.uint8]]]) -> list[BlockProof]:
+    """Return the verdicts of some blocks; `items`: number of the group, first cells, known verdicts."""
+    halvings = job.halvings * len(job.axes)
+    return [
+        BlockProver(job.arrays, job.checker, job.groups[number], halvings, job.margin).prove(low, known)
+        for number, low, known in items
+    ]
+
+
+class _Finished:
+    """Finished blocks of a checkpoint.
+
+    `path`: file, or None; `tree`, `axes`, `halvings`: see `prove_cells`.
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str] | None, tree: KinematicTree, axes: tuple[Axis, ...], halvings: int
+    ) -> None:
+        self._journal: Journal | None = None
+        self._records: dict[int, list[dict[str, Any]]] = {}
+        if path is not None:
+            self._journal = Journal(path, {"resgrid": "cells", "fingerprint": proof_key(tree, axes, halvings)})
+            for record in self._journal:
+                self._records.setdefault(record["group"], []).append(record)
+
+    def count(self, group: int) -> int:
+        """Return the number of finished blocks of a group."""
+        return len(self._records.get(group, ()))
+
+    def take(self, group: int, index: int, shape: tuple[int, ...]) -> BlockProof | None:
+        """Return a finished block, None for a block that is not finished; `shape`: number of its cells."""
+        if index >= self.count(group):
+            return None
+        record = self._records[group][index]
+        cells = np.frombuffer(record["verdict"].encode("ascii"), dtype=np.uint8) - ord("0")
+        if cells.size != np.prod(shape) or cells.max(initial=0) > max(CellVerdict):
+            assert self._journal is not None
+            raise self._journal.damaged(f"block {index} of group {group} does not fit the grid")
+        return BlockProof(cells.reshape(shape), *record["work"])
+
+    def add(self, group: int, proof: BlockProof) -> None:
+        """Append a block to the checkpoint."""
+        if self._journal is not None:
+            cells = (proof.verdict.reshape(-1) + np.uint8(ord("0"))).tobytes().decode("ascii")
+            self._journal.append({"group": group, "verdict": cells, "work": [proof.bounds, proof.probes, proof.tests]})
+
+
+def _checked_axes(tree: KinematicTree, axes: Sequence[Axis]) -> tuple[Axis, ...]:
+    """Return the axes; raise InputError unless there is one for every moving joint."""
+    if len(axes) != len(tree.moving):
+        raise InputError(
+            f"this robot has {len(tree.moving)} moving joints ({', '.join(tree.moving)}), got {len(axes)} axes; give "
+            "one axis for every joint"
+        )
+    return tuple(axes)
 
 
 def _seen_by_group(verdict: NDArray[np.uint8], group: Group) -> NDArray[np.uint8]:
     """Return the verdicts that hold for all cells along the axes of the other joints, shape of the group's grid."""
     others = tuple(axis for axis in range(verdict.ndim) if axis not in group.joints)
-    collides = (verdict == CellVerdict.COLLISION).all(axis=others)
-    blocked = (verdict != CellVerdict.FREE).all(axis=others)
-    return np.where(collides, np.uint8(1), np.where(blocked, np.uint8(2), np.uint8(0)))
+    seen = np.zeros(group.shape, dtype=np.uint8)
+    seen[(verdict != CellVerdict.FREE).all(axis=others)] = CellVerdict.UNDECIDED
+    seen[(verdict == CellVerdict.COLLISION).all(axis=others)] = CellVerdict.COLLISION
+    return seen
 
 
-def _blocks(shape: tuple[int, ...]) -> Iterator[tuple[Integers, Integers]]:
-    """Return first cells, and last cells plus 1, of the blocks of a grid, nearly equal parts along every axis."""
+def _combined(verdict: NDArray[np.uint8], own: NDArray[np.uint8], group: Group) -> NDArray[np.uint8]:
+    """Return the verdicts of the whole grid, combined with those of a group: collision, then undecided, then free."""
+    wide = own.reshape([cells if axis in group.joints else 1 for axis, cells in enumerate(verdict.shape)])
+    collides = (verdict == CellVerdict.COLLISION) | (wide == CellVerdict.COLLISION)
+    return np.where(collides, np.uint8(CellVerdict.COLLISION), np.maximum(verdict, wide))
+
+
+def _blocks(shape: tuple[int, ...]) -> Iterator[tuple[Integers, tuple[slice, ...]]]:
+    """Return first cells (g,) and index of every block of a grid; blocks are nearly equal parts along every axis."""
     cuts = [np.linspace(0, cells, -(-cells // BLOCK) + 1).round().astype(np.int64) for cells in shape]
-    for block in product(*(range(len(cut) - 1) for cut in cuts)):
-        low = np.array([cut[i] for cut, i in zip(cuts, block, strict=True)])
-        high = np.array([cut[i + 1] for cut, i in zip(cuts, block, strict=True)])
-        yield low, high
+    for block in product(*(pairwise(cut.tolist()) for cut in cuts)):
+        yield np.array([low for low, _ in block], dtype=np.int64), tuple(slice(low, high) for low, high in block)
 
 
-def _slices(low: Integers, high: Integers) -> tuple[slice, ...]:
-    """Return the index of a block of cells in the array of a grid."""
-    return tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
+def _groups(arrays: ProofArrays, axes: tuple[Axis, ...]) -> list[Group]:
+    """Return the pairs grouped by the joints on which they depend, groups of few joints first.
 
-
-def _groups(arrays: ProofArrays, axes: tuple[Axis, ...], halvings: int) -> list[Group]:
-    """Return the pairs grouped by the joints on which they depend, groups of few joints first."""
+    Pairs that depend on no joint are tested on the grid of the first joint.
+    """
     excess = rounding(axes) * [axis.spacing for axis in axes]
     middle = np.array([(axis.lower + axis.upper) / 2 for axis in axes])
     kinds: dict[tuple[int, ...], list[int]] = {}
     for pair, joints in enumerate(arrays.drivers):
-        kinds.setdefault(joints, []).append(pair)
+        kinds.setdefault(joints or (0,), []).append(pair)
     return [
         Group(
             joints,
@@ -150,24 +315,14 @@ def _groups(arrays: ProofArrays, axes: tuple[Axis, ...], halvings: int) -> list[
             tuple(axes[joint].edges for joint in joints),
             middle,
             np.where(np.isin(np.arange(len(axes)), joints), excess, 0.0),
-            halvings,
         )
         for joints, pairs in sorted(kinds.items(), key=lambda kind: (len(kind[0]), kind[0]))
-        if joints
     ]
 
 
-def _prove_block(
-    item: tuple[int, Integers, Integers, NDArray[np.uint8]], tree: KinematicTree, axes: tuple[Axis, ...], halvings: int
-) -> BlockProof:
-    """Return the verdicts of one block; `item`: number of the group, first and last cells, known verdicts."""
-    number, low, high, known = item
-    prover, groups = _prover(tree, axes, halvings)
-    return prover.prove(groups[number], low, high, known)
-
-
-@lru_cache(maxsize=2)
-def _prover(tree: KinematicTree, axes: tuple[Axis, ...], halvings: int) -> tuple[BlockProver, list[Group]]:
-    """Return the prover of a robot and its groups, made once per process."""
-    arrays = proof_arrays(tree)
-    return BlockProver(arrays, CollisionChecker(tree)), _groups(arrays, axes, halvings)
+def _extent(arrays: ProofArrays, axes: tuple[Axis, ...]) -> float:
+    """Return a bound on coordinates in metres: all placements, motions and points of the tree added up."""
+    tree, largest = arrays.tree, np.array([max(abs(axis.lower), abs(axis.upper)) for axis in axes])
+    slides = np.abs(tree.factor) * largest[tree.driver] + np.abs(tree.offset)
+    points = np.abs(np.stack([tree.x, tree.y, tree.z])).sum(axis=0).max(initial=0.0)
+    return float(np.abs(tree.translation).sum() + slides[tree.prismatic].sum() + points + tree.radius.max(initial=0.0))

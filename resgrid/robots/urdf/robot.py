@@ -10,17 +10,18 @@ from math import tau
 from typing import Annotated, Any
 
 import numpy as np
-from annotated_types import Ge, Le, Len
+from annotated_types import Ge, Gt, Le, Len
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid._internal.cache import fingerprint, load_array, store_array
 from resgrid._internal.validation import checked
 from resgrid._internal.values import brief
-from resgrid.core.axis import Axis, Coordinate, Point
+from resgrid.core.axis import LARGEST, Axis, Coordinate, Point
 from resgrid.core.cell import MAX_DIMENSIONS
 from resgrid.errors import InputError, suggestion
 from resgrid.robots.base import Robot
 from resgrid.robots.cells import CellClasses, GoalCells, Progress, Sampling
+from resgrid.robots.collision_tests import CollisionTest
 from resgrid.robots.geometry import RigidPart
 from resgrid.robots.shapes import Shape
 from resgrid.robots.urdf.reach import motion_per_joint
@@ -29,6 +30,9 @@ from resgrid.robots.urdf.tree import KinematicTree
 
 _CELLS = "cells-1"
 """Name of cached verdicts of cells; its number changes with the method, so that older results are not used."""
+
+
+Rate = Annotated[float, Gt(0), Le(LARGEST)]
 
 
 @checked
@@ -68,6 +72,12 @@ class URDFRobot(Robot):
         Largest number of convex pieces that cover one mesh.
     halvings : int
         Number of times that a cell is halved before it is left undecided.
+    velocity : tuple of float
+        Largest speeds of trajectories in rad/s or m/s, one for all moving joints or one per joint, in place of the
+        limits in the URDF file.
+    acceleration : tuple of float
+        Largest accelerations of trajectories in rad/s² or m/s², one for all moving joints or one per joint; empty for
+        no limit.  URDF files have no such limits.
 
     Raises
     ------
@@ -100,10 +110,18 @@ class URDFRobot(Robot):
     self_collision: bool = True
     pieces: Annotated[int, Ge(1), Le(64)] = 8
     halvings: Annotated[int, Ge(0), Le(40)] = 12
+    velocity: tuple[Rate, ...] = ()
+    acceleration: tuple[Rate, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.base) != 6:
             raise InputError(f"base needs six numbers (x, y, z, roll, pitch, yaw), got {list(self.base)}")
+        for name in ("velocity", "acceleration"):
+            if len(getattr(self, name)) not in (0, 1, self.ndim):
+                raise InputError(
+                    f"{name} needs one number for each of the {self.ndim} moving joints, or one for all, got "
+                    f"{list(getattr(self, name))}"
+                )
         tools = self.tree.tools
         if self.tool is not None and self.tool not in tools:
             raise InputError(
@@ -125,6 +143,30 @@ class URDFRobot(Robot):
     def ndim(self) -> int:
         """Number of moving joints."""
         return len(self.moving)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the moving joints in the URDF file."""
+        return self.moving
+
+    @property
+    def fixed_joints(self) -> Mapping[str, float]:
+        """Values, in radians or metres, of the joints that `at` names."""
+        return self.at
+
+    @property
+    def velocity_limits(self) -> NDArray[np.float64]:
+        """Largest speeds of the moving joints (m,) in rad/s or m/s: `velocity`, or those of the URDF file.
+
+        A limit is infinite for a joint without one; a limit of 0, which some files use for an unknown limit, too.
+        """
+        given = np.asarray(self.velocity or np.where(self.tree.velocity > 0, self.tree.velocity, np.inf))
+        return np.array(np.broadcast_to(given, (self.ndim,)))
+
+    @property
+    def acceleration_limits(self) -> NDArray[np.float64] | None:
+        """Largest accelerations of the moving joints (m,) in rad/s² or m/s²; None without limits."""
+        return np.array(np.broadcast_to(self.acceleration, (self.ndim,))) if self.acceleration else None
 
     @property
     def tool_name(self) -> str:
@@ -225,6 +267,12 @@ class URDFRobot(Robot):
 
         bodies = [body for n, shape in enumerate(obstacles) for body in bodies_of(shape, f"obstacle[{n}]")]
         return with_obstacles(self.tree, bodies, self.mounted)
+
+    def collision_test(self, axes: Sequence[Axis], obstacles: Sequence[Shape]) -> CollisionTest:  # noqa: ARG002
+        """Return a test of the robot among obstacles, and with itself, at single configurations, with exact solids."""
+        from resgrid.robots.urdf.collision_tests import SolidTest
+
+        return SolidTest(self.among(obstacles))
 
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None

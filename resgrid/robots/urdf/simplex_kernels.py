@@ -17,13 +17,13 @@ Floats = NDArray[np.float64]
 @inlined
 def dot(a: Floats, b: Floats) -> float:
     """Return the scalar product of two vectors in space."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 @inlined
 def _dot_difference(corners: Floats, i: int, j: int, k: int) -> float:
     """Return the scalar product of corner k with the vector from corner i to corner j."""
-    return (
+    return float(
         (corners[j, 0] - corners[i, 0]) * corners[k, 0]
         + (corners[j, 1] - corners[i, 1]) * corners[k, 1]
         + (corners[j, 2] - corners[i, 2]) * corners[k, 2]
@@ -46,7 +46,8 @@ def _nearest_on_segment(corners: Floats, i: int, j: int, weights: Floats) -> Non
 @inner
 def _nearest_on_triangle(corners: Floats, i: int, j: int, k: int, weights: Floats) -> None:
     """Write the weights of corners i, j and k for the point of their triangle that is nearest to the origin."""
-    weights[:] = 0.0
+    for corner in range(4):
+        weights[corner] = 0.0
     d1, d2 = -_dot_difference(corners, i, j, i), -_dot_difference(corners, i, k, i)
     d3, d4 = -_dot_difference(corners, i, j, j), -_dot_difference(corners, i, k, j)
     d5, d6 = -_dot_difference(corners, i, j, k), -_dot_difference(corners, i, k, k)
@@ -78,7 +79,7 @@ def _is_beyond(corners: Floats, i: int, j: int, k: int, opposite: int) -> bool:
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     level = nx * corners[i, 0] + ny * corners[i, 1] + nz * corners[i, 2]
     height = nx * corners[opposite, 0] + ny * corners[opposite, 1] + nz * corners[opposite, 2] - level
-    return -level * height <= 0.0
+    return bool(-level * height <= 0.0)
 
 
 @inner
@@ -103,7 +104,8 @@ def _nearest_on_tetrahedron(corners: Floats, weights: Floats, trial: Floats, nea
             squared = _squared_norm(corners, trial, nearest)
             if squared < best:
                 best = squared
-                weights[:] = trial
+                for corner in range(4):
+                    weights[corner] = trial[corner]
     if best == np.inf:
         return 0.0
     return _squared_norm(corners, weights, nearest)
@@ -116,7 +118,8 @@ def nearest_on_simplex(corners: Floats, count: int, weights: Floats, trial: Floa
     `corners` (4, 3): the first `count` rows are the corners; `weights` (4,): receives their weights; `trial` (4,): work
     array; `nearest` (3,): receives the point.
     """
-    weights[:] = 0.0
+    for corner in range(4):
+        weights[corner] = 0.0
     if count == 4:
         return _nearest_on_tetrahedron(corners, weights, trial, nearest)
     if count == 1:
@@ -134,6 +137,7 @@ def drop_corners(corners: Floats, count: int, weights: Floats) -> int:
     kept = 0
     for corner in range(count):
         if weights[corner] > 0.0:
-            corners[kept] = corners[corner]
+            for axis in range(3):
+                corners[kept, axis] = corners[corner, axis]
             kept += 1
     return kept

@@ -1,0 +1,149 @@
+"""Robots in space on the command line: verdicts of cells, and timed and tested paths."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, cast
+
+import resgrid as rg
+from resgrid.cli.terminal import say, stage
+from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+    from pathlib import Path
+
+    from resgrid.cli.scenes import Job
+    from resgrid.io.paths import Route
+    from resgrid.planning.streamline import AnyPath
+
+MANY_CELLS = 2**15
+"""Number of cells of a space from which on worker processes save more time than their start takes."""
+
+CHECK_STEP = 0.002
+"""Largest motion of any point of the robot between two collision tests, in metres."""
+
+CLEARANCE_STEP = 0.01
+"""Largest motion of any point of the robot between two distance computations, in metres."""
+
+
+def workers_for(scene: rg.Scene, cells: int) -> AbstractContextManager[Executor | None]:
+    """Return a context with an executor on all cores if it shortens the proof of a scene's cells, otherwise with None.
+
+    `cells`: number of cells of the space.
+    """
+    is_long = scene.robot.workspace_ndim == 3 and scene.sampling == "conservative" and cells >= MANY_CELLS
+    return rg.open_executor("processes") if is_long and (os.cpu_count() or 1) > 1 else nullcontext()
+
+
+def verdict_data(job: Job) -> dict[str, Any]:
+    """Return the numbers of cells by verdict as a dictionary for JSON; empty for robots of the plane.
+
+    With the sampling ``"centre"`` nothing is proven: the key ``proven`` is false, and free and colliding cells are
+    those whose centre is free or collides.
+    """
+    if job.scene.robot.workspace_ndim != 3:
+        return {}
+    obstacle = int((job.space.cell == rg.Cell.OBSTACLE).sum())
+    undecided = 0 if job.space.undecided is None else int(job.space.undecided.sum())
+    return {
+        "verdicts": {
+            "proven": job.space.undecided is not None,
+            "free_cells": job.space.cell.size - obstacle,
+            "collision_cells": obstacle - undecided,
+            "undecided_cells": undecided,
+        }
+    }
+
+
+def verdict_lines(data: Mapping[str, Any]) -> Iterator[str]:
+    """Yield lines of text on the verdicts of cells; `data`: dictionary that contains the result of `verdict_data`."""
+    verdicts = data.get("verdicts")
+    if verdicts is None:
+        return
+    counts = [verdicts[f"{kind}_cells"] for kind in ("free", "collision", "undecided")]
+    free, collision, undecided = (f"{count:,} ({100 * count / sum(counts):.1f} %)" for count in counts)
+    if verdicts["proven"]:
+        yield f"proven free   {free}: no configuration in them collides"
+        yield f"collision     {collision}: a configuration in them collides"
+        yield f"undecided     {undecided}: neither is proven; treated as obstacles"
+    else:
+        yield f"unproven      sampling = 'centre' tests only the centres of cells: {free} free, {collision} collide"
+        yield "              a path through free cells can collide; sampling = 'conservative' proves cells"
+
+
+def check_route(job: Job, route: Route) -> Route:
+    """Return a route with the clearance of an arm in metres, and, for robots in space, with its first collision.
+
+    Other robots, whose clearance in configuration space is a length already, and failed routes are returned unchanged.
+    """
+    scene = job.scene
+    if scene.robot.base is None or not route.reached:
+        return route
+    obstacles = [*scene.obstacles, *([] if scene.map is None else [scene.map.obstacles])]
+    clearance = rg.planning.workspace_clearance(route.path, obstacles, step=CLEARANCE_STEP)
+    if scene.robot.workspace_ndim != 3:
+        return replace(route, workspace_clearance=clearance)
+    hit = rg.check_collisions(route.path, obstacles, step=CHECK_STEP)
+    return replace(route, workspace_clearance=0.0 if hit else clearance, collision=hit, is_tested=True)
+
+
+def check_routes(job: Job, routes: list[Route]) -> list[Route]:
+    """Return routes with clearances in metres and collisions; see `check_route`."""
+    if job.scene.robot.base is None:
+        return routes
+    checked = []
+    with stage("test the paths in the workspace", steps=len(routes)) as progress:
+        for route in routes:
+            checked.append(check_route(job, route))
+            progress.advance()
+    return checked
+
+
+def timed_by_robot(job: Job, routes: list[Route]) -> list[Route]:
+    """Return shortened routes with times within the limits of the scene's robot.
+
+    Routes without a goal, and all routes of a robot without own limits, are returned unchanged.  If a joint that moves
+    has no limit, a message says so, and the routes are shortened only.
+    """
+    if job.scene.robot.velocity_limits is None:
+        return routes
+    short = [
+        replace(route, path=rg.shortcut(route.streamline)) if route.reached and route.streamline else route
+        for route in routes
+    ]
+    try:
+        return [
+            replace(route, path=rg.time_parameterize(cast("AnyPath", route.path))) if route.reached else route
+            for route in short
+        ]
+    except InputError as error:
+        say(f"the paths have no times: {error}")
+        return short
+
+
+def write_trajectories(folder: Path, routes: list[Route]) -> dict[str, str]:
+    """Write every timed route to files of its own; return the descriptions of the files by name."""
+    from resgrid.planning.time_parameterization import Trajectory
+
+    files = {}
+    for number, route in enumerate(routes):
+        if not isinstance(route.path, Trajectory) or not route.reached:
+            continue
+        name = "trajectory" if len(routes) == 1 else f"trajectory_{number}"
+        for suffix, kind in (
+            ("yaml", "as trajectory_msgs/JointTrajectory, for ROS 2"),
+            ("csv", "as a table"),
+            ("json", "as JSON"),
+        ):
+            rg.save(route.path, folder / f"{name}.{suffix}")
+            files[f"{name}.{suffix}"] = f"the timed path{'' if len(routes) == 1 else f' {number}'} {kind}"
+    return files
+
+
+def collides(routes: list[Route]) -> bool:
+    """Return whether a tested path collides."""
+    return any(route.collision is not None for route in routes)

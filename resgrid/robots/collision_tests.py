@@ -1,0 +1,72 @@
+"""Collision tests of a robot among obstacles at given configurations, with exact geometry."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.robots.geometry import Obstacle, RigidPart
+
+PartsOf = Callable[[NDArray[np.float64]], list[RigidPart]]
+"""Function that returns the rigid parts of a robot in configurations (n, ndim)."""
+
+
+class Hit(NamedTuple):
+    """First collision in a sequence of configurations.
+
+    `row`: index of the configuration; `part`: index of the robot's part or body; `obstacle`: index of the obstacle,
+    None for a collision of the robot with itself; `names`: names of both bodies, None for robots of the plane.
+    """
+
+    row: int
+    part: int
+    obstacle: int | None
+    names: tuple[str, str] | None = None
+
+
+class CollisionTest(ABC):
+    """A robot among obstacles, whose configurations can be tested."""
+
+    @abstractmethod
+    def clearances(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return distances (n,) to the nearest collision, in workspace units, for configurations (n, ndim).
+
+        The distance is 0 for a collision or contact, and infinite without obstacles.
+        """
+
+    @abstractmethod
+    def first_hit(self, configurations: NDArray[np.float64]) -> Hit | None:
+        """Return the first collision among configurations (n, ndim), in their order; None without a collision."""
+
+
+class PlanarTest(CollisionTest):
+    """A robot of the plane among obstacles, tested with shapely.
+
+    `parts`: function that returns the robot's rigid parts; `obstacles`: the obstacles.
+    """
+
+    def __init__(self, parts: PartsOf, obstacles: Sequence[Obstacle]) -> None:
+        self._parts, self._obstacles = parts, obstacles
+
+    def clearances(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return distances (n,) from the robot to the nearest obstacle for configurations (n, ndim)."""
+        parts = self._parts(configurations)
+        nearest = np.full(len(configurations), np.inf)
+        for obstacle in self._obstacles:
+            for part in parts:
+                nearest = np.minimum(nearest, obstacle.distance(part))
+        return nearest
+
+    def first_hit(self, configurations: NDArray[np.float64]) -> Hit | None:
+        """Return the first collision among configurations (n, ndim); touching to within 1e-9 is no collision."""
+        hits = [
+            Hit(int(np.argmax(hit)), number, obstacle.number)
+            for number, part in enumerate(self._parts(configurations))
+            for obstacle in self._obstacles
+            if (hit := obstacle.collides(part)).any()
+        ]
+        return min(hits, default=None)

@@ -1,0 +1,224 @@
+"""Convex hulls of points in space as convex pieces with few corners, for flat and degenerate point sets too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.robots.convex import ConvexPiece
+
+TOLERANCE = 2e-4
+"""Distance in metres up to which a corner may lie outside the hull of the kept corners; the radius makes up for it."""
+
+_FEW = 16
+"""Number of corners up to which a hull keeps all of them."""
+
+_MANY = 96
+"""Number of corners from which a hull takes the coarser tolerance, because the cost of proofs grows with them."""
+
+_COARSE = 10
+"""Ratio of the tolerance for hulls of many corners to the tolerance for hulls of few corners."""
+
+_FLAT = 1e-9
+"""Extent, as a fraction of the largest extent, below which a point set counts as flat in a direction."""
+
+_ROUNDING = 1e-9
+"""Tolerance in metres of the check that a piece contains its points."""
+
+_PLANE_ROUNDING = 1e-12
+"""Height in metres above the planes of all faces up to which a point counts as inside."""
+
+_BLOCK = 200_000
+"""Maximum number of pairs of a point and a triangle that are held in memory at once."""
+
+_DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
+"""Directions of the first corners that a simplified hull keeps: to the faces, edges and corners of a cube."""
+
+
+@dataclass(frozen=True, eq=False)
+class Facets:
+    """A convex hull: corners (v, 3), triangles (t, 3) of its surface, and planes ``(n, d)`` (f, 4) of its faces.
+
+    The planes satisfy ``n @ x + d <= 0`` inside.  Face i consists of the triangles ``first[i]`` to ``first[i] +
+    counts[i]`` (excluded).  A flat hull has triangles, but no planes.  `volume` is in cubic metres.
+    """
+
+    corners: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    planes: NDArray[np.float64]
+    first: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    volume: float
+
+
+def convex_hull(points: NDArray[np.float64], tolerance: float = TOLERANCE) -> ConvexPiece:
+    """Return a convex piece that contains all points, with few corners.
+
+    Corners that lie within `tolerance` of the hull of the others may be left out; the radius of the piece then is their
+    largest measured distance, so that the piece still contains them.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (v, 3)
+        Points in metres; they may be repeated, or lie in a plane, on a line or in one place.
+    tolerance : float
+        Largest radius, in metres, of a piece of up to 96 corners; pieces of more corners may have a radius of up to ten
+        times as much.  0 keeps all corners.
+
+    Returns
+    -------
+    ConvexPiece
+        The piece, in the frame of the points.
+
+    Raises
+    ------
+    InputError
+        If there are no points, or a coordinate is not finite.
+
+    Examples
+    --------
+    >>> from resgrid.robots.hulls import convex_hull
+    >>> convex_hull(np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 0, 0]])).points
+    array([[0., 0., 0.],
+           [1., 0., 0.]])
+    """
+    check_points(points)
+    hull = facets_of(points)
+    kept = hull if len(hull.corners) <= _FEW or tolerance <= 0 else _simplified(hull, tolerance)
+    radius = float(distances(hull.corners, kept).max())
+    piece = ConvexPiece(kept.corners, radius)
+    _check_containment(points, kept, radius)
+    return piece
+
+
+def check_points(points: NDArray[np.float64]) -> None:
+    """Raise InputError unless an array (v, 3) holds at least one point, and finite coordinates only."""
+    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+        raise InputError(f"points of shape {points.shape} must be at least one point with three coordinates")
+    bad = ~np.isfinite(points).all(axis=1)
+    if bad.any():
+        first = int(np.flatnonzero(bad)[0])
+        raise InputError(f"point {first} = {points[first].tolist()} is not finite; remove or repair it")
+
+
+def facets_of(points: NDArray[np.float64]) -> Facets:
+    """Return the convex hull of finite points (v, 3), by qhull in as many dimensions as the points extend in."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    unique = np.unique(points, axis=0)
+    rank, axes = _extent(unique)
+    if rank == 3:
+        try:
+            hull = ConvexHull(unique, qhull_options="Qt")
+        except QhullError:
+            rank = 2
+        else:
+            number = np.full(len(unique), -1)
+            number[hull.vertices] = np.arange(len(hull.vertices))
+            planes, face, counts = np.unique(hull.equations, axis=0, return_inverse=True, return_counts=True)
+            triangles = number[hull.simplices[np.argsort(face.ravel(), kind="stable")]]
+            return Facets(
+                unique[hull.vertices], triangles, planes, np.cumsum(counts) - counts, counts, float(hull.volume)
+            )
+    flat = (unique - unique.mean(axis=0)) @ axes.T
+    if rank == 2:
+        corners = unique[ConvexHull(flat[:, :2], qhull_options="Qt").vertices]
+    else:
+        corners = unique[np.unique([flat[:, 0].argmin(), flat[:, 0].argmax()])]
+    fan = [(0, max(i, 0), min(i + 1, len(corners) - 1)) for i in range(min(1, len(corners) - 2), len(corners) - 1)]
+    none = np.empty(0, dtype=np.int64)
+    return Facets(corners, np.array(fan or [(0, 0, 0)]), np.empty((0, 4)), none, none, 0.0)
+
+
+def _extent(points: NDArray[np.float64]) -> tuple[int, NDArray[np.float64]]:
+    """Return the number of dimensions in which points (v, 3) extend, and unit vectors (3, 3), longest extent first."""
+    centred = points - points.mean(axis=0)
+    _, axes = np.linalg.eigh(centred.T @ centred)
+    axes = axes.T[::-1]
+    extents = np.ptp(centred @ axes.T, axis=0)
+    return int((extents > max(_FLAT * extents.max(), 1e-12)).sum()), axes
+
+
+def _simplified(hull: Facets, tolerance: float) -> Facets:
+    """Return a hull of fewer corners, from which every corner of `hull` is at most `tolerance` away.
+
+    Start with the extreme corners in 26 directions, and add, for every facet, the corner that lies farthest outside.
+    """
+    if not len(hull.planes):
+        return hull
+    centred = hull.corners - hull.corners.mean(axis=0)
+    chosen = np.unique((centred @ _DIRECTIONS.T).argmax(axis=0))
+    while True:
+        kept = facets_of(hull.corners[chosen])
+        if not len(kept.planes):
+            return hull
+        gaps = distances(hull.corners, kept)
+        largest = gaps.max()
+        if largest <= tolerance or (len(chosen) >= _MANY and largest <= _COARSE * tolerance):
+            return kept
+        outside = np.flatnonzero(gaps > max(tolerance, largest / 2))
+        facet = (hull.corners[outside] @ kept.planes[:, :3].T + kept.planes[:, 3]).argmax(axis=1)
+        order = np.lexsort((-gaps[outside], facet))
+        first = np.r_[True, np.diff(facet[order]) > 0]
+        chosen = np.union1d(chosen, outside[order[first]])
+
+
+def distances(points: NDArray[np.float64], hull: Facets) -> NDArray[np.float64]:
+    """Return upper bounds (v,) of the distances of points (v, 3) from a hull; 0 inside.
+
+    The bound is the distance to the face whose plane the point exceeds most; of a flat hull, to its nearest triangle.
+    """
+    result = np.empty(len(points))
+    block = max(1, _BLOCK // len(hull.triangles))
+    for start in range(0, len(points), block):
+        result[start : start + block] = _block_distances(points[start : start + block], hull)
+    return result
+
+
+def _block_distances(points: NDArray[np.float64], hull: Facets) -> NDArray[np.float64]:
+    """Return `distances` of a block of points (v, 3) whose product with the number of triangles is bounded."""
+    if not len(hull.planes):
+        pairs = np.repeat(points, len(hull.triangles), axis=0)
+        triangles = np.tile(hull.corners[hull.triangles], (len(points), 1, 1))
+        return np.min(_triangle_distances(pairs, triangles).reshape(len(points), -1), axis=1)  # type: ignore[no-any-return]
+    heights = points @ hull.planes[:, :3].T + hull.planes[:, 3]
+    plane = heights.argmax(axis=1)
+    outside = np.flatnonzero(heights[np.arange(len(points)), plane] > _PLANE_ROUNDING)
+    result = np.zeros(len(points))
+    if len(outside):
+        count = hull.counts[plane[outside]]
+        first = np.cumsum(count) - count
+        own = np.arange(count.sum()) + np.repeat(hull.first[plane[outside]] - first, count)
+        pairs = _triangle_distances(np.repeat(points[outside], count, axis=0), hull.corners[hull.triangles[own]])
+        result[outside] = np.minimum.reduceat(pairs, first)
+    return result
+
+
+def _triangle_distances(points: NDArray[np.float64], triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return distances (n,) of points (n, 3) from as many triangles (n, 3, 3), also from segments and single points."""
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    normal = np.cross(b - a, c - a)
+    length = np.linalg.norm(normal, axis=1)
+    unit = normal / np.where(length > 0, length, 1.0)[:, np.newaxis]
+    inside = length > 0
+    result = np.full(len(points), np.inf)
+    for start, end in ((a, b), (b, c), (c, a)):
+        along, offset = end - start, points - start
+        square = np.einsum("nk,nk->n", along, along)
+        part = np.einsum("nk,nk->n", offset, along) / np.where(square > 0, square, 1.0)
+        result = np.minimum(result, np.linalg.norm(offset - np.clip(part, 0.0, 1.0)[:, np.newaxis] * along, axis=1))
+        inside &= np.einsum("nk,nk->n", offset, np.cross(unit, along)) >= 0
+    height: NDArray[np.float64] = np.abs(np.einsum("nk,nk->n", points - a, unit))
+    result[inside] = np.minimum(result, height)[inside]
+    return result
+
+
+def _check_containment(points: NDArray[np.float64], kept: Facets, radius: float) -> None:
+    """Raise AssertionError unless all points (v, 3) lie within the radius of a hull, apart from rounding errors."""
+    worst = float(distances(points, kept).max())
+    if worst > radius + _ROUNDING:
+        raise AssertionError(f"a point lies {worst} m outside a convex piece of radius {radius} m")

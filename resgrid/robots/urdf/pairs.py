@@ -1,0 +1,41 @@
+"""Pairs of bodies of a robot that must not touch each other."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.robots.convex import Body
+from resgrid.robots.urdf.description import Description
+
+
+def adjacent_pairs(robot: Description) -> frozenset[frozenset[str]]:
+    """Return the pairs of links that one joint connects, where links connected by fixed joints count as one link."""
+    part = {robot.root: robot.root}
+    neighbours: set[frozenset[str]] = set()
+    for joint in robot.joints.values():
+        is_fixed = joint.kind == "fixed"
+        part[joint.child] = part[joint.parent] if is_fixed else joint.child
+        if not is_fixed:
+            neighbours.add(frozenset((part[joint.parent], joint.child)))
+    return frozenset(
+        frozenset(pair) for pair in combinations(robot.links, 2) if frozenset(part[link] for link in pair) in neighbours
+    )
+
+
+def self_pairs(bodies: Sequence[Body], links: Sequence[str], allowed: Collection[frozenset[str]]) -> NDArray[np.int64]:
+    """Return the indices (p, 2) of the pairs of bodies of a robot that must not touch each other.
+
+    Pairs of one joint never move relative to each other and are left out.  The first body of a pair moves.
+
+    `links`: link of every body; `allowed`: pairs of links that may touch each other.
+    """
+    pairs = [
+        (a, b) if bodies[a].joint >= bodies[b].joint else (b, a)
+        for a, b in combinations(range(len(bodies)), 2)
+        if bodies[a].joint != bodies[b].joint and frozenset((links[a], links[b])) not in allowed
+    ]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
