@@ -50,13 +50,18 @@ from .robots import (
     Arm as Arm,
     Ball as Ball,
     Box as Box,
+    Capsule as Capsule,
+    Cylinder as Cylinder,
     DiscRobot as DiscRobot,
     HalfSpace as HalfSpace,
+    Mesh as Mesh,
+    OrientedBox as OrientedBox,
     PointRobot as PointRobot,
     Polygon as Polygon,
     PolygonRobot as PolygonRobot,
     Robot as Robot,
     URDFRobot as URDFRobot,
+    Voxels as Voxels,
 )
 from .scene import (
     Chip as Chip,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from resgrid.scene.schema import KINDS, SHAPES, TABLES, SceneFile
+from resgrid.scene.schema import KINDS, TABLES, SceneFile
 from resgrid.scene.table_models import TableModel
 
 _HEAD = """# Scene files
@@ -34,7 +34,9 @@ _RANGES = {
 _FAR = 1e9
 """Limits from here on only prevent overflow, and are not listed."""
 
-_SHAPES = "Tables of `[[obstacle]]`, `[[hidden]]`, `[[goal]]` and `[[area]]`, which has the further key `conductivity`."
+_SHAPES = """Tables of `[[obstacle]]`, `[[hidden]]`, `[[goal]]` and `[[area]]`; an area has a `conductivity`.
+Cylinders, capsules and oriented boxes are shapes in space, and not for goals. Meshes, point clouds and OctoMaps are
+obstacles only."""
 _PLACES = "Further tables of `[[goal]]`; `[[start]]` takes a `point` or a `cell`."
 
 
@@ -47,9 +49,10 @@ def scene_reference() -> str:
     for key, heading in _SECTIONS.items():
         parts += _table(heading, TABLES[key])
     parts.append(f"\n## Shapes\n\n{_SHAPES}")
-    parts += [line for name in SHAPES for line in _table(f"### `{name}`", KINDS["obstacle"][name].__origin__)]
+    shapes = KINDS["obstacle"]
+    parts += [line for name, kind in shapes.items() for line in _table(f"### `{name}`", kind.__origin__)]
     parts.append(f"\n## Places\n\n{_PLACES}")
-    places = {key: kind for key, kind in KINDS["goal"].items() if key not in SHAPES}
+    places = {key: kind for key, kind in KINDS["goal"].items() if key not in shapes}
     parts += [line for key, kind in places.items() for line in _table(f"### `{key}`", kind.__origin__)]
     return "\n".join(parts) + "\n"
 

@@ -16,6 +16,7 @@ from resgrid.errors import InputError
 from resgrid.live_page.drawing import Drawing, drawing_of
 from resgrid.live_page.messages import File
 from resgrid.scene import Scene, read_scene
+from resgrid.scene.obstacle_files import needs_files
 from resgrid.scene.reading import build_scene
 from resgrid.scene.shipped import shipped_scenes
 
@@ -96,12 +97,16 @@ def _bytes(file: File) -> bytes:
 
 
 def _refuse_files(document: Mapping[str, Any]) -> None:
-    """Raise InputError for a scene with a map file, because the page has no access to the files of the server.
+    """Raise InputError for a scene with files of maps or obstacles: the page has no access to files of the server.
 
     `document`: keys and tables of the scene.
     """
     if "map" in document:
         raise InputError("this scene needs a map file, to which the page has no access; drop the map itself")
+    if needs_files(document):
+        raise InputError(
+            "this scene needs files of obstacles, to which the page has no access; plan it with resgrid run"
+        )
 
 
 def _refuse_foreign_picture(map_file: Path, files: Sequence[File]) -> None:

@@ -1,7 +1,7 @@
-"""Maps of robots and benchmarks: ROS occupancy grids and paths, MovingAI scenarios.
+"""Files of robots and benchmarks: ROS occupancy grids and paths, MovingAI scenarios, meshes, point clouds and OctoMaps.
 
->>> sorted(dir(rg.maps))
-['MapCells', 'MovingAIScenario', 'from_occupancy_grid', 'read_movingai_scenarios', 'to_ros_path']
+>>> [name for name in dir(rg.maps) if name.startswith("read")]
+['read_mesh', 'read_movingai_scenarios', 'read_octomap', 'read_point_cloud']
 """
 
 from resgrid._internal.public import attach

@@ -8,3 +8,6 @@ from resgrid.scene.maps.movingai import (
     read_movingai_scenarios as read_movingai_scenarios,
 )
 from resgrid.scene.maps.ros import from_occupancy_grid as from_occupancy_grid
+from resgrid.scene.solids.mesh_files import read_mesh as read_mesh
+from resgrid.scene.solids.octomap import read_octomap as read_octomap
+from resgrid.scene.solids.point_clouds import read_point_cloud as read_point_cloud

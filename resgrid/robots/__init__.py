@@ -7,6 +7,7 @@ from resgrid.robots.arm import Arm as Arm
 from resgrid.robots.base import Robot as Robot
 from resgrid.robots.cells import GoalCells as GoalCells, Progress as Progress, Sampling as Sampling
 from resgrid.robots.geometry import Pose as Pose, RigidPart as RigidPart
+from resgrid.robots.mesh import Mesh as Mesh
 from resgrid.robots.point import DiscRobot as DiscRobot, PointRobot as PointRobot
 from resgrid.robots.polygon import PolygonRobot as PolygonRobot
 from resgrid.robots.shapes import (
@@ -18,7 +19,9 @@ from resgrid.robots.shapes import (
     Shape as Shape,
     to_shapely as to_shapely,
 )
+from resgrid.robots.solids import Capsule as Capsule, Cylinder as Cylinder, OrientedBox as OrientedBox
 from resgrid.robots.urdf.robot import URDFRobot as URDFRobot
+from resgrid.robots.voxels import Voxels as Voxels
 
 ROBOTS: dict[str, type[Robot]] = {
     "point": PointRobot,

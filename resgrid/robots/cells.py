@@ -13,8 +13,24 @@ from numpy.typing import NDArray
 
 from resgrid.core.axis import Axis, Point, rounding, split_points
 from resgrid.errors import InputError
+from resgrid.robots.bounded import Bounds
 from resgrid.robots.geometry import edges_of, periodic_images
-from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of
+from resgrid.robots.mesh import Mesh
+from resgrid.robots.mesh_cells import near_mesh
+from resgrid.robots.shapes import (
+    Ball,
+    Box,
+    CellSet,
+    HalfSpace,
+    Polygon,
+    Shape,
+    Solid,
+    SpaceSolid,
+    rings_of,
+)
+from resgrid.robots.solid_cells import near_convex
+from resgrid.robots.solids import Capsule, Cylinder, OrientedBox
+from resgrid.robots.voxels import Voxels
 
 Sampling = Literal["conservative", "centre"]
 """Rule for blocked cells: test the whole cell (``"conservative"``) or only its centre (``"centre"``)."""
@@ -72,6 +88,9 @@ def mark(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Shape, reach: fl
     if isinstance(shape, CellSet):
         out |= _near_cells(shape, axes, reach, rule)
         return
+    if isinstance(shape, Voxels):
+        _mark_voxels(out, axes, shape, reach, rule)
+        return
     for image in periodic_images(shape, axes, [reach] * len(axes)):
         mark_image(out, axes, image, reach, rule)
 
@@ -84,6 +103,8 @@ def mark_image(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, rea
     its centre (``"centre"``) is tested.
     """
     half = half_widths(axes, shape.bounds, reach, rule)
+    if isinstance(shape, Mesh) and rule == "conservative" and not shape.is_closed:  # may lie between two cells
+        half = tuple(axis.spacing / 2 + rim for axis, rim in zip(axes, rims(axes), strict=True))
     if isinstance(shape, Polygon):
         _mark_polygon(out, axes, half, shape, reach)
         return
@@ -97,8 +118,29 @@ def mark_image(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, rea
     )
     if isinstance(shape, HalfSpace):
         out[block] |= near_half_space(shape, grids, half, reach)
+    elif isinstance(shape, Mesh):
+        out[block] |= near_mesh(shape, grids, half, reach)
+    elif isinstance(shape, Cylinder | Capsule | OrientedBox):
+        out[block] |= near_convex(shape, grids, half, reach)
     else:
         out[block] |= _near_round(shape, grids, half, reach)
+
+
+def _mark_voxels(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Voxels, reach: float, rule: Sampling) -> None:
+    """Mark, in place, the cells within a distance of voxels; the parameters are those of `mark`."""
+    if reach > 0 or any(axis.periodic for axis in axes):
+        for low, high in shape.corners.tolist():
+            mark(out, axes, Box(tuple(low), tuple(high)), reach, rule)
+        return
+    half = half_widths(axes, ((0.0,) * 3, (shape.size,) * 3), reach, rule)
+    lower, upper = shape.corners.transpose(1, 2, 0)
+    first = [np.searchsorted(axis.centres + side, low) for axis, side, low in zip(axes, half, lower, strict=True)]
+    last = [
+        np.searchsorted(axis.centres - side, high, side="right")
+        for axis, side, high in zip(axes, half, upper, strict=True)
+    ]
+    for (x0, y0, z0), (x1, y1, z1) in zip(np.transpose(first).tolist(), np.transpose(last).tolist(), strict=True):
+        out[x0:x1, y0:y1, z0:z1] = True
 
 
 def _clip(index: float, cells: int) -> int:
@@ -261,6 +303,8 @@ def region_cells(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
         cells = np.zeros(shape, dtype=bool)
         cells[tuple(cell)] = True
         return GoalCells(cells, (lower + (cell + local) * spacing)[None])
+    if isinstance(region, SpaceSolid | Voxels):
+        raise InputError(f"a goal cannot be a {type(region).__name__}; use a box, a ball or a half-space")
     if isinstance(region, CellSet):
         return GoalCells(region.mask, lower + (np.argwhere(region.mask) + 0.5) * spacing)
     return merge_goals(shape, [_image_cells(axes, image) for image in periodic_images(region, axes, [0.0] * len(axes))])
@@ -317,6 +361,7 @@ def _nearest(shape: Solid, middle: NDArray[np.float64], axes: tuple[Axis, ...]) 
             return _enter_region(middle, half, step, lambda at: at @ np.array(normal) <= offset)
         case Polygon():
             return _nearest_on_outline(outline(shape, axes, 0.0), middle, half, np.array(rims(axes)))
+    raise AssertionError("`region_cells` rejects other shapes")
 
 
 def _enter_region(

@@ -18,7 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid._internal.validation import with_article
 from resgrid.core.axis import Axis
 from resgrid.errors import InputError
-from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of, to_shapely
+from resgrid.robots.bounded import Bounds
+from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of, to_shapely
+from resgrid.robots.voxels import Voxels
 
 TOUCH = 1e-9
 """Largest penetration depth that counts as touching for a round body or half-plane, relative to 1 m plus the radii of
@@ -175,7 +177,7 @@ def obstacle_arrays(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> Obsta
     solids = [
         (number, solid)
         for number, shape in enumerate(shapes)
-        for piece in (shape.boxes() if isinstance(shape, CellSet) else [shape])
+        for piece in (shape.boxes() if isinstance(shape, CellSet) else [] if isinstance(shape, Voxels) else [shape])
         for solid in periodic_images(piece, axes, period)
     ]
     polygons = [(number, _solid_on_the_left(solid)) for number, solid in solids if isinstance(solid, Box | Polygon)]

@@ -171,7 +171,9 @@ class _PlaneObstacle:
                 return cls(np.array([[*centre, *centre]]), np.array([centre]), radius)
             case CellSet():
                 return cls(shape.borders(), shape.inner_points())
-        return cls(np.empty((0, 4)), np.empty((0, 2)), 0.0, shape)
+            case HalfSpace():
+                return cls(np.empty((0, 4)), np.empty((0, 2)), 0.0, shape)
+        raise AssertionError("`require_plane` rejects shapes in space")
 
     def mark(self, layer: NDArray[np.bool_], plane: CellPlane, mirrored: NDArray[np.float64], reach: float) -> None:
         """Mark, in place, the cells of a layer near the Minkowski sum of this obstacle and a mirrored polygon.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import hypot, inf
 from typing import TYPE_CHECKING, Annotated
@@ -15,34 +14,22 @@ from resgrid._internal.validation import checked
 from resgrid._internal.values import brief
 from resgrid.core.axis import LARGEST, Axis, Coordinate, Point
 from resgrid.errors import InputError
+from resgrid.robots.bounded import Bounded, Bounds, translated
+from resgrid.robots.mesh import Mesh
+from resgrid.robots.solids import Capsule, Cylinder, OrientedBox
+from resgrid.robots.voxels import Voxels
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
-
-Bounds = tuple[Point, Point]
 
 FAR = 1e4
 """Half the width along the border, and the depth, of the rectangle that represents a half-plane in shapely, in axis
 units."""
 
 
-class _Bounded(ABC):
-    """Base class of shapes, which defines bounding box and number of coordinates."""
-
-    @property
-    @abstractmethod
-    def bounds(self) -> Bounds:
-        """Lower and upper corner of the shape's bounding box, in axis units."""
-
-    @property
-    def ndim(self) -> int:
-        """Number of coordinates of the shape's points."""
-        return len(self.bounds[0])
-
-
 @checked
 @dataclass(frozen=True)
-class Box(_Bounded):
+class Box(Bounded):
     """An axis-aligned rectangle (two coordinates) or box (any number of coordinates).
 
     Parameters
@@ -77,12 +64,12 @@ class Box(_Bounded):
 
     def shifted(self, by: Point) -> Box:
         """Return the box translated by the vector `by`, in axis units."""
-        return Box(_add(self.lower, by), _add(self.upper, by))
+        return Box(translated(self.lower, by), translated(self.upper, by))
 
 
 @checked
 @dataclass(frozen=True)
-class Ball(_Bounded):
+class Ball(Bounded):
     """A disc (two coordinates) or ball (any number of coordinates).
 
     Parameters
@@ -113,13 +100,13 @@ class Ball(_Bounded):
 
     def shifted(self, by: Point) -> Ball:
         """Return the ball translated by the vector `by`, in axis units."""
-        return Ball(_add(self.centre, by), self.radius)
+        return Ball(translated(self.centre, by), self.radius)
 
 
 @checked
 @brief
 @dataclass(frozen=True)
-class Polygon(_Bounded):
+class Polygon(Bounded):
     """A simple polygon in the plane, optionally with holes.
 
     Parameters
@@ -168,13 +155,13 @@ class Polygon(_Bounded):
 
     def shifted(self, by: Point) -> Polygon:
         """Return the polygon translated by the vector `by`, in axis units."""
-        vertices, *holes = (tuple(_add(point, by) for point in ring) for ring in self.rings)
+        vertices, *holes = (tuple(translated(point, by) for point in ring) for ring in self.rings)
         return Polygon(vertices, tuple(holes))
 
 
 @checked
 @dataclass(frozen=True)
-class HalfSpace(_Bounded):
+class HalfSpace(Bounded):
     """The half-space ``normal @ x <= offset``; the normal points out of the solid, towards free space.
 
     Parameters
@@ -212,7 +199,7 @@ class HalfSpace(_Bounded):
 
 
 @dataclass(frozen=True, eq=False)
-class CellSet(_Bounded):
+class CellSet(Bounded):
     """The union of the marked cells of a grid, each a closed box.
 
     `axes`: axes of the grid; `mask`: True for marked cells, shape of the grid.
@@ -272,8 +259,9 @@ def _runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]
     return row, first, last
 
 
-Solid = Box | Ball | Polygon | HalfSpace
-Shape = Solid | CellSet
+SpaceSolid = Cylinder | Capsule | OrientedBox | Mesh
+Solid = Box | Ball | Polygon | HalfSpace | SpaceSolid
+Shape = Solid | CellSet | Voxels
 
 
 def rings_of(shape: Box | Polygon) -> tuple[tuple[Point, ...], ...]:
@@ -303,7 +291,7 @@ def to_shapely(shape: Shape) -> BaseGeometry:
     """
     import shapely
 
-    if shape.ndim != 2:
+    if shape.ndim != 2 or isinstance(shape, SpaceSolid | Voxels):
         raise InputError(
             f"shapely geometry exists for plane shapes only; this {type(shape).__name__} has {shape.ndim} coordinates"
         )
@@ -325,8 +313,3 @@ def to_shapely(shape: Shape) -> BaseGeometry:
     return shapely.Polygon(
         [foot - FAR * along, foot + FAR * along, foot + FAR * (along - out), foot - FAR * (along + out)]
     )
-
-
-def _add(point: Point, by: Point) -> Point:
-    """Return the point translated by the vector `by`."""
-    return tuple(a + b for a, b in zip(point, by, strict=True))

@@ -9,7 +9,8 @@ from typing import Any
 from resgrid.core.axis import Axis
 from resgrid.core.cell import MAX_DIMENSIONS
 from resgrid.errors import InputError
-from resgrid.robots import Ball, Box, HalfSpace, Polygon, Robot, Shape
+from resgrid.robots import Ball, Box, HalfSpace, Polygon, Robot, Shape, Voxels
+from resgrid.robots.shapes import SpaceSolid
 from resgrid.scene.goals import CostArea, GoalCell, GoalJoints
 from resgrid.scene.messages import Problem
 from resgrid.scene.toml_lines import Path
@@ -97,6 +98,8 @@ def _coordinate_problems(robot: Robot | type[Robot] | None, ndim: int, values: M
         if isinstance(shape, Box | Ball | Polygon) and count == 2:
             other = {Box: "box", Ball: "sphere"}.get(type(shape), "boxes")
             yield path, f"a shape of the plane needs 2 axes, but the scene has {ndim}; use {other} instead"
+        elif isinstance(shape, SpaceSolid | Voxels):
+            yield path, f"a shape in space has 3 coordinates, but this workspace has {allowed[0]}; use another shape"
         else:
             hint = "; decimals have a point: 0.5, not 0,5" if count == 2 * allowed[0] else ""
             yield (*path, *key), f"needs {allowed[0]} coordinates{meaning}, got {count}{hint}"

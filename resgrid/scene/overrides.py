@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from resgrid.errors import InputError
-from resgrid.robots import ROBOTS, Robot
+from resgrid.robots import ROBOTS, Mesh, Robot, Voxels
 from resgrid.scene.goals import CostArea, GoalJoints
 from resgrid.scene.reading import Document, build_scene, with_axes, with_footprint
 from resgrid.scene.scene import IN_FILES, LISTS, Scene
@@ -43,13 +43,17 @@ def document_of(scene: Scene) -> dict[str, Any]:
 
 def _table(value: Any) -> dict[str, Any]:
     """Return a shape, a goal or a cost area in the form of a scene file's table, as a dictionary."""
-    from resgrid.scene.schema import SHAPES
+    from resgrid.scene.shape_tables import SHAPES
 
     if isinstance(value, CostArea):
         return _table(value.shape) | {"conductivity": value.conductivity}
     if isinstance(value, GoalJoints):
         lower, upper = list(value.lower), list(value.upper)
         return {"joints": lower} if lower == upper else {"joints_lower": lower, "joints_upper": upper}
+    if isinstance(value, Mesh | Voxels):
+        if not value.table:
+            raise InputError(f"a scene file describes a {type(value).__name__} by its file; read the shape from a file")
+        return plain(value.table)  # type: ignore[no-any-return]
     names = [name for name, (kind, _) in SHAPES.items() if kind is type(value)]
     return {**({"shape": names[0 if value.ndim == 2 else -1]} if names else {}), **plain(value)}
 

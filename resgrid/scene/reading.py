@@ -24,6 +24,7 @@ from resgrid.scene.consistency import inconsistencies
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.formats import COMMON, format_of, map_options, read_map, warn_of_header
 from resgrid.scene.messages import Problem, report
+from resgrid.scene.obstacle_files import needs_files, with_absolute_files
 from resgrid.scene.scene import IN_FILES, LISTS, Scene, check_attributes, start_point
 from resgrid.scene.shipped import shipped_scene
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
@@ -185,9 +186,10 @@ def link_document(text: str) -> Document:
         document = None
     if not isinstance(document, dict):
         raise InputError("the scene in this link is incomplete or damaged; copy the whole link again")
-    if "map" in document:
+    if needs_files(document):
         raise InputError(
-            "the scene in this link needs a map file, which a link cannot contain; ask for the scene file and its map"
+            "the scene in this link needs the file of a map or obstacle, which a link cannot contain; ask for the "
+            "scene file and this file"
         )
     return Document(document, "the link", Path(), {})
 
@@ -219,7 +221,7 @@ def build_scene(
     """
     from resgrid.scene.schema import robot_of, validate
 
-    raw = with_robot_files(with_footprint(raw), folder)
+    raw = with_absolute_files(with_robot_files(with_footprint(raw), folder), folder)
     robot = robot_of(raw.get("robot", {}))
     raw = with_axes(raw, robot)
     document, problems, values = validate(raw)

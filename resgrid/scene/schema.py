@@ -28,7 +28,7 @@ from resgrid._internal.validation import short
 from resgrid.core.axis import Axis
 from resgrid.core.wiring import EdgeRule
 from resgrid.errors import suggestion
-from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot
+from resgrid.robots import ROBOTS, Arm, PointRobot, Robot
 from resgrid.robots.arm import Length, Width
 from resgrid.scene.chip import Chip, Defects, Readout
 from resgrid.scene.control import Control
@@ -38,6 +38,7 @@ from resgrid.scene.maps.formats import FORMATS, map_options
 from resgrid.scene.messages import Problem, message_of, problems_of, unknown_option
 from resgrid.scene.quantities import Listed
 from resgrid.scene.scene import IN_FILES, LISTS, Scene
+from resgrid.scene.shape_tables import READERS, REGIONS, SHAPES, file_annotations, shape_annotations
 from resgrid.scene.table_models import TableModel, fields_from, filled_as, meanings, table_of, value_of
 from resgrid.scene.toml_lines import Path
 
@@ -47,16 +48,6 @@ if TYPE_CHECKING:
 Coordinates = Annotated[tuple[float, ...], Strict(False), Len(1, 4)]
 Pair = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]
 Count = Annotated[int, Ge(1), Le(10**15)]
-
-SHAPES: dict[str, tuple[type, bool]] = {
-    "rectangle": (Box, True),
-    "box": (Box, False),
-    "circle": (Ball, True),
-    "sphere": (Ball, False),
-    "polygon": (Polygon, True),
-    "half_plane": (HalfSpace, False),
-}
-"""Shape classes by their names in files, each with a flag: whether points have exactly two coordinates."""
 
 
 class Joints(TableModel):
@@ -112,16 +103,15 @@ def _area(shape: type, name: str, is_planar: bool) -> Any:
     return filled_as(table, lambda conductivity, **keys: CostArea(shape(**keys), conductivity), "shape")
 
 
-_SHAPES = {name: value_of(shape, ("shape", name), planar) for name, (shape, planar) in SHAPES.items()}
 _PLACES = {"point": value_of(GoalPoint), "cell": value_of(GoalCell)}
 _JOINTS = {
     "joints": filled_as(Joints, lambda joints: GoalJoints(joints, joints)),
     "joints_lower": filled_as(JointBox, lambda **corners: GoalJoints(*corners.values())),
 }
 KINDS: dict[str, dict[str, Any]] = {
-    "obstacle": _SHAPES,
-    "hidden": _SHAPES,
-    "goal": _SHAPES | _PLACES | _JOINTS | {"position": value_of(GoalPose)},
+    "obstacle": shape_annotations(SHAPES) | file_annotations(),
+    "hidden": shape_annotations(SHAPES),
+    "goal": shape_annotations(REGIONS) | _PLACES | _JOINTS | {"position": value_of(GoalPose)},
     "start": _PLACES,
     "area": {name: _area(shape, name, planar) for name, (shape, planar) in SHAPES.items()},
     "robot": {name: value_of(robot, ("type", name)) for name, robot in ROBOTS.items()}
@@ -148,7 +138,8 @@ def _robot_kind(table: Any) -> str:
 
 def _kind_of(name: str, given: Any) -> str:
     """Return the kind of a shape's or place's table `given`, such as ``circle``; `name`: key of the scene file."""
-    places = [kind for kind in KINDS[name] if kind not in SHAPES]
+    shapes = [kind for kind in KINDS[name] if kind in SHAPES or kind in READERS]
+    places = [kind for kind in KINDS[name] if kind not in shapes]
     if not isinstance(given, Mapping) and places:
         raise ValueError(f"must be a table, such as {{ point = [...] }} or {{ cell = [...] }}, got {short(given)}")
     table = given if isinstance(given, Mapping) else {}
@@ -157,7 +148,7 @@ def _kind_of(name: str, given: Any) -> str:
         remedy = "remove this key" if shape in table else f"write {shape} = [...] instead"
         raise ValueError(f"shape = {shape!r} is not a shape but a key of a place; {remedy}")
     if isinstance(shape, str) and name != "start":
-        return _checked_kind("shape", shape, SHAPES)
+        return _checked_kind("shape", shape, shapes)
     place = next((key for key in places if key in table), None)
     if place is not None:
         return place
@@ -168,7 +159,7 @@ def _kind_of(name: str, given: Any) -> str:
     if name == "start":
         raise ValueError("a start needs point = [...] or cell = [...]")
     extra = ", or point = [...], or cell = [...], or joints = [...]" if places else ""
-    raise ValueError(f"needs shape = one of rectangle, circle, polygon, box, sphere or half_plane{extra}")
+    raise ValueError(f"needs shape = one of {', '.join(shapes[:-1])} or {shapes[-1]}{extra}")
 
 
 KIND_OF = {name: partial(_kind_of, name) for name in KINDS} | {"robot": _robot_kind}

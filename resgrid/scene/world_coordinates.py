@@ -108,6 +108,7 @@ def to_space(shape: Shape, frame: Frame) -> Shape:
         case HalfSpace(normal, offset):
             rotated = np.asarray(Frame(yaw=frame.yaw).from_world(normal)).tolist() if frame.yaw else list(normal)
             return HalfSpace(tuple(rotated), offset - normal[0] * frame.x - normal[1] * frame.y)
+    raise AssertionError("other shapes have three coordinates")
 
 
 def _ring(points: tuple[Point, ...], frame: Frame) -> tuple[Point, ...]:

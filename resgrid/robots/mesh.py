@@ -1,0 +1,110 @@
+"""Meshes: solids and surfaces in space that consist of triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Annotated, Any
+
+import numpy as np
+from annotated_types import Ge, Le
+from numpy.typing import NDArray
+
+from resgrid._internal.validation import checked
+from resgrid._internal.values import frozen
+from resgrid.core.axis import LARGEST, Point
+from resgrid.errors import InputError
+from resgrid.robots.bounded import Bounded, Bounds
+
+MOST_PIECES = 256
+"""Largest number of convex pieces of a mesh."""
+
+
+@checked
+@frozen
+@dataclass(frozen=True, eq=False)
+class Mesh(Bounded):
+    """A solid in space whose surface consists of triangles, or a surface without an inside.
+
+    The mesh is a solid, with its inside, if its surface is closed and all triangles have the same orientation: every
+    edge is used as often in one direction as in the other.  A point is inside if the surface winds around it.  Any
+    other mesh is a surface without thickness.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (v, 3)
+        Vertices, in axis units.
+    triangles : ndarray of int32, shape (t, 3)
+        Indices of the three vertices of every triangle.
+    pieces : int
+        Largest number of convex sets that cover the mesh in proofs for robot arms, 1 to 256.  One is the convex hull,
+        which fills concavities.
+    table : mapping
+        The keys of the scene's table, with the absolute path of the file; empty for a mesh that was not read from a
+        file.
+
+    Raises
+    ------
+    InputError
+        If there is no triangle, a coordinate is not finite, or an index has no vertex.
+
+    Examples
+    --------
+    >>> wedge = rg.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    >>> wedge
+    <Mesh of 4 points and 4 triangles, closed>
+    >>> wedge.bounds
+    ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    """
+
+    points: NDArray[np.float64]
+    triangles: NDArray[np.int32]
+    pieces: Annotated[int, Ge(1), Le(MOST_PIECES)] = 1
+    table: Mapping[str, Any] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        points, triangles = np.array(self.points, dtype=np.float64), np.array(self.triangles)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InputError(f"the points of a mesh need the shape (v, 3), got {points.shape}")
+        if triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
+            raise InputError(f"the triangles of a mesh need the shape (t, 3) with t > 0, got {triangles.shape}")
+        wrong = ~(np.abs(points) <= LARGEST).all(axis=1)  # True for NaN
+        if wrong.any():
+            number = int(np.argmax(wrong))
+            raise InputError(f"point {number} of the mesh is {points[number].tolist()}; coordinates must be finite")
+        if triangles.dtype.kind not in "iu" or triangles.min() < 0 or triangles.max() >= len(points):
+            raise InputError(f"the triangles of a mesh need whole numbers from 0 to {len(points) - 1}")
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "triangles", triangles.astype(np.int32))
+
+    def __repr__(self) -> str:
+        kind = "closed" if self.is_closed else "open"
+        return f"<Mesh of {len(self.points)} points and {len(self.triangles)} triangles, {kind}>"
+
+    @property
+    def bounds(self) -> Bounds:
+        """Lower and upper corner of the mesh's bounding box, in axis units."""
+        used = self.points[np.unique(self.triangles)]
+        return tuple(used.min(axis=0).tolist()), tuple(used.max(axis=0).tolist())
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """Vertices of every triangle, shape (t, 3, 3), in axis units."""
+        return self.points[self.triangles]
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the mesh is a solid: a closed surface whose triangles have the same orientation."""
+        return self.open_edges == 0
+
+    @cached_property
+    def open_edges(self) -> int:
+        """Number of edges that are not used equally often in both directions; 0 for a closed mesh."""
+        a, b = self.triangles[:, [0, 1, 2]].ravel().astype(np.int64), self.triangles[:, [1, 2, 0]].ravel()
+        _, edge = np.unique(np.minimum(a, b) * len(self.points) + np.maximum(a, b), return_inverse=True)
+        return int(np.count_nonzero(np.bincount(edge, weights=np.sign(b - a))))
+
+    def shifted(self, by: Point) -> Mesh:
+        """Return the mesh translated by the vector `by`, in axis units."""
+        return Mesh(self.points + np.asarray(by), self.triangles, self.pieces)

@@ -1,0 +1,207 @@
+"""Cells of a grid within a distance of a mesh: its surface triangle by triangle, its inside by winding numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.robots.mesh import Mesh
+
+BATCH = 1 << 17
+"""Number of pairs of a triangle and a cell that are tested at once."""
+
+
+def near_mesh(
+    mesh: Mesh, grids: Sequence[NDArray[np.float64]], half: Sequence[float], reach: float
+) -> NDArray[np.bool_]:
+    """Return the mask (block of cells) of boxes within a distance of a mesh, the inside of a closed mesh included.
+
+    The result is exact up to rounding: a box is left out if a plane separates it from every triangle by more than
+    `reach`.
+    `grids`: coordinates of the boxes' centres; `half` (3,): half their widths; `reach`: distance, in axis units.
+    """
+    lines = [np.asarray(grid).reshape(-1) for grid in grids]
+    near = _near_surface(mesh.corners, lines, np.asarray(half, dtype=np.float64), reach)
+    if mesh.is_closed:
+        near |= _enclosed(mesh, lines)
+    return near
+
+
+def _near_surface(
+    corners: NDArray[np.float64], lines: Sequence[NDArray[np.float64]], half: NDArray[np.float64], reach: float
+) -> NDArray[np.bool_]:
+    """Return the mask (block of cells) of boxes within a distance of triangles.
+
+    `corners` (t, 3, 3): vertices of the triangles; `lines`: centres of the boxes along every axis; `half` (3,): half
+    the widths of a box; `reach`: distance, in axis units.
+    """
+    near = np.zeros(tuple(map(len, lines)), dtype=np.bool_)
+    flat = near.reshape(-1)
+    lower, upper = corners.min(axis=1), corners.max(axis=1)
+    first, count = _ranges(lines, lower - half - reach, upper + half + reach)
+    for triangle, place in _pairs(first, count):
+        cell = np.ravel_multi_index(tuple(place), near.shape)
+        centre = np.column_stack([line[index] for line, index in zip(lines, place, strict=True)])
+        beyond = np.maximum(lower[triangle] - centre - half, centre - half - upper[triangle])
+        kept = ~flat[cell] & (np.sum(np.maximum(beyond, 0.0) ** 2, axis=1) <= reach**2)
+        flat[cell[kept][_triangles_near(corners[triangle[kept]], centre[kept], half, reach)]] = True
+    return near
+
+
+def _ranges(
+    lines: Sequence[NDArray[np.float64]], lower: NDArray[np.float64], upper: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first index and the number of centres in intervals along every axis, each (t, axes).
+
+    `lines`: centres along every axis, increasing; `lower, upper` (t, axes): ends of the intervals.
+    """
+    first = np.column_stack([np.searchsorted(line, ends) for line, ends in zip(lines, lower.T, strict=True)])
+    last = np.column_stack(
+        [np.searchsorted(line, ends, side="right") for line, ends in zip(lines, upper.T, strict=True)]
+    )
+    return first, np.maximum(last - first, 0)
+
+
+def _pairs(
+    first: NDArray[np.int64], count: NDArray[np.int64]
+) -> Iterator[tuple[NDArray[np.int64], list[NDArray[np.int64]]]]:
+    """Yield batches of all pairs of a triangle and a place in its range: triangles (n,), and indices along every axis.
+
+    `first, count` (t, axes): first index and number of indices of every triangle along every axis.
+    """
+    ends = np.cumsum(np.prod(count, axis=1))
+    for start in range(0, int(ends[-1]) if len(ends) else 0, BATCH):
+        pair = np.arange(start, min(start + BATCH, int(ends[-1])))
+        triangle = np.searchsorted(ends, pair, side="right")
+        rest = pair - (ends[triangle] - np.prod(count[triangle], axis=1))
+        place = []
+        for axis in reversed(range(count.shape[1])):
+            rest, index = np.divmod(rest, count[triangle, axis])
+            place.append(first[triangle, axis] + index)
+        yield triangle, place[::-1]
+
+
+def _triangles_near(
+    corners: NDArray[np.float64], centres: NDArray[np.float64], half: NDArray[np.float64], reach: float
+) -> NDArray[np.bool_]:
+    """Return the mask (n,) of pairs of a triangle and a box that are not farther apart than a distance.
+
+    The bounding boxes are not farther apart.  `corners` (n, 3, 3): vertices; `centres` (n, 3): centres of the boxes;
+    `half` (3,): half their widths; `reach`: distance, in axis units.
+    """
+    near = np.ones(len(corners), dtype=np.bool_)
+    local = corners - centres[:, np.newaxis]  # the box is centred at the origin
+    edges = np.roll(local, -1, axis=1) - local
+    _drop_apart(near, np.cross(edges[:, 0], edges[:, 1]), local, half, reach)
+    for edge, axis in product(range(3), np.eye(3)):
+        _drop_apart(near, np.cross(edges[:, edge], axis), local, half, reach)
+    if reach > 0:
+        for corner in range(3):
+            point = local[:, corner]
+            _drop_apart(near, np.clip(point, -half, half) - point, local, half, reach)
+        for signs in product((-1.0, 1.0), repeat=3):
+            tip = np.array(signs) * half
+            at = np.flatnonzero(near)
+            toward = np.zeros_like(centres)
+            toward[at] = tip - nearest_on_triangles(local[at], tip)
+            _drop_apart(near, toward, local, half, reach)
+    return near
+
+
+def _drop_apart(
+    near: NDArray[np.bool_],
+    directions: NDArray[np.float64],
+    local: NDArray[np.float64],
+    half: NDArray[np.float64],
+    reach: float,
+) -> None:
+    """Clear, in place, the entries of `near` (n,) whose triangle and box are farther apart along a direction.
+
+    `directions` (n, 3): not normalized, zero for none; `local` (n, 3, 3): vertices relative to the centre of the box;
+    `half` (3,): half the widths of the box; `reach`: distance, in axis units.
+    """
+    at = np.flatnonzero(near)
+    if not len(at):
+        return
+    direction = directions[at]
+    along = np.einsum("nij,nj->ni", local[at], direction)
+    extent = np.abs(direction) @ half + reach * np.linalg.norm(direction, axis=1)
+    near[at] = (along.min(axis=1) <= extent) & (along.max(axis=1) >= -extent)
+
+
+def nearest_on_triangles(corners: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the nearest points (n, 3) of triangles (n, 3, 3) to a point (3,) or to points (n, 3).
+
+    The nearest of the nearest points of the three edges, unless the foot on the plane lies inside the triangle.
+    """
+    best = np.full(len(corners), np.inf)
+    nearest = np.empty((len(corners), 3))
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    squared = np.sum(normal**2, axis=1)
+    inside = squared > 0
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        start, edge = corners[:, a], corners[:, b] - corners[:, a]
+        offset = point - start
+        length = np.sum(edge**2, axis=1)
+        part = np.clip(np.sum(offset * edge, axis=1) / np.where(length > 0, length, 1.0), 0.0, 1.0)
+        at = start + part[:, np.newaxis] * edge
+        distance = np.sum((point - at) ** 2, axis=1)
+        nearest[distance < best] = at[distance < best]
+        best = np.minimum(best, distance)
+        inside &= np.sum(np.cross(edge, offset) * normal, axis=1) >= 0
+    height = np.sum((point - corners[:, 0]) * normal, axis=1) / np.where(squared > 0, squared, 1.0)
+    foot = point - height[:, np.newaxis] * normal
+    return np.where(inside[:, np.newaxis], foot, nearest)
+
+
+def _enclosed(mesh: Mesh, lines: Sequence[NDArray[np.float64]]) -> NDArray[np.bool_]:
+    """Return the mask (block of cells) of centres around which the surface of a closed mesh winds.
+
+    Rays along x through all centres count the crossed triangles with the sign of their orientation.  Edges that a ray
+    meets exactly belong to one of their triangles, because each edge is evaluated in the order of its vertices.
+    `lines`: centres of the cells along every axis.
+    """
+    turns = np.zeros((len(lines[0]) + 1, len(lines[1]), len(lines[2])), dtype=np.int32)
+    corners = mesh.corners
+    first, count = _ranges(lines[1:], corners[:, :, 1:].min(axis=1), corners[:, :, 1:].max(axis=1))
+    for triangle, (row, layer) in _pairs(first, count):
+        y, z = lines[1][row], lines[2][layer]
+        sign = np.zeros(len(triangle), dtype=np.int32)
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            sign += _crossings(mesh, mesh.triangles[triangle, a], mesh.triangles[triangle, b], y, z)
+        hit = np.flatnonzero(sign)
+        x = _heights(corners[triangle[hit]], y[hit], z[hit])
+        np.add.at(turns, (np.searchsorted(lines[0], x, side="right"), row[hit], layer[hit]), sign[hit])
+    return np.asarray(np.cumsum(turns[:-1], axis=0) != 0)
+
+
+def _crossings(
+    mesh: Mesh, start: NDArray[np.int32], end: NDArray[np.int32], y: NDArray[np.float64], z: NDArray[np.float64]
+) -> NDArray[np.int32]:
+    """Return how often edges, projected along x, cross rays from (y, z) along y: 1 upwards, -1 downwards, 0 for none.
+
+    `start, end` (n,): vertices of the edges; `y, z` (n,): starts of the rays.
+    """
+    low, high = mesh.points[np.minimum(start, end), 1:], mesh.points[np.maximum(start, end), 1:]
+    crosses = (low[:, 1] > z) != (high[:, 1] > z)
+    rise = np.where(crosses, high[:, 1] - low[:, 1], 1.0)
+    at = low[:, 0] + (z - low[:, 1]) * ((high[:, 0] - low[:, 0]) / rise)
+    upwards = np.where((high[:, 1] > low[:, 1]) == (start < end), 1, -1)
+    return np.where(crosses & (y < at), upwards, 0).astype(np.int32)
+
+
+def _heights(corners: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the coordinates x (n,) at which lines parallel to x meet the planes of triangles, within the triangles.
+
+    `corners` (n, 3, 3): vertices; `y, z` (n,): coordinates of the lines.
+    """
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    slope = normal[:, 1] * (y - corners[:, 0, 1]) + normal[:, 2] * (z - corners[:, 0, 2])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = corners[:, 0, 0] - slope / normal[:, 0]
+    return np.clip(
+        np.where(np.isfinite(x), x, corners[:, 0, 0]), corners[:, :, 0].min(axis=1), corners[:, :, 0].max(axis=1)
+    )

@@ -1,0 +1,1 @@
+"""Readers of obstacles in space: meshes, point clouds and OctoMaps."""

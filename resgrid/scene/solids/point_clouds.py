@@ -1,0 +1,84 @@
+"""Reader of point clouds, as the union of the voxels that contain a point."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from resgrid._internal.memory import require_memory
+from resgrid.errors import InputError
+from resgrid.robots import Voxels
+from resgrid.robots.solids import Angle, Length, SpacePoint, rigid_pose
+from resgrid.scene.solids.mesh_files import check_points, load_triangles
+from resgrid.scene.solids.pcd import read_pcd
+
+_BYTES_PER_POINT = 400
+"""Estimated memory per point in bytes while voxels are merged."""
+
+
+def read_point_cloud(
+    file: str | os.PathLike[str],
+    resolution: Length,
+    *,
+    scale: Length = 1.0,
+    position: SpacePoint = (0.0, 0.0, 0.0),
+    rotation: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0),
+) -> Voxels:
+    r"""Read a point cloud (PLY or PCD) as an obstacle: all voxels of a cubic grid that contain a point.
+
+    Corners of voxels are multiples of the resolution.  Points of a PCD file with a coordinate NaN are omitted, because
+    they mark missing echoes.
+
+    Parameters
+    ----------
+    file : path-like
+        The file; its suffix decides the format.
+    resolution : float
+        Width of a voxel, in axis units.
+    scale : float
+        Factor that converts the lengths of the file to axis units, such as 0.001 for millimetres.
+    position : tuple of (float, float, float)
+        Position of the file's origin, in axis units.
+    rotation : tuple of (float, float, float)
+        Roll, pitch and yaw in radians, as in URDF: rotations about the fixed x axis, then y, then z.
+
+    Returns
+    -------
+    Voxels
+        The occupied voxels, merged into few boxes.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, damaged or empty, its format is unknown, or the resolution is below rounding errors.
+    BudgetError
+        If the cloud would not fit in memory.
+    ToolMissingError
+        If the package trimesh is not installed, for PLY files.
+
+    Examples
+    --------
+    >>> head = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\nHEIGHT 1\nPOINTS 2\n"
+    >>> from pathlib import Path
+    >>> size = Path("cloud.pcd").write_text(head + "DATA ascii\n0.1 0.1 0.1\n0.1 0.3 0.1\n")
+    >>> rg.maps.read_point_cloud("cloud.pcd", resolution=0.25)
+    <Voxels: 2 of width 0.25 in 1 box>
+    """
+    path = Path(file)
+    suffix = path.suffix.lower()
+    if suffix not in (".ply", ".pcd"):
+        raise InputError(f"{path}: {suffix or 'no suffix'} is not a format of point clouds; give a .ply or .pcd file")
+    points = read_pcd(path) if suffix == ".pcd" else load_triangles(path)[0]
+    check_points(points, path)
+    require_memory(len(points) * _BYTES_PER_POINT, f"{path}: {len(points)} points", "thin the cloud")
+    pose = rigid_pose(position, rotation)
+    points = points * scale @ pose[:3, :3].T + pose[:3, 3]
+    least = 64 * float(np.spacing(np.abs(points).max()))
+    if resolution < least:
+        raise InputError(
+            f"{path}: voxels of {resolution:g} are too narrow for floating point at coordinates up to "
+            f"{np.abs(points).max():g}; give a resolution of at least {least:.2g}"
+        )
+    return Voxels.of_cells(np.floor(points / resolution).astype(np.int64), resolution)
