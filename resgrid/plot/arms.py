@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.image import AxesImage
+from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
@@ -177,8 +178,8 @@ class ArmPicture:
 
     def draw_line(
         self, points: NDArray[np.float64], axes: Axes, layers: Iterable[Layer], label: str, **style: Any
-    ) -> None:
-        """Draw a line in space, thin and pale where a layer hides it.
+    ) -> list[Line2D]:
+        """Draw a line in space, thin where a layer hides it; return the two artists.
 
         `points` (n, 3): in the world, dense; `layers`: images that can hide the line; `style`: options of matplotlib.
         """
@@ -189,10 +190,10 @@ class ArmPicture:
         nearest = np.min([layer.depth[place] for layer in layers], axis=0, initial=np.inf)
         hidden = depth > nearest + _HIDDEN_DEPTH
         options: dict[str, Any] = {"color": PATHS[0], "linewidth": 1.5, "zorder": 6} | style
-        axes.plot(*seen.T[:2], **options | {"linewidth": 0.7, "zorder": 5.5, "linestyle": ":"})
+        whole = axes.plot(*seen.T[:2], **options | {"linewidth": 0.7, "zorder": 5.5, "linestyle": ":"})
         effects = [Stroke(linewidth=options["linewidth"] + 1.2, foreground="white"), Normal()]
         visible = np.where(hidden[:, np.newaxis], np.nan, seen[:, :2])
-        axes.plot(*visible.T, label=label, path_effects=effects, **options)
+        return whole + axes.plot(*visible.T, label=label, path_effects=effects, **options)
 
     def _surfaces(self, bodies: Sequence[Body]) -> list[Surface]:
         return surfaces_of(bodies, plane=self._reach, around=self._base)

@@ -5,15 +5,19 @@ from __future__ import annotations
 import socket
 import threading
 import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import rich
 
 from resgrid._internal.extras import install_command
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.viewer.planning import ArmPlan
 
 if TYPE_CHECKING:
+    from resgrid.core.space import ConfigurationSpace
     from resgrid.scene.scene import Scene
 
 _HOST = "127.0.0.1"
@@ -36,15 +40,17 @@ class Viewer:
         Address of the view, to open in a browser.
     """
 
-    def __init__(self, scene: Scene, port: int) -> None:
+    def __init__(self, scene: Scene, port: int, space: ConfigurationSpace | None = None) -> None:
         try:
             import viser
         except ImportError as error:
             raise ToolMissingError(f"the 3-D view needs viser; type: {install_command('viewer')} ({error})") from None
         from resgrid.viewer.panel import Panel
 
-        task = ArmPlan(scene)
-        self._server = viser.ViserServer(host=_HOST, port=_free_port(port), verbose=False)
+        task = ArmPlan(scene, space)
+        with _silent():
+            self._server = viser.ViserServer(host=_HOST, port=_free_port(port), verbose=False)
+        self._server.gui.configure_theme(show_logo=False, show_share_button=False)
         self.url = f"http://{_HOST}:{self._server.get_port()}/"
         self._ended = threading.Event()
         self._set_camera(task)
@@ -76,10 +82,11 @@ class Viewer:
         if not self._ended.is_set():
             self._ended.set()
             self.panel.close()
-            self._server.stop()
+            with _silent():
+                self._server.stop()
 
 
-def view(scene: Scene, *, port: int = 0, browser: bool = True) -> Viewer:
+def view(scene: Scene, *, space: ConfigurationSpace | None = None, port: int = 0, browser: bool = True) -> Viewer:
     """Open a 3-D view of an arm in the browser: links, obstacles, the path with a slider, and handles for its ends.
 
     A start that changes gives a new streamline; a goal that changes is solved again, without new geometry.  A thread of
@@ -89,6 +96,8 @@ def view(scene: Scene, *, port: int = 0, browser: bool = True) -> Viewer:
     ----------
     scene : Scene
         Scene with an arm from a URDF file; its first start is the initial start.
+    space : ConfigurationSpace, optional
+        Result of `build_space` for the scene; by default it is computed, or loaded from the cache.
     port : int
         Port of the server; 0 for any free port.
     browser : bool
@@ -106,10 +115,21 @@ def view(scene: Scene, *, port: int = 0, browser: bool = True) -> Viewer:
     ToolMissingError
         If the packages of the extra ``viewer`` are not installed.
     """
-    viewer = Viewer(scene, port)
+    viewer = Viewer(scene, port, space)
     if browser:
         webbrowser.open(viewer.url)
     return viewer
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Suppress the messages that viser prints by rich at the start and the end of a server."""
+    console = rich.get_console()
+    before, console.quiet = console.quiet, True
+    try:
+        yield
+    finally:
+        console.quiet = before
 
 
 def _free_port(port: int) -> int:

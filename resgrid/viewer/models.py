@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from resgrid._internal.colours import GOAL
 from resgrid.robots import CellSet, Shape, URDFRobot
 from resgrid.robots.body import bodies_of
-from resgrid.robots.surfaces import is_half_space, surfaces_of
+from resgrid.robots.surfaces import Surface, is_half_space, surfaces_of
 from resgrid.scene.goals import GoalPose
 from resgrid.scene.scene import Scene
 
@@ -26,6 +26,12 @@ END: Colour = (0, 114, 178)
 PATH: Colour = (213, 94, 0)
 SOLID: Colour = (150, 150, 150)
 """Colours of the moving robot, of the robot at start and goal, of the tool's path, and of obstacles."""
+
+HIDDEN: Colour = (185, 107, 107)
+"""Colour of hidden obstacles."""
+
+_ABOVE = 0.001
+"""Height of the grid above the floor in metres, so that the grid stays visible."""
 
 _GHOST = 0.35
 """Opacity of the robot at start and goal."""
@@ -48,10 +54,7 @@ class ArmModel:
             if surface.joint < 0 and opacity is not None:
                 continue  # links that do not move are the same in all poses
             place = "base" if surface.joint < 0 else f"joint_{surface.joint}"
-            server.scene.add_mesh_simple(
-                f"/{name}/{place}/{number}_{surface.name}", surface.points, surface.triangles, color=colour,
-                opacity=opacity, side="double", flat_shading=True,
-            )  # fmt: skip
+            _add_mesh(server, f"/{name}/{place}/{number}_{surface.name}", surface, colour, opacity)
 
     def move(self, pose: NDArray[np.float64]) -> None:
         """Show the arm in a configuration `pose` (ndim,)."""
@@ -65,21 +68,33 @@ class ArmModel:
 
 
 def add_surroundings(server: viser.ViserServer, scene: Scene, robot: URDFRobot) -> None:
-    """Add obstacles, goal regions and the floor of a scene to a scene of viser."""
+    """Add obstacles, hidden obstacles, goal regions and a grid on the floor to a scene of viser."""
     reach, base = robot.reach, robot.tree.placement[0, :3, 3]
-    for shapes, name, colour, opacity in (
+    floor = 0.0
+    kinds = (
         (scene.obstacles, "obstacle", SOLID, None),
+        (scene.hidden, "hidden", HIDDEN, 0.6),
         (_goals(scene), "goal", _rgb(GOAL), 0.5),
-    ):
+    )
+    for shapes, name, colour, opacity in kinds:
         bodies = [body for shape in shapes for body in bodies_of(shape, name)]
-        for number, (body, surface) in enumerate(
-            zip(bodies, surfaces_of(bodies, plane=1.2 * reach, around=base), strict=True)
-        ):
-            server.scene.add_mesh_simple(
-                f"/{name}/{number}", surface.points, surface.triangles, color=colour,
-                opacity=0.4 if is_half_space(body) else opacity, side="double", flat_shading=True,
-            )  # fmt: skip
-    server.scene.add_grid("/floor", width=4 * reach, height=4 * reach, cell_size=0.1, section_size=0.5, position=base)
+        surfaces = surfaces_of(bodies, plane=1.2 * reach, around=base)
+        for number, (body, surface) in enumerate(zip(bodies, surfaces, strict=True)):
+            _add_mesh(server, f"/{name}/{number}", surface, colour, 0.4 if is_half_space(body) else opacity)
+            if is_half_space(body) and np.allclose(body.solid.placement[2, :3], (0.0, 0.0, 1.0)):
+                floor = float(body.solid.placement[2, 3])
+    server.scene.add_grid(
+        "/floor", width=4 * reach, height=4 * reach, cell_size=0.1, section_size=0.5,
+        position=(base[0], base[1], floor + _ABOVE),
+    )  # fmt: skip
+
+
+def _add_mesh(server: viser.ViserServer, name: str, surface: Surface, colour: Colour, opacity: float | None) -> None:
+    """Add a surface to a scene of viser; `name`: name of its node; `opacity`: 0 to 1, None for an opaque surface."""
+    server.scene.add_mesh_simple(
+        name, surface.points.astype(np.float32), surface.triangles, color=colour, opacity=opacity, side="double",
+        flat_shading=True, receive_shadow=False,
+    )  # fmt: skip
 
 
 def add_ghosts(server: viser.ViserServer, robot: URDFRobot) -> tuple[ArmModel, ArmModel]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError, ResgridError
+from resgrid.planning.pipeline import problem_of, require_uniform
 from resgrid.planning.planner import Planner, plan
 from resgrid.planning.shortcuts import shortcut
 from resgrid.planning.streamline import AnyPath, Outcome, Streamline
@@ -59,6 +60,8 @@ class ArmPlan:
     ----------
     scene : Scene
         Scene with an arm in space.
+    space : ConfigurationSpace, optional
+        Space of the scene, if it is known already.
 
     Attributes
     ----------
@@ -68,11 +71,14 @@ class ArmPlan:
         Goal configuration; None for the goals of the scene.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, space: ConfigurationSpace | None = None) -> None:
         if not isinstance(scene.robot, URDFRobot):
             raise InputError("the 3-D view shows arms from URDF files, but the robot of this scene is another one")
         self.scene, self.robot = scene, scene.robot
-        self.planner: Planner = plan(scene)
+        require_uniform(scene, "the 3-D view")
+        problem = problem_of(scene, space=space)
+        self.wiring, self.k = problem.wiring, problem.ks[0] if problem.ks else None
+        self.planner: Planner = plan(problem.space, self.wiring, k=self.k)
         self.lower, self.upper = (np.array([getattr(axis, end) for axis in scene.axes]) for end in ("lower", "upper"))
         self.goal: NDArray[np.float64] | None = None
         self.start = np.array(scene.starts[0], dtype=np.float64) if scene.starts else self._some_start()
@@ -85,7 +91,7 @@ class ArmPlan:
 
     def set_goal(self, goal: NDArray[np.float64]) -> None:
         """Solve again for a single goal configuration (ndim,); the geometry of obstacles is not computed again."""
-        space, problem = self.planner.space, self.planner.solution.problem
+        space = self.planner.space
         cell = np.where(space.cell == Cell.GOAL, Cell.FREE, space.cell).astype(np.uint8)
         place = tuple(space.locate(goal).tolist())
         self.goal = goal
@@ -96,7 +102,7 @@ class ArmPlan:
             space.axes, cell, space.conductivity, frame=space.frame, goal_points=[space.from_world(goal)],
             robot=space.robot, undecided=space.undecided,
         )  # fmt: skip
-        self.planner = plan(moved, problem.wiring, k=problem.ks[0] if problem.ks else None)
+        self.planner = plan(moved, self.wiring, k=self.k)
 
     def motion(self) -> Motion:
         """Return the path from the start as a motion; without a path, a motion that stays at the start."""
