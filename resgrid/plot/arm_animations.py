@@ -38,13 +38,13 @@ def arm_frames(trajectory: Trajectory, scene: Scene, count: int, held: int) -> I
     """
     times = np.linspace(0.0, trajectory.duration, _DENSE)
     motion = trajectory.at(times)[0]
-    picture = ArmPicture(scene, motion[:: _DENSE // _ENVELOPE], Camera(), _SIDE)
+    tool = scene.robot.reference_point(motion)
+    picture = ArmPicture(scene, motion[:: _DENSE // _ENVELOPE], Camera(), tool, _SIDE)
     window = picture.window
     aspect = (window.top - window.bottom) / (window.right - window.left)
     figure = new_figure(_WIDTH, panel_height(_WIDTH - 0.4, aspect))
     axes = figure.add_subplot()
     picture.prepare(axes)
-    tool = scene.robot.reference_point(motion)
     mark(picture.camera.seen(tool[:1])[:, :2], axes, "start", "")
     around = picture.surroundings()
     ends = [

@@ -14,7 +14,7 @@ from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.patheffects import Normal, Stroke
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from resgrid._internal.colours import GOAL
 from resgrid.errors import InputError
@@ -87,11 +87,15 @@ class ArmPicture:
         Configurations that the picture must contain.
     camera : Camera
         Direction of the view.
+    also : ndarray of float64, shape (m, 3)
+        Further points in the world that the picture must contain.
     side : int
         Number of pixels along the longer side, before the image is reduced to half this size.
     """
 
-    def __init__(self, scene: Scene, poses: NDArray[np.float64], camera: Camera, side: int = _SIDE) -> None:
+    def __init__(
+        self, scene: Scene, poses: NDArray[np.float64], camera: Camera, also: ArrayLike = (), side: int = _SIDE
+    ) -> None:
         self.scene, self.camera = scene, camera
         self.arm = arm_of(scene)
         tree = self.arm.tree
@@ -103,7 +107,7 @@ class ArmPicture:
         self.regions, _ = _split(_goal_shapes(scene), "goal")
         fixed = [self.fixed(bodies) for bodies in (self.solids, self.hidden, self.regions)]
         corners = [group.triangles.reshape(-1, 3) for group in (*map(self.moved, poses), *fixed)]
-        shown = np.concatenate([*corners, self._base[np.newaxis], goal_places(scene)])
+        shown = np.concatenate([*corners, self._base[np.newaxis], goal_places(scene), np.reshape(also, (-1, 3))])
         shown = self._base + np.clip(shown - self._base, -self._reach, self._reach)
         self.lower, self.upper = shown.min(axis=0), shown.max(axis=0)
         self.step = nice_step(float((self.upper - self.lower).max()) / 8)
@@ -258,7 +262,8 @@ def draw_arm(
     """
     motion = dense_motion(path, scene)
     shown = poses_along(motion, scene, ghosts)
-    picture = ArmPicture(scene, shown, camera or Camera())
+    tool = scene.robot.reference_point(motion)
+    picture = ArmPicture(scene, shown, camera or Camera(), tool)
     axes = _prepared(picture, ax)
     groups = [picture.moved(pose, behind=_BEHIND * number) for number, pose in enumerate(shown)]
     solid = [picture.layer(groups[0], START)] + [picture.layer(group, END) for group in groups[1:][-1:]]
@@ -271,7 +276,6 @@ def draw_arm(
     ):
         if group:
             add_swatch(axes, "robot between" if label == "between" else f"robot at the {label}", colour)
-    tool = scene.robot.reference_point(motion)
     if len(tool) > 1:
         picture.draw_line(tool, axes, [*solid, *around], "path of the tool")
         seen = picture.camera.seen(tool)[:, :2]
@@ -288,7 +292,9 @@ def draw_tool_paths(paths: Sequence[AnyPath], scene: Scene, ax: Axes | None = No
     """
     motions = [dense_motion(path, scene) for path in paths]
     lines = [scene.robot.reference_point(motion) for motion in motions]
-    picture = ArmPicture(scene, np.concatenate([motion[[0, -1]] for motion in motions]), Camera())
+    picture = ArmPicture(
+        scene, np.concatenate([motion[[0, -1]] for motion in motions]), Camera(), np.concatenate(lines)
+    )
     axes = _prepared(picture, ax)
     around = picture.surroundings()
     if around:

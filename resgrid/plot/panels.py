@@ -115,6 +115,10 @@ class Panel:
     def draw_cells(self) -> None:
         """Draw obstacles, goals and free cells without a path to a goal, and set limits and labels of the panel."""
         if self.plane is not None:
+            if self.cut and self.space.undecided is not None:  # the legend counts the cells outside of the slices too
+                for where, colour, label in space_kinds(self.space):
+                    if where.any():
+                        add_swatch(self.axes, label, colour)
             draw_cells(self.plane, self.axes)
             finish(self.plane, self.axes, columns=0)
             return

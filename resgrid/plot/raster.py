@@ -135,19 +135,23 @@ def _outline(owner: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def composite(layers: list[Layer]) -> NDArray[np.uint8]:
-    """Return the image (rows, columns, 4), RGBA from 0 to 255, of layers that cover each other by their depth."""
-    depth = np.stack([layer.depth for layer in layers])
-    colour = np.zeros((*depth.shape[1:], 3), dtype=np.float32)
-    through = np.ones(depth.shape[1:], dtype=np.float32)
-    for _ in layers:
-        first = depth.argmin(axis=0)
-        for number, layer in enumerate(layers):
-            own = (first == number) & np.isfinite(depth[number])
-            colour[own] += through[own][:, None] * layer.opacity * layer.colour[own]
-            through[own] *= 1.0 - layer.opacity
-            depth[number][own] = np.inf
-    opacity = 1.0 - through
-    return _halved(np.concatenate([colour, 255 * opacity[..., None]], axis=-1))
+    """Return the image (rows / 2, columns / 2, 4), RGBA from 0 to 255, of layers that hide each other by depth."""
+    shape = layers[0].depth.shape
+    depth = np.stack([layer.depth.ravel() for layer in layers])
+    used = np.flatnonzero(np.isfinite(depth).any(axis=0))
+    depth = depth[:, used]
+    colour, opacity = np.stack([layer.colour.reshape(-1, 3)[used] for layer in layers]), np.isfinite(depth)
+    opacity = opacity * np.array([layer.opacity for layer in layers], dtype=np.float32)[:, np.newaxis]
+    order = depth.argsort(axis=0, kind="stable")
+    image = np.zeros((shape[0] * shape[1], 4), dtype=np.float32)
+    through = np.ones(len(used), dtype=np.float32)
+    pixel = np.arange(len(used))
+    for row in order:
+        part = through * opacity[row, pixel]
+        image[used, :3] += part[:, np.newaxis] * colour[row, pixel]
+        through -= part
+    image[used, 3] = 255 * (1.0 - through)
+    return _halved(image.reshape(*shape, 4))
 
 
 def _halved(image: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -54,7 +54,11 @@ class Viewer:
         self.url = f"http://{_HOST}:{self._server.get_port()}/"
         self._ended = threading.Event()
         self._set_camera(task)
-        self.panel = Panel(self._server, task)
+        try:
+            self.panel = Panel(self._server, task)
+        except BaseException:
+            self._stop()
+            raise
 
     def __repr__(self) -> str:
         return f"<Viewer at {self.url}>"
@@ -82,8 +86,11 @@ class Viewer:
         if not self._ended.is_set():
             self._ended.set()
             self.panel.close()
-            with _silent():
-                self._server.stop()
+            self._stop()
+
+    def _stop(self) -> None:
+        with _silent():
+            self._server.stop()
 
 
 def view(scene: Scene, *, space: ConfigurationSpace | None = None, port: int = 0, browser: bool = True) -> Viewer:

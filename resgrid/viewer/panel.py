@@ -76,7 +76,7 @@ class Panel:
                 f"/{which}_handle", scale=0.2 * min(1.0, self.task.robot.reach), disable_rotations=True,
                 disable_sliders=True, depth_test=False,
             )  # fmt: skip
-            handle.on_drag_end(partial(self._dragged, which))
+            handle.on_update(partial(self._dragged, which))
             self.handles[which] = handle
             self._place(which, pose)
         visible = gui.add_checkbox("show start and goal", True)
@@ -97,8 +97,10 @@ class Panel:
         """Return the configuration (ndim,) of the sliders of "start" or "goal"."""
         return np.array([slider.value for slider in self.joints[which]], dtype=np.float64)
 
-    def _dragged(self, which: str, _event: Any) -> None:
-        """Move the start or the goal to the place of its handle."""
+    def _dragged(self, which: str, event: Any) -> None:
+        """Move the start or the goal to the place of its handle, at the end of a drag."""
+        if event.phase != "end":
+            return
         place = np.asarray(self.handles[which].position, dtype=np.float64)
         self.set(which, self.task.towards(self._pose_of(which), place))
 
