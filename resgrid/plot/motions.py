@@ -73,4 +73,5 @@ def poses_along(motion: NDArray[np.float64], scene: Scene, count: int) -> NDArra
     if not 1 <= count <= 1000:
         raise InputError(f"ghosts = {count} must lie between 1 and 1000: it is the number of poses")
     along = np.concatenate([[0.0], np.cumsum(scene.robot.travel(motion[:-1], motion[1:]))])
-    return motion[np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], count)).clip(0, len(motion) - 1))]
+    rows = np.searchsorted(along, np.linspace(0.0, along[-1], count)).clip(0, len(motion) - 1)
+    return np.asarray(motion[np.unique(rows)])

@@ -159,7 +159,7 @@ def _halved(image: NDArray[np.float32]) -> NDArray[np.uint8]:
     rows, columns = image.shape[0] // 2, image.shape[1] // 2
     mean = image[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2, 4).mean(axis=(1, 3))
     mean[..., :3] /= np.maximum(mean[..., 3:] / 255, 1e-6)
-    return np.round(mean.clip(0, 255)).astype(np.uint8)
+    return np.asarray(np.round(mean.clip(0, 255)).astype(np.uint8))
 
 
 def _nearest(corners: NDArray[np.float64], window: Window) -> tuple[NDArray[np.float32], NDArray[np.int64]]:

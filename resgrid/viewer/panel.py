@@ -38,9 +38,8 @@ class Panel:
         self.server, self.task = server, task
         self.motion: Motion = answer(task, None)
         self._closed, self._changed, self._playing = threading.Event(), threading.Event(), threading.Event()
-        self._lock = threading.Lock()
+        self._lock, self._display = threading.Lock(), threading.Lock()
         self._wanted: dict[str, NDArray[np.float64]] = {}
-        self._quiet = False
         add_surroundings(server, task.scene, task.robot)
         self.robot = ArmModel(server, task.robot, "robot", ROBOT)
         self.ghosts = dict(zip(("start", "goal"), add_ghosts(server, task.robot), strict=True))
@@ -54,8 +53,9 @@ class Panel:
             thread.start()
 
     def close(self) -> None:
-        """End the threads; a computation that runs is finished in the background."""
-        self._closed.set()
+        """End the threads; the result of a computation that still runs is dropped."""
+        with self._display:
+            self._closed.set()
         self._changed.set()
         self._playing.set()
 
@@ -63,7 +63,7 @@ class Panel:
         gui = self.server.gui
         gui.set_panel_label(self.task.scene.title or "resgrid")
         self.status = gui.add_markdown("")
-        self.slider = gui.add_slider("along the path", 0.0, 1.0, 1.0 / _STEPS, 0.0)
+        self.slider: Any = gui.add_slider("along the path", 0.0, 1.0, 1.0 / _STEPS, 0.0)
         self.button = gui.add_button(_PLAY)
         self.slider.on_update(lambda _: self._show_pose())
         self.button.on_click(lambda _: self._toggle())
@@ -90,12 +90,17 @@ class Panel:
             f"{self.task.robot.moving[number]} ({axis.unit})", axis.lower, axis.upper, step,
             float(np.clip(value, axis.lower, axis.upper)),
         )  # fmt: skip
-        slider.on_update(lambda _: None if self._quiet else self._ask(which, self._pose_of(which)))
+        slider.on_update(partial(self._slid, which))
         return slider
 
     def _pose_of(self, which: str) -> NDArray[np.float64]:
         """Return the configuration (ndim,) of the sliders of "start" or "goal"."""
         return np.array([slider.value for slider in self.joints[which]], dtype=np.float64)
+
+    def _slid(self, which: str, event: Any) -> None:
+        """Plan again after a slider was moved in a browser, but not after the program set its value."""
+        if event.client_id is not None:
+            self._ask(which, self._pose_of(which))
 
     def _dragged(self, which: str, event: Any) -> None:
         """Move the start or the goal to the place of its handle, at the end of a drag."""
@@ -114,11 +119,8 @@ class Panel:
 
     def _write_sliders(self, which: str, pose: NDArray[np.float64]) -> None:
         """Show a configuration in the sliders of "start" or "goal" without planning again."""
-        with self._lock:
-            self._quiet = True
-            for slider, value in zip(self.joints[which], pose, strict=True):
-                slider.value = float(value)
-            self._quiet = False
+        for slider, value in zip(self.joints[which], pose, strict=True):
+            slider.value = float(value)
 
     def _ask(self, which: str, pose: NDArray[np.float64]) -> None:
         """Request a new path; requests that come while another one is computed are combined."""
@@ -140,27 +142,31 @@ class Panel:
 
     def _plan_again(self) -> None:
         """Compute paths for requests until the view is closed."""
-        while not self._closed.is_set():
+        while True:
             self._changed.wait()
             self._changed.clear()
+            if self._closed.is_set():
+                return
             with self._lock:
                 wanted, self._wanted = self._wanted, {}
-            if not wanted or self._closed.is_set():
+            if not wanted:
                 continue
             if "start" in wanted:
                 self.task.start = wanted["start"]
-            self.motion = answer(self.task, wanted.get("goal"))
-            if not self._changed.is_set():
-                self._show_motion()
+            motion = answer(self.task, wanted.get("goal"))
+            with self._display:
+                if not self._closed.is_set() and not self._changed.is_set():
+                    self.motion = motion
+                    self._show_motion()
 
     def _show_motion(self) -> None:
         """Show the path of the tool, the outcome, and the robot at the position of the slider."""
-        self.status.content = self.motion.text
         add_line(self.server, self.task.robot.reference_point(self.motion.configurations))
         if self.task.goal is None:
             self._place("goal", self.motion.configurations[-1])
             self._write_sliders("goal", self.motion.configurations[-1])
         self._show_pose()
+        self.status.content = self.motion.text
 
     def _show_pose(self) -> None:
         self.robot.move(self.motion.at(self.slider.value * self.motion.times[-1]))
@@ -176,14 +182,19 @@ class Panel:
 
     def _play(self) -> None:
         """Advance the slider while the motion plays, until the view is closed."""
-        while not self._closed.is_set():
-            self.button.label = _PLAY
+        while True:
             self._playing.wait()
-            self.button.label = _PAUSE
             began, first = time.monotonic(), self.slider.value
-            while self._playing.is_set() and not self._closed.is_set():
+            while self._playing.is_set():
                 duration = self.motion.times[-1] if self.motion.is_timed else _UNTIMED_SECONDS
-                self.slider.value = min(first + (time.monotonic() - began) / max(duration, 1e-3), 1.0)
-                if self.slider.value >= 1.0:
-                    self._playing.clear()
+                with self._display:
+                    if self._closed.is_set():
+                        return
+                    self.button.label = _PAUSE
+                    self.slider.value = min(first + (time.monotonic() - began) / max(duration, 1e-3), 1.0)
+                    if self.slider.value >= 1.0:
+                        self._playing.clear()
                 time.sleep(1.0 / _RATE)
+            with self._display:
+                if not self._closed.is_set():
+                    self.button.label = _PLAY

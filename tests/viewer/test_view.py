@@ -110,7 +110,7 @@ def test_a_slider_of_the_start_plans_again(page: Page, viewer: Viewer) -> None:
     text = planned(viewer, status)
     assert "reached" in text
     assert viewer.panel.motion.configurations[0] == pytest.approx([-1.5, 0.2], abs=0.02)
-    assert text.split("clearance")[1].split()[0] in page.inner_text("body")
+    page.get_by_text(f"clearance {text.split('clearance')[1].split()[0]}").wait_for()
     assert (np.abs(steady(page) - before).max(axis=2) > 40).sum() > 200
 
 
