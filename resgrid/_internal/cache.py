@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-import hashlib
+import fcntl
 import os
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -32,45 +31,10 @@ def cache_folder() -> Path | None:
         return None
 
 
-def fingerprint(*values: Any) -> str:
-    """Return a hash of values as 32 hexadecimal digits.
-
-    Arrays count with shape, data type and bytes, dataclasses with class name and fields, floats with all their digits.
-    """
-    digest = hashlib.sha256()
-    for part in _parts(values):
-        digest.update(len(part).to_bytes(8, "little"))
-        digest.update(part)
-    return digest.hexdigest()[:32]
-
-
-def _parts(value: Any) -> Iterator[bytes]:
-    """Yield byte strings that determine a value."""
-    if isinstance(value, np.ndarray):
-        yield f"array {value.shape} {value.dtype.str}".encode()
-        yield np.ascontiguousarray(value).tobytes()
-    elif dataclasses.is_dataclass(value):
-        yield f"record {type(value).__name__}".encode()
-        for field in dataclasses.fields(value):
-            yield field.name.encode()
-            yield from _parts(getattr(value, field.name))
-    elif isinstance(value, Mapping):
-        yield f"mapping {len(value)}".encode()
-        for key in sorted(value):
-            yield from _parts(key)
-            yield from _parts(value[key])
-    elif isinstance(value, list | tuple):
-        yield f"list {len(value)}".encode()
-        for entry in value:
-            yield from _parts(entry)
-    else:
-        yield f"{type(value).__name__} {value!r}".encode()
-
-
 def load_array(name: str, key: str) -> NDArray[Any] | None:
     """Return the cached array of a key, or None if there is none or its file is damaged.
 
-    `name`: kind of the result, the first part of the file's name; `key`: fingerprint of the inputs.
+    `name`: kind of the result, the first part of the file's name; `key`: hash of the inputs.
     """
     folder = cache_folder()
     if folder is None:
@@ -86,7 +50,7 @@ def load_array(name: str, key: str) -> NDArray[Any] | None:
 def store_array(name: str, key: str, array: NDArray[Any]) -> None:
     """Write an array to the cache; without effect if there is no cache or it cannot be written.
 
-    `name`: kind of the result, the first part of the file's name; `key`: fingerprint of the inputs.
+    `name`: kind of the result, the first part of the file's name; `key`: hash of the inputs.
     """
     folder = cache_folder()
     if folder is None:
@@ -95,3 +59,26 @@ def store_array(name: str, key: str, array: NDArray[Any]) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         with atomic_path(folder / f"{name}-{key}.npz") as path, path.open("wb") as file:
             np.savez_compressed(file, array=array)
+
+
+@contextlib.contextmanager
+def unfinished_file(name: str, key: str) -> Iterator[Path | None]:
+    """Yield the path of a file for parts of an unfinished result, and delete the file if the block succeeds.
+
+    The file stays if the block is interrupted, so that the next run can continue.  The path is None if there is no
+    cache, if it cannot be written, or while another process uses the file.
+    `name`: kind of the result, the first part of the file's name; `key`: hash of the inputs.
+    """
+    folder = cache_folder()
+    with contextlib.ExitStack() as stack:
+        path = None
+        if folder is not None:
+            with contextlib.suppress(OSError):
+                folder.mkdir(parents=True, exist_ok=True)
+                lock = stack.enter_context((folder / f"{name}-{key}.lock").open("w"))
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                path = folder / f"{name}-{key}.part"
+        yield path
+        if path is not None:
+            for used in (path, path.with_suffix(".lock")):
+                used.unlink(missing_ok=True)

@@ -16,7 +16,7 @@ from resgrid.errors import InputError
 from resgrid.live_page.drawing import Drawing, drawing_of
 from resgrid.live_page.messages import File
 from resgrid.scene import Scene, read_scene
-from resgrid.scene.obstacle_files import needs_files
+from resgrid.scene.file_names import needs_files
 from resgrid.scene.reading import build_scene
 from resgrid.scene.shipped import shipped_scenes
 

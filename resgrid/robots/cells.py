@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from itertools import product
 from math import ceil
 from typing import Literal, NamedTuple
 
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from resgrid.core.axis import Axis, Point, rounding, split_points
 from resgrid.errors import InputError
 from resgrid.robots.bounded import Bounds
+from resgrid.robots.box_distances import distance_from_boxes
 from resgrid.robots.geometry import edges_of, periodic_images
 from resgrid.robots.mesh import Mesh
 from resgrid.robots.mesh_cells import near_mesh
@@ -119,7 +119,8 @@ def mark_image(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, rea
     if isinstance(shape, HalfSpace):
         out[block] |= near_half_space(shape, grids, half, reach)
     elif isinstance(shape, Mesh):
-        out[block] |= near_mesh(shape, grids, half, reach)
+        spacing = np.array([axis.spacing for axis in axes])
+        out[block] |= near_mesh(shape, grids, half, reach, spacing)
     elif isinstance(shape, Cylinder | Capsule | OrientedBox):
         out[block] |= near_convex(shape, grids, half, reach)
     else:
@@ -187,28 +188,8 @@ def _near_cells(shape: CellSet, axes: tuple[Axis, ...], reach: float, rule: Samp
     spacing = np.array([axis.spacing for axis in axes])
     mask = np.pad(shape.mask, pad, mode="wrap")
     rim = min(rims(axes)) if rule == "conservative" else 0.0
-    near = mask | (_distance_from_boxes(mask, spacing, rule) <= reach - rim)
+    near = mask | (distance_from_boxes(mask, spacing, rule) <= reach - rim)
     return near[tuple(slice(before, size - after) for (before, after), size in zip(pad, mask.shape, strict=True))]
-
-
-def _distance_from_boxes(mask: NDArray[np.bool_], spacing: NDArray[np.float64], rule: Sampling) -> NDArray[np.float64]:
-    """Return the distance from every cell's box, or centre, to the nearest marked box; shape of `mask`, in axis units.
-
-    `mask`: marked cells of a grid; `spacing` (ndim,): cell widths; `rule`: ``"conservative"`` for boxes, ``"centre"``.
-    Along an axis, the gap of two boxes with index difference ``d`` is ``max(|d| - 1, 0)`` cells, which is the distance
-    of ``d`` from the set ``{-1, 0, 1}``.  So the distance is a Euclidean distance transform of the mask dilated by one
-    cell.  The gap of a centre and a box is ``max(|d| - 1/2, 0)``: the same transform on a grid of half the spacing.
-    """
-    from scipy import ndimage
-
-    if rule == "conservative":
-        grown = ndimage.binary_dilation(mask, structure=np.ones((3,) * mask.ndim, dtype=bool))
-        return np.asarray(ndimage.distance_transform_edt(~grown, sampling=spacing))
-    fine = np.zeros(tuple(2 * n + 1 for n in mask.shape), dtype=bool)
-    for offset in product(range(3), repeat=mask.ndim):
-        fine[tuple(slice(start, start + 2 * n, 2) for start, n in zip(offset, mask.shape, strict=True))] |= mask
-    distance = ndimage.distance_transform_edt(~fine, sampling=spacing / 2)
-    return np.asarray(distance[(slice(1, None, 2),) * mask.ndim])
 
 
 def _mark_polygon(

@@ -33,18 +33,28 @@ class _Document:
 
     def __init__(self, root: Element, name: str) -> None:
         self.root, self.name = root, name
-        self.by_id = {each.get("id"): each for each in root.iter() if each.get("id")}
+        self.by_id: dict[str, list[Element]] = {}
+        for each in root.iter():
+            self.by_id.setdefault(each.get("id", ""), []).append(each)
 
     def error(self, problem: str) -> InputError:
         """Return the exception for a problem."""
         return InputError(f"{self.name}: the mesh cannot be read as COLLADA ({problem}); export it again")
 
-    def target(self, reference: str | None) -> Element:
-        """Return the element that a reference such as ``"#mesh"`` names."""
-        found = self.by_id.get((reference or "").removeprefix("#"))
-        if found is None:
+    def target(self, reference: str | None, mesh: Element | None = None) -> Element:
+        """Return the element that a reference such as ``"#mesh"`` names.
+
+        `mesh`: element in which the identifier is sought first, because some exporters repeat the identifiers of
+        sources in every mesh.
+        """
+        name = (reference or "").removeprefix("#")
+        own = [each for each in (mesh if mesh is not None else ()) if each.get("id") == name]
+        found = own or (self.by_id.get(name, []) if name else [])
+        if not found:
             raise self.error(f"it refers to {reference!r}, which does not exist")
-        return found
+        if len(found) > 1:
+            raise self.error(f"it refers to {reference!r}, which exists {len(found)} times")
+        return found[0]
 
     def numbers(self, element: Element | None, kind: type[Number]) -> NDArray[Number]:
         """Return the numbers in the text of an element."""
@@ -158,7 +168,7 @@ def _primitives(document: _Document, geometry: Element) -> Iterator[Triangles]:
         raise document.error(f"geometry {geometry.get('id')!r} is not a mesh")
     for primitive in mesh:
         if primitive.tag in ("triangles", "polylist", "polygons", "trifans", "tristrips"):
-            stride, offset, source = _vertex_input(document, primitive)
+            stride, offset, source = _vertex_input(document, mesh, primitive)
             points = _source(document, source)
             faces = _faces(document, primitive, stride, offset)
             if faces.size and (faces.min() < 0 or faces.max() >= len(points)):
@@ -168,15 +178,15 @@ def _primitives(document: _Document, geometry: Element) -> Iterator[Triangles]:
             raise document.error(f"<{primitive.tag}> is not supported")
 
 
-def _vertex_input(document: _Document, primitive: Element) -> tuple[int, int, Element]:
+def _vertex_input(document: _Document, mesh: Element, primitive: Element) -> tuple[int, int, Element]:
     """Return the number of indices of a corner, the position of the vertex index, and the source of the positions."""
     inputs = primitive.findall("input")
     stride = max((int(each.get("offset", "0")) for each in inputs), default=0) + 1
     for each in inputs:
         if each.get("semantic") == "VERTEX":
-            for inner in document.target(each.get("source")).findall("input"):
+            for inner in document.target(each.get("source"), mesh).findall("input"):
                 if inner.get("semantic") == "POSITION":
-                    return stride, int(each.get("offset", "0")), document.target(inner.get("source"))
+                    return stride, int(each.get("offset", "0")), document.target(inner.get("source"), mesh)
     raise document.error(f"<{primitive.tag}> has no vertices")
 
 

@@ -27,9 +27,9 @@ MOST_PIECES = 256
 class Mesh(Bounded):
     """A solid in space whose surface consists of triangles, or a surface without an inside.
 
-    The mesh is a solid, with its inside, if its surface is closed and all triangles have the same orientation: every
-    edge is used as often in one direction as in the other.  A point is inside if the surface winds around it.  Any
-    other mesh is a surface without thickness.
+    A part of the mesh (triangles connected by vertices) is a solid, with its inside, if its surface is closed and all
+    its triangles have the same orientation: every edge is used as often in one direction as in the other.  A point is
+    inside if the surface winds around it.  Other parts are surfaces without thickness.
 
     Parameters
     ----------
@@ -101,9 +101,29 @@ class Mesh(Bounded):
     @cached_property
     def open_edges(self) -> int:
         """Number of edges that are not used equally often in both directions; 0 for a closed mesh."""
-        a, b = self.triangles[:, [0, 1, 2]].ravel().astype(np.int64), self.triangles[:, [1, 2, 0]].ravel()
-        _, edge = np.unique(np.minimum(a, b) * len(self.points) + np.maximum(a, b), return_inverse=True)
-        return int(np.count_nonzero(np.bincount(edge, weights=np.sign(b - a))))
+        return len(self._open_edges)
+
+    @cached_property
+    def in_closed_part(self) -> NDArray[np.bool_]:
+        """Mask of the triangles of closed parts, shape (t,); a part is a set of triangles connected by vertices."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        starts, ends = self.triangles.ravel(), np.roll(self.triangles, -1, axis=1).ravel()
+        links = coo_array((np.ones(len(starts)), (starts, ends)), shape=(len(self.points),) * 2)
+        count, part = connected_components(links, directed=False)
+        is_closed = np.ones(count, dtype=np.bool_)
+        is_closed[part[self._open_edges[:, 0]]] = False
+        return np.asarray(is_closed[part[self.triangles[:, 0]]])
+
+    @cached_property
+    def _open_edges(self) -> NDArray[np.int64]:
+        """Ends (e, 2) of the edges that are not used equally often in both directions, as indices of vertices."""
+        starts, ends = self.triangles.ravel().astype(np.int64), np.roll(self.triangles, -1, axis=1).ravel()
+        code = np.minimum(starts, ends) * len(self.points) + np.maximum(starts, ends)
+        edges, index = np.unique(code, return_inverse=True)
+        surplus = edges[np.bincount(index, weights=np.sign(ends - starts)) != 0]
+        return np.column_stack(np.divmod(surplus, len(self.points)))
 
     def shifted(self, by: Point) -> Mesh:
         """Return the mesh translated by the vector `by`, in axis units."""

@@ -3,52 +3,137 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import product
+from itertools import chain, product
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid._internal.memory import require_grid_memory
+from resgrid.robots.box_distances import distance_from_boxes
 from resgrid.robots.mesh import Mesh
 
 BATCH = 1 << 17
 """Number of pairs of a triangle and a cell that are tested at once."""
 
+CHUNK = 1024
+"""Number of triangles whose surroundings are searched for cells at once."""
+
 
 def near_mesh(
-    mesh: Mesh, grids: Sequence[NDArray[np.float64]], half: Sequence[float], reach: float
+    mesh: Mesh,
+    grids: Sequence[NDArray[np.float64]],
+    half: Sequence[float],
+    reach: float,
+    spacing: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of boxes within a distance of a mesh, the inside of a closed mesh included.
+    """Return the mask (block of cells) of boxes within a distance of a mesh, the inside of closed parts included.
 
     The result is exact up to rounding: a box is left out if a plane separates it from every triangle by more than
     `reach`.
-    `grids`: coordinates of the boxes' centres; `half` (3,): half their widths; `reach`: distance, in axis units.
+    `grids`: coordinates of the boxes' centres; `half` (3,): half their widths; `reach`: distance; `spacing` (3,):
+    distances between centres; all in axis units.
     """
     lines = [np.asarray(grid).reshape(-1) for grid in grids]
-    near = _near_surface(mesh.corners, lines, np.asarray(half, dtype=np.float64), reach)
-    if mesh.is_closed:
+    side = np.asarray(half, dtype=np.float64)
+    if not all(map(len, lines)):  # the mesh is outside the grid
+        return np.zeros(tuple(map(len, lines)), dtype=np.bool_)
+    if reach > 0:
+        near = _near_offset(mesh.corners, lines, side, reach, spacing)
+    else:
+        near = _near_surface(mesh.corners, lines, side)
+    if mesh.in_closed_part.any():
         near |= _enclosed(mesh, lines)
     return near
 
 
 def _near_surface(
-    corners: NDArray[np.float64], lines: Sequence[NDArray[np.float64]], half: NDArray[np.float64], reach: float
+    corners: NDArray[np.float64], lines: Sequence[NDArray[np.float64]], half: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of boxes within a distance of triangles.
+    """Return the mask (block of cells) of boxes that meet a triangle.
 
     `corners` (t, 3, 3): vertices of the triangles; `lines`: centres of the boxes along every axis; `half` (3,): half
-    the widths of a box; `reach`: distance, in axis units.
+    the widths of a box, in axis units.
     """
     near = np.zeros(tuple(map(len, lines)), dtype=np.bool_)
     flat = near.reshape(-1)
-    lower, upper = corners.min(axis=1), corners.max(axis=1)
-    first, count = _ranges(lines, lower - half - reach, upper + half + reach)
+    first, count = _ranges(lines, corners.min(axis=1) - half, corners.max(axis=1) + half)
     for triangle, place in _pairs(first, count):
         cell = np.ravel_multi_index(tuple(place), near.shape)
-        centre = np.column_stack([line[index] for line, index in zip(lines, place, strict=True)])
-        beyond = np.maximum(lower[triangle] - centre - half, centre - half - upper[triangle])
-        kept = ~flat[cell] & (np.sum(np.maximum(beyond, 0.0) ** 2, axis=1) <= reach**2)
-        flat[cell[kept][_triangles_near(corners[triangle[kept]], centre[kept], half, reach)]] = True
+        kept = np.flatnonzero(~flat[cell])
+        centre = np.column_stack([line[index[kept]] for line, index in zip(lines, place, strict=True)])
+        flat[cell[kept][_triangles_near(corners[triangle[kept]], centre, half, 0.0)]] = True
     return near
+
+
+def _near_offset(
+    corners: NDArray[np.float64],
+    lines: Sequence[NDArray[np.float64]],
+    half: NDArray[np.float64],
+    reach: float,
+    spacing: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Return the mask (block of cells) of boxes within a positive distance of triangles.
+
+    The cells that meet the surface give bounds of all distances, which decide most cells.  The others are tested
+    against the triangles, first against few of them, which mark most of the cells that will be marked.
+    `corners` (t, 3, 3): vertices of the triangles; `lines`: centres of the boxes along every axis; `half` (3,): half
+    the widths of a box; `reach`: distance; `spacing` (3,): distances between centres; all in axis units.
+    """
+    from scipy.spatial import KDTree
+
+    gap, diagonal = _surface_gap(corners, lines, reach, spacing), float(np.linalg.norm(spacing))
+    near = gap + diagonal * (1.5 if not half.any() else 1.0) * (1.0 + 1e-6) <= reach
+    doubtful = ~near & (gap <= reach * (1.0 + 1e-9))
+    lower, upper = corners.min(axis=1), corners.max(axis=1)
+    middle = (lower + upper) / 2
+    radius = np.linalg.norm(corners - middle[:, np.newaxis], axis=2).max(axis=1) + reach + np.linalg.norm(half)
+    order = np.random.default_rng(0).permutation(len(corners))
+    for part in np.split(order, [len(order) // 64, len(order) // 8]):
+        cells = np.argwhere(doubtful & ~near)
+        if not len(cells) or not len(part):
+            continue
+        centres = np.column_stack([line[index] for line, index in zip(lines, cells.T, strict=True)])
+        tree, marked = KDTree(centres), np.zeros(len(cells), dtype=np.bool_)
+        for start in range(0, len(part), CHUNK):
+            chunk = part[start : start + CHUNK]
+            found = tree.query_ball_point(middle[chunk], radius[chunk] * (1.0 + 1e-9), return_sorted=False)
+            triangle = np.repeat(chunk, [len(each) for each in found])
+            cell = np.fromiter(chain.from_iterable(found), np.int64, len(triangle))
+            beyond = np.maximum(lower[triangle] - centres[cell], centres[cell] - upper[triangle]) - half
+            kept = ~marked[cell] & (np.sum(np.maximum(beyond, 0.0) ** 2, axis=1) <= reach**2)
+            for pairs in np.array_split(np.flatnonzero(kept), 1 + np.count_nonzero(kept) // BATCH):
+                hit = _triangles_near(corners[triangle[pairs]], centres[cell[pairs]], half, reach)
+                marked[cell[pairs[hit]]] = True
+        near[tuple(cells[marked].T)] = True
+    return near
+
+
+def _surface_gap(
+    corners: NDArray[np.float64],
+    lines: Sequence[NDArray[np.float64]],
+    reach: float,
+    spacing: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the distance of every cell (block of cells) from the cells that meet a triangle.
+
+    Cells beyond the block count too if they are within `reach` of it.  The distance of a cell from the surface is at
+    least this number, and exceeds it by at most the diagonal of a cell.
+    """
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    first, wide = [], []
+    for line, step, start, end in zip(lines, spacing, low, high, strict=True):
+        pad = ceil(reach / step) + 1
+        before = int(np.clip(ceil((line[0] - start) / step) + 1, 0, pad))
+        after = int(np.clip(ceil((end - line[-1]) / step) + 1, 0, pad))
+        first.append(before)
+        wide.append(line[0] + step * np.arange(-before, len(line) + after))
+    require_grid_memory(tuple(map(len, wide)), "the surroundings of a mesh", 32)
+    surface = _near_surface(corners, wide, spacing / 2 * (1.0 + 1e-9))
+    if not surface.any():
+        return np.full(tuple(map(len, lines)), np.inf)
+    gap = distance_from_boxes(surface, spacing, "conservative")
+    return gap[tuple(slice(start, start + len(line)) for start, line in zip(first, lines, strict=True))]
 
 
 def _ranges(
@@ -158,20 +243,20 @@ def nearest_on_triangles(corners: NDArray[np.float64], point: NDArray[np.float64
 
 
 def _enclosed(mesh: Mesh, lines: Sequence[NDArray[np.float64]]) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of centres around which the surface of a closed mesh winds.
+    """Return the mask (block of cells) of centres around which the closed parts of a mesh wind.
 
     Rays along x through all centres count the crossed triangles with the sign of their orientation.  Edges that a ray
     meets exactly belong to one of their triangles, because each edge is evaluated in the order of its vertices.
     `lines`: centres of the cells along every axis.
     """
     turns = np.zeros((len(lines[0]) + 1, len(lines[1]), len(lines[2])), dtype=np.int32)
-    corners = mesh.corners
+    indices, corners = mesh.triangles[mesh.in_closed_part], mesh.corners[mesh.in_closed_part]
     first, count = _ranges(lines[1:], corners[:, :, 1:].min(axis=1), corners[:, :, 1:].max(axis=1))
     for triangle, (row, layer) in _pairs(first, count):
         y, z = lines[1][row], lines[2][layer]
         sign = np.zeros(len(triangle), dtype=np.int32)
         for a, b in ((0, 1), (1, 2), (2, 0)):
-            sign += _crossings(mesh, mesh.triangles[triangle, a], mesh.triangles[triangle, b], y, z)
+            sign += _crossings(mesh, indices[triangle, a], indices[triangle, b], y, z)
         hit = np.flatnonzero(sign)
         x = _heights(corners[triangle[hit]], y[hit], z[hit])
         np.add.at(turns, (np.searchsorted(lines[0], x, side="right"), row[hit], layer[hit]), sign[hit])

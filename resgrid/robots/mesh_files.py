@@ -14,6 +14,7 @@ from resgrid._internal.extras import install_command
 from resgrid._internal.files import read_bytes
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.robots.collada import read_collada
+from resgrid.robots.mesh_completeness import check_complete
 
 FORMATS = (".stl", ".obj", ".ply", ".dae")
 """Suffixes of the supported mesh formats, in lower case."""
@@ -51,6 +52,7 @@ def read_mesh(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
         known = ", ".join(FORMATS)
         raise InputError(f"{file}: unknown mesh format {file.suffix!r}; convert the mesh to one of {known}")
     data = read_bytes(file, MAX_BYTES)
+    check_complete(data, suffix, file)
     points, triangles = read_collada(data, str(file)) if suffix == ".dae" else _by_trimesh(file, data, suffix[1:])
     if not len(triangles):
         raise InputError(f"{file}: the mesh has no triangles; is it the right file?")

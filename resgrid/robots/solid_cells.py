@@ -76,7 +76,7 @@ def _distance(shape: Cylinder | Capsule | OrientedBox, points: Vectors) -> NDArr
     along = (points - start) @ (axis / length)
     off = np.linalg.norm(points - start - along[:, np.newaxis] * (axis / length), axis=1)
     beyond = np.maximum(np.maximum(-along, along - length), 0.0)
-    return np.hypot(np.maximum(off - (shape.radius if isinstance(shape, Cylinder) else 0.0), 0.0), beyond)
+    return np.asarray(np.hypot(np.maximum(off - (shape.radius if isinstance(shape, Cylinder) else 0.0), 0.0), beyond))
 
 
 def _near_cylinder(

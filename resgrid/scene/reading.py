@@ -21,10 +21,10 @@ from resgrid.core.frame import Frame
 from resgrid.errors import InputError
 from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.consistency import inconsistencies
+from resgrid.scene.file_names import needs_files, with_absolute_files
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.formats import COMMON, format_of, map_options, read_map, warn_of_header
 from resgrid.scene.messages import Problem, report
-from resgrid.scene.obstacle_files import needs_files, with_absolute_files
 from resgrid.scene.scene import IN_FILES, LISTS, Scene, check_attributes, start_point
 from resgrid.scene.shipped import shipped_scene
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
@@ -221,7 +221,7 @@ def build_scene(
     """
     from resgrid.scene.schema import robot_of, validate
 
-    raw = with_absolute_files(with_robot_files(with_footprint(raw), folder), folder)
+    raw = with_absolute_files(with_footprint(raw), folder)
     robot = robot_of(raw.get("robot", {}))
     raw = with_axes(raw, robot)
     document, problems, values = validate(raw)
@@ -310,21 +310,6 @@ def with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
         return raw
     vertices = {"type": "polygon", "vertices": robot["footprint"]}
     return {**raw, "robot": {**vertices, **{key: value for key, value in robot.items() if key != "footprint"}}}
-
-
-def with_robot_files(raw: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
-    """Return a document in which the file names of a robot of type ``urdf`` are absolute; `folder`: their base."""
-    robot = raw.get("robot")
-    if not isinstance(robot, Mapping) or robot.get("type") != "urdf":
-        return raw
-
-    def absolute(name: Any) -> Any:
-        return str(folder.resolve() / name) if isinstance(name, str) else name
-
-    files = {key: absolute(robot[key]) for key in ("file", "srdf") if key in robot}
-    if isinstance(robot.get("packages"), list):
-        files["packages"] = [absolute(name) for name in robot["packages"]]
-    return {**raw, "robot": {**robot, **files}}
 
 
 def with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]:

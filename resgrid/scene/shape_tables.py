@@ -44,7 +44,7 @@ READERS: dict[str, Callable[..., Mesh | Voxels]] = {
 """Readers of shapes in files by the names of the shapes in scenes; options of a reader are keys of the table."""
 
 _SENTENCES = {
-    "mesh": "A solid or a surface of triangles in a file: STL, OBJ, COLLADA (`.dae`), PLY or OFF.",
+    "mesh": "A solid or a surface of triangles in a file: STL, OBJ, COLLADA (`.dae`) or PLY.",
     "point_cloud": "All voxels of a cubic grid that contain a point of a file: PLY or PCD.",
     "octomap": "The occupied voxels of an OctoMap (`.bt` or `.ot`).",
 }

@@ -3,19 +3,12 @@
 Tests internals: `resgrid._internal.cache`.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from resgrid._internal.cache import cache_folder, fingerprint, load_array, store_array
-
-
-@dataclass
-class Pair:
-    first: float
-    second: np.ndarray
+from resgrid._internal.cache import cache_folder, load_array, store_array, unfinished_file
 
 
 @pytest.fixture
@@ -57,24 +50,19 @@ def test_the_folder_follows_the_environment(tmp_path: Path, monkeypatch: pytest.
     assert cache_folder() == tmp_path / "resgrid"
 
 
-def test_fingerprints_differ_when_any_part_differs() -> None:
-    values = [
-        Pair(1.0, np.zeros(2)),
-        Pair(1.0, np.zeros((2, 1))),
-        Pair(1.0, np.zeros(2, dtype=np.float32)),
-        Pair(np.nextafter(1.0, 2), np.zeros(2)),
-        (1.0, np.zeros(2)),
-        {"a": 1},
-        {"a": 1.0},
-        {"b": 1},
-        ("ab", "c"),
-        ("a", "bc"),
-        (("a",), "bc"),
-        None,
-        False,
-        0,
-    ]
-    keys = [fingerprint(value) for value in values]
-    assert len(set(keys)) == len(values)
-    assert keys == [fingerprint(value) for value in values]
-    assert fingerprint({"a": 1, "b": 2}) == fingerprint({"b": 2, "a": 1})
+def test_an_unfinished_file_stays_after_an_interruption_and_is_deleted_after_success(folder: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), unfinished_file("cells", "key") as path:
+        assert path is not None
+        path.write_text("one block")
+        raise KeyboardInterrupt
+    with unfinished_file("cells", "key") as path, unfinished_file("cells", "key") as second:
+        assert path is not None
+        assert path.read_text() == "one block"
+        assert second is None
+    assert list(folder.iterdir()) == []
+
+
+def test_without_a_folder_there_is_no_unfinished_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RESGRID_CACHE", "")
+    with unfinished_file("cells", "key") as path:
+        assert path is None

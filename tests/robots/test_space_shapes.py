@@ -158,6 +158,31 @@ def test_a_solid_crate_on_borders_blocks_its_own_cells_only() -> None:
     assert rg.PointRobot().occupancy(axes, [box], "conservative").sum() == 9
 
 
+def test_closed_parts_of_an_open_mesh_have_an_inside() -> None:
+    axes = tuple(rg.Axis(name, 0.0, 1.0, 10) for name in "xyz")
+    crate = CUBE * 0.5 + 0.05
+    mixed = rg.Mesh(np.vstack([crate, CUBE * 0.3 + 0.67]), np.array([*FACES, *(np.array(FACES[:-1]) + 8)]))
+    assert not mixed.is_closed and mixed.in_closed_part.sum() == 12
+    blocked = rg.PointRobot().occupancy(axes, [mixed], "centre")
+    np.testing.assert_array_equal(blocked, rg.PointRobot().occupancy(axes, [rg.Mesh(crate, np.array(FACES))], "centre"))
+    assert rg.PointRobot().occupancy(axes, [mixed], "conservative")[6:, 6:, 6:].any()
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.25, 3.0])
+def test_shapes_outside_the_grid_block_cells_within_the_radius_only(radius: float) -> None:
+    crate = rg.Mesh(CUBE * 0.4 + [1.1, -0.2, -0.2], np.array(FACES))
+    box = rg.Box((1.1, -0.2, -0.2), (1.5, 0.2, 0.2))
+    turned = rg.OrientedBox((1.3, 0.0, 0.0), (0.4, 0.4, 0.4))
+    voxels = rg.Voxels((1.1, -0.2, -0.2), 0.4, [[[0, 0, 0], [1, 1, 1]]])
+    for rule in ("conservative", "centre"):
+        expected = rg.PointRobot(radius).occupancy(AXES, [box], rule)
+        assert expected.any() == (radius > 0.2)
+        for shape in (crate, turned, voxels):
+            np.testing.assert_array_equal(rg.PointRobot(radius).occupancy(AXES, [shape], rule), expected)
+        for far in (crate.shifted((5.0, 0.0, 0.0)), turned.shifted((0.0, 5.0, 0.0)), voxels.shifted((0.0, 0.0, 5.0))):
+            assert rg.PointRobot(radius / 3).occupancy(AXES, [far], rule).sum() == 0
+
+
 def test_shapes_repeat_along_periodic_axes() -> None:
     axes = (rg.Axis("x", 0.0, 1.0, 10, periodic=True), rg.Axis("y", 0.0, 1.0, 4), rg.Axis("z", 0.0, 1.0, 4))
     shapes = [

@@ -43,7 +43,7 @@ def crate(folder: Path, name: str) -> Path:
     return folder / name
 
 
-@pytest.mark.parametrize("name", ["a.stl", "a.obj", "a.ply", "a.off", "a.dae", "A.STL"])
+@pytest.mark.parametrize("name", ["a.stl", "a.obj", "a.ply", "a.dae", "A.STL"])
 def test_a_mesh_of_every_format_is_a_closed_solid(tmp_path: Path, name: str) -> None:
     if name.endswith("dae"):
         pytest.importorskip("collada")
@@ -91,7 +91,7 @@ def test_triangles_that_are_oriented_differently_are_repaired(tmp_path: Path) ->
 def test_an_open_mesh_is_a_surface_with_a_warning(tmp_path: Path) -> None:
     trimesh = pytest.importorskip("trimesh")
     trimesh.Trimesh(CUBE, FACES[:-1], process=False).export(tmp_path / "a.stl")
-    with pytest.warns(UserWarning, match=r"not closed \(3 open edges\), so the mesh is an obstacle without an inside"):
+    with pytest.warns(UserWarning, match=r"not closed \(3 open edges\); .* obstacles without an inside: repair"):
         mesh = rg.maps.read_mesh(tmp_path / "a.stl")
     assert repr(mesh) == "<Mesh of 8 points and 11 triangles, open>"
 
@@ -106,19 +106,19 @@ def test_a_damaged_mesh_has_one_message(tmp_path: Path) -> None:
     (tmp_path / "bad.dae").write_text("<COLLADA>")
     for name, words in {
         "missing.stl": "missing.stl: there is no such file",
-        "crate.blend": r"\.blend is not a format of meshes; give one of \.stl",
-        "crate": "no suffix is not a format",
+        "crate.blend": r"unknown mesh format '\.blend'; convert the mesh to one of \.stl",
+        "crate": "unknown mesh format ''",
         "short.stl": "cut short or damaged: it needs 684 bytes for 12 triangles, but has 300 bytes",
-        "nan.stl": "points are not finite, the first is point",
-        "empty.obj": "no points|no triangles|cannot be read",
-        "cloud.ply": "has no triangles; export the mesh again, or read it as a point cloud",
-        "bad.dae": "cannot be read as .dae",
+        "nan.stl": "vertex .* is not finite; repair the mesh",
+        "empty.obj": "no triangles|cannot be read",
+        "cloud.ply": "has no triangles|cannot be read",
+        "bad.dae": "bad.dae",
     }.items():
         with pytest.raises(rg.InputError, match=words):
             rg.maps.read_mesh(tmp_path / name)
 
 
-@pytest.mark.parametrize("name", ["a.stl", "ascii.stl", "ascii.ply", "binary.ply", "a.off"])
+@pytest.mark.parametrize("name", ["a.stl", "ascii.stl", "ascii.ply", "binary.ply"])
 def test_every_mesh_that_is_cut_short_is_rejected(tmp_path: Path, name: str) -> None:
     trimesh = pytest.importorskip("trimesh")
     box, exchange = trimesh.Trimesh(CUBE, FACES, process=False), trimesh.exchange
@@ -127,7 +127,6 @@ def test_every_mesh_that_is_cut_short_is_rejected(tmp_path: Path, name: str) -> 
         "ascii.stl": lambda: exchange.stl.export_stl_ascii(box).encode().rstrip(),
         "ascii.ply": lambda: exchange.ply.export_ply(box, encoding="ascii").rstrip(),
         "binary.ply": lambda: exchange.ply.export_ply(box, encoding="binary"),
-        "a.off": lambda: exchange.off.export_off(box).encode().rstrip(),
     }[name]()
     (tmp_path / name).write_bytes(data)
     assert rg.maps.read_mesh(tmp_path / name).is_closed

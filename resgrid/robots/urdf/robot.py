@@ -272,7 +272,16 @@ class URDFRobot(Robot):
         """Return a test of the robot among obstacles, and with itself, at single configurations, with exact solids."""
         from resgrid.robots.urdf.collision_tests import SolidTest
 
-        return SolidTest(self.among(obstacles))
+        key = fingerprint(tuple(obstacles))
+        if key not in self._tests:
+            self._tests.clear()
+            self._tests[key] = SolidTest(self.among(obstacles))
+        return self._tests[key]
+
+    @cached_property
+    def _tests(self) -> dict[str, CollisionTest]:
+        """The test among the last obstacles by their fingerprint, because several paths of a scene need it."""
+        return {}
 
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
@@ -292,7 +301,8 @@ class URDFRobot(Robot):
 
         A result is stored on disk under a hash of the robot, the obstacles and the axes; see `cache_folder`.
         """
-        from resgrid.robots.urdf.free_cells import CellVerdict, centre_cells, prove_cells
+        from resgrid.robots.urdf.cell_blocks import CellVerdict
+        from resgrid.robots.urdf.free_cells import centre_cells, prove_cells
 
         self.check_axes(axes)
         tree = self.among(obstacles)

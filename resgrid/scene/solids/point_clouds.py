@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import os
+from importlib import import_module
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from resgrid._internal.extras import install_command
+from resgrid._internal.files import read_bytes
 from resgrid._internal.memory import require_memory
-from resgrid.errors import InputError
+from resgrid.errors import InputError, ToolMissingError
 from resgrid.robots import Voxels
+from resgrid.robots.mesh_completeness import check_complete
 from resgrid.robots.solids import Angle, Length, SpacePoint, rigid_pose
-from resgrid.scene.solids.mesh_files import check_points, load_triangles
 from resgrid.scene.solids.pcd import read_pcd
 
 _BYTES_PER_POINT = 400
@@ -70,8 +76,8 @@ def read_point_cloud(
     suffix = path.suffix.lower()
     if suffix not in (".ply", ".pcd"):
         raise InputError(f"{path}: {suffix or 'no suffix'} is not a format of point clouds; give a .ply or .pcd file")
-    points = read_pcd(path) if suffix == ".pcd" else load_triangles(path)[0]
-    check_points(points, path)
+    points = read_pcd(path) if suffix == ".pcd" else _ply_points(path)
+    _check_points(points, path)
     require_memory(len(points) * _BYTES_PER_POINT, f"{path}: {len(points)} points", "thin the cloud")
     pose = rigid_pose(position, rotation)
     points = points * scale @ pose[:3, :3].T + pose[:3, 3]
@@ -82,3 +88,33 @@ def read_point_cloud(
             f"{np.abs(points).max():g}; give a resolution of at least {least:.2g}"
         )
     return Voxels.of_cells(np.floor(points / resolution).astype(np.int64), resolution)
+
+
+def _ply_points(path: Path) -> NDArray[np.float64]:
+    """Return the vertices (n, 3) of a PLY file."""
+    data = read_bytes(path)
+    check_complete(data, ".ply", path)
+    try:
+        trimesh: Any = import_module("trimesh")
+    except ImportError:
+        raise ToolMissingError(f"{path}: PLY files need trimesh; install it: {install_command('robots')}") from None
+    try:
+        loaded = trimesh.load(BytesIO(data), file_type="ply", process=False)
+        return np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3)
+    except MemoryError:
+        raise
+    except Exception as error:  # trimesh raises exceptions of many classes for damaged files
+        raise InputError(f"{path}: the cloud cannot be read as PLY ({error}); save it again") from None
+
+
+def _check_points(points: NDArray[np.float64], path: Path) -> None:
+    """Raise InputError if there is no point, or a coordinate is not finite; `points` (n, 3) of the file `path`."""
+    if not len(points):
+        raise InputError(f"{path}: this file has no points; save the cloud again")
+    wrong = ~np.isfinite(points).all(axis=1)
+    if wrong.any():
+        number = int(np.argmax(wrong))
+        raise InputError(
+            f"{path}: {int(wrong.sum())} points are not finite, the first is point {number}: "
+            f"{points[number].tolist()}; remove them"
+        )

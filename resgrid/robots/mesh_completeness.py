@@ -15,7 +15,9 @@ _ELEMENT = re.compile(rb"^element\s+\S+\s+(\d+)", re.MULTILINE)
 
 
 def check_complete(data: bytes, suffix: str, path: Path) -> None:
-    """Raise InputError for the content of a mesh file that is visibly cut short; OBJ files contain no counts.
+    """Raise InputError for the content of an STL or PLY file that is visibly cut short.
+
+    OBJ files contain no counts.  XML parsers reject COLLADA files that are cut short.
 
     `data`: content of the file; `suffix`: suffix in lower case; `path`: name of the file, for the message.
     """
@@ -27,12 +29,6 @@ def check_complete(data: bytes, suffix: str, path: Path) -> None:
             raise _cut_short(path, "a header that ends with end_header", "no such line")
         if re.search(rb"^format\s+ascii", head, re.MULTILINE):
             _check_lines(body, sum(int(count) for count in _ELEMENT.findall(head)), path)
-    elif suffix == ".off":
-        lines = [line for line in _lines(data) if not line.startswith(b"#")]
-        counts = next((line.split() for line in lines if line[:1].isdigit()), [])
-        if len(counts) >= 2 and all(count.isdigit() for count in counts[:2]):
-            first = lines.index(b" ".join(counts)) if b" ".join(counts) in lines else 1
-            _check_lines(b"\n".join(lines[first + 1 :]), int(counts[0]) + int(counts[1]), path)
 
 
 def _check_stl(data: bytes, path: Path) -> None:

@@ -1,0 +1,42 @@
+"""Names of the files to which the document of a scene refers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+
+def needs_files(document: Mapping[str, Any]) -> bool:
+    """Return whether the document of a scene refers to a map file, or to files of obstacles or of a robot."""
+    obstacles = document.get("obstacle")
+    tables = [document.get("robot"), *(obstacles if isinstance(obstacles, list) else [])]
+    return "map" in document or any("file" in table for table in tables if isinstance(table, Mapping))
+
+
+def with_absolute_files(raw: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
+    """Return a document in which file names of obstacles and of a robot of type ``urdf`` are absolute.
+
+    `raw`: document, which may be invalid; `folder`: base of relative names.
+    """
+    obstacles, robot = raw.get("obstacle"), raw.get("robot")
+    changes: dict[str, Any] = {}
+    if isinstance(obstacles, list):
+        changes["obstacle"] = [_with_absolute(table, ("file",), folder) for table in obstacles]
+    if isinstance(robot, Mapping) and robot.get("type") == "urdf":
+        changes["robot"] = _with_absolute(robot, ("file", "srdf", "packages"), folder)
+    return {**raw, **changes}
+
+
+def _with_absolute(table: Any, keys: tuple[str, ...], folder: Path) -> Any:
+    """Return a table in which the names, or lists of names, under some keys are absolute; other values unchanged."""
+    if not isinstance(table, Mapping):
+        return table
+    return {key: _absolute(value, folder) if key in keys else value for key, value in table.items()}
+
+
+def _absolute(name: Any, folder: Path) -> Any:
+    """Return a file name as an absolute one, or a list of them; other values, and empty names, unchanged."""
+    if isinstance(name, list):
+        return [_absolute(entry, folder) for entry in name]
+    return str(folder.resolve() / name) if isinstance(name, str) and name else name
