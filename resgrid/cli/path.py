@@ -65,10 +65,14 @@ if TYPE_CHECKING:
 )
 @with_method
 @click.option("--rate", metavar="HZ", type=POSITIVE, help="Sampling rate of timed paths, in hertz.")
+@click.option(
+    "--fixed-joints", is_flag=True,
+    help="Write the joints that robot.at names, too, for controllers of all joints of an arm (.yaml).",
+)  # fmt: skip
 def command(
     source: CommandInput, output: str | None, queries: str | None, limit: int | None, shorten: bool,
     keep_clearance: float | None, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None,
-    method: str, ranks: int | None, launcher: str | None,
+    method: str, ranks: int | None, launcher: str | None, fixed_joints: bool,
 ) -> int:  # fmt: skip
     """Compute the path along the current from every start of SCENE to a goal, for every k, with a certificate.
 
@@ -77,7 +81,7 @@ def command(
     ROS omit it. Paths of a robot from a URDF file are tested for collisions, and files for ROS hold its joint
     trajectories. Exits with 1 if a start has no path or a path collides.
     """
-    from resgrid.io.paths import check_routes_file, route_record
+    from resgrid.io.paths import check_fixed_joints, check_routes_file, route_record
 
     if keep_clearance is not None and not shorten:
         raise InputError("--keep-clearance needs a shortened path: add --shorten, or leave it out")
@@ -97,6 +101,8 @@ def command(
     _check_limits("--acceleration", acceleration, job.space)
     if output is not None:
         check_routes_file(output, job.space, timed=timed)
+    if fixed_joints:
+        check_fixed_joints(output, job.space)
     plan = plan_routes(job)
     routes = plan.routes
     if shorten:
@@ -104,13 +110,13 @@ def command(
     if timed:
         routes = [_timed(route, speed, acceleration, rate) for route in routes]
     routes = check_routes(job, routes)
-    written = output is not None and _write(routes, output)
+    written = output is not None and _write(routes, output, fixed_joints)
     data = {"scene": job.scene.title, "paths": [route_record(route) for route in routes], **ignored}
     finish(data, route_lines(routes), written=output if written else None)
     return 0 if plan.complete and not collides(routes) else NEGATIVE
 
 
-def _write(routes: Sequence[Route], output: str) -> bool:
+def _write(routes: Sequence[Route], output: str, fixed_joints: bool) -> bool:
     """Write routes to a file; return whether the file was written.
 
     A file for ROS (.yaml) contains only the routes that reach a goal, and is not written without such a route.
@@ -125,7 +131,7 @@ def _write(routes: Sequence[Route], output: str) -> bool:
             return False
         if missing:
             say(f"{output} has no path from start {', start '.join(missing)}")
-    write_routes(routes, output)
+    write_routes(routes, output, fixed_joints=fixed_joints)
     return True
 
 

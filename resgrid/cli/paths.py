@@ -107,14 +107,14 @@ def _reached_line(route: Route) -> str:
 
 
 def _workspace_text(route: Route) -> str:
-    """Return the distance of an arm from obstacles, and its first collision, as the continuation of a line of text."""
+    """Return the distance of an arm from a collision, or its first collision, as the continuation of a line of text."""
     distance = route.workspace_clearance
     hit = route.collision
     if hit is not None:
         bodies = " and ".join(hit.names or ())
         return f", but {bodies} collide at {place_of(hit.configuration)}"
     tested = ", no collision" * route.is_tested
-    return tested if distance is None or distance == float("inf") else f"{tested}, {distance:.4g} m from obstacles"
+    return tested if distance is None or distance == float("inf") else f"{tested}, {distance:.4g} m from contact"
 
 
 def _figures(length: float, clearance: float | None, path: rg.Streamline) -> str:

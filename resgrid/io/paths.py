@@ -73,8 +73,8 @@ def write_path(path: Timed, file: str | os.PathLike[str], *, fixed_joints: bool 
     route = Route(path, tuple(points_of(path)[0].tolist()))
     suffix = suffix_of(file, _VIEWS, "a path")
     _check_names(path.space, suffix, _FIXED_NAMES, timed=isinstance(path, Trajectory))
-    if fixed_joints and not (suffix == ".yaml" and has_joints(path.space)):
-        raise InputError("fixed_joints applies to .yaml files of robots from URDF files only; leave it out")
+    if fixed_joints:
+        _require_joints_file(suffix, path.space, "fixed_joints")
     views: Views = {
         "table": lambda: _routes_table([route]),
         "record": lambda: {"k": route.k, "outcome": route.outcome, **route.columns},
@@ -208,21 +208,32 @@ def _number(value: float | None) -> float:
     return math.nan if value is None else value
 
 
-def write_routes(routes: Sequence[Route], target: str | os.PathLike[str]) -> Path:
+def write_routes(routes: Sequence[Route], target: str | os.PathLike[str], *, fixed_joints: bool = False) -> Path:
     """Write several routes to one file atomically, and return the file.
 
     `target`: name of the file, whose suffix selects the format: one table, one record or one set of arrays for all
     routes, or one message for ROS per route.  With several routes, a comment before each message gives start, k and
     outcome; a route that reaches no goal has only the comment.  Raises InputError for messages if no route reaches a
-    goal.
+    goal.  `fixed_joints`: whether messages also have the joints that do not move.
     """
     views: Views = {
         "table": lambda: _routes_table(routes),
         "record": lambda: {"paths": [route_record(route) | {"columns": route.columns} for route in routes]},
         "arrays": lambda: _routes_arrays(routes),
-        "message": lambda: _documents(routes),
+        "message": lambda: _documents(routes, fixed_joints=fixed_joints),
     }
     return write(target, views, "paths")
+
+
+def _require_joints_file(suffix: str, space: ConfigurationSpace, option: str) -> None:
+    """Raise InputError unless a file of a suffix holds joints of a robot; `option`: option that needs such a file."""
+    if suffix != ".yaml" or not has_joints(space):
+        raise InputError(f"{option} applies to .yaml files of robots from URDF files only; leave it out")
+
+
+def check_fixed_joints(target: str | None, space: ConfigurationSpace) -> None:
+    """Raise InputError unless the routes of a space, written to a file named `target`, can have fixed joints."""
+    _require_joints_file("" if target is None else suffix_of(target, _VIEWS, "paths"), space, "--fixed-joints")
 
 
 def check_routes_file(target: str, space: ConfigurationSpace | None = None, *, timed: bool = False) -> None:
@@ -331,13 +342,14 @@ def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
     return arrays
 
 
-def _documents(routes: Sequence[Route]) -> str:
+def _documents(routes: Sequence[Route], *, fixed_joints: bool) -> str:
     """Return YAML text with one message per route that reaches a goal, and a comment on each start and outcome.
 
-    A single route has no comment.  Raises InputError if no route reaches a goal.
+    A single route has no comment.  Raises InputError if no route reaches a goal.  `fixed_joints`: whether messages also
+    have the joints that do not move.
     """
     if len(routes) == 1:
-        return message_of(routes[0].path)
+        return message_of(routes[0].path, fixed_joints=fixed_joints)
     if not any(route.reached for route in routes):
         raise InputError(
             "no path reaches a goal, and a message for ROS cannot hold an outcome; write .csv, .json or .npz"
@@ -346,6 +358,6 @@ def _documents(routes: Sequence[Route]) -> str:
     for route in routes:
         place = ", ".join(f"{value:.6g}" for value in route.start)
         comment = f"# start ({place}), k = {_number(route.k):g}: {route.outcome}\n"
-        text += f"{begin}{comment}{message_of(route.path)}" if route.reached else comment
+        text += f"{begin}{comment}{message_of(route.path, fixed_joints=fixed_joints)}" if route.reached else comment
         begin = "---\n" if route.reached else begin
     return text

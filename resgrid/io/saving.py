@@ -42,8 +42,9 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
         netlist                ``.txt`` (edge list), ``.graphml``, ``.json`` (node-link), ``.npz``
         =====================  ==========================================================================
     **options
-        For ``.raw``: ``title``, the first line of the file, and ``form``, ``"binary"`` or ``"ascii"``.  For a JointTrajectory:
-        ``fixed_joints``, whether it also has the joints that do not move (`resgrid.maps.to_ros_trajectory`).
+        For ``.raw``: ``title``, the first line of the file, and ``form``, ``"binary"`` or ``"ascii"``.  For a
+        JointTrajectory: ``fixed_joints``, whether it also has the joints that do not move
+        (`resgrid.maps.to_ros_trajectory`).
 
     Returns
     -------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import product
 from math import ceil, cos, pi, sqrt
 
@@ -10,9 +11,23 @@ from numpy.typing import NDArray
 
 from resgrid._internal.numbers import check_number, check_whole
 from resgrid.robots.convex import Body, ConvexPiece, Solid
-from resgrid.robots.hulls import TOLERANCE, convex_hull
+from resgrid.robots.enclosure import enclosed
+from resgrid.robots.hulls import TOLERANCE, check_points, convex_hull, distances, facets_of
+from resgrid.robots.mesh_cuts import Cut, best_cut, clip, is_concave
 
 __all__ = ["body_of", "convex_cover", "convex_hull", "hull_of"]
+
+_LEAST_GAIN = 0.005
+"""Reduction of the cost that a cut must bring, as a fraction of the volume of the hull."""
+
+_LEAST_SAVING = 0.1
+"""Fraction of the hull's volume that a cover of several pieces must save."""
+
+_PREFERENCE = 1.2
+"""Ratio of savings from which the principal axes of a mesh replace its own axes."""
+
+_SEAM = 1e-14
+"""Rounding error of the corners on a cut, as a fraction of the coordinates; added to the radius of the pieces."""
 
 _MOST_SIDES = 48
 """Maximum number of sides of the prism around a cylinder; the error then is 0.2 % of the cylinder's radius."""
@@ -99,9 +114,142 @@ _CORNERS = {"box": _box, "ball": _ball, "capsule": _capsule, "cylinder": _cylind
 
 
 def convex_cover(points: NDArray[np.float64], triangles: NDArray[np.int32], most: int) -> tuple[ConvexPiece, ...]:
-    """Return convex pieces whose union contains a mesh: for now its hull."""
-    del triangles, most
-    return (convex_hull(points),)
+    """Return convex pieces whose union contains a mesh with everything that its surface encloses.
+
+    The mesh is cut by planes perpendicular to three axes, one part after the other, where a cut brings the hulls
+    closest to the mesh.  Every part is the piece of the surface inside a box (unbounded where no cut bounds it), and
+    its convex piece is the hull of the clipped triangles and of the enclosed corners of the box.
+
+    The hull contains the enclosed points of the box, for these reasons.  From an enclosed point, both directions of any
+    line reach the surface before infinity.  Within the box they reach the surface, which is in the hull, or they leave
+    the box through a face at a point that is enclosed too.  The same holds for a line within the face, which reaches
+    the surface or an edge of the box, and for the edge, which reaches the surface or an enclosed corner.  Therefore the
+    point is a convex combination of points of the surface and enclosed corners.  Unbounded faces and edges end at the
+    surface, so that parallel cuts need no corners.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (v, 3)
+        Vertices in metres.
+    triangles : ndarray of int, shape (t, 3)
+        Indices of the corners of the triangles; their orientation does not matter.
+    most : int
+        Maximum number of pieces, at least 1.
+
+    Returns
+    -------
+    tuple of ConvexPiece
+        Pieces in the frame of the points, at least one.
+
+    Raises
+    ------
+    InputError
+        If there are no points, or a coordinate is not finite.
+    """
+    check_points(points)
+    whole = (convex_hull(points),)
+    if most == 1 or not len(triangles):
+        return whole
+    if _volume(whole[0]) - _mesh_volume(points[triangles]) <= _LEAST_SAVING * _volume(whole[0]):
+        return whole
+    axes = _axes(points, points[triangles])
+    surface = points[triangles] @ axes.T
+    parts = _parts(surface, most)
+    if len(parts) == 1:
+        return whole
+    pieces = [_piece(part, surface) for part in parts]
+    cover = tuple(ConvexPiece(piece.points @ axes, piece.radius) for piece in pieces if piece is not None)
+    if sum(map(_volume, cover)) > (1 - _LEAST_SAVING) * _volume(whole[0]):
+        return whole
+    _check_cover(points[np.unique(triangles)], cover)
+    return cover
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Triangles (t, 3, 3) of a surface inside a box, with the box (2, 3) and the best further cut."""
+
+    corners: NDArray[np.float64]
+    box: NDArray[np.float64]
+    cut: Cut
+
+
+def _axes(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return three unit vectors (3, 3) as rows: the axes of the mesh, or its principal axes if they cut much better."""
+    centred = points - points.mean(axis=0)
+    principal = np.linalg.eigh(centred.T @ centred)[1].T
+    own = best_cut(corners).gain
+    return principal if best_cut(corners @ principal.T).gain > _PREFERENCE * own else np.eye(3)
+
+
+def _parts(surface: NDArray[np.float64], most: int) -> list[_Part]:
+    """Return at most `most` parts of a surface (t, 3, 3), cut where it reduces the cost of the hulls most."""
+    least = _LEAST_GAIN * facets_of(surface.reshape(-1, 3)).volume
+    parts = [_part(surface, np.array([[-np.inf] * 3, [np.inf] * 3]), least)]
+    while len(parts) < most:
+        index = max(range(len(parts)), key=lambda number: parts[number].cut.gain)
+        if parts[index].cut.gain <= least:
+            break
+        parts[index : index + 1] = _halves(parts[index], least)
+    return parts
+
+
+def _part(corners: NDArray[np.float64], box: NDArray[np.float64], least: float) -> _Part:
+    """Return a part with the cut that gains most, alone or on average with two further cuts after it.
+
+    The further cuts matter for rings: two halves have hulls as large as the ring's hull, four quarters have smaller
+    ones.  `least`: smallest useful gain in cubic metres.
+    """
+    cut = best_cut(corners)
+    if is_concave(corners, least):
+        extent = np.ptp(corners, axis=(0, 1))
+        axis = int(extent.argmax())
+        position = float(corners[:, :, axis].min() + extent[axis] / 2)
+        ahead = sum(best_cut(clip(corners, axis, position, side)).gain for side in (-1, 1))
+        cut = Cut(axis, position, ahead / 3) if ahead / 3 > cut.gain else cut
+    return _Part(corners, box, cut)
+
+
+def _halves(part: _Part, least: float) -> list[_Part]:
+    """Return both sides of a part's cut; `least`: smallest useful gain in cubic metres."""
+    halves = []
+    for side in (-1, 1):
+        box = part.box.copy()
+        box[(1 - side) // 2, part.cut.axis] = part.cut.position
+        halves.append(_part(clip(part.corners, part.cut.axis, part.cut.position, side), box, least))
+    return halves
+
+
+def _piece(part: _Part, surface: NDArray[np.float64]) -> ConvexPiece | None:
+    """Return the convex piece of a part of a surface (t, 3, 3); None if the part contains nothing."""
+    points = part.corners.reshape(-1, 3)
+    corners = np.array(list(product(*part.box.T)))
+    corners = corners[np.isfinite(corners).all(axis=1)]
+    if len(corners) and len(points):
+        corners = corners[distances(corners, facets_of(points)) > 0]
+    points = np.concatenate([points, corners[enclosed(corners, surface)]])
+    if not len(points):
+        return None
+    piece = convex_hull(points)
+    return ConvexPiece(piece.points, piece.radius + _SEAM * float(np.abs(points).max()))
+
+
+def _volume(piece: ConvexPiece) -> float:
+    """Return the volume of the core of a piece in cubic metres."""
+    return facets_of(piece.points).volume
+
+
+def _mesh_volume(corners: NDArray[np.float64]) -> float:
+    """Return the volume in cubic metres inside a closed and oriented surface of triangles (t, 3, 3)."""
+    a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
+    return abs(float(np.einsum("tk,tk->", a, np.cross(b, c)))) / 6
+
+
+def _check_cover(points: NDArray[np.float64], cover: tuple[ConvexPiece, ...]) -> None:
+    """Raise AssertionError unless every vertex (v, 3) lies in a piece, apart from rounding errors."""
+    gaps = np.min([distances(points, facets_of(piece.points)) - piece.radius for piece in cover], axis=0)
+    if gaps.max() > 1e-9:
+        raise AssertionError(f"a vertex lies {gaps.max()} m outside the convex cover")
 
 
 def _moved(points: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -36,7 +36,7 @@ def read_mesh(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     Returns
     -------
     points : ndarray of float64, shape (v, 3)
-        Vertices.
+        Vertices of the triangles, without duplicates.
     triangles : ndarray of int32, shape (t, 3)
         Indices of the three vertices of every triangle.
 
@@ -56,12 +56,19 @@ def read_mesh(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     points, triangles = read_collada(data, str(file)) if suffix == ".dae" else _by_trimesh(file, data, suffix[1:])
     if not len(triangles):
         raise InputError(f"{file}: the mesh has no triangles; is it the right file?")
-    if not np.isfinite(points).all():
-        first = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
-        raise InputError(f"{file}: vertex {first} = {points[first].tolist()} is not finite; repair the mesh")
     if triangles.min() < 0 or triangles.max() >= len(points):
         raise InputError(f"{file}: a triangle refers to a vertex that does not exist; repair the mesh")
-    return points, triangles
+    used = np.unique(triangles)
+    bad = used[~np.isfinite(points[used]).all(axis=1)]
+    if len(bad):
+        raise InputError(f"{file}: vertex {bad[0]} = {points[bad[0]].tolist()} is not finite; repair the mesh")
+    return _merged(points[triangles])
+
+
+def _merged(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Return distinct vertices (v, 3), and triangles as indices (t, 3), of triangles given by corners (t, 3, 3)."""
+    points, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    return points, numbers.reshape(-1, 3).astype(np.int32)
 
 
 def _by_trimesh(file: Path, data: bytes, kind: str) -> tuple[NDArray[np.float64], NDArray[np.int32]]:

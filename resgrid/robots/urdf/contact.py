@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from resgrid._internal.extras import install_command
 from resgrid.errors import ToolMissingError
 from resgrid.robots.convex import Body, ConvexPiece, Solid
+from resgrid.robots.enclosure import enclosed
 
 
 def touch(first: Body, second: Body) -> bool:
     """Return whether the solids of two bodies in the same frame touch each other; raise ToolMissingError without coal.
 
-    Bodies whose hulls have disjoint bounding boxes are apart, without coal.  Meshes are surfaces.
+    Bodies whose hulls have disjoint bounding boxes are apart, without coal.  A solid inside the surface of
+    a mesh touches the mesh.
     """
     if _apart(first.hull, second.hull) or _apart(second.hull, first.hull):
         return False
@@ -26,7 +28,18 @@ def touch(first: Body, second: Body) -> bool:
         raise ToolMissingError(f"collision tests need coal; install it: {install_command('robots')}") from None
     a, b = (_shape(coal, body.solid) for body in (first, second))
     poses = [coal.Transform3s(body.solid.placement[:3, :3], body.solid.placement[:3, 3]) for body in (first, second)]
-    return bool(coal.collide(a, poses[0], b, poses[1], coal.CollisionRequest(), coal.CollisionResult()))
+    if coal.collide(a, poses[0], b, poses[1], coal.CollisionRequest(), coal.CollisionResult()):
+        return True
+    return _is_inside(first.solid, second.solid) or _is_inside(second.solid, first.solid)
+
+
+def _is_inside(solid: Solid, mesh: Solid) -> bool:
+    """Return whether a solid lies inside a mesh whose surface it does not cross: whether one of its points does."""
+    if mesh.kind != "mesh" or solid.kind == "half_space":
+        return False
+    point = solid.placement[:3, 3] + (solid.placement[:3, :3] @ solid.points[0] if solid.kind == "mesh" else 0.0)
+    own = mesh.placement[:3, :3].T @ (point - mesh.placement[:3, 3])
+    return bool(enclosed(own[np.newaxis], mesh.points[mesh.triangles])[0])
 
 
 def _apart(first: ConvexPiece, second: ConvexPiece) -> bool:

@@ -34,7 +34,7 @@ def read_tree(
     base: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     padding: float = 0.0,
     mounted: Sequence[str] = (),
-    pieces: int = 1,
+    pieces: int = 4,
 ) -> KinematicTree:
     """Return the kinematic tree of a robot from its URDF file, with its own bodies and the pairs of them.
 
