@@ -48,9 +48,9 @@ def legend_of(picture) -> list[str]:
     [
         (rg.Box((1.0, 2.0, 3.0), (2.0, 4.0, 6.0)), 6.0, 1e-12),
         (rg.OrientedBox((1.0, 0.0, 0.0), (1.0, 2.0, 3.0), (0.3, 0.2, 0.1)), 6.0, 1e-12),
-        (rg.Ball((1.0, 2.0, 3.0), 0.5), pi / 6, 0.02),
-        (rg.Cylinder((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), 0.2), 0.04 * pi, 0.01),
-        (rg.Capsule((0.0, 0.0, 1.0), (0.0, 1.0, 1.0), 0.2), 0.04 * pi + 4 / 3 * pi * 0.008, 0.02),
+        (rg.Ball((1.0, 2.0, 3.0), 0.5), pi / 6, 0.03),
+        (rg.Cylinder((0.0, 0.0, 1.0), (1.0, 0.0, 1.0), 0.2), 0.04 * pi, 0.02),
+        (rg.Capsule((0.0, 0.0, 1.0), (0.0, 1.0, 1.0), 0.2), 0.04 * pi + 4 / 3 * pi * 0.008, 0.03),
     ],
 )
 def test_surfaces_are_closed_and_turned_outwards(shape, volume: float, rtol: float) -> None:

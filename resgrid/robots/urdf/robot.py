@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from hashlib import sha256
 from math import tau
 from typing import Annotated, Any
 
@@ -13,7 +15,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Len
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.cache import fingerprint, load_array, store_array
+from resgrid._internal.cache import load_array, store_array, unfinished_file
 from resgrid._internal.validation import checked
 from resgrid._internal.values import brief
 from resgrid.core.axis import LARGEST, Axis, Coordinate, Point
@@ -27,10 +29,6 @@ from resgrid.robots.shapes import Shape
 from resgrid.robots.urdf.reach import motion_per_joint
 from resgrid.robots.urdf.tool_goals import ToolGoal, tool_goal_cells, tool_poses
 from resgrid.robots.urdf.tree import KinematicTree
-
-_CELLS = "cells-1"
-"""Name of cached verdicts of cells; its number changes with the method, so that older results are not used."""
-
 
 Rate = Annotated[float, Gt(0), Le(LARGEST)]
 
@@ -71,7 +69,7 @@ class URDFRobot(Robot):
     pieces : int
         Largest number of convex pieces that cover one mesh.
     halvings : int
-        Number of times that a cell is halved before it is left undecided.
+        Number of times that a cell is halved per moving joint before it is left undecided.
     velocity : tuple of float
         Largest speeds of trajectories in rad/s or m/s, one for all moving joints or one per joint, in place of the
         limits in the URDF file.
@@ -109,7 +107,7 @@ class URDFRobot(Robot):
     mounted: tuple[str, ...] = ()
     self_collision: bool = True
     pieces: Annotated[int, Ge(1), Le(64)] = 8
-    halvings: Annotated[int, Ge(0), Le(40)] = 12
+    halvings: Annotated[int, Ge(0), Le(10)] = 3
     velocity: tuple[Rate, ...] = ()
     acceleration: tuple[Rate, ...] = ()
 
@@ -272,7 +270,7 @@ class URDFRobot(Robot):
         """Return a test of the robot among obstacles, and with itself, at single configurations, with exact solids."""
         from resgrid.robots.urdf.collision_tests import SolidTest
 
-        key = fingerprint(tuple(obstacles))
+        key = sha256(pickle.dumps(tuple(obstacles))).hexdigest()
         if key not in self._tests:
             self._tests.clear()
             self._tests[key] = SolidTest(self.among(obstacles))
@@ -299,20 +297,24 @@ class URDFRobot(Robot):
     ) -> CellClasses:
         """Return the blocked cells and, with the rule ``"conservative"``, those of which nothing is proven.
 
-        A result is stored on disk under a hash of the robot, the obstacles and the axes; see `cache_folder`.
+        A result is stored in the cache folder (``RESGRID_CACHE``, by default ``~/.cache/resgrid``) under a hash of the
+        robot, the obstacles and the axes, and an interrupted computation continues from there.
         """
         from resgrid.robots.urdf.cell_blocks import CellVerdict
-        from resgrid.robots.urdf.free_cells import centre_cells, prove_cells
+        from resgrid.robots.urdf.free_cells import centre_cells, proof_key, prove_cells
 
         self.check_axes(axes)
         tree = self.among(obstacles)
         if rule == "centre":
             return CellClasses(centre_cells(tree, axes, progress))
-        key = fingerprint(tree, tuple(axes), self.halvings)
-        verdict = load_array(_CELLS, key)
+        key = proof_key(tree, axes, self.halvings)
+        verdict = load_array("cells", key)
         if verdict is None:
-            verdict = prove_cells(tree, axes, halvings=self.halvings, executor=executor, progress=progress).verdict
-            store_array(_CELLS, key, verdict)
+            with unfinished_file("cells", key) as checkpoint:
+                verdict = prove_cells(
+                    tree, axes, halvings=self.halvings, executor=executor, progress=progress, checkpoint=checkpoint
+                ).verdict
+            store_array("cells", key, verdict)
         return CellClasses(verdict != CellVerdict.FREE, verdict == CellVerdict.UNDECIDED)
 
     def goal_cells(self, axes: Sequence[Axis], region: Shape | Point | ToolGoal) -> GoalCells:
