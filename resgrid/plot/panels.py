@@ -36,6 +36,7 @@ from resgrid.plot.plane import (
 from resgrid.plot.slices import cuts_of, slice_title
 from resgrid.plot.style import (
     FREE,
+    LONG_LABEL,
     PATHS,
     SMALL,
     TEXT,
@@ -47,9 +48,6 @@ from resgrid.plot.style import (
     spanning,
     strength_map,
 )
-
-_LONG = 28
-"""Number of characters of a legend entry from which a figure's legend has three columns."""
 
 VIRTUAL = "#8c8c8c"
 """Colour of obstacle cells that no body occupies."""
@@ -273,7 +271,7 @@ def _add_legend(figure: Figure, panels: list[Panel]) -> None:
     for panel in panels:
         handles, labels = panel.axes.get_legend_handles_labels()
         entries.update(zip(labels, handles, strict=True))
-    columns = 4 if max(map(len, entries), default=0) < _LONG else 3
+    columns = 4 if max(map(len, entries), default=0) < LONG_LABEL else 3
     figure.legend(
         handles=list(entries.values()), labels=list(entries), loc="outside lower center", ncols=columns, fontsize=SMALL,
         frameon=False, columnspacing=1.2,

@@ -134,6 +134,20 @@ def test_scene_path_and_tool_are_drawn_for_arms_in_space(scene: rg.Scene, planne
         rg.plot.draw_robot(path, scene, ghosts=0)
 
 
+def test_goals_are_drawn_as_regions_or_marked_at_their_place(scene: rg.Scene) -> None:
+    centre = (-0.6, 0.4, 0.3)
+    for goal in (rg.GoalPose(centre, radius=0.1), rg.Ball(centre, 0.1)):
+        assert not rg.draw(scene.replace(goal=goal)).findobj(
+            lambda artist: artist.get_label() == "goal" and hasattr(artist, "get_offsets")
+        )
+    place = Camera().seen(np.array(centre))[:2]
+    joints = rg.GoalJoints((0.3, 0.4), (0.3, 0.4))
+    tool = Camera().seen(ROBOT.reference_point(np.array([[0.3, 0.4]]))[0])[:2]
+    for goal, at in ((rg.GoalPose(centre), place), (rg.GoalPoint(centre), place), (joints, tool)):
+        (marks,) = [marks for marks in rg.draw(scene.replace(goal=goal)).collections if marks.get_label() == "goal"]
+        np.testing.assert_allclose(marks.get_offsets(), [at])
+
+
 def test_an_arm_of_two_joints_is_drawn_left_of_its_space(scene: rg.Scene, planner: rg.planning.Planner) -> None:
     figure = rg.plot.draw_workspace_and_space(planner.path(scene.starts[0]), scene, title="Title")
     assert [axes.get_title() for axes in figure.axes] == ["Workspace", "Configuration space"]
