@@ -24,10 +24,9 @@ from resgrid.plot.motions import Motion, dense_motion, goal_places, poses_along,
 from resgrid.plot.raster import Camera, Layer, Window, composite, render
 from resgrid.plot.shading import nice_step
 from resgrid.plot.style import HIDDEN, PATHS, SMALL, TEXT, add_swatch, mark, refresh_legend
-from resgrid.robots import CellSet, Shape, URDFRobot
-from resgrid.robots.convex import Body
-from resgrid.robots.surfaces import Surface, is_half_space, surfaces_of
-from resgrid.scene.goals import GoalPose
+from resgrid.robots import HalfSpace, Shape, URDFRobot
+from resgrid.robots.surfaces import Surface, floor_height, is_floor, link_surfaces, shape_surfaces
+from resgrid.scene.goal_shapes import goal_shapes
 from resgrid.scene.scene import Scene
 
 SOLID, START, BETWEEN, END, LEARNT = "#b4b4b4", "#4a4a4a", "#7fb2d6", "#0072B2", HIDDEN
@@ -101,11 +100,10 @@ class ArmPicture:
         tree = self.arm.tree
         self._base = np.asarray(tree.placement[0, :3, 3])
         self._reach = _BEYOND * self.arm.reach
-        self._robot = self._surfaces(tree.bodies)
-        self.solids, self.ground = _split(scene.obstacles, "obstacle")
-        self.hidden, _ = _split(scene.hidden, "hidden obstacle")
-        self.regions, _ = _split(_goal_shapes(scene), "goal")
-        fixed = [self.fixed(bodies) for bodies in (self.solids, self.hidden, self.regions)]
+        self._robot = link_surfaces(tree)
+        self.regions = goal_shapes(scene)
+        self.solids = [shape for shape in scene.obstacles if not isinstance(shape, HalfSpace)]
+        fixed = [self.fixed(shapes) for shapes in (self.solids, scene.hidden, self.regions)]
         corners = [group.triangles.reshape(-1, 3) for group in (*map(self.moved, poses), *fixed)]
         shown = np.concatenate([*corners, self._base[np.newaxis], goal_places(scene), np.reshape(also, (-1, 3))])
         shown = self._base + np.clip(shown - self._base, -self._reach, self._reach)
@@ -121,8 +119,7 @@ class ArmPicture:
     @property
     def floor(self) -> float:
         """Height of the floor in metres: of the highest horizontal border of a half-space, or of the lowest point."""
-        heights = [float(body.solid.placement[2, 3]) for body in self.ground if _is_floor(body)]
-        return max(heights, default=float(self.lower[2]))
+        return floor_height(self.scene.obstacles, float(self.lower[2]))
 
     @property
     def floor_corners(self) -> NDArray[np.float64]:
@@ -142,21 +139,23 @@ class ArmPicture:
         group = _group(self._robot, frames)
         return group if not behind else replace(group, triangles=group.triangles + behind * self.camera.rotation[2])
 
-    def fixed(self, bodies: Sequence[Body]) -> _Group:
-        """Return the triangles of bodies that do not move."""
-        return _group(self._surfaces(bodies), np.empty((0, 4, 4)))
+    def fixed(self, shapes: Sequence[Shape]) -> _Group:
+        """Return the triangles of shapes that do not move."""
+        low, high = (tuple((self._base + sign * self._reach).tolist()) for sign in (-1.0, 1.0))
+        return _group(shape_surfaces(shapes, "shape", (low, high)), np.empty((0, 4, 4)))
 
     def layer(self, group: _Group, colour: str, opacity: float = 1.0) -> Layer:
         """Return the image of triangles of one colour; `opacity`: 0 to 1."""
         return render(group.triangles, group.owner, colour, self.camera, self.window, opacity)
 
     def surroundings(self) -> list[Layer]:
-        """Return the images of obstacles, hidden obstacles, goal regions and the borders of half-spaces."""
-        kinds = (
-            (self.solids, SOLID, 0.9), (self.hidden, LEARNT, 0.9), (self.regions, GOAL, 0.6),
-            ([body for body in self.ground if not _is_floor(body)], SOLID, 0.25),
+        """Return the images of obstacles, hidden obstacles and goal regions; a floor is drawn as part of its grid."""
+        walls = [shape for shape in self.scene.obstacles if isinstance(shape, HalfSpace) and not is_floor(shape)]
+        kinds: tuple[tuple[Sequence[Shape], str, float], ...] = (
+            (self.solids, SOLID, 0.9), (self.scene.hidden, LEARNT, 0.9), (self.regions, GOAL, 0.6),
+            (walls, SOLID, 0.25),
         )  # fmt: skip
-        return [self.layer(self.fixed(bodies), colour, opacity) for bodies, colour, opacity in kinds if bodies]
+        return [self.layer(self.fixed(shapes), colour, opacity) for shapes, colour, opacity in kinds if shapes]
 
     def prepare(self, axes: Axes) -> None:
         """Set limits and aspect of matplotlib axes, and draw the floor, the directions and the legend entries."""
@@ -165,10 +164,13 @@ class ArmPicture:
         axes.set(xlim=(window.left, window.right), ylim=(window.bottom, window.top), aspect="equal")
         self._draw_grid(axes)
         self._draw_directions(axes)
-        for bodies, colour, label in (
-            (self.solids, SOLID, "obstacle"), (self.hidden, LEARNT, "hidden obstacle"), (self.regions, GOAL, "goal"),
-        ):  # fmt: skip
-            if bodies:
+        swatches = (
+            (self.solids, SOLID, "obstacle"),
+            (self.scene.hidden, LEARNT, "hidden obstacle"),
+            (self.regions, GOAL, "goal"),
+        )
+        for shapes, colour, label in swatches:
+            if shapes:
                 add_swatch(axes, label, colour)
         mark(self.camera.seen(goal_places(self.scene))[:, :2], axes, "goal")
 
@@ -199,15 +201,12 @@ class ArmPicture:
         visible = np.where(hidden[:, np.newaxis], np.nan, seen[:, :2])
         return whole + axes.plot(*visible.T, label=label, path_effects=effects, **options)
 
-    def _surfaces(self, bodies: Sequence[Body]) -> list[Surface]:
-        return surfaces_of(bodies, plane=self._reach, around=self._base)
-
     def _draw_grid(self, axes: Axes) -> None:
         (x0, y0, z), (x1, y1, _) = self.floor_corners[[0, 3]]
         xs, ys = (np.arange(round((b - a) / self.step) + 1) * self.step + a for a, b in ((x0, x1), (y0, y1)))
         lines = [((x, y0, z), (x, y1, z)) for x in xs] + [((x0, y, z), (x1, y, z)) for y in ys]
         seen = self.camera.seen(np.array(lines))[..., :2]
-        if any(map(_is_floor, self.ground)):
+        if any(map(is_floor, self.scene.obstacles)):
             outline = self.camera.seen(self.floor_corners[[0, 1, 3, 2]])[:, :2]
             axes.add_patch(Polygon(outline, facecolor=_GROUND, edgecolor="none", zorder=0.5))
         axes.add_collection(
@@ -324,22 +323,3 @@ def _group(surfaces: Iterable[Surface], frames: NDArray[np.float64]) -> _Group:
         triangles.append(points[surface.triangles])
         owner.append(np.full(len(surface.triangles), number, dtype=np.int64))
     return _Group(np.concatenate(triangles), np.concatenate(owner))
-
-
-def _split(shapes: Sequence[Shape], name: str) -> tuple[list[Body], list[Body]]:
-    """Return the bounded bodies of shapes, and the half-spaces among them; `name`: name of the bodies."""
-    from resgrid.robots.body import bodies_of
-
-    bodies = [body for shape in shapes for body in bodies_of(shape, name)]
-    return [body for body in bodies if not is_half_space(body)], [body for body in bodies if is_half_space(body)]
-
-
-def _is_floor(body: Body) -> bool:
-    """Return whether a half-space lies below a horizontal plane."""
-    return bool(body.solid.placement[2, 2] > 1.0 - 1e-6)
-
-
-def _goal_shapes(scene: Scene) -> list[Shape]:
-    """Return the goals of a scene that are regions in space."""
-    regions = [goal.tool_goal.region if isinstance(goal, GoalPose) and goal.radius else goal for goal in scene.goals]
-    return [goal for goal in regions if isinstance(goal, Shape) and not isinstance(goal, CellSet) and goal.ndim == 3]

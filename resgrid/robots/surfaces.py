@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid._internal.values import frozen
-from resgrid.robots.convex import Body, Solid
+from resgrid.robots.bounded import Bounds
+from resgrid.robots.convex import Solid
 from resgrid.robots.drawn_surfaces import triangles_of
-from resgrid.robots.shapes import Ball, Box, Shape
+from resgrid.robots.shapes import Ball, Box, HalfSpace, Shape
 from resgrid.robots.solids import Capsule, Cylinder
+from resgrid.robots.urdf.tree import KinematicTree
 
 
 @frozen
@@ -38,25 +40,32 @@ class Surface:
     triangles: NDArray[np.int32]
 
 
-def surfaces_of(bodies: Iterable[Body], *, plane: float, around: NDArray[np.float64]) -> list[Surface]:
-    """Return the triangulated surface of every body.
+def link_surfaces(tree: KinematicTree) -> list[Surface]:
+    """Return the triangulated surfaces of the bodies of a robot."""
+    return [Surface(body.name, body.joint, *_surface(body.solid)) for body in tree.bodies]
 
-    `plane`: half the side, in metres, of the square that represents the border plane of a half-space; `around` (3,):
-    point of the world, whose projection onto the plane is the centre of this square.
+
+def shape_surfaces(shapes: Iterable[Shape], name: str, within: Bounds) -> list[Surface]:
+    """Return the triangulated surfaces of shapes in space, named ``name[0]`` and so on.
+
+    `within`: lower and upper corner of a box, to which the border planes of half-spaces are cut.
     """
+    drawn = [triangles_of(shape, within) for shape in shapes]
     return [
-        Surface(
-            body.name,
-            body.joint,
-            *(_square(body.solid, plane, around) if is_half_space(body) else _surface(body.solid)),
-        )
-        for body in bodies
+        Surface(f"{name}[{number}]", -1, points, triangles.astype(np.int32))
+        for number, (points, triangles) in enumerate(drawn)
     ]
 
 
-def is_half_space(body: Body) -> bool:
-    """Return whether a body is a half-space, which has no bounded surface."""
-    return body.solid.kind == "half_space"
+def is_floor(shape: Shape) -> bool:
+    """Return whether a shape is the half-space below a horizontal plane."""
+    return isinstance(shape, HalfSpace) and shape.normal[:2] == (0.0, 0.0) and shape.normal[2] > 0
+
+
+def floor_height(shapes: Iterable[Shape], otherwise: float) -> float:
+    """Return the height of the highest floor among shapes, in metres; `otherwise` if none is a floor."""
+    floors = [shape for shape in shapes if isinstance(shape, HalfSpace) and is_floor(shape)]
+    return max((shape.offset / shape.normal[2] for shape in floors), default=otherwise)
 
 
 def _surface(solid: Solid) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
@@ -81,14 +90,3 @@ def _shape(solid: Solid) -> Shape:
     radius, length = solid.size
     kind = Capsule if solid.kind == "capsule" else Cylinder
     return kind((0.0, 0.0, -length / 2), (0.0, 0.0, length / 2), radius)
-
-
-def _square(solid: Solid, half: float, around: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return a square of the border plane of a half-space; `half`: half of its side; `around` (3,): see `surfaces_of`.
-
-    Returns vertices (4, 3) and triangles (2, 3).
-    """
-    x, y, z = solid.placement[:3, :3].T
-    foot = around - z * ((around - solid.placement[:3, 3]) @ z)
-    corners = [foot + half * (a * x + b * y) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    return np.array(corners), np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid._internal.colours import GOAL
-from resgrid.robots import CellSet, Shape, URDFRobot
-from resgrid.robots.body import bodies_of
-from resgrid.robots.surfaces import Surface, is_half_space, surfaces_of
-from resgrid.scene.goals import GoalPose
+from resgrid.robots import HalfSpace, Shape, URDFRobot
+from resgrid.robots.surfaces import Surface, floor_height, link_surfaces, shape_surfaces
+from resgrid.scene.goal_shapes import goal_shapes
 from resgrid.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -33,6 +32,12 @@ HIDDEN: Colour = (185, 107, 107)
 _ABOVE = 0.001
 """Height of the grid above the floor in metres, so that the grid stays visible."""
 
+_PLANE = 0.4
+"""Opacity of the border planes of half-spaces."""
+
+_BEYOND = 1.2
+"""Distance from the base within which these planes are shown, as a multiple of the robot's reach."""
+
 _GHOST = 0.35
 """Opacity of the robot at start and goal."""
 
@@ -50,7 +55,7 @@ class ArmModel:
         joints = range(len(robot.tree.names))
         self._root = server.scene.add_frame(f"/{name}", show_axes=False)
         self._frames = [server.scene.add_frame(f"/{name}/joint_{joint}", show_axes=False) for joint in joints]
-        for number, surface in enumerate(surfaces_of(robot.tree.bodies, plane=1.0, around=np.zeros(3))):
+        for number, surface in enumerate(link_surfaces(robot.tree)):
             if surface.joint < 0 and opacity is not None:
                 continue  # links that do not move are the same in all poses
             place = "base" if surface.joint < 0 else f"joint_{surface.joint}"
@@ -70,22 +75,21 @@ class ArmModel:
 def add_surroundings(server: viser.ViserServer, scene: Scene, robot: URDFRobot) -> None:
     """Add obstacles, hidden obstacles, goal regions and a grid on the floor to a scene of viser."""
     reach, base = robot.reach, robot.tree.placement[0, :3, 3]
-    floor = 0.0
-    kinds = (
+    low, high = (tuple((base + sign * _BEYOND * reach).tolist()) for sign in (-1.0, 1.0))
+    kinds: tuple[tuple[Sequence[Shape], str, Colour, float | None], ...] = (
         (scene.obstacles, "obstacle", SOLID, None),
         (scene.hidden, "hidden", HIDDEN, 0.6),
-        (_goals(scene), "goal", _rgb(GOAL), 0.5),
+        (goal_shapes(scene), "goal", _rgb(GOAL), 0.5),
     )
     for shapes, name, colour, opacity in kinds:
-        bodies = [body for shape in shapes for body in bodies_of(shape, name)]
-        surfaces = surfaces_of(bodies, plane=1.2 * reach, around=base)
-        for number, (body, surface) in enumerate(zip(bodies, surfaces, strict=True)):
-            _add_mesh(server, f"/{name}/{number}", surface, colour, 0.4 if is_half_space(body) else opacity)
-            if is_half_space(body) and np.allclose(body.solid.placement[2, :3], (0.0, 0.0, 1.0)):
-                floor = float(body.solid.placement[2, 3])
+        for shape, surface in zip(shapes, shape_surfaces(shapes, name, (low, high)), strict=True):
+            if len(surface.triangles):
+                see_through = _PLANE if isinstance(shape, HalfSpace) else opacity
+                _add_mesh(server, f"/{surface.name}", surface, colour, see_through)
+    height = floor_height(scene.obstacles, 0.0)
     server.scene.add_grid(
         "/floor", width=4 * reach, height=4 * reach, cell_size=0.1, section_size=0.5,
-        position=(base[0], base[1], floor + _ABOVE),
+        position=(base[0], base[1], height + _ABOVE),
     )  # fmt: skip
 
 
@@ -119,9 +123,3 @@ def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
 def _rgb(colour: str) -> Colour:
     red, green, blue = bytes.fromhex(colour.lstrip("#"))
     return red, green, blue
-
-
-def _goals(scene: Scene) -> Sequence[Shape]:
-    """Return the goals of a scene that are regions in space."""
-    regions = [goal.tool_goal.region if isinstance(goal, GoalPose) and goal.radius else goal for goal in scene.goals]
-    return [goal for goal in regions if isinstance(goal, Shape) and not isinstance(goal, CellSet) and goal.ndim == 3]

@@ -5,6 +5,7 @@ Tests internals: `resgrid.plot.arms`, `resgrid.plot.raster`, `resgrid.plot.style
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -20,7 +21,7 @@ from resgrid.plot.figures import figure_of
 from resgrid.plot.raster import Camera, Window, composite, render
 from resgrid.plot.style import UNDECIDED
 from resgrid.robots.body import bodies_of
-from resgrid.robots.surfaces import surfaces_of
+from resgrid.robots.surfaces import floor_height, link_surfaces, shape_surfaces
 
 ROBOT = HandMadeRobot(tool="hand")
 WALL, TARGET = rg.Box((0.3, 0.45, 0.0), (0.5, 0.65, 0.6)), rg.Ball((-0.6, 0.4, 0.3), 0.12)
@@ -54,18 +55,22 @@ def legend_of(picture) -> list[str]:
     ],
 )
 def test_surfaces_are_closed_and_turned_outwards(shape, volume: float, rtol: float) -> None:
-    (surface,) = surfaces_of(bodies_of(shape, "shape"), plane=1.0, around=np.zeros(3))
+    (body,) = bodies_of(shape, "shape")
+    (surface,) = link_surfaces(replace(ROBOT.tree, bodies=(body,)))
     a, b, c = surface.points[surface.triangles].swapaxes(0, 1)
     assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6 == pytest.approx(volume, rel=rtol)
     edges = np.concatenate([surface.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))])
     assert sorted(map(tuple, edges.tolist())) == sorted(map(tuple, edges[:, ::-1].tolist()))
 
 
-def test_a_half_space_is_shown_as_a_square_of_its_border() -> None:
-    (surface,) = surfaces_of(bodies_of(rg.HalfSpace((0, 0, 2), 1.0), "floor"), plane=2.0, around=np.array([1.0, 2, 3]))
+def test_a_half_space_is_shown_as_the_part_of_its_border_in_a_box() -> None:
+    floor = rg.HalfSpace((0, 0, 2), 1.0)
+    (surface,) = shape_surfaces([floor], "floor", ((-1.0, 0.0, 0.0), (3.0, 4.0, 5.0)))
+    assert (surface.name, surface.joint) == ("floor[0]", -1)
     assert surface.points[:, 2] == pytest.approx(0.5)
     assert np.ptp(surface.points, axis=0) == pytest.approx([4, 4, 0])
-    assert surface.points.mean(axis=0) == pytest.approx([1, 2, 0.5])
+    assert floor_height([WALL, floor, rg.HalfSpace((0, 1, 1), 9.0)], -1.0) == 0.5
+    assert floor_height([WALL], -1.0) == -1.0
 
 
 def square(y: float, low: float, high: float) -> np.ndarray:
