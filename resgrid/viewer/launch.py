@@ -14,7 +14,7 @@ import rich
 
 from resgrid._internal.extras import install_command
 from resgrid.errors import InputError, ToolMissingError
-from resgrid.viewer.planning import ArmPlan
+from resgrid.viewer.planning import ArmPlan, require_arm
 
 if TYPE_CHECKING:
     from resgrid.core.space import ConfigurationSpace
@@ -121,7 +121,15 @@ def view(scene: Scene, *, space: ConfigurationSpace | None = None, port: int = 0
         If the robot of the scene is not an arm from a URDF file, or the port is not free.
     ToolMissingError
         If the packages of the extra ``viewer`` are not installed.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/scara.toml")
+    >>> with rg.view(scene, browser=False) as view:
+    ...     view.url.startswith("http://127.0.0.1:")
+    True
     """
+    require_arm(scene)
     viewer = Viewer(scene, port, space)
     if browser:
         webbrowser.open(viewer.url)

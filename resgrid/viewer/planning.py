@@ -72,9 +72,7 @@ class ArmPlan:
     """
 
     def __init__(self, scene: Scene, space: ConfigurationSpace | None = None) -> None:
-        if not isinstance(scene.robot, URDFRobot):
-            raise InputError("the 3-D view shows arms from URDF files, but the robot of this scene is another one")
-        self.scene, self.robot = scene, scene.robot
+        self.scene, self.robot = scene, require_arm(scene)
         require_uniform(scene, "the 3-D view")
         problem = problem_of(scene, space=space)
         self.wiring, self.k = problem.wiring, problem.ks[0] if problem.ks else None
@@ -144,6 +142,16 @@ class ArmPlan:
             if np.abs(change).max() < 1e-5:
                 break
         return joints
+
+
+def require_arm(scene: Scene) -> URDFRobot:
+    """Return the robot of a scene; raise InputError unless it is an arm from a URDF file."""
+    if not isinstance(scene.robot, URDFRobot):
+        raise InputError(
+            "the 3-D view shows arms from URDF files, but the robot of this scene moves in the plane or is a point; "
+            "use live(scene), or draw(scene)"
+        )
+    return scene.robot
 
 
 def answer(task: ArmPlan, goal: NDArray[np.float64] | None) -> Motion:
