@@ -53,6 +53,7 @@ def test_sessions_of_a_page_have_the_printed_output(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shutil.copytree(PROJECT / "examples" / "scenes", tmp_path, dirs_exist_ok=True)
+    shutil.copytree(PROJECT / "examples" / "robots", tmp_path / "robots")
     monkeypatch.chdir(tmp_path)
     failed, tried = doctest.testfile(str(page), module_relative=False, optionflags=doctest.NORMALIZE_WHITESPACE)
     assert tried > 0 and failed == 0
