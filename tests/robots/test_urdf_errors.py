@@ -4,6 +4,7 @@ Tests internals: `resgrid.robots.urdf.model`.
 """
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -39,7 +40,7 @@ BAD_FILES = {
     "": "not valid XML",
     "<sdf></sdf>": "the file describes no robot: its element is <sdf>, not <robot>",
     "<robot></robot>": "the robot has no links; is it the right file",
-    f'<robot xmlns:xacro="{XACRO}"><xacro:macro/></robot>': "xacro macros; convert it first: xacro robot.urdf > robot",
+    f'<robot xmlns:xacro="{XACRO}"><xacro:macro/></robot>': "contains xacro macros; convert it first",
     AB + joint("j", "a", "c"): "joint 'j' refers to link 'c', which does not exist; define the link",
     link("base")
     + link("b")
@@ -225,7 +226,14 @@ BAD_MESHES = {
     ("part.stl", BRACKET.replace(b"endloop", b"", 1)): "interrupted after 19 complete triangles",
     ("part.stl", BRACKET.replace(b"-22", b"minus", 1)): "a coordinate is no number",
     ("part.stl", BRACKET.replace(b"-22", b"inf", 1)): r"vertex \d+ = .*inf.* is not finite; repair the mesh",
-    ("part.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"): "the mesh has no triangles|the mesh cannot be read as OBJ",
+    ("part.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"): "the mesh has no triangles; is it the right file",
+    ("part.obj", b"v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3\n"): "line 2: a vertex has no three numbers",
+    ("part.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2"): "line 5: a face has 2 corners; the mesh is damaged",
+    ("part.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 \\\n2 3\nf 1 2 x"): "line 6: corner 'x' has no vertex number",
+    ("part.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n"): "line 4: corner '0' refers to a vertex that does not",
+    ("part.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -4\n"): "line 4: corner '-4' refers to a vertex that does not",
+    ("part.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99999999999\n"): "line 4: corner '99999999999' refers to",
+    ("part.obj", b"v 0 0 0\nsurf 0 1 0 1 1 2 3 4\n"): "line 2: 'surf' is no polygon; export the mesh as triangles",
     ("part.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"): r"vertex \d = .*nan.* is not finite; repair the mesh",
     (
         "part.obj",
@@ -246,10 +254,26 @@ def test_a_damaged_mesh_gives_one_message(tmp_path, name, data, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_meshes_without_trimesh_name_the_command_that_installs_it(tmp_path, monkeypatch):
-    import sys
+TRIANGLE = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1 2
+"""
 
+
+def test_meshes_without_trimesh_name_the_command_that_installs_it(tmp_path, monkeypatch):
+    (tmp_path / "part.ply").write_text(TRIANGLE)
+    assert len(read_tree(with_mesh(tmp_path, "part.ply"), ["j"]).bodies[0].solid.triangles) == 1
     monkeypatch.setitem(sys.modules, "trimesh", None)
-    with pytest.raises(ToolMissingError, match=r"OBJ meshes need trimesh; install it: .*pip install"):
-        read_tree(ROBOTS / "elbow.urdf", ["turn"])
-    read_tree(FOUR, ["turn"])
+    with pytest.raises(ToolMissingError, match=r"PLY files need trimesh; install it: .*pip install"):
+        read_tree(with_mesh(tmp_path, "part.ply"), ["j"])
+    read_tree(ROBOTS / "elbow.urdf", ["turn"], pieces=1)
