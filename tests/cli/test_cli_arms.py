@@ -130,3 +130,8 @@ def test_a_joint_without_a_limit_leaves_the_paths_untimed(call, scara, tmp_path)
     file.write_text(text.replace("acceleration = [10.0]", "velocity = [1.0]"))
     assert call("run", file, "--no-check", "-o", tmp_path / "out").exit_code == 0
     assert len(list((tmp_path / "out").glob("trajectory*"))) == 6
+
+
+def test_the_clearance_of_a_planar_arm_is_given_in_metres_too(answer, scenes) -> None:
+    paths = answer("path", scenes / "three_link.toml")["paths"]
+    assert all(path["workspace_clearance"] > 0 and "collision" not in path for path in paths)

@@ -84,11 +84,11 @@ class URDFRobot(Robot):
 
     Examples
     --------
-    >>> robot = rg.URDFRobot("examples/robots/scara.urdf", moving=("shoulder", "elbow"))
-    >>> [axis.name for axis in robot.axes(32)]
-    ['shoulder', 'elbow']
+    >>> robot = rg.URDFRobot("examples/robots/scara.urdf", moving=("shoulder", "elbow"), tool="tip")
+    >>> [axis.name for axis in robot.axes(32)], robot.velocity_limits
+    (['shoulder', 'elbow'], array([ 6.5, 11. ]))
     >>> robot.tool_poses([(0.0, 0.0)])[0, :3, 3].round(3)
-    array([0.65, 0.  , 0.3 ])
+    array([0.48 , 0.   , 0.155])
     """
 
     reference = "tool"
