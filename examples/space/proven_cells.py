@@ -54,13 +54,16 @@ undecided = proven.undecided
 collides = (proven.cell == rg.Cell.OBSTACLE) & ~undecided
 centre_free = sampled.cell != rg.Cell.OBSTACLE
 wrong = centre_free & collides
-print(f"proven free {np.mean(proven.cell != rg.Cell.OBSTACLE):.1%}, undecided {undecided.sum()} of {undecided.size} cells")
-print(f"{wrong.sum()} of {centre_free.sum()} cells with a free centre contain a collision ({wrong.sum() / centre_free.sum():.1%})")
+proven_free = proven.cell != rg.Cell.OBSTACLE
+fraction = wrong.sum() / centre_free.sum()
+print(f"{proven_free.size} cells: {proven_free.mean():.1%} proven free, {undecided.sum()} undecided")
+print(f"{wrong.sum()} of {centre_free.sum()} cells with a free centre contain a collision ({fraction:.1%})")
 assert wrong.any()
-assert not np.any((proven.cell != rg.Cell.OBSTACLE) & ~centre_free)
+assert not np.any(proven_free & ~centre_free)
 
 # %%
-# The slice with most of these cells. No centre of an orange cell collides, but another configuration in the cell does.
+# The slice that contains the largest number of these cells: the post lies between the centres of two neighbouring turn
+# angles. No centre of an orange cell collides, but another configuration in the cell does.
 
 turn = int(wrong.sum(axis=(1, 2)).argmax())
 _, shoulder, elbow = scene.axes
@@ -77,8 +80,8 @@ for panel, (kind, title) in zip(axes, (("free", "centres tested"), ("proven", "c
     panel.set_xlabel("shoulder (rad)")
 axes[0].set_ylabel("elbow (rad)")
 labels = ("free", "obstacle", "contains a collision, but its centre is free", "undecided")
-shown = [Patch(facecolor=colour, edgecolor="#808080", label=text) for colour, text in zip(colours.colors, labels, strict=True)]
-figure.legend(handles=shown, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+swatches = [Patch(facecolor=c, edgecolor="#808080", label=text) for c, text in zip(colours.colors, labels, strict=True)]
+figure.legend(handles=swatches, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
 rg.plot.save_figure(figure, "out/proven_cells.png")
 
 # %%
@@ -100,7 +103,7 @@ print(f"paths that collide: {on_sampled} of 150 on sampled cells, {on_proven} of
 assert on_proven == 0 < on_sampled
 
 # %%
-# The arm along a path through proven cells. The goal is the tip within 3 cm of a point.
+# The arm along a path through proven cells. The goal is the ball of radius 3 cm around a point, for the tip.
 
 path = rg.plan(scene).path(scene.starts[0])
 rg.certify(path)
