@@ -100,5 +100,13 @@ def test_invalid_bodies_are_rejected() -> None:
     with pytest.raises(rg.errors.InputError, match="lid is a half-space and moves with a joint; use a box"):
         proof_arrays(trees.tree(joints, [moving, trees.ball("ball", -1, 1.0)], [(0, 1)]))
     broken = trees.ball("ball", 0, 1.0, (0, np.nan, 0))
-    with pytest.raises(rg.errors.InputError, match="ball has a point that is not finite; check its mesh"):
+    with pytest.raises(rg.errors.InputError, match="ball has no points, or a point that is not finite"):
         proof_arrays(trees.tree(joints, [broken, floor], [(0, 1)]))
+    fine = trees.ball("ball", 0, 1.0)
+    empty = trees.Body("ball", 0, fine.solid, trees.ConvexPiece(np.zeros((0, 3))), ())
+    with pytest.raises(rg.errors.InputError, match="ball has no points, or a point that is not finite"):
+        proof_arrays(trees.tree(joints, [empty, floor], [(0, 1)]))
+    with pytest.raises(rg.errors.InputError, match="floor is a half-space; put it second in its pair with ball"):
+        proof_arrays(trees.tree(joints, [fine, floor], [(1, 0)]))
+    with pytest.raises(rg.errors.InputError, match="a joint has a pose, an axis or a factor that is not finite"):
+        proof_arrays(trees.tree(joints, [fine, floor], [(0, 1)], offset=[np.inf]))

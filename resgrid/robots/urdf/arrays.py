@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -86,7 +87,7 @@ class ProofArrays:
 
 
 def proof_arrays(tree: KinematicTree) -> ProofArrays:
-    """Return the arrays of a tree; raise InputError for a half-space that moves, or a point that is not finite."""
+    """Return the arrays of a tree; raise InputError for half-spaces that move, and for values that are not finite."""
     pieces: list[ConvexPiece] = []
     joints: list[int] = []
     hull, spans = [], []
@@ -97,15 +98,31 @@ def proof_arrays(tree: KinematicTree) -> ProofArrays:
         hull.append(len(pieces) if is_whole else len(pieces) + len(own))
         pieces += own if is_whole else (*own, body.hull)
         joints += [body.joint] * (len(pieces) - len(joints))
-        if body.joint >= 0 and any(piece.normal is not None for piece in pieces[spans[-1][0] :]):
-            raise InputError(f"{body.name} is a half-space and moves with a joint; use a box in its place")
-        if not all(np.isfinite(piece.points).all() and piece.radius >= 0 for piece in pieces[spans[-1][0] :]):
-            raise InputError(f"{body.name} has a point that is not finite; check its mesh, its pose and its sizes")
+        _check_pieces(body, pieces[spans[-1][0] :])
+    for first, second in tree.pairs:
+        if tree.bodies[first].hull.normal is not None:
+            raise InputError(
+                f"{tree.bodies[first].name} is a half-space; put it second in its pair with {tree.bodies[second].name}"
+            )
+    if not all(np.isfinite(values).all() for values in (tree.placement, tree.direction, tree.factor, tree.offset)):
+        raise InputError("a joint has a pose, an axis or a factor that is not finite; check the file of the robot")
     chains = [pair_chains(tree, int(a), int(b)) for a, b in tree.pairs]
     drivers = tuple(tuple(sorted({int(tree.driver[j]) for side in sides for j in side})) for sides in chains)
     arrays = _tree_arrays(tree, pieces, joints, chains)
     is_loose = np.array([_is_loose(body) for body in tree.bodies], dtype=np.bool_)
     return ProofArrays(arrays, np.array(hull, np.int64), np.array(spans, np.int64).reshape(-1, 2), is_loose, drivers)
+
+
+def _check_pieces(body: Body, pieces: Sequence[ConvexPiece]) -> None:
+    """Raise InputError for pieces of a body with which nothing can be proven."""
+    if body.joint >= 0 and any(piece.normal is not None for piece in pieces):
+        raise InputError(f"{body.name} is a half-space and moves with a joint; use a box in its place")
+    for piece in pieces:
+        is_finite = np.isfinite(piece.points).all() and np.isfinite(piece.radius) and piece.radius >= 0.0
+        if not len(piece.points) or not is_finite:
+            raise InputError(
+                f"{body.name} has no points, or a point that is not finite; check its mesh, its pose and its sizes"
+            )
 
 
 def _is_loose(body: Body) -> bool:
@@ -169,7 +186,7 @@ def _tree_arrays(
         reach=_floats(reach),
         joint=_integers(joints),
         flat=_flags([piece.normal is not None for piece in pieces]),
-        normal=_floats([np.zeros(3) if piece.normal is None else piece.normal for piece in pieces]).reshape(-1, 3),
+        normal=_floats([_unit(piece.normal) for piece in pieces]).reshape(-1, 3),
         chain=chain,
     )
 
@@ -187,6 +204,11 @@ def _integers(values: ArrayLike) -> Integers:
 def _flags(values: ArrayLike) -> Flags:
     """Return a writable copy in C order, so that kernels are compiled for one memory layout only."""
     return np.array(values, dtype=np.bool_, order="C")
+
+
+def _unit(normal: Floats | None) -> Floats:
+    """Return the unit vector along the normal of a half-space; zeros for other pieces."""
+    return np.zeros(3) if normal is None else np.asarray(normal / np.linalg.norm(normal))
 
 
 def _ball(piece: ConvexPiece) -> tuple[Floats, float]:

@@ -220,7 +220,7 @@ def _bound_items(box: int, boxes: Boxes, margin: float, tree: TreeArrays, found:
         found.counts[0] += 1
         gap = _gap(boxes.hints[i], margin, False, tree, work.frames, work)
         copy(boxes.hints[i], work.search.best)
-        if gap > 0.0:
+        if 0.0 < gap < math.inf:
             continue
         found.is_open[i] = True
         if gap < least:

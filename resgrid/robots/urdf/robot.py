@@ -105,7 +105,7 @@ class URDFRobot(Robot):
     mounted: tuple[str, ...] = ()
     self_collision: bool = True
     pieces: Annotated[int, Ge(1), Le(64)] = 8
-    halvings: Annotated[int, Ge(0), Le(10)] = 3
+    halvings: Annotated[int, Ge(0), Le(10)] = 5
     velocity: tuple[Rate, ...] = ()
     acceleration: tuple[Rate, ...] = ()
 
