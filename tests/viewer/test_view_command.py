@@ -49,3 +49,9 @@ def test_plot_draws_arms_and_their_spaces(what: str, scenes: Path, tmp_path: Pat
     assert result.exit_code == 0, result.stderr
     with Image.open(tmp_path / "arm.png") as image:
         assert np.ptp(np.asarray(image.convert("L")).astype(int)) > 200
+
+
+def test_run_draws_the_arm_its_path_and_its_cells(scenes: Path, tmp_path: Path) -> None:
+    result = call("run", scenes / "scara.toml", *FEW, "--no-check", "-o", tmp_path / "out")
+    assert result.exit_code in (0, 1), result.stderr
+    assert {"page.png", "robot.png", "cells.png"} <= {file.name for file in (tmp_path / "out").iterdir()}
