@@ -186,7 +186,10 @@ class ADCResolution(Result):
 
     @property
     def starts(self) -> NDArray[np.float64]:
-        """Bits that every start with a path to a goal needs, shape (k,), in C order of the cells."""
+        """Bits of a converter that a robot needs to reach a goal, from every start with a path to a goal, shape (k,).
+
+        The order is the C order of the start cells.
+        """
         return self.start_bits[self.space.goal_connected]
 
     def served(self, bits: float) -> float:

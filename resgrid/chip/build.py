@@ -235,9 +235,10 @@ def keys_not_held(chip: Chip, form: Form) -> tuple[str, ...]:
 
 
 def _matters(chip: Chip, key: str, usual: Any) -> bool:
-    """Return whether the chip would change if a key had its default value.
+    """Return whether the chip would change if a key of its description had its default value.
 
-    `key`: key of the chip description; `usual`: default value of the key.  A key that another key requires also counts.
+    `key`: key of the chip description; `usual`: default value of the key.  The result is also True if the description
+    would then be invalid, because another of its keys requires this one.
     """
     try:
         other = chip_with(chip, {key: usual})

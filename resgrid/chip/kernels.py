@@ -12,17 +12,23 @@ from resgrid._internal.jit import inner, kernel
 Floats = NDArray[np.float64]
 
 _FINE = 1e-9
-"""Smallest step of the search for a crossing, as a fraction of the time.  If a sum is at the edge of the band within a
-step of this length, the search takes the end of the step as the crossing.
+"""Smallest step of the search for a band crossing, as a fraction of the time.
+
+A band crossing is the time at which the magnitude of a sum of exponentials falls below a limit. If the sum is at this
+limit within a step of the smallest length, the search takes the end of the step as the crossing.
 """
 
 _EXACT = 1e-13
-"""Accepted distance of the sum from the edge of the band at a computed crossing, as a fraction of the half width of the
-band.
+"""Accepted distance of a sum of exponentials from the edge of the band at a computed crossing.
+
+The unit is the half width of the band, the interval around 0 that the sum enters at the crossing.
 """
 
 _MOST_STEPS = 100
-"""Maximum number of iterations of the root search for one crossing."""
+"""Maximum number of iterations of the root search for one time at which a sum of exponentials enters a band around 0.
+
+The search then takes the last known time at which the sum is in the band.
+"""
 
 _GONE = 700.0
 """Exponent (decay rate times time) above which an exponential ``exp(-rate time)`` counts as 0, without unit."""
@@ -48,9 +54,10 @@ def _sums(share: Floats, rate: Floats, time: float) -> tuple[float, float]:
 def _crossing(share: Floats, rate: Floats, out: float, above: float, into: float, below: float, band: float) -> float:
     """Return the time in seconds at which the magnitude of a sum of exponentials falls below `band`.
 
-    The method is false position (Illinois; Dowell & Jarratt 1971).  `share, rate` (m,): coefficients, and decay rates
-    in 1/s; `out, into`: times in seconds that enclose the crossing; `above, below`: magnitudes of the sum at these
-    times, above and below `band`; `band`: half width of the band around 0, in the unit of the coefficients.
+    The sum is ``sum_j share_j exp(-rate_j time)``. The method is false position (Illinois; Dowell & Jarratt 1971).
+    `share, rate` (m,): coefficients, and decay rates in 1/s; `out, into`: times in seconds that enclose the crossing;
+    `above, below`: magnitudes of the sum at the times `out` and `into`, above and below `band`; `band`: half width of
+    the band around 0, in the unit of the coefficients.
     """
     above, below = above - band, below - band
     for _ in range(_MOST_STEPS):
@@ -69,10 +76,12 @@ def _crossing(share: Floats, rate: Floats, out: float, above: float, into: float
 def _last_between(
     share: Floats, rate: Floats, first: float, last: float, end: float, band: float
 ) -> float:  # fmt: skip
-    """Return the last time at which the magnitude of a sum of exponentials falls below `band`, else `first`.
+    """Return the last time at which the magnitude of a sum of exponentials falls below `band`, in seconds.
 
-    `share, rate` (m,): coefficients, and decay rates in 1/s; `first, last`: limits of the search, in seconds; `end`:
-    magnitude of the sum at time `last`; `band`: half width of the band around 0, in the unit of the coefficients.
+    The sum is ``sum_j share_j exp(-rate_j time)``. The result is `first` if the sum stays below `band` from `first` to
+    `last`. `share, rate` (m,): coefficients, and decay rates in 1/s; `first, last`: limits of the search, in seconds;
+    `end`: magnitude of the sum at the time `last`, at most `band`; `band`: half width of the band around 0, in the unit
+    of the coefficients.
     """
     b = last
     h = b - first

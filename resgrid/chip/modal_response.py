@@ -44,7 +44,10 @@ error and is left out.
 """
 
 _PROBES = 9
-"""Number of times, after the first time of a window, at which convergence is tested."""
+"""Number of times within a window of times at which the convergence of the Lanczos iteration is tested.
+
+The first time of the window is tested in addition.
+"""
 
 
 @dataclass(frozen=True, eq=False)

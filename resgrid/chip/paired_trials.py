@@ -85,8 +85,8 @@ def _group(
     """Return the trials of one circuit with several read-outs, as a SharedCircuit.
 
     `netlist`: ideal circuit; `kind`: chip description whose read-out has only the input resistance; `keys, readouts`:
-    key and read-out of every point; `trials`: number of chips; `known`: noise voltages that earlier calls have
-    computed.
+    key and read-out of every point of the analysis; `trials`: number of chips; `known`: noise voltages that earlier
+    calls have computed, to which new ones are added; None to compute all.
     """
     cells = netlist.cells
     random = [differs(kind) or bool(item.offset or item.noise_bandwidth) for item in readouts]

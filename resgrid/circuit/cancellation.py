@@ -21,10 +21,10 @@ from resgrid.circuit.sources import sum_cuts, without_loops
 from resgrid.solvers.conservative_factors import Column, fixed, nearest, scaled, substitute
 
 _DEEP_FLOOR, _SHALLOW_FLOOR, _SMALL = 1000, 200, 1000
-"""Exponents of the floor, and the number of rows up to which the deeper one applies.
+"""Negated binary exponents of the floor, and the number of rows up to which the deeper floor applies.
 
-The floor is the magnitude below which values are set to zero: the largest value times ``2**-1000``, or times
-``2**-200`` for a larger circuit, since every 53 binary digits take a step of refinement.
+The floor is the magnitude below which voltages and currents are set to zero: the largest one times ``2**-1000``, or
+times ``2**-200`` in a larger circuit, since every 53 binary digits take a step of refinement.
 """
 
 _DIGITS = 60

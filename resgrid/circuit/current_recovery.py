@@ -49,7 +49,10 @@ a sum of currents below `_UNCHECKED_KCL`.
 """
 
 _UNBOUNDED = 1e-20
-"""Smallest denominator in the relative error bound of a current, as a fraction of the largest current."""
+"""Current below which the bound on relative errors is not taken relative to the current but to this value.
+
+It is a fraction of the largest current.
+"""
 
 _DIGITS = 48
 """Number of binary digits of a correction, counted from the largest entry; smaller digits are rounding errors."""
@@ -141,9 +144,11 @@ def _correct(system: Equations, factors: SupernodalFactors) -> RecoveredCurrents
 
 
 def _refined(system: Equations, factors: SupernodalFactors) -> _Differences:
-    """Return voltage differences from corrections that end when no current changes significantly, or on divergence.
+    """Return voltage differences and voltages as sums of corrections, computed from KCL residuals.
 
-    `factors`: factors of the matrix, which compute each correction from the KCL residuals.
+    The corrections end when none changes a current by more than 1e-9 of the currents at either end, or when they
+    diverge (`_Differences.change` is then infinite).  `system`: equations of the circuit; `factors`: factors of their
+    matrix.
     """
     netlist, zeros, forest = system.netlist, np.zeros(system.size), system.forest
     ends, rows = netlist.resistor_nodes, system.unknown[netlist.resistor_nodes]
@@ -211,11 +216,12 @@ def _currentless(system: Equations, rows: NDArray[np.int32]) -> NDArray[np.bool_
 
 
 def _bound(system: Equations, factors: SupernodalFactors, found: _Differences) -> float:
-    """Return a bound on relative errors: of voltages relative to the largest, of currents relative to either end.
+    """Return a bound on the relative errors of voltages and currents, one number for both.
 
-    `factors`: factors of the matrix; `found`: voltage differences and residuals.  The inverse matrix has no negative
-    entry.  The product of the inverse matrix with the magnitudes of the residual currents bounds the voltage errors.
-    The error of a branch current is also at most the sum of the residual currents.
+    The error of a voltage is relative to the largest voltage, that of a current to the current through either end.
+    `system`: equations of the circuit; `factors`: factors of the matrix; `found`: voltage differences and residuals.
+    The inverse matrix has no negative entry.  The product of the inverse matrix with the magnitudes of the residual
+    currents bounds the voltage errors.  The error of a branch current is also at most the sum of the residual currents.
     """
     netlist, rows = system.netlist, system.unknown[system.netlist.resistor_nodes]
     residual = np.abs(found.net) + _SUM_ROUNDING * found.through
@@ -258,11 +264,11 @@ def _plus(total: Doubled, more: NDArray[np.float64], more_low: NDArray[np.float6
 def _connected_small(
     ends: NDArray[np.int32], nodes: int, small: NDArray[np.bool_], unresolved: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return which small currents are as uncertain as an unresolved one (resistors,).
+    """Return which small currents are as uncertain as an unresolved one, a mask (resistors,).
 
-    These are connected to an unresolved current by resistors with small currents.  `ends` (resistors, 2): nodes;
-    `nodes`: number of nodes; `small` (resistors,): whether a current is small; `unresolved` (resistors,): whether a
-    current is indistinguishable from zero.
+    An unresolved current is indistinguishable from zero. The small currents that a chain of resistors with small
+    currents connects to it are as uncertain. `ends` (resistors, 2): nodes; `nodes`: number of nodes; `small`
+    (resistors,): whether a current is small; `unresolved` (resistors,): whether a current is unresolved.
     """
     component = label_components(ends[small], nodes)[ends[:, 0]]
     return np.asarray(small & np.isin(component, component[unresolved]))

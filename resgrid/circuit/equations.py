@@ -228,8 +228,8 @@ def matrix_of(
     """Return the matrix of elements between nodes of a netlist, and the currents (n,) from known voltages.
 
     `listed`: elements with nodes and conductances; `contacts`: contacts among the elements; `size`: number of rows n;
-    `rails`: the rails, if exactly two drive the circuit.  The currents, in amperes, are those that contacts drive into
-    every row. The matrix contains the grid of cells if the netlist has one.
+    `rails`: the rails, None unless exactly two drive the circuit.  The currents, in amperes, are those that contacts
+    drive into every row. The matrix contains the grid of cells if the netlist has one.
     """
     siemens, ties = listed.conductance[contacts.element], slice(contacts.ties)
     ground = sum_by_row(contacts.row[ties], siemens[ties], size)

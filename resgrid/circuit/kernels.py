@@ -124,11 +124,11 @@ def _voltage_difference(
     a: float, a_low: float, a_is_drop: bool, b: float, b_low: float, b_is_drop: bool, rounding: float,
     drop_rounding: float,
 ) -> float:  # fmt: skip
-    """Return the potential of node a minus that of b, as a fraction of the rail distance; 0 within rounding errors.
+    """Return the potential of node a minus that of b, divided by the rail voltage; 0 within rounding errors.
 
-    ``a + a_low`` is the drop of node a from the high rail if `a_is_drop`, else the voltage of node a above the low
-    rail, both as fractions of the rail distance; likewise for node b.  `rounding`, `drop_rounding`: relative rounding
-    errors of voltages above the low rail and of drops.
+    The rail voltage is the voltage between the rails.  ``a + a_low`` is the drop of node a from the high rail if
+    `a_is_drop`, else the voltage of node a above the low rail, both divided by the rail voltage; likewise for node b.
+    `rounding`, `drop_rounding`: relative rounding errors of voltages above the low rail and of drops.
     """
     if a_is_drop == b_is_drop:
         d = (a - b) + (a_low - b_low)
@@ -150,12 +150,12 @@ def currents(
 ) -> float:  # fmt: skip
     """Compute the currents of the resistors, and return the dissipated power in watts.
 
-    `pairs` (m, 2): nodes; `conductance` (m,): in siemens; `value`, `is_drop` (nodes,): node values as fractions of the
-    rail distance, and whether each is a drop from the high rail instead of a voltage above the low rail; `volts`: rail
-    distance in volts; `rounding`: relative rounding error of voltages above the low rail; `amps`, `exponent` (m,):
-    receive the currents ``amps * 2**(256 exponent)`` A; `threshold`: relative difference of two values below which
-    their difference is imprecise; `imprecise` (m,): receives whether the voltage difference is imprecise or a rounding
-    error, but not zero.
+    `pairs` (m, 2): nodes; `conductance` (m,): in siemens; `value`, `is_drop` (nodes,): node values in units of the
+    voltage between the rails, and whether each is a drop from the high rail instead of a voltage above the low rail;
+    `volts`: voltage between the rails, in volts; `rounding`: relative rounding error of voltages above the low rail;
+    `amps`, `exponent` (m,): receive the currents ``amps * 2**(256 exponent)`` A; `threshold`: relative difference of
+    two values below which their difference is imprecise; `imprecise` (m,): receives whether the voltage difference is
+    imprecise or a rounding error, but not zero.
     """
     hi, lo, e, drop_rounding = value.hi, value.lo, value.exponent, value.noise
     power = 0.0

@@ -308,10 +308,11 @@ def _floating_components(system: Equations) -> tuple[Netlist, NDArray[np.bool_],
 def _merged(
     grounded: BranchCurrents, floating: BranchCurrents, resistors: NDArray[np.bool_], sources: NDArray[np.bool_]
 ) -> BranchCurrents:
-    """Return the currents of the whole circuit: currents of the floating components replace zeros of the others.
+    """Return the currents of the whole circuit: its grounded part, and its floating components.
 
-    `grounded`, `floating`: currents of the circuit without and of the floating components; `resistors` (resistors,),
-    `sources` (sources,): whether the resistor or voltage source is in a floating component.
+    `grounded`: currents of the circuit without its floating components, in which these have the current 0; `floating`:
+    currents of these components; `resistors` (resistors,), `sources` (sources,): whether the resistor or voltage source
+    is in a floating component.
     """
     amps, exponent, through = grounded.scaled[0].copy(), grounded.scaled[1].copy(), grounded.source_current.copy()
     amps[resistors], exponent[resistors] = floating.scaled

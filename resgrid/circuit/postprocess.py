@@ -40,7 +40,7 @@ HARMLESS = 1e-7
 """Fraction of a node's through-current, below which currents that do not flow down the potential are set to zero."""
 
 _LEAST_COMPLEMENT = 1e-3
-"""Smallest voltage above the low rail, as a fraction of the rail distance, that is computed as one minus the drop."""
+"""Smallest voltage above the low rail, divided by the rail voltage, that is computed as one minus the drop."""
 
 _IMPRECISE, _IMPRECISE_IN_SMALL = 1e-20, 1e-10
 """Relative difference of two values below which a current computed from their difference has few correct digits.
@@ -104,7 +104,7 @@ def values_above(system: Equations, heights: NDArray[np.float64]) -> NodeValues:
 def _in_units(system: Equations, heights: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
     """Return voltages above the low (or only) rail in units (nodes,), the rail's voltage and the unit, both in volts.
 
-    `heights` (nodes,): voltages above ``system.reference``, in volts.  The unit is the rail distance, else 1 or -1 V.
+    `heights` (nodes,): voltages above ``system.reference``, in volts.  Unit: voltage between the rails, else 1 or -1 V.
     """
     zero, volts = system.reference, 1.0 if np.any(heights > 0.0) else -1.0
     if system.rails is not None:
@@ -115,10 +115,11 @@ def _in_units(system: Equations, heights: NDArray[np.float64]) -> tuple[NDArray[
 def _drop_and_height(
     rails: Rails, factors: Factor | None, watch: ProgressMonitor, team: ThreadTeam
 ) -> tuple[Scaled, Scaled | None]:
-    """Return drops (n,) from the high rail and voltages (n,) above the low rail, as fractions of the rail distance.
+    """Return drops (n,) from the high rail, and voltages (n,) above the low rail, in units of the rail voltage.
 
     The voltages are None if ``1 - drop`` is accurate.  If a bound shows that both are needed, both systems are solved
-    at one time.  By KCL, ``to_low * voltage`` is at most the sum of ``to_high``, the conductances to the high rail.
+    at one time.  By KCL, ``rails.to_low * voltage`` is at most the sum of ``rails.to_high`` (conductances to the
+    rails).
     """
     currents = [rails.to_low]
     if team.size > 1 and (to_high := rails.to_high).sum() < _LEAST_COMPLEMENT * currents[0].max(initial=0.0):
@@ -168,7 +169,7 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
 
 
 def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
-    """Return node values; `rows` (n,): voltages of the rows above ``system.reference``, in units of `volts` volts."""
+    """Return values above the lowest voltage; `rows` (n,): voltages above that one, in units of `volts` volts."""
     forest = system.forest
     out = _rows_to_nodes(system, rows, (system.known_voltages() - system.reference) / volts)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
@@ -333,10 +334,10 @@ def _floor_of(values: NDArray[np.float64], floor: float) -> float:
 def _sums(
     netlist: Netlist, amps: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the exponents, net currents and through-currents of all nodes, (nodes,) each.
+    """Return exponents ``f``, net currents and through-currents of all nodes, (nodes,) each.
 
-    `amps`, `exponent` (resistors,): currents ``amps * 2**(256 exponent)`` A.  The unit of a node is ``2**(256 f)`` A,
-    with its largest exponent ``f``.  Through-currents are half the sums of the magnitudes.
+    Through-currents are half the sums of the magnitudes.  The currents of a node are in units of ``2**(256 f)`` A, with
+    the largest exponent ``f`` at the node.  `amps`, `exponent` (resistors,): currents ``amps * 2**(256 exponent)`` A.
     """
     from resgrid.circuit.kernels import add_currents
 

@@ -326,9 +326,10 @@ def _boxes_around(changed: NDArray[np.bool_]) -> list[tuple[slice, ...]] | None:
 
 
 def _inside(space: ConfigurationSpace, box: tuple[slice, ...], margin: int) -> tuple[slice, ...]:
-    """Return the part of a box that is at least `margin` cells from the sides of the box inside the grid.
+    """Return the part of a box that keeps a margin from its sides, as one slice per axis, relative to the box.
 
-    The result has one slice per axis, relative to the box.  Sides at the edge of the grid have no margin.
+    `box`: slices of the cells; `margin`: width of the margin, in cells.  A side at the edge of the grid has no margin,
+    unless the axis is periodic.
     """
     return tuple(
         slice(

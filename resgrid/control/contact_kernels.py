@@ -38,10 +38,11 @@ def _add(
 ) -> int:  # fmt: skip
     """Append a pair of near points to an array unless it is a duplicate or too far; return the new number of pairs.
 
-    `pairs`: array of dtype `PAIR`; `count`: present number of pairs; `px, py`: point on the robot's core (its segment
-    without the radius), in metres; `ox, oy`: point on the obstacle's surface, in metres; `inward`: unit direction into
-    the obstacle; `outward`: unit normal out of the obstacle, used if both points coincide; `owner`: radius of the
-    segment in metres, number of its rigid part, number of the obstacle; `reach`: largest gap of a pair, in metres.
+    `pairs`: array of records with the points, directions, gap and owners of a pair (`resgrid.control.plant.PAIR`);
+    `count`: present number of pairs; `px, py`: point on the robot's core (its segment without the radius), in metres;
+    `ox, oy`: point on the obstacle's surface, in metres; `inward`: unit direction into the obstacle; `outward`: unit
+    normal out of the obstacle, used if both points coincide; `owner`: radius of the segment in metres, number of its
+    rigid part, number of the obstacle; `reach`: largest gap of a pair, in metres.
     """
     dx, dy = px - ox, py - oy
     apart = math.hypot(dx, dy)
@@ -116,10 +117,11 @@ def _add_end(
 ) -> int:  # fmt: skip
     """Append the pair of a robot point and an edge (or the edge's start corner); return the new number of pairs.
 
-    `pairs`: array of dtype `PAIR`; `count`: present number of pairs; `px, py`: point on the robot's core (its segment
-    without the radius), in metres; `edge` (4,): start and end of the edge; `before` (4,): edge that ends at the start
-    of `edge`; `owner`: radius of the segment in metres, number of its rigid part, number of the obstacle; `reach`:
-    largest gap of a pair, in metres.
+    `pairs`: array of records with the points, directions, gap and owners of a pair (`resgrid.control.plant.PAIR`);
+    `count`: present number of pairs; `px, py`: point on the robot's core (its segment without the radius), in metres;
+    `edge` (4,): start and end of the edge, ``ax, ay, bx, by``; `before` (4,): edge that ends at the start of `edge`;
+    `owner`: radius of the segment in metres, number of its rigid part, number of the obstacle; `reach`: largest gap of
+    a pair, in metres.
     """
     ax, ay, bx, by = edge
     t = segment_parameter(px, py, ax, ay, bx, by)
@@ -147,7 +149,8 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -
     corner.
 
     `pose`: segments of the robot in the workspace; `solid`: obstacles; `reach`: largest gap of a pair, in metres;
-    `pairs`: output array of dtype `PAIR`, filled from its start; pairs beyond its length are dropped.
+    `pairs`: output array of records with the points, directions, gap and owners of a pair
+    (`resgrid.control.plant.PAIR`), filled from its start; pairs beyond its length are dropped.
     """
     count, segments, radius, part = 0, pose.segments, pose.radius, pose.part
     edges, edge_before, discs, planes = solid.edges, solid.edge_before, solid.discs, solid.half_planes
@@ -201,8 +204,8 @@ def contact_rows(pairs: Pairs, pose: Pose, normal: Floats, tangent: Floats) -> N
     """Write the rows ``n . J`` and ``t . J`` of every pair to `normal` and `tangent`, both of shape (pairs, ndim).
 
     ``J`` is the Jacobian of the point on the robot's surface, in metres per axis unit; ``n`` is the unit normal out of
-    the obstacle, and ``t`` is ``n`` turned left by a right angle.  `pairs`: array of dtype `PAIR`; `pose`: pose of the
-    robot.
+    the obstacle, and ``t`` is ``n`` turned left by a right angle.  `pairs`: array of records with the points, normal
+    and rigid part of each pair (`resgrid.control.plant.PAIR`); `pose`: pose of the robot.
     """
     shift, spin, pivot = pose.shift, pose.spin, pose.pivot
     for k in range(len(pairs)):

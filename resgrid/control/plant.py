@@ -128,7 +128,8 @@ class Plant:
     def self_blocked(self) -> NDArray[np.bool_]:
         """Mask of the cells that are obstacle cells even without obstacles, shape of the space.
 
-        Causes are collisions between parts of the robot, and forbidden configurations (virtual obstacles) of the robot.
+        Causes are collisions between parts of the robot, and virtual obstacles (configurations that are forbidden for a
+        reason other than a collision, such as a singularity of an arm).
         """
         return self.robot.occupancy(self.axes, [], "conservative")
 

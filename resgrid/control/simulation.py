@@ -112,16 +112,15 @@ class Simulation:
         conservative rule finds a true obstacle (`Plant.proven_cells`), so that a start with a path in the conservative
         map of the true world never loses it.  After an update the robot moves back along its path, which is free, to
         the last cell that still has a path.  That cell exists unless the start's own cell has no path left.  In that
-        case the robot tries the cells with a path within `RECOVERY` cells, straight and one by one.  Only if none can
+        case the robot tries the cells with a path within 2 cells, straight and one by one.  Only if none can
         be reached does the run end without a path: the start's own cell contains an obstacle, or the obstacle cells
         separate it from every goal.
 
-        The robot is solid: it never enters an obstacle, for any external force, step, and cell size.  A robot that
-        touches an obstacle at the start is moved away by 1e-8 m; a start that is inside by more than 1e-9 m is an
-        error.  The robot moves to the configuration of the goal cell that solves the goal, if the space specifies one
-        (`ConfigurationSpace.goal_points`); otherwise it stops anywhere in the cell, or at its centre with a bias or
-        noise.  It stops where it believes that it has arrived; the true configuration decides between ``arrived`` and
-        ``missed``.
+        The robot is solid: it never enters an obstacle, for any force, step and cell size.  A robot that touches an
+        obstacle at the start is moved away by 1e-8 m; a start that is inside by more than 1e-9 m is an error.  The
+        robot moves to the configuration in the goal cell that solves the goal, if the space specifies one
+        (`ConfigurationSpace.goal_points`); otherwise it stops in the cell, or at its centre with a bias or noise.  It
+        stops where it believes that it has arrived; ``arrived`` or ``missed`` follows from the true configuration.
 
         Parameters
         ----------
@@ -304,7 +303,7 @@ def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
 def arrival(
     end: End, space: ConfigurationSpace, configuration: NDArray[np.float64], believed: NDArray[np.float64]
 ) -> tuple[End, int | None]:
-    """Return the end of a run at a believed goal, and the number of the true goal region, None outside all goals."""
+    """Return `end`, or MISSED if the true `configuration` is in no goal, and the goal region's number or None."""
     region = int(space.goal_region[tuple(space.split(configuration)[0])])
     if region >= 0:
         return end, region

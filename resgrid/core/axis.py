@@ -95,8 +95,9 @@ def split_points(
     """Return the cells of points (..., ndim), and the positions in these cells as fractions in [0, 1] (..., ndim).
 
     `axes`: axes of the space; `point` (..., ndim): points in axis units; `reach` (ndim,): largest magnitude of a
-    coordinate during the conversion between world and space (`Frame.reach`).  A point that lies outside by at most the
-    rounding error counts as a point on the border.  Raise InputError for other points outside.
+    coordinate during the conversion between world and space (`Frame.reach`), None for the largest one on every axis.  A
+    point that lies outside by at most the rounding error counts as a point on the border.  Raise InputError for other
+    points outside.
     """
     points = np.asarray(point, dtype=np.float64)
     if points.shape[-1:] != (len(axes),):
@@ -128,7 +129,8 @@ def rounding_errors(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDA
 def rounding(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDArray[np.float64]:
     """Return the tolerance of positions as fractions of a cell's width, (ndim,): 1e-9, or the larger rounding error.
 
-    `reach` (ndim,): largest magnitude of a coordinate during the conversion between world and space (`Frame.reach`).
+    `axes`: axes of the space; `reach` (ndim,): largest magnitude of a coordinate during the conversion between world
+    and space (`Frame.reach`), None for the largest one on every axis.
     """
     return np.asarray(np.maximum(1e-9, rounding_errors(axes, reach)))
 

@@ -325,8 +325,11 @@ def contacts_of_box(
 def _set_margin(kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, ends: tuple[bool, bool]) -> None:
     """Set the roles of the margin cells beyond both ends of an axis, in place.
 
-    `kind`: `CellRole` of every cell, with a margin of one cell; `axis`: index of the axis; `size`: number of cells of
-    the space along the axis; `ends`: whether the box includes the lower and the upper end of the axis.
+    The margin is the layer of cells around a part (box) of the space. Beyond the edge of the space, a margin cell
+    belongs to the high rail, or has no contact; inside the space and on a periodic axis it keeps its role. `kind`:
+    `CellRole` of every cell of the box, with a margin of one cell; `axis`: index of the axis; `wiring`: rules for edges
+    and boundary; `size`: number of cells of the whole space along the axis; `ends`: whether the box reaches the lower
+    and the upper end of the space along the axis.
     """
     edge = wiring.edge[axis]
     if edge == "periodic" and size > 1:

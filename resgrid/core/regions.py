@@ -22,7 +22,8 @@ def label_components(
 ) -> NDArray[np.int64]:
     """Return the number of the connected component of every node, (nodes,).
 
-    `graph`: edges (m, 2) between `node_count` nodes, or a square sparse matrix whose stored entries are the edges.
+    `graph`: edges (m, 2) between `node_count` nodes, or a square sparse matrix whose stored entries are the edges,
+    without `node_count`.
 
     Components are numbered from 0 in the order of their smallest node.
     """
@@ -103,7 +104,10 @@ def _flood_fill(mask: NDArray[np.bool_], rings: NDArray[np.bool_], *, corners: b
 
 
 def _shifted(wide: NDArray[np.int64], step: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return the array cyclically shifted by ``-step``: every index gets the value of the neighbour at ``step``."""
+    """Return an array over the cells in which every index has the value of the neighbour at offset `step`.
+
+    The shift of `wide` is cyclic.
+    """
     return np.roll(wide, [-by for by in step], tuple(range(wide.ndim)))
 
 

@@ -87,8 +87,9 @@ def write_path(path: Timed, file: str | os.PathLike[str], *, fixed_joints: bool 
 def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
     """Return the columns of a path by name, arrays (n,) with one entry per point.
 
-    Positions are world coordinates, continuous across the seams of periodic axes.  For an arm there are two more
-    columns with the position of its tip.  A trajectory also has times in seconds and velocities per second.
+    The columns are: ``t`` (time in seconds) for a trajectory; one per axis, with the name of the axis: world
+    coordinates, continuous across the seams of periodic axes; for an arm ``tip_x`` and ``tip_y``, the position of the
+    tip in metres; for a trajectory also the velocity along each axis per second, such as ``x_rate``.
     """
     space, points = path.space, points_of(path)
     names = column_names(space, timed=isinstance(path, Trajectory))
@@ -104,7 +105,8 @@ def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
 def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
     """Return the names of the columns of a path: time, position, tip of an arm, velocity.
 
-    `space`: space of the path; `timed`: whether the path is a trajectory; only a trajectory has time and velocity.
+    Examples: ``t``, ``theta_1``, ``tip_x``, ``theta_1_rate``. `space`: space of the path; `timed`: whether the path is
+    a trajectory; only a trajectory has time and velocity.
     """
     axes = [axis.name for axis in space.axes]
     mounted = space.robot is not None and space.robot.base is not None
@@ -194,12 +196,20 @@ class Route:
 
     @cached_property
     def columns(self) -> dict[str, NDArray[np.float64]]:
-        """Columns of the path by name (`path_columns`), arrays (n,) with one entry per point, in world coordinates."""
+        """Columns of the path by name, arrays (n,) with one entry per point.
+
+        The columns are: ``t`` (time in seconds) for a trajectory; one per axis, with the name of the axis, in
+        continuous world coordinates; for an arm ``tip_x`` and ``tip_y``, in metres; for a trajectory also one velocity
+        per axis and second, such as ``x_rate``.
+        """
         return path_columns(self.path)
 
 
 def _line(path: Polyline | Trajectory) -> NDArray[np.float64]:
-    """Return the points of a path that are written to the file, in axis coordinates, shape (n, ndim)."""
+    """Return the points of a path that are written to the file, in axis coordinates, shape (n, ndim).
+
+    Axis coordinates are those of the grid, in which the axes of the space have their ranges.
+    """
     return path.line if isinstance(path, Polyline) else path.space.from_world(path.positions)
 
 

@@ -154,7 +154,8 @@ def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
     """Return the JSON head and the body of a message with a drawing and its goal regions.
 
     The head contains the fields of the drawing and, for each goal region, the flat indices (C order) of its cells.  The
-    body has one byte per cell: the cell's code plus 4 times the index of its conductivity.
+    body has one byte per cell: the cell's code plus 4 times the index of its conductivity in ``palette``, a field of
+    the head.
     """
     space = drawing.space
     region, goals = space.goal_region.ravel(), []

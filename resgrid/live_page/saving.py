@@ -21,7 +21,7 @@ from resgrid.spice.write.files import write_spice
 
 
 def save(drawing: Drawing, kind: str | None) -> tuple[str, bytes]:
-    """Return the name and the content of an exported file.
+    """Return the name and the content of an exported file; raise InputError for another `kind`, or None.
 
     `kind`: ``toml`` or ``json`` (the scene), ``csv`` (paths), ``deck`` (SPICE decks with sidecars, zipped), ``svg``
     (picture of field and paths, drawn by `rg.draw`) or ``circuit`` (picture of the circuit of a small grid, as SVG).

@@ -56,11 +56,12 @@ def settle(
 ) -> tuple[dict[str, Any], list[bytes]]:
     """Return a transient: a head for JSON with the times in seconds, and two arrays as bytes.
 
-    The arrays have shape (times, nx, ny): pictures uint16 and volts float32 (NaN in cells without a path to a goal).
-    The head has the keys ``times`` and ``from_rest`` (whether the initial state is zero voltage).  The pictures have
-    the scale of the steady-state field, which is the last picture.  The initial state is the operating point `before`,
-    or zero voltage if `before` is None or its picture equals the last one.  The function `is_wanted` is called before
-    every time step; InputError is raised if it returns False.
+    The arrays have shape (times, nx, ny): pictures (uint16) and voltages in volts (float32, NaN in cells without a path
+    to a goal). A pixel value from 0 to 65534 is linear between the lowest and the highest value of the steady-state
+    field (potential, or log10 of the drop); 65535 marks cells without a value, such as obstacles. The head has the keys
+    ``times`` and ``from_rest`` (whether the initial state is zero voltage). The last picture is the steady state. The
+    initial state is the operating point `before`, or zero voltage if `before` is None or its picture equals the last
+    one. The function `is_wanted` is called before every time step; InputError is raised if it returns False.
     """
     if not drawing.driven and 0.0 < drawing.k < 1.0:
         raise InputError("a blend consists of two chips: choose k = 0 or k = 1 for the transient of one chip")
@@ -98,7 +99,13 @@ def _transient(
 ) -> tuple[NDArray[np.uint16], NDArray[np.float64]] | None:
     """Return pictures uint16 and volts float64, both (times, nx, ny), until the circuit has settled.
 
-    The result is None if the initial picture equals the steady state.  `frame`: solved drawing; `op`: steady state;
+    The times form a geometric series, counted from the switching of the rails or the change of the drawing; the last
+    entry is the steady state. A pixel value from 0 to 65534 is linear between the lowest and the highest value of the
+    steady-state picture: the normalised potential or, with an obstacle rail, log10 of the drop. Cells other than free
+    cells with a path to a goal keep the pixel value of the steady state (65535 in obstacles: no value) and have NaN
+    volts.
+
+    The result is None if the initial picture equals the steady state. `frame`: solved drawing; `op`: steady state;
     `before`: initial operating point, None for zero voltage; `farads`: capacitance of every node; `is_wanted`: function
     that is called before every time step, and returns False to stop the computation.
     """

@@ -21,10 +21,13 @@ from resgrid.scene.overrides import apply_overrides
 from resgrid.scene.world_coordinates import cell_centre, locate_point
 
 _MOST_CELLS = 2**24
-"""Maximum number of cells of a space in which a remedy is tried if the robot is a point or a disc."""
+"""Maximum number of cells of a space in which a remedy is tried, for robots that are points or discs."""
 
 _MOST_CELLS_OF_BODIES = 2**17
-"""Maximum number of cells of a space in which a remedy is tried for other robots, which need more time per cell."""
+"""Maximum number of cells of a space in which a remedy is tried, for robots other than points and discs.
+
+These need more time per cell.
+"""
 
 Change = Callable[[], Scene]
 """Function without arguments that returns a changed copy of a scene."""

@@ -336,7 +336,7 @@ def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int]
     opened = np.where(build_space(without_obstacles).cell == Cell.GOAL, np.uint8(Cell.GOAL), np.uint8(Cell.FREE))
 
     def opens(*removed: int) -> bool:
-        """Return whether a path exists if the parts with the indices `removed` block no cells."""
+        """Return whether a path exists if the parts of the scene with the indices `removed` block no cells."""
         kept = np.uint64(2**64 - 1 - sum(1 << number for number in removed))
         remaining = space.with_cells(np.where((bits & kept) == 0, opened, np.uint8(Cell.OBSTACLE)))
         return _connectivity(remaining, _cell_of(remaining, point)) is Outcome.REACHED

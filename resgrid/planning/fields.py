@@ -56,8 +56,7 @@ class Field:
         Weight of the Dirichlet field: 1 for Dirichlet and walls, 0 for Neumann.
     safe : ndarray of bool, shape of the space, or None
         Free cells in which the field is direction-safe; streamlines end at all other cells with ``no_current``.  None
-        if all cells are direction-safe, which holds except for ``method="petsc"``, warm starts and
-        ``accuracy="normwise"``.
+        if all are, as always except with ``method="petsc"``, warm starts and ``accuracy="normwise"``.
     boundary : str
         Boundary condition at obstacles: ``"dirichlet"``, ``"neumann"``, ``"wall"`` or ``"blend"``.
     edge : tuple of str
@@ -184,7 +183,7 @@ class Field:
 
 
 def _stop_codes(space: ConfigurationSpace, safe: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """Return `Cell` codes (cells,) with `GOAL` where tracing stops: in goals and cells outside the mask `safe`."""
+    """Return `Cell` codes (cells,) with `GOAL` where tracing stops: goals and cells outside `safe` (None: goals)."""
     if safe is None:
         return space.cell.ravel()
     return np.where((space.cell == Cell.FREE) & ~safe, np.uint8(Cell.GOAL), space.cell).ravel()
@@ -273,7 +272,7 @@ def read_field(
     log_drop: NDArray[np.float64] | None,
     *elements: Elements,
 ) -> Field:
-    """Return the field given by `potential` and `log_drop` of nodes (n,), and by the currents of `elements`.
+    """Return the field of nodes with `potential` and `log_drop` (n,), or None for no drop, and currents of `elements`.
 
     `volts`: voltage that corresponds to a potential difference of 1; its sign gives the direction of currents.
     """

@@ -114,7 +114,7 @@ def _moved(x: float, lower: float, upper: float, time: float) -> float:
 
 @inner
 def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int, int]:
-    """Return time, axis and side (-1: lower, 1: upper face) of the earliest exit from `local`, or axis -1."""
+    """Return time, axis (-1: none), side (-1, 1) of the first exit from `local` at face velocities `lower, upper`."""
     time, across, side = np.inf, -1, 0
     for axis in range(len(local)):
         axis_time, axis_side = _exit_time(local[axis], lower[axis], upper[axis])
@@ -125,7 +125,7 @@ def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int
 
 @inner
 def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
-    """Return the largest outward velocity at a face, its axis and side (-1: lower, 1: upper); axis -1 if none."""
+    """Return the largest outward velocity at a face, its axis (-1: none) and side (-1: lower, 1: upper face)."""
     speed, across, side = 0.0, -1, 0
     for axis in range(len(lower)):
         if upper[axis] > speed:
@@ -137,7 +137,7 @@ def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
 
 @inner
 def _cross(local: Floats, lower: Floats, upper: Floats, spacing: Floats) -> tuple[float, float, int, int]:
-    """Move the point `local` to its exit from the cell; return time, length, axis (-1: no exit) and side (-1 or 1)."""
+    """Move `local` to the exit from its cell of widths `spacing`; return time, length, axis (-1: none) and side."""
     time, across, side = _first_exit(local, lower, upper)
     drifts = across >= 0
     if not drifts:
@@ -267,7 +267,7 @@ def trace_many(
 
 @inner
 def segment_to_box(start: Floats, end: Floats, lower: Floats, upper: Floats) -> float:
-    """Return the distance of a segment from the box with corners `lower, upper`, by bisection along the segment."""
+    """Return the distance of the segment from `start` to `end` to the box with corners `lower, upper` (bisection)."""
     a, b = 0.0, 1.0
     for _ in range(54):
         t = 0.5 * (a + b)

@@ -156,7 +156,10 @@ class Problem:
         return name, wiring
 
     def _only(self) -> tuple[str, Wiring]:
-        """Return name and wiring of the problem's only circuit, without a check of its currents."""
+        """Return name and wiring of the problem's only circuit, which may carry no current.
+
+        Raise InputError if the problem has several circuits: a blend, or several starts that drive a circuit each.
+        """
         wiring = self.wiring
         if len(self.ks) == 1:
             if self.ks[0] not in self.halves:
@@ -346,7 +349,7 @@ def solve_problem(problem: Problem, *, scaled: bool = False, work: SolveOptions 
 
 
 def solve_field(space: ConfigurationSpace, wiring: Wiring, k: float | None = None) -> Field:
-    """Return the field of one circuit, or, with a weight `k`, a blend.
+    """Return the field of one circuit (`k` None) or, with a weight `k` in [0, 1], a blend.
 
     The blend has the field of this circuit for k = 1 and the field with open obstacles for k = 0.
     """

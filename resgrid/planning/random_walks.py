@@ -258,9 +258,11 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
     log_u = np.minimum(u.log, 0.0)
 
     def given(rates: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return ``x / u`` of every cell, shape of the space, where ``G x = rates * u``; NaN where u is 0.
+        """Return ``x / u`` of every cell, shape of the space: the expectation over the walks that hit a goal first.
 
-        `rates` (rows,): capacitance of each node for expected times, or sum of its conductances for numbers of jumps.
+        ``G x = rates * u``, with the conductance matrix ``G`` and the probability ``u`` of hitting a goal before an
+        obstacle; NaN where ``u`` is 0.  `rates` (rows,): capacitance of each node for expected times, or sum of its
+        conductances for expected numbers of jumps.
         """
         x = walk.solve(Scaled(u.hi * rates, u.lo * rates, u.exponent, u.noise))
         with np.errstate(invalid="ignore", divide="ignore"):

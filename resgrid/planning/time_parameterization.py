@@ -295,7 +295,7 @@ def _distance_from_segment(
 
 
 def _at_constant_velocities(points: NDArray[np.float64], velocity: LimitRatio) -> Knots:
-    """Return times, positions, velocities and accelerations (0) for the largest constant velocity on each segment."""
+    """Return times, positions, velocities, accelerations (0) at largest constant velocities between `points`."""
     step = np.diff(points, axis=0)
     seconds = velocity(step)
     velocities = np.concatenate([step / seconds[:, np.newaxis], np.zeros((1, points.shape[1]))])
@@ -304,7 +304,7 @@ def _at_constant_velocities(points: NDArray[np.float64], velocity: LimitRatio) -
 
 
 def _with_blends(points: NDArray[np.float64], velocity: LimitRatio, acceleration: LimitRatio, within: float) -> Knots:
-    """Return times, positions, velocities and accelerations of segments with parabolic blends at corners `points`."""
+    """Return times, positions, velocities, accelerations with blends at most `within` away from the `points`."""
     step = np.diff(points, axis=0)
     length = np.linalg.norm(step, axis=1)
     heading = step / length[:, np.newaxis]
@@ -336,7 +336,7 @@ def _straight_pieces(length: float, enter: float, leave: float, top: float, acce
 
 
 def _knots(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.float64]]]) -> Knots:
-    """Return times, positions, velocities, accelerations for `pieces`: pairs of duration, final velocity (ndim,)."""
+    """Return times, positions from ``points[0]`` on, velocities, accelerations; `pieces`: (duration, end velocity)."""
     total = sum(duration for duration, _ in pieces)
     pieces = [piece for piece in pieces if piece[0] > _MOMENT * total]
     seconds = np.array([duration for duration, _ in pieces])

@@ -51,7 +51,7 @@ MOST_FRAMES = 600
 _COLOURS = 255
 """Largest number of colours of a GIF's palette."""
 _HELD = 12
-"""Number of additional frames that repeat the last row of a run."""
+"""Number of additional frames that repeat the last row of a run at the end of an animation."""
 
 _PANEL = 3.6
 """Width of a panel of an animation, in inches."""

@@ -248,7 +248,7 @@ def virtual_cells(virtual: NDArray[np.bool_] | None) -> list[Mask]:
 
 
 def _slices(space: ConfigurationSpace, ax: Axes | None, cuts: Sequence[Cut]) -> list[Panel]:
-    """Return one panel of a new figure for each slice; raise InputError if `ax` is given."""
+    """Return one panel of a new figure for each slice; raise InputError unless `ax` is None."""
     if ax is not None:
         raise InputError(f"a space with {space.ndim} axes is drawn in several slices and cannot use one ax; omit ax")
     planes = [plane_of(space, cut) for cut in cuts]

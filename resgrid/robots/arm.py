@@ -47,14 +47,14 @@ class Arm(Robot):
     Parameters
     ----------
     lengths : tuple of float
-        Length of each of the one to four links, above 0.
+        Length of each of the one to four links, in metres, above 0.
     widths : tuple of float
-        Width of each link, at least 0; empty means 0 for all.
+        Width of each link, in metres, at least 0; empty means 0 for all.
     limits : tuple of (float, float) or None
         Range of each joint in radians, lower below upper; None for a joint without limits (a periodic axis from -pi to
         pi).  Empty means None for all.
     base : tuple of (float, float)
-        Position of the first joint.
+        Position (x, y) of the first joint, in metres.
     base_angle : float
         Direction of joint angle 0, in radians from the x axis.
     angles : {"relative", "absolute"}
@@ -286,7 +286,7 @@ class Arm(Robot):
         return self.tip(configurations)
 
     def bare(self, *, self_collision: bool = True) -> Arm:
-        """Return the arm without virtual obstacles, and without self-collision if `self_collision` is False."""
+        """Return the arm without virtual obstacles; `self_collision`: whether links may still collide with links."""
         collides = self.self_collision and self_collision
         return replace(self, singularity_width=None, singularity_cells=None, self_collision=collides)
 
@@ -357,9 +357,9 @@ class Arm(Robot):
 
 @cache
 def _pose_constants(arm: Arm) -> tuple[NDArray[Any], ...]:
-    """Return the fields of the arm's `Pose` that do not depend on the configuration, as five read-only arrays.
+    """Return the arm's half widths (n,) in metres, link numbers (n,), and three further arrays as read-only arrays.
 
-    Half widths (n,) in metres; link numbers (n,); `spin` (n, n); mask (n, n) of preceding links; `lever` (n, 2, n).
+    These are `Pose.spin` (n, n), a mask (n, n) of preceding links, and `Pose.lever` (n, 2, n), for any configuration.
     """
     count = arm.ndim
     spin = np.tri(count) if arm.angles == "relative" else np.eye(count)

@@ -168,7 +168,11 @@ class Robot(ABC):
         return None if self.turning_length is None else configurations[:, 2] / self.turning_length
 
     def bare(self, *, self_collision: bool = True) -> Robot:  # noqa: ARG002
-        """Return the robot without virtual obstacles, and without self-collision if `self_collision` is False."""
+        """Return the robot without virtual obstacles, and without self-collision if `self_collision` is False.
+
+        A virtual obstacle blocks configurations for a reason other than a collision, such as a singularity of an arm.
+        The default returns the robot unchanged.
+        """
         return self
 
     def turning_axis(self, cells: int, name: str = "theta") -> Axis:

@@ -24,6 +24,9 @@ Triangles = tuple[NDArray[np.float64], NDArray[np.int32]]
 _MAX_DEPTH = 200
 """Maximum depth of nested nodes; deeper ones form a cycle."""
 
+_DIGITS = 9
+"""Maximum number of digits of offsets, strides and counts."""
+
 _IGNORED = ("lines", "linestrips", "points")
 """Primitives without area."""
 
@@ -60,8 +63,15 @@ class _Document:
         """Return the numbers in the text of an element."""
         try:
             return np.array((element.text or "").split() if element is not None else [], dtype=kind)
-        except ValueError:
+        except (ValueError, OverflowError):
             raise self.error(f"<{element.tag if element is not None else ''}> holds text that is no number") from None
+
+    def whole(self, element: Element, name: str, default: int) -> int:
+        """Return an attribute of an element as an integer of at least 0."""
+        text = element.get(name, str(default)).strip()
+        if not text.isdecimal() or len(text) > _DIGITS:
+            raise self.error(f"<{element.tag} {name}={text!r}> is not a whole number")
+        return int(text)
 
 
 def read_collada(data: bytes, name: str) -> Triangles:
@@ -93,7 +103,12 @@ def read_collada(data: bytes, name: str) -> Triangles:
     if root.tag != "COLLADA" or scene is None:
         raise document.error("it has no scene")
     unit = root.find("asset/unit")
-    scale = float(unit.get("meter", "1")) if unit is not None else 1.0
+    try:
+        scale = float(unit.get("meter", "1")) if unit is not None else 1.0
+    except ValueError:
+        scale = math.nan
+    if not 0 < scale < math.inf:
+        raise document.error("its unit is not a positive number of metres")
     points: list[NDArray[np.float64]] = [np.empty((0, 3))]
     triangles: list[NDArray[np.int32]] = [np.empty((0, 3), dtype=np.int32)]
     for geometry, pose in _placed(document, document.target(scene.get("url")), np.diag([scale, scale, scale, 1.0]), 0):
@@ -173,7 +188,7 @@ def _primitives(document: _Document, geometry: Element) -> Iterator[Triangles]:
             faces = _faces(document, primitive, stride, offset)
             if faces.size and (faces.min() < 0 or faces.max() >= len(points)):
                 raise document.error("a triangle refers to a vertex that does not exist")
-            yield points, faces
+            yield points, faces.astype(np.int32)
         elif primitive.tag not in (*_IGNORED, "source", "vertices", "extra"):
             raise document.error(f"<{primitive.tag}> is not supported")
 
@@ -181,12 +196,12 @@ def _primitives(document: _Document, geometry: Element) -> Iterator[Triangles]:
 def _vertex_input(document: _Document, mesh: Element, primitive: Element) -> tuple[int, int, Element]:
     """Return the number of indices of a corner, the position of the vertex index, and the source of the positions."""
     inputs = primitive.findall("input")
-    stride = max((int(each.get("offset", "0")) for each in inputs), default=0) + 1
+    stride = max((document.whole(each, "offset", 0) for each in inputs), default=0) + 1
     for each in inputs:
         if each.get("semantic") == "VERTEX":
             for inner in document.target(each.get("source"), mesh).findall("input"):
                 if inner.get("semantic") == "POSITION":
-                    return stride, int(each.get("offset", "0")), document.target(inner.get("source"), mesh)
+                    return stride, document.whole(each, "offset", 0), document.target(inner.get("source"), mesh)
     raise document.error(f"<{primitive.tag}> has no vertices")
 
 
@@ -194,15 +209,15 @@ def _source(document: _Document, source: Element) -> NDArray[np.float64]:
     """Return the positions (v, 3) of a source."""
     accessor = source.find("technique_common/accessor")
     values = document.numbers(source.find("float_array"), np.float64)
-    stride = int(accessor.get("stride", "1")) if accessor is not None else 3
-    start = int(accessor.get("offset", "0")) if accessor is not None else 0
-    count = int(accessor.get("count", "0")) if accessor is not None else len(values) // 3
-    if stride < 3 or start < 0 or start + count * stride > len(values):
+    stride = document.whole(accessor, "stride", 1) if accessor is not None else 3
+    start = document.whole(accessor, "offset", 0) if accessor is not None else 0
+    count = document.whole(accessor, "count", 0) if accessor is not None else len(values) // 3
+    if stride < 3 or start + count * stride > len(values):
         raise document.error(f"source {source.get('id')!r} has fewer numbers than its accessor")
     return values[start : start + count * stride].reshape(count, stride)[:, :3]
 
 
-def _faces(document: _Document, primitive: Element, stride: int, offset: int) -> NDArray[np.int32]:
+def _faces(document: _Document, primitive: Element, stride: int, offset: int) -> NDArray[np.int64]:
     """Return the triangles (t, 3) of a primitive; polygons become fans around their first corner."""
     if primitive.find("ph") is not None:
         raise document.error("a polygon has holes")
@@ -213,20 +228,20 @@ def _faces(document: _Document, primitive: Element, stride: int, offset: int) ->
     if primitive.tag == "triangles":
         if any(len(each) % 3 for each in corners):
             raise document.error("<triangles> ends within a triangle")
-        return np.concatenate([np.empty(0, np.int64), *corners]).reshape(-1, 3).astype(np.int32)
+        return np.concatenate([np.empty(0, np.int64), *corners]).reshape(-1, 3)
     if primitive.tag == "tristrips":
         return _rows([np.column_stack([each[:-2], each[1:-1], each[2:]]) for each in corners])
     if primitive.tag == "polylist":
         counts = document.numbers(primitive.find("vcount"), np.int64)
         indices = np.concatenate([np.empty(0, np.int64), *corners])
-        if counts.sum() != len(indices):
+        if counts.min(initial=0) < 0 or counts.sum() != len(indices):
             raise document.error("<polylist> has a wrong number of corners")
         return _fans(indices, counts)
     counts = np.array([len(each) for each in corners], dtype=np.int64)  # polygons and fans: one row each
     return _fans(np.concatenate([np.empty(0, np.int64), *corners]), counts)
 
 
-def _fans(indices: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int32]:
+def _fans(indices: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the triangles (t, 3) of polygons whose corners follow each other; `counts`: corners of every polygon."""
     first = np.cumsum(counts) - counts
     parts = np.maximum(counts - 2, 0)
@@ -235,6 +250,6 @@ def _fans(indices: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.i
     return _rows([np.column_stack([indices[start], indices[start + within + 1], indices[start + within + 2]])])
 
 
-def _rows(parts: list[NDArray[np.int64]]) -> NDArray[np.int32]:
+def _rows(parts: list[NDArray[np.int64]]) -> NDArray[np.int64]:
     """Return arrays of triangles as one array (t, 3)."""
-    return np.concatenate([np.empty((0, 3), np.int64), *parts]).astype(np.int32)
+    return np.concatenate([np.empty((0, 3), np.int64), *parts])

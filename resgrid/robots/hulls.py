@@ -23,6 +23,9 @@ _MANY = 96
 _COARSE = 10
 """Ratio of the tolerance for hulls of many corners to the tolerance for hulls of few corners."""
 
+_BATCH = 0.9
+"""Fraction of the largest distance from which corners are added at once: more at once are more than necessary."""
+
 _FLAT = 1e-9
 """Extent, as a fraction of the largest extent, below which a point set counts as flat in a direction."""
 
@@ -35,7 +38,7 @@ _PLANE_ROUNDING = 1e-12
 _BLOCK = 200_000
 """Maximum number of pairs of a point and a triangle that are held in memory at once."""
 
-_DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
+DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 """Directions of the first corners that a simplified hull keeps: to the faces, edges and corners of a cube."""
 
 
@@ -151,7 +154,7 @@ def _simplified(hull: Facets, tolerance: float) -> Facets:
     if not len(hull.planes):
         return hull
     centred = hull.corners - hull.corners.mean(axis=0)
-    chosen = np.unique((centred @ _DIRECTIONS.T).argmax(axis=0))
+    chosen = np.unique((centred @ DIRECTIONS.T).argmax(axis=0))
     while True:
         kept = facets_of(hull.corners[chosen])
         if not len(kept.planes):
@@ -160,7 +163,7 @@ def _simplified(hull: Facets, tolerance: float) -> Facets:
         largest = gaps.max()
         if largest <= tolerance or (len(chosen) >= _MANY and largest <= _COARSE * tolerance):
             return kept
-        outside = np.flatnonzero(gaps > max(tolerance, largest / 2))
+        outside = np.flatnonzero(gaps > max(tolerance, _BATCH * largest))
         facet = (hull.corners[outside] @ kept.planes[:, :3].T + kept.planes[:, 3]).argmax(axis=1)
         order = np.lexsort((-gaps[outside], facet))
         first = np.r_[True, np.diff(facet[order]) > 0]

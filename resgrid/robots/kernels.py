@@ -22,7 +22,10 @@ Flags = NDArray[np.bool_]
 
 @njit(cache=True, inline="always")
 def segment_parameter(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
-    """Return the parameter of the point on the segment from a to b that is nearest to the point p: 0 at a, 1 at b."""
+    """Return the parameter of the point on the segment from a to b that is nearest to the point p: 0 at a, 1 at b.
+
+    `px, py, ax, ay, bx, by`: coordinates of the three points.
+    """
     dx, dy = bx - ax, by - ay
     squared = dx * dx + dy * dy
     if squared <= 0.0:
@@ -39,9 +42,10 @@ def _squared_from_segment(x: float, y: float, ax: float, ay: float, bx: float, b
 
 @inner
 def _squared_between(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> float:
-    """Return the squared distance of the segments ab and cd; 0 if they cross.
+    """Return the squared distance of the segments from a to b and from c to d; 0 if they cross.
 
-    Otherwise, the distance is attained at an end point of one of the segments.
+    `ax` to `dy`: coordinates of the four points.  Unless the segments cross, the distance is attained at an end point
+    of one of them.
     """
     c = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     d = (bx - ax) * (dy - ay) - (by - ay) * (dx - ax)
@@ -58,7 +62,8 @@ def _squared_between(ax: float, ay: float, bx: float, by: float, cx: float, cy: 
 def _near_polygon(ax: float, ay: float, bx: float, by: float, reach: float, edges: Floats) -> bool:
     """Return whether the segment from a to b is inside a polygon or within a distance `reach` of its outline.
 
-    `edges` (m, 4): edges ``x0, y0, x1, y1`` of the polygon.
+    `ax, ay, bx, by`: ends of the segment, in metres; `reach`: in metres; `edges` (m, 4): edges ``x0, y0, x1, y1`` of
+    the polygon, in metres.
     """
     inside = False
     for e in range(len(edges)):
@@ -235,9 +240,9 @@ def _index(scaled: float, count: int) -> int:
 
 @inner
 def _extent_of_disc(y: float, radius: float, low: float, high: float) -> float:
-    """Return half the longest chord, parallel to x and with y in [low, high], of a disc with its centre at `y`.
+    """Return half the longest chord, parallel to x and with y in [low, high], of a disc with its centre at height `y`.
 
-    The result is -1 if there is no such chord.
+    `radius`: radius of the disc, in the unit of the coordinates.  The result is -1 if there is no such chord.
     """
     away = max(0.0, low - y, y - high)
     return math.sqrt((radius - away) * (radius + away)) if away <= radius else -1.0
@@ -245,7 +250,7 @@ def _extent_of_disc(y: float, radius: float, low: float, high: float) -> float:
 
 @inner
 def _ends_of_segment(ax: float, ay: float, bx: float, by: float, low: float, high: float) -> tuple[float, float]:
-    """Return least and largest x of the part of the segment ab with y in [low, high]; (inf, -inf) if there is none."""
+    """Return least and largest x of the part of the segment from a to b with y in [low, high]; (inf, -inf) if none."""
     if ay > by:
         ax, ay, bx, by = bx, by, ax, ay
     if ay > high or by < low:

@@ -104,17 +104,37 @@ class Mesh(Bounded):
         return len(self._open_edges)
 
     @cached_property
-    def in_closed_part(self) -> NDArray[np.bool_]:
-        """Mask of the triangles of closed parts, shape (t,); a part is a set of triangles connected by vertices."""
+    def closed_parts(self) -> NDArray[np.int32]:
+        """Triangles of all closed parts, shape (t, 3), oriented so that their winding numbers can be added.
+
+        A part is a set of triangles connected by vertices.  A part whose orientation is opposite to that of the largest
+        part is a cavity if all its vertices are inside other parts.  Otherwise it is turned round, because in the
+        intersection with another part the winding numbers would cancel.
+        """
+        part = self._part_of_triangle
+        is_closed = np.ones(part.max() + 1, dtype=np.bool_)
+        open_points = np.isin(self.triangles, self._open_edges).any(axis=1)
+        is_closed[part[open_points]] = False
+        a, b, c = (self.corners - self.points[self.triangles[0, 0]]).transpose(1, 0, 2)
+        volume = np.bincount(part, np.sum(a * np.cross(b, c), axis=1), minlength=len(is_closed)) * is_closed
+        triangles = self.triangles.copy()
+        outer = np.sign(volume[np.argmax(np.abs(volume))])
+        for number in np.flatnonzero(volume * outer < 0):
+            own = part == number
+            others = is_closed[part] & ~own
+            if not winds_around(self.corners[others], self.points[np.unique(self.triangles[own])]).all():
+                triangles[own] = triangles[own, ::-1]
+        return triangles[is_closed[part]]
+
+    @cached_property
+    def _part_of_triangle(self) -> NDArray[np.int64]:
+        """Number of the part to which each triangle belongs, shape (t,)."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
         starts, ends = self.triangles.ravel(), np.roll(self.triangles, -1, axis=1).ravel()
         links = coo_array((np.ones(len(starts)), (starts, ends)), shape=(len(self.points),) * 2)
-        count, part = connected_components(links, directed=False)
-        is_closed = np.ones(count, dtype=np.bool_)
-        is_closed[part[self._open_edges[:, 0]]] = False
-        return np.asarray(is_closed[part[self.triangles[:, 0]]])
+        return np.asarray(connected_components(links, directed=False)[1][self.triangles[:, 0]], dtype=np.int64)
 
     @cached_property
     def _open_edges(self) -> NDArray[np.int64]:
@@ -128,3 +148,20 @@ class Mesh(Bounded):
     def shifted(self, by: Point) -> Mesh:
         """Return the mesh translated by the vector `by`, in axis units."""
         return Mesh(self.points + np.asarray(by), self.triangles, self.pieces)
+
+
+def winds_around(corners: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return the mask (n,) of points around which a closed surface winds.
+
+    The solid angles of all triangles are added (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983)
+    125).
+    `corners` (t, 3, 3): vertices of the triangles; `points` (n, 3): points that do not lie on the surface.
+    """
+    turns = np.empty(len(points))
+    for number, point in enumerate(points):
+        a, b, c = (corners - point).transpose(1, 0, 2)
+        lengths = np.linalg.norm(corners - point, axis=2)
+        products = np.column_stack([np.sum(b * c, axis=1), np.sum(c * a, axis=1), np.sum(a * b, axis=1)])
+        volume = np.sum(a * np.cross(b, c), axis=1)
+        turns[number] = np.arctan2(volume, np.prod(lengths, axis=1) + np.sum(products * lengths, axis=1)).sum()
+    return np.abs(turns) > np.pi

@@ -42,7 +42,7 @@ def near_mesh(
         near = _near_offset(mesh.corners, lines, side, reach, spacing)
     else:
         near = _near_surface(mesh.corners, lines, side)
-    if mesh.in_closed_part.any():
+    if len(mesh.closed_parts):
         near |= _enclosed(mesh, lines)
     return near
 
@@ -250,7 +250,7 @@ def _enclosed(mesh: Mesh, lines: Sequence[NDArray[np.float64]]) -> NDArray[np.bo
     `lines`: centres of the cells along every axis.
     """
     turns = np.zeros((len(lines[0]) + 1, len(lines[1]), len(lines[2])), dtype=np.int32)
-    indices, corners = mesh.triangles[mesh.in_closed_part], mesh.corners[mesh.in_closed_part]
+    indices, corners = mesh.closed_parts, mesh.points[mesh.closed_parts]
     first, count = _ranges(lines[1:], corners[:, :, 1:].min(axis=1), corners[:, :, 1:].max(axis=1))
     for triangle, (row, layer) in _pairs(first, count):
         y, z = lines[1][row], lines[2][layer]

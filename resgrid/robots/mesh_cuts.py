@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.robots.hulls import DIRECTIONS
+
 _POSITIONS = 9
 """Number of equidistant positions of a cut along every axis that are compared first."""
 
 _REFINED = 8
 """Maximum number of positions at vertices near the best position that are compared."""
 
-_SAMPLE = 200
+_SAMPLE = 140
 """Number of points on the surface, and maximum number of vertices, from which costs are estimated."""
 
 _WEIGHT = 0.2
@@ -150,8 +152,12 @@ def _costs(points: NDArray[np.float64], area: NDArray[np.float64]) -> tuple[floa
 
 def _sample(corners: NDArray[np.float64]) -> _Sample:
     """Return vertices of triangles (t, 3, 3), and points spread evenly over their area."""
-    vertices = np.unique(corners.reshape(-1, 3), axis=0)
-    vertices = vertices[np.linspace(0, len(vertices) - 1, min(len(vertices), _SAMPLE)).astype(int)]
+    vertices = corners.reshape(-1, 3)
+    if len(vertices) > _SAMPLE:
+        extreme = np.concatenate(
+            [(vertices @ DIRECTIONS.T).argmax(axis=0), np.arange(0, len(vertices), len(vertices) // _SAMPLE)]
+        )
+        vertices = vertices[np.unique(extreme)]
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     area = np.cumsum(np.linalg.norm(np.cross(b - a, c - a), axis=1)) / 2
     numbers = np.arange(_SAMPLE)

@@ -1,8 +1,9 @@
-"""Triangle meshes from files: STL, OBJ and PLY by trimesh, COLLADA (DAE) by a reader of its own."""
+"""Triangle meshes from files: STL, OBJ and COLLADA (DAE) by strict readers of the project, PLY by trimesh."""
 
 from __future__ import annotations
 
 import io
+import logging
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,9 @@ from resgrid._internal.extras import install_command
 from resgrid._internal.files import read_bytes
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.robots.collada import read_collada
-from resgrid.robots.mesh_completeness import check_complete
+from resgrid.robots.obj import read_obj
+from resgrid.robots.ply import check_ply
+from resgrid.robots.stl import read_stl
 
 FORMATS = (".stl", ".obj", ".ply", ".dae")
 """Suffixes of the supported mesh formats, in lower case."""
@@ -45,15 +48,23 @@ def read_mesh(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     InputError
         If the file is missing or damaged, has another format or no triangles, or a coordinate is not finite.
     ToolMissingError
-        If trimesh is not installed.
+        If the file is PLY, and trimesh is not installed.
     """
     suffix = file.suffix.lower()
     if suffix not in FORMATS:
         known = ", ".join(FORMATS)
         raise InputError(f"{file}: unknown mesh format {file.suffix!r}; convert the mesh to one of {known}")
     data = read_bytes(file, MAX_BYTES)
-    check_complete(data, suffix, file)
-    points, triangles = read_collada(data, str(file)) if suffix == ".dae" else _by_trimesh(file, data, suffix[1:])
+    if suffix == ".obj":
+        points, triangles = read_obj(data, str(file))
+    elif suffix == ".stl":
+        corners = read_stl(data, str(file)).reshape(-1, 3)
+        points, triangles = corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
+    elif suffix == ".dae":
+        points, triangles = read_collada(data, str(file))
+    else:
+        check_ply(data, str(file))
+        points, triangles = _read_ply(file, data)
     if not len(triangles):
         raise InputError(f"{file}: the mesh has no triangles; is it the right file?")
     if triangles.min() < 0 or triangles.max() >= len(points):
@@ -71,18 +82,32 @@ def _merged(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[
     return points, numbers.reshape(-1, 3).astype(np.int32)
 
 
-def _by_trimesh(file: Path, data: bytes, kind: str) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return the vertices and triangles that trimesh reads from the bytes of a file of a kind such as ``"stl"``."""
+def import_trimesh(file: Path, kind: str) -> Any:
+    """Return the module trimesh, whose log messages are not printed; raise ToolMissingError if it is not installed.
+
+    Without a handler, Python prints the tracebacks that trimesh logs for damaged files.
+    `file`, `kind`: name and format of the file, for the message.
+    """
     try:
         trimesh: Any = import_module("trimesh")
     except ImportError:
-        raise ToolMissingError(f"{file}: meshes need trimesh; install it: {install_command('robots')}") from None
-    options = {"skip_materials": True, "split_objects": False} if kind == "obj" else {}
+        raise ToolMissingError(
+            f"{file}: {kind.upper()} files need trimesh; install it: {install_command('robots')}"
+        ) from None
+    log = logging.getLogger("trimesh")
+    if not log.handlers:
+        log.addHandler(logging.NullHandler())
+    return trimesh
+
+
+def _read_ply(file: Path, data: bytes) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Return the vertices and triangles that trimesh reads from the bytes of a PLY file."""
+    trimesh = import_trimesh(file, "ply")
     try:
-        mesh = trimesh.load(io.BytesIO(data), file_type=kind, force="mesh", process=False, **options)
+        mesh = trimesh.load(io.BytesIO(data), file_type="ply", force="mesh", process=False)
         points = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
         return points, np.array(mesh.faces, dtype=np.int32).reshape(-1, 3)
     except (MemoryError, RecursionError):
         raise
     except Exception as error:  # trimesh raises exceptions of many classes for damaged files
-        raise InputError(f"{file}: the mesh cannot be read as {kind.upper()} ({error}); export it again") from None
+        raise InputError(f"{file}: the mesh cannot be read as PLY ({error}); export it again") from None

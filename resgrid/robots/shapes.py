@@ -218,14 +218,14 @@ class CellSet(Bounded):
         return tuple(axis.lower for axis in self.axes), tuple(axis.upper for axis in self.axes)
 
     def boxes(self) -> list[Box]:
-        """Return the marked cells of a plane grid as boxes; a run of neighbours along the second axis is one box."""
+        """Return the marked cells of a plane grid as boxes, in axis units; a run along the second axis is one box."""
         x, y = self.axes
         column, first, last = _runs(self.mask)
         corners = np.column_stack([x.edges[column], y.edges[first], x.edges[column + 1], y.edges[last]]).tolist()
         return [Box((x0, y0), (x1, y1)) for x0, y0, x1, y1 in corners]
 
     def borders(self) -> NDArray[np.float64]:
-        """Return the boundary of the set in a plane grid as edges ``x0, y0, x1, y1``, shape (e, 4).
+        """Return the boundary of the set in a plane grid as edges ``x0, y0, x1, y1``, shape (e, 4), in axis units.
 
         Collinear edges of neighbouring cells are merged.
         """

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import permutations
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -85,7 +86,7 @@ class Voxels(Bounded):
         Voxels
             The union of the voxels.
         """
-        first = np.unique(np.asarray(cells).reshape(-1, 3), axis=0)
+        first = _distinct(np.asarray(cells).reshape(-1, 3))
         return cls(lower, size, merge_boxes(np.stack([first, first + 1], axis=1)))
 
     def __repr__(self) -> str:
@@ -113,6 +114,18 @@ class Voxels(Bounded):
         return Voxels(translated(self.lower, by), self.size, self.boxes)  # type: ignore[arg-type]
 
 
+def _distinct(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return cells (n, 3) without repetitions, sorted."""
+    if not len(cells):
+        return cells
+    low, high = cells.min(axis=0), cells.max(axis=0)
+    size = tuple(int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
+    if prod(size) > 1 << 62:  # a cell's number in the bounding box would overflow
+        return np.unique(cells, axis=0)
+    numbers = np.unique(np.ravel_multi_index(tuple((cells - low).T), size))
+    return np.asarray(np.column_stack(np.unravel_index(numbers, size)) + low)
+
+
 def merge_boxes(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return few disjoint boxes with the same union as disjoint boxes.
 
@@ -120,6 +133,8 @@ def merge_boxes(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
     the fewest boxes among all orders of the axes is returned; for many boxes only one order is tried.
     `boxes` (b, 2, 3): first index of every box, and the index after the last.
     """
+    if len(boxes) < 2:
+        return boxes
     orders = list(permutations(range(3))) if len(boxes) <= MAX_TRIED else [(2, 1, 0)]
     return min((_merged(boxes, order) for order in orders), key=len)
 

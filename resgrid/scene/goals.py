@@ -137,7 +137,7 @@ class GoalPose:
 
     @property
     def tool_goal(self) -> ToolGoal:
-        """The goal with its ball and its rotation matrix."""
+        """The goal as a ball for the origin of the tool's frame, a rotation of this frame, and a largest angle."""
         rotation = None if self.rotation is None else pose_matrix((0.0, 0.0, 0.0, *self.rotation))[:3, :3]
         return ToolGoal(Ball(self.position, self.radius), rotation, self.angle)
 

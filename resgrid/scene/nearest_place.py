@@ -96,8 +96,9 @@ def place_text(point: Sequence[float]) -> str:
 def nearest_cell(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequence[Axis]) -> tuple[int, ...] | None:
     """Return the index of the allowed cell with the nearest centre; None if no cell is allowed.
 
-    `allowed`: mask of cells, shape of the space; `cell`: index of the cell from which distances are measured.  The
-    search examines windows around this cell that grow until the result is certain.
+    `allowed`: mask of cells, shape of the space; `cell`: index of the cell from which distances are measured, in axis
+    units; `axes`: axes of the space.  The search examines windows around this cell that grow until the result is
+    certain.
     """
     spacing = np.array([axis.spacing for axis in axes])
     for power in count(3, 2):

@@ -88,8 +88,8 @@ def file_type(hint: Any, *, planar: bool = False) -> Any:
 def table_of(value: type, kind: tuple[str, str] | None = None, planar: bool = False) -> type[TableModel]:
     """Return the pydantic model of a dataclass's table.
 
-    `kind`: key and value that distinguish this table from other kinds; `planar`: whether points have exactly two
-    coordinates.
+    `value`: the dataclass; `kind`: pair of a key and the value by which files select this table among other kinds, such
+    as ``("type", "arm")``; None without such a key; `planar`: whether points have exactly two coordinates.
     """
     keys = fields_from(value, planar=planar)
     if kind is not None:
@@ -128,8 +128,8 @@ def _default(item: dataclasses.Field[Any]) -> dict[str, Any]:
 def value_of(value: type, kind: tuple[str, str] | None = None, planar: bool = False) -> Any:
     """Return the pydantic annotation of a key that holds the table of a dataclass.
 
-    `kind`: key and value that distinguish this table from other kinds; `planar`: whether points have exactly two
-    coordinates.
+    `value`: the dataclass; `kind`: pair of a key and the value by which files select this table among other kinds, such
+    as ``("type", "arm")``; None without such a key; `planar`: whether points have exactly two coordinates.
     """
     return filled_as(table_of(value, kind, planar), value, *(kind or ())[:1])
 

@@ -152,7 +152,7 @@ def row_residual(
     """Compute the residual ``b - A x`` in amperes from differences of `x`, and return its Euclidean norm.
 
     `matrix`: the fields of `Graph`, which are the CSR arrays of the conductances and the conductance of every row to
-    nodes of known voltage; `slot` (n,): index into ``r`` at which the residual of every row is stored; `b, x` (n,):
+    nodes of known voltage; `slot` (n,): for every row, the index in ``r`` at which its residual is stored; `b, x` (n,):
     right-hand side in amperes and solution in volts, by row; `r` (n,): residual, overwritten.
     """
     indptr, indices, conductance, ground = matrix

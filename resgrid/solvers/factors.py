@@ -36,10 +36,12 @@ EXACT_ROWS = 20_000
 """Number of rows up to which the direct method refines voltages to the nearest doubles, equal on every machine."""
 
 _REFINED_DIRECTLY, _REFINED = 1e-28, 1e-26
-"""Componentwise backward errors at which refinement ends in nodes without a current: direct method, multigrid.
+"""Residual of KCL at a row, relative to ``(b + |A| |x|)_i``, that counts as rounding error: direct method, multigrid.
 
-The first is the rounding error of double-double arithmetic. The second is larger, since multigrid iterates for every
-digit.
+Refinement usually ends earlier, when the violations of KCL relative to the currents are small. This limit decides at
+rows whose resistors carry hardly any current, since all neighbours have nearly equal voltages. It also ends every
+refinement of small circuits (`EXACT_ROWS`) by the direct method. The first value is the rounding error of double-double
+arithmetic. The second is larger, since multigrid iterates for every digit.
 """
 
 _ROUNDINGS = 16.0 * np.finfo(np.float64).eps

@@ -81,11 +81,12 @@ inaccurate.
 def solve_by_levels(
     nominal: Laplacian, hierarchy: Hierarchy, start: Floats, chips: Chips, rtol: float
 ) -> Iterator[Floats | None]:
-    """Yield the solution (n,) of every chip in volts, None where it stagnates, with the nominal coarse levels.
+    """Yield the solution (n,) of every chip in volts, None where the iteration stagnates.
 
-    `nominal, hierarchy`: matrix of the nominal chip, and its levels; `start` (n,): solution of the nominal chip in
-    volts, the initial guess; `chips`: matrices and currents of the chips; `rtol`: residual norm relative to the
-    currents' norm.
+    A chip differs from the nominal chip in the values of its resistors. Its finest level is computed, its coarse levels
+    are those of the nominal chip. `nominal, hierarchy`: matrix of the nominal chip, and its levels; `start` (n,):
+    solution of the nominal chip in volts, the initial guess; `chips`: matrices and currents of the chips; `rtol`:
+    residual norm relative to the norm of the currents at which an iteration ends.
     """
     grid, listed, ordinary = nominal.grid, nominal.listed, hierarchy.largest_degree / hierarchy.unit
     assert hierarchy.grid is not None and grid is not None and listed is not None
@@ -148,13 +149,14 @@ def solve_in_order(order: Symbolic, chips: Chips, rtol: float) -> Iterator[Float
 class WarmGrid:
     """The equations ``A x = b`` of a grid that change, and their latest solution.
 
-    A slot is an index into flat arrays that hold all red cells, then all black cells, each with padding.
+    The position of a cell is its index in a flattened array (2, slots), whose row 0 holds red and row 1 black cells,
+    each with padding.
 
     `hierarchy`: multigrid levels of a grid of two colours, all of whose rows are cells; `finest`: finest level of the
     hierarchy, into which changes are written; `lattice`: memory layout of the finest level; `slot`, of the grid's
-    shape: slot of every cell, 0 for none; `flat`: whether the correction of the solution outside a changed window is a
-    multiple of a constant (a single rail) or of ``1 - x`` (two rails); `b, x` (2, slots of a colour): right-hand side
-    in amperes divided by ``hierarchy.unit`` (siemens), and solution in volts.
+    shape: position of every cell, 0 for none; `flat`: whether the correction of the solution outside a changed window
+    is a multiple of a constant (a single rail) or of ``1 - x`` (two rails); `b, x` (2, slots): right-hand side in
+    amperes divided by ``hierarchy.unit`` (siemens), and solution in volts.
     """
 
     hierarchy: Hierarchy
@@ -260,8 +262,9 @@ class WarmGrid:
     def _write(self, there: Indices, core: Box, laplacian: Laplacian, drive: Floats) -> None:
         """Overwrite the equations of the finest level in the inner cells of a window.
 
-        `there` (cells,): indices of these cells in the arrays of the finest level; `core`: slices of these cells,
-        relative to the window; `laplacian, drive`: matrix on the grid of the window, and currents (n,) in amperes.
+        `there` (cells,): positions of these cells in flattened arrays (2, slots) of the finest level, red cells first;
+        `core`: slices of these cells, relative to the window; `laplacian, drive`: matrix on the grid of the window, and
+        currents (n,) in amperes.
         """
         assert laplacian.listed is not None and laplacian.grid is not None
         finest, vertex, unit = self.finest, laplacian.grid.vertex, self.hierarchy.unit
@@ -282,8 +285,8 @@ class WarmGrid:
     def _aggregate(self, slot: Indices, present: NDArray[np.bool_]) -> None:
         """Assign new black cells to the aggregate (coarse node) of a black cell behind their strongest red neighbour.
 
-        `slot` (m,): indices of the black cells in arrays of the finest level; `present` (m,): whether each has an
-        equation; cells without one get the aggregate 0, which means none.
+        `slot` (m,): indices of some black cells in arrays over the black cells of the finest level, from 0; `present`
+        (m,): whether each has an equation; cells without one get the aggregate 0, which means none.
         """
         target, faces, distance = self.finest.aggregate, self.finest.true.faces, self.lattice.distance
         target[slot[~present]] = 0

@@ -286,7 +286,7 @@ class Laplacian:
 def _compress(listed: EdgeList | None, size: int) -> Rows:
     """Return the compressed rows of a list of edges; raise BudgetError for more entries than 32-bit indices can number.
 
-    `listed`: the edges; `size`: number of rows.
+    `listed`: the edges, never None; `size`: number of rows.
     """
     from resgrid.solvers.csr_kernels import conductances_by_row
 

@@ -59,9 +59,7 @@ _PROVED = 1e-6
 
 _DIFFERENCE = 4.0
 """Relative difference of two refined values that counts as rounding error, in multiples of `refine`'s parameter
-``floor``.
-
-``floor`` is the attainable componentwise backward error.
+``floor``, the residual of a row that counts as rounding error, relative to ``(b + |A| |x|)_i``.
 """
 
 _FLAT = 1e-14
@@ -153,12 +151,13 @@ def refine(
 ) -> Refined:
     """Return the solution for a nonnegative right-hand side `rhs` (n,), with a small relative error of every entry.
 
-    `rhs` is in amperes. `approximate`: approximate inverse of the matrix `laplacian`; `floor`: rounding error of a
-    row's sum of currents, relative to ``(b + |A| |x|)_i``; `exact`: whether to compute residuals in double-double, so
-    that the solution is the nearest double (also done if hardly any current flows); `first_bound`: bound on the
-    relative error of entries of the first approximation: a larger correction is rounding error of conductances that
-    span more orders of magnitude than double-doubles; `resolve`: whether to solve a few rows without correct digits
-    directly; `threads`: share the computation of residuals.
+    `rhs` is in amperes. `approximate`: approximate inverse of the matrix `laplacian`; `floor`: residual of a row,
+    relative to ``(b + |A| |x|)_i``, that counts as rounding error of the row's sum of currents; `exact`: whether to
+    compute residuals in double-double, so that the solution is the nearest double (also done if the currents of a row's
+    resistors are at most 1e-14 of ``(b + |A| |x|)_i``); `first_bound`: bound on the relative error of entries of the
+    first approximation: a larger correction is rounding error of conductances that span more orders of magnitude than
+    double-doubles; `resolve`: whether to solve a few rows without correct digits directly; `threads`: share the
+    computation of residuals.
     """
     matrix, current = laplacian.graph, scaled_currents(rhs)
     residual = current[0].copy(), current[1].copy()
@@ -207,9 +206,10 @@ def imbalance(
     """Write the residual of KCL to ``out``, and return the violation of KCL over all rows.
 
     `matrix, current, x`: conductances, right-hand side and voltages; `out`: mantissas and exponents of the residual,
-    (n,) each, on entry those of the previous residual; `exact`: whether to compute in double-double; `floor`: rounding
-    error of a row's sum of currents, relative to ``(b + |A| |x|)_i``; `kept`: multiple of the rounding error up to
-    which a row counts as converged if its residual on entry is 0; `threads`: process slices of rows.
+    (n,) each, on entry those of the previous residual; `exact`: whether to compute in double-double; `floor`: residual
+    of a row, relative to ``(b + |A| |x|)_i``, that counts as rounding error, so that the row is converged; `kept`:
+    multiple of the rounding error up to which a row counts as converged if its residual on entry is 0; `threads`:
+    process slices of rows.
     """
     from resgrid.solvers.scaled_kernels import residual
 
@@ -289,7 +289,11 @@ def resolve_rows(laplacian: Laplacian, residual: Floats, x: Scaled, current: Num
 
 
 def _around(laplacian: Laplacian, rows: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
-    """Return a mask (n,) of the rows in the mask ``rows`` (n,) and their neighbourhood; None for none or too many."""
+    """Return a mask (n,) of some rows and their neighbourhood; None if there are no rows or too many.
+
+    `rows` (n,): mask of the rows; the neighbourhood consists of the rows within a few steps along resistors (`_STEPS`);
+    too many are more than the limits `_MOST`, `_MOST_OF_PLANE` or 1/`_ONE_IN` of all rows.
+    """
     plane = laplacian.grid is not None and laplacian.dimensions == 2
     most, edge = min(_MOST_OF_PLANE if plane else _MOST, laplacian.size // _ONE_IN), np.flatnonzero(rows)
     seen, count, steps = rows.copy(), len(edge), 0

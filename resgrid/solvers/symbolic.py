@@ -24,9 +24,10 @@ from resgrid.solvers.ordering_kernels import minimum_fill, quotient_graph, with_
 from resgrid.solvers.scaled import Indices, Integers
 
 _MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 600
-"""Largest number of entries of the factors per row in the order by distance, for planes and for volumes.
+"""Largest number of entries of the factors per row if rows are eliminated by distance, for planes and for volumes.
 
-A matrix with more entries is ordered by minimum fill, which is then faster.
+The distance is counted from the row with the largest ground conductance. A matrix with more entries is ordered by
+minimum fill, which is then faster.
 """
 
 _DENSE = 10.0

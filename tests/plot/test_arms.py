@@ -13,7 +13,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 from support.spaces import space_of
-from support.trees import HandMadeRobot
+from support.hand_made_robot import HandMadeRobot
 
 import resgrid as rg
 from resgrid.plot.arms import END, SOLID, ArmPicture

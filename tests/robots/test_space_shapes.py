@@ -162,10 +162,28 @@ def test_closed_parts_of_an_open_mesh_have_an_inside() -> None:
     axes = tuple(rg.Axis(name, 0.0, 1.0, 10) for name in "xyz")
     crate = CUBE * 0.5 + 0.05
     mixed = rg.Mesh(np.vstack([crate, CUBE * 0.3 + 0.67]), np.array([*FACES, *(np.array(FACES[:-1]) + 8)]))
-    assert not mixed.is_closed and mixed.in_closed_part.sum() == 12
+    assert not mixed.is_closed and len(mixed.closed_parts) == 12
     blocked = rg.PointRobot().occupancy(axes, [mixed], "centre")
     np.testing.assert_array_equal(blocked, rg.PointRobot().occupancy(axes, [rg.Mesh(crate, np.array(FACES))], "centre"))
     assert rg.PointRobot().occupancy(axes, [mixed], "conservative")[6:, 6:, 6:].any()
+
+
+def test_overlapping_parts_of_opposite_orientation_do_not_cancel_and_cavities_stay_free() -> None:
+    axes = tuple(rg.Axis(name, 0.0, 1.0, 10) for name in "xyz")
+    faces, turned = np.array(FACES), np.array(FACES)[:, ::-1] + 8
+
+    def blocked(first, second, triangles):
+        mesh = rg.Mesh(np.vstack([first, second]), np.vstack(triangles))
+        assert mesh.is_closed
+        return rg.PointRobot().occupancy(axes, [mesh], "conservative")
+
+    for pair in ([faces, turned], [faces[:, ::-1], turned[:, ::-1]]):
+        overlap = blocked(CUBE * 0.6, CUBE * 0.6 + 0.3, pair)
+        assert overlap[:6, :6, :6].all() and overlap[3:9, 3:9, 3:9].all() and overlap.sum() == 2 * 216 - 27
+        room = blocked(CUBE * 0.8 + 0.1, CUBE * 0.4 + 0.3, pair)
+        assert not room[3:7, 3:7, 3:7].any() and room.sum() == 512 - 64
+        apart = blocked(CUBE * 0.4, CUBE * 0.4 + 0.5, pair)
+        assert apart.sum() == 128
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.25, 3.0])
@@ -225,6 +243,18 @@ def _cell_set(axes, mask):
     from resgrid.robots import CellSet
 
     return CellSet(axes, mask)
+
+
+def test_repeated_and_distant_voxels_count_once() -> None:
+    cells = [[0, 0, 0], [0, 0, 0], [2**40, -(2**40), 2**40], [0, 0, 1]]
+    voxels = rg.Voxels.of_cells(cells, 0.1)
+    assert sorted(voxels.boxes.tolist()) == [
+        [[0, 0, 0], [1, 1, 2]],
+        [[2**40, -(2**40), 2**40], [2**40 + 1, 1 - 2**40, 2**40 + 1]],
+    ]
+    assert rg.Voxels.of_cells(cells[:2], 0.1).boxes.tolist() == [[[0, 0, 0], [1, 1, 1]]]
+    with pytest.raises(rg.InputError, match="b > 0"):
+        rg.Voxels.of_cells(np.empty((0, 3), int), 0.1)
 
 
 def test_large_boxes_are_merged_into_one() -> None:

@@ -1,12 +1,13 @@
 """Scenes with obstacles in space: keys, files, error messages, changes by options, and links.
 
-Tests internals: `resgrid.scene` (`overrides`, `reading`, `schema`).
+Tests internals: `resgrid.live_page.opening`, `resgrid.scene` (`overrides`, `reading`, `schema`).
 """
 
 from __future__ import annotations
 
 import base64
 import json
+import sys
 import zlib
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from support.cli import answer, call
 from support.space_shapes import CUBE, FACES
 
 import resgrid as rg
+from resgrid.live_page.opening import open_document
 from resgrid.scene.overrides import apply_overrides, document_of
 from resgrid.scene.reading import link_document
 
@@ -166,6 +168,8 @@ def test_a_link_cannot_name_files_of_obstacles(room: Path) -> None:
     code = base64.urlsafe_b64encode(zlib.compress(json.dumps(document).encode())).decode()
     with pytest.raises(rg.InputError, match="needs the file of a map or obstacle, which a link cannot contain"):
         link_document(f"http://localhost/#s={code}")
+    with pytest.raises(rg.InputError, match="needs files of obstacles, to which the page has no access"):
+        open_document(document)
 
 
 def test_areas_may_be_shapes_in_space(room: Path) -> None:
@@ -176,9 +180,10 @@ def test_areas_may_be_shapes_in_space(room: Path) -> None:
 
 
 def test_a_scene_without_the_extra_names_the_command(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "trimesh", None)
-    crate = room.parent / "crate.stl"
-    crate.write_bytes(crate.read_bytes() + b"\0")  # the file must be read again
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.Trimesh(CUBE * 400, FACES, process=False).export(room.parent / "crate.ply")
+    room.write_text(room.read_text().replace("crate.stl", "crate.ply"))
+    monkeypatch.setitem(sys.modules, "trimesh", None)
     result = call("path", room)
     assert result.exit_code == 3
-    assert "crate.stl: meshes need trimesh" in result.stderr and "pip install" in result.stderr
+    assert "crate.ply: PLY files need trimesh" in result.stderr and "pip install" in result.stderr

@@ -178,11 +178,12 @@ class Faults(Effect):
         return opened, ~opened & (draw >= 1 - self.short_density)
 
     def _face(self, space: ConfigurationSpace, place: tuple[int, ...]) -> int:
-        """Return the number of a cell face, counted as in `CellMap`; raise InputError if the space has no such face.
+        """Return the number of a cell face; raise InputError if the space has no such face.
 
-        `place`: indices of a cell, then the number of the axis along which the lower face of this cell is meant.  An
-        index equal to the number of cells means the upper face of the last cell; on a periodic axis this is the lower
-        face of cell 0.
+        Faces are numbered from 0, axis by axis; along an axis of n cells there are n + 1 faces, in C order of the cells
+        (see `CellMap.resistor_face`). `space`: space of the chip; `place`: indices of a cell, then the number of an
+        axis: the lower face of the cell along this axis is meant. An index equal to the number of cells means the upper
+        face of the last cell; on a periodic axis this is the lower face of cell 0.
         """
         *cell, axis = place
         if len(cell) == space.ndim > axis:

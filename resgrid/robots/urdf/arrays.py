@@ -22,6 +22,10 @@ LOOSE = 0.8
 """Fraction of the hull's volume below which the pieces of a body replace the hull from the start."""
 
 
+BALL_STEPS = 50
+"""Number of steps of the search for a small ball around a piece."""
+
+
 class TreeArrays(NamedTuple):
     """Joints and convex pieces of a tree, input of the kernels.
 
@@ -190,7 +194,7 @@ def _ball(piece: ConvexPiece) -> tuple[Floats, float]:
     if piece.normal is not None:
         return np.asarray(piece.points[0]), np.inf
     centre = (piece.points.min(axis=0) + piece.points.max(axis=0)) / 2
-    for step in range(2, 200):  # Badoiu and Clarkson (2003): move towards the farthest point
+    for step in range(2, 2 + (BALL_STEPS if len(piece.points) > 8 else 0)):  # Badoiu and Clarkson (2003)
         offset = piece.points - centre
-        centre = centre + offset[np.argmax(np.einsum("vi,vi->v", offset, offset))] / step
+        centre = centre + offset[np.argmax((offset * offset).sum(axis=1))] / step
     return centre, float(np.linalg.norm(piece.points - centre, axis=1).max()) * (1 + 1e-12) + piece.radius

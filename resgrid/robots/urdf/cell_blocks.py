@@ -19,6 +19,10 @@ MAX_BOUNDS = 5_000
 """Number of items of all boxes of a cell after which the cell stays undecided."""
 
 
+MAX_TESTS = 64
+"""Number of collision tests of exact solids in a cell after which the search for a collision in it ends."""
+
+
 class CellVerdict(IntEnum):
     """Verdict of a cell of a configuration space."""
 
@@ -51,14 +55,13 @@ class _Likely:
     """Likely collisions of boxes that are not proven.
 
     `touching` (t,): items whose pieces overlap at the centre of the box; `weight` (n, m): displacement by every moving
-    joint; `probe` (n, m): configuration at which pieces overlap; `pair` (n,): pair of bodies of these pieces, -1 for
-    none.
+    joint; `probe` (n, m): configuration at which the pieces of an item overlap; `item` (n,): this item, -1 for none.
     """
 
     touching: Flags
     weight: Floats
     probe: Floats
-    pair: Integers
+    item: Integers
 
 
 class BlockProver:
@@ -151,8 +154,8 @@ class BlockProver:
             cells = tuple(map(slice, batch.low[box] - self._low, batch.high[box] - self._low))
             self._proof.verdict[cells] = CellVerdict.FREE
         item = found.probe_item[rows]
-        pair = np.where(item >= 0, batch.items[item, 0], -1)
-        likely = _Likely(found.touching[found.is_open], found.weight[rows], found.probe[rows], pair)
+        item = np.where(item >= 0, (np.cumsum(found.is_open) - 1)[item], -1)
+        likely = _Likely(found.touching[found.is_open], found.weight[rows], found.probe[rows], item)
         return batch.keep(rows, found.is_open), likely
 
     def _prove_cells(self, batch: Batch) -> None:
@@ -167,33 +170,42 @@ class BlockProver:
         """Find the verdicts of single cells: halve boxes until all are proven or a configuration collides.
 
         A box after h halvings has the volume ``2**-h`` of its cell.  These volumes add up without rounding error, and a
-        cell is free if its proven boxes have its volume.
+        cell is free if its proven boxes have its volume.  If convex pieces overlap in a cell, it cannot be proven; the
+        search for a collision goes on in the boxes with an overlap.
         """
         verdict = self._proof.verdict.reshape(-1)
-        volume, spent = np.zeros(len(verdict)), np.zeros(len(verdict), dtype=np.int64)
-        hopeless = self._known.reshape(-1) == CellVerdict.UNDECIDED
+        volume = np.zeros(len(verdict))
+        bounds, tests = np.zeros((2, len(verdict)), dtype=np.int64)
+        is_known = self._known.reshape(-1) == CellVerdict.UNDECIDED
+        overlaps = np.zeros(len(verdict), dtype=bool)
         cells = batch.owner
         for halving in range(self._halvings + 1):
-            np.add.at(spent, batch.owner, np.diff(batch.first))
+            np.add.at(bounds, batch.owner, np.diff(batch.first))
             np.add.at(volume, batch.owner, 0.5**halving)
             batch, likely = self._bound(batch, 2 if halving == 0 else 1)
             np.subtract.at(volume, batch.owner, 0.5**halving)
-            verdict[self._colliding(batch, likely, whole=halving == 0)] = CellVerdict.COLLISION
-            stopped = hopeless | (spent > MAX_BOUNDS) | (verdict == CellVerdict.COLLISION)
-            going = ~stopped[batch.owner]
+            verdict[self._colliding(batch, likely, tests, whole=halving == 0)] = CellVerdict.COLLISION
+            is_coarse = self._is_coarse(batch)
+            overlaps[batch.owner[batch.boxes_of_items()[likely.touching & ~is_coarse]]] = True
+            has_probe = likely.item >= 0
+            overlaps[batch.owner[has_probe][~is_coarse[likely.item[has_probe]]]] = True
+            stopped = is_known | (bounds > MAX_BOUNDS) | (verdict == CellVerdict.COLLISION)
+            stopped |= overlaps & (tests > MAX_TESTS)
+            going = ~stopped[batch.owner] & (has_probe | ~overlaps[batch.owner])
             if halving == self._halvings or not going.any():
                 break
-            touching = likely.touching[np.repeat(going, np.diff(batch.first))]
-            batch = self._refine(batch.select(going), touching).halve(likely.weight[going])
+            coarse = (is_coarse & likely.touching)[np.repeat(going, np.diff(batch.first))]
+            batch = self._with_pieces(batch.select(going), coarse).halve(likely.weight[going])
         verdict[cells[(volume[cells] == 1.0) & (verdict[cells] != CellVerdict.COLLISION)]] = CellVerdict.FREE
 
-    def _colliding(self, batch: Batch, likely: _Likely, *, whole: bool) -> Integers:
+    def _colliding(self, batch: Batch, likely: _Likely, tests: Integers, *, whole: bool) -> Integers:
         """Return the cells in which exact solids collide at a probed configuration.
 
-        `whole`: whether all items that overlap at the centre of a box are tested, otherwise only the probed ones.
+        `tests`: number of tests of every cell, increased by those made here; `whole`: whether all items that overlap at
+        the centre of a box are tested, otherwise only the probed ones.
         """
-        rows = np.flatnonzero(likely.pair >= 0)
-        pairs, configurations, owners = likely.pair[rows], likely.probe[rows], batch.owner[rows]
+        rows = np.flatnonzero(likely.item >= 0)
+        pairs, configurations, owners = batch.items[likely.item[rows], 0], likely.probe[rows], batch.owner[rows]
         if whole:
             box = batch.boxes_of_items()[likely.touching]
             pairs = np.concatenate([pairs, batch.items[likely.touching, 0]])
@@ -208,15 +220,19 @@ class BlockProver:
             _, tried = np.unique(owners, return_index=True)
             collides = self._checker.collide_in_pairs(configurations[tried], pairs[tried])
             self._proof.tests += len(tried)
+            tests[owners[tried]] += 1
             hits.append(owners[tried[collides]])
             rest = ~np.isin(owners, hits[-1])
             rest[tried] = False
             pairs, configurations, owners = pairs[rest], configurations[rest], owners[rest]
         return np.concatenate(hits) if hits else np.zeros(0, dtype=np.int64)
 
-    def _refine(self, batch: Batch, touching: Flags) -> Batch:
-        """Replace hulls that overlap, although the solids do not collide, by the pieces of their bodies."""
+    def _is_coarse(self, batch: Batch) -> Flags:
+        """Return the items (t,) of whole hulls, of which at least one has several pieces."""
         bodies = self._pairs[batch.items[:, 0]]
         is_hull = (batch.items[:, 1:] == self._arrays.hull[bodies]).all(axis=1)
-        has_pieces = (np.diff(self._arrays.spans, axis=1)[bodies, 0] > 1).any(axis=1)
-        return batch.with_pieces(touching & is_hull & has_pieces, bodies, self._arrays.spans)
+        return np.asarray(is_hull & (np.diff(self._arrays.spans, axis=1)[bodies, 0] > 1).any(axis=1))
+
+    def _with_pieces(self, batch: Batch, coarse: Flags) -> Batch:
+        """Return a batch in which some items of hulls (t,) are replaced by the pieces of their bodies."""
+        return batch.with_pieces(coarse, self._pairs[batch.items[:, 0]], self._arrays.spans)

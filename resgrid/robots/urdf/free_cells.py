@@ -42,7 +42,7 @@ CENTRES = 1 << 14
 BLOCK = 8
 """Largest number of cells of a block along an axis."""
 
-HALVINGS = 3
+HALVINGS = 5
 """Number of times that a cell is halved, per joint of the robot."""
 
 MARGIN = 1e-5

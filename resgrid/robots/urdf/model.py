@@ -46,7 +46,8 @@ def read_tree(
         Names of one to four revolute, continuous or prismatic joints, in the order of the axes.
     at : mapping of str to float, optional
         Values of other joints, in radians or metres.  Without a value a joint is locked at 0, or at its limit closest
-        to 0.  Mimic joints follow their drivers; floating and planar joints are locked at the identity.
+        to 0.  Mimic joints follow their drivers, without regard to limits of their own, as in ROS; floating and planar
+        joints are locked at the identity.
     packages : iterable of str or path
         Folders to search for ``package://`` addresses.
     srdf : str or path, optional
@@ -71,7 +72,7 @@ def read_tree(
     InputError
         If a file is missing or invalid, or an argument does not suit the robot.
     ToolMissingError
-        If the robot has meshes and trimesh is not installed.
+        If a mesh of the robot is a PLY file, and trimesh is not installed.
     """
     check_number("padding", padding, "a number of metres, at least 0", least=0)
     check_whole("pieces", pieces, 1)

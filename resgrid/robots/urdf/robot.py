@@ -239,7 +239,7 @@ class URDFRobot(Robot):
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return upper bounds (n,), in metres, of the distance that any point of the robot moves along straight lines.
 
-        `start, end` (n, m): ends of lines in configuration space.
+        `start, end` (n, m): ends of n lines in configuration space with m moving joints, in radians or metres.
         """
         return np.asarray((np.abs(end - start) @ motion_per_joint(self.tree).T).max(axis=1))
 
@@ -284,7 +284,7 @@ class URDFRobot(Robot):
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Return the mask of blocked cells, shape of the grid; see `classify`."""
+        """Return the mask of blocked cells, shape of the grid; the parameters are those of `classify`."""
         return self.classify(axes, obstacles, rule, progress).blocked
 
     def classify(
@@ -299,6 +299,10 @@ class URDFRobot(Robot):
 
         A result is stored in the cache folder (``RESGRID_CACHE``, by default ``~/.cache/resgrid``) under a hash of the
         robot, the obstacles and the axes, and an interrupted computation continues from there.
+
+        `axes`: axes of the space, one per moving joint; `obstacles`: shapes in world coordinates, in metres; `rule`:
+        ``"conservative"`` (a cell is free only by proof) or ``"centre"`` (only its centre is tested); `progress`:
+        called as ``progress(done, total)``; `executor`: workers that prove cells, None for this process.
         """
         from resgrid.robots.urdf.cell_blocks import CellVerdict
         from resgrid.robots.urdf.free_cells import centre_cells, proof_key, prove_cells

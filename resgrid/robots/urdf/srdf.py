@@ -49,7 +49,11 @@ def disabled_pairs(file: Path, links: Collection[str]) -> frozenset[frozenset[st
         hint = suggestion(unknown[0], links)
         raise InputError(
             f"{file}: this is the SRDF of another robot: the URDF has no link {listed}"
-            + (f"; {hint}" if hint and len(unknown) == 1 else "; give the SRDF that belongs to the URDF")
+            + (
+                f"; {hint}"
+                if hint and len(unknown) == 1
+                else "; give the SRDF that belongs to the URDF, or remove their pairs"
+            )
         )
     defaults = {frozenset(pair) for pair in combinations(links, 2) if passive.intersection(pair)}
     return frozenset((defaults - pairs[tags[1]]) | pairs[tags[0]])

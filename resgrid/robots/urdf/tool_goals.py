@@ -167,8 +167,9 @@ def _solve_cells(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], float]:
     """Return the indices (s,) of the cells that contain a solution, one solution (s, m) for each, and a distance.
 
-    The distance, in metres, is the smallest one between tool and region that the search found, for messages.
-    `cells` (n, m): cell indices; `lower`, `spacing` (m,): lower ends of the axes and widths of their cells.
+    The distance, in metres, is the smallest one between tool and region that the search found, for messages. `tool`:
+    tool of the robot; `goal`: its poses in the goal; `cells` (n, m): cell indices; `lower`, `spacing` (m,): lower ends
+    of the axes and widths of their cells.
     """
     low, high = lower + cells * spacing, lower + (cells + 1) * spacing
     centre, half, owner = (low + high) / 2, (high - low) / 2, np.arange(len(cells))
@@ -288,7 +289,7 @@ def _linearized(
     """Return residuals (n, 3 or 6) of a goal and their Jacobians (n, 3 or 6, m), in metres and radians per joint unit.
 
     The residuals are the vector from the region to the tool and, for a goal with a rotation, the part of the rotation
-    vector beyond the permitted angle.
+    vector beyond the permitted angle.  `configurations` (n, m): values of the m moving joints.
     """
     tree = tool.tree
     frames = tree.frames(configurations)

@@ -64,7 +64,8 @@ def read_ros(
 def ros_greys(path: Path, dialect: Dialect = NEWEST, lethal: int | None = None) -> list[str]:
     """Return the meaning of each grey value 0 to 255 of a ROS map: ``obstacle``, ``free`` or ``unknown``.
 
-    `path`: the ``map.yaml``; `dialect`: ROS map reader whose rules apply; `lethal`: smallest occupancy of an obstacle.
+    `path`: the ``map.yaml``; `dialect`: ROS map reader whose rules apply; `lethal`: smallest occupancy, 1 to 100, of an
+    obstacle; None for the threshold in the ``map.yaml``.
     """
     header = read_header(path, dialect)
     occupancy = occupancies(Raster(np.arange(256, dtype=np.uint8).reshape(1, 256, 1), 255), header, dialect)

@@ -9,12 +9,11 @@ from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Le
-from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.robots import Mesh
 from resgrid.robots.mesh import MOST_PIECES
-from resgrid.robots.mesh_files import read_mesh as read_triangles
+from resgrid.robots.mesh_files import import_trimesh, read_mesh as read_triangles
 from resgrid.robots.solids import Angle, Length, SpacePoint, rigid_pose
 
 
@@ -56,7 +55,7 @@ def read_mesh(
     InputError
         If the file is missing, damaged or empty, or its format is unknown.
     ToolMissingError
-        If the package trimesh is not installed.
+        If the file is PLY, or its triangles must be turned, and the package trimesh is not installed.
 
     Examples
     --------
@@ -67,11 +66,12 @@ def read_mesh(
     ((1.0, 0.0, 0.0), (1.5, 0.5, 0.5))
     """
     path = Path(file)
-    points, triangles = merge_equal(*read_triangles(path))
+    points, triangles = read_triangles(path)
+    triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
     if not len(triangles):
         raise InputError(f"{path}: every triangle of this mesh is a line or a point; export the mesh again")
     pose = rigid_pose(position, rotation)
-    mesh = _oriented(Mesh(points * scale @ pose[:3, :3].T + pose[:3, 3], triangles, pieces))
+    mesh = _oriented(Mesh(points * scale @ pose[:3, :3].T + pose[:3, 3], triangles, pieces), path)
     if not mesh.is_closed:
         warnings.warn(
             f"{path}: the surface is not closed ({mesh.open_edges} open edges); the parts with open edges are "
@@ -81,26 +81,16 @@ def read_mesh(
     return mesh
 
 
-def merge_equal(
-    points: NDArray[np.float64], triangles: NDArray[np.int32]
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return vertices without repetition (v, 3), and triangles (t, 3) with three different vertices.
+def _oriented(mesh: Mesh, path: Path) -> Mesh:
+    """Return a mesh with equally oriented triangles if each edge has two triangles; otherwise the mesh itself.
 
-    STL files repeat every vertex in each of its triangles.  Only equal coordinates are merged.
+    `path`: name of the file, for messages.
     """
-    kept, index = np.unique(points + 0.0, axis=0, return_inverse=True)  # + 0.0 turns -0.0 into 0.0
-    merged = index.reshape(-1)[triangles].astype(np.int32)
-    return kept, merged[(merged != np.roll(merged, 1, axis=1)).all(axis=1)]
-
-
-def _oriented(mesh: Mesh) -> Mesh:
-    """Return a mesh whose triangles have the same orientation, if its surface is closed; otherwise the mesh itself."""
-    if mesh.is_closed:
+    edges = np.sort(np.concatenate([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)]).reshape(2, -1).T, axis=1)
+    _, count = np.unique(edges, axis=0, return_counts=True)
+    if mesh.is_closed or (count != 2).any():
         return mesh
-    import trimesh
-
+    trimesh = import_trimesh(path, path.suffix[1:])
     model = trimesh.Trimesh(mesh.points, mesh.triangles, process=False)
-    if not model.is_watertight:
-        return mesh
-    trimesh.repair.fix_normals(model, multibody=True)  # type: ignore[no-untyped-call]
+    trimesh.repair.fix_normals(model, multibody=True)
     return Mesh(mesh.points, np.asarray(model.faces, dtype=np.int32), mesh.pieces)

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import os
-from importlib import import_module
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.extras import install_command
 from resgrid._internal.files import read_bytes
 from resgrid._internal.memory import require_memory
-from resgrid.errors import InputError, ToolMissingError
+from resgrid.errors import InputError
 from resgrid.robots import Voxels
-from resgrid.robots.mesh_completeness import check_complete
+from resgrid.robots.mesh_files import import_trimesh
+from resgrid.robots.ply import check_ply
 from resgrid.robots.solids import Angle, Length, SpacePoint, rigid_pose
 from resgrid.scene.solids.pcd import read_pcd
 
@@ -93,11 +91,8 @@ def read_point_cloud(
 def _ply_points(path: Path) -> NDArray[np.float64]:
     """Return the vertices (n, 3) of a PLY file."""
     data = read_bytes(path)
-    check_complete(data, ".ply", path)
-    try:
-        trimesh: Any = import_module("trimesh")
-    except ImportError:
-        raise ToolMissingError(f"{path}: PLY files need trimesh; install it: {install_command('robots')}") from None
+    check_ply(data, str(path))
+    trimesh = import_trimesh(path, "ply")
     try:
         loaded = trimesh.load(BytesIO(data), file_type="ply", process=False)
         return np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3)

@@ -6,7 +6,10 @@
    joins a red cell to a black one: ``A = [[D_r, -G], [-G^T, D_b]]``. Conductances are stored face by face over the red
    cells, in flat arrays without indices, in double and in single precision. Cells are numbered with odd strides, so
    that the neighbour across a face lies at the same distance for all red cells. An edge across no face (it closes a
-   periodic axis, or leads to an extra node) is an off-stencil coupling.
+   periodic axis, or leads to an extra node) is an off-stencil coupling. The *slot* of a node is its index in an array
+   (slots,) over the nodes of its colour on one level, from 0 for red and for black nodes. The *position* of a node is
+   its index in a flattened array (2, slots): the slot of a red node, or the number of slots plus the slot of a black
+   node. Position 0 is unused, so that 0 can stand for no node.
 2. *Coarse grids* (`grid_coarsening.coarsen`: `count_inside, join_inside, split_blocks, sum_blocks`). A coarse node is
    the connected part of a block of two cells a side, cut where a conductance is weak relative to the strongest at
    either end, so that no node joins both sides of a barrier of obstacles. Further parts of a block become extra nodes.

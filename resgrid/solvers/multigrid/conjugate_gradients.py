@@ -25,7 +25,7 @@ from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 MOST_ITERATIONS = 200
 """Maximum number of iterations of a solve, summed over all bursts."""
 LEAST_GAIN = 0.5
-"""Ratio of the true residual norms of two successive bursts of iterations above which the solve stops as stagnating."""
+"""Ratio of the true residual norms after and before a burst of iterations above which the solve stops as stagnating."""
 
 ROUNDING = 2.0**-52
 """Machine epsilon of double precision."""
@@ -38,7 +38,8 @@ The recursive residual is the one that each iteration updates in single precisio
 _BURST = 1e-5
 """Ratio of the residual norm to the largest one within a burst at which the burst ends.
 
-A burst is the iterations between two computations of the true residual. Vectors in single precision gain no more.
+A burst consists of the iterations between two computations of the true residual. Vectors in single precision gain no
+more.
 """
 
 _SMOOTH = 0.1
@@ -50,11 +51,14 @@ It is small because the error of a guess is smooth, and therefore large for its 
 _SAFETY, _NEARLY = 0.95, 1.6
 """Ratios of the recursive residual norm to the target norm at which a burst ends, without and with a final relaxation.
 
-A relaxation of red and black cells halves the residual and costs less than an iteration.
+The recursive residual is the one that the iterations update. A relaxation of red and black cells halves the residual
+and costs less than an iteration.
 """
 
 _DRIFT = 2.0
 """Ratio of the true to the recursive residual norm above which the next burst starts without the last search direction.
+
+The recursive residual is the one that the iterations update; the true one is recomputed from the solution.
 """
 
 _FASTEST, _SLOWEST = 0.3, 0.95
@@ -133,13 +137,14 @@ def approximate(
     accuracy: float,
     threads: ThreadTeam = SINGLE_THREAD,
 ) -> Numbers:
-    """Return a solution with an error relative to the largest entry, for numbers with separate exponents.
+    """Return a solution whose error is small relative to its largest entry, for numbers with separate exponents.
 
     The function is the approximate inverse of iterative refinement. Every number is ``mantissa * 2**(256 * exponent)``.
+    Its results are in volts for right-hand sides in amperes.
 
-    `laplacian, hierarchy`: the matrix and its multigrid levels; `watch`: records iterations, or None; `m, e` (n,):
-    mantissas and exponents of the right-hand side; `accuracy`: requested relative residual norm, raised to 1e-15 or
-    lowered to 1e-2 beyond these limits; `threads`: share the work. The result is a tuple of mantissas and exponents,
+    `laplacian, hierarchy`: the matrix and its multigrid levels; `watch`: records iterations, None for no record; `m, e`
+    (n,): mantissas and exponents of the right-hand side; `accuracy`: requested relative residual norm, raised to 1e-15
+    or lowered to 1e-2 beyond these limits; `threads`: share the work. The result is a tuple of mantissas and exponents,
     (n,) each.
     """
     top = 0
@@ -241,12 +246,17 @@ class _Burst:
     """Iterations between two evaluations of the true residual; search directions are kept from burst to burst.
 
     Vectors are in single precision, except for the solution. The solution is accumulated from the preconditioned
-    residuals at the end of a burst, so that it matches the recursive residual to all digits.
+    residuals at the end of a burst, so that it matches the recursive residual (updated by the iterations) to all
+    digits.
+
+    `problem`: equations, solution and preconditioner; `stop`: stopping rule; `watch`: records iterations, None for no
+    record. `residual` (n,): true residual between bursts, in double precision; `left`: recursive residual norm relative
+    to the begin of the burst.
 
     Private fields: ``_v.z[:_kept]`` are the preconditioned residuals that are not accumulated yet; ``_on_x, _on_p``
-    (depth + 1,) are their coefficients in the solution and in the search direction, with those of the earlier direction
-    ``_v.p`` at the end. `residual` (n,): true residual between bursts, in double precision; `left`: recursive residual
-    norm relative to the begin of the burst.
+    (depth + 1,) are their coefficients in the solution and in the search direction; the last entry of each is the
+    coefficient of ``_v.p``, the search direction before these residuals; ``_energy`` is ``p.A p`` of the last
+    direction, 0 for none.
     """
 
     def __init__(self, problem: MultigridProblem, stop: StoppingRule, watch: ProgressMonitor | None) -> None:
@@ -283,11 +293,17 @@ class _Burst:
         return steps
 
     def _each(self, kernel: Callable[[int, int], Any]) -> list[Any]:
-        """Return the results of ``kernel(begin, end)`` for ranges that cover all vector entries, on all threads."""
+        """Return the results of ``kernel(begin, end)`` for the ranges of vector entries that the threads process.
+
+        The ranges cover all entries; the results are in the order of the ranges.
+        """
         return self._problem.threads.over(len(self._v.r), lambda some: kernel(some.start, some.stop))
 
     def _gather(self, unit: float) -> None:
-        """Add the stored preconditioned residuals, with their coefficients times ``unit``, to the solution."""
+        """Add the stored preconditioned residuals, with their coefficients times ``unit``, to the solution.
+
+        `unit`: norm of the residual at the begin of the burst, by which the vectors of the burst are divided.
+        """
         v, x = self._v, self._problem.x[-1]
         self._each(partial(krylov.add_steps, v.z[: self._kept], self._on_x, self._on_p, v.p, unit, x))
         self._on_x[:], self._on_p[:] = 0.0, 0.0

@@ -45,10 +45,9 @@ Table = NDArray[Any]
 """Records of the grids of a hierarchy, finest first, shape (levels,), of the data type `levels.GRID`."""
 
 ENOUGH = 0.07
-"""Ratio of residual norms after and before the first step on the first coarse level that makes a second step
-unnecessary.
+"""Ratio of residual norms after and before the first step of the K-cycle below which the second step is skipped.
 
-Below it the second step of the K-cycle is skipped.
+The ratio applies to the first coarse level, and doubles from level to level.
 """
 
 
@@ -58,7 +57,7 @@ def precondition_graph(
     """Precondition the residual ``r`` of a netlist into ``z``; set ``w = A z``; return ``z.r``, ``z.w`` and ``z.s``.
 
     `graphs`: levels of the netlist, finest first; `work`: work arrays; `r, s` (n,): residual, and the product of the
-    matrix with the last search direction; `z, w` (n,): results.
+    matrix ``A`` with the last search direction, in the node order of the finest level; `z, w` (n,): results.
     """
     b, x = work.b[1:], work.x[1:]
     b[: len(r)] = r
@@ -87,9 +86,10 @@ def precondition_grid(
     ``S`` is the Schur complement of the black cells. The vectors ``r``, ``s``, ``z`` and ``w`` of the finest level are
     found through the addresses in the first record of ``table``; ``s`` is ``S`` times the last search direction.
 
-    `table`: records of the grids; `state`: array shared with the helper threads (`help_sweep`); `graphs`: levels below
-    the grids; `work`: work arrays of the graphs; `stop`: ratio of the residual norms after and before the first step of
-    a K-cycle on the first coarse level below which the second step is skipped.
+    `table`: records of the grids; `state`: array by which the threads share out the work (`help_sweep`), fields as in
+    `resgrid.solvers.llvm_intrinsics`; `graphs`: levels below the grids; `work`: work arrays of the graphs; `stop`:
+    ratio of the residual norms after and before the first step of a K-cycle on the first coarse level below which the
+    second step is skipped.
     """
     return _precondition_grid(table, state, graphs, work, stop, len(graphs.first) > 2 or None)
 
@@ -102,9 +102,10 @@ def _precondition_grid(
 
     ``z`` is the correction, ``w`` the product of the matrix with it, and ``s`` that with the last search direction.
 
-    `table`: records of the grids; `state`: array shared with the helper threads; `graphs, work`: graphs below the grids
-    and their work arrays; `stop`: ratio of residual norms that skips the second step of a K-cycle; `on_graphs`: None if
-    there is one graph only, to omit the code that cycles over graphs.
+    `table`: records of the grids; `state`: array by which the threads share out the work; `graphs, work`: graphs below
+    the grids and their work arrays; `stop`: ratio of the residual norms after and before the first step of a K-cycle on
+    the first coarse level below which the second step is skipped; `on_graphs`: True, or None if there is one graph
+    only, to omit the code that cycles over graphs.
     """
     flags = flush_subnormals()
     _restrict_finest(table, state)
@@ -127,9 +128,9 @@ def _run_within(
     """Run K-cycles on the grids below the finest one, and on the graphs below the grids.
 
     `graphs, work`: graphs and their work arrays; `stop`: ratio of the residual norms after and before the first step on
-    level ``top`` that skips the second step, doubled from level to level; `top`: first level, counted over coarse grids
-    and then graphs; `on_grids`: records of all grids, and array shared with the helper threads; `on_graphs`: True, or
-    None.
+    level ``top`` below which the second step is skipped, doubled from level to level; `top`: first level, counted from
+    0 over the coarse grids and then the graphs; `on_grids`: records of all grids, and array shared with the helper
+    threads; `on_graphs`: True, or None.
 
     ``on_grids`` is None if there are no grids, ``on_graphs`` if there are no graphs except the coarsest: the code for
     these levels is then not compiled. The recursion is written as a loop, since numba cannot cache recursive functions.
@@ -170,9 +171,10 @@ def _visit_graph(
     At the first visit the residual is relaxed and restricted. At later visits the next level's solution is a search
     direction.
 
-    `graphs, level`: all graphs, and index of this one; `vectors`: `b, x, c, v, w, change` of `SweepBuffers`, without
-    the unused entry 0; `visit`: number of the visit from 0 on, and work array (2,) for the products of the first step;
-    `stop`: ratio of the residual norms after and before the first step below which the second step is skipped.
+    `graphs, level`: all graphs, and index of this one; `vectors`: `b, x, c, v, w, change` of `SweepBuffers`, where `b,
+    x` begin with the first node (without their unused entry 0); `visit`: number of the visit from 0 on, and work array
+    (2,) for the products of the first step; `stop`: ratio of the residual norms after and before the first step below
+    which the second step is skipped.
     """
     b, x, c, v, w, change = vectors
     if visit[0] > 0:
@@ -199,8 +201,8 @@ def _step(
 
     `visit`: number of the visit (1: after the first direction, 2: after the second), and work array (2,) for the
     products of the first step; `products`: ``z.r, z.A z, z.s`` of the new direction ``z``, where ``s`` is the product
-    of the matrix with the first direction; `stop`: ratio of residual norms that skips the second step, infinite to skip
-    both steps.
+    of the matrix with the first direction; `stop`: ratio of residual norms after and before the first step below which
+    the second step is skipped, infinite to use the first direction with the coefficient 1.
 
     Returns whether to continue with a second step, and two numbers: the length of the first step and 0 to continue,
     otherwise the coefficients of the first and the second direction in the solution.
@@ -222,8 +224,8 @@ def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) ->
     """Sweep over a level, with other threads if it is divided into slabs; return three sums over its blocks of cells.
 
     `table, number`: records of the grids, and index of the level in them; `state`: array shared with the helper
-    threads; `kind`: kind of the sweep, such as `sweeps.RELAX`; `visit`: number of the visit in the K-cycle. The sums
-    are ``z.r, z.w, z.s`` after `MULTIPLY`, and the squared residual norms before and after the step, and 0, after
+    threads; `kind`: kind of the sweep, such as `sweeps.RELAX`; `visit`: number of the visit in the K-cycle, from 0. The
+    sums are ``z.r, z.w, z.s`` after `MULTIPLY`, and the squared residual norms before and after the step, and 0, after
     `STEP`; else they have no meaning. Off-stencil couplings are added after all slabs.
     """
     level, part = table[number], ZERO
@@ -252,7 +254,8 @@ def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) ->
 def _product(level: Row, visit: int) -> int:
     """Return the address of the array that receives the product of the matrix with the correction ``z`` of a level.
 
-    `level`: record of the grid; `visit`: number of the visit in the K-cycle, 1 for the first direction.
+    `level`: record of the grid; `visit`: number of the visit in the K-cycle: 1 after the first search direction, whose
+    product is kept in the field ``s``; products of other visits go to the field ``w``.
     """
     return int(level.s if visit == 1 else level.w)
 
@@ -261,7 +264,8 @@ def _product(level: Row, visit: int) -> int:
 def help_sweep(table: Table, state: Integers) -> None:
     """Process slabs on a helper thread until the leading thread signals that no job follows.
 
-    `table`: records of the grids; `state`: array shared by the threads, which describes the present sweep.
+    `table`: records of the grids; `state`: array shared by the threads, which contains kind, level and visit of the
+    present sweep.
     """
     flags = flush_subnormals()
     while True:
@@ -280,7 +284,7 @@ def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
     """Sweep over one slab, a range of cells, of a level.
 
     `level`: record of the grid; `kind`: kind of the sweep, such as `sweeps.CLEAR`; `visit`: number of the visit in the
-    K-cycle; `part`: number of the slab.
+    K-cycle, from 0; `part`: number of the slab, from 0.
     """
     slab, parts = slab_of(level, part), level.parts
     if kind == CLEAR or kind == ELIMINATE or kind == STEP:  # noqa: PLR1714, SIM109 (compiles in half the time)
@@ -306,7 +310,7 @@ def _visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Fl
 
     `table, number`: records of the grids, and index of the level in them; `state`: array shared with the helper
     threads; `visit`: number of the visit from 0 on, and work array (2,) for the products of the first step; `stop`:
-    ratio of the residual norms after and before the first step that skips the second step.
+    ratio of the residual norms after and before the first step below which the second step is skipped.
     """
     count, continues = visit[0], True
     if count == 0:
@@ -328,8 +332,8 @@ def ascend_grid(table: Table, state: Integers, number: int, visit: int) -> tuple
     """Prolong the next level's solution to a grid, relax, and multiply by the matrix; return ``z.r, z.w, z.s``.
 
     `table, number`: records of the grids, and index of the level in them; `state`: array shared with the helper
-    threads; `visit`: number of the visit in the K-cycle. ``z`` is the relaxed correction, ``w`` the product, ``r`` the
-    residual; ``s`` is the product of the matrix with the previous direction.
+    threads; `visit`: number of the visit in the K-cycle, from 0. ``z`` is the relaxed correction, ``w`` the product,
+    ``r`` the residual; ``s`` is the product of the matrix with the previous direction.
     """
     for kind in (PROLONG, RELAX):
         _sweep(table, state, kind, number, visit)

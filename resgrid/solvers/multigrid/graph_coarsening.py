@@ -24,7 +24,10 @@ _MEMBERS = 4
 """Maximum number of nodes of an aggregate, before nodes without a strong neighbour join it."""
 
 _CLUSTERS_SHRINK = 0.7
-"""Ratio of the numbers of aggregates and nodes above which aggregates are grown again, also along weak conductances."""
+"""Ratio of the number of aggregates to the number of nodes above which aggregates are grown again.
+
+The second time, nodes also join along weak conductances.
+"""
 
 _WEAK = 0.2
 """Smallest conductance from a node to an aggregate that the node may join, as a fraction of a sum of conductances.
@@ -39,13 +42,13 @@ It is a fraction of the strongest conductance of the aggregate's first node.
 """
 
 _FAR = 0.5
-"""Fraction of neighbours with distant indices (`ordering_kernels.far_fraction`) above which a graph is renumbered."""
+"""Fraction of neighbours with distant indices (`ordering_kernels.far_fraction`) above which a netlist is renumbered."""
 
 _WINDOW = 4096
 _LARGEST_INVERSE = 2000
 
 _LONG = 31
-"""Number of neighbours from which rows count as equally long when they are sorted by length."""
+"""Number of neighbours from which on rows count as equally long when rows are sorted by length."""
 
 _ONE = np.uint64(1)
 
@@ -56,7 +59,7 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
     """Coarsen a graph until it has at most 250 nodes or does not shrink; return all graphs and their aggregates.
 
     The first returned list contains the given graph and all coarser ones. The second list contains, for every graph but
-    the last, the node of the next graph to which every node belongs, shape (n,).
+    the last, the node of the next graph, from 0, to which every node belongs, shape (n,).
     """
     graph = graph._replace(conductance=graph.conductance.astype(np.float32, copy=False))
     graphs, targets = [graph], list[Indices]()
@@ -157,10 +160,10 @@ def _degrees(indptr: Indices, conductance: Singles, leak: Floats) -> tuple[Float
 
 @inner
 def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: Indices, node: int) -> int:
-    """Return the aggregate of the neighbour with the strongest conductance to ``node``; -1 without neighbours.
+    """Return the aggregate of the neighbour with the strongest conductance to ``node``; -1 if there is none.
 
     `indptr, indices, conductance`: compressed rows of the conductances; `aggregate` (n,): aggregate of every node, or
-    -1 for none.
+    -1 for none. The result is -1 for a node without neighbours, and if that neighbour has no aggregate.
     """
     best, host = 0.0, -1
     for k in range(indptr[node], indptr[node + 1]):
@@ -174,9 +177,9 @@ def _host(indptr: Indices, indices: Indices, conductance: Singles, aggregate: In
 def aggregate_graph(graph: Graph, aggregate: Indices, count: int) -> tuple[Indices, Indices, Singles, Floats]:
     """Return the graph of the aggregates: sums of the conductances between aggregates, and of the leaks in each.
 
-    `aggregate` (n,): aggregate of every node; `count`: number of aggregates. Returns the fields of `Graph`: begins of
-    rows, columns, conductances and leaks (conductances to known voltages) of ``count`` rows, whose columns are not
-    sorted.
+    `aggregate` (n,): aggregate of every node, from 0; `count`: number of aggregates. Returns the fields of `Graph`:
+    begins of rows, columns, conductances and leaks (conductances to known voltages) of ``count`` rows, whose columns
+    are not sorted.
     """
     (indptr, indices, conductance, leak), n = graph, len(graph.leak)
     start = np.zeros(count + 1, np.int32)
@@ -214,9 +217,9 @@ def aggregate_graph(graph: Graph, aggregate: Indices, count: int) -> tuple[Indic
 def pack_netlist(rows: Rows, ground: Floats, unit: float) -> tuple[Graphs, NDArray[np.int32]]:
     """Coarsen a netlist, and return all levels as concatenated graphs, and the position of every row, shape (n,).
 
-    `rows`: conductances in siemens; `ground` (n,): conductances to known voltages, in siemens; `unit`: conductance in
-    siemens by which all are divided. Rows are renumbered if the indices of neighbours differ much. A graph that cannot
-    be coarsened is stored twice.
+    The position is the index of the row among the nodes of the finest level, from 0. `rows`: conductances in siemens;
+    `ground` (n,): conductances to known voltages, in siemens; `unit`: conductance in siemens by which all are divided.
+    Rows are renumbered if the indices of neighbours differ much. A graph that cannot be coarsened is stored twice.
     """
     conductance = np.divide(rows.data, unit, out=np.empty(len(rows.data), np.float32), casting="same_kind")
     graph, number = Graph(rows.indptr, rows.indices, conductance, ground / unit), None
@@ -233,8 +236,9 @@ def pack_netlist(rows: Rows, ground: Floats, unit: float) -> tuple[Graphs, NDArr
 def pack_graphs(graphs: list[Graph], targets: list[NDArray[np.int32]]) -> tuple[Graphs, NDArray[np.int32]]:
     """Return a list of graphs as concatenated graphs, and the position of every node of the first graph, shape (n,).
 
-    `targets`: for every graph but the last, the node of the next graph to which every node belongs. Nodes are
-    renumbered by colour (`order_by_colour`); the matrix of the last graph is inverted.
+    The position is the index of the node among the renumbered nodes of the first graph, from 0. `targets`: for every
+    graph but the last, the node of the next graph, from 0, to which every node belongs. Nodes are renumbered by colour
+    (`order_by_colour`); the matrix of the last graph is inverted.
     """
     first = np.cumsum([0, *(graph.size for graph in graphs)])
     entry = np.cumsum([0, *(len(graph.indices) for graph in graphs)])
@@ -291,9 +295,10 @@ def inverse_of(order: NDArray[np.int32]) -> NDArray[np.int32]:
 def order_by_colour(indptr: Indices, indices: Indices, window: int) -> Indices:
     """Return the nodes of a graph, shape (n,), ordered by colour, then by number of neighbours, in windows.
 
-    In windows of ``window`` nodes of one colour, nodes are sorted by their number of neighbours, and equal ones by the
-    number of neighbours with a lower colour. Colours are assigned greedily in the order of the nodes: every node gets
-    the first colour that no neighbour has. From the 64th colour on, neighbours may have equal colours.
+    Colours are assigned greedily in the order of the nodes: every node gets the first colour that no neighbour has.
+    From the 64th colour on, neighbours may have equal colours. The nodes of a colour, in their original order, are
+    divided into windows of ``window`` nodes. Each window is sorted by the number of neighbours, and for equal numbers
+    by the number of neighbours with a lower colour.
 
     `indptr` (n + 1,), `indices` (entries,): compressed rows of the neighbours of every node.
     """
@@ -337,9 +342,10 @@ def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, Indices]:
 def lay_rows(graph: Graph, rank: Indices, begin: Integers, first: int, packed: Graphs) -> None:
     """Write the rows of one level to ``packed``: earlier neighbours first, the later ones from ``middle`` on.
 
-    `graph`: the level; `rank` (n,): position of every node in the order of the level; `begin` (n,): begin of the row at
-    every position, counted over the entries of all levels; `first`: number of nodes of all finer levels. Rows are read
-    in order and written at random, since reads at random would stall longer than writes.
+    `graph`: the level; `rank` (n,): new number of every node within the level, from 0; `begin` (n,): begin of the row
+    of every new number, counted over the entries of all levels; `first`: number of nodes of all finer levels. An
+    earlier neighbour has a smaller new number. Rows are read in order and written at random, since reads at random
+    would stall longer than writes.
     """
     indptr, indices, conductance, leak = graph
     for i in range(len(rank)):

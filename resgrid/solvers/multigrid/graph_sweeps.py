@@ -17,20 +17,20 @@ Unsigned = NDArray[np.uint32]
 
 
 _MOST_LEVELS = 64
-"""Maximum number of coarse levels, grids and graphs, of a hierarchy."""
+"""Maximum number of levels of a hierarchy that the work arrays serve: coarse grids and graphs together."""
 
 
 class Graphs(NamedTuple):
     """All graphs of a hierarchy in concatenated compressed rows, without diagonals.
 
-    Conductances are divided by the conductance ``hierarchy.unit``. Nodes of level ``l`` have the numbers ``first[l]``
-    to ``first[l + 1] - 1``; nodes and entries are counted over all levels.
+    Conductances are divided by the conductance ``hierarchy.unit``. Nodes and entries are counted from 0 over all
+    levels: level ``l`` has the nodes ``first[l]`` to ``first[l + 1] - 1``.
 
     `first` (levels + 1,): first node of every level; `indptr` (nodes + 1,): begin of every row; `middle` (nodes,):
     begin of the neighbours with higher numbers in a row; `indices, conductance` (entries,): neighbours and
     conductances; `leak` (nodes,): conductance to known voltages; `degree, inverse` (nodes,): diagonal and its
-    reciprocal; `aggregate` (nodes,): node of the next level to which each node belongs; `coarsest`: inverse of the last
-    level's matrix; empty if the reciprocal diagonal is used instead.
+    reciprocal; `aggregate` (nodes,): node of the next level to which each node belongs; `coarsest` (n, n): inverse of
+    the matrix of the last level with n nodes; shape (0, 0) if the reciprocal diagonal is used instead.
     """
 
     first: Integers
@@ -78,9 +78,10 @@ def work_space(graphs: Graphs) -> SweepBuffers:
 def descend_graph(graphs: Graphs, level: int, b: Singles, x: Singles) -> None:
     """Relax a level by Gauss-Seidel from zero, and sum the residual into the next level's right-hand side.
 
-    `graphs, level`: all graphs, and index of this one; `b, x` (1 + nodes,): right-hand sides and solutions of all
-    levels, modified. After the sweep the residual of row ``i`` is ``sum_{j > i} g_ij x_j``, from neighbours with higher
-    numbers only. Loops run over slices from zero on: compiled code then omits checks for negative indices.
+    `graphs, level`: all graphs, and index of this one, 0 for the finest; `b, x` (nodes,): right-hand sides and
+    solutions of all levels, modified. After the sweep the residual of row ``i`` is ``sum_{j > i} g_ij x_j``, from
+    neighbours with higher numbers only. Loops run over slices from zero on: compiled code then omits checks for
+    negative indices.
     """
     flags = flush_subnormals()
     begin, end = graphs.first[level], graphs.first[level + 1]
@@ -108,12 +109,12 @@ def ascend_graph(
 ) -> tuple[float, float, float]:
     """Add the next level's solution to ``x``, relax in reverse order, and set ``y = A x``; return ``x.b, x.y, x.s``.
 
-    Rows are computed from differences. After the sweep the residual of a row comes from the rounding of its own voltage
-    and from the later changes of rows with lower numbers (Eisenstat 1981).
+    ``A`` is the matrix of this level. The product is computed from differences. After the sweep the residual of a row
+    comes from the rounding of its own voltage and from the later changes of rows with lower numbers (Eisenstat 1981).
 
-    `graphs, level`: all graphs, and index of this one; `b, x, change` (nodes,): right-hand sides, solutions and last
-    changes of the solutions, of all levels; `s` (nodes of the level,): vector of the inner product ``x.s``; `y` (nodes
-    of the level,): receives the product.
+    `graphs, level`: all graphs, and index of this one, 0 for the finest; `b, x, change` (nodes,): right-hand sides,
+    solutions and last changes of the solutions, of all levels; the inner products are over this level; `s` (nodes of
+    the level,): vector of the inner product ``x.s``; `y` (nodes of the level,): receives the product.
     """
     flags = flush_subnormals()
     begin, end = graphs.first[level], graphs.first[level + 1]

@@ -1,6 +1,9 @@
 """Coarsen a grid: blocks of two cells along every axis, split into their connected parts.
 
-A slot is an index into an array over the red or the black nodes of a level (`red_black.Lattice`).
+The *slot* of a node is its index in an array (slots,) over the nodes of its colour; red and black slots both count from
+0. The *position* of a node is its index in a flattened array (2, slots): the slot of a red node, or the number of slots
+plus the slot of a black node. Slots and positions belong to one level: the finer one, or the next coarser one. Slot 0
+is unused on every level, so that position 0 stands for no node.
 """
 
 from __future__ import annotations
@@ -25,8 +28,10 @@ def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | N
     which are joined by couplings (edges that cross no face of the grid).
 
     `level`: the finer level; `split`: whether weak conductances do not connect a block. The returned array has shape
-    (2, slots), with the array indices of red and black nodes as columns. An entry is the array index of the coarse
-    node within its colour, where black nodes follow all red ones; 0 for a column without a node.
+    (2, slots of the finer level): row 0 for red, row 1 for black nodes, by their index in the arrays of the finer
+    level. An entry is the position of the node's coarse node: a red coarse node's index in the arrays (coarse slots,)
+    of the coarser level, or the number of coarse slots plus a black coarse node's index. An entry is 0 where the finer
+    level has no node.
     """
     shift = (level.mean > WEAK * level.mean.max()).astype(np.int64)
     lattice = Lattice(tuple((n - 1 >> s) + 1 for n, s in zip(level.lattice.shape, shift.tolist(), strict=True)))
@@ -51,11 +56,12 @@ def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | N
 
 
 def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Return the slot, on the next level, of the block that contains the node at every slot, shape (2, slots).
+    """Return the position, on the next level, of the block that contains the node at every fine slot, shape (2, slots).
 
-    A slot is an index into an array over the nodes of one colour. Black slots of the next level follow all red ones;
-    unused slots have 0. `level`: the finer level; `lattice`: memory layout of the next level; `shift` (ndim,): 1 for
-    axes along which blocks have two cells, 0 for others.
+    Row 0 belongs to the red nodes of the finer level, row 1 to the black ones. A position is the index of a red block
+    in an array (coarse slots,), or the number of coarse slots plus the index of a black block; 0 at unused slots.
+    `level`: the finer level; `lattice`: memory layout of the next level; `shift` (ndim,): 1 for axes along which blocks
+    have two cells, 0 for others.
     """
     fine, blocks = level.lattice, lattice.cells
     for axis, halved in enumerate(shift.tolist()):
@@ -72,9 +78,11 @@ def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray
 def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float) -> NDArray[np.int64]:
     """Give every part of a disconnected block except the first an extra node; return the block of every extra node.
 
-    `level, lattice`: the finer level, and memory layout of the next one; `target` (2, slots): block of every node by
-    colour and array index, 0 for none, overwritten by the extra node where there is one; `weak`: fraction of the
-    strongest conductance at a node below which a conductance does not connect a block.
+    A block is given as its position on the next level: a red block's index in an array (``lattice.slots``,), or
+    ``lattice.slots`` plus a black block's index. `level, lattice`: the finer level, and memory layout of the next one
+    without extra nodes; `target` (2, slots of the finer level): block of every red node (row 0) and black node (row 1),
+    0 for none; for the nodes of an extra node, overwritten with ``2 lattice.slots`` plus the number of the extra node;
+    `weak`: fraction of the strongest conductance at either end below which a conductance does not connect a block.
     """
     edges = level.edges
     strongest = _strongest(edges) if weak else np.zeros((2, 1), dtype=np.float32)
@@ -97,7 +105,10 @@ def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: floa
 
 
 def _strongest(edges: Edges) -> NDArray[np.float32]:
-    """Return the strongest conductance at every node of a grid: red nodes in row 0, black ones in row 1."""
+    """Return the strongest conductance at every node, shape (2, slots): red nodes in row 0, black ones in row 1.
+
+    `edges`: conductances of the grid. The column is the index of the node in the arrays of its colour.
+    """
     strongest = np.zeros((2, edges.faces.shape[1]), dtype=np.float32)
     inside = slice(edges.margin, edges.faces.shape[1] - edges.margin)
     for face, away in zip(edges.faces[:, inside].astype(np.float32), edges.distance.tolist(), strict=True):
@@ -117,8 +128,9 @@ def _with_block_resistance(
     Between the centres of two blocks lies half of either block's own resistance, in series with the conductance that
     joins the blocks. A leak, the conductance to a rail, is in series with 0.15 times the block's resistance.
 
-    `edges`: summed conductances between blocks; `leak` (2, slots): conductances of the red and black blocks to the
-    rails; `inner` (ndim, 2 slots): conductance inside every block along every axis.
+    `edges`: summed conductances between blocks; `leak` (2, slots): conductances to the rails, of red blocks in row 0
+    and of black ones in row 1; `inner` (ndim, 2 slots): conductance inside every block along every axis, in the columns
+    0 to ``slots - 1`` for red blocks and ``slots`` to ``2 slots - 1`` for black ones.
     """
     slots = leak.shape[1]
     here = slice(edges.margin, slots - edges.margin)
@@ -146,10 +158,14 @@ def sum_up(
 ) -> tuple[Edges, NDArray[np.float64], NDArray[np.float32]] | None:
     """Return the conductances between blocks, their leaks (conductances to rails), and the conductances inside blocks.
 
-    `level, lattice`: the finer level, and memory layout of the next one; `target` (2, slots): index in the next level
-    of the block of every node, by colour; `extras`: number of extra nodes of the next level. Leaks have shape (2, slots
-    of the next level), conductances inside blocks (ndim, 2 slots) along every axis. Returns None if parts of one block
-    are joined by weak conductances, since these parts have the same colour.
+    The leaks have shape (2, coarse slots), the conductances inside blocks (ndim, 2 coarse slots); red blocks precede
+    black ones. Returns None if parts of one block are joined by weak conductances, since these parts have the same
+    colour.
+
+    `level, lattice`: the finer level, and memory layout of the next one; `target` (2, slots of the finer level):
+    position on the next level of the block of every red node (row 0) and black node (row 1); a position is a red
+    block's index in an array (coarse slots,), or the number of coarse slots plus a black block's index; `extras`:
+    number of extra nodes of the next level.
     """
     sides = len(level.edges.faces)
     capacity = len(level.edges.couplings) + extras * sides * 2 ** (sides // 2)
@@ -171,8 +187,9 @@ def _merge_couplings(
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
     """Return couplings sorted by red, then black node; those between the same two nodes become one, with their sum.
 
-    `red, black` (couplings,): indices of the two nodes of every coupling in arrays over their colour; `axis, couplings`
-    (couplings,): axis of the grid, and conductance. The four results correspond to these arrays.
+    `red, black` (couplings,): index of the red node in arrays over the red nodes, and of the black node in arrays over
+    the black nodes, both from 0; `axis, couplings` (couplings,): axis of the grid, and conductance. The four results
+    correspond to these arrays.
     """
     order = np.lexsort((black, red))
     red, black, axis, couplings = red[order], black[order], axis[order], couplings[order]
@@ -185,9 +202,9 @@ def _merge_couplings(
 def _joins(g: float, weak: float, strongest: Singles, red: int, black: int | np.uint64) -> bool:
     """Return whether the conductance ``g`` between a red and a black node is not weak.
 
-    `weak`: fraction of the strongest conductance at either node below which a conductance is weak, 0 if none is;
-    `strongest` (2, slots): strongest conductance at every red and black node; `red, black`: indices of the nodes in the
-    two rows of `strongest`.
+    `weak`: fraction of the strongest conductance at either node below which a conductance is weak, 0 if none is weak;
+    `strongest` (2, slots): strongest conductance at every red node (row 0) and black node (row 1); `red, black`:
+    columns of the two nodes in these rows.
     """
     return weak == 0.0 or g >= weak * max(strongest[0, red], strongest[1, black])
 
@@ -198,10 +215,11 @@ def count_inside(
 ) -> None:
     """Count the nodes of every block, and the faces inside every block that conduct and are not weak.
 
-    `edges`: faces between cells; `block` (2, slots): block of every node by colour, 0 for none; `weak`: fraction of the
-    strongest conductance at either end below which a conductance is weak; `strongest` (2, slots): strongest conductance
-    at every node; `members, inner` (blocks,): receive the numbers of nodes and of faces, 0 on entry. Edges that cross
-    no face do not count; along a periodic axis of two cells they join cells that a face joins already.
+    `edges`: conductances between the cells of the finer level; `block` (2, slots): position on the next level of the
+    block of every red node (row 0) and black node (row 1), 0 for none; `weak`: fraction of the strongest conductance at
+    either end below which a conductance is weak; `strongest` (2, slots): strongest conductance at every node; `members,
+    inner` (2 coarse slots,): receive, at the position of every block, the numbers of nodes and of faces, 0 on entry.
+    Edges that cross no face do not count; along a periodic axis of two cells they join cells that a face joins already.
     """
     red_block, black_block, faces, distance = block[0], block[1], edges.faces, edges.distance
     for k in range(edges.margin, len(red_block) - edges.margin):
@@ -222,10 +240,11 @@ def join_inside(
 ) -> None:
     """Merge, in the union-find ``parent``, the nodes of possibly disconnected blocks that a conductance joins.
 
-    `block` (2, slots): block of every node by colour, 0 for none; `weak`: fraction of the strongest conductance at
-    either end below which a conductance does not join; `strongest` (2, slots): strongest conductance at every node;
-    `doubtful` (blocks,): whether a block may be disconnected; `parent` (2 slots,): union-find over red, then black
-    nodes.
+    `edges`: conductances of the finer level; `block` (2, slots): position on the next level of the block of every red
+    node (row 0) and black node (row 1), 0 for none; `weak`: fraction of the strongest conductance at either end below
+    which a conductance does not join; `strongest` (2, slots): strongest conductance at every node; `doubtful` (2 coarse
+    slots,): whether the block at a position may be disconnected; `parent` (2 slots,): union-find over the red, then the
+    black nodes of the finer level.
     """
     faces, distance, margin, off_red, off_black, _, couplings = edges
     slots = faces.shape[1]
@@ -250,10 +269,11 @@ def split_blocks(
 ) -> int:
     """Number the parts of disconnected blocks, except the first parts, as extra nodes; return their number.
 
-    `doubtful` (blocks,): whether a block may be disconnected; `parent` (2 slots,): union-find whose trees are the
-    parts; `block` (2, slots): block of every node by colour, 0 for none, overwritten by the extra node; `coarse_slots`:
-    length of an array over one colour of the next level; `extra_block`: receives the block of every extra node. Extra
-    nodes are numbered from ``2 coarse_slots`` on.
+    `doubtful` (2 coarse slots,): whether the block at a position of the next level may be disconnected; `parent` (2
+    slots,): union-find, over the red, then the black nodes of the finer level, whose trees are the parts; `block` (2,
+    slots): position of the block of every node of the finer level, 0 for none, overwritten by the number of the extra
+    node; `coarse_slots`: length of an array over one colour of the next level; `extra_block`: receives the position of
+    the block of every extra node. Extra nodes are numbered from ``2 coarse_slots`` on.
     """
     flat = block.ravel()
     taken = np.zeros(len(doubtful), np.bool_)
@@ -280,10 +300,15 @@ def split_blocks(
 def sum_blocks(edges: Edges, target: Indices, first_extra: int, coarse: Edges, inner: Singles) -> int:
     """Sum the conductances between blocks into the faces and couplings of ``coarse``; return the number of couplings.
 
-    A coupling is an edge that crosses no face of the grid. `edges, coarse`: edges of the finer and of the next level;
-    `target` (2, slots): index in the next level of the block of every node, by colour; `first_extra`: first index of
-    extra nodes of the next level; `inner` (ndim, 2 slots): receives the conductance inside blocks along every axis.
-    Returns -1 if a resistor joins two parts of one colour.
+    A coupling is an edge that crosses no face of the grid. The result is -1 if a resistor joins two parts of one
+    colour.
+
+    `edges, coarse`: edges of the finer and of the next level; `target` (2, slots of the finer level): position on the
+    next level of the block of every red node (row 0) and black node (row 1); the position of a red block is its index
+    in an array (coarse slots,) over red blocks, that of a black block is the number of coarse slots plus its index in
+    an array over black blocks; `first_extra`: index, in an array (coarse slots,), of the first extra node of either
+    colour; `inner` (ndim, 2 coarse slots): the conductance inside blocks along every axis is added here, in the column
+    of the block's position.
     """
     faces, distance, _, off_red, off_black, off_axis, couplings = edges
     sums, coarse_slots = coarse.faces, coarse.faces.shape[1]
@@ -323,6 +348,10 @@ def sum_blocks(edges: Edges, target: Indices, first_extra: int, coarse: Edges, i
 
 @inner
 def _record(edges: Edges, k: int, red: Any, black: Any, axis: Any, conductance: float) -> None:
-    """Write coupling number ``k`` of ``edges``: indices of its red and black node, its axis and conductance."""
+    """Write coupling number ``k`` (from 0) of ``edges``: its two nodes, its axis and its conductance.
+
+    `red, black`: index of the red node in arrays over the red nodes, and of the black node in arrays over the black
+    nodes.
+    """
     edges.off_red[k], edges.off_black[k] = red, black
     edges.off_axis[k], edges.couplings[k] = axis, conductance

@@ -1,6 +1,8 @@
 """A grid's equations by colour: the level from which coarse grids and graphs are built, and its kernels.
 
-A slot is the index of a node in the arrays of its colour, red or black (`red_black.Lattice`).
+The *slot* of a node is its index in an array (slots,) over the nodes of its colour; red and black slots both count from
+0. The *position* of a node is its index in a flattened array (2, slots), whose row 0 holds red and row 1 black nodes:
+it equals the slot of a red node, and the number of slots plus the slot of a black node. Slot 0 is unused.
 """
 
 from __future__ import annotations
@@ -16,8 +18,7 @@ from resgrid.solvers.multigrid.red_black import Edges, Lattice, Stencil
 from resgrid.solvers.scaled import Floats, Indices, Integers, Reals
 
 _TINY = 1e-300
-"""Number that is added to a divisor, a sum of conductances divided by the hierarchy's unit, to avoid division by zero.
-"""
+"""Number that is added to a divisor, a sum of conductances divided by ``hierarchy.unit``, to avoid division by zero."""
 
 BLOCK = 2048
 """Number of cells of a colour that a kernel processes at a time, so that their data fit in the first-level cache."""
@@ -29,13 +30,14 @@ WEAK = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """A red-black grid, with conductances between cells and to the rails, in the unit of the hierarchy.
+    """A red-black grid, with conductances between cells and to the rails, in units of ``hierarchy.unit`` siemens.
 
-    A slot is the index of a node in the arrays of its colour. `lattice`: memory layout; `edges`: conductances between
-    cells; `leak` (2, slots): conductance of every red and black node to the rails; `degree` (2, slots): sum of all
-    conductances at a node, 0 at an unused slot; `mean` (ndim,): mean conductance across the faces of every axis, 0 for
-    an axis without conductances; `uneven`: whether the weakest conductance is below `WEAK` times the strongest;
-    `extra_cell`: flat index of the cell to which every extra node belongs, for red and for black ones; `size`: number
+    A slot is the index of a node in the arrays of its colour, from 0 for red and for black nodes. `lattice`: memory
+    layout; `edges`: conductances between cells; `leak` (2, slots): conductance to the rails, of red nodes in row 0 and
+    of black ones in row 1; `degree` (2, slots): sum of all conductances at a node, 0 at an unused slot; `mean` (ndim,):
+    mean conductance across the faces of every axis, 0 for an axis without conductances; `uneven`: whether the weakest
+    conductance is below `WEAK` times the strongest; `extra_cell`: row-major index, in a grid of the shape
+    ``lattice.shape``, of the cell to which every extra node belongs, for red and for black extra nodes; `size`: number
     of nodes.
     """
 
@@ -57,10 +59,12 @@ def lay_out(
     excess: NDArray[np.float64],
     unit: float,
 ) -> tuple[Level, NDArray[np.int32]] | None:
-    """Return a grid as a `Level`, and the memory position of every row, shape (n,); None for an unsuitable grid.
+    """Return a grid as a `Level`, and the position of every row, shape (n,); None for an unsuitable grid.
 
-    The position of a black row is counted after all positions of red rows. The result is None if the grid has fewer
-    than two axes, cannot be coloured red and black, or has more positions than 32-bit indices can number.
+    The position of a red cell is its index in an array (slots,) over the red cells; that of a black cell is the number
+    of slots plus its index in an array (slots,) over the black cells. The result is None if the grid has fewer than two
+    axes, if a resistor joins two cells of one colour, if more resistors cross no face than periodic axes explain, if
+    cells and rows do not correspond one to one, or if the grid has more positions than 32-bit indices can number.
 
     `pairs` (m, 2): vertices at the ends of every resistor; `conductance` (m,): in siemens; `row` (vertices,): row of
     every vertex, negative where the voltage is known; `cells`, of the grid's shape: row of every cell, negative for
@@ -92,9 +96,10 @@ def _ring_couplings(
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
     """Return red slots, black slots, axes and conductances, (m,) each, of the resistors that close periodic axes.
 
-    A slot is the index of a cell in the arrays of its colour. `slot` (m, 2): slots that every resistor joins, black
-    ones numbered after all red ones; `conductance` (m,): of every resistor; `lattice`: memory layout of the grid. The
-    results are sorted by red, then black slot.
+    A slot is the index of a cell in the arrays of its colour, from 0 for both colours. `slot` (m, 2): positions of the
+    two cells that every resistor joins, in either order; a position is the slot of a red cell, or ``lattice.slots``
+    plus the slot of a black cell; `conductance` (m,): of every resistor, divided by ``hierarchy.unit``; `lattice`:
+    memory layout of the grid. The results are sorted by red, then black slot.
     """
     if not len(conductance):
         return *np.empty((3, 0), dtype=np.int32), conductance
@@ -110,8 +115,9 @@ def level_of(
 ) -> Level:
     """Return a `Level` with computed degrees and statistics.
 
-    `lattice, edges`: memory layout, and conductances between cells; `leak` (2, slots): conductance of every red and
-    black node to the rails; `extra_cell`: flat index of the cell of every red and of every black extra node.
+    `lattice, edges`: memory layout, and conductances between cells; `leak` (2, slots): conductance to the rails, of red
+    nodes in row 0 and of black ones in row 1; `extra_cell`: row-major index of the cell to which every extra node
+    belongs, for red and for black extra nodes.
     """
     degree, statistics = leak.copy(), np.full((len(edges.faces), 4), [0.0, 0.0, np.inf, 0.0])
     sum_degrees(edges.faces, edges.distance, edges.margin, degree, statistics)
@@ -125,7 +131,7 @@ def level_of(
 
 
 def stencil_of(level: Level) -> Stencil:
-    """Return the conductances and diagonals of a level as arguments of kernels, in double precision."""
+    """Return the conductances and reciprocal diagonals of a level, as arguments of kernels, in double precision."""
     edges = level.edges
     red, black = (np.empty_like(degree) for degree in level.degree)  # apart, for only one may stay
     for degree, inverse in zip(level.degree, (red, black), strict=True):
@@ -154,12 +160,14 @@ def in_single(stencil: Stencil) -> Stencil:
 def compensated(level: Level, single: Stencil) -> NDArray[np.float64]:
     """Return the black diagonal (slots,) that compensates the rounding of conductances and of reciprocals at red cells.
 
-    `level, single`: the grid in double precision, and its conductances in single precision.
+    `level`: the grid in double precision; `single`: its conductances in single precision. All conductances are divided
+    by ``hierarchy.unit``.
 
-    Let ``S = D - G R G^T``, with the black diagonal ``D``, conductances ``G`` and reciprocal red diagonal ``R``. With
-    the returned ``D``, the row sums of ``S`` equal the exact leaks (conductances to the rails): leaks of black cells,
-    and leaks of red cells multiplied by the fraction ``leak / degree`` of the currents through them. Products are
-    therefore accurate to a few rounding errors of every conductance, even for smooth vectors.
+    Let ``S = D - G^T R G``, with the black diagonal ``D``, conductances ``G`` from black to red cells, and reciprocal
+    red diagonal ``R``. With the returned ``D``, the row sums of ``S`` equal the exact leaks (conductances to the
+    rails): leaks of black cells, and leaks of red cells multiplied by the fraction ``leak / degree`` of the currents
+    through them. Products are therefore accurate to a few rounding errors of every conductance, even for smooth
+    vectors.
     """
     fraction, degree = np.zeros(level.lattice.slots), np.array(level.leak[1])
     np.add.at(fraction, single.off_red, single.couplings)
@@ -169,9 +177,10 @@ def compensated(level: Level, single: Stencil) -> NDArray[np.float64]:
 
 
 def to_graph(level: Level) -> tuple[Graph, NDArray[np.int32]]:
-    """Return a level as a graph of conductances, red nodes first, and the graph node of every slot, shape (2 slots,).
+    """Return a level as a graph of conductances, and the graph node of every position, shape (2 slots,).
 
-    A slot is the index of a node in the arrays of its colour; black ones follow red ones. An unused slot has -1.
+    The first ``slots`` positions belong to the red nodes, the others to the black nodes. The graph nodes are the used
+    positions, numbered from 0 in the same order; an unused position has -1.
     """
     from scipy import sparse
 
@@ -199,17 +208,18 @@ def fill_faces(
     pairs: Indices, conductance: Floats, row: Indices, slot: Indices, distance: Integers, scale: float, faces: Floats,
     couplings: Integers,
 ) -> int:  # fmt: skip
-    """Add every resistor between two unknowns to the face of its red cell; return the number of other resistors.
+    """Add every resistor between two unknowns to the face of its red cell; return the number of couplings.
 
-    A resistor that crosses no face becomes a coupling. The result is -1 if a resistor joins two cells of one colour, or
-    if there are more couplings than ``couplings`` holds. Resistors come axis by axis: most cross the same face as the
+    A coupling is a resistor that crosses no face. The result is -1 if a resistor joins two cells of one colour, or if
+    there are more couplings than ``couplings`` holds. Resistors come axis by axis: most cross the same face as the
     previous resistor, or the opposite face.
 
-    `pairs` (m, 2), `conductance` (m,): vertices at the ends of every resistor, and its conductance in siemens; `row`
-    (vertices,): row of every vertex, negative for a known voltage; `slot` (n,): array index of every row within its
-    colour, black rows after all red ones; `distance` (faces,): slot of the black cell across every face minus that of
-    the red cell; `scale`: factor on conductances; `faces` (faces, slots): receives the sums; `couplings`: receives the
-    indices of the resistors that become couplings.
+    `pairs` (m, 2): vertices at the ends of every resistor; `conductance` (m,): in siemens; `row` (vertices,): row of
+    every vertex, negative for a known voltage; `slot` (n,): position of every row: the index of a red cell in an array
+    (slots,) over the red cells, or the number of slots plus the index of a black cell in an array over the black cells;
+    `distance` (faces,): difference between these two array indices, black minus red, of the cells at every face;
+    `scale`: 1 divided by ``hierarchy.unit``, in 1/siemens; `faces` (faces, slots): the conductances times ``scale`` are
+    added here, in the column of the red cell; `couplings`: receives the index in `pairs` of every coupling.
     """
     slots, count, face = faces.shape[1], 0, 0
     for k in range(len(pairs)):
@@ -242,7 +252,8 @@ def fill_faces(
 def _face_at(distance: Integers, away: int) -> int:
     """Return the index of the face with ``distance[face] == away``; -1 if there is none.
 
-    `distance` (faces,): array index of the black cell across every face minus that of the red cell.
+    `distance` (faces,): index of the black cell across every face in an array over the black cells, minus the index of
+    the red cell in an array over the red cells.
     """
     for q in range(len(distance)):
         if distance[q] == away:
@@ -252,12 +263,13 @@ def _face_at(distance: Integers, away: int) -> int:
 
 @kernel
 def place_rows(cells: Indices, lines: Integers, slots: int, slot: Indices) -> int:
-    """Compute the slot of every row of the matrix; return the number of placed rows, or -1 if a row has two cells.
+    """Compute the position of every row of the matrix; return the number of placed rows, or -1 if a row has two cells.
 
-    A slot is the array index of a cell within its colour. `cells` (lines, cells per line): row of every cell along
-    the last axis, negative for none; `lines` (lines,): number of the first cell of every line (see `Lattice.lines`);
-    `slots`: slots per colour; `slot` (n,): on entry all entries are negative; receives the slots; black slots follow
-    all red ones, and a row without a cell is not written.
+    The position of a red cell is its index in an array over the red cells; that of a black cell is `slots` plus its
+    index in an array over the black cells. `cells` (lines, cells per line): row of every cell along the last axis,
+    negative for none; `lines` (lines,): number of the first cell of every line (see `Lattice.lines`); `slots`: length
+    of the arrays of one colour; `slot` (n,): receives the positions; all entries are negative on entry, and remain so
+    for rows without a cell.
     """
     count = 0
     for line in range(len(lines)):
@@ -275,9 +287,10 @@ def place_rows(cells: Indices, lines: Integers, slots: int, slot: Indices) -> in
 def sum_degrees(faces: Floats, distance: Integers, margin: int, degree: Floats, statistics: Floats) -> None:
     """Add the conductances of faces to ``degree`` (2, slots) at the red and the black cell that each face joins.
 
-    `faces` (faces, slots): conductance across every face of every red cell; `distance` (faces,): array index of the
-    black cell across the face minus that of the red cell; `margin`: unused array entries at either end; `statistics`
-    (faces, 4): receives sum, number, minimum and maximum of the positive conductances.
+    Row 0 of ``degree`` belongs to the red cells, row 1 to the black ones. `faces` (faces, slots): conductance across
+    every face of every red cell; `distance` (faces,): column of the black cell across the face in ``degree`` minus that
+    of the red cell; `margin`: number of unused columns at either end; `statistics` (faces, 4): updated sum, number,
+    minimum and maximum of the positive conductances.
     """
     end = faces.shape[1] - margin
     for begin in range(margin, end, BLOCK):
@@ -308,7 +321,8 @@ def _compare(conductance: Floats, statistics: Floats) -> None:
 def add(faces: Reals, q: int, begin: int, count: int, total: Floats, to: int) -> None:
     """Add ``faces[q, begin:begin + count]`` to ``total[to:to + count]``.
 
-    `faces` (faces, slots): face conductances of red cells.
+    `faces` (faces, slots): conductances of red cells; `q`: index of the face; `total` (slots,): sums over the cells of
+    one colour; `begin, to`: first column of the conductances, and first index of the sums.
     """
     face, at, t_at = np.uint64(q), np.uint64(begin), np.uint64(to)
     for i in range(count):
@@ -318,7 +332,7 @@ def add(faces: Reals, q: int, begin: int, count: int, total: Floats, to: int) ->
 
 @kernel
 def compensate(stencil: Stencil, leak: Floats, fraction: Floats, degree: Floats) -> None:
-    """Add the currents through red cells to the black diagonal of `compensated`, without off-stencil couplings.
+    """Add the currents through red cells to the black diagonal, without off-stencil couplings (see `compensated`).
 
     `stencil`: conductances in single precision; `leak` (slots,): conductance of red cells to the rails; `fraction`
     (slots,): on entry the sum of the off-stencil couplings at red cells; on exit the fraction of the current into a red
@@ -352,8 +366,9 @@ def _to_fractions(conductance: Floats, leak: Floats, inverse: Reals, begin: int,
 def _add_weighted(faces: Reals, q: int, begin: int, count: int, fraction: Floats, total: Floats, to: int) -> None:
     """Add ``faces[q] * fraction`` at the red cells ``begin`` to ``begin + count - 1`` to ``total[to:to + count]``.
 
-    `faces` (faces, slots): conductances of the faces of red cells; `q`: index of the face; `fraction, total` (slots,):
-    factor at red cells, and sum at black cells.
+    `faces` (faces, slots): conductances of the faces of red cells; `q`: index of the face; `fraction` (slots,): factor
+    at red cells; `total` (slots,): sum at black cells; the black cell ``to`` lies across the face of the red cell
+    ``begin``.
     """
     face, at, t_at = np.uint64(q), np.uint64(begin), np.uint64(to)
     for i in range(count):

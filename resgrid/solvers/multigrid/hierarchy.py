@@ -36,7 +36,7 @@ from resgrid.solvers.scaled import Floats, Singles
 from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 _WHOLE = 32
-"""Number of cells, along every axis, of which the begin of the finest level in the grid is a multiple.
+"""Multiple of cells, along every axis, at which the range of cells that the finest level covers begins.
 
 The blocks of coarse levels then do not depend on the width of a border without unknowns.
 """
@@ -56,11 +56,12 @@ Extra nodes are the parts of a disconnected block of cells except its first part
 class Hierarchy:
     """The multigrid preconditioner of a matrix with ``n`` rows.
 
-    `levels`: the coarse levels; for a netlist, also the finest one; `slot` (n,): position of every row in the vectors
-    of the finest level; in a grid, positions of black cells follow all of red cells; `unit`: conductance in siemens by
-    which the conductances of all levels are divided; `largest_degree`: largest diagonal entry of the matrix, in
-    siemens; `grid`: finest level of a red-black grid, None for a netlist; `box`: range of cells along every axis that
-    the finest grid covers, empty for a netlist.
+    `levels`: the coarse levels; for a netlist, also the finest one; `slot` (n,): position of every row on the finest
+    level: in a netlist, its index in vectors (n,); in a grid, a red cell's index in an array (slots,) over the red
+    cells, or the number of slots plus a black cell's index in an array over the black cells; `unit`: conductance in
+    siemens by which the conductances of all levels are divided; `largest_degree`: largest diagonal entry of the matrix,
+    in siemens; `grid`: finest level of a red-black grid, None for a netlist; `box`: range of cells along every axis
+    that the finest grid covers, empty for a netlist.
     """
 
     levels: Levels
@@ -95,9 +96,10 @@ def build_hierarchy(laplacian: Laplacian, threads: ThreadTeam = SINGLE_THREAD) -
 def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
     """Return the levels of a grid, finest first, and the coarse nodes of the black nodes of each level but the last.
 
-    The second list contains, for every array index of a black node, the array index of the block on the next level that
-    contains the node. Coarsening by blocks ends when the grid has fewer than 250 nodes, or when too many blocks are
-    disconnected.
+    The second list contains one array (slots,) per level: for every black node, by its index in arrays over the black
+    nodes of this level, the position of the block on the next level that contains the node. A position is a red block's
+    index in an array (coarse slots,), or the number of coarse slots plus a black block's index; 0 at an unused slot.
+    Coarsening by blocks ends when the grid has fewer than 250 nodes, or when too many blocks are disconnected.
     """
     levels, targets = [level], list[NDArray[np.int32]]()
     while True:
@@ -118,8 +120,10 @@ def _grid_levels(
 ) -> tuple[Finest, Levels] | None:
     """Return the finest grid, and the coarse grids with the graphs below them; None if the grid does not shrink.
 
-    `levels`: grids, finest first; `targets`: for every grid but the last, the array index on the next grid of the block
-    of every black node; `stencils`: conductances of the finest grid in double and in single precision.
+    `levels`: grids, finest first; `targets`: for every grid but the last, the position on the next grid of the block of
+    every black node, shape (slots,), 0 for none: a red block's index in an array (coarse slots,), or the number of
+    coarse slots plus a black block's index; `stencils`: conductances of the finest grid in double and in single
+    precision.
     """
     level = levels[0]
     graph, number = to_graph(levels[-1])
@@ -143,7 +147,8 @@ def _grid_levels(
 def finest_stencils(level: Level) -> tuple[Stencil, Stencil]:
     """Return the conductances of the finest level in double precision and in single precision.
 
-    The black diagonal of the second compensates the rounding of conductances (`grid_level.compensated`).
+    The first has no reciprocal black diagonal. The black diagonal of the second compensates the rounding of
+    conductances (`grid_level.compensated`).
     """
     double = stencil_of(level)
     single = in_single(double)
@@ -151,17 +156,22 @@ def finest_stencils(level: Level) -> tuple[Stencil, Stencil]:
 
 
 def largest_degree(true: Stencil) -> float:
-    """Return the largest diagonal entry of the finest grid `true`, in multiples of ``hierarchy.unit``."""
+    """Return the largest diagonal entry of the matrix of the finest grid, divided by ``hierarchy.unit``.
+
+    `true`: the finest grid in double precision.
+    """
     red = float(true.red_inverse.min(initial=np.inf, where=true.red_inverse > 0))
     return max(float(true.black_degree.max()), 1.0 / red)
 
 
 def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
-    """Return a grid as a `Level`, the memory position of every row (n,), the unit in siemens, and a box of cells.
+    """Return a grid as a `Level`, the position of every row (n,), the unit in siemens, and a box of cells.
 
-    The unit is the conductance by which all conductances are divided. Outside the box no cell has a row; the box begins
-    with whole blocks of several levels. Returns None if the matrix is not a grid whose cells can be coloured red and
-    black.
+    The position of a red cell is its index in an array (slots,) over the red cells of the level; that of a black cell
+    is the number of slots plus its index in an array (slots,) over the black cells. The unit is the conductance by
+    which all conductances are divided. The box is a range of cells along every axis, which the level covers; outside
+    the box no cell has a row. The begin of each range is a multiple of 32 cells, so that the coarse levels have whole
+    blocks. Returns None if the matrix is not a grid whose cells can be coloured red and black.
     """
     if laplacian.grid is None:
         return None
@@ -179,15 +189,16 @@ def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float,
 
 
 class GridProblem:
-    """The equations of a grid's black cells in the unit of the hierarchy, and their multigrid preconditioner.
+    """The equations of a grid's black cells, divided by ``hierarchy.unit``, and their multigrid preconditioner.
 
     Red cells are eliminated: the matrix is the Schur complement ``S = D - G^T R G``, with the black diagonal ``D``,
-    conductances ``G`` and reciprocal red diagonal ``R``. The levels are divided into slabs for the threads.
+    conductances ``G`` from black to red cells, and reciprocal red diagonal ``R``. The levels are divided into slabs for
+    the threads.
 
-    A slot is the array index of a cell within its colour. `finest`: the finest level; `currents` (2, slots): currents
-    into red and black cells, in amperes divided by the unit; `x` (2, slots): the solution in volts, which is updated;
-    `vectors`: vectors of conjugate gradients; `relaxes`: whether a relaxation of all cells can reduce the final
-    residual.
+    A slot is the index of a cell in the arrays of its colour, from 0 for both colours. `finest`: the finest level;
+    `currents` (2, slots): currents into red cells (row 0) and black cells (row 1), in amperes divided by
+    ``hierarchy.unit`` in siemens; `x` (2, slots): the solution in volts, which is updated; `vectors`: vectors of
+    conjugate gradients; `relaxes`: whether a relaxation of all cells can reduce the final residual.
     """
 
     relaxes = True
@@ -232,7 +243,8 @@ class GridProblem:
     def set_finest(self, finest: Finest, currents: Floats, x: Floats) -> None:
         """Replace the finest level by another one of the same cells.
 
-        `finest`: the new level; `currents, x` (2, slots): right-hand side and solution of red and of black cells.
+        `finest`: the new level; `currents, x` (2, slots): right-hand side in amperes divided by ``hierarchy.unit``, and
+        solution in volts; red cells in row 0, black cells in row 1.
         """
         self.finest, self.currents, self.x = finest, currents, x
         self.vectors = v = self.vectors._replace(inverse=finest.stencil.black_inverse)
@@ -241,7 +253,10 @@ class GridProblem:
         self._set_addresses(0, before=v.before, r=v.r, s=v.s, w=v.w, red_double=x[0])
 
     def _describe(self, number: int, of: GridLevel) -> None:
-        """Write the numbers and array addresses of the grid ``of`` to record ``number`` of the table of grids."""
+        """Write the numbers and array addresses of the grid ``of`` to the table of grids.
+
+        `number`: index of the record in the table, 0 for the finest grid.
+        """
         stencil, row = of.stencil, self.table[number]
         sides, slots = stencil.faces.shape
         counts = {
@@ -255,9 +270,10 @@ class GridProblem:
         self._set_addresses(number, degree=stencil.black_degree, aggregate=of.aggregate)
 
     def _set_addresses(self, number: int, **arrays: NDArray[np.generic]) -> None:
-        """Write addresses of arrays to record ``number`` of the table of grids, and keep the arrays alive.
+        """Write addresses of arrays to the table of grids, and keep the arrays alive.
 
-        `arrays`: arrays by the names of the fields of the record (`levels.GRID`) that receive their addresses.
+        `number`: index of the record in the table, 0 for the finest grid; `arrays`: arrays by the names of the fields
+        of the record (`levels.GRID`) that receive their addresses.
         """
         row = self.table[number]
         for name, array in arrays.items():
@@ -268,7 +284,7 @@ class GridProblem:
     def residual(self, r: Floats) -> float:
         """Relax the red cells, write the residual ``b - A x`` at black cells to ``r`` (slots,), and return its norm.
 
-        The residual is in amperes divided by the unit of the hierarchy.
+        The residual is in amperes divided by ``hierarchy.unit`` in siemens.
         """
         return krylov.black_residual(self.finest.true, self.currents, self.x, r, self._parts, self.threads)
 
@@ -303,17 +319,19 @@ class GridProblem:
     def _precondition(self, stop: float) -> tuple[float, float, float]:
         """Run the compiled cycle, led by this thread; return ``z.r``, ``z.w`` and ``z.s`` of the finest vectors.
 
-        ``z`` is the correction, ``w`` its product with the matrix, and ``s`` the product of the last search direction.
-        `stop`: ratio of the residual norms after and before the first step of a K-cycle that skips the second step.
+        ``z`` is the correction, ``w`` the product of the matrix with ``z``, and ``s`` that with the last search
+        direction. `stop`: ratio of the residual norms after and before the first step of a K-cycle on the first coarse
+        level below which the second step is skipped.
         """
         return precondition_grid(self.table, self.state, self._graphs, self.work, stop)
 
 
 class GraphProblem:
-    """The equations of a netlist's rows, divided by the unit of the hierarchy, in the order of the finest level.
+    """The equations of a netlist's rows, divided by ``hierarchy.unit``, in the order of the finest level.
 
-    `b` (n,): right-hand side in amperes, in the order of rows; `x` (1, n): the solution in volts, which is updated;
-    `vectors`: vectors of conjugate gradients; `relaxes`: False, since no relaxation follows the last iteration.
+    `laplacian, hierarchy`: the matrix and its multigrid levels; `b` (n,): right-hand side in amperes, in the order of
+    rows; `threads`: share the work on the vectors; `x` (1, n): the solution in volts, which is updated; `vectors`:
+    vectors of conjugate gradients; `relaxes`: False, since no relaxation follows the last iteration.
     """
 
     relaxes = False
@@ -325,7 +343,7 @@ class GraphProblem:
         self._slot, self._unit, self._work = hierarchy.slot, hierarchy.unit, work_space(self._graphs)
 
     def residual(self, r: Floats) -> float:
-        """Write the residual ``b - A x`` to ``r`` (n,), in amperes divided by the unit, and return its norm."""
+        """Write the residual ``b - A x``, in amperes divided by ``hierarchy.unit``, to ``r`` (n,); return its norm."""
         if self.x.any():
             row_residual(self._matrix, self._slot, self._b, self.x[0, self._slot], r)
             r *= 1.0 / self._unit

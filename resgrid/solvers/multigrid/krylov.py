@@ -1,4 +1,7 @@
-"""Kernels for the vectors of conjugate gradients, and residuals of grids."""
+"""Kernels for the vectors of conjugate gradients, and residuals of grids.
+
+Arrays over the cells of one colour have shape (slots,); red and black cells both have indices from 0 in them.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +23,9 @@ _DEPTH = 3
 class Vectors(NamedTuple):
     """Vectors of flexible conjugate gradients, over the black cells of a grid or the rows of a netlist.
 
-    `inverse` (n,): reciprocal diagonal; `r, s, w` (n,): residual, product ``A p`` for the search direction, and
-    product ``A z`` for the newest preconditioned residual; `before` (n,): relaxed residual ``inverse * r``; `z` (depth,
-    n): preconditioned residuals that are not yet added to the solution; `p` (n,): search direction before these.
+    `inverse` (n,): reciprocal diagonal; `r, s, w` (n,): residual, product ``A p`` for the search direction, and product
+    ``A z`` for the newest preconditioned residual; `before` (n,): relaxed residual ``inverse * r``; `z` (3, n):
+    preconditioned residuals that are not yet added to the solution; `p` (n,): search direction before these.
     """
 
     inverse: Singles
@@ -61,9 +64,9 @@ def advance(
 ) -> float:
     """Set ``s = w + beta s``, ``r -= alpha s``, ``z = inverse r`` on ``begin`` to ``end - 1``; return ``|r|^2`` there.
 
-    `inverse` (n,): reciprocal diagonal; `w, s` (n,): products of the matrix with the newest preconditioned
-    residual and with the search direction; `r` (n,): residual; `z` (n,): relaxed residual; `beta`: coefficient
-    of the previous search direction; `alpha`: step length.
+    `inverse` (n,): reciprocal diagonal; `w, s` (n,): products of the matrix with the newest preconditioned residual and
+    with the search direction; `r` (n,): residual; `z` (n,): relaxed residual; `beta`: coefficient of the previous
+    search direction; `alpha`: step length.
     """
     squares = 0.0
     for k in range(begin, end):
@@ -82,9 +85,9 @@ def add_steps(z: Singles, on_x: Floats, on_p: Floats, p: Floats, unit: float, x:
 
     ``x += unit (on_x[-1] p + sum_j on_x[j] z[j])``, then ``p = on_p[-1] p + sum_j on_p[j] z[j]``.
 
-    `z` (steps, n): preconditioned residuals of the last iterations; `on_x, on_p` (depth + 1,): coefficients in the
-    solution and in the search direction; `p` (n,): search direction; `x` (n,): solution; `unit`: factor on the change
-    of the solution.
+    `z` (steps, n): preconditioned residuals of the last iterations, divided by `unit`; `on_x, on_p` (depth + 1,), where
+    depth is the largest number of steps: coefficients in the solution and in the search direction; `p` (n,): search
+    direction, divided by `unit`; `x` (n,): solution; `unit`: norm of the residual by which vectors are divided.
     """
     before_x, before_p = on_x[-1], on_p[-1]
     for k in range(begin, end):
@@ -100,8 +103,8 @@ def add_steps(z: Singles, on_x: Floats, on_p: Floats, p: Floats, unit: float, x:
 def largest_step(z: Singles, on_p: Floats, p: Floats) -> float:
     """Return the largest magnitude of an entry of the newest search direction ``on_p[-1] p + sum_j on_p[j] z[j]``.
 
-    `z` (steps, n): preconditioned residuals of the last iterations; `on_p` (depth + 1,): coefficients; `p` (n,): search
-    direction before these iterations.
+    `z` (steps, n): preconditioned residuals of the last iterations; `on_p` (depth + 1,), where depth is the largest
+    number of steps: coefficients; `p` (n,): search direction before these iterations.
     """
     ahead = on_p[-1] * p
     for coefficient, vector in zip(on_p.tolist(), z, strict=False):
@@ -119,9 +122,9 @@ def black_residual(
 ) -> float:
     """Relax the red cells of ``x`` exactly, write the residual at black cells to ``r``, and return its Euclidean norm.
 
-    A slot is the array index of a cell within its colour. `stencil`: conductances in double precision; `b, x` (2,
-    slots): right-hand side and solution, of red and of black cells; `r` (slots,): result; `parts`: slabs of the grid,
-    None for a single one; `threads`: process the slabs.
+    `stencil`: conductances in double precision, divided by ``hierarchy.unit``; `b, x` (2, slots): right-hand side in
+    amperes divided by this unit, and solution in volts, with red cells in row 0 and black ones in row 1; `r` (slots,):
+    residual, like the right-hand side; `parts`: slabs of the grid, None for a single one; `threads`: process the slabs.
     """
     parts = slabs_of(stencil, 1) if parts is None else parts
     squares, margin = np.empty(blocks_of(stencil)), int(stencil.margin)
@@ -145,10 +148,11 @@ def sweep_colour(
 ) -> None:  # fmt: skip
     """Relax the red cells of some blocks exactly, or compute the residual at the black cells.
 
-    Off-stencil couplings contribute to red cells only; those at black cells are added elsewhere. `stencil`:
-    conductances; `colour`: RED to relax, BLACK for the residual; `b, x` (2, slots): right-hand side and solution of red
-    and black cells; `r` (slots,): receives the residual; `squares` (blocks,): receives the sum of squared residuals of
-    every block; `total` (block,): work array; `blocks`: first block, and block after the last.
+    Off-stencil couplings contribute to red cells only; `black_residual` adds those at black cells. `stencil`:
+    conductances; `colour`: RED to relax, BLACK for the residual; `b, x` (2, slots): right-hand side and solution, with
+    red cells in row 0 and black ones in row 1; `r` (slots,): receives the residual; `squares` (blocks,): receives the
+    sum of squared residuals of every block; `total` (block,): work array; `blocks`: first block, and block after the
+    last.
     """
     there, margin, coupling, (first, last) = x[1 - colour], stencil.margin, 0, blocks
     while coupling < len(stencil.couplings) and stencil.off_red[coupling] < margin + first * stencil.block:

@@ -2,7 +2,8 @@
 
 Kernels with dozens of array arguments take most of their compile time for passing these on. A row of the table (`GRID`)
 contains addresses of arrays instead, and a kernel opens the ones it needs. The owner of the table keeps the arrays
-alive. A slot is the array index of a cell within its colour.
+alive. The slot of a cell is its index in an array (slots,) over the cells of its colour; red and black slots both count
+from 0.
 
 In a sweep the red cells are ahead of the black ones by the distance of neighbours (wavefront sweep), so that faces are
 read once.
@@ -21,7 +22,7 @@ from resgrid.solvers.multigrid.red_black import RED, Stencil, products
 from resgrid.solvers.scaled import Indices, Reals, Singles
 
 _LEAST = 60_000
-"""Smallest number of array entries per colour for which a grid is divided into slabs."""
+"""Number of array entries per colour below which a grid is not divided into slabs."""
 
 _THICK = 4
 """Smallest thickness of a slab, in multiples of the lead of red over black cells in a wavefront sweep.
@@ -41,15 +42,15 @@ GRID = np.dtype([
 ])  # fmt: skip
 """Data type of the record of one grid in the compiled cycle: numbers, and addresses of arrays.
 
-A slot is the array index of a cell within its colour, red or black.
+The slot of a cell is its index in an array (slots,) over the cells of its colour, red or black; both count from 0.
 
 `slots, sides, margin, block`: number of slots per colour, of faces per cell, of unused slots at either end, and of
 slots per block; `blocks`: number of blocks; `joined`: number of couplings; `below_slots`: size of the next level's
-right-hand side.
+right-hand side, over red and black nodes.
 
 `faces` to `black_inverse`: arrays of `Stencil`; `degree` (slots,): black diagonal, in double precision; `aggregate`
-(slots,): node of the next level of every black slot (see `GridLevel`); `below_rhs, below_x` (below_slots,): the next
-level's right-hand side and solution.
+(slots,): index in `below_rhs` of the node of the next level to which every black cell belongs (see `GridLevel`);
+`below_rhs, below_x` (below_slots,): the next level's right-hand side and solution.
 
 `red_rhs, black_rhs` (slots,): right-hand side; `red` (slots,): solution at red cells. Arrays over black slots:
 `before`: relaxed residual, and finally the solution; slabs read values of other slabs here before these are
@@ -70,9 +71,9 @@ class GridLevel(NamedTuple):
     """A grid of a hierarchy, and its restriction to the next level.
 
     `stencil`: conductances, in single precision except for the black diagonal; `aggregate` (slots,): node of the next
-    level to which every black cell belongs, 0 for none. If the next level is a grid, this is the array index of the
-    node within its colour, where black nodes follow all red ones; if it is a graph, this is the number of the node
-    counted from 1.
+    level to which every black cell belongs, 0 for none. If the next level is a grid, an entry is the index of a red
+    node in an array (coarse slots,) over its red nodes, or the number of coarse slots plus the index of a black node in
+    an array over its black nodes. If it is a graph, an entry is the number of the node, counted from 1.
     """
 
     stencil: Stencil
@@ -83,8 +84,9 @@ class Finest(NamedTuple):
     """The finest grid of a hierarchy.
 
     `true`: conductances in double precision; `stencil`: conductances in single precision, with a black diagonal that
-    compensates their rounding (`grid_level.compensated`); `aggregate` (slots,): index of the node of the next level to
-    which every black cell belongs, 0 for none.
+    compensates their rounding (`grid_level.compensated`); `aggregate` (slots,): node of the next level to which every
+    black cell belongs, 0 for none: in a grid, the index of a red node in an array over its red nodes, or the length of
+    that array plus the index of a black node; in a graph, the number of the node, counted from 1.
     """
 
     true: Stencil
@@ -107,8 +109,8 @@ class Levels(NamedTuple):
 def multiply_faces(level: Row, colour: int, x: Reals, block: int, total: Reals) -> None:
     """Set ``total`` to ``sum_j g_ij x_j`` over the neighbours ``j`` across faces of each cell ``i`` of a block.
 
-    `level`: record of the grid; `colour`: colour of the cells ``i``; `x` (slots,): values at the cells of the other
-    colour; `block`: number of the block of cells; `total` (block,): result.
+    `level`: record of the grid; `colour`: colour of the cells ``i``, 0 for red and 1 for black; `x` (slots,): values at
+    the cells of the other colour; `block`: number of the block of cells, from 0; `total` (block,): result.
     """
     faces = singles_by_side(level.faces, level.sides, level.slots)
     begin, count = extent(level, block)
@@ -117,7 +119,10 @@ def multiply_faces(level: Row, colour: int, x: Reals, block: int, total: Reals) 
 
 @inlined
 def extent(level: Row, block: int) -> tuple[int, int]:
-    """Return the array index of the first cell of block number ``block`` of a grid, and its number of cells."""
+    """Return the index of the first cell of a block in arrays over one colour, and the number of cells of the block.
+
+    `level`: record of the grid; `block`: number of the block, from 0.
+    """
     begin = level.margin + block * level.block
     return begin, min(level.block, level.slots - level.margin - begin)
 
@@ -126,7 +131,8 @@ def extent(level: Row, block: int) -> tuple[int, int]:
 def take_step(r: Singles, v: Singles, step: np.float32, begin: int, count: int) -> tuple[float, float]:
     """Set ``r -= step v`` on ``count`` entries from ``begin`` on; return ``|r|^2`` over them before and after.
 
-    `r, v` (slots,): residual, and product of the matrix with the search direction; `step`: length of the step.
+    `r, v` (slots of a grid, or nodes of a graph): residual, and product of the matrix with the search direction;
+    `step`: length of the step; `begin, count`: index of the first entry, and number of entries.
     """
     before, after, at = 0.0, 0.0, np.uint64(begin)
     for i in range(count):
@@ -150,7 +156,11 @@ def copy(values: Singles, begin: int, count: int, there: Singles) -> None:
 
 @inner_fast
 def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: int, count: int, both: Singles) -> None:
-    """Set ``both = on_c c + on_z z``, a sum of two search directions, on ``count`` entries from ``begin`` on."""
+    """Set ``both = on_c c + on_z z``, a sum of two search directions, on ``count`` entries from ``begin`` on.
+
+    `c, z, both` (n,): first direction, second direction, and result, over the black cells of a grid or the nodes of a
+    graph.
+    """
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
@@ -160,9 +170,9 @@ def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: i
 class Slab(NamedTuple):
     """A part of a grid that one thread sweeps over.
 
-    `first, last`: first block of cells, and block after the last; `begin, end`: range of array indices of the black
-    cells whose nodes on the next level belong to this slab alone; `buffer`: address of a work array (block,) for sums,
-    0 for none.
+    `first, last`: first block of cells, and block after the last; `begin, end`: range of indices, in arrays over the
+    black cells, of the cells whose nodes on the next level belong to this slab alone; `buffer`: address of a work array
+    (block,) for sums, 0 for none.
     """
 
     first: int
@@ -174,16 +184,16 @@ class Slab(NamedTuple):
 
 @inner
 def slab_of(level: Row, part: int) -> Slab:
-    """Return slab number ``part`` of a grid; `level`: record of the grid."""
+    """Return slab number ``part`` (from 0) of a grid; `level`: record of the grid."""
     of, k = integers(level.slabs, 5 * level.parts), 5 * part
     return Slab(of[k], of[k + 1], of[k + 2], of[k + 3], of[k + 4])
 
 
 @inner
 def blocks_ahead(level: Row) -> int:
-    """Return the number of blocks by which red cells are computed ahead of black ones; `level`: record of the grid.
+    """Return the number of blocks by which red cells are computed ahead of black ones, in a sweep over a grid.
 
-    All red neighbours of a black block are then known.
+    All red neighbours of a black block are then known. `level`: record of the grid.
     """
     return int(-(-level.margin // level.block))
 
@@ -192,8 +202,8 @@ def blocks_ahead(level: Row) -> int:
 def first_coupling(level: Row, block: int) -> int:
     """Return the index of the first coupling whose red cell lies in block number ``block`` or in a later block.
 
-    `level`: record of the grid. The index is the number of couplings if there is none. Couplings are edges that cross
-    no face of the grid.
+    `level`: record of the grid. If there is no such coupling, the result is the number of couplings. Couplings are
+    edges that cross no face of the grid, sorted by red cell.
     """
     off_red, coupling = indices(level.off_red, level.joined), ZERO
     while coupling < level.joined and off_red[coupling] < level.margin + block * level.block:
@@ -205,8 +215,9 @@ def first_coupling(level: Row, block: int) -> int:
 def multiply_red(level: Row, block: int, x: Singles, coupling: int, total: Reals) -> int:
     """Set ``total = G x`` at the red cells of a block, from all edges; return the index of the next coupling.
 
-    Couplings are edges that cross no face of the grid. `level`: record of the grid; `block`: number of the block; `x`
-    (slots,): values at black cells; `coupling`: index of the first coupling of the block; `total` (block,): result.
+    ``G`` contains the conductances from black to red cells. Couplings are edges that cross no face of the grid.
+    `level`: record of the grid; `block`: number of the block, from 0; `x` (slots,): values at black cells; `coupling`:
+    index of the first coupling of the block; `total` (block,): result.
     """
     multiply_faces(level, RED, x, block, total)
     begin, count = extent(level, block)
@@ -220,7 +231,11 @@ def multiply_red(level: Row, block: int, x: Singles, coupling: int, total: Reals
 
 @inner_fast
 def scale(inverse: Singles, x: Reals, first: int, begin: int, count: int, value: Reals) -> None:
-    """Set ``value = inverse x`` on ``count`` entries from ``begin`` on; the entries of ``x`` begin at ``first``."""
+    """Set ``value[k] = inverse[k] x[first + k - begin]`` for the ``count`` indices ``k`` from ``begin`` on.
+
+    `inverse, value` (slots,): reciprocal diagonal and result over the cells of a colour; `x`: currents, whose entry
+    ``first`` belongs to the cell ``begin``.
+    """
     at, x_at = np.uint64(begin), np.uint64(first)
     for i in range(count):
         k = np.uint64(i)

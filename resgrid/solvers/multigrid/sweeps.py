@@ -3,7 +3,7 @@
 Slabs are whole blocks of cells. Two neighbouring slabs compute the red values that both need, with equal results. No
 slab reads other values that another one writes. Sums are kept per block and added in a fixed order after all slabs; so
 are couplings, edges across no face, which join arbitrary cells. The results are therefore bitwise equal for any
-division into slabs.
+division into slabs. Arrays over one colour have shape (slots,); red and black cells both have indices from 0 in them.
 """
 
 from __future__ import annotations
@@ -51,7 +51,8 @@ relaxes the residual from zero. `COMBINE` sets ``before`` to the combination of 
 def sweep_black(level: Row, kind: int, slab: Slab) -> None:
     """Eliminate, restrict or relax on one slab of a grid, without off-stencil couplings.
 
-    `level`: record of the grid; `kind`: `ELIMINATE`, `RESTRICT` or `RELAX`; `slab`: range of blocks of cells.
+    `level`: record of the grid; `kind`: `ELIMINATE`, `RESTRICT` or `RELAX`, which select the vectors of the record that
+    are read and written; `slab`: range of blocks of cells.
     """
     slots, ahead = level.slots, blocks_ahead(level)
     before, r, z = singles(level.before, slots), singles(level.r, slots), singles(level.z, slots)
@@ -105,7 +106,9 @@ def _add_rhs(
 def _add_to_nodes(aggregate: Indices, begin: int, count: int, total: Singles, skipped: int, coarse: Singles) -> None:
     """Restrict: add ``total[skipped:skipped + count]`` to ``coarse``, at nodes of ``count`` cells from ``begin`` on.
 
-    `aggregate` (slots,): node of the next level of every black cell; `coarse`: right-hand side of the next level.
+    `aggregate` (slots,): index in ``coarse`` of the node of every black cell; `begin`: index of the first cell in
+    arrays over the black cells; `total` (block,): residuals of the cells of a block; `coarse`: right-hand side of the
+    next level, with red nodes before black ones if that level is a grid.
     """
     at, t_at = np.uint64(begin), np.uint64(skipped)
     for i in range(count):
@@ -210,10 +213,10 @@ def back_substitute(level: Row, slab: Slab) -> None:
 
 @inner
 def update_slots(level: Row, kind: int, slab: Slab) -> None:
-    """Prolong, combine or step on one slab, cell by cell; a step writes the sums of squares of every block to ``sums``.
+    """Prolong, combine or step on one slab, cell by cell; a step writes sums of squares of every block.
 
-    `level`: record of the grid; `kind`: `PROLONG`, `COMBINE` or `STEP`; `slab`: range of blocks. The sums of squares
-    are those of the residual before and after the step.
+    `level`: record of the grid; `kind`: `PROLONG`, `COMBINE` or `STEP`; `slab`: range of blocks. The sums of squares,
+    in the field ``sums`` of the record, are those of the residual before and after the step.
     """
     slots, coefficients, sums = level.slots, doubles(level.coefficients, 2), doubles(level.sums, 3 * level.blocks)
     r, s, z, c = singles(level.r, slots), singles(level.s, slots), singles(level.z, slots), singles(level.c, slots)
@@ -237,7 +240,8 @@ def update_slots(level: Row, kind: int, slab: Slab) -> None:
 def _add_from_nodes(aggregate: Indices, begin: int, count: int, coarse: Singles, total: Singles) -> None:
     """Prolong: add to ``total``, on ``count`` entries from ``begin`` on, the values of the cells' coarse nodes.
 
-    `aggregate` (slots,): node of the next level of every black cell; `coarse`: solution on the next level.
+    `aggregate` (slots,): index in ``coarse`` of the node of every black cell; `coarse`: solution on the next level,
+    with red nodes before black ones if that level is a grid; `total` (slots,): values of black cells.
     """
     at = np.uint64(begin)
     for i in range(count):

@@ -1,4 +1,4 @@
-"""Assembly of a `Circuit` from collected cards: title, subcircuits, switch states, node numbers."""
+"""Assembly of a `Circuit` from collected cards (statements): title, subcircuits, switch states, node numbers."""
 
 from __future__ import annotations
 

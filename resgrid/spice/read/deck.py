@@ -145,7 +145,8 @@ def _open(
 ) -> tuple[Library, SourceFile]:
     """Return the library of a deck's files, to which included files will be added, and the file of the deck itself.
 
-    `path`: path or open file of the deck; `root`: folder that must contain all included files.
+    `path`: path or open file of the deck; `root`: folder that must contain all included files; None for the folder of
+    the deck, and to refuse all includes of an open file.
     """
     folder = None if root is None else _folder(root)
     if not isinstance(path, str | os.PathLike):

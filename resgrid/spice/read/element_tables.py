@@ -68,8 +68,8 @@ class NodeTable:
     def number_of(self, name: str, order: int) -> int:
         """Return the number of the node `name`, which is added to the table if it is new.
 
-        `order`: position of this use in the deck, a number as from `order_of`; the spelling at the first position is
-        kept.
+        `order`: position of this use in the deck (file index times ``2**40`` plus line number, see `order_of`); the
+        spelling at the first position is kept.
         """
         folded = name.lower()
         number = self._number.get(folded)
@@ -89,7 +89,8 @@ class NodeTable:
     def _new(self, name: str, folded: str, order: int) -> int:
         """Add the node `name`, or an alias of ground, to the table; return the node's number.
 
-        `folded`: the name in lower case; `order`: position of the first use in the deck, a number as from `order_of`.
+        `folded`: the name in lower case; `order`: position of the first use in the deck (file index times ``2**40``
+        plus line number).
         """
         ground = folded in self.grounds
         number = self._number["0"] if ground and "0" in self._number else len(self.names)
@@ -106,8 +107,8 @@ class NodeTable:
     def numbers_in_instances(self, names: list[str], orders: list[int]) -> NDArray[np.int64]:
         """Return the numbers of nodes inside instances of subcircuits, shape (n,), and add new nodes to the table.
 
-        `names`: n full names of the nodes, such as ``x1.mid``; `orders`: position of each use in the deck, numbers as
-        from `order_of`.  All nodes are new unless the deck itself uses names with a dot.
+        `names`: n full names of the nodes, such as ``x1.mid``; `orders`: position of each use in the deck (file index
+        times ``2**40`` plus line number).  All nodes are new unless the deck itself uses names with a dot.
         """
         if self._dotted:
             return np.fromiter(map(self.number_of, names, orders), np.int64, len(names))
@@ -119,7 +120,7 @@ class NodeTable:
         """Return the numbers (n,) of nodes, and add new nodes to the table.
 
         `names`: n names of nodes, no two of which are equal regardless of case; `orders` (n,): position of each node's
-        first use in the deck, numbers as from `order_of`.
+        first use in the deck (file index times ``2**40`` plus line number).
         """
         if len(self.names) > 1:
             return np.fromiter(map(self.number_of, names, orders.tolist()), np.int64, len(names))
@@ -137,8 +138,9 @@ class ElementArrays:
 
     `names`: function that returns the names of the elements; `nodes` (n, nodes): node numbers; `values` (n, values), or
     (n, 1) if all values but the first are zero, in the columns that `WIDTHS` lists; `place` (n, 2): index of the file,
-    and line of the element's card; `order` (n,): position in the deck (number from `order_of`) of the outermost
-    instance that contains the element, or of the element itself; None if all elements are outside instances and sorted.
+    and line of the element's card; `order` (n,): position in the deck (file index times ``2**40`` plus line number) of
+    the outermost instance that contains the element, or of the element itself; None if all elements are outside
+    instances and sorted.
     """
 
     names: Callable[[], list[str]]
@@ -152,14 +154,14 @@ class ElementArrays:
 
     @property
     def ordered(self) -> NDArray[np.int64]:
-        """Positions (n,) in the deck by which the elements are sorted, as numbers from `order_of`."""
+        """Positions (n,) in the deck by which the elements are sorted: file index times ``2**40`` plus line number."""
         return order_of(self.place) if self.order is None else self.order
 
 
 def order_of(place: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the position of each element as one number, which sorts by file and then by line; shape (n,).
+    """Return the position of each element as one number, file index times ``2**40`` plus line number; shape (n,).
 
-    `place` (n, 2): index of the file, and line.
+    The numbers sort by file and then by line.  `place` (n, 2): index of the file, and line.
     """
     return np.asarray((place[:, 0] << 40) | place[:, 1])
 
@@ -170,8 +172,11 @@ Row = tuple[str, tuple[int, ...], tuple[float, ...], tuple[int, int]]
 
 @dataclass(eq=False)
 class Elements:
-    """The elements of a block (the deck or a subcircuit): single elements in `rows`, arrays in `parts`, both by kind.
+    """The elements of a block (the deck or a subcircuit), as rows and as arrays, both by kind of element.
 
+    `rows`: for every kind, one tuple per element that was read from its card; `parts`: for every kind, a list of
+    `ElementArrays`, each with many elements: those of all plain cards (lines ``name node node value``) of a file, or
+    the copies of all elements of this kind of one flattened subcircuit. An element is either in `rows` or in `parts`.
     `nodes`: node numbers of the block; `nominal`: nominal temperature, in degrees Celsius; `heating`: temperature of
     the deck minus nominal temperature, in kelvin.
     """
@@ -183,10 +188,10 @@ class Elements:
     parts: dict[str, list[ElementArrays]] = field(default_factory=lambda: {kind: [] for kind in WIDTHS})
 
     def add(self, kind: str, name: str, nodes: Iterable[str], values: tuple[float, ...], card: Card) -> None:
-        """Add one element, and its nodes if they are new.
+        """Add one element to `rows`, and its nodes to `nodes` if they are new.
 
-        `kind`: kind of element; `nodes`: names of the nodes; `values`: values in the columns of `WIDTHS`; `card`: its
-        card.
+        `kind`: kind of element, a key of `WIDTHS`; `name`: name of the element; `nodes`: names of the nodes; `values`:
+        values in the columns of `WIDTHS`; `card`: the card (statement of the deck) of the element.
         """
         number_of, order = self.nodes.number_of, card.file << 40 | card.line
         self.rows[kind].append(
@@ -194,7 +199,7 @@ class Elements:
         )
 
     def joined(self, kind: str) -> ElementArrays:
-        """Return all elements of a kind as arrays, in the order of the deck."""
+        """Return all elements of a kind, from `rows` and `parts`, in one `ElementArrays`, in the order of the deck."""
         if not self.rows[kind]:
             return joined_parts(kind, self.parts[kind])
         names, nodes, values, places = zip(*self.rows[kind], strict=True)
@@ -204,9 +209,9 @@ class Elements:
 
 
 def joined_parts(kind: str, parts: list[ElementArrays]) -> ElementArrays:
-    """Return several arrays of elements of one kind as one, sorted by position in the deck.
+    """Return several `ElementArrays` of one kind as one, sorted by position in the deck.
 
-    `kind`: kind of element; `parts`: the arrays, which may be empty.
+    `kind`: kind of element, a key of `WIDTHS`; `parts`: the elements, in a list that may be empty.
     """
     filled = [part for part in parts if len(part)]
     if not filled:
@@ -254,7 +259,10 @@ def _sorted(part: ElementArrays) -> ElementArrays:
 
 
 class LazyNames(Mapping[str, tuple[str, ...]]):
-    """Names of elements by kind of element, created at the first access of each kind."""
+    """Names of elements by kind of element, created at the first access of each kind.
+
+    `makers`: for every kind, a function that returns the names.
+    """
 
     def __init__(self, makers: Mapping[str, Callable[[], Sequence[str]]]) -> None:
         self._makers = makers

@@ -128,7 +128,8 @@ def normalise(data: bytes, name: str) -> bytes:
 def coding_of(data: bytes) -> tuple[bytes, str]:
     """Return the byte order mark of a file's content, and the encoding: "utf-8", "utf-16-le" or "utf-16-be".
 
-    UTF-16 without a mark is recognized by zeros in every second byte.  Otherwise, without a mark both are empty.
+    UTF-16 without a mark is recognized by zeros in every second byte.  A missing mark is empty; the encoding is empty
+    if neither a mark nor zeros determine it.
 
     Examples
     --------

@@ -146,8 +146,9 @@ class PlainCards:
     def _values(self, decimals: list[bytes], suffixed: list[bytes]) -> NDArray[np.float64]:
         """Return the values of consecutive lines in SI units, shape (lines,); NaN or infinity where no plain card is.
 
-        `decimals`: text of each value without a suffix; `suffixed`: text of each value with a suffix; empty or None if
-        the line has no such value.
+        `decimals`: text of the value of each line if it is a decimal without a suffix; `suffixed`: text of the value of
+        each line if it has a suffix, such as ``k``. An entry is None or empty if the line is no plain card, or if its
+        value belongs to the other list.
         """
         value = _parsed(float, decimals)
         for line in np.flatnonzero(value == 0).tolist():
@@ -272,9 +273,10 @@ class PlainCards:
 
 
 def _parsed(parse: Callable[[bytes], float], words: list[bytes]) -> NDArray[np.float64]:
-    """Return the number that each word means, shape (words,), NaN for a missing word (None or empty).
+    """Return the number that each word means, shape (words,); NaN for an entry without a word.
 
-    `parse`: function that returns the number that one word means.
+    `parse`: function that returns the number that one word means; `words`: one entry per line; None or empty where the
+    line is no plain card, or has its value in another notation.
     """
     if all(words):
         return np.fromiter(map(parse, words), np.float64, len(words))
@@ -302,8 +304,8 @@ class _SuffixedValues(dict[bytes, float]):
 def _first_words(data: bytes, start: int, lines: NDArray[np.int64]) -> list[str]:
     """Return the first words of some lines of a text, which are the names of the elements in these lines.
 
-    `data`: the text; `start`: byte offset of a line; `lines`: ascending indices of the lines, counted from 0 at
-    `start`.
+    `data`: the text; `start`: byte offset of the beginning of line 0; `lines`: ascending indices of the wanted lines,
+    counted from 0 at `start`.
     """
     is_wanted = np.zeros(data.count(b"\n", start), dtype=np.bool_)
     is_wanted[lines] = True

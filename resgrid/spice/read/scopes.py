@@ -92,10 +92,10 @@ class Block:
 
 @dataclass
 class TemperatureUse:
-    """Record of an evaluation.
+    """Record of the use of the simulation temperature in the evaluation of an expression.
 
-    `used`: whether the evaluation used the simulation temperature; `unsupported`: a function or operator in the
-    expression that the dialect does not support together with the temperature, or an empty string.
+    `used`: whether the value depends on the simulation temperature; `unsupported`: name of a function or operator in
+    the expression that the dialect does not support together with the temperature; empty if there is none.
     """
 
     used: bool = False
@@ -390,9 +390,9 @@ class Scope:
 
 
 def _shown_call(name: str, values: list[float]) -> str:
-    """Return the name of a function with the property of this call that some dialects do not support, if it has one.
+    """Return the name of a called function, with arguments that some dialects do not support.
 
-    `values`: values of the arguments.  Examples: "min of three arguments", "pow of a negative number".
+    Examples: "min of three arguments", "pow of a negative number", "sin".  `values`: values of the arguments.
     """
     if name in ("min", "max") and len(values) == 3:
         return f"{name} of three arguments"

@@ -24,15 +24,11 @@ from resgrid.spice.read.temperature import refuse_temperature
 
 MAX_DEPTH = 50
 """Maximum nesting depth of subcircuits; deeper nesting is an error of the deck."""
-
 MAX_ELEMENTS = 20_000_000
 """Maximum number of elements after the expansion of subcircuits, unless the caller of `read_spice` sets a limit."""
-
 FREE_GROWTH, MAX_GROWTH = 500_000, 5000
 """Default limit of the number of elements after expansion: `FREE_GROWTH`, or `MAX_GROWTH` per card if that is more."""
-
 _OWN_MULTIPLIER = re.compile(r"^[^vs].*[\s,]m\s*=", re.IGNORECASE)
-
 _BLANK = re.compile(r"\s")
 
 
@@ -114,7 +110,11 @@ class Expander:
             )
 
     def _check_names(self, card: Card, letter: str) -> None:
-        """Raise CardError for a node name that the simulator misreads; warn about a blank; `letter`: kind of card."""
+        """Raise CardError for a node name that the simulator misreads; warn about a blank in a quoted name.
+
+        The simulator may cut such a name, ``"a b"``, at the blank. `card`: an element's card; `letter`: first letter of
+        its kind, ``x`` for an instance of a subcircuit.
+        """
         misread = card.rules.words.misread.get("node", ())
         if any(name in card.text.lower() for name in misread):
             tokens = [token for token in tokenise(card)[1:] if token.kind != "mark"]
@@ -126,7 +126,7 @@ class Expander:
                     break
 
     def _note_blank(self, card: Card, name: str, offset: int) -> None:
-        """Add a warning about a blank in a quoted name, which is at position `offset` in the text of `card`."""
+        """Warn of a quoted name that a simulator may cut at a blank; `name`: with quotes; `offset`: place in `card`."""
         rules, diagnostics = card.rules, self.contents.diagnostics
         if rules.refusals.blank_names == "fails":
             diagnostics.refuse(card.spot(offset), f"{rules.name} cuts the quoted name {name} at its blank, and stops")
@@ -233,7 +233,7 @@ class Expander:
         inner: list[Scope] = []
 
         def looked_up(name: str) -> float | None:
-            """Return the value of a name outside the subcircuit, in some dialects else inside; None if undefined."""
+            """Return the value of a name outside the subcircuit, or in some dialects inside; None if undefined."""
             names.add(name)
             value = scope.named(name)
             if value is None and instance.card.rules.words.inner_names and name != setting.key:
@@ -298,7 +298,7 @@ class Expander:
                 )
 
     def _refuse_multiplier(self, instance: Instance, setting: Setting, scope: Scope, factor: float) -> None:
-        """Raise CardError if the simulator does not use the ``m=`` of an instance (`factor`) as number of copies."""
+        """Raise CardError if the simulator does not use the ``m=`` of an instance (`setting`) as number of copies."""
         dialect = instance.card.rules.name
         texts = [card.text for card in instance.block.cards]
         own = [text for text in texts if _OWN_MULTIPLIER.search(text)]
