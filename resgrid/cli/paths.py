@@ -112,7 +112,7 @@ def _workspace_text(route: Route) -> str:
     hit = route.collision
     if hit is not None:
         bodies = " and ".join(hit.names or ())
-        return f", but {bodies} collide at {place_of(hit.configuration)}"
+        return f", but {bodies} collide at {place_of(hit.configuration.tolist())}"
     tested = ", no collision" * route.is_tested
     return tested if distance is None or distance == float("inf") else f"{tested}, {distance:.4g} m from contact"
 

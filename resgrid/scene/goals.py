@@ -117,8 +117,8 @@ class GoalPose:
 
     Examples
     --------
-    >>> robot = rg.URDFRobot("examples/robots/scara.urdf", moving=("shoulder", "elbow"))
-    >>> goal = rg.GoalPose((0.4, 0.3, 0.3), radius=0.02)
+    >>> robot = rg.URDFRobot("examples/robots/scara.urdf", moving=("shoulder", "elbow"), tool="tip")
+    >>> goal = rg.GoalPose((0.3, 0.2, 0.155), radius=0.02)
     >>> scene = rg.Scene(robot.axes(32), robot=robot, goals=(goal,), sampling="centre")
     >>> int((rg.build_space(scene).cell == rg.Cell.GOAL).sum()) > 0
     True

@@ -6,12 +6,14 @@ Tests internals: `resgrid.robots.urdf`, `resgrid.planning.workspace`, `resgrid.p
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from math import hypot, inf, pi, tau
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from support.trees import FORE, HEIGHT, THICKNESS, UPPER, HandMadeRobot
+from support.hand_made_robot import FORE, HEIGHT, THICKNESS, UPPER, HandMadeRobot
 
 import resgrid as rg
 from resgrid.planning.workspace import sample_path
@@ -20,6 +22,14 @@ pytest.importorskip("coal")
 ROBOT = HandMadeRobot()
 SPACE = rg.ConfigurationSpace(ROBOT.axes((20, 24)), np.zeros((20, 24)), robot=ROBOT)
 POST = rg.Box((0.3, 0.55, 0.0), (0.4, 0.65, 1.0))
+
+
+@pytest.fixture(scope="session")
+def examples(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The folder of the examples; proofs of cells are not stored for the user."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RESGRID_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield scenes.parent
 
 
 def test_workspace_paths_are_those_of_the_tool_in_space() -> None:
@@ -212,3 +222,46 @@ def test_undecided_cells_are_the_reason_of_a_failure_that_they_cause() -> None:
     assert "obstacles separate the start" in str(planner.path(cell=(17, 3)).reason)
     assert "the start lies in an undecided cell" in str(planner.path(cell=(6, 4)).reason)
     assert "the start lies in an obstacle" in str(planner.path(cell=(6, 5)).reason)
+
+
+@pytest.mark.parametrize(
+    ("name", "moving", "cells", "start", "goal"),
+    [
+        ("elbow", ("turn",), 24, (-2.5,), (2.3,)),
+        ("scara", ("shoulder", "quill"), (24, 8), (-1.9, -0.01), (-0.4, -0.1)),
+        ("elbow", ("turn", "shoulder", "elbow"), 12, (-2.5, 0.6, 0.3), (2.3, 0.7, 0.4)),
+        ("four", ("turn", "shoulder", "elbow", "wrist"), 8, (-0.9, 0.2, 0.2, 0.2), (2.7, 0.2, 0.2, 0.2)),
+    ],
+)
+def test_paths_in_proven_cells_do_not_collide(examples, name, moving, cells, start, goal) -> None:
+    """Streamlines, shortcuts and motions of robots with one to four joints; a continuous joint crosses its seam."""
+    pytest.importorskip("pinocchio")
+    robot = rg.URDFRobot(str(examples / "robots" / f"{name}.urdf"), moving=moving)
+    obstacles = (rg.Box((0.3, 0.1, 0.0), (0.5, 0.2, 0.6)),)
+    scene = rg.Scene(robot.axes(cells), robot=robot, obstacles=obstacles, goals=(rg.GoalJoints(goal, goal),))
+    space = rg.build_space(scene)
+    path = rg.plan(space, boundary="neumann").path(start)
+    assert path.outcome is rg.Outcome.REACHED
+    rg.certify(path)
+    short = rg.shortcut(path)
+    rg.certify_collision_free(short)
+    motion = rg.time_parameterize(short, acceleration_limits=2.0)
+    assert (np.abs(motion.velocities) <= robot.velocity_limits * (1 + 1e-12)).all()
+    assert np.abs(np.diff(motion.positions[:, 0])).max() < pi
+    if name == "elbow":
+        assert motion.positions[-1, 0] < -pi  # the seam is on the way
+    for way in (path, short, motion):
+        assert rg.check_collisions(way, obstacles, step=5e-3) is None
+        assert rg.planning.workspace_clearance(way, obstacles) > 0
+
+
+def test_a_path_to_a_pose_of_the_tool_ends_with_the_tool_there(examples) -> None:
+    pytest.importorskip("pinocchio")
+    scene = rg.read_scene(examples / "scenes" / "scara.toml")
+    goal = rg.GoalPose((0.3, 0.2, 0.035), radius=0.01)
+    scene = scene.replace(goal=goal)
+    paths = rg.plan(scene).paths()
+    assert [str(path.outcome) for path in paths] == ["reached", "reached"]
+    for path in paths:
+        end = rg.planning.workspace_path(rg.shortcut(path))[-1]
+        assert np.linalg.norm(end - goal.position) <= goal.radius + 1e-9

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from hashlib import sha256
 from math import tau
 from typing import Annotated, Any
 
@@ -86,11 +84,11 @@ class URDFRobot(Robot):
 
     Examples
     --------
-    >>> robot = rg.URDFRobot("examples/robots/scara.urdf", moving=("shoulder", "elbow"))
-    >>> [axis.name for axis in robot.axes(32)]
-    ['shoulder', 'elbow']
+    >>> robot = rg.URDFRobot("examples/robots/scara.urdf", moving=("shoulder", "elbow"), tool="tip")
+    >>> [axis.name for axis in robot.axes(32)], robot.velocity_limits
+    (['shoulder', 'elbow'], array([ 6.5, 11. ]))
     >>> robot.tool_poses([(0.0, 0.0)])[0, :3, 3].round(3)
-    array([0.65, 0.  , 0.3 ])
+    array([0.48 , 0.   , 0.155])
     """
 
     reference = "tool"
@@ -270,16 +268,16 @@ class URDFRobot(Robot):
         """Return a test of the robot among obstacles, and with itself, at single configurations, with exact solids."""
         from resgrid.robots.urdf.collision_tests import SolidTest
 
-        key = sha256(pickle.dumps(tuple(obstacles))).hexdigest()
-        if key not in self._tests:
-            self._tests.clear()
-            self._tests[key] = SolidTest(self.among(obstacles))
-        return self._tests[key]
+        for last, test in self._last_test:
+            if len(last) == len(obstacles) and all(one is other for one, other in zip(last, obstacles, strict=True)):
+                return test
+        self._last_test[:] = [(tuple(obstacles), SolidTest(self.among(obstacles)))]
+        return self._last_test[0][1]
 
     @cached_property
-    def _tests(self) -> dict[str, CollisionTest]:
-        """The test among the last obstacles by their fingerprint, because several paths of a scene need it."""
-        return {}
+    def _last_test(self) -> list[tuple[tuple[Shape, ...], CollisionTest]]:
+        """The last test with its obstacles, because several paths of a scene need the same test; empty at first."""
+        return []
 
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
