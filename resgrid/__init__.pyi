@@ -82,3 +82,4 @@ from .spice.read.deck import read_spice as read_spice
 from .spice.write.files import write_spice as write_spice
 
 __version__: str
+from .viewer.launch import view as view

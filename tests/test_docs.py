@@ -52,9 +52,9 @@ def test_every_function_of_a_page_is_used_in_its_session() -> None:
 def test_sessions_of_a_page_have_the_printed_output(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shutil.copytree(PROJECT / "examples" / "scenes", tmp_path, dirs_exist_ok=True)
-    shutil.copytree(PROJECT / "examples" / "robots", tmp_path / "robots")
-    monkeypatch.chdir(tmp_path)
+    shutil.copytree(PROJECT / "examples", tmp_path, dirs_exist_ok=True)
+    shutil.copytree(PROJECT / "examples" / "robots", tmp_path / "scenes" / "robots")
+    monkeypatch.chdir(tmp_path / "scenes")
     failed, tried = doctest.testfile(str(page), module_relative=False, optionflags=doctest.NORMALIZE_WHITESPACE)
     assert tried > 0 and failed == 0
 

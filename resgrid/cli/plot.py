@@ -16,7 +16,7 @@ from resgrid.cli.terminal import finish, stage
 from resgrid.errors import InputError
 
 PICTURES = ("page", "space", "potential", "currents", "paths", "circuit", "slices", "robot")
-PAGE_AXES = 3
+PAGE_AXES = 4
 """Largest number of axes of a space for which ``resgrid run`` draws overview pages."""
 
 CIRCUIT_CELLS = 8
@@ -33,9 +33,9 @@ CIRCUIT_CELLS = 8
 def command(source: CommandInput, output: str, what: str) -> int:
     """Draw one picture of SCENE.
 
-    A page shows potential, currents and paths together; a space of three axes is drawn in slices. Of several blends in
-    the scene, the first one is drawn; choose a blend with --k. '--what space' draws only the cells, for which a map
-    needs no goal.
+    A page shows potential, currents and paths together; a space of three or four axes is drawn in slices. Of several
+    blends in the scene, the first one is drawn; choose a blend with --k. '--what space' draws only the cells, for which
+    a map needs no goal.
     """
     from resgrid.io.tables import emit
     from resgrid.plot.figures import picture_format, render_figure
@@ -43,7 +43,7 @@ def command(source: CommandInput, output: str, what: str) -> int:
     suffix = "png" if output == "-" else picture_format(output)
     job = open_job(source, require_goal=what != "space")
     if what == "currents" and job.space.ndim != 2:
-        raise InputError(f"--what {what}: it needs two axes, and this space has {job.space.ndim}; 'page' shows up to 3")
+        raise InputError(f"--what {what}: it needs two axes, and this space has {job.space.ndim}; 'page' shows up to 4")
     if what == "slices" and job.space.ndim < 3:
         raise InputError(f"--what slices: a space of {job.space.ndim} axes is not cut into slices; draw 'potential'")
     ignored = report_ignored(job, "grid", k=() if what == "space" else job.scene.k[1:])
@@ -78,15 +78,12 @@ def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | Non
         yield name, f"potential, currents and paths{end}", "page", field
     if job.space.ndim == 2 and (several or not plan.fields):
         yield "paths", "map and all paths", "paths", None
-    if _has_picture(job.scene.robot) and any(route.reached for route in plan.routes):
+    if not job.scene.robot.moves_in_workspace and any(route.reached for route in plan.routes):
         yield "robot", "the robot in its workspace along its first path", "robot", None
+    if job.scene.robot.workspace_ndim == 3 and job.space.ndim > 1:
+        yield "cells", "cells of the space by verdict", "space", None
     if job.space.ndim <= 2 and max(job.space.shape) <= CIRCUIT_CELLS and len(plan.operating_points) == 1:
         yield "circuit", "the chip as a circuit, with its voltages", "circuit", None
-
-
-def _has_picture(robot: rg.Robot) -> bool:
-    """Return whether a robot has a picture in its workspace: robots that turn and arms, in the plane."""
-    return not robot.moves_in_workspace and robot.workspace_ndim == 2
 
 
 def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
@@ -144,9 +141,9 @@ def _draw_robot(job: Job, plan: Plan) -> Any:
         raise InputError(
             "--what robot: this robot is a point or a disc, whose picture is 'paths'; it draws arms and polygons"
         )
-    if not _has_picture(job.scene.robot):
-        raise InputError("--what robot: it draws robots of the plane, and this robot moves in space; draw 'page'")
     path = next((path for path in plan.streamlines if path.outcome is rg.Outcome.REACHED), None)
+    if path is None and job.scene.robot.workspace_ndim == 3:
+        return _titled(rg.draw(job.scene), job.scene.title)
     if path is None:
         raise InputError("--what robot: no path reaches a goal, so the robot has no path; draw 'page' instead")
     if job.space.ndim == 2:

@@ -1,4 +1,4 @@
-"""Animations of controlled runs and of wavefronts, as GIF with one palette, or as MP4 by ffmpeg."""
+"""Animations of runs, of trajectories of arms, and of wavefronts, as GIF with one palette, or as MP4 by ffmpeg."""
 
 from __future__ import annotations
 
@@ -23,6 +23,9 @@ from resgrid._internal.files import atomic_path
 from resgrid.control.run_log import ControlMode, Run
 from resgrid.control.simulation import Wavefront
 from resgrid.errors import InputError, ToolMissingError
+from resgrid.planning.time_parameterization import Trajectory
+from resgrid.plot.arm_animations import arm_frames
+from resgrid.plot.arms import is_in_space
 from resgrid.plot.control import (
     FORCE,
     MODES,
@@ -35,10 +38,11 @@ from resgrid.plot.control import (
     panel_aspect,
     scene_of,
 )
-from resgrid.plot.figures import new_figure, panel_height
+from resgrid.plot.figures import FRAME_DPI, new_figure, panel_height, settle_layout
 from resgrid.plot.plane import plane_of, seam_shifts, wrapped
 from resgrid.plot.style import TEXT, mark, refresh_legend
 from resgrid.plot.workspace import draw_pose, draw_robot
+from resgrid.scene.scene import Scene
 
 ROBOT = "#0072B2"
 SUFFIXES = (".gif", ".mp4")
@@ -46,8 +50,6 @@ MOST_FRAMES = 600
 """Largest number of frames of an animation; more frames raise InputError."""
 _COLOURS = 255
 """Largest number of colours of a GIF's palette."""
-_DPI = 100
-"""Resolution of frames, in dots per inch."""
 _HELD = 12
 """Number of additional frames that repeat the last row of a run at the end of an animation."""
 
@@ -56,27 +58,31 @@ _PANEL = 3.6
 
 
 def animate(
-    value: Run | Wavefront,
+    value: Run | Wavefront | Trajectory,
     file: str | os.PathLike[str],
     *,
     run: Run | None = None,
+    scene: Scene | None = None,
     count: int = 120,
     rate: float = 20.0,
     progress: Callable[[int], object] | None = None,
 ) -> Path:
-    """Write an animation of a controlled run, or of the spread of a map change through the grid.
+    """Write an animation of a controlled run, of an arm along a trajectory, or of a map change spreading in the grid.
 
     Parameters
     ----------
-    value : Run or Wavefront
+    value : Run, Trajectory or Wavefront
         A run is shown in its workspace with contact forces and, with two axes, in configuration space, with the mode in
-        the title.  A wavefront must have a space with two axes, and is shown at each of its times.
+        the title.  A trajectory of an arm in space is shown among the obstacles of `scene`.  A wavefront must have a
+        space with two axes, and is shown at each of its times.
     file : path-like
         The suffix ``.gif`` or ``.mp4`` selects the format; MP4 needs ffmpeg.  The file is written atomically.
     run : Run, optional
         For a wavefront: run of a robot whose position at the time of the frame is marked in each frame.
+    scene : Scene, optional
+        For a trajectory: scene with the arm and its obstacles.
     count : int
-        Number of frames of a run, evenly spaced in time; the last frame is repeated 12 times.
+        Number of frames of a run or a trajectory, evenly spaced in time; the last frame is repeated 12 times.
     rate : float
         Frames per second, at most 100.
     progress : callable, optional
@@ -103,11 +109,11 @@ def animate(
     if not 0 < rate <= 100:
         raise InputError(f"rate = {rate} must be above 0 and at most 100 frames per second")
     writer = _writer(file, rate)
-    frames = _run_frames(value, count) if isinstance(value, Run) else _wavefront_frames(value, run)
+    frames = _frames(value, count, run, scene)
     with atomic_path(file) as temporary:
         figure = next(frames)
         try:
-            with writer.saving(figure, str(temporary), _DPI):
+            with writer.saving(figure, str(temporary), FRAME_DPI):
                 for number, _ in enumerate(chain([figure], frames), 1):
                     writer.grab_frame()
                     if progress is not None:
@@ -115,6 +121,19 @@ def animate(
         except CalledProcessError as error:
             raise InputError(f"ffmpeg could not write {Path(file).name}: {error.stderr.strip()}") from error
     return Path(file)
+
+
+def _frames(value: Run | Wavefront | Trajectory, count: int, run: Run | None, scene: Scene | None) -> Iterator[Figure]:
+    """Return an iterator over the frames of a value; the other parameters are those of `animate`."""
+    if isinstance(value, Wavefront):
+        return _wavefront_frames(value, run)
+    if not 2 <= count <= MOST_FRAMES - _HELD:
+        raise InputError(f"count = {count} must lie between 2 and {MOST_FRAMES - _HELD}: it is the number of frames")
+    if isinstance(value, Run):
+        return _run_frames(value, count)
+    if scene is None or not is_in_space(scene):
+        raise InputError("an animation of a trajectory needs the scene of an arm in space: give scene")
+    return arm_frames(value, scene, count, _HELD)
 
 
 def check_animation(path: str | os.PathLike[str]) -> None:
@@ -201,15 +220,13 @@ def _run_frames(run: Run, count: int) -> Iterator[Figure]:
 
     `count`: number of frames, 2 to 588, without repetitions of the last one.
     """
-    if not 2 <= count <= MOST_FRAMES - _HELD:
-        raise InputError(f"count = {count} must lie between 2 and {MOST_FRAMES - _HELD}: it is the number of frames")
     flat = run.space.ndim == 2
     figure = new_figure(8.6 if flat else 4.6, panel_height(_PANEL, panel_aspect(run)) + 0.4)
     panels = [_workspace(run, figure.add_subplot(1, 1 + flat, 1))]
     if flat:
         panels.append(_configurations(run, figure.add_subplot(1, 2, 2)))
     figure.suptitle(" ", fontsize=TEXT + 2)
-    _settle_layout(figure)
+    settle_layout(figure)
     for row in frame_rows(run, count).tolist():
         colour, _, does = MODES[ControlMode(run.mode[row])]
         figure.suptitle(f"{run.time[row]:.2f} s: the robot {does}", fontsize=TEXT + 2, color=colour)
@@ -303,7 +320,7 @@ def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
         mark(places[:1], axes, "start")
         axes.plot([], [], "o", color="black", markersize=6, label="robot")
     refresh_legend(axes)
-    _settle_layout(figure)
+    settle_layout(figure)
     for row in range(len(front.cells)):
         moving: list[Artist] = [draw_change(front, row, axes)]
         if places is not None:
@@ -323,11 +340,3 @@ def _places(front: Wavefront, run: Run) -> NDArray[np.float64]:
     seconds = front.cells * float(front.after.spacing.min()) / max(float(speeds.max()), 1e-300)
     rows = np.searchsorted(run.time, seconds).clip(0, len(run.time) - 1)
     return wrapped(run.configuration[rows], run.space)
-
-
-def _settle_layout(figure: Figure) -> None:
-    """Compute the layout of a figure once and fix it, so that axes do not move between frames."""
-    figure.set_dpi(_DPI)
-    for _ in range(2):  # the layout of axes with a fixed aspect converges in two passes
-        figure.canvas.draw()
-    figure.set_layout_engine("none")

@@ -20,7 +20,7 @@ from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Streamline
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, figure_of, new_figure, panel_height
 from resgrid.plot.panels import Panel, draw_panels
-from resgrid.plot.paths import mark_outcome, path_layer, require_paths
+from resgrid.plot.paths import end_of_first, mark_outcome, path_layer, require_paths
 from resgrid.plot.plane import (
     MOST_CELLS,
     PicturePlane,
@@ -53,12 +53,12 @@ def draw_field(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw the potential of a field with one to three axes (profile, image or slices), or the currents.
+    """Draw the potential of a field with one to four axes (profile, image or slices), or the currents.
 
     `ax`: axes to draw on, by default those of a new figure; `quantity`: "potential" or "currents"; `scale`: "linear",
     "log" (logarithm of the drop) or "auto" (by the range of the drop); `contours`: whether to draw equipotentials;
-    `axis`, `indices`: normal axis and cell indices of the slices of a space with three axes.  Returns the axes, or the
-    figure of a space with three axes.
+    `axis`, `indices`: normal axis and cell indices of the slices of a space with three or four axes.  Returns the axes,
+    or the figure of a space with more than two axes.
     """
     if quantity == "currents":
         return draw_currents(field, ax)
@@ -76,7 +76,7 @@ def _draw_potential(
     paths: Sequence[Streamline] = (),
     k: Sequence[float] | None = None,
 ) -> Axes | Figure:
-    """Draw the potential and paths; return the axes, or the figure of a space with three axes.
+    """Draw the potential and paths; return the axes, or the figure of a space with more than two axes.
 
     With one axis, a mark on the curve is the start of a path.  `paths`: streamlines; `k`: weight k of the Dirichlet
     field of each path, None for paths of one field; the other options are those of `draw_field`.
@@ -92,7 +92,7 @@ def _draw_potential(
             for path in paths:
                 mark_outcome(path, (path.axis_points[0, 0], shown[int(path.cells[0, 0])]), panel.axes)
             return None
-        edge = tuple(rule for number, rule in enumerate(shading.edge) if number != panel.normal)
+        edge = tuple(rule for number, rule in enumerate(shading.edge) if number not in panel.normals)
         values, flat = panel.of(shading.values), replace(shading, edge=edge)
         image = draw_shading(panel.plane, flat, values, panel.axes, contours=contours)
         panel.paint((high, NO_DROP, "at the high rail"), order=1.0)
@@ -100,22 +100,22 @@ def _draw_potential(
         return image, shading.label
 
     layers = [potential, path_layer(paths, k)] if paths and field.space.ndim > 1 else [potential]
-    return draw_panels(field.space, ax, *layers, axis=axis, indices=indices, strip=0.6)
+    return draw_panels(field.space, ax, *layers, axis=axis, indices=indices, through=end_of_first(paths), strip=0.6)
 
 
 def draw_summary(
     field: Field, paths: Sequence[Streamline] = (), *, k: Sequence[float] | None = None, title: str = "",
     scale: Scale = "auto",
 ) -> Figure:  # fmt: skip
-    """Draw the overview of a field of one to three axes with its paths.
+    """Draw the overview of a field of one to four axes with its paths.
 
     With two axes, one panel shows obstacles, potential, equipotentials and paths, a second one (below it for a wide
-    map) the currents.  With one axis the potential is a profile; with three axes it is shown in slices through a goal.
+    map) the currents.  With one axis the potential is a profile; with more axes it is shown in slices through a goal.
 
     Parameters
     ----------
     field : Field
-        Field of one to three axes.
+        Field of one to four axes.
     paths : sequence of Streamline
         Paths to draw on the potential.
     k : sequence of float, optional

@@ -21,6 +21,9 @@ FORMATS = ("png", "pdf", "svg")
 PAGE = 7.4
 """Width of a figure that spans both columns of a page, in inches."""
 
+FRAME_DPI = 100
+"""Resolution of frames of animations, in dots per inch."""
+
 NOTEBOOK_DPI = 100
 """Resolution of pictures in notebooks, in dots per inch."""
 
@@ -152,3 +155,11 @@ def picture_format(file: str | os.PathLike[str]) -> str:
         allowed = ", ".join("." + name for name in FORMATS)
         raise InputError(f"cannot save a picture as {str(file)!r}: its suffix must be one of {allowed}")
     return suffix
+
+
+def settle_layout(figure: Figure) -> None:
+    """Compute the layout of a figure once and fix it, so that axes do not move between frames."""
+    figure.set_dpi(FRAME_DPI)
+    for _ in range(2):  # the layout of axes with a fixed aspect converges in two passes
+        figure.canvas.draw()
+    figure.set_layout_engine("none")

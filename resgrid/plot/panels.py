@@ -1,9 +1,9 @@
-"""Panels of a space's picture: a strip for one axis, a plane for two, slices with a common legend for three."""
+"""Panels of a space's picture: a strip for one axis, a plane for two, slices with a common legend for more axes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,19 +20,23 @@ from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.plot.figures import PAGE, axes_or_new, figure_of, new_figure, panel_height
 from resgrid.plot.plane import (
+    Cut,
     Mask,
     PicturePlane,
-    cells_with_path,
     draw_cells,
     draw_image,
     finish,
-    kinds_of,
+    free_label,
     paint,
     plane_of,
+    sliced,
+    space_kinds,
     unknown_cells,
 )
+from resgrid.plot.slices import cuts_of, slice_title
 from resgrid.plot.style import (
     FREE,
+    LONG_LABEL,
     PATHS,
     SMALL,
     TEXT,
@@ -48,30 +52,31 @@ from resgrid.plot.style import (
 VIRTUAL = "#8c8c8c"
 """Colour of obstacle cells that no body occupies."""
 
-_MOST_SLICES = 6
-"""Default number of slices normal to one axis; a shorter axis has one slice per cell."""
-
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One matplotlib axes of a picture: a space of one or two axes, or a slice of a space with three axes.
+    """One matplotlib axes of a picture: a space of one or two axes, or a slice of a space with more axes.
 
-    `space`: the space; `axes`: matplotlib axes; `plane`: plane of the picture, None for one axis; `normal`: number of
-    the axis normal to the slice, None without a slice; `index`: cell index of the slice along `normal`.
+    `space`: the space; `axes`: matplotlib axes; `plane`: plane of the picture, None for one axis; `cut`: numbers of the
+    axes normal to the slice with the cell index along each, empty without a slice.
     """
 
     space: ConfigurationSpace
     axes: Axes
     plane: PicturePlane | None
-    normal: int | None = None
-    index: int = 0
+    cut: Cut = ()
+
+    @property
+    def normals(self) -> list[int]:
+        """Numbers of the axes normal to the slice."""
+        return [normal for normal, _ in self.cut]
 
     def of(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return the values of the cells in the panel: all values, or those of the slice.
 
         `values`: one value per cell, shape of the space.
         """
-        return values if self.normal is None else np.asarray(np.moveaxis(values, self.normal, 0)[self.index])
+        return sliced(values, self.cut)
 
     def seen(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the picture coordinates (n, 2) of n points; in a slice, those of their projections.
@@ -80,13 +85,15 @@ class Panel:
         """
         if self.plane is None:
             return np.column_stack([points, np.full(len(points), np.mean(self.axes.get_ylim()))])
-        return self.plane.frame.to_world(points if self.normal is None else np.delete(points, self.normal, axis=1))
+        return self.plane.frame.to_world(np.delete(points, self.normals, axis=1))
 
     def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return the mask (n,) of points inside the slice; `points` (n, 3): in axis units."""
-        assert self.normal is not None
-        lower, upper = self.space.axes[self.normal].edges[[self.index, self.index + 1]]
-        return np.asarray((points[:, self.normal] >= lower) & (points[:, self.normal] <= upper))
+        """Return the mask (n,) of points inside the slice; `points` (n, ndim): in axis units."""
+        inside = np.ones(len(points), dtype=np.bool_)
+        for normal, index in self.cut:
+            lower, upper = self.space.axes[normal].edges[[index, index + 1]]
+            inside &= (points[:, normal] >= lower) & (points[:, normal] <= upper)
+        return inside
 
     def paint(self, *masks: Mask, order: float = 2.2) -> None:
         """Paint masks of the space's cells above the image; masks with at least one cell get a legend entry.
@@ -106,10 +113,14 @@ class Panel:
     def draw_cells(self) -> None:
         """Draw obstacles, goals and free cells without a path to a goal, and set limits and labels of the panel."""
         if self.plane is not None:
+            if self.cut and self.space.undecided is not None:  # the legend counts the cells outside of the slices too
+                for where, colour, label in space_kinds(self.space):
+                    if where.any():
+                        add_swatch(self.axes, label, colour)
             draw_cells(self.plane, self.axes)
             finish(self.plane, self.axes, columns=0)
             return
-        self.paint(*kinds_of(self.space.cell, cells_with_path(self.space)), order=2.0)
+        self.paint(*space_kinds(self.space), order=2.0)
         axis = self.space.axes[0]
         self.axes.set(xlim=(axis.lower, axis.upper), xlabel=axis_label(axis))
         self.axes.set_yticks([])
@@ -140,18 +151,18 @@ def draw_panels(
     columns: int = 3,
     strip: float = 0.3,
 ) -> Axes | Figure:
-    """Draw layers above each other on one matplotlib axes, or on each slice of a space with three axes.
+    """Draw layers above each other on one matplotlib axes, or on each slice of a space with three or four axes.
 
     `ax`: axes to draw on, None for a new figure; `layers`: functions that draw on a panel; `axis`, `indices`: normal
-    axis and cell indices of the slices, by default one slice normal to each axis; `through`: cell that the slices
+    axis and cell indices of the slices, by default one slice for each pair of axes; `through`: cell that the slices
     contain, by default a goal cell; `columns`: number of legend columns; `strip`: height over width of the picture of
-    one axis.  Returns the axes, or the figure of a space with three axes.
+    one axis.  Returns the axes, or the figure of a space with more than two axes.
     """
     if space.ndim <= 2:
         plane = plane_of(space) if space.ndim == 2 else None
         panels = [Panel(space, axes_or_new(ax, strip if plane is None else plane.aspect), plane)]
     else:
-        panels = _slices(space, ax, _cuts(space, axis, indices, through))
+        panels = _slices(space, ax, cuts_of(space, axis, indices, through))
     shown: Axes | Figure = panels[0].axes if space.ndim <= 2 else figure_of(panels[0].axes)
     for layer in layers:
         bars = [layer(panel) for panel in panels]
@@ -194,20 +205,21 @@ def draw_space(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw obstacles, goals and the conductivity of a space; return the axes, or the figure of a space with three axes.
+    """Draw obstacles, goals and the conductivity of a space.
 
-    `ax`: axes to draw on, by default those of a new figure; `virtual`: mask of obstacle cells that no body occupies;
-    `unknown`: mask of obstacle cells of unknown occupancy; `axis`, `indices`: normal axis and cell indices of the
-    slices.
+    Returns the axes, or the figure of a space with more than two axes.  `ax`: axes to draw on, by default those of a
+    new figure; `virtual`: mask of obstacle cells that no body occupies; `unknown`: mask of obstacle cells of unknown
+    occupancy; `axis`, `indices`: normal axis and cell indices of the slices.
     """
     painted = painter(*virtual_cells(virtual), *unknown_cells(space.cell, unknown))
-    return draw_panels(space, ax, _name_free_cells, draw_known, painted, axis=axis, indices=indices)
+    return draw_panels(space, ax, name_free_cells, draw_known, painted, axis=axis, indices=indices)
 
 
-def _name_free_cells(panel: Panel) -> None:
+def name_free_cells(panel: Panel) -> None:
     """Add a legend entry for free cells, unless they have the colours of the conductivity."""
-    if panel.space.conductivity is None and (panel.of(panel.space.cell) == Cell.FREE).any():
-        add_swatch(panel.axes, "free", FREE)
+    space = panel.space
+    if space.conductivity is None and (panel.of(space.cell) == Cell.FREE).any():
+        add_swatch(panel.axes, free_label(space), FREE)
 
 
 def paint_unknown(picture: Axes | Figure, space: ConfigurationSpace, unknown: NDArray[np.bool_] | None) -> None:
@@ -235,61 +247,22 @@ def virtual_cells(virtual: NDArray[np.bool_] | None) -> list[Mask]:
     return [] if virtual is None else [(virtual, VIRTUAL, "virtual obstacle")]
 
 
-def _slices(space: ConfigurationSpace, ax: Axes | None, cuts: list[tuple[int, int]]) -> list[Panel]:
-    """Return one panel of a new figure for each slice; raise InputError unless `ax` is None.
-
-    `cuts`: number of the normal axis and cell index of each slice.
-    """
+def _slices(space: ConfigurationSpace, ax: Axes | None, cuts: Sequence[Cut]) -> list[Panel]:
+    """Return one panel of a new figure for each slice; raise InputError unless `ax` is None."""
     if ax is not None:
-        raise InputError("a space with 3 axes is drawn in several slices and cannot use one ax; omit ax")
+        raise InputError(f"a space with {space.ndim} axes is drawn in several slices and cannot use one ax; omit ax")
     planes = [plane_of(space, cut) for cut in cuts]
     columns = min(3, len(cuts))
     rows = -(-len(cuts) // columns)
-    height = panel_height(PAGE / 3 - 0.6, max(plane.aspect for plane in planes)) - 0.5
+    height = panel_height(PAGE / 3 - 0.6, max(plane.aspect for plane in planes)) - 0.5 + 0.15 * (space.ndim - 3)
     figure = new_figure(max(PAGE * columns / 3, 3.4), rows * height + 0.9)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for unused in grid[len(cuts) :]:
         unused.set_axis_off()
-    panels = [Panel(space, axes, plane, *cut) for axes, plane, cut in zip(grid, planes, cuts, strict=False)]
-    for panel, plane, (normal, index) in zip(panels, planes, cuts, strict=True):
-        axis = space.axes[normal]
-        name = axis_label(replace(axis, unit=""), of_map=plane.of_map)
-        through_goal = " (through a goal)" if np.any(plane.cell == Cell.GOAL) else ""
-        panel.axes.set_title(f"{name} = {axis.centres[index]:.3g} {axis.unit}{through_goal}", fontsize=TEXT)
+    panels = [Panel(space, axes, plane, cut) for axes, plane, cut in zip(grid, planes, cuts, strict=False)]
+    for panel, plane in zip(panels, planes, strict=True):
+        panel.axes.set_title(slice_title(space, plane, panel.cut), fontsize=TEXT)
     return panels
-
-
-def _cuts(
-    space: ConfigurationSpace, axis: int | None, indices: Sequence[int] | None, through: Sequence[int] | None
-) -> list[tuple[int, int]]:
-    """Return the number of the normal axis and the cell index of every slice of a space with three axes.
-
-    `axis`: normal axis, None for one slice per axis; `indices`: cell indices along `axis`, by default at most six;
-    `through`: cell that the slices contain, by default a goal cell.  Raises InputError for slices outside the space.
-    """
-    if space.ndim != 3:
-        raise InputError(f"a space of {space.ndim} axes has no picture: fix an axis, and draw the space of the others")
-    goals = np.argwhere(space.cell == Cell.GOAL)
-    middle = goals[0] if len(goals) else np.array(space.shape) // 2
-    centre = middle if through is None else np.asarray(through)
-    if axis is None:
-        if indices is not None:
-            raise InputError("indices of slices need the axis that is normal to them: give axis")
-        return [(normal, int(centre[normal])) for normal in (2, 1, 0)]
-    if axis not in (0, 1, 2):
-        raise InputError(f"axis = {axis}, but the space has axes 0, 1 and 2")
-    size = space.shape[axis]
-    if indices is None:
-        spread = np.linspace(0, size - 1, min(_MOST_SLICES, size)).round().astype(int)
-        spread[np.abs(spread - centre[axis]).argmin()] = centre[axis]
-        indices = np.unique(spread).tolist()
-    wrong = [index for index in indices if not 0 <= index < size]
-    if wrong or not len(indices):
-        raise InputError(
-            f"slice {wrong[0] if wrong else '(none)'} is not one of the cells 0 to {size - 1} of the axis; "
-            "give indices in this range"
-        )
-    return [(axis, int(index)) for index in indices]
 
 
 def _add_legend(figure: Figure, panels: list[Panel]) -> None:
@@ -298,7 +271,8 @@ def _add_legend(figure: Figure, panels: list[Panel]) -> None:
     for panel in panels:
         handles, labels = panel.axes.get_legend_handles_labels()
         entries.update(zip(labels, handles, strict=True))
+    columns = 4 if max(map(len, entries), default=0) < LONG_LABEL else 3
     figure.legend(
-        handles=list(entries.values()), labels=list(entries), loc="outside lower center", ncols=4, fontsize=SMALL,
+        handles=list(entries.values()), labels=list(entries), loc="outside lower center", ncols=columns, fontsize=SMALL,
         frameon=False, columnspacing=1.2,
     )  # fmt: skip

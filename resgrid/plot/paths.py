@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import ArrayLike, NDArray
@@ -22,12 +23,12 @@ from resgrid.planning.blocking_obstacles import SceneSeparation, Separation
 from resgrid.planning.planner import ClearanceCurve
 from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, unwrap
 from resgrid.plot.figures import axes_or_new
-from resgrid.plot.panels import Layer, Panel, draw_known, draw_panels, painter, virtual_cells
+from resgrid.plot.panels import Layer, Panel, draw_known, draw_panels, name_free_cells, painter, virtual_cells
 from resgrid.plot.plane import at_small_goals, finish, seam_shifts
 from resgrid.plot.style import FAILURE, FEW, PATHS, TEXT, blend_styles, dress, mark
 
 _PIECES = 256
-"""Number of pieces into which each segment of a polyline is divided for slices of a space with three axes."""
+"""Number of pieces into which each segment of a polyline is divided for slices of a space with three or four axes."""
 MOST_ENDS = 12
 """Largest number of paths whose end points are marked; with more paths, no ends are marked, as marks would hide the
 goals."""
@@ -39,10 +40,10 @@ _REACHABLE, _SEPARATING = "reachable from the start", "to be removed for a path 
 def draw_path(
     path: Streamline, ax: Axes | None = None, *, axis: int | None = None, indices: Sequence[int] | None = None
 ) -> Axes | Figure:
-    """Draw a streamline with its start and end; return the axes, or the figure of a space with three axes.
+    """Draw a streamline with its start and end; return the axes, or the figure of a space with more than two axes.
 
     `ax`: axes to draw on; None for a new figure that also shows the cells of the space; `axis`, `indices`: normal axis
-    and cell indices of the slices of a space with three axes.
+    and cell indices of the slices of a space with three or four axes.
     """
     return draw_streamlines([path], ax, axis=axis, indices=indices)
 
@@ -55,19 +56,29 @@ def draw_streamlines(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw streamlines with their starts and ends; return the axes, or the figure of a space with three axes.
+    """Draw streamlines with their starts and ends; return the axes, or the figure of a space with more than two axes.
 
     Streamlines of the same k have the same colour; a cross marks a start without a path to a goal.  `ax`: axes to draw
     on; None for a new figure that also shows the cells of the space; `k`: weight k of the Dirichlet field of each path,
     None for paths of one field; `axis`, `indices`: normal axis and cell indices of the slices of a space with three
     axes.
     """
-    return draw_panels(paths[0].space, ax, *_ground(ax), path_layer(paths, k), axis=axis, indices=indices)
+    space = paths[0].space
+    return draw_panels(
+        space, ax, *_ground(space, ax), path_layer(paths, k), axis=axis, indices=indices, through=end_of_first(paths)
+    )
 
 
-def _ground(ax: Axes | None) -> list[Layer]:
+def end_of_first(paths: Sequence[Streamline]) -> list[int] | None:
+    """Return the goal cell (ndim,) of the first path that reaches a goal, for slices; None if none reaches one."""
+    return next((path.cells[-1].tolist() for path in paths if path.outcome is Outcome.REACHED), None)
+
+
+def _ground(space: ConfigurationSpace, ax: Axes | None) -> list[Layer]:
     """Return the layers drawn below paths: the cells of the space for a new figure, none on a given `ax`."""
-    return [draw_known] if ax is None else []
+    if ax is not None:
+        return []
+    return [draw_known] if space.undecided is None else [name_free_cells, draw_known]
 
 
 def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
@@ -86,11 +97,13 @@ def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
         for rank, ((blend, own), style) in enumerate(zip(groups, styles, strict=True)):
             lines = [line for path in own for line in seam_pieces(path)]
             _draw_lines(lines, panel, _blend_label(blend), is_cased=rank == 0, **style)
+        if panel.cut and len(reached) <= MOST_ENDS:
+            _frame_cells([cell for path in reached for cell in path.cells], panel)
         if reached:
             mark(ends(reached, panel, 0), panel.axes, "start")
         if 0 < len(reached) <= MOST_ENDS:
             last = ends(reached, panel, -1)
-            middles = last if panel.plane is None or panel.normal is not None else at_small_goals(panel.plane, last)
+            middles = last if panel.plane is None or panel.cut else at_small_goals(panel.plane, last)
             mark(np.unique(middles, axis=0), panel.axes, "end", "goal reached")
         for outcome, count in sorted(failed.items()):
             label = f"{outcome.value.replace('_', ' ')} ({count} start{'s' if count > 1 else ''})"
@@ -134,7 +147,7 @@ def _draw_lines(
     white outline; the other options are those of matplotlib.
     """
     axes, colour = panel.axes, color
-    if panel.normal is not None:
+    if panel.cut:
         for line in lines:
             inside, seen = panel.holds(line), panel.seen(line)
             axes.plot(*seen.T, color=colour, linewidth=0.7, alpha=0.7, zorder=4, label=f"{label}, projected")
@@ -151,6 +164,23 @@ def _draw_lines(
             label=label,
         )  # fmt: skip
         axes.add_collection(drawn, autolim=False)
+
+
+def _frame_cells(cells: Sequence[NDArray[np.int64]], panel: Panel) -> None:
+    """Draw the outlines of those cells, each (ndim,), that lie in the slice of a panel."""
+    inside = [cell for cell in cells if all(cell[normal] == index for normal, index in panel.cut)]
+    if panel.plane is None or not inside:
+        return
+    shown = np.delete(np.unique(inside, axis=0), panel.normals, axis=1)
+    plane = panel.plane
+    size = np.array([plane.x.spacing, plane.y.spacing])
+    outlines = [Rectangle((plane.x.lower, plane.y.lower) + cell * size, *size) for cell in shown]
+    panel.axes.add_collection(
+        PatchCollection(
+            outlines, facecolor="none", edgecolor="black", linewidth=0.8, zorder=4.5, label="cell of the path"
+        ),
+        autolim=False,
+    )
 
 
 def mark_outcome(path: Streamline, place: ArrayLike, axes: Axes) -> None:
@@ -193,26 +223,26 @@ def draw_line(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw a polyline with its start; return the axes, or the figure of a space with three axes.
+    """Draw a polyline with its start; return the axes, or the figure of a space with more than two axes.
 
     `ax`: axes to draw on; None for a new figure that also shows the cells of the space; `axis`, `indices`: normal axis
-    and cell indices of the slices of a space with three axes.
+    and cell indices of the slices of a space with three or four axes.
     """
     space, points = path.space, unwrap(path)
     copies = [space.from_world(points + shift) for shift in seam_shifts(space)] if len(points) > 1 else []
-    lines = [_subdivided(line) if space.ndim == 3 else line for line in copies]
+    lines = [_subdivided(line) if space.ndim > 2 else line for line in copies]
 
     def layer(panel: Panel) -> None:
         _draw_lines(lines, panel, "path")
         mark(panel.seen(space.from_world(points[:1])), panel.axes, "start")
 
-    return draw_panels(space, ax, *_ground(ax), layer, axis=axis, indices=indices)
+    return draw_panels(space, ax, *_ground(space, ax), layer, axis=axis, indices=indices)
 
 
 def _subdivided(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a polyline (m, ndim) with every segment of `points` divided into 256 parts.
+    """Return a polyline (m, ndim) with every segment of `points` (n, ndim) divided into 256 parts.
 
-    A slice of a space with three axes then contains the points of a part of a segment.  `points` (n, ndim): corners.
+    A slice of a space with more than two axes then contains the points of a part of a segment.
     """
     along = np.linspace(0.0, len(points) - 1.0, _PIECES * (len(points) - 1) + 1)
     return np.stack([np.interp(along, np.arange(len(points)), column) for column in points.T], axis=1)
@@ -228,9 +258,9 @@ def draw_separation(
 ) -> Axes | Figure:
     """Draw the cells reachable from a start, and the obstacle cells whose removal opens a path to a goal.
 
-    Returns the axes, or the figure of a space with three axes.  `ax`: axes to draw on, by default those of a new
-    figure; `virtual`: mask of obstacle cells that no body occupies, shape of the space; `axis`, `indices`: normal axis
-    and cell indices of the slices of a space with three axes.
+    Returns the axes, or the figure of a space with more than two axes.  `ax`: axes to draw on, by default those of a
+    new figure; `virtual`: mask of obstacle cells that no body occupies, shape of the space; `axis`, `indices`: normal
+    axis and cell indices of the slices of a space with three or four axes.
     """
     space, outcome = result.space, result.outcome
     reachable = result.region & (space.cell == Cell.FREE)

@@ -139,12 +139,13 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     ==================  ===========================================  =================================================
     value               picture                                      options
     ==================  ===========================================  =================================================
-    scene               workspace: obstacles, goals, starts; of
-                        other than two axes its cells
+    scene               workspace: obstacles, goals, starts; of an
+                        arm in space also the arm; of points with
+                        other than two axes the cells
     space               cells and conductivity                       ``virtual``, ``unknown`` (masks of obstacle cells
-                                                                     with colours of their own); of three axes
+                                                                     with colours of their own); of three or four axes
                                                                      ``axis``, ``indices``, here and below
-    field               potential of one to three axes, or currents  ``quantity`` ("potential", "currents"), ``scale``
+    field               potential of one to four axes, or currents   ``quantity`` ("potential", "currents"), ``scale``
                                                                      ("auto", "linear", "log": decades of the drop),
                                                                      ``contours``, ``axis``, ``indices``
     path, paths         streamlines on the cells, or on a given ax   ``axis``, ``indices``; of several ``k`` (of each)
@@ -229,8 +230,8 @@ def image_html(value: object) -> str | None:
 def draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes | Figure:
     """Draw a circuit with its voltages, or the potential of a grid with more than 10 cells a side.
 
-    Returns the axes, or the figure of a space with three axes.  `ax`: axes to draw on, by default those of a new
-    figure.
+    Returns the axes, or the figure of a space with more than two axes.  `ax`: axes to draw on, by default those of a
+    new figure.
     """
     from resgrid.planning.fields import field
     from resgrid.plot.circuits import MOST_CELLS_A_SIDE
@@ -246,8 +247,8 @@ def draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes | F
 def draw_scene_or_cells(scene: Scene, ax: Axes | None = None) -> Axes | Figure:
     """Draw the workspace of a scene, or the cells if a point or disc robot has other than two axes.
 
-    Returns the axes, or the figure of a space with three axes.  `ax`: axes to draw on, by default those of a new
-    figure.
+    Returns the axes, or the figure of a space with more than two axes.  `ax`: axes to draw on, by default those of a
+    new figure.
     """
     from resgrid.plot.panels import draw_space
     from resgrid.plot.workspace import draw_scene

@@ -23,7 +23,7 @@ from resgrid.core.frame import Frame
 from resgrid.core.regions import label_regions
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.plot.style import OBSTACLE, UNKNOWN, UNREACHABLE, add_swatch, axis_label, dress, refresh_legend
+from resgrid.plot.style import OBSTACLE, UNDECIDED, UNKNOWN, UNREACHABLE, add_swatch, axis_label, dress, refresh_legend
 
 MOST_CELLS = 1024
 """Largest number of cells along an axis for which every cell is drawn; larger grids are drawn as means over blocks."""
@@ -36,24 +36,27 @@ _MOST_RINGS = 30
 """Largest number of small goals for which rings are drawn; with more small goals there are no rings."""
 
 
+Mask = tuple[NDArray[np.bool_], str, str]
+"""Mask of cells (shape of the plane or space), the colour of the cells, and their legend entry."""
+
+
 @dataclass(frozen=True, eq=False)
 class PicturePlane:
     """Two axes, their cells, and their place in the picture.
 
     The coordinates of the picture are matplotlib's data coordinates: world coordinates, or axis units in a slice.
-    `x`, `y`: horizontal and vertical axis; `cell` (x.cells, y.cells): `Cell` codes; `connected` (x.cells, y.cells):
-    mask of free cells with a path to a goal (in the whole space, for a slice); `frame`: transformation from axis units
-    to coordinates of the picture; `of_map`: whether the coordinates of the picture are those of a map that is rotated
-    or moved in the world; `obstacle`: legend entry of obstacle cells.
+    `x`, `y`: horizontal and vertical axis; `cell` (x.cells, y.cells): `Cell` codes; `kinds`: masks (x.cells,
+    y.cells) of the kinds of cells that are painted, with colours and legend entries; `frame`: transformation from axis
+    units to coordinates of the picture; `of_map`: whether the coordinates of the picture are those of a map that is
+    rotated or moved in the world.
     """
 
     x: Axis
     y: Axis
     cell: NDArray[np.uint8]
-    connected: NDArray[np.bool_]
+    kinds: list[Mask]
     frame: Frame
     of_map: bool = False
-    obstacle: str = "obstacle"
 
     @property
     def aspect(self) -> float:
@@ -118,17 +121,25 @@ class PicturePlane:
         return max(int(part.stop - part.start) for part in self.window)
 
 
-def plane_of(space: ConfigurationSpace, cut: tuple[int, int] | None = None) -> PicturePlane:
-    """Return the plane of a space with two axes, or of a slice of a space with three axes.
+Cut = tuple[tuple[int, int], ...]
+"""Slice of a space: numbers of the axes normal to the slice, with the cell index along each of them, ascending."""
 
-    `cut`: number of the axis normal to the slice, and cell index along this axis; None for a space with two axes.
-    """
-    connected = cells_with_path(space)
-    if cut is not None:
-        normal, index = cut
-        x, y = (axis for number, axis in enumerate(space.axes) if number != normal)
-        cell, leading = (np.moveaxis(values, normal, 0)[index] for values in (space.cell, connected))
-        return PicturePlane(x, y, cell, leading, Frame(), not space.frame.is_world)
+
+def sliced(values: NDArray[Any], cut: Cut) -> NDArray[Any]:
+    """Return the values of the cells of a slice; `values`: one value per cell, shape of the space."""
+    where: list[int | slice] = [slice(None)] * values.ndim
+    for normal, index in cut:
+        where[normal] = index
+    return np.asarray(values[tuple(where)])
+
+
+def plane_of(space: ConfigurationSpace, cut: Cut = ()) -> PicturePlane:
+    """Return the plane of a space with two axes, or of a slice of a space with three or four axes."""
+    if cut:
+        normals = [normal for normal, _ in cut]
+        x, y = (axis for number, axis in enumerate(space.axes) if number not in normals)
+        kinds = [(sliced(where, cut), colour, label) for where, colour, label in space_kinds(space)]
+        return PicturePlane(x, y, sliced(space.cell, cut), kinds, Frame(), not space.frame.is_world)
     if space.ndim != 2:
         raise InputError(
             f"this picture needs a space of two axes, but this space has {space.ndim}; draw(field) shows one to three"
@@ -137,16 +148,12 @@ def plane_of(space: ConfigurationSpace, cut: tuple[int, int] | None = None) -> P
     robot = space.robot
     grown = robot is not None and robot.moves_in_workspace and any(part.area for part in robot.shapes_at((0.0, 0.0)))
     obstacle = "obstacle, grown by the robot" if grown else "obstacle"
-    return PicturePlane(x, y, space.cell, connected, space.frame, obstacle=obstacle)
+    return PicturePlane(x, y, space.cell, space_kinds(space, obstacle), space.frame)
 
 
 def cells_with_path(space: ConfigurationSpace) -> NDArray[np.bool_]:
     """Return the mask of cells with a path to a goal, shape of the space; all True if the space has no goal cell."""
     return space.goal_connected if (space.cell == Cell.GOAL).any() else np.ones(space.shape, dtype=np.bool_)
-
-
-Mask = tuple[NDArray[np.bool_], str, str]
-"""Mask of cells (shape of the plane or space), the colour of the cells, and their legend entry."""
 
 
 def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_], obstacle: str = "obstacle") -> list[Mask]:
@@ -160,6 +167,39 @@ def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_], obstacle: st
         (cell == Cell.GOAL, GOAL, "goal"),
         ((cell == Cell.FREE) & ~connected, UNREACHABLE, "no path to a goal"),
     ]
+
+
+def space_kinds(space: ConfigurationSpace, obstacle: str = "obstacle") -> list[Mask]:
+    """Return the masks of the kinds of cells of a space that are painted, with colours and legend entries.
+
+    If the space distinguishes undecided cells, the legend entries contain numbers of cells of the whole space, and
+    cells that contain a collision are distinguished from undecided ones.  `obstacle`: legend entry of obstacles in all
+    other spaces.
+    """
+    kinds = kinds_of(space.cell, cells_with_path(space), obstacle)
+    if space.undecided is None:
+        return kinds
+    (blocked, colour, _), goal, (enclosed, pale, _) = kinds
+    proven: list[Mask] = [
+        (blocked & ~space.undecided, colour, "contains a collision"),
+        (space.undecided, UNDECIDED, "undecided"),
+        goal,
+        (enclosed, pale, "proven free, no path to a goal"),
+    ]
+    return [(where, colour, _counted(label, where)) for where, colour, label in proven]
+
+
+def free_label(space: ConfigurationSpace) -> str:
+    """Return the legend entry of free cells: with a count if the free cells of the space are proven to be free."""
+    if space.undecided is None:
+        return "free"
+    return _counted("proven free", (space.cell == Cell.FREE) & cells_with_path(space))
+
+
+def _counted(label: str, where: NDArray[np.bool_]) -> str:
+    """Return a legend entry with the number of cells in a mask and their fraction of all cells in percent."""
+    percent = 100 * float(where.mean())
+    return f"{label}: {int(where.sum()):,} ({f'{percent:.1f}' if percent >= 1 else f'{percent:.2g}'} %)"
 
 
 def unknown_cells(cell: NDArray[np.uint8], unknown: NDArray[np.bool_] | None) -> list[Mask]:
@@ -193,7 +233,7 @@ def draw_image(plane: PicturePlane, values: NDArray[Any], axes: Axes, **style: A
 
 def draw_cells(plane: PicturePlane, axes: Axes) -> None:
     """Draw obstacles, goals and free cells without a path to a goal above an image, with legend entries."""
-    paint(plane, axes, *kinds_of(plane.cell, plane.connected, plane.obstacle), order=2.0)
+    paint(plane, axes, *plane.kinds, order=2.0)
     _ring_small_goals(plane, axes)
 
 

@@ -26,6 +26,7 @@ from resgrid.core.axis import Axis
 OBSTACLE = "#3d3d3d"
 UNREACHABLE = "#c4c4c4"
 UNKNOWN = "#9db3c6"
+UNDECIDED = "#CC79A7"
 FREE = "#ffffff"
 NO_DROP = "#e8d3e4"
 FAILURE = "#B2182B"
@@ -69,6 +70,8 @@ TEXT = 8.0
 """Size of labels and titles, in points."""
 SMALL = 7.0
 """Size of ticks and legends, in points."""
+LONG_LABEL = 28
+"""Number of characters of a legend entry from which a legend has one column less."""
 DPI = 200
 """Default resolution of picture files, in dots per inch."""
 
@@ -152,6 +155,7 @@ def refresh_legend(axes: Axes, columns: int = 3, gap: float = 4.6) -> None:
     unique = dict(zip(reversed(labels), reversed(handles), strict=True))
     names = list(dict.fromkeys(labels))
     if names:
+        columns -= columns > 2 and max(map(len, names)) >= LONG_LABEL
         axes.legend(
             [unique[name] for name in names], names, ncols=min(len(names), columns), loc="upper center",
             bbox_to_anchor=(0.5, 0.0), borderaxespad=gap, fontsize=SMALL, frameon=False, handlelength=1.8,

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.patheffects import Normal, Stroke
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from shapely.geometry.polygon import orient
 
 from resgrid._internal.colours import GOAL
@@ -23,9 +23,10 @@ from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.blocking_obstacles import Separation
-from resgrid.planning.streamline import AnyPath, Polyline, Streamline
-from resgrid.planning.workspace import sample_path
+from resgrid.planning.streamline import AnyPath, Streamline
+from resgrid.plot.arms import draw_arm, draw_arm_scene, draw_tool_paths, is_in_space
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
+from resgrid.plot.motions import Motion, dense_motion, empty_space, goal_places, poses_along, reference_of
 from resgrid.plot.panels import draw_space
 from resgrid.plot.paths import MOST_ENDS, draw_line, draw_path, draw_separation
 from resgrid.plot.plane import kinds_of, paint, plane_of, unknown_cells
@@ -41,14 +42,10 @@ from resgrid.plot.style import (
     refresh_legend,
 )  # fmt: skip
 from resgrid.robots import CellSet, HalfSpace, Robot, Shape, to_shapely
-from resgrid.scene.goals import GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.scene import Scene
 
-Motion = AnyPath | ArrayLike
-"""A path, or an array of configurations (n, ndim) in the world."""
-
 _GHOSTS = 12
-"""Default number of poses of the robot that are drawn along a path."""
+"""Default number of poses of a robot in the plane that are drawn along a path."""
 _START, _END = "#2b2b2b", "#0072B2"
 _EARLY, _LATE = np.array(to_rgb("#b5b5b5")), np.array(to_rgb("#7fb2d6"))
 
@@ -58,15 +55,17 @@ def draw_scene(scene: Scene, ax: Axes | None = None) -> Axes:
 
     `ax`: axes to draw on, by default those of a new figure.
     """
+    if is_in_space(scene):
+        return draw_arm_scene(scene, ax)
     axes = _draw_surroundings(scene, ax)
-    places = np.array([_reference(start, scene) for start in scene.starts]).reshape(-1, 2)
+    places = np.array([reference_of(start, scene) for start in scene.starts]).reshape(-1, 2)
     mark(places, axes, "start")
     _frame(axes, scene, [places])
     refresh_legend(axes)
     return axes
 
 
-def draw_robot(path: Motion, scene: Scene, ax: Axes | None = None, *, ghosts: int = _GHOSTS) -> Axes:
+def draw_robot(path: Motion, scene: Scene, ax: Axes | None = None, *, ghosts: int | None = None) -> Axes:
     """Draw poses of a scene's robot along a path, and the path of its reference point.
 
     The robot is black at the start, blue at the end and pale between.
@@ -76,11 +75,12 @@ def draw_robot(path: Motion, scene: Scene, ax: Axes | None = None, *, ghosts: in
     path : Streamline, ShortPath, Polyline or array_like of float, shape (n, ndim)
         An array holds configurations in world coordinates.
     scene : Scene
-        Scene with a robot that moves in the plane.
+        Scene with a robot that moves in the plane, or an arm in space.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
-    ghosts : int
-        Number of poses, 1 to 1000, evenly spaced by the distance that the robot's points move.
+    ghosts : int, optional
+        Number of poses, 1 to 1000, evenly spaced by the distance that the robot's points move; by default 12 in the
+        plane and 5 in space.
 
     Returns
     -------
@@ -90,20 +90,19 @@ def draw_robot(path: Motion, scene: Scene, ax: Axes | None = None, *, ghosts: in
     Raises
     ------
     InputError
-        If the path does not fit the scene, or the robot does not move in the plane.
+        If the path does not fit the scene, or the robot does not move in the plane and is not an arm in space.
 
     Examples
     --------
     >>> scene = rg.read_scene("examples/scenes/lesson.toml")
     >>> ax = rg.plot.draw_robot(rg.plan(scene).path((0.5, 6.5)), scene, ghosts=5)
     """
-    if not 1 <= ghosts <= 1000:
-        raise InputError(f"ghosts = {ghosts} must lie between 1 and 1000: it is the number of poses")
+    if is_in_space(scene):
+        return draw_arm(path, scene, ax, ghosts=5 if ghosts is None else ghosts)
     robot = scene.robot
-    poses = _dense(path, scene)
+    poses = dense_motion(path, scene)
+    shown = poses_along(poses, scene, _GHOSTS if ghosts is None else ghosts)
     axes = _draw_surroundings(scene, ax)
-    along = np.concatenate([[0.0], np.cumsum(robot.travel(poses[:-1], poses[1:]))])
-    shown = poses[np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], ghosts)).clip(0, len(poses) - 1))]
     _draw_poses(robot, shown, axes)
     tip = robot.reference_point(poses)
     if len(tip) > 1:
@@ -128,7 +127,7 @@ def draw_tip_paths(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = 
     paths : sequence of Streamline
         Paths of the robot.
     scene : Scene
-        Scene with a robot that moves in the plane.
+        Scene with a robot that moves in the plane, or an arm in space.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
 
@@ -147,9 +146,11 @@ def draw_tip_paths(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = 
     >>> scene = rg.read_scene("examples/scenes/lesson.toml", start=[(0.5, 6.5), (0.5, 0.5)])
     >>> ax = rg.plot.draw_tip_paths(rg.plan(scene).paths(), scene)
     """
+    if is_in_space(scene):
+        return draw_tool_paths(paths, scene, ax)
     robot = scene.robot
     axes = _draw_surroundings(scene, ax)
-    lines = [robot.reference_point(_dense(path, scene)) for path in paths]
+    lines = [robot.reference_point(dense_motion(path, scene)) for path in paths]
     label = f"paths of the {robot.reference}"
     axes.add_collection(LineCollection(lines, colors=PATHS[0], linewidths=0.6, alpha=0.8, zorder=4, label=label))
     mark([line[0] for line in lines], axes, "start", "")
@@ -179,7 +180,7 @@ def draw_workspace_and_space(
     path : Streamline, ShortPath or Polyline
         Path in a space of two axes.  Without a path to a goal, the robot is drawn at its start only.
     scene : Scene
-        Scene with a robot that moves in the plane.
+        Scene with a robot that moves in the plane, or an arm in space.
     virtual : ndarray of bool, shape of the space, optional
         Mask of obstacle cells that no body occupies, such as strips along singularities; drawn paler.
     verdict : Separation, optional
@@ -221,13 +222,6 @@ def draw_workspace_and_space(
     right.set_title("Configuration space", fontsize=TEXT)
     add_title(figure, title, caption)
     return figure
-
-
-def empty_space(scene: Scene) -> ConfigurationSpace:
-    """Return the configuration space of a scene in which all cells are free, without obstacles and goals."""
-    return ConfigurationSpace(
-        scene.axes, np.zeros([axis.cells for axis in scene.axes], np.uint8), frame=scene.frame, robot=scene.robot
-    )
 
 
 def mark_shapes(shapes: Sequence[Shape], axes: Axes, colour: str, label: str, order: float = 2.2) -> None:
@@ -285,38 +279,6 @@ def _goal_regions(scene: Scene) -> list[Shape]:
     return [
         goal for goal in scene.goals if isinstance(goal, Shape) and not isinstance(goal, CellSet) and goal.ndim == 2
     ]
-
-
-def goal_places(scene: Scene) -> NDArray[np.float64]:
-    """Return the workspace positions (g, 2) of the robot's reference point at goals.
-
-    Only goals that are points, cells or joint ranges are included.
-    """
-    places: list[Any] = []
-    for goal in scene.goals:
-        match goal:
-            case GoalPoint(point):
-                places.append(point[:2])
-            case GoalCell(cell):
-                places.append(_reference(empty_space(scene).centre(np.array(cell)), scene))
-            case GoalJoints(lower, upper):
-                places.append(_reference(np.add(lower, upper) / 2, scene))
-    return np.array(places).reshape(-1, 2)
-
-
-def _reference(configuration: Any, scene: Scene) -> NDArray[np.float64]:
-    """Return the workspace position (2,) of the robot's reference point in a configuration (ndim,)."""
-    return scene.robot.reference_point(np.reshape(configuration, (1, -1)))[0, :2]
-
-
-def _dense(path: Motion, scene: Scene) -> NDArray[np.float64]:
-    """Return configurations (n, ndim) in world coordinates along a path, dense enough for a smooth picture.
-
-    Between consecutive configurations, the points of the robot move at most 1/400 of their motion along the whole path.
-    """
-    own = path if isinstance(path, AnyPath) else Polyline(path, empty_space(scene))
-    travel = float(scene.robot.travel(own.line[:-1], own.line[1:]).sum())
-    return own.space.to_world(sample_path(own, travel / 400)[0] if travel else own.line)
 
 
 def _draw_poses(robot: Robot, poses: NDArray[np.float64], axes: Axes) -> None:

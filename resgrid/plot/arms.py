@@ -1,0 +1,330 @@
+"""Pictures of arms in space: obstacles, poses along a path, and the path of the tool."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.image import AxesImage
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+from matplotlib.patheffects import Normal, Stroke
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid._internal.colours import GOAL
+from resgrid.errors import InputError
+from resgrid.planning.streamline import AnyPath
+from resgrid.plot.figures import axes_or_new
+from resgrid.plot.motions import Motion, dense_motion, goal_places, poses_along, reference_of
+from resgrid.plot.raster import Camera, Layer, Window, composite, render
+from resgrid.plot.shading import nice_step
+from resgrid.plot.style import HIDDEN, PATHS, SMALL, TEXT, add_swatch, mark, refresh_legend
+from resgrid.robots import HalfSpace, Shape, URDFRobot
+from resgrid.robots.surfaces import Surface, floor_height, is_floor, link_surfaces, shape_surfaces
+from resgrid.scene.goal_shapes import goal_shapes
+from resgrid.scene.scene import Scene
+
+SOLID, START, BETWEEN, END, LEARNT = "#b4b4b4", "#4a4a4a", "#7fb2d6", "#0072B2", HIDDEN
+"""Colours of obstacles, of the robot at the start, along the path and at the end, and of hidden obstacles."""
+
+_PALE = "#cfe1ef"
+"""Colour of the robot along the path in the legend."""
+
+_GROUND = "#ececec"
+"""Colour of a floor that is an obstacle."""
+
+_SIDE = 1500
+"""Number of pixels along the longer side of a picture before it is reduced to half this size."""
+
+_BEYOND = 1.15
+"""Radius around the base within which obstacles are shown, as a multiple of the robot's reach."""
+
+_HIDDEN_DEPTH = 0.02
+"""Depth in metres below a surface from which a line is drawn as hidden."""
+
+
+_NOWHERE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+"""An empty box, in which half-spaces have no surface."""
+
+_BEHIND = 0.002
+"""Distance in metres by which every further pose of the robot is drawn behind the one before."""
+
+
+def is_in_space(scene: Scene) -> bool:
+    """Return whether the robot of a scene is an arm with bodies in space."""
+    return isinstance(scene.robot, URDFRobot)
+
+
+def arm_of(scene: Scene) -> URDFRobot:
+    """Return the robot of a scene; raise InputError unless it is an arm with bodies in space."""
+    if not isinstance(scene.robot, URDFRobot):
+        raise InputError("this picture shows an arm in space, but the robot of the scene has no bodies in space")
+    return scene.robot
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Triangles that have one colour.
+
+    `triangles` (n, 3, 3): corners in the world; `owner` (n,): number of the body of each triangle.
+    """
+
+    triangles: NDArray[np.float64]
+    owner: NDArray[np.int64]
+
+
+class ArmPicture:
+    """A picture of an arm and its surroundings from one direction.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with an arm in space.
+    poses : ndarray of float64, shape (n, ndim)
+        Configurations that the picture must contain.
+    camera : Camera
+        Direction of the view.
+    also : ndarray of float64, shape (m, 3)
+        Further points in the world that the picture must contain.
+    side : int
+        Number of pixels along the longer side, before the image is reduced to half this size.
+    """
+
+    def __init__(
+        self, scene: Scene, poses: NDArray[np.float64], camera: Camera, also: ArrayLike = (), side: int = _SIDE
+    ) -> None:
+        self.scene, self.camera = scene, camera
+        self.arm = arm_of(scene)
+        tree = self.arm.tree
+        self._base = np.asarray(tree.placement[0, :3, 3])
+        self._reach = _BEYOND * self.arm.reach
+        self._robot = link_surfaces(tree)
+        self.regions = goal_shapes(scene)
+        self.solids = [shape for shape in scene.obstacles if not isinstance(shape, HalfSpace)]
+        bounded = shape_surfaces([*self.solids, *scene.hidden, *self.regions], "shape", _NOWHERE)
+        corners = [self.moved(pose).triangles.reshape(-1, 3) for pose in poses]
+        corners += [surface.points for surface in bounded]
+        shown = np.concatenate([*corners, self._base[np.newaxis], goal_places(scene), np.reshape(also, (-1, 3))])
+        shown = self._base + np.clip(shown - self._base, -self._reach, self._reach)
+        self.lower, self.upper = shown.min(axis=0), shown.max(axis=0)
+        self.step = nice_step(float((self.upper - self.lower).max()) / 8)
+        seen = np.concatenate([camera.seen(shown)[:, :2], camera.seen(self.floor_corners)[:, :2]])
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        around = 0.03 * float((high - low).max())
+        (left, bottom), (right, top) = low - around, high + around
+        rows = round(side * min(1.0, (top - bottom) / (right - left)))
+        self.window = Window(float(left), float(bottom), float(right), float(top), rows)
+
+    @property
+    def floor(self) -> float:
+        """Height of the floor in metres: of the highest horizontal border of a half-space, or of the lowest point."""
+        return floor_height(self.scene.obstacles, float(self.lower[2]))
+
+    @property
+    def floor_corners(self) -> NDArray[np.float64]:
+        """Lower and upper corners of the floor's grid, shape (4, 3), in metres."""
+        (x0, y0), (x1, y1) = (
+            np.floor(self.lower[:2] / self.step) * self.step, np.ceil(self.upper[:2] / self.step) * self.step
+        )  # fmt: skip
+        return np.array([(x, y, self.floor) for x, y in product((x0, x1), (y0, y1))])
+
+    def moved(self, pose: NDArray[np.float64], behind: float = 0.0) -> _Group:
+        """Return the triangles of the robot in a configuration `pose`, shape (ndim,).
+
+        `behind`: distance in metres by which they are moved away from the camera, so that of equal links in several
+        poses one is in front.
+        """
+        frames = self.arm.tree.frames(np.reshape(pose, (1, -1)))[0]
+        group = _group(self._robot, frames)
+        return group if not behind else replace(group, triangles=group.triangles + behind * self.camera.rotation[2])
+
+    def fixed(self, shapes: Sequence[Shape]) -> _Group:
+        """Return the triangles of shapes that do not move."""
+        (x0, y0, z), (x1, y1, _) = self.floor_corners[[0, 3]].tolist()
+        box = ((x0, y0, z), (x1, y1, float(self.upper[2])))
+        return _group(shape_surfaces(shapes, "shape", box), np.empty((0, 4, 4)))
+
+    def layer(self, group: _Group, colour: str, opacity: float = 1.0) -> Layer:
+        """Return the image of triangles of one colour; `opacity`: 0 to 1."""
+        return render(group.triangles, group.owner, colour, self.camera, self.window, opacity)
+
+    def surroundings(self) -> list[Layer]:
+        """Return the images of obstacles, hidden obstacles and goal regions; a floor is drawn as part of its grid."""
+        walls = [shape for shape in self.scene.obstacles if isinstance(shape, HalfSpace) and not is_floor(shape)]
+        kinds: tuple[tuple[Sequence[Shape], str, float], ...] = (
+            (self.solids, SOLID, 0.9), (self.scene.hidden, LEARNT, 0.9), (self.regions, GOAL, 0.6),
+            (walls, SOLID, 0.25),
+        )  # fmt: skip
+        return [self.layer(self.fixed(shapes), colour, opacity) for shapes, colour, opacity in kinds if shapes]
+
+    def prepare(self, axes: Axes) -> None:
+        """Set limits and aspect of matplotlib axes, and draw the floor, the directions and the legend entries."""
+        axes.set_axis_off()
+        window = self.window
+        axes.set(xlim=(window.left, window.right), ylim=(window.bottom, window.top), aspect="equal")
+        self._draw_grid(axes)
+        self._draw_directions(axes)
+        swatches = (
+            (self.solids, SOLID, "obstacle"),
+            (self.scene.hidden, LEARNT, "hidden obstacle"),
+            (self.regions, GOAL, "goal"),
+        )
+        for shapes, colour, label in swatches:
+            if shapes:
+                add_swatch(axes, label, colour)
+        mark(self.camera.seen(goal_places(self.scene))[:, :2], axes, "goal")
+
+    def show(self, layers: list[Layer], axes: Axes) -> AxesImage:
+        """Draw layers as one image, and return it."""
+        window = self.window
+        return axes.imshow(
+            composite(layers), origin="lower", extent=(window.left, window.right, window.bottom, window.top),
+            interpolation="antialiased", aspect="equal", zorder=2.0,
+        )  # fmt: skip
+
+    def draw_line(
+        self, points: NDArray[np.float64], axes: Axes, layers: Iterable[Layer], label: str, **style: Any
+    ) -> list[Line2D]:
+        """Draw a line in space, thin where a layer hides it; return the two artists.
+
+        `points` (n, 3): in the world, dense; `layers`: images that can hide the line; `style`: options of matplotlib.
+        """
+        seen = self.camera.seen(points)
+        column, row, depth = self.window.pixels(seen).T
+        rows, columns = self.window.rows, self.window.columns
+        place = row.astype(np.int64).clip(0, rows - 1), column.astype(np.int64).clip(0, columns - 1)
+        nearest = np.min([layer.depth[place] for layer in layers], axis=0, initial=np.inf)
+        hidden = depth > nearest + _HIDDEN_DEPTH
+        options: dict[str, Any] = {"color": PATHS[0], "linewidth": 1.5, "zorder": 6} | style
+        whole = axes.plot(*seen.T[:2], **options | {"linewidth": 0.7, "zorder": 5.5, "linestyle": ":"})
+        effects = [Stroke(linewidth=options["linewidth"] + 1.2, foreground="white"), Normal()]
+        visible = np.where(hidden[:, np.newaxis], np.nan, seen[:, :2])
+        return whole + axes.plot(*visible.T, label=label, path_effects=effects, **options)
+
+    def _draw_grid(self, axes: Axes) -> None:
+        (x0, y0, z), (x1, y1, _) = self.floor_corners[[0, 3]]
+        xs, ys = (np.arange(round((b - a) / self.step) + 1) * self.step + a for a, b in ((x0, x1), (y0, y1)))
+        lines = [((x, y0, z), (x, y1, z)) for x in xs] + [((x0, y, z), (x1, y, z)) for y in ys]
+        seen = self.camera.seen(np.array(lines))[..., :2]
+        if any(map(is_floor, self.scene.obstacles)):
+            outline = self.camera.seen(self.floor_corners[[0, 1, 3, 2]])[:, :2]
+            axes.add_patch(Polygon(outline, facecolor=_GROUND, edgecolor="none", zorder=0.5))
+        axes.add_collection(
+            LineCollection(list(seen), colors="#c8c8c8", linewidths=0.5, zorder=1.0, label=f"grid of {self.step:g} m"),
+            autolim=False,
+        )
+
+    def _draw_directions(self, axes: Axes) -> None:
+        """Draw arrows along x, y and z at the corner of the floor that is nearest to the camera's left."""
+        corners = self.camera.seen(self.floor_corners)
+        origin = self.floor_corners[corners[:, 0].argmin()]
+        for direction, name in zip(np.eye(3), "xyz", strict=True):
+            tail, head, text = self.camera.seen(origin + self.step * np.outer((0.0, 1.0, 1.28), direction))[:, :2]
+            arrow = {
+                "arrowstyle": "-|>",
+                "color": "#606060",
+                "linewidth": 0.8,
+                "mutation_scale": 6,
+                "shrinkA": 0,
+                "shrinkB": 0,
+            }
+            axes.annotate("", head, tail, arrowprops=arrow, zorder=7)
+            axes.text(text[0], text[1], name, fontsize=SMALL, color="#606060", ha="center", va="center", zorder=7)
+
+
+def draw_arm_scene(scene: Scene, ax: Axes | None = None, *, camera: Camera | None = None) -> Axes:
+    """Draw an arm at the first start of a scene, obstacles and goals in space; return the axes.
+
+    Without a start, the arm is drawn in the middle of its axes.  `ax`: axes to draw on, by default those of a new
+    figure; `camera`: direction of the view.
+    """
+    starts = np.reshape(scene.starts, (-1, scene.ndim))
+    middle = [[(axis.lower + axis.upper) / 2 for axis in scene.axes]]
+    pose = np.array(starts[:1] if len(starts) else middle)
+    picture = ArmPicture(scene, pose, camera or Camera())
+    axes = _prepared(picture, ax)
+    picture.show([picture.layer(picture.moved(pose[0]), START), *picture.surroundings()], axes)
+    add_swatch(axes, "robot at the start" if len(starts) else "robot", START)
+    places = np.reshape([reference_of(start, scene) for start in starts], (-1, 3))
+    mark(picture.camera.seen(places)[:, :2], axes, "start", "tool at the start" + "s" * (len(starts) > 1))
+    refresh_legend(axes, gap=1.0)
+    return axes
+
+
+def draw_arm(
+    path: Motion, scene: Scene, ax: Axes | None = None, *, ghosts: int = 5, camera: Camera | None = None
+) -> Axes:
+    """Draw poses of an arm along a path, its surroundings and the path of its tool in space; return the axes.
+
+    `path`: path, or configurations (n, ndim) in the world; `ax`: axes to draw on, by default those of a new figure;
+    `ghosts`: number of poses; `camera`: direction of the view.
+    """
+    motion = dense_motion(path, scene)
+    shown = poses_along(motion, scene, ghosts)
+    tool = scene.robot.reference_point(motion)
+    picture = ArmPicture(scene, shown, camera or Camera(), tool)
+    axes = _prepared(picture, ax)
+    groups = [picture.moved(pose, behind=_BEHIND * number) for number, pose in enumerate(shown)]
+    solid = [picture.layer(groups[0], START)] + [picture.layer(group, END) for group in groups[1:][-1:]]
+    around = picture.surroundings()
+    picture.show([*solid, *around, *(picture.layer(group, BETWEEN, 0.4) for group in groups[1:-1])], axes)
+    for group, colour, label in (
+        (groups[:1], START, "start"),
+        (groups[1:-1], _PALE, "between"),
+        (groups[1:][-1:], END, "end"),
+    ):
+        if group:
+            add_swatch(axes, "robot between" if label == "between" else f"robot at the {label}", colour)
+    if len(tool) > 1:
+        picture.draw_line(tool, axes, [*solid, *around], "path of the tool")
+        seen = picture.camera.seen(tool)[:, :2]
+        mark(seen[:1], axes, "start", "")
+        mark(seen[-1:], axes, "end", "")
+    refresh_legend(axes, gap=1.0)
+    return axes
+
+
+def draw_tool_paths(paths: Sequence[AnyPath], scene: Scene, ax: Axes | None = None) -> Axes:
+    """Draw the paths of an arm's tool and the surroundings in space; return the axes.
+
+    `ax`: axes to draw on, by default those of a new figure.
+    """
+    motions = [dense_motion(path, scene) for path in paths]
+    lines = [scene.robot.reference_point(motion) for motion in motions]
+    picture = ArmPicture(
+        scene, np.concatenate([motion[[0, -1]] for motion in motions]), Camera(), np.concatenate(lines)
+    )
+    axes = _prepared(picture, ax)
+    around = picture.surroundings()
+    if around:
+        picture.show(around, axes)
+    for line in lines:
+        picture.draw_line(line, axes, around, "paths of the tool", linewidth=0.9)
+    mark(picture.camera.seen(np.array([line[0] for line in lines]))[:, :2], axes, "start", "")
+    refresh_legend(axes, gap=1.0)
+    return axes
+
+
+def _prepared(picture: ArmPicture, ax: Axes | None) -> Axes:
+    """Return axes with the parts of a picture that lie behind its image; `ax`: given axes, None for a new figure."""
+    window = picture.window
+    axes = axes_or_new(ax, (window.top - window.bottom) / (window.right - window.left))
+    picture.prepare(axes)
+    axes.set_title("Workspace", fontsize=TEXT)
+    return axes
+
+
+def _group(surfaces: Iterable[Surface], frames: NDArray[np.float64]) -> _Group:
+    """Return the triangles of surfaces in the world; `frames` (k, 4, 4): poses of the joints."""
+    triangles, owner = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int64)]
+    for number, surface in enumerate(surfaces):
+        pose = np.eye(4) if surface.joint < 0 else frames[surface.joint]
+        points = surface.points @ pose[:3, :3].T + pose[:3, 3]
+        triangles.append(points[surface.triangles])
+        owner.append(np.full(len(surface.triangles), number, dtype=np.int64))
+    return _Group(np.concatenate(triangles), np.concatenate(owner))

@@ -1,0 +1,13 @@
+"""Goals of a scene as shapes in space, for pictures and three-dimensional views."""
+
+from __future__ import annotations
+
+from resgrid.robots import CellSet, Shape
+from resgrid.scene.goals import GoalPose
+from resgrid.scene.scene import Scene
+
+
+def goal_shapes(scene: Scene) -> list[Shape]:
+    """Return the goals of a scene that are regions in space: shapes, and balls of positions of the tool."""
+    regions = [goal.tool_goal.region if isinstance(goal, GoalPose) and goal.radius else goal for goal in scene.goals]
+    return [goal for goal in regions if isinstance(goal, Shape) and not isinstance(goal, CellSet) and goal.ndim == 3]

@@ -1,0 +1,200 @@
+"""Controls of the 3-D view: a slider along the path, a play button, and handles for start and goal."""
+
+from __future__ import annotations
+
+import threading
+import time
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.viewer.models import ROBOT, ArmModel, add_ghosts, add_line, add_surroundings
+from resgrid.viewer.planning import ArmPlan, Motion, answer
+
+if TYPE_CHECKING:
+    import viser
+
+_RATE = 30.0
+"""Number of positions of the slider per second while the motion plays."""
+
+_UNTIMED_SECONDS = 5.0
+"""Duration of the display of a path that has no times, in seconds."""
+
+_STEPS = 400
+"""Number of steps of a slider."""
+
+_PLAY, _PAUSE = "Play", "Pause"
+
+
+class Panel:
+    """The controls of a 3-D view, and the thread that plans after changes.
+
+    `task`: scene, start and goal; all changes of the start and the goal come from the controls.
+    """
+
+    def __init__(self, server: viser.ViserServer, task: ArmPlan) -> None:
+        self.server, self.task = server, task
+        self.motion: Motion = answer(task, None)
+        self._closed, self._changed, self._playing = threading.Event(), threading.Event(), threading.Event()
+        self._lock, self._display = threading.Lock(), threading.Lock()
+        self._wanted: dict[str, NDArray[np.float64]] = {}
+        add_surroundings(server, task.scene, task.robot)
+        self.robot = ArmModel(server, task.robot, "robot", ROBOT)
+        self.ghosts = dict(zip(("start", "goal"), add_ghosts(server, task.robot), strict=True))
+        self._add_controls()
+        self._show_motion()
+        self._threads = [
+            threading.Thread(target=run, daemon=True, name=f"resgrid viewer {run.__name__}")
+            for run in (self._plan_again, self._play)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """End the threads; the result of a computation that still runs is dropped."""
+        with self._display:
+            self._closed.set()
+        self._changed.set()
+        self._playing.set()
+
+    def _add_controls(self) -> None:
+        gui = self.server.gui
+        gui.set_panel_label(self.task.scene.title or "resgrid")
+        self.status = gui.add_markdown("")
+        self.slider: Any = gui.add_slider("along the path", 0.0, 1.0, 1.0 / _STEPS, 0.0)
+        self.button = gui.add_button(_PLAY)
+        self.slider.on_update(lambda _: self._show_pose())
+        self.button.on_click(lambda _: self._toggle())
+        end = self.motion.configurations[-1]
+        self.joints, self.handles = {}, {}
+        for which, pose in (("start", self.task.start), ("goal", end)):
+            with gui.add_folder(which):
+                self.joints[which] = [self._joint_slider(which, number, value) for number, value in enumerate(pose)]
+            handle = self.server.scene.add_transform_controls(
+                f"/{which}_handle", scale=0.2 * min(1.0, self.task.robot.reach), disable_rotations=True,
+                disable_sliders=True, depth_test=False,
+            )  # fmt: skip
+            handle.on_update(partial(self._dragged, which))
+            self.handles[which] = handle
+            self._place(which, pose)
+        visible = gui.add_checkbox("show start and goal", True)
+        visible.on_update(lambda _: self._show_ends(visible.value))
+
+    def _joint_slider(self, which: str, number: int, value: float) -> Any:
+        """Return a slider for a joint of the start or the goal; `which`: "start" or "goal"; `value`: initial value."""
+        axis = self.task.scene.axes[number]
+        step = (axis.upper - axis.lower) / _STEPS
+        slider = self.server.gui.add_slider(
+            f"{self.task.robot.moving[number]} ({axis.unit})", axis.lower, axis.upper, step,
+            float(np.clip(value, axis.lower, axis.upper)),
+        )  # fmt: skip
+        slider.on_update(partial(self._slid, which))
+        return slider
+
+    def _pose_of(self, which: str) -> NDArray[np.float64]:
+        """Return the configuration (ndim,) of the sliders of "start" or "goal"."""
+        return np.array([slider.value for slider in self.joints[which]], dtype=np.float64)
+
+    def _slid(self, which: str, event: Any) -> None:
+        """Plan again after a slider was moved in a browser, but not after the program set its value."""
+        if event.client_id is not None:
+            self._ask(which, self._pose_of(which))
+
+    def _dragged(self, which: str, event: Any) -> None:
+        """Move the start or the goal to the place of its handle, at the end of a drag."""
+        if event.phase != "end":
+            return
+        place = np.asarray(self.handles[which].position, dtype=np.float64)
+        self.set(which, self.task.towards(self._pose_of(which), place))
+
+    def set(self, which: str, pose: NDArray[np.float64]) -> None:
+        """Set the start or the goal, show it in its sliders, and plan again.
+
+        `which`: "start" or "goal"; `pose` (ndim,): configuration.
+        """
+        self._write_sliders(which, pose)
+        self._ask(which, pose)
+
+    def _write_sliders(self, which: str, pose: NDArray[np.float64]) -> None:
+        """Show a configuration in the sliders of "start" or "goal" without planning again."""
+        for slider, value in zip(self.joints[which], pose, strict=True):
+            slider.value = float(value)
+
+    def _ask(self, which: str, pose: NDArray[np.float64]) -> None:
+        """Request a new path; requests that come while another one is computed are combined."""
+        self._place(which, pose)
+        with self._lock:
+            self._wanted[which] = pose
+        self.status.content = "planning ..."
+        self._changed.set()
+
+    def _place(self, which: str, pose: NDArray[np.float64]) -> None:
+        """Show the model and the handle of the start or the goal in a configuration."""
+        self.ghosts[which].move(pose)
+        self.handles[which].position = self.task.robot.reference_point(pose.reshape(1, -1))[0]
+
+    def _show_ends(self, visible: bool) -> None:
+        for which in ("start", "goal"):
+            self.ghosts[which].show(visible)
+            self.handles[which].visible = visible
+
+    def _plan_again(self) -> None:
+        """Compute paths for requests until the view is closed."""
+        while True:
+            self._changed.wait()
+            self._changed.clear()
+            if self._closed.is_set():
+                return
+            with self._lock:
+                wanted, self._wanted = self._wanted, {}
+            if not wanted:
+                continue
+            if "start" in wanted:
+                self.task.start = wanted["start"]
+            motion = answer(self.task, wanted.get("goal"))
+            with self._display:
+                if not self._closed.is_set() and not self._changed.is_set():
+                    self.motion = motion
+                    self._show_motion()
+
+    def _show_motion(self) -> None:
+        """Show the path of the tool, the outcome, and the robot at the position of the slider."""
+        add_line(self.server, self.task.robot.reference_point(self.motion.configurations))
+        if self.task.goal is None:
+            self._place("goal", self.motion.configurations[-1])
+            self._write_sliders("goal", self.motion.configurations[-1])
+        self._show_pose()
+        self.status.content = self.motion.text
+
+    def _show_pose(self) -> None:
+        self.robot.move(self.motion.at(self.slider.value * self.motion.times[-1]))
+
+    def _toggle(self) -> None:
+        """Start or stop the display of the motion."""
+        if self._playing.is_set():
+            self._playing.clear()
+            return
+        if self.slider.value >= 1.0:
+            self.slider.value = 0.0
+        self._playing.set()
+
+    def _play(self) -> None:
+        """Advance the slider while the motion plays, until the view is closed."""
+        while True:
+            self._playing.wait()
+            began, first = time.monotonic(), self.slider.value
+            while self._playing.is_set():
+                duration = self.motion.times[-1] if self.motion.is_timed else _UNTIMED_SECONDS
+                with self._display:
+                    if self._closed.is_set():
+                        return
+                    self.button.label = _PAUSE
+                    self.slider.value = min(first + (time.monotonic() - began) / max(duration, 1e-3), 1.0)
+                    if self.slider.value >= 1.0:
+                        self._playing.clear()
+                time.sleep(1.0 / _RATE)
+            with self._display:
+                if not self._closed.is_set():
+                    self.button.label = _PLAY

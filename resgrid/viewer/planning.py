@@ -1,0 +1,172 @@
+"""Paths of an arm from a start to a goal that both can change, without a display."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
+from resgrid.errors import InputError, ResgridError
+from resgrid.planning.pipeline import problem_of, require_uniform
+from resgrid.planning.planner import Planner, plan
+from resgrid.planning.shortcuts import shortcut
+from resgrid.planning.streamline import AnyPath, Outcome, Streamline
+from resgrid.planning.time_parameterization import time_parameterize
+from resgrid.planning.workspace import sample_path, workspace_clearance
+from resgrid.robots import URDFRobot
+from resgrid.scene.scene import Scene
+
+_FRAMES = 600
+"""Number of configurations along a path that are shown."""
+
+_CLEARANCE_STEP = 0.02
+"""Largest motion of any point of the robot between two distance computations, in metres."""
+
+_ITERATIONS = 40
+"""Largest number of steps towards the position of a dragged handle."""
+
+_DAMPING = 0.05
+"""Damping of these steps, in metres, which keeps them short near singularities."""
+
+_LONGEST = 0.3
+"""Largest change of a joint in one of these steps, in radians or metres."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A path as a sequence of configurations.
+
+    `configurations` (n, ndim): in world coordinates; `times` (n,): in seconds, or fractions of the path if it has no
+    times; `is_timed`: whether these are seconds; `text`: outcome, length and clearance.
+    """
+
+    configurations: NDArray[np.float64]
+    times: NDArray[np.float64]
+    is_timed: bool
+    text: str
+
+    def at(self, time: float) -> NDArray[np.float64]:
+        """Return the configuration (ndim,) at a time; the nearest end outside of the path's times."""
+        return np.array([np.interp(time, self.times, column) for column in self.configurations.T])
+
+
+class ArmPlan:
+    """A solved scene with an arm, whose start and goal can change.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with an arm in space.
+    space : ConfigurationSpace, optional
+        Space of the scene, if it is known already.
+
+    Attributes
+    ----------
+    start : ndarray of float64, shape (ndim,)
+        Start configuration.
+    goal : ndarray of float64, shape (ndim,), or None
+        Goal configuration; None for the goals of the scene.
+    """
+
+    def __init__(self, scene: Scene, space: ConfigurationSpace | None = None) -> None:
+        self.scene, self.robot = scene, require_arm(scene)
+        require_uniform(scene, "the 3-D view")
+        problem = problem_of(scene, space=space)
+        self.wiring, self.k = problem.wiring, problem.ks[0] if problem.ks else None
+        self.planner: Planner = plan(problem.space, self.wiring, k=self.k)
+        self.lower, self.upper = (np.array([getattr(axis, end) for axis in scene.axes]) for end in ("lower", "upper"))
+        self.goal: NDArray[np.float64] | None = None
+        self.start = np.array(scene.starts[0], dtype=np.float64) if scene.starts else self._some_start()
+
+    def _some_start(self) -> NDArray[np.float64]:
+        """Return the centre of the free cell with the highest potential: a start far from the goals."""
+        field = self.planner.field
+        height = np.where(field.space.goal_connected & (field.space.cell == Cell.FREE), field.potential, -np.inf)
+        return self.planner.space.centre(np.unravel_index(int(np.nanargmax(height)), height.shape))
+
+    def set_goal(self, goal: NDArray[np.float64]) -> None:
+        """Solve again for a single goal configuration (ndim,); the geometry of obstacles is not computed again."""
+        space = self.planner.space
+        cell = np.where(space.cell == Cell.GOAL, Cell.FREE, space.cell).astype(np.uint8)
+        place = tuple(space.locate(goal).tolist())
+        self.goal = goal
+        if cell[place] == Cell.OBSTACLE:
+            raise InputError("the goal lies in a cell that is not proven free; move it")
+        cell[place] = Cell.GOAL
+        moved = ConfigurationSpace(
+            space.axes, cell, space.conductivity, frame=space.frame, goal_points=[space.from_world(goal)],
+            robot=space.robot, undecided=space.undecided,
+        )  # fmt: skip
+        self.planner = plan(moved, self.wiring, k=self.k)
+
+    def motion(self) -> Motion:
+        """Return the path from the start as a motion; without a path, a motion that stays at the start."""
+        path = self.planner.path(self.start)
+        if path.outcome is not Outcome.REACHED:
+            return self.resting(_failure(path))
+        short: AnyPath = shortcut(path)
+        clearance = workspace_clearance(short, self.scene.obstacles, step=_CLEARANCE_STEP)
+        text = f"**reached** goal {path.goal}  \nclearance {clearance:.3f} m"
+        try:
+            timed = time_parameterize(short)
+        except InputError:
+            return self._untimed(short, text)
+        times = np.linspace(0.0, timed.duration, _FRAMES)
+        return Motion(timed.at(times)[0], times, True, f"{text}  \nduration {timed.duration:.2f} s")
+
+    def _untimed(self, path: AnyPath, text: str) -> Motion:
+        """Return a path without times as a motion; `text`: description of the path."""
+        travel = float(self.robot.travel(path.line[:-1], path.line[1:]).sum())
+        poses = path.space.to_world(sample_path(path, travel / _FRAMES)[0] if travel else path.line)
+        return Motion(poses, np.linspace(0.0, 1.0, len(poses)), False, text)
+
+    def resting(self, text: str) -> Motion:
+        """Return a motion that stays at the start; `text`: reason."""
+        return Motion(np.stack([self.start, self.start]), np.array([0.0, 1.0]), False, text)
+
+    def towards(self, near: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the configuration (ndim,) near `near` (ndim,) that brings the tool as close as possible to a place.
+
+        `place` (3,): in the world, in metres.  Damped least squares (Wampler 1986), within the limits of the axes.
+        """
+        joints, step = near.copy(), 1e-6
+        for _ in range(_ITERATIONS):
+            poses = np.vstack([joints, joints + step * np.eye(len(joints))])
+            tool = self.robot.reference_point(poses)
+            error, jacobian = place - tool[0], (tool[1:] - tool[0]).T / step
+            change = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + _DAMPING**2 * np.eye(3), error)
+            joints = np.clip(joints + np.clip(change, -_LONGEST, _LONGEST), self.lower, self.upper)
+            if np.abs(change).max() < 1e-5:
+                break
+        return joints
+
+
+def require_arm(scene: Scene) -> URDFRobot:
+    """Return the robot of a scene; raise InputError unless it is an arm from a URDF file."""
+    if not isinstance(scene.robot, URDFRobot):
+        raise InputError(
+            "the 3-D view shows arms from URDF files, but the robot of this scene moves in the plane or is a point; "
+            "use live(scene), or draw(scene)"
+        )
+    return scene.robot
+
+
+def answer(task: ArmPlan, goal: NDArray[np.float64] | None) -> Motion:
+    """Return the motion of a task after an optional change of its goal; an error becomes the text of the motion."""
+    try:
+        if goal is not None:
+            task.set_goal(goal)
+        return task.motion()
+    except ResgridError as error:
+        return task.resting(f"**no path**  \n{error}")
+
+
+def _failure(path: Streamline) -> str:
+    reason = {
+        Outcome.START_BLOCKED: "the start lies in a cell that is not proven free; move it",
+        Outcome.NO_PATH: "no path through proven cells joins start and goal",
+    }.get(path.outcome, path.reason or "no current flows at the start")
+    return f"**{path.outcome.value.replace('_', ' ')}**  \n{reason}"
