@@ -12,9 +12,6 @@ import yaml
 
 import resgrid as rg
 
-pytest.importorskip("coal")
-pytest.importorskip("pinocchio")
-
 
 @pytest.fixture(autouse=True)
 def _own_cache(tmp_path_factory, monkeypatch) -> None:
