@@ -15,6 +15,7 @@ from .random_walks import (
     hitting_probability as hitting_probability,
     random_walk as random_walk,
 )
+from .replanning import Replanning as Replanning
 from .streamline import ShortPath as ShortPath, unwrap as unwrap
 from .time_parameterization import Trajectory as Trajectory
 from .trace import Traces as Traces
