@@ -5,8 +5,9 @@ from .blocking_obstacles import (
     SceneSeparation as SceneSeparation,
     Separation as Separation,
 )
+from .clearance_curve import ClearanceCurve as ClearanceCurve, clearance_curve as clearance_curve
 from .normals import surface_normals as surface_normals
-from .planner import ClearanceCurve as ClearanceCurve, Planner as Planner, clearance_curve as clearance_curve
+from .planner import Planner as Planner
 from .random_walks import (
     CollisionProbability as CollisionProbability,
     HittingProbability as HittingProbability,

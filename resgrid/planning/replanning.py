@@ -8,10 +8,7 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.numbers import real_numbers
-from resgrid.core.cell import Cell
 from resgrid.core.compiler import NO_GOAL, why_undriven
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring
@@ -19,7 +16,6 @@ from resgrid.errors import InputError
 from resgrid.planning.changed_fields import KeptCircuit, NotSolvedError, why_not_kept
 from resgrid.planning.fields import Field, undriven_field
 from resgrid.planning.pipeline import DEFAULT_OPTIONS, Problem, Solution, SolveOptions, solve_problem
-from resgrid.planning.trace import cell_indices
 
 _MOST = 0.25
 """Largest fraction of changed cells for which an update reuses results; more changed cells need a fresh plan."""
@@ -138,40 +134,3 @@ def _compared(old: ConfigurationSpace, new: ConfigurationSpace) -> tuple[int, st
     if changed > _MOST * differs.size:
         return changed, f"{changed:,} of {differs.size:,} cells have changed, more than {_MOST:.0%}"
     return changed, None
-
-
-def changed_space(
-    space: ConfigurationSpace,
-    grid: ArrayLike | ConfigurationSpace | None,
-    cells: ArrayLike | None,
-    values: ArrayLike | None,
-) -> ConfigurationSpace:
-    """Return a space with changed cells; the given space if no cell changes.
-
-    `grid`: array of `Cell` codes of all cells, or the changed space itself; `cells` (n, ndim), `values` (n,) or a
-    number: indices and codes of single cells, in place of `grid`.  Raise InputError for invalid arguments.
-    """
-    if (grid is None) == (cells is None) or (cells is None) != (values is None):
-        raise InputError("update() needs either grid, the codes of all cells, or both cells and values")
-    if isinstance(grid, ConfigurationSpace):
-        return grid
-    if grid is not None:
-        codes = real_numbers("grid", grid)
-        codes = codes.astype(np.uint8) if codes.dtype == bool else codes
-        return space if codes.shape == space.shape and np.array_equal(codes, space.cell) else space.with_cells(codes)
-    codes = space.cell.copy()
-    assert cells is not None and values is not None
-    index = cell_indices(space, np.asarray(cells).reshape(-1, space.ndim) if np.size(cells) == 0 else cells, ndim=2)
-    codes[tuple(index.T)] = _codes(values, len(index))
-    return space if np.array_equal(codes, space.cell) else space.with_cells(codes)
-
-
-def _codes(values: ArrayLike, count: int) -> NDArray[np.uint8]:
-    """Return the codes of changed cells, (count,) or (); raise InputError for other shapes and for unknown codes."""
-    codes = real_numbers("values", values)
-    if codes.shape not in ((), (count,)):
-        raise InputError(f"values has shape {codes.shape}; give one code, or one per cell in cells ({count})")
-    wrong = ~np.isin(codes, list(Cell))
-    if wrong.any():
-        raise InputError(f"values: {codes[wrong].flat[0]} is no cell code; use 0 (free), 1 (obstacle) or 2 (goal)")
-    return codes.astype(np.uint8)
