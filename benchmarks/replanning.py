@@ -38,7 +38,7 @@ def replanning(scale: Scale) -> list[Row]:
         free = make(size, np.random.default_rng(scale.seed + 11))
         start, goal = ends_of(free)
         for contender, prepare in CONTENDERS.items():
-            few = count if contender in _FAST else max(count // 20, 2)
+            few = count if contender in _FAST else max(count // 20, 5)
             pictures = frames(free, start, goal, few, np.random.default_rng(scale.seed + 12))
             rows += _contender_rows(f"{name}, {size}^2", contender, prepare, pictures, start, goal)
     return rows

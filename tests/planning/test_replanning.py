@@ -234,8 +234,8 @@ def test_a_removed_goal_is_an_error_as_in_a_fresh_plan() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({}, "either grid"),
-        ({"grid": np.zeros((2, 2)), "cells": [(0, 0)], "values": 1}, "either grid"),
+        ({}, "one of grid"),
+        ({"grid": np.zeros((2, 2)), "cells": [(0, 0)], "values": 1}, "one of grid"),
         ({"cells": [(0, 0)]}, "both cells and values"),
         ({"grid": np.zeros((2, 2))}, "make them equal"),
         ({"cells": [(0, 99)], "values": 1}, "not in the grid"),
