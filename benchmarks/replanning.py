@@ -202,14 +202,18 @@ def dstar_lite(free: Free, start: tuple[int, int], goal: tuple[int, int]) -> Ste
 
 
 def _edges(free: Free, changed: NDArray[np.int64]) -> list[tuple[tuple[int, int], tuple[int, int], float | None]]:
-    """Return the edges at changed cells: infinite if an end is blocked, else None, which restores the length."""
+    """Return the edges near changed cells: infinite if they touch a blocked cell, else None, which restores the length.
+
+    A diagonal touches the two cells beside it, so that no path cuts a corner.
+    """
     updates = {}
     for x, y in changed.tolist():
-        for dx, dy in _STEPS:
-            u, v = x + dx, y + dy
-            if 0 <= u < free.shape[0] and 0 <= v < free.shape[1]:
-                cost = None if free[x, y] and free[u, v] else np.inf
-                updates[(x, y), (u, v)] = updates[(u, v), (x, y)] = cost
+        ends = [((x, y), (x + dx, y + dy)) for dx, dy in _STEPS]
+        ends += [((x + dx, y), (x, y + dy)) for dx, dy in product((-1, 1), repeat=2)]
+        for (u, v), (p, q) in ends:
+            if min(u, p) >= 0 and max(u, p) < free.shape[0] and min(v, q) >= 0 and max(v, q) < free.shape[1]:
+                cost = None if free[u, v] and free[p, q] and free[u, q] and free[p, v] else np.inf
+                updates[(u, v), (p, q)] = updates[(p, q), (u, v)] = cost
     return [(*edge, cost) for edge, cost in updates.items()]
 
 

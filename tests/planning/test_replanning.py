@@ -1,4 +1,7 @@
-"""Updates of planners: every frame gives the fields, outcomes and errors of a fresh plan."""
+"""Updates of planners: every frame gives the fields, outcomes and errors of a fresh plan.
+
+Tests internals: `resgrid.planning`.
+"""
 
 from __future__ import annotations
 
