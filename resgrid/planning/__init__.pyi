@@ -5,7 +5,7 @@ from .blocking_obstacles import (
     SceneSeparation as SceneSeparation,
     Separation as Separation,
 )
-from .clearance_curve import ClearanceCurve as ClearanceCurve, clearance_curve as clearance_curve
+from .clearance_curves import ClearanceCurve as ClearanceCurve, clearance_curve as clearance_curve
 from .normals import surface_normals as surface_normals
 from .planner import Planner as Planner
 from .random_walks import (
