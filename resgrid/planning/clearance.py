@@ -81,6 +81,11 @@ def obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
         return None
     if clear.size * np.count_nonzero(~clear) <= _FEW_PAIRS:
         return _nearest_centres(space, clear) + 0.5 * float(np.linalg.norm(space.spacing))
+    if space.ndim == 2 and not space.periodic.any():
+        from resgrid.planning.distance_kernels import chamfer_distances
+
+        chains = chamfer_distances(clear, *space.spacing.tolist())
+        return np.asarray(chains + 0.5 * np.linalg.norm(space.spacing))
     from scipy.ndimage import distance_transform_edt
 
     margin = [(n // 2 + 1, n // 2 + 1) if ring else (0, 0) for n, ring in zip(space.shape, space.periodic, strict=True)]

@@ -20,7 +20,7 @@ from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.blocking_obstacles import SceneSeparation, Separation
-from resgrid.planning.planner import ClearanceCurve
+from resgrid.planning.clearance_curves import ClearanceCurve
 from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, unwrap
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.panels import Layer, Panel, draw_known, draw_panels, name_free_cells, painter, virtual_cells

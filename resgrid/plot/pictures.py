@@ -45,7 +45,7 @@ PICTURES = {
     "resgrid.planning.blocking_obstacles:SceneSeparation": "paths:draw_separation",
     "resgrid.planning.blocking_obstacles:Separation": "paths:draw_separation",
     "resgrid.planning.fields:Field": "fields:draw_field",
-    "resgrid.planning.planner:ClearanceCurve": "paths:draw_clearance_curve",
+    "resgrid.planning.clearance_curves:ClearanceCurve": "paths:draw_clearance_curve",
     "resgrid.planning.streamline:Polyline": "paths:draw_line",
     "resgrid.planning.streamline:ShortPath": "paths:draw_line",
     "resgrid.planning.streamline:Streamline": "paths:draw_path",
