@@ -52,9 +52,10 @@ def open_example(name: str | None) -> Scene:
 
 
 def open_document(document: Mapping[str, Any] | None) -> Drawing:
-    """Return the drawing of the scene in a link; raise InputError for a scene that needs a map file.
+    """Return the drawing of the scene in a link of the live page.
 
-    `document`: keys and tables of the scene, None if the link contains no scene.
+    `document`: keys and tables of the scene, None if the link contains no scene.  Raises InputError for None, for an
+    invalid scene, and for a scene that needs a map file or obstacle files.
     """
     if document is None:
         raise InputError("this link contains no scene; copy the whole link again")

@@ -55,7 +55,10 @@ _NEEDED: dict[str, dict[str, Any]] = {"mesh": {}, "point_cloud": {"resolution": 
 
 
 def shape_annotations(names: Mapping[str, tuple[type, bool]]) -> dict[str, Any]:
-    """Return the pydantic annotations of shapes by name; `names`: classes and flags by name, such as `SHAPES`."""
+    """Return the pydantic annotations of shapes, by the names of the shapes in files.
+
+    `names`: for every name, the class of the shape and a flag: True if its points must have two coordinates.
+    """
     return {name: value_of(shape, ("shape", name), planar) for name, (shape, planar) in names.items()}
 
 

@@ -56,8 +56,9 @@ def precondition_graph(
 ) -> tuple[float, float, float]:
     """Precondition the residual ``r`` of a netlist into ``z``; set ``w = A z``; return ``z.r``, ``z.w`` and ``z.s``.
 
-    `graphs`: levels of the netlist, finest first; `work`: work arrays; `r, s` (n,): residual, and the product of the
-    matrix ``A`` with the last search direction, in the node order of the finest level; `z, w` (n,): results.
+    The results are inner products; ``A`` is the matrix of the finest level. `graphs`: levels of the netlist, finest
+    first; `work`: work arrays; `r, s` (n,): residual, and ``A`` times the last search direction, in the node order of
+    the finest level; `z, w` (n,): receive the preconditioned residual and its product.
     """
     b, x = work.b[1:], work.x[1:]
     b[: len(r)] = r
@@ -224,9 +225,10 @@ def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) ->
     """Sweep over a level, with other threads if it is divided into slabs; return three sums over its blocks of cells.
 
     `table, number`: records of the grids, and index of the level in them; `state`: array shared with the helper
-    threads; `kind`: kind of the sweep, such as `sweeps.RELAX`; `visit`: number of the visit in the K-cycle, from 0. The
-    sums are ``z.r, z.w, z.s`` after `MULTIPLY`, and the squared residual norms before and after the step, and 0, after
-    `STEP`; else they have no meaning. Off-stencil couplings are added after all slabs.
+    threads; `kind`: kind of the sweep, a constant of `sweeps`; `visit`: number of the visit in the K-cycle, from 0.
+    After `MULTIPLY` the sums are the inner products ``z.r, z.w, z.s`` (correction with residual, with product, and with
+    the first product of the K-cycle); after `STEP` the squared residual norms before and after the step, and 0; else
+    they have no meaning. Couplings (edges that cross no face) are added after all slabs.
     """
     level, part = table[number], ZERO
     if level.parts > 1:

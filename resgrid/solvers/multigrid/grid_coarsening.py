@@ -267,13 +267,15 @@ def join_inside(
 def split_blocks(
     doubtful: NDArray[np.bool_], parent: Indices, block: Indices, coarse_slots: int, extra_block: Integers
 ) -> int:
-    """Number the parts of disconnected blocks, except the first parts, as extra nodes; return their number.
+    """Number the extra nodes: all connected components of disconnected blocks except the first ones.
+
+    Return their number.
 
     `doubtful` (2 coarse slots,): whether the block at a position of the next level may be disconnected; `parent` (2
-    slots,): union-find, over the red, then the black nodes of the finer level, whose trees are the parts; `block` (2,
-    slots): position of the block of every node of the finer level, 0 for none, overwritten by the number of the extra
-    node; `coarse_slots`: length of an array over one colour of the next level; `extra_block`: receives the position of
-    the block of every extra node. Extra nodes are numbered from ``2 coarse_slots`` on.
+    slots,): union-find, over the red, then the black nodes of the finer level, whose trees are the components; `block`
+    (2, slots): position of the block of every node of the finer level, 0 for none, overwritten by the number of the
+    extra node; `coarse_slots`: length of an array over one colour of the next level; `extra_block`: receives the
+    position of the block of every extra node. Extra nodes are numbered from ``2 coarse_slots`` on.
     """
     flat = block.ravel()
     taken = np.zeros(len(doubtful), np.bool_)
@@ -300,15 +302,16 @@ def split_blocks(
 def sum_blocks(edges: Edges, target: Indices, first_extra: int, coarse: Edges, inner: Singles) -> int:
     """Sum the conductances between blocks into the faces and couplings of ``coarse``; return the number of couplings.
 
-    A coupling is an edge that crosses no face of the grid. The result is -1 if a resistor joins two parts of one
-    colour.
+    A coarse node is a connected component of a block of cells. The first component of a block takes the block's place
+    on the coarse grid; each further component is an extra node, numbered after the grid. A coupling is an edge that
+    crosses no face of the grid, and every edge of an extra node is one. The result is -1 if an edge joins two coarse
+    nodes of one colour.
 
-    `edges, coarse`: edges of the finer and of the next level; `target` (2, slots of the finer level): position on the
-    next level of the block of every red node (row 0) and black node (row 1); the position of a red block is its index
-    in an array (coarse slots,) over red blocks, that of a black block is the number of coarse slots plus its index in
-    an array over black blocks; `first_extra`: index, in an array (coarse slots,), of the first extra node of either
-    colour; `inner` (ndim, 2 coarse slots): the conductance inside blocks along every axis is added here, in the column
-    of the block's position.
+    `edges, coarse`: edges of the finer and of the next level; `target` (2, slots of the finer level): position of the
+    coarse node of every red node (row 0) and black node (row 1): the index of a red coarse node in an array (coarse
+    slots,), or the number of coarse slots plus the index of a black one in such an array; `first_extra`: smallest such
+    index of an extra node, equal for both colours; `inner` (ndim, 2 coarse slots): conductances inside coarse nodes
+    along every axis are added here, in the column of the coarse node's position.
     """
     faces, distance, _, off_red, off_black, off_axis, couplings = edges
     sums, coarse_slots = coarse.faces, coarse.faces.shape[1]
