@@ -132,7 +132,12 @@ class Settling(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Time constants, settling time, energy and power by name, with units and definitions."""
+        """Figures of merit by name: time constants, settling time, energy and power.
+
+        ``slowest_time_constant``, ``fastest_time_constant``, ``settle_time`` and its upper bound ``settle_bound``, in
+        seconds; ``energy_per_plan``: energy from switching to settling, in joules; ``power``: power of the settled
+        circuit, in watts.
+        """
         half = f"half a step of a {self.bits}-bit converter ({self.span / 2 ** (self.bits + 1):.3g} V)"
         return {
             "slowest_time_constant": Figure(
@@ -154,7 +159,12 @@ class Settling(Result):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures of merit by name, the bits of resolution and the slowest time constants in seconds."""
+        """Return the result as a dictionary for JSON.
+
+        Keys: the names of `figures`, each with a dictionary of ``value``, ``unit`` and ``definition``; ``bits``:
+        resolution that defines a settled voltage; ``time_constants``: the slowest time constants in seconds, largest
+        first.
+        """
         return {**super().to_json(), "bits": self.bits, "time_constants": self.time_constants.tolist()}
 
 

@@ -107,7 +107,12 @@ class Yield(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of merit of the yield by name, with units and definitions."""
+        """Figures of merit by name: fractions of starts and of chips, between 0 and 1, and the number of chips.
+
+        ``yield``: fraction of starts that reach a goal; ``perfect_chips``: fraction of chips that serve every start;
+        both also with the endings ``_low`` and ``_high`` for the ends of their intervals; ``worst_start``: fraction of
+        the chips that serve the worst start, None without starts; ``chips``: number of chips.
+        """
         overall, perfect = self.overall, self.perfect
         interval = f"{self.confidence:.0%} confidence (Wilson)"
         worst = np.nanmin(self.probability) if self.starts.any() else np.nan
@@ -128,7 +133,11 @@ class Yield(Result):
         return {name: Figure(value, "", definition) for name, (value, definition) in shares.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, the confidence of the intervals and whether chips differ, as a dictionary for JSON."""
+        """Return the result as a dictionary for JSON.
+
+        Keys: the names of `figures`, each with a dictionary of ``value``, ``unit`` and ``definition``; ``confidence``:
+        of the intervals, between 0 and 1; ``random``: whether chips of the description may differ.
+        """
         return {**super().to_json(), "confidence": self.confidence, "random": self.random}
 
 
