@@ -27,14 +27,17 @@ SCHEMA = 1
 """Version number of the JSON records, stored under the key ``schema``."""
 
 Views = Mapping[str, Callable[[], Any]]
-"""Functions that return the views (representations) of a value, by name; only the view that is written is computed."""
+"""Functions that return the content of a file of a value, by name: ``"table"`` (CSV), ``"record"`` (JSON) and so on.
+
+Only the content that is written is computed.
+"""
 
 
 class Format(NamedTuple):
     """A file format.
 
-    `view`: name of the view (representation of a value) that the file contains, such as "table"; `encode`: function
-    that converts this view to the bytes of the file.
+    `view`: name of the content: "table" (columns by name), "record" (dictionary for JSON), "arrays" (arrays by name) or
+    "waveforms"; `encode`: function that converts this content to the bytes of the file.
     """
 
     view: str
@@ -123,8 +126,9 @@ def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str)
 def write(target: str | os.PathLike[str], views: Views, kind: str) -> Path:
     """Write a value atomically in the format that the suffix selects, and return the file.
 
-    `target`: name of the file, ``-`` for standard output; `views`: functions that return the views (representations) of
-    the value, by name; `kind`: name of the value in messages, such as "a path".
+    `target`: name of the file, ``-`` for standard output; `views`: functions without arguments that return the content
+    of the file, by the name of the content: ``table`` (CSV), ``record`` (JSON), ``arrays`` (NPZ) and so on; `kind`:
+    name of the value in messages, such as "a path".
     """
     form = FORMATS[suffix_of(target, views, kind)]
     return emit(target, form.encode(views[form.view]()))
