@@ -115,7 +115,12 @@ class Separation:
 
     @property
     def separating(self) -> tuple[int, ...]:
-        """Indices of the smallest of the goals' minimum sets of groups; empty if a path exists."""
+        """Indices into ``barriers`` of the groups of obstacle cells whose removal opens a path to a goal.
+
+        Empty if one exists.
+
+        Each goal has a minimum set of such groups; this is the smallest of these sets.
+        """
         if self.outcome is Outcome.REACHED:
             return ()
         return min((item.least for item in self.obstructions if item.least), key=len, default=())
@@ -279,7 +284,10 @@ def _cell_of(space: ConfigurationSpace, point: NDArray[np.float64]) -> tuple[int
 
 
 def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstruction:
-    """Return the groups of obstacle cells that separate the cell `start` from the goal region with index `goal`."""
+    """Return the groups of obstacle cells that separate the cell `start` from the goal region with index `goal`.
+
+    `barriers`: all groups of obstacle cells of the space.
+    """
     space, links = barriers.space, barriers.links
     target = tuple(np.argwhere(space.goal_region == goal)[0].tolist())
     here, there = int(links.node[start]), int(links.node[target])
@@ -287,9 +295,9 @@ def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstr
         return Obstruction(goal, (), ())
 
     def between(opened: tuple[int, ...]) -> tuple[int, ...]:
-        """Return the groups on a shortest path from start to goal after removal of the groups `opened`.
+        """Return indices of the groups of obstacle cells on a shortest path from start to goal across groups.
 
-        The result is empty if no further group lies between start and goal.
+        The groups `opened` count as free.  The result is empty if no further group lies between start and goal.
         """
         remaining = adjacency(barriers, opened) if opened else links
         return remaining.groups_between(int(remaining.node[start]), int(remaining.node[target]))

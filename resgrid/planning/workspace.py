@@ -172,8 +172,9 @@ def _poses(
     """Yield tuples ``(configurations, segments, parts, obstacles)`` for consecutive batches of poses along a path.
 
     ``configurations`` (m, ndim): in axis units; ``segments`` (m,): index of each configuration's segment of the path;
-    ``parts``: rigid parts of the robot in these configurations; ``obstacles``: all obstacles, in every batch.
-    `step`: largest distance that a point of the robot moves between two configurations, in workspace units.
+    ``parts``: rigid bodies of the robot, placed in these configurations; ``obstacles``: all obstacles, in every batch.
+    `path`: path; `obstacles`: shapes in world coordinates; `step`: largest distance that a point of the robot moves
+    between two configurations, in workspace units.
     """
     robot, space = robot_of(path), path.space
     solids = obstacles_of((to_space(shape, space.frame) for shape in obstacles), robot.workspace_axes(space.axes))
