@@ -179,7 +179,7 @@ def _call_each(shared: tuple[Callable[..., Any], tuple[Any, ...]], items: Sequen
 
 
 def _alone(parts: Iterable[JobPart]) -> Iterator[Any]:
-    """Compute all items in this process, and yield their results in order."""
+    """Compute the items of all parts of a job in this process, and yield their results in order."""
     chunker = _Chunker(parts, None, _SECONDS_ALONE)
     while (task := chunker.next_task(1)) is not None:
         results, seconds = _do(task.part.function, task.shared, task.part.items[task.begin : task.end]) or ([], 0.0)

@@ -43,7 +43,10 @@ def checked_undecided(cells: NDArray[np.uint8], undecided: ArrayLike) -> NDArray
 
 
 def checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8]:
-    """Return the cells as a uint8 array of the axes' shape; raise InputError for a wrong shape, value or axis."""
+    """Return cell codes as a uint8 array of the axes' shape; raise InputError for a wrong shape, value or axis.
+
+    `axes`: axes of the space; `given`: codes (0 free, 1 obstacle, 2 goal) or booleans, as the caller passes them.
+    """
     cell = real_numbers("cell", given)
     if not 1 <= len(axes) <= MAX_DIMENSIONS:
         raise InputError(f"a configuration space has 1 to {MAX_DIMENSIONS} axes, got {len(axes)}")

@@ -63,7 +63,7 @@ def shape_annotations(names: Mapping[str, tuple[type, bool]]) -> dict[str, Any]:
 
 
 def file_annotations() -> dict[str, Any]:
-    """Return the pydantic annotations of shapes that are read from files, by name."""
+    """Return the pydantic annotations of the tables of shapes that are read from files, by the names in `READERS`."""
     return {name: _file_annotation(name) for name in READERS}
 
 
