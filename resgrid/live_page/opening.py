@@ -100,7 +100,7 @@ def _bytes(file: File) -> bytes:
 def _refuse_files(document: Mapping[str, Any]) -> None:
     """Raise InputError for a scene with files of maps or obstacles: the page has no access to files of the server.
 
-    `document`: keys and tables of the scene.
+    `document`: keys and tables of the scene, in the form of a scene file.
     """
     if "map" in document:
         raise InputError("this scene needs a map file, to which the page has no access; drop the map itself")

@@ -294,7 +294,7 @@ def _advance(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
 
 
 def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats) -> None:
-    """Raise CertificateError unless the duration lies between the sums of all steps' shortest and longest times (ln)."""
+    """Raise CertificateError unless the duration lies between the sums of the shortest and longest times (as ln)."""
     unit = 2.0 * np.log(path.space.spacing.min())
     low, high = (float(np.logaddexp.reduce(logs, initial=-np.inf) + unit) for logs in (log_shortest, log_longest))
     claimed = float(path.log_duration)
