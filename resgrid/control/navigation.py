@@ -49,8 +49,7 @@ class StallDetector:
         self.reset(place)
 
     def reset(self, place: Vector) -> None:
-        """Restart the detection: set the commanded distance to 0, and the centre to `place` (ndim,), in axis units.
-        """
+        """Restart the detection: set the commanded distance to 0, and the centre to `place` (ndim,), in axis units."""
         self._anchor, self.crossed, self._dithers = place, 0.0, 0
 
     def update(self, place: Vector, cells: float) -> None:

@@ -85,8 +85,9 @@ def _element_violation(
 ) -> Violation:
     """Return the violation for elements of one kind.
 
-    `severity, rule`: severity and name of the violation; `kind`: kind of the elements; `numbers` (n,): indices of the
-    elements; `message`: text with the fields ``count``, ``s`` (plural ending) and ``names``; `remedy`: the correction.
+    `severity`: "error", "warning" or "info"; `rule`: name of the violation; `kind`: kind of the elements; `numbers`
+    (n,): indices of the elements; `message`: text with the fields ``count``, ``s`` (plural ending) and ``names``;
+    `remedy`: the correction.
     """
     nodes = np.unique(circuit.ends[kind][numbers])
     names = some([circuit.element_name(kind, number) for number in numbers[:SHOWN].tolist()], numbers.size)

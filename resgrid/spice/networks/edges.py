@@ -281,7 +281,7 @@ def _words(line: str) -> list[str]:
 def _numbers(table: EdgeTable, number: dict[str, int]) -> list[int]:
     """Return the node number of the first name in every row, n integers; raise InputError for a node without an edge.
 
-    `number`: node number by name, of all nodes with an edge.
+    `table`: rows of node names with a number; `number`: node number of every node with an edge, by its name.
     """
     nodes = [number.get(names[0], -1) for names in table.names]
     if -1 in nodes:

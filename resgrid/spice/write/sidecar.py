@@ -174,7 +174,8 @@ def sidecar_path(deck: Path) -> Path:
 def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected, more: Mapping[str, Any]) -> str:
     """Return the text of a sidecar, one node per line.
 
-    `deck_name`: file name of the deck; `deck`: the deck; `expected`: expected results; `more`: further keys and values.
+    `deck_name`: file name of the deck; `deck`: the deck; `expected`: expected results; `more`: further keys of the JSON
+    object with their values, such as versions and hashes.
     """
     data = deck.text.encode("utf-8")
     head = {
