@@ -142,10 +142,10 @@ def draw_panels(
 ) -> Axes | Figure:
     """Draw layers above each other on one matplotlib axes, or on each slice of a space with three axes.
 
-    `ax`: axes to draw on, None for a new figure; `layers`: functions that draw on a panel; `axis`, `indices`: normal
-    axis and cell indices of the slices, by default one slice normal to each axis; `through`: cell that the slices
-    contain, by default a goal cell; `columns`: number of legend columns; `strip`: height over width of the picture of
-    one axis.  Returns the axes, or the figure of a space with three axes.
+    `ax`: axes to draw on, None for a new figure; `layers`: functions that draw on a panel and return None, or image and
+    label of a colour bar; `axis`, `indices`: normal axis and cell indices of the slices, by default one slice normal to
+    each axis; `through`: cell that the slices contain, by default a goal cell; `columns`: number of legend columns;
+    `strip`: height over width of the picture of one axis.  Returns the axes, or the figure of a space with three axes.
     """
     if space.ndim <= 2:
         plane = plane_of(space) if space.ndim == 2 else None
@@ -223,14 +223,17 @@ def paint_unknown(picture: Axes | Figure, space: ConfigurationSpace, unknown: ND
 
 
 def painter(*masks: Mask) -> Layer:
-    """Return a layer (function of a panel) that paints masks of cells, each with a colour and a legend entry."""
+    """Return a function of a `Panel` that paints masks of cells.
+
+    `masks`: tuples of a mask (shape of the space), the colour of its cells, and the legend entry.
+    """
     return lambda panel: panel.paint(*masks)
 
 
 def virtual_cells(virtual: NDArray[np.bool_] | None) -> list[Mask]:
-    """Return a list with the mask of obstacle cells that no body occupies, its colour and legend entry.
+    """Return a list with one tuple: mask of obstacle cells that no body occupies, its colour and its legend entry.
 
-    The list is empty if `virtual` is None.
+    The list is empty if `virtual`, this mask (shape of the space), is None.
     """
     return [] if virtual is None else [(virtual, VIRTUAL, "virtual obstacle")]
 
@@ -238,7 +241,8 @@ def virtual_cells(virtual: NDArray[np.bool_] | None) -> list[Mask]:
 def _slices(space: ConfigurationSpace, ax: Axes | None, cuts: list[tuple[int, int]]) -> list[Panel]:
     """Return one panel of a new figure for each slice; raise InputError unless `ax` is None.
 
-    `cuts`: number of the normal axis and cell index of each slice.
+    `space`: space with three axes; `cuts`: for each slice, the number of the axis normal to it and its cell index along
+    this axis.
     """
     if ax is not None:
         raise InputError("a space with 3 axes is drawn in several slices and cannot use one ax; omit ax")
@@ -262,7 +266,7 @@ def _slices(space: ConfigurationSpace, ax: Axes | None, cuts: list[tuple[int, in
 def _cuts(
     space: ConfigurationSpace, axis: int | None, indices: Sequence[int] | None, through: Sequence[int] | None
 ) -> list[tuple[int, int]]:
-    """Return the number of the normal axis and the cell index of every slice of a space with three axes.
+    """Return a pair for every slice of a space with three axes: number of the normal axis, and cell index along it.
 
     `axis`: normal axis, None for one slice per axis; `indices`: cell indices along `axis`, by default at most six;
     `through`: cell that the slices contain, by default a goal cell.  Raises InputError for slices outside the space.

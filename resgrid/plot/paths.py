@@ -66,14 +66,14 @@ def draw_streamlines(
 
 
 def _ground(ax: Axes | None) -> list[Layer]:
-    """Return the layers drawn below paths: the cells of the space for a new figure, none on a given `ax`."""
+    """Return the functions that draw on a panel below paths: the cells of the space for a new figure, none on `ax`."""
     return [draw_known] if ax is None else []
 
 
 def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
-    """Return a layer that draws the paths that reach a goal, grouped by k, and the starts and ends of all paths.
+    """Return a function of a `Panel` that draws the paths that reach a goal, grouped by k, and all starts and ends.
 
-    `k`: weight k of the Dirichlet field of each path, None for paths of one field.
+    `paths`: streamlines; `k`: weight k of the Dirichlet field of each path, None for paths of one field.
     """
     groups, reached = by_blend(paths, k), [path for path in paths if path.outcome is Outcome.REACHED]
     failed = Counter(path.outcome for path in paths if path.outcome is not Outcome.REACHED)

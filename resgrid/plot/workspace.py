@@ -313,6 +313,7 @@ def _dense(path: Motion, scene: Scene) -> NDArray[np.float64]:
     """Return configurations (n, ndim) in world coordinates along a path, dense enough for a smooth picture.
 
     Between consecutive configurations, the points of the robot move at most 1/400 of their motion along the whole path.
+    `path`: a path, or configurations (m, ndim) in world coordinates.
     """
     own = path if isinstance(path, AnyPath) else Polyline(path, empty_space(scene))
     travel = float(scene.robot.travel(own.line[:-1], own.line[1:]).sum())
