@@ -110,12 +110,12 @@ class _Task:
 
 
 def in_order(parts: Iterable[JobPart], executor: Executor | None = None) -> Generator[Any, None, None]:
-    """Iterate over the results of all items, part by part, in the order of the items.
+    """Iterate over the results of all items (arguments of a function), part by part, in the order of the items.
 
-    `parts`: the parts of the job; `executor`: executor of the tasks, None for this process.  The results do not depend
-    on the executor, the number of its workers or their order.  A broken process pool is replaced, and its tasks are
-    submitted again.  Close the iterator (`contextlib.closing`) to stop early and to cancel the waiting tasks.  The
-    exception of an item is raised at its position.
+    `parts`: parts of the job, each with one function and its items; `executor`: executor of the tasks, None for this
+    process.  The results do not depend on the executor, the number of its workers or their order.  A broken process
+    pool is replaced, and its tasks are submitted again.  Close the iterator (`contextlib.closing`) to stop early and to
+    cancel the waiting tasks.  The exception of an item is raised at its position.
 
     Raises
     ------
@@ -384,7 +384,8 @@ def _unpacked(packed: _SharedData) -> Any:
 def _do(function: Callable[[Any, Any], Results], shared: Any, items: Results) -> tuple[Results, float] | None:
     """In a worker: return the results of a task and their duration in seconds, or None if the data cannot be read.
 
-    `function`: called as ``function(shared, items)``; `shared`: a `_SharedData`, or the object itself.
+    `function`: called as ``function(shared, items)``; `shared`: a `_SharedData`, or the object itself; `items`:
+    arguments of the task, of which each has one result.
     """
     if isinstance(shared, _SharedData):
         try:

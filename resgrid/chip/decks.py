@@ -211,8 +211,8 @@ def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int32]:
 
 
 def _probe(netlist: Netlist, nodes: NDArray[np.int32]) -> list[Analysis]:
-    """Return the list of analyses that restricts recording to `nodes`: one probe if the netlist is large, else empty.
+    """Return the list of analyses that restricts recording to `nodes`: one `Probe` with their names, or an empty list.
 
-    A netlist is large if it has more than 1000 nodes.
+    The list is empty for a netlist of at most 1000 nodes, of which all voltages are recorded.
     """
     return [Probe(tuple(netlist.names_of(nodes)))] if netlist.node_count > _MOST_PROBES else []

@@ -390,7 +390,7 @@ def _recorded(record: Mapping[str, Any], number: int, shape: tuple[int, int]) ->
 
 
 def _remaining(series: Sequence[TrialSeries], done: int) -> Iterator[JobPart]:
-    """Yield a job part for every series that has trials left, without the first `done` trials of all series together.
+    """Yield the remaining trials of every series as a JobPart, without the first `done` trials of all series together.
 
     `series`: all series, in order.
     """

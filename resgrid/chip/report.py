@@ -38,9 +38,10 @@ class Effort:
 
     `half_width`: Monte Carlo trials stop when half the width of the confidence interval of the yield, as a fraction, is
     at most this; `trials`: maximum number of random chips; `seconds`: time limit of the fault analysis; `sweep`: keys
-    of the chip description to sweep, with their values, none or two; `executor`: workers that run the trials, None for
-    this process; `checkpoints`: files of trial results, by the name of the analysis; `progress`: function called with
-    the numbers of finished and of all items, and the yield so far.
+    of the chip description to sweep, each with the list of its values, none or two keys; `executor`: workers that run
+    the trials, None for this process; `checkpoints`: files of trial results, by the name of the analysis (``yield``,
+    ``sweep``); `progress`: function called with the numbers of finished and of all trials or faults, and the yield so
+    far.
     """
 
     half_width: float = 0.01

@@ -29,7 +29,10 @@ from resgrid.scene import Scene, build_space
 from resgrid.scene.world_coordinates import to_space
 
 _MOST_PARTS = 63
-"""Maximum number of blocking parts of a scene (obstacles, map, virtual obstacles, robot): one bit of 64 for each."""
+"""Maximum number of blocking parts of a scene: one bit of 64 for each.
+
+A part is one obstacle, the map, the virtual obstacles, or the robot (self-collision).
+"""
 
 
 @frozen
@@ -314,7 +317,8 @@ def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstr
 def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int] | None, most: int) -> SceneSeparation:
     """Return the parts of a scene that separate a start from the goals, found by removing sets of at most `most` parts.
 
-    `start` (ndim,): start in world coordinates, or None; `cell`: start cell, if `start` is None.
+    A part is one obstacle, the map, the virtual obstacles, or the robot (self-collision).  `scene`: the scene; `start`
+    (ndim,): start in world coordinates, or None; `cell`: start cell, if `start` is None.
     """
     if most < 1:
         raise InputError(f"most = {most} must be at least 1: opening a path removes at least one obstacle")

@@ -173,7 +173,7 @@ def require_paths(paths: Sequence[Streamline], space: ConfigurationSpace) -> Non
 
 
 def seam_pieces(path: Streamline) -> list[NDArray[np.float64]]:
-    """Return the pieces (n, ndim) of a streamline between its crossings of periodic seams, in axis units."""
+    """Return the polylines (n, ndim) into which crossings of periodic seams divide a streamline, in axis units."""
     points, space = path.axis_points, path.space
     if len(points) < 2:
         return []
@@ -210,9 +210,9 @@ def draw_line(
 
 
 def _subdivided(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a polyline (m, ndim) with every segment of `points` divided into 256 parts.
+    """Return a polyline (m, ndim) with every segment of the corners `points` (n, ndim) divided into 256 equal segments.
 
-    A slice of a space with three axes then contains the points of a part of a segment.  `points` (n, ndim): corners.
+    A slice of a space with three axes then contains points of a segment that only crosses it.
     """
     along = np.linspace(0.0, len(points) - 1.0, _PIECES * (len(points) - 1) + 1)
     return np.stack([np.interp(along, np.arange(len(points)), column) for column in points.T], axis=1)

@@ -68,7 +68,10 @@ SHOWN_PARTS: dict[str, Callable[[Any], object]] = {
     "resgrid.planning.planner:Planner": attrgetter("field"),
     "resgrid.spice.circuit:Circuit": methodcaller("netlist"),
 }
-"""For types without a picture of their own: function that returns the part of the value that is drawn instead."""
+"""For a type without a picture of its own: function from a value of the type to another value, which is drawn instead.
+
+The key is the module and the name of the class, separated by a colon.
+"""
 
 
 @functools.singledispatch

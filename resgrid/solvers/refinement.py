@@ -261,7 +261,10 @@ def minus(a: Scaled, b: Scaled) -> Scaled:
 
 
 def quotient(parts: list[Scaled], x: Scaled) -> float:
-    """Return the largest magnitude in any of ``parts``, divided by the largest in ``x``; 0 if all ``parts`` vanish."""
+    """Return the largest magnitude in any of the vectors `parts`, over the largest in the vector `x`.
+
+    0 if `parts` vanish.
+    """
     largest, *logs = (logarithm(np.abs(each.hi), each.exponent).max(initial=-np.inf) for each in (x, *parts))
     with np.errstate(over="ignore"):
         return 0.0 if max(logs) == -np.inf else float(np.exp(max(logs) - largest))

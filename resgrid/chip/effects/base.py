@@ -107,7 +107,7 @@ def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
 
 
 def without_stranded_currents(netlist: Netlist) -> Netlist:
-    """Return the netlist without the current sources that inject into a part without a connection to ground.
+    """Return the netlist without the current sources that inject into a component without a connection to ground.
 
     The current of such a source has no return path.
     """

@@ -24,8 +24,8 @@ def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | N
     """Return the next coarser level, and the coarse node of every node; None if nodes of one colour would be joined.
 
     The nodes of the next level are blocks of two cells along every axis, except along axes that conduct badly. If a
-    block is disconnected without its weak conductances, one part stays on the grid. The other parts become extra nodes,
-    which are joined by couplings (edges that cross no face of the grid).
+    block is disconnected without its weak conductances, one connected component stays on the grid. The other components
+    become extra nodes, which are joined by couplings (edges that cross no face of the grid).
 
     `level`: the finer level; `split`: whether weak conductances do not connect a block. The returned array has shape
     (2, slots of the finer level): row 0 for red, row 1 for black nodes, by their index in the arrays of the finer
@@ -76,7 +76,9 @@ def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray
 
 
 def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float) -> NDArray[np.int64]:
-    """Give every part of a disconnected block except the first an extra node; return the block of every extra node.
+    """Make every connected component of a disconnected block, except the first, an extra node.
+
+    Return the extra nodes' blocks.
 
     A block is given as its position on the next level: a red block's index in an array (``lattice.slots``,), or
     ``lattice.slots`` plus a black block's index. `level, lattice`: the finer level, and memory layout of the next one
@@ -156,16 +158,16 @@ def _in_series(conductance: NDArray[np.float64], inner: NDArray[np.float32], fra
 def sum_up(
     level: Level, lattice: Lattice, target: NDArray[np.int32], extras: int
 ) -> tuple[Edges, NDArray[np.float64], NDArray[np.float32]] | None:
-    """Return the conductances between blocks, their leaks (conductances to rails), and the conductances inside blocks.
+    """Return the conductances between coarse nodes, their leaks (conductances to rails), and those inside coarse nodes.
 
-    The leaks have shape (2, coarse slots), the conductances inside blocks (ndim, 2 coarse slots); red blocks precede
-    black ones. Returns None if parts of one block are joined by weak conductances, since these parts have the same
+    The leaks have shape (2, coarse slots), the conductances inside coarse nodes (ndim, 2 coarse slots); red nodes
+    precede black ones. Returns None if weak conductances join two components of one block, since these have the same
     colour.
 
     `level, lattice`: the finer level, and memory layout of the next one; `target` (2, slots of the finer level):
-    position on the next level of the block of every red node (row 0) and black node (row 1); a position is a red
-    block's index in an array (coarse slots,), or the number of coarse slots plus a black block's index; `extras`:
-    number of extra nodes of the next level.
+    position on the next level of the coarse node of every red node (row 0) and black node (row 1); a position is a red
+    coarse node's index in an array (coarse slots,), or the number of coarse slots plus a black one's index; `extras`:
+    number of extra nodes of the next level (components of a block except the first).
     """
     sides = len(level.edges.faces)
     capacity = len(level.edges.couplings) + extras * sides * 2 ** (sides // 2)

@@ -64,7 +64,11 @@ class Lattice:
 
     @property
     def first_extra(self) -> int:
-        """Index, in an array over one colour, of the first extra node (coarse node without a cell), after all cells."""
+        """Index, in an array over one colour, of the first extra node; these follow the nodes of all cells.
+
+        A coarse cell is a block of finer cells; extra nodes are the connected components of a block except its first
+        one.
+        """
         return self.margin + (self.shape[0] * self.strides[0] + 1) // 2
 
     @property
