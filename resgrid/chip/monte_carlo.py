@@ -253,9 +253,9 @@ def draw_chips(experiment: Experiment, seeds: Sequence[Seed]) -> DrawnChips:
 
 
 def solve_chips(experiment: Experiment, chips: DrawnChips) -> Iterator[ChipSolution]:
-    """Solve the chips of a block, and yield the solution of each.
+    """Solve the circuits of chips that were drawn together, and yield the solution of each chip.
 
-    `experiment`: gives the read-outs under test, which determine the values of a solution; `chips`: the block.
+    `experiment`: gives the read-outs under test, which determine the values of a solution; `chips`: the chips.
     """
     converters, batch = experiment.converters, experiment.batch
     if experiment.fixed is not None:

@@ -26,9 +26,7 @@ from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline
 from resgrid.planning.time_parameterization import Trajectory
 
 _VIEWS = ("table", "record", "arrays", "message")
-"""Names of the views of a path, which determine its file formats; a view is a representation of a value
-(`resgrid.io.tables`).
-"""
+"""Names of the contents of a path, which determine its file formats: CSV, JSON, NPZ and ROS message."""
 _FIXED_NAMES = {".csv": ["path", "k", "outcome"], ".json": ["schema", "k", "outcome"], ".npz": ["k", "outcome"]}
 """Names of columns, keys or arrays in a file of one path, by suffix, in addition to those of `column_names`."""
 

@@ -105,14 +105,14 @@ FORMATS: dict[str, Format] = {
     ".txt": Format("edges", str.encode),
     ".graphml": Format("graph", bytes),
 }
-"""File formats by suffix; standard output (``-``) uses the first format whose view the value has."""
+"""File formats by suffix; standard output (``-``) uses the first format whose content the value has."""
 
 
 def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str) -> str:
-    """Return the suffix that selects the format of the file `target`; raise InputError if no view has this format.
+    """Return the suffix that selects the format of the file `target`; raise InputError for an unknown suffix.
 
-    `views`: names of the views (representations) that the value has; `kind`: name of the value in messages, such as "a
-    path".
+    `views`: names of the contents that the value has, such as ``"table"`` (see `Format`); `kind`: name of the value in
+    messages, such as "a path".
     """
     known = [suffix for suffix, form in FORMATS.items() if form.view in views]
     suffix = known[0] if os.fspath(target) == "-" else Path(target).suffix.lower()

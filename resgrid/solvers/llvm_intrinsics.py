@@ -142,8 +142,8 @@ def restore_subnormals(before: np.uint32) -> None:
 _LEFT, _DONE, KIND, LEVEL, VISIT, _OVER = 0, 8, 16, 17, 18, 24
 """Indices into the int64 array that threads share: unclaimed slabs, finished slabs, kind, level and visit, end flag.
 
-A job is one sweep over a multigrid level: `KIND` of the sweep, index of the `LEVEL`, and `VISIT`, a number that tells
-the sweeps on a level within a cycle apart.
+A job is one sweep over a multigrid level: `KIND` of the sweep, index of the `LEVEL`, and `VISIT`, the number of times
+that the cycle has returned to this level from the next one.
 """
 
 PLACES = 32
