@@ -269,9 +269,9 @@ def faulty_voltages(
 class _Change:
     """A change of the conductance of one resistor of a linear circuit with the conductance matrix ``A``.
 
-    `rows`: equations of the circuit; `solve`: product with ``A^-1``; `volts` (nodes,): voltages before the change, in
-    volts; `element`: number of the resistor; `z` (nodes,): voltages for 1 A into the first end of the resistor and out
-    of the second, 0 where voltages are known.
+    `rows`: equations of the circuit; `solve`: function that multiplies currents (n,) by ``A^-1``; `volts` (nodes,):
+    voltages before the change, in volts; `element`: number of the resistor; `z` (nodes,): voltages for 1 A into the
+    first end of the resistor and out of the second, 0 where voltages are known.
     """
 
     rows: Dynamics
@@ -284,8 +284,8 @@ class _Change:
     def of(cls, rows: Dynamics, solve: Solve, volts: NDArray[np.float64], element: int) -> _Change:
         """Return the change of a resistor's conductance, with the voltages ``z`` for 1 A through its ends.
 
-        `rows`: equations of the circuit; `solve`: product with the inverse conductance matrix; `volts` (nodes,):
-        voltages before the change, in volts; `element`: number of the resistor.
+        `rows`: equations of the circuit; `solve`: function that multiplies by the inverse conductance matrix; `volts`
+        (nodes,): voltages before the change, in volts; `element`: number of the resistor.
         """
         w = rows.injection(rows.netlist.resistor_nodes[element], np.array([1.0, -1.0]))
         return cls(rows, solve, volts, element, rows.at_nodes(solve(w)))

@@ -247,9 +247,9 @@ def settling_bound(dynamics: Dynamics, solve: LinearMap, deviation: Floats, tau:
     smallest capacitance to a rail, where every row has one or lies between rows that have one.  A voltage is also at
     most the second norm times the root of its ``(G^-1)_ii``, which is at most its ``(G^-1 1)_i``.
 
-    `dynamics`: circuit equations ``C x' + G x = b``, one row for each unknown voltage; `solve`: product with ``G^-1``;
-    `deviation` (n,): voltages at time 0 minus their final values; `tau`: slowest time constant, in seconds; `band`:
-    half width of the band, in the unit of `deviation`.
+    `dynamics`: circuit equations ``C x' + G x = b``, one row for each unknown voltage; `solve`: function that
+    multiplies a vector by ``G^-1``; `deviation` (n,): voltages at time 0 minus their final values; `tau`: slowest time
+    constant, in seconds; `band`: half width of the band, in the unit of `deviation`.
     """
     stiffness = dynamics.capacitance.ground[dynamics.charged]
     if (stiffness > 0).all():
@@ -310,8 +310,9 @@ def _energy(dynamics: Dynamics, solve: LinearMap, final: Floats, start: Floats, 
     """Return the energy that the sources deliver while the deviation changes from `start` to `end`, in joules.
 
     The integral of the deviation over time is ``G^-1 C (start - end)``.  `dynamics`: circuit equations; `solve`:
-    product with ``G^-1``; `final` (n,): final voltages of the rows; `start, end` (n,): deviations from the final
-    voltages at the beginning and the end of the interval, in volts; `time`: duration of the interval, in seconds.
+    function that multiplies a vector by ``G^-1``; `final` (n,): final voltages of the rows; `start, end` (n,):
+    deviations from the final voltages at the beginning and the end of the interval, in volts; `time`: duration of the
+    interval, in seconds.
     """
     if time == 0.0:
         return 0.0

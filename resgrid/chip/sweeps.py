@@ -152,7 +152,8 @@ def sweep_yield(
     `netlist`: ideal circuit; `chip`: chip description; `first, second`: a key of the description and its values, None
     for the default keys and values; `trials`: number of chips for each pair; `confidence`: of the intervals, between 0
     and 1; `executor`: workers, None for this process; `checkpoint`: file of finished trials, None for no file;
-    `progress`: function called after each group of pairs that share a circuit.
+    `progress`: function called after each group of pairs that share a circuit, with the numbers of finished and of all
+    trials, and the yield of the last pair.
     """
     cells = netlist.cells
     first, second = first or _usual_sweep(chip), second or ("readout.bits", _BITS)

@@ -179,7 +179,8 @@ def analyse_yield_loss(
 
     `netlist`: ideal circuit; `chip`: chip description; `target`: yield that the limits reach; `trials`: number of chips
     for each variant of the description, None for `usual_trials`; `confidence`: of the intervals, between 0 and 1;
-    `executor`: workers, None for this process; `progress`: function called after the trials of each variant.
+    `executor`: workers, None for this process; `progress`: function called after each variant, with the number of
+    finished trials, the expected number, and the yield of the variant.
     """
     space = netlist.cells.space
     starts = int(space.goal_connected.sum())

@@ -164,7 +164,8 @@ def analyse_yield(
     all with a path to a goal; `half_width`: half the width of the interval of the yield (a fraction) at which trials
     stop; `confidence`: of the intervals, between 0 and 1; `trials`: maximum number of chips; `batch`: number of chips
     between two tests; `seed`: None for that of the chip; `executor`: workers, None for this process; `checkpoint`: file
-    of finished trials, None for no file; `progress`: function called after every batch.
+    of finished trials, None for no file; `progress`: function called after every batch with the number of finished
+    trials, the expected number, and their yield.
     """
     mask = None if starts is None else checked_starts(netlist.cells.space, starts)
     experiment = prepare_experiment(netlist, chip, [chip.readout], None if seed is None else seed_of(seed), mask)

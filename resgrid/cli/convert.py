@@ -99,9 +99,9 @@ def _write_deck(
     """Write a deck, with a sidecar if `op` is given; return JSON data, and counts of elements left out by kind.
 
     The JSON data has the keys ``sidecar``, ``commands`` (names of the files) and ``sha256`` (hash of the deck); it is
-    empty without `op`.  `netlist`: the circuit; `title`: first
-    line of the deck, None for a description of the netlist; `op`: operating point for the sidecar, None for no sidecar;
-    `output`: name of the deck, ``-`` for standard output; `dialect`: SPICE dialect.
+    empty without `op`.  `netlist`: the circuit; `title`: first line of the deck, None for a description of the netlist;
+    `op`: operating point for the sidecar, None for no sidecar; `output`: name of the deck, ``-`` for standard output;
+    `dialect`: SPICE dialect.
     """
     if op is None:
         from resgrid._internal.files import write_text

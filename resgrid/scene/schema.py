@@ -315,7 +315,8 @@ def keys_of(path: tuple[str | int, ...], kind: str | None) -> list[str]:
 def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any]]:
     """Return the typed document of a scene file, a list of problems, and the valid entries of its lists by key path.
 
-    The typed document omits invalid entries, so that the valid ones can still be checked for consistency.
+    A problem is a pair of key path, such as ``("obstacle", 2, "radius")``, and message.  `raw`: keys and tables of the
+    file.  The typed document omits invalid entries, so that the valid ones can still be checked for consistency.
     """
     numbers = {key: [*range(len(raw[key]))] for key in (*KINDS, "starts") if isinstance(raw.get(key), list)}
     problems: list[Problem] = []
