@@ -215,9 +215,10 @@ def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
 
 
 def _checked_cells(space: ConfigurationSpace, cells: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return cell indices without those of goal cells, shape (k, axes), and their flat indices, shape (k,).
+    """Return those of some cells that are not goal cells: indices (k, axes), and flat indices (k,) in C order.
 
-    `cells`: array of cell indices.  Raises InputError for obstacle cells, or if all cells are goal cells.
+    `space`: space of the chip; `cells`: array of cell indices.  Raises InputError for obstacle cells, or if all cells
+    are goal cells.
     """
     where = cell_indices(space, cells).reshape(-1, space.ndim)
     code = space.cell[tuple(where.T)]

@@ -334,7 +334,10 @@ def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any
 
 
 def _message(detail: ErrorDetails, raw: Mapping[str, Any]) -> str:
-    """Return the message for one of pydantic's errors; for an unknown key, with the nearest key of the table."""
+    """Return the message for one of pydantic's errors.
+
+    For an unknown key, with the table's key of the nearest spelling.
+    """
     is_unknown = detail["type"] == "extra_forbidden"
     return _unknown_key(_path_in(raw, detail["loc"]), raw) if is_unknown else message_of(detail)
 

@@ -329,7 +329,7 @@ def _elements_on_title_line(deck: Circuit) -> list[str]:
 
 
 def _raised_resistances(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Return the resistances (m,) in ohms that a simulator uses, and a tuple with the reason if it raises some."""
+    """Return the resistances (m,) in ohms that a simulator uses, and a tuple with a sentence if it raises some."""
     resistance, _, _ = rebase(deck.resistance, deck.tc1, deck.tc2, deck.heating)
     least, size = quirks.smallest_resistance, np.abs(resistance)
     if least is None:
