@@ -58,10 +58,10 @@ Results = Sequence[Any] | NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class JobPart:
-    """Part of a job: one function and its items; ``function(shared, items)`` returns one result per item.
+    """Part of a job: a function and its items (arguments); ``function(shared, items)`` returns one result per item.
 
     `shared`: argument that is common to all items; `items`: a range, list or array that can be sliced; `name`: name of
-    the items in messages.
+    the items in messages, such as "trials".
     """
 
     function: Callable[[Any, Any], Results]
@@ -72,7 +72,7 @@ class JobPart:
 
 @dataclass(frozen=True)
 class _SharedData:
-    """Pickled data that all items of a part use.
+    """The argument that all items of a `JobPart` share, in pickled form.
 
     `digest`: SHA-256 hash of the data; `path`: file that contains the data; `data`: the bytes, for a worker that cannot
     read the file, else None.
@@ -85,11 +85,11 @@ class _SharedData:
 
 @dataclass(eq=False)
 class _Task:
-    """Items of a part that one worker computes in one call.
+    """Range of the items of a `JobPart` that one worker computes in one call.
 
-    `part`: the part; `shared`: the shared data of the part as a `_SharedData`, or the object itself for threads;
-    `begin`, `end`: range of the items in the part, without `end`; `number`: position of the first item among the items
-    of all parts; `deaths`: number of workers that died during the task; `sent`: submission time in seconds
+    `part`: the job part; `shared`: the shared argument of the part as a `_SharedData`, or the object itself for
+    threads; `begin`, `end`: range of the items in the part, without `end`; `number`: position of the first item among
+    the items of all parts; `deaths`: number of workers that died during the task; `sent`: submission time in seconds
     (`time.perf_counter`).
     """
 
@@ -188,10 +188,10 @@ def _alone(parts: Iterable[JobPart]) -> Iterator[Any]:
 
 
 class _Chunker:
-    """Divides the parts of a job into tasks of a target duration.
+    """Divides the items of job parts into tasks (ranges of items) of a target duration.
 
-    `parts`: the parts; `folder`: folder for the files of shared data, None if the workers are threads; `seconds`:
-    target duration of a task.
+    `parts`: the `JobPart` objects; `folder`: folder for the files of shared data, None if the workers are threads;
+    `seconds`: target duration of a task.
     """
 
     def __init__(self, parts: Iterable[JobPart], folder: Path | None, seconds: float = _SECONDS) -> None:

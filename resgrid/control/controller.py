@@ -35,11 +35,11 @@ class Nominal(NamedTuple):
     """The nominal motion at a configuration: the motion without a force on the robot.
 
     `place`: "free" (free cell with a path to a goal), "goal" (goal cell) or "off" (no path or no current); `velocity`
-    (n,): velocity along the current of the field at the controller's nominal speed, the term ``V0`` of ``V = V0 + A
-    F``, per second, in the coordinates in which the configuration was given (world or axis coordinates); in a goal cell
-    0, without a path or a current 0 or towards the nearest cell with a path; `longest`: maximum duration of a straight
-    step at this velocity, in seconds, infinite except in a free cell.  The step ends just across the next cell face
-    with outward current, or half way to a zero of a velocity component: it enters no cell that no current enters.
+    (n,): the term ``V0`` of ``V = V0 + A F``, per second, in the coordinates in which the configuration was given
+    (world or axis coordinates): along the current in a free cell; 0 in a goal cell; "off": 0, or towards the nearest
+    cell with a path; `longest`: maximum duration of a straight step at this velocity, in seconds, infinite except in a
+    free cell.  The step ends just across the next cell face with outward current, or half way to a zero of a velocity
+    component: it enters no cell that no current enters.
     """
 
     place: str

@@ -36,8 +36,9 @@ Only the content that is written is computed.
 class Format(NamedTuple):
     """A file format.
 
-    `view`: name of the content: "table" (columns by name), "record" (dictionary for JSON), "arrays" (arrays by name) or
-    "waveforms"; `encode`: function that converts this content to the bytes of the file.
+    `view`: name of the content: "table" (columns by name), "record" (dictionary for JSON), "arrays" (arrays by name),
+    "message" (text for ROS), "waveforms", "edges" or "graph"; `encode`: function that converts this content to the
+    bytes of the file.
     """
 
     view: str

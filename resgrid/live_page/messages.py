@@ -75,10 +75,12 @@ class File(TableModel):
 class Request(TableModel):
     """The JSON head of a request of the page.
 
-    `type`: kind of request, which determines the keys that apply; `seq`: number of the request, which the reply
-    repeats; `drawing`: the drawing without its cells; `exact`: whether the solution must be direction-safe; `paths`:
-    fields whose paths are compared; `format`: file format of an export; `cell`: index of a cell; `name`: name of an
-    example; `files`: opened files; `document`: scene of a link.
+    `type`: kind of request: "solve" (a drawing), "settle" (transient), "paths" (paths in other fields), "save"
+    (export), "probe" (properties of a cell), "world", "example", "files" or "link" (drawing of an arm's workspace, an
+    example, files, a link); `seq`: number of the request, which the reply repeats; `drawing`: the drawing without its
+    cells; `exact`: whether the solution must be direction-safe; `paths`: fields whose paths are compared; `format`:
+    file format of an export; `cell`: index of a cell; `name`: name of an example; `files`: opened files; `document`:
+    scene of a link (keys and tables).
     """
 
     type: Literal["solve", "paths", "save", "probe", "settle", "world", "example", "files", "link"]
