@@ -76,7 +76,11 @@ def checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[np
 
 
 def checked_goal_points(axes: tuple[Axis, ...], cells: NDArray[np.uint8], value: ArrayLike) -> NDArray[np.float64]:
-    """Return the goal points in axis units (goal cells, ndim); raise InputError if one lies outside its cell."""
+    """Return the goal points in axis units (goal cells, ndim); raise InputError if one lies outside its cell.
+
+    A goal point is the configuration in a goal cell that solves the goal, NaN if every one does.  `value`: points as
+    the caller passes them, in C order of the goal cells; `axes`, `cells`: axes of the space and `Cell` codes.
+    """
     points = np.array(value, dtype=np.float64, order="C")
     goals = np.argwhere(cells == Cell.GOAL)
     lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T

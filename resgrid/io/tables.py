@@ -136,7 +136,7 @@ def write(target: str | os.PathLike[str], views: Views, kind: str) -> Path:
 
 
 def emit(target: str | os.PathLike[str], data: bytes) -> Path:
-    """Write bytes to a file atomically, or to standard output for ``-``; return the file."""
+    """Write the bytes `data` to the file `target` atomically, or to standard output for ``-``; return the file."""
     if os.fspath(target) == "-":
         stream = getattr(sys.stdout, "buffer", None)
         if stream is None:

@@ -118,11 +118,9 @@ class Separation:
 
     @property
     def separating(self) -> tuple[int, ...]:
-        """Indices into ``barriers`` of the groups of obstacle cells whose removal opens a path to a goal.
+        """Indices into ``barriers`` of a set of groups of obstacle cells whose removal opens a path to a goal.
 
-        Empty if one exists.
-
-        Each goal has a minimum set of such groups; this is the smallest of these sets.
+        Each goal has a minimum set of such groups; this is the smallest of these sets, and empty if a path exists.
         """
         if self.outcome is Outcome.REACHED:
             return ()

@@ -296,7 +296,7 @@ def read_field(
 
 
 def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.float64], *, check: bool = True) -> Field:
-    """Return the field given by voltages of cells, shape of the space, in volts; NaN: cell without a node.
+    """Return the field given by the `voltage` of cells (shape of the space), in volts; NaN: cell without a node.
 
     With `check`, the mask `Field.safe` is computed from the KCL residual of every cell; otherwise it is None.
     """

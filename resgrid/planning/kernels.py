@@ -351,7 +351,7 @@ def segment_is_free(
     """Return whether every closed cell that a closed segment touches is free.
 
     ``start, end`` (ndim,): in cell units, continuous across seams; ``free`` (cells,): mask in C order.  Cells are
-    enlarged by ``rim`` on every side, so that rounding can only add cells.  Cells outside the grid are not free.
+    enlarged by ``rim`` on every side (rounding only adds cells).  Outside the grid (``shape, periodic``) none is free.
     In each slab of cells along the segment's longest component, every cell in the bounding box of the segment's part
     is tested, so that the set of cells is exact in any number of dimensions.
     """

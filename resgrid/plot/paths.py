@@ -131,7 +131,7 @@ def _draw_lines(
     """Draw lines in a panel; in a slice, draw thin projections of the lines, and bold parts inside the slice.
 
     `lines` (n, ndim): points of each line in axis units; `label`: legend entry; `is_cased`: whether the lines have a
-    white outline; the other options are those of matplotlib.
+    white outline; `color`, `linestyle`, `linewidth`: options of matplotlib's plot.
     """
     axes, colour = panel.axes, color
     if panel.normal is not None:

@@ -34,9 +34,8 @@ def with_absolute_files(raw: Mapping[str, Any], folder: Path) -> Mapping[str, An
 def _with_absolute(table: Any, keys: tuple[str, ...], folder: Path) -> Any:
     """Return a table in which the file names, or lists of file names, under `keys` are absolute.
 
-    Other values unchanged.
-
-    `table`: keys and values, or any other value, which is returned unchanged; `folder`: base of relative names.
+    `table`: keys and values; any other value is returned unchanged, as are the values of other keys; `folder`: base of
+    relative names.
     """
     if not isinstance(table, Mapping):
         return table

@@ -97,7 +97,10 @@ def _arm_table() -> Any:
 
 
 def _area(shape: type, name: str, is_planar: bool) -> Any:
-    """Return the pydantic annotation of a cost area: the table of a shape (`name` in files) with a conductivity."""
+    """Return the pydantic annotation of a cost area: the table of a shape with the additional key ``conductivity``.
+
+    `shape`: class of the shape; `name`: its name in files; `is_planar`: whether points must have two coordinates.
+    """
     keys: dict[str, Any] = {"conductivity": (Conductivity, Field(description=meanings(CostArea)["conductivity"]))}
     table: Any = create_model(f"area_{name}", __base__=table_of(shape, ("shape", name), is_planar), **keys)
     return filled_as(table, lambda conductivity, **keys: CostArea(shape(**keys), conductivity), "shape")
@@ -334,9 +337,9 @@ def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any
 
 
 def _message(detail: ErrorDetails, raw: Mapping[str, Any]) -> str:
-    """Return the message for one of pydantic's errors.
+    """Return the message for one of pydantic's errors; for an unknown key it names the nearest key of the table.
 
-    For an unknown key, with the table's key of the nearest spelling.
+    `detail`: the error; `raw`: keys and tables of the document.
     """
     is_unknown = detail["type"] == "extra_forbidden"
     return _unknown_key(_path_in(raw, detail["loc"]), raw) if is_unknown else message_of(detail)

@@ -262,9 +262,9 @@ def minus(a: Scaled, b: Scaled) -> Scaled:
 
 
 def quotient(parts: list[Scaled], x: Scaled) -> float:
-    """Return the largest magnitude in any of the vectors `parts`, over the largest in the vector `x`.
+    """Return the largest magnitude in any of the vectors `parts`, divided by the largest magnitude in `x`.
 
-    0 if `parts` vanish.
+    The result is 0 if all entries of `parts` are 0.
     """
     largest, *logs = (logarithm(np.abs(each.hi), each.exponent).max(initial=-np.inf) for each in (x, *parts))
     with np.errstate(over="ignore"):

@@ -86,7 +86,8 @@ def merge_equal(
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Return vertices without repetition (v, 3), and triangles (t, 3) with three different vertices.
 
-    STL files repeat every vertex in each of its triangles.  Only equal coordinates are merged.
+    `points` (n, 3): vertices, of which equal ones are merged; `triangles` (m, 3): indices of vertices.  STL files
+    repeat every vertex in each of its triangles.
     """
     kept, index = np.unique(points + 0.0, axis=0, return_inverse=True)  # + 0.0 turns -0.0 into 0.0
     merged = index.reshape(-1)[triangles].astype(np.int32)

@@ -76,9 +76,7 @@ def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray
 
 
 def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float) -> NDArray[np.int64]:
-    """Make every connected component of a disconnected block, except the first, an extra node.
-
-    Return the extra nodes' blocks.
+    """Number the extra nodes, the connected components of each block except its first; return their blocks.
 
     A block is given as its position on the next level: a red block's index in an array (``lattice.slots``,), or
     ``lattice.slots`` plus a black block's index. `level, lattice`: the finer level, and memory layout of the next one
@@ -269,9 +267,7 @@ def join_inside(
 def split_blocks(
     doubtful: NDArray[np.bool_], parent: Indices, block: Indices, coarse_slots: int, extra_block: Integers
 ) -> int:
-    """Number the extra nodes: all connected components of disconnected blocks except the first ones.
-
-    Return their number.
+    """Number the extra nodes, the connected components of each block except its first; return how many there are.
 
     `doubtful` (2 coarse slots,): whether the block at a position of the next level may be disconnected; `parent` (2
     slots,): union-find, over the red, then the black nodes of the finer level, whose trees are the components; `block`

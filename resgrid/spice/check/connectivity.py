@@ -150,7 +150,8 @@ def loop_voltages(
 
     Sources, taken in their order, form a spanning forest.  A source closes a loop if its nodes are connected in the
     forest.  Its mismatch is its voltage minus the voltage between these nodes in the forest; it contradicts if the
-    mismatch exceeds rounding errors.  `ends` (sources, 2): nodes; `volts` (sources,); returns three arrays (sources,).
+    mismatch exceeds rounding errors.  `ends` (sources, 2): plus and minus nodes; `volts` (sources,): voltages;
+    `node_count`: number of nodes; returns three arrays (sources,).
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import minimum_spanning_tree

@@ -81,9 +81,7 @@ def rewritten(deck: Circuit) -> bytes:
 
 
 def _safe_files(deck: Circuit, path: Path, data: bytes, root: Path, engine: str) -> dict[str, bytes]:
-    """Return the content of all included files, by path relative to `root`.
-
-    Raise InputError if the deck is not safe to run.
+    """Return the content of all included files, by path relative to `root`; raise InputError for an unsafe deck.
 
     `deck, path, data`: circuit, path and content of the deck; `root`: folder that must contain the included files;
     `engine`: name of the engine.

@@ -216,7 +216,7 @@ def _is_edge(words: list[str]) -> bool:
 
 
 def _read_table(path: str | os.PathLike[str], columns: int, entry: str) -> EdgeTable:
-    """Return the table of a file whose lines hold `columns` node names and one number.
+    """Return the table of the file `path`, whose lines hold `columns` node names and one number.
 
     Blanks, commas and semicolons separate words; ``#`` and ``%`` begin comments.  `entry`: the word for a line in
     messages, such as "edge".  Raises InputError for any other line except one heading.

@@ -244,7 +244,7 @@ def read_sidecar(deck: Path) -> Sidecar:
 def block_hashes(data: bytes, lines: int) -> list[str]:
     """Return the first 16 hexadecimal digits of the SHA-256 of every block (group of lines) of a text.
 
-    `lines`: number of lines per block.
+    `data`: the text as bytes; `lines`: number of lines per block.
     """
     rows = data.split(b"\n")
     blocks = (b"\n".join(rows[start : start + lines]) for start in range(0, len(rows), lines))
