@@ -78,8 +78,8 @@ def _circuit(
     """Return the netlist of an input, its title, its operating point, and the ignored keys of a scene.
 
     The title is None if the input has none.  The dict has the single key ``ignored`` with the list of the scene keys
-    that the conversion does not use, such as ``chip.mismatch``; it is empty for a deck.  `source`: the input; `solve`:
-    whether to solve a deck; otherwise its operating point is None.  A scene is always solved.
+    that the conversion does not use, such as ``chip.readout.bits``; it is empty for a deck.  `source`: the input;
+    `solve`: whether to solve a deck; otherwise its operating point is None.  A scene is always solved.
     """
     if not is_deck(source):
         job = open_job(source)

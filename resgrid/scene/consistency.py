@@ -125,7 +125,7 @@ def _allowed(robot: Robot | type[Robot], ndim: int, key: str, value: Any) -> tup
 def _count_of(value: Any) -> tuple[int, tuple[str, ...]]:
     """Return the number of coordinates of a shape, goal or start, and the key of the table that holds them.
 
-    The key is a tuple of one name, such as ``("center",)``; it is empty for a start, which has no table.
+    The key is a tuple of one name, such as ``("centre",)``; it is empty for a start, which has no table.
     """
     if isinstance(value, tuple):
         return len(value), ()
