@@ -41,8 +41,8 @@ def _add(
     `pairs`: array of records with the points, directions, gap and owners of a pair (`resgrid.control.plant.PAIR`);
     `count`: present number of pairs; `px, py`: point on the robot's core (its segment without the radius), in metres;
     `ox, oy`: point on the obstacle's surface, in metres; `inward`: unit direction into the obstacle; `outward`: unit
-    normal out of the obstacle, used if both points coincide; `owner`: radius of the segment in metres, number of its
-    rigid part, number of the obstacle; `reach`: largest gap of a pair, in metres.
+    normal out of the obstacle, used if both points coincide; `owner`: radius of the segment in metres, index of its
+    rigid body (the link of an arm), index of the obstacle; `reach`: largest gap of a pair, in metres.
     """
     dx, dy = px - ox, py - oy
     apart = math.hypot(dx, dy)
@@ -120,8 +120,8 @@ def _add_end(
     `pairs`: array of records with the points, directions, gap and owners of a pair (`resgrid.control.plant.PAIR`);
     `count`: present number of pairs; `px, py`: point on the robot's core (its segment without the radius), in metres;
     `edge` (4,): start and end of the edge, ``ax, ay, bx, by``; `before` (4,): edge that ends at the start of `edge`;
-    `owner`: radius of the segment in metres, number of its rigid part, number of the obstacle; `reach`: largest gap of
-    a pair, in metres.
+    `owner`: radius of the segment in metres, index of its rigid body (the link of an arm), index of the obstacle;
+    `reach`: largest gap of a pair, in metres.
     """
     ax, ay, bx, by = edge
     t = segment_parameter(px, py, ax, ay, bx, by)
@@ -205,7 +205,7 @@ def contact_rows(pairs: Pairs, pose: Pose, normal: Floats, tangent: Floats) -> N
 
     ``J`` is the Jacobian of the point on the robot's surface, in metres per axis unit; ``n`` is the unit normal out of
     the obstacle, and ``t`` is ``n`` turned left by a right angle.  `pairs`: array of records with the points, normal
-    and rigid part of each pair (`resgrid.control.plant.PAIR`); `pose`: pose of the robot.
+    and rigid body (link) of each pair (`resgrid.control.plant.PAIR`); `pose`: pose of the robot.
     """
     shift, spin, pivot = pose.shift, pose.spin, pose.pivot
     for k in range(len(pairs)):
