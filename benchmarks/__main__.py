@@ -26,6 +26,7 @@ from benchmarks import (
     memory,
     pipeline,
     planners,
+    replanning,
     simulator,
     start,
     table,
@@ -55,6 +56,7 @@ SECTIONS: tuple[tuple[str, Callable[[Scale], list[Row]]], ...] = (
     ("simulator", simulator.simulator),
     ("decks", decks.decks),
     ("planners", planners.planners),
+    ("replanning", replanning.replanning),
 )
 """Sections by name: the functions that measure them."""
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from benchmarks.planners_contenders import CONTENDERS, Contender, networkx_astar
+from benchmarks.planners_contenders import CONTENDERS, Contender, Points, networkx_astar
 from benchmarks.rows import Row, Scale, Spread
 
 CASES = Path(os.environ.get("MOVINGAI", Path(__file__).resolve().parents[2] / "shared" / "cases" / "movingai"))
@@ -80,8 +80,13 @@ def measure(task: Task, prepare: Contender, count: int) -> dict[str, float]:
     for start in starts:
         query(start)
     figures["1,000 more"] = (time.process_time() - begin) / len(starts) * 1000
+    return figures | path_figures(points, task)
+
+
+def path_figures(points: Points, task: Task) -> dict[str, float]:
+    """Return success, length, clearance and probability of collision of a path; only the first without success."""
     places = None if points is None else _places(points)
-    figures["success"] = float(places is not None and _is_free(places, task.free).all())
+    figures = {"success": float(places is not None and _is_free(places, task.free).all())}
     if points is None or places is None or not figures["success"]:
         return figures
     shortest = networkx_astar(task.free, task.goal)(task.start)

@@ -6,7 +6,7 @@ set -eu
 
 python=$1
 
-for peer in pyamg pypardiso kvxopt apxchol cholespy threadpoolctl spicelib InSpice PySpice ompl scikit-fmm pathfinding \
+for peer in pyamg pypardiso kvxopt apxchol cholespy threadpoolctl spicelib InSpice PySpice ompl scikit-fmm pathfinding pathplanning \
     distributed loky mpi4py mpich parsl; do
     "$python" -m pip install --quiet --disable-pip-version-check --only-binary :all: --no-binary scikit-fmm "$peer" >/dev/null 2>&1 ||
         printf 'benchmarks: %s cannot be installed and is omitted from the table\n' "$peer" >&2

@@ -66,8 +66,8 @@ def unfinished_file(name: str, key: str) -> Iterator[Path | None]:
     """Yield the path of a file for parts of an unfinished result, and delete the file if the block succeeds.
 
     The file stays if the block is interrupted, so that the next run can continue.  The path is None if there is no
-    cache, if it cannot be written, or while another process uses the file.
-    `name`: kind of the result, the first part of the file's name; `key`: hash of the inputs.
+    cache folder, if the folder cannot be written, or while another process uses the file. `name`: kind of the result,
+    the first part of the file's name; `key`: hash of the inputs.
     """
     folder = cache_folder()
     with contextlib.ExitStack() as stack:

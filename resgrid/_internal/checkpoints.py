@@ -26,7 +26,8 @@ class Journal:
     def __init__(self, path: str | os.PathLike[str], head: dict[str, Any]) -> None:
         """Create or continue a file; raise InputError if the file is not a checkpoint or belongs to another run.
 
-        `path`: path of the file; `head`: description of the run, which the first line of the file must equal.
+        `path`: path of the file; `head`: description of the run (values that JSON can represent, by name), which the
+        first line of the file must equal.
         """
         self._path, line = Path(path), _line(head).encode()
         try:
@@ -48,7 +49,10 @@ class Journal:
             raise self._unusable(error) from error
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        """Yield the records of the file in order, without the head; raise InputError if a line is damaged."""
+        """Yield the records of the file in order, without the head; raise InputError if a line is damaged.
+
+        A record is the dictionary that was passed to `append`.
+        """
         with self._path.open(encoding="utf-8", errors="replace") as file:
             next(file)
             for number, text in enumerate(file, 2):
@@ -96,5 +100,5 @@ class Journal:
 
 
 def _line(record: dict[str, Any]) -> str:
-    """Return a record as a line of compact JSON, with the line end."""
+    """Return a record (values that JSON can represent, by name) as a line of compact JSON, with the line end."""
     return json.dumps(record, separators=(",", ":")) + "\n"

@@ -58,10 +58,10 @@ Results = Sequence[Any] | NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class JobPart:
-    """Part of a job: one function and its items; ``function(shared, items)`` returns one result per item.
+    """Part of a job: a function and its items (arguments); ``function(shared, items)`` returns one result per item.
 
     `shared`: argument that is common to all items; `items`: a range, list or array that can be sliced; `name`: name of
-    the items in messages.
+    the items in messages, such as "trials".
     """
 
     function: Callable[[Any, Any], Results]
@@ -72,7 +72,7 @@ class JobPart:
 
 @dataclass(frozen=True)
 class _SharedData:
-    """Pickled data that all items of a part use.
+    """The argument that all items of a `JobPart` share, in pickled form.
 
     `digest`: SHA-256 hash of the data; `path`: file that contains the data; `data`: the bytes, for a worker that cannot
     read the file, else None.
@@ -85,11 +85,11 @@ class _SharedData:
 
 @dataclass(eq=False)
 class _Task:
-    """Items of a part that one worker computes in one call.
+    """Range of the items of a `JobPart` that one worker computes in one call.
 
-    `part`: the part; `shared`: the shared data of the part as a `_SharedData`, or the object itself for threads;
-    `begin`, `end`: range of the items in the part, without `end`; `number`: position of the first item among the items
-    of all parts; `deaths`: number of workers that died during the task; `sent`: submission time in seconds
+    `part`: the job part; `shared`: the shared argument of the part as a `_SharedData`, or the object itself for
+    threads; `begin`, `end`: range of the items in the part, without `end`; `number`: position of the first item among
+    the items of all parts; `deaths`: number of workers that died during the task; `sent`: submission time in seconds
     (`time.perf_counter`).
     """
 
@@ -110,12 +110,12 @@ class _Task:
 
 
 def in_order(parts: Iterable[JobPart], executor: Executor | None = None) -> Generator[Any, None, None]:
-    """Iterate over the results of all items, part by part, in the order of the items.
+    """Iterate over the results of all items (arguments of a function), part by part, in the order of the items.
 
-    `parts`: the parts of the job; `executor`: executor of the tasks, None for this process.  The results do not depend
-    on the executor, the number of its workers or their order.  A broken process pool is replaced, and its tasks are
-    submitted again.  Close the iterator (`contextlib.closing`) to stop early and to cancel the waiting tasks.  The
-    exception of an item is raised at its position.
+    `parts`: parts of the job, each with one function and its items; `executor`: executor of the tasks, None for this
+    process.  The results do not depend on the executor, the number of its workers or their order.  A broken process
+    pool is replaced, and its tasks are submitted again.  Close the iterator (`contextlib.closing`) to stop early and to
+    cancel the waiting tasks.  The exception of an item is raised at its position.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def _call_each(shared: tuple[Callable[..., Any], tuple[Any, ...]], items: Sequen
 
 
 def _alone(parts: Iterable[JobPart]) -> Iterator[Any]:
-    """Compute all items in this process, and yield their results in order."""
+    """Compute the items of all parts of a job in this process, and yield their results in order."""
     chunker = _Chunker(parts, None, _SECONDS_ALONE)
     while (task := chunker.next_task(1)) is not None:
         results, seconds = _do(task.part.function, task.shared, task.part.items[task.begin : task.end]) or ([], 0.0)
@@ -188,10 +188,10 @@ def _alone(parts: Iterable[JobPart]) -> Iterator[Any]:
 
 
 class _Chunker:
-    """Divides the parts of a job into tasks of a target duration.
+    """Divides the items of job parts into tasks (ranges of items) of a target duration.
 
-    `parts`: the parts; `folder`: folder for the files of shared data, None if the workers are threads; `seconds`:
-    target duration of a task.
+    `parts`: the `JobPart` objects; `folder`: folder for the files of shared data, None if the workers are threads;
+    `seconds`: target duration of a task.
     """
 
     def __init__(self, parts: Iterable[JobPart], folder: Path | None, seconds: float = _SECONDS) -> None:
@@ -384,7 +384,8 @@ def _unpacked(packed: _SharedData) -> Any:
 def _do(function: Callable[[Any, Any], Results], shared: Any, items: Results) -> tuple[Results, float] | None:
     """In a worker: return the results of a task and their duration in seconds, or None if the data cannot be read.
 
-    `function`: called as ``function(shared, items)``; `shared`: a `_SharedData`, or the object itself.
+    `function`: called as ``function(shared, items)``; `shared`: a `_SharedData`, or the object itself; `items`:
+    arguments of the task, of which each has one result.
     """
     if isinstance(shared, _SharedData):
         try:

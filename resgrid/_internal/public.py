@@ -19,9 +19,10 @@ Names = Callable[[], list[str]]
 def attach(package: str, file: str) -> tuple[Attribute, Names, list[str]]:
     """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package that imports names at their first use.
 
-    `package`: name of the package; `file`: path of the ``__init__.py`` of the package.  The stub next to `file` has a
-    line ``from .module import name as name`` for each public name.  Public functions check the types of their arguments
-    (`resgrid._internal.validation.guarded`).
+    The first returned function maps a name to its object, the second returns all names; the list contains the same
+    names, sorted.  `package`: name of the package; `file`: path of the ``__init__.py`` of the package.  The stub next
+    to `file` has a line ``from .module import name as name`` for each public name.  Public functions check the types of
+    their arguments (`resgrid._internal.validation.guarded`).
     """
     places = _places(package, Path(file).with_suffix(".pyi"))
     names = sorted(places)
@@ -43,9 +44,10 @@ def attach(package: str, file: str) -> tuple[Attribute, Names, list[str]]:
 
 
 def _places(package: str, stub: Path) -> dict[str, tuple[str, str | None]]:
-    """Return a dict from every public name to its module and its name there, which is None for a public module.
+    """Return for every public name a pair: name of its module, and its name in this module.
 
-    `package`: name of the package; `stub`: path of the stub file of the package.
+    The second entry is None if the public name is the module itself. `package`: name of the package; `stub`: path of
+    the stub file of the package.
     """
     places: dict[str, tuple[str, str | None]] = {}
     for node in ast.parse(stub.read_text(encoding="utf-8")).body:

@@ -160,7 +160,10 @@ def _with_checks(function: Callable[..., Any], name: str) -> Callable[..., Any]:
 
 
 def type_checks_of(value: Any) -> TypeChecks:
-    """Return the checks of all annotations of the function or class `value`, by parameter or field."""
+    """Return the checks of all annotations of the function or class `value`, by the name of the parameter or field.
+
+    A check tests whether a value has the annotated type, and describes this type for messages.
+    """
     names = _Names(vars(sys.modules[value.__module__]))
     checks: TypeChecks = {}
     for key, given in value.__annotations__.items():

@@ -112,9 +112,9 @@ def _across_elements(
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]:
     """Return face, orientation, direction of the current, and voltage of all resistors that cross a cell face.
 
-    The result has four arrays (elements,), linear resistors first: number of the face; whether the first end of the
-    resistor lies in the lower cell; sign of the current from the first end to the second (-1, 0 or 1); natural
-    logarithm of the magnitude of the voltage in volts.  `cells`: map of the cells.
+    The result has four arrays (elements,), linear resistors first: number of the face; True if the first end of the
+    resistor lies in the cell at the lower coordinate; sign of the current from the first end to the second (-1, 0 or
+    1); natural logarithm of the magnitude of the voltage in volts.  `op`: operating point; `cells`: map of the cells.
     """
     netlist = op.netlist
     linear, nonlinear = cells.resistor_face >= 0, cells.nonlinear_face >= 0
@@ -287,7 +287,12 @@ class ADCResolution(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Bits that starts need, and fractions of the starts that converters serve, by name, with definitions."""
+        """Figures of merit by name: converter bits that starts need, and fractions of the starts that converters serve.
+
+        ``most_bits`` and ``median_bits``: bits for the most demanding start, and for half of the starts;
+        ``served_8_bits`` (also 10, 12, 16): fraction of the starts for which this number of bits is enough.  Values are
+        None without starts.
+        """
         most = float(self.starts.max(initial=-np.inf))
         typical = float(np.median(self.starts)) if self.starts.size else np.nan
         of = f"of a converter of range {self.span:g} V"
@@ -308,7 +313,11 @@ class ADCResolution(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, the boundary condition and the sentence as a dictionary for JSON."""
+        """Return the result as a dictionary for JSON.
+
+        Keys: the names of `figures`, each with a dictionary of ``value``, ``unit`` and ``definition``; ``boundary``:
+        name of the boundary condition; ``sentence``: summary in words.
+        """
         return {**super().to_json(), "boundary": self.boundary, "sentence": self.sentence()}
 
 

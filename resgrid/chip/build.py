@@ -114,11 +114,13 @@ class ConductanceModel:
     """Distribution of the conductances of chips that share one circuit: everything that does not depend on the seed.
 
     A site is the numbered place of a grid resistor, for which a random factor is drawn.  The drawn resistors are the
-    first resistors of the circuit: those that exist before mismatch is applied.  `netlist`: the circuit without
-    mismatch; `site` (drawn resistors,): site of each, -1 for a resistor without mismatch; `sites`: number of sites;
-    `deviation`: standard deviation of a resistance as a fraction of its mean, shape () or (sites,), None without
-    mismatch; `switch` (drawn resistors,): part of the resistance that belongs to a switch in series, without mismatch,
-    in ohms.
+    first resistors of the circuit: those that exist before mismatch is applied.
+
+    `netlist`: the circuit without mismatch; `site` (drawn resistors,): site of each, -1 for a resistor without
+    mismatch; `sites`: number of sites; `deviation`: standard deviation of a resistance as a fraction of its mean, shape
+    () or (sites,), None without mismatch; `switch` (drawn resistors,): resistance, in ohms, of the switch in series
+    with each resistor, 0 without a switch.  A conductance of the circuit is that of the series; the random factor
+    multiplies the resistor without the switch.
     """
 
     netlist: Netlist

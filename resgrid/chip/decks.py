@@ -67,10 +67,11 @@ def write_decks(
 ) -> dict[str, WrittenDeck]:
     """Write the SPICE decks of a chip; return the written decks by name.
 
+    Names: ``op`` (operating point), ``transient`` and ``noise`` (only with `settling`), ``temperature``.
+
     `op`: operating point; `linear`: the circuit, linearized at `op` if it is nonlinear; `settling`: settling of the
-    chip, None for a chip without capacitances, for which no transient deck and no noise deck is written; `ideal`:
-    circuit before the effects of the chip; `chip`: chip description; `folder`: existing folder; `words`: title and
-    dialect.
+    chip, None for a chip without capacitances; `ideal`: circuit before the effects of the chip; `chip`: chip
+    description; `folder`: existing folder; `words`: the arguments ``title`` and ``dialect`` of `write_spice`, by name.
     """
     decks = {"op": write_spice(op, folder / "op.cir", **words)}
     if settling is not None:
@@ -83,7 +84,8 @@ def write_decks(
 def described_files(decks: Mapping[str, WrittenDeck], dialect: str) -> dict[str, str]:
     """Return a description of every file of the decks, by file name.
 
-    `decks`: written decks by name; `dialect`: name of the simulator's dialect.
+    `decks`: written decks by name (``op``, ``transient``, ``noise``, ``temperature``); `dialect`: name of the
+    simulator's dialect.
     """
     files = {}
     for name, deck in decks.items():
@@ -99,7 +101,7 @@ def _transient(netlist: Netlist, settling: Settling, path: Path, words: Words) -
     """Write the deck of the transient analysis to `path`; return the written deck.
 
     Time 0 of the expected result is the middle of the simulator's first time step.  `netlist`: linear circuit;
-    `settling`: settling of this circuit; `words`: title and dialect.
+    `settling`: settling of this circuit; `words`: the arguments ``title`` and ``dialect`` of `write_spice`, by name.
     """
     tau = float(settling.time_constants[0])
     stop = float(f"{max(1.1 * settling.settle_time, 6.0 * tau):.3g}")
@@ -133,7 +135,8 @@ def _transient(netlist: Netlist, settling: Settling, path: Path, words: Words) -
 def _noise(netlist: Netlist, settling: Settling, path: Path, words: Words) -> WrittenDeck:
     """Write the deck with the noise of the noisiest cell to `path`; return the written deck.
 
-    `netlist`: linear circuit; `settling`: settling of this circuit, which gives the band; `words`: title and dialect.
+    `netlist`: linear circuit; `settling`: settling of this circuit, which gives the frequency band; `words`: the
+    arguments ``title`` and ``dialect`` of `write_spice`, by name.
     """
     band = noise_band(settling)
     noise = analyse_noise(netlist, band=band)
@@ -171,7 +174,8 @@ def _temperature(ideal: Netlist, chip: Chip, path: Path, words: Words) -> Writte
     """Write the deck of the operating points at several temperatures to `path`; return the written deck.
 
     The sidecar states the voltages for every temperature at which the coefficients leave all resistances positive.
-    `ideal`: circuit before the effects of the chip; `chip`: chip description; `words`: title and dialect.
+    `ideal`: circuit before the effects of the chip; `chip`: chip description; `words`: the arguments ``title`` and
+    ``dialect`` of `write_spice`, by name.
     """
     cold = build_chip(ideal, dataclasses.replace(chip, temperature=None))
     nodes = _probed(cold, solve(cold).voltage)
@@ -207,8 +211,8 @@ def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int32]:
 
 
 def _probe(netlist: Netlist, nodes: NDArray[np.int32]) -> list[Analysis]:
-    """Return the list of analyses that restricts recording to `nodes`: one probe if the netlist is large, else empty.
+    """Return the list of analyses that restricts recording to `nodes`: one `Probe` with their names, or an empty list.
 
-    A netlist is large if it has more than 1000 nodes.
+    The list is empty for a netlist of at most 1000 nodes, of which all voltages are recorded.
     """
     return [Probe(tuple(netlist.names_of(nodes)))] if netlist.node_count > _MOST_PROBES else []

@@ -124,7 +124,10 @@ class Limit:
 
 
 def _distinguished(first: float, second: float) -> tuple[str, str]:
-    """Return two fractions as texts in per cent, with the fewest decimals (one to five) that make the texts differ."""
+    """Return two fractions as texts in per cent, with the fewest decimals (one to five) that make the texts differ.
+
+    `first, second`: the fractions, between 0 and 1.
+    """
     for decimals in range(1, 6):
         texts = f"{100 * first:.{decimals}f} %", f"{100 * second:.{decimals}f} %"
         if texts[0] != texts[1]:

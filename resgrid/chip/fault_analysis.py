@@ -132,7 +132,13 @@ class FaultAnalysis(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Numbers of critical elements and of lost starts by name, with units and definitions."""
+        """Figures of merit by name: numbers of examined and critical elements, and of lost starts.
+
+        ``starts_served``: starts that reach a goal without a fault; ``elements_examined``; and for open elements (for
+        shorts with ``short`` in place of ``open``) ``critical_open``: elements whose fault costs a start;
+        ``most_lost_open`` and ``mean_lost_open``: starts lost by the worst and by a random fault, the mean None if no
+        element was examined.
+        """
         through = "an ideal read-out" if self.ideal else f"a {self.bits}-bit read-out without offset and noise"
         result = {
             "starts_served": Figure(
@@ -162,7 +168,11 @@ class FaultAnalysis(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures and the worst elements (nodes, starts lost) of each fault as a dictionary for JSON."""
+        """Return the result as a dictionary for JSON.
+
+        Keys: the names of `figures`, each with a dictionary of ``value``, ``unit`` and ``definition``; ``worst_open``
+        and ``worst_short``: lists of the worst elements, each with ``nodes`` (names of both nodes) and ``starts_lost``.
+        """
         listed = {}
         for fault in ("open", "short"):
             worst = self.worst(fault)
@@ -259,9 +269,9 @@ def faulty_voltages(
 class _Change:
     """A change of the conductance of one resistor of a linear circuit with the conductance matrix ``A``.
 
-    `rows`: equations of the circuit; `solve`: product with ``A^-1``; `volts` (nodes,): voltages before the change, in
-    volts; `element`: number of the resistor; `z` (nodes,): voltages for 1 A into the first end of the resistor and out
-    of the second, 0 where voltages are known.
+    `rows`: equations of the circuit; `solve`: function that multiplies currents (n,) by ``A^-1``; `volts` (nodes,):
+    voltages before the change, in volts; `element`: number of the resistor; `z` (nodes,): voltages for 1 A into the
+    first end of the resistor and out of the second, 0 where voltages are known.
     """
 
     rows: Dynamics
@@ -274,8 +284,8 @@ class _Change:
     def of(cls, rows: Dynamics, solve: Solve, volts: NDArray[np.float64], element: int) -> _Change:
         """Return the change of a resistor's conductance, with the voltages ``z`` for 1 A through its ends.
 
-        `rows`: equations of the circuit; `solve`: product with the inverse conductance matrix; `volts` (nodes,):
-        voltages before the change, in volts; `element`: number of the resistor.
+        `rows`: equations of the circuit; `solve`: function that multiplies by the inverse conductance matrix; `volts`
+        (nodes,): voltages before the change, in volts; `element`: number of the resistor.
         """
         w = rows.injection(rows.netlist.resistor_nodes[element], np.array([1.0, -1.0]))
         return cls(rows, solve, volts, element, rows.at_nodes(solve(w)))

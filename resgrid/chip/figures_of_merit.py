@@ -80,7 +80,10 @@ def html_table(lines: Sequence[str]) -> str:
 
 
 def figure_lines(figures: Mapping[str, Figure]) -> list[str]:
-    """Return the lines of a Markdown table of figures of merit: name, value and definition."""
+    """Return the lines of a Markdown table of figures of merit: name, value and definition.
+
+    `figures`: figures by name; the names are the first column.
+    """
     rows = (
         (name.replace("_", " "), str(figure), figure.definition.replace("|", "\\|")) for name, figure in figures.items()
     )
@@ -99,7 +102,10 @@ class Result:
         raise NotImplementedError
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures of merit by name, each as a dictionary with value, unit and definition."""
+        """Return the figures of merit as a dictionary for JSON, by name.
+
+        Each value is a dictionary with the keys ``value`` (None if undefined), ``unit`` and ``definition``.
+        """
         return {name: asdict(figure) for name, figure in self.figures.items()}
 
     def __repr__(self) -> str:

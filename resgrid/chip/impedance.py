@@ -29,8 +29,9 @@ from resgrid.solvers.selected_inverse import (
 from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
 
 _WEAK = 1e-3
-"""Ratio of a part's total conductance to the rails to its largest conductance, below which differences of voltages are
-unknowns.
+"""Limit on the ties of a connected set of rows to the rails, relative to the largest conductance in the set.
+
+Below this ratio of the total conductance to the rails, the unknowns are differences of voltages.
 """
 
 _ALLOWED = 1e-6

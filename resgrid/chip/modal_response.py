@@ -96,9 +96,9 @@ def _krylov(
 ) -> Motion:
     """Return the motion at some times as a sum of at most 400 exponentials, by Lanczos iteration.
 
-    `root` (m, n): ``F``, with ``C = F^T F``; `solve`: product with ``(G + shift C)^-1 F^T``; `shift`: in 1/s;
-    `deviation` (n,): voltages at time 0 minus their final values; `accuracy`: largest error of a deviation at `times`,
-    in the unit of `deviation`; `times` (t,): in seconds.
+    `root` (m, n): ``F``, with ``C = F^T F``; `solve`: function that multiplies a vector by ``(G + shift C)^-1 F^T``;
+    `shift`: in 1/s; `deviation` (n,): voltages at time 0 minus their final values; `accuracy`: largest error of a
+    deviation at `times`, in the unit of `deviation`; `times` (t,): in seconds.
     """
     u = root @ deviation
     length = float(np.linalg.norm(u))

@@ -144,8 +144,8 @@ def prepare_experiment(
 
     `netlist`: the ideal circuit; `chip`: description of the errors; `readouts`: read-outs under test; `seed`: seed of
     the trials, None for that of the chip; `starts` (shape of the space): mask of the start cells, None for all cells
-    with a path to a goal; `known`: noise voltages of other chips in the same space, to which this function adds those
-    of this chip.
+    with a path to a goal; `known`: rms noise voltages (cells,) in volts, by chip description and noise bandwidth in
+    hertz, to which this function adds those of this chip.
     """
     cells = cells_with_nodes(netlist, "robots that see the read-out")
     mask = _checked_mask(cells.space, starts)
@@ -189,8 +189,8 @@ def _converters(
     """Return the converter of every read-out, None for an ideal one.
 
     `op`: operating point of the chip without random errors; `chip`: full description; `flawless`: description without
-    random errors; `readouts`: read-outs; `known`: noise voltages that earlier calls have computed, to which new ones
-    are added.
+    random errors; `readouts`: read-outs; `known`: rms noise voltages (cells,) in volts from earlier calls, by chip
+    description and noise bandwidth in hertz, to which new ones are added.
     """
     bands = {readout.noise_bandwidth for readout in readouts if readout.noise_bandwidth is not None}
     for band in bands:
@@ -253,9 +253,9 @@ def draw_chips(experiment: Experiment, seeds: Sequence[Seed]) -> DrawnChips:
 
 
 def solve_chips(experiment: Experiment, chips: DrawnChips) -> Iterator[ChipSolution]:
-    """Solve the chips of a block, and yield the solution of each.
+    """Solve the circuits of chips that were drawn together, and yield the solution of each chip.
 
-    `experiment`: gives the read-outs under test, which determine the values of a solution; `chips`: the block.
+    `experiment`: gives the read-outs under test, which determine the values of a solution; `chips`: the chips.
     """
     converters, batch = experiment.converters, experiment.batch
     if experiment.fixed is not None:
@@ -379,8 +379,8 @@ def _recorded_trials(
 def _recorded(record: Mapping[str, Any], number: int, shape: tuple[int, int]) -> NDArray[np.bool_]:
     """Return the mask of the starts that reach a goal from a line of a journal, shape (readouts, starts).
 
-    `record`: the parsed line; `number`: expected number of the trial; `shape`: number of read-outs and number of
-    starts. Raises ValueError for contradictory entries.
+    `record`: the parsed line with the keys ``chip`` (trial number), ``served`` (count) and ``starts`` (packed mask);
+    `number`: expected trial number; `shape`: numbers of read-outs and starts. Raises ValueError for a contradiction.
     """
     data = zlib.decompress(base64.b64decode(record["starts"], validate=True))
     bits = np.frombuffer(data, dtype=np.uint8).reshape(shape[0], -1)
@@ -390,7 +390,7 @@ def _recorded(record: Mapping[str, Any], number: int, shape: tuple[int, int]) ->
 
 
 def _remaining(series: Sequence[TrialSeries], done: int) -> Iterator[JobPart]:
-    """Yield a job part for every series that has trials left, without the first `done` trials of all series together.
+    """Yield the remaining trials of every series as a JobPart, without the first `done` trials of all series together.
 
     `series`: all series, in order.
     """

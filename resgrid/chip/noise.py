@@ -103,7 +103,12 @@ class Noise(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of merit of the noisiest node by name, with units and definitions."""
+        """Figures of merit of the noisiest node by name.
+
+        ``largest_effective_resistance`` (ohms); ``largest_noise_density`` (V/sqrt(Hz)) at low frequency;
+        ``largest_noise_limit``: rms noise in volts over all frequencies, None where a node has no capacitance;
+        ``largest_noise``: rms noise in volts within the band, only if there is one.
+        """
         at = f"at {self.temperature:.6g} K"
         result = {
             "largest_effective_resistance": Figure(
@@ -130,7 +135,12 @@ class Noise(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return figures, temperature (K), band (Hz) and whether results are exact, as a dictionary for JSON."""
+        """Return the result as a dictionary for JSON.
+
+        Keys: the names of `figures`, each with a dictionary of ``value``, ``unit`` and ``definition``; ``temperature``
+        in kelvin; ``band``: lower and upper limit in hertz, or None; ``exact``: False if random vectors estimated the
+        results.
+        """
         band = None if self.band is None else list(self.band)
         return {**super().to_json(), "temperature": self.temperature, "band": band, "exact": self.exact}
 

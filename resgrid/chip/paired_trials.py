@@ -51,8 +51,9 @@ def groups_of(
 ) -> list[SharedCircuit[Key]]:
     """Return the points (chip descriptions) of a comparison, grouped by the circuit of their chips.
 
-    `netlist`: ideal circuit; `points`: chip description of every point by key; `trials`: number of chips per point;
-    `known`: noise voltages that earlier calls have computed, to which new ones are added, None for none.
+    `netlist`: ideal circuit; `points`: chip description of every point; the keys identify the points in results;
+    `trials`: number of chips per point; `known`: rms noise voltages (cells,) in volts that earlier calls have computed,
+    by chip description and noise bandwidth in hertz, to which new ones are added; None for none.
     """
     kinds: dict[Chip, list[Key]] = {}
     for key, chip in points.items():
@@ -69,8 +70,9 @@ def run_groups(
 ) -> Generator[dict[Key, StartsServed], None, None]:
     """Run the trials of all groups, and yield for each group the numbers of served starts, by the key of the point.
 
-    A start is served if the robot reaches a goal from there.  `groups`: points with the same circuit; `starts`: number
-    of starts; `executor`: workers, None for this process; `journal`: checkpoint file, None for no checkpoint.
+    A start is served if the robot reaches a goal from there.  A value of the dict has one number per trial, or a single
+    one if all chips of the point are equal.  `groups`: points with the same circuit; `starts`: number of starts;
+    `executor`: workers, None for this process; `journal`: checkpoint file, None for no checkpoint.
     """
     with closing(run_series([group.series for group in groups], starts, executor, journal)) as results:
         for keys, random, series in groups:
@@ -85,8 +87,9 @@ def _group(
     """Return the trials of one circuit with several read-outs, as a SharedCircuit.
 
     `netlist`: ideal circuit; `kind`: chip description whose read-out has only the input resistance; `keys, readouts`:
-    key and read-out of every point of the analysis; `trials`: number of chips; `known`: noise voltages that earlier
-    calls have computed, to which new ones are added; None to compute all.
+    key and read-out of every point of the analysis; `trials`: number of chips; `known`: rms noise voltages (cells,) in
+    volts that earlier calls have computed, by chip description and noise bandwidth in hertz, to which new ones are
+    added; None for none.
     """
     cells = netlist.cells
     random = [differs(kind) or bool(item.offset or item.noise_bandwidth) for item in readouts]

@@ -143,7 +143,12 @@ class Power(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Power and droop figures by name, with units and definitions."""
+        """Figures of merit by name: heat, droop of the supply, and delivered powers.
+
+        ``power``: heat in all resistors, and ``hottest_resistor``: heat in one resistor, in watts; ``supply_droop``:
+        largest voltage in volts between an obstacle or goal cell and its rail; ``power_current_sources`` and
+        ``power_<rail>``: powers that sources deliver, in watts.
+        """
         hottest = float(self.resistor.max(initial=0.0))
         result = {
             "power": Figure(self.total, "W", "heat in all resistors at the operating point"),
@@ -162,7 +167,11 @@ class Power(Result):
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures and the ten hottest resistors (nodes, power in watts) as a dictionary for JSON."""
+        """Return the result as a dictionary for JSON.
+
+        Keys: the names of `figures`, each with a dictionary of ``value``, ``unit`` and ``definition``; ``hottest``:
+        list of the ten hottest resistors, each with ``nodes`` (names of both nodes) and ``power`` (watts).
+        """
         worst = self.worst()
         names, heat = end_names(self.op.netlist, worst), self.resistor[worst].tolist()
         hottest = [{"nodes": pair, "power": watts} for pair, watts in zip(names, heat, strict=True)]

@@ -38,9 +38,10 @@ class Effort:
 
     `half_width`: Monte Carlo trials stop when half the width of the confidence interval of the yield, as a fraction, is
     at most this; `trials`: maximum number of random chips; `seconds`: time limit of the fault analysis; `sweep`: keys
-    of the chip description to sweep, with their values, none or two; `executor`: workers that run the trials, None for
-    this process; `checkpoints`: files of trial results, by the name of the analysis; `progress`: function called with
-    the numbers of finished and of all items, and the yield so far.
+    of the chip description to sweep, each with the list of its values, none or two keys; `executor`: workers that run
+    the trials, None for this process; `checkpoints`: files of trial results, by the name of the analysis (``yield``,
+    ``sweep``); `progress`: function called with the numbers of finished and of all trials or faults, and the yield so
+    far.
     """
 
     half_width: float = 0.01
@@ -167,7 +168,7 @@ def adc_resolution_section(chip: Study, _effort: Effort) -> Section:
 def _by_boundary(chip: Study) -> dict[str, ADCResolution]:
     """Return the converter bits that starts need, by boundary condition, the scene's own first, with the same seed.
 
-    Boundary conditions without a drive, and the wall without a wall resistance, are left out.
+    Keys: ``"dirichlet"``, ``"neumann"`` or ``"wall"``, without those that have no drive or no wall resistance.
     """
     cells = chip.ideal.cells
     results: dict[str, ADCResolution] = {cells.wiring.boundary: chip.adc_resolution()}
@@ -357,10 +358,10 @@ def seconds_needed(name: str, chip: Study, effort: Effort) -> float:
 
 
 def checkpoints_beside(folder: Path, chip: Study, sweep: Sequence[SweptKey]) -> dict[str, Path]:
-    """Return the paths of the files of trial results next to a report folder, by the name of the analysis.
+    """Return the paths of the files of trial results next to a report folder, under the keys ``yield`` and ``sweep``.
 
-    The names contain a hash of the chip description, the space and the sweep.  `folder`: folder of the report; `chip`:
-    the chip under study; `sweep`: keys of the chip description to sweep, with their values.
+    The file names contain a hash of the chip description, the space and the sweep.  `folder`: folder of the report;
+    `chip`: the chip under study; `sweep`: keys of the chip description to sweep, each with the list of its values.
     """
     cells = chip.ideal.cells
     space, keys = cells.space, asdict(chip.chip or Chip())  # a repr would truncate long lists

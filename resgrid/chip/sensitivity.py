@@ -106,7 +106,12 @@ class Sensitivity(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Smallest margin, smallest drift and number of sensitive resistors by name, with units and definitions."""
+        """Figures of merit by name, on the lowest and the second lowest reading at each cell of the path.
+
+        ``smallest_margin``: smallest voltage between both, in volts; ``smallest_flip_drift``: smallest relative change
+        of one resistance that changes a step, None if none does; ``resistors_flipping_at_1_percent``: number of such
+        resistors.
+        """
         least = float(self.flip_drift.min(initial=np.inf))
         return {
             "smallest_margin": Figure(
@@ -125,7 +130,12 @@ class Sensitivity(Result):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures and the ten most sensitive resistors (nodes, drift, cell) as a dictionary for JSON."""
+        """Return the result as a dictionary for JSON.
+
+        Keys: the names of `figures`, each with a dictionary of ``value``, ``unit`` and ``definition``; ``weakest``:
+        list of the ten most sensitive resistors, each with ``nodes`` (names of both nodes), ``drift`` (relative change)
+        and ``cell`` (index).
+        """
         worst = self.flips(np.finfo(np.float64).max)[:_WORST]
         names, cells = end_names(self.op.netlist, worst), self.cells[self.decision[worst]].tolist()
         weakest = [
@@ -184,9 +194,9 @@ def analyse_sensitivity(op: OperatingPoint, cells: ArrayLike) -> Sensitivity:
 def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
     """Return the lowest neighbour of a cell, the second lowest cell, and two numbers ``gap`` and ``scale``.
 
-    The voltage between the two is ``gap exp(scale)``, in volts.  The cells are given by flat indices.  The second
-    lowest may be the cell itself.  `steps`: voltage steps between neighbours; `cell`: flat index.  Raises InputError if
-    no neighbour is lower.
+    The voltage between these two cells is ``gap exp(scale)``, in volts.  Cells are given by flat indices (C order).
+    The second lowest may be the cell itself.  `steps`: voltage steps between neighbours; `cell`: flat index of the
+    cell. Raises InputError if no neighbour is lower.
     """
     first, last = np.searchsorted(steps.cell, [cell, cell + 1])
     if not np.any(steps.sign[first:last] > 0):
@@ -205,9 +215,10 @@ def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
 
 
 def _checked_cells(space: ConfigurationSpace, cells: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return cell indices without those of goal cells, shape (k, axes), and their flat indices, shape (k,).
+    """Return those of some cells that are not goal cells: indices (k, axes), and flat indices (k,) in C order.
 
-    `cells`: array of cell indices.  Raises InputError for obstacle cells, or if all cells are goal cells.
+    `space`: space of the chip; `cells`: array of cell indices.  Raises InputError for obstacle cells, or if all cells
+    are goal cells.
     """
     where = cell_indices(space, cells).reshape(-1, space.ndim)
     code = space.cell[tuple(where.T)]

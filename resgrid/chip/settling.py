@@ -132,7 +132,12 @@ class Settling(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Time constants, settling time, energy and power by name, with units and definitions."""
+        """Figures of merit by name: time constants, settling time, energy and power.
+
+        ``slowest_time_constant``, ``fastest_time_constant``, ``settle_time`` and its upper bound ``settle_bound``, in
+        seconds; ``energy_per_plan``: energy from switching to settling, in joules; ``power``: power of the settled
+        circuit, in watts.
+        """
         half = f"half a step of a {self.bits}-bit converter ({self.span / 2 ** (self.bits + 1):.3g} V)"
         return {
             "slowest_time_constant": Figure(
@@ -154,7 +159,12 @@ class Settling(Result):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures of merit by name, the bits of resolution and the slowest time constants in seconds."""
+        """Return the result as a dictionary for JSON.
+
+        Keys: the names of `figures`, each with a dictionary of ``value``, ``unit`` and ``definition``; ``bits``:
+        resolution that defines a settled voltage; ``time_constants``: the slowest time constants in seconds, largest
+        first.
+        """
         return {**super().to_json(), "bits": self.bits, "time_constants": self.time_constants.tolist()}
 
 
@@ -237,9 +247,9 @@ def settling_bound(dynamics: Dynamics, solve: LinearMap, deviation: Floats, tau:
     smallest capacitance to a rail, where every row has one or lies between rows that have one.  A voltage is also at
     most the second norm times the root of its ``(G^-1)_ii``, which is at most its ``(G^-1 1)_i``.
 
-    `dynamics`: circuit equations ``C x' + G x = b``, one row for each unknown voltage; `solve`: product with ``G^-1``;
-    `deviation` (n,): voltages at time 0 minus their final values; `tau`: slowest time constant, in seconds; `band`:
-    half width of the band, in the unit of `deviation`.
+    `dynamics`: circuit equations ``C x' + G x = b``, one row for each unknown voltage; `solve`: function that
+    multiplies a vector by ``G^-1``; `deviation` (n,): voltages at time 0 minus their final values; `tau`: slowest time
+    constant, in seconds; `band`: half width of the band, in the unit of `deviation`.
     """
     stiffness = dynamics.capacitance.ground[dynamics.charged]
     if (stiffness > 0).all():
@@ -300,8 +310,9 @@ def _energy(dynamics: Dynamics, solve: LinearMap, final: Floats, start: Floats, 
     """Return the energy that the sources deliver while the deviation changes from `start` to `end`, in joules.
 
     The integral of the deviation over time is ``G^-1 C (start - end)``.  `dynamics`: circuit equations; `solve`:
-    product with ``G^-1``; `final` (n,): final voltages of the rows; `start, end` (n,): deviations from the final
-    voltages at the beginning and the end of the interval, in volts; `time`: duration of the interval, in seconds.
+    function that multiplies a vector by ``G^-1``; `final` (n,): final voltages of the rows; `start, end` (n,):
+    deviations from the final voltages at the beginning and the end of the interval, in volts; `time`: duration of the
+    interval, in seconds.
     """
     if time == 0.0:
         return 0.0

@@ -25,7 +25,7 @@ from resgrid.planning.trace import start_cell
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CircuitStudy(StudyInputs):
-    """Analyses of the circuit of one chip; the part of `Study` that needs no Monte Carlo trials."""
+    """Analyses of the circuit of one chip; base class of `Study`, without the analyses that need Monte Carlo trials."""
 
     @checked_method
     def settling(

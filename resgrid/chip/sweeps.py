@@ -108,7 +108,11 @@ class Sweep(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """For each first value, the second value from which on the yield is at least 99 %, as figures by name."""
+        """For each first value, the first of the second values from which on the yield is at least 99 %, as a Figure.
+
+        The key is ``least_<second key>_at_<first value>``, with the last word of the second key, such as
+        ``least_bits_at_0.02``. The figure's value is None if no second value has such a yield.
+        """
         return {
             f"least_{self.second.rpartition('.')[2]}_at_{value}": Figure(
                 least,
@@ -120,7 +124,11 @@ class Sweep(Result):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, keys, values, yields and intervals of all pairs as a dictionary for JSON."""
+        """Return the sweep as a dictionary for JSON.
+
+        Keys: the names of `figures`, each with the keys ``value``, ``unit`` and ``definition``; ``yield`` for the
+        attribute `share`; and the other attributes by their names, arrays as nested lists.
+        """
         plain = {**vars(self), "yield": self.share}
         del plain["share"]
         arrays = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in plain.items()}
@@ -144,7 +152,8 @@ def sweep_yield(
     `netlist`: ideal circuit; `chip`: chip description; `first, second`: a key of the description and its values, None
     for the default keys and values; `trials`: number of chips for each pair; `confidence`: of the intervals, between 0
     and 1; `executor`: workers, None for this process; `checkpoint`: file of finished trials, None for no file;
-    `progress`: function called after each group of pairs that share a circuit.
+    `progress`: function called after each group of pairs that share a circuit, with the numbers of finished and of all
+    trials, and the yield of the last pair.
     """
     cells = netlist.cells
     first, second = first or _usual_sweep(chip), second or ("readout.bits", _BITS)

@@ -194,7 +194,7 @@ def slowest_modes(dynamics: Dynamics, count: int, solve: LinearMap | None = None
     """Compute the `count` slowest modes of a circuit; return them as Modes.
 
     If the number of rows is at most 200 or at most twice `count`, the result contains all modes.  `dynamics`: circuit
-    equations; `solve`: product with ``G^-1`` from `accurate_solver`, None to create it.
+    equations; `solve`: function that multiplies a vector by ``G^-1``, None to create it (`accurate_solver`).
     """
     live = require_charge(dynamics)
     solve = solve or accurate_solver(factor_resolvent(dynamics, 0.0), dynamics.capacitance)
@@ -218,7 +218,7 @@ def _slowest(dynamics: Dynamics, count: int, live: int, solve: LinearMap) -> Mod
     """Compute the `count` slowest modes by Lanczos iteration on ``F G^-1 F^T``, with ``C = F^T F``, as Modes.
 
     The iteration is repeated until no slower mode remains.  `dynamics`: circuit equations; `live`: number of all modes;
-    `solve`: product with ``G^-1``.
+    `solve`: function that multiplies a vector by ``G^-1``.
     """
     F = laplacian_root(dynamics.capacitance)
 
@@ -253,9 +253,9 @@ def _project_out(U: Floats, u: Floats) -> Floats:
 def _top(apply: LinearMap, start: Floats, count: int, rtol: float, least: int) -> tuple[Floats, Floats]:
     """Return the `count` largest eigenvalues (count,) of a symmetric operator, and their eigenvectors (m, count).
 
-    The largest eigenvalue comes first.  `apply`: product of the operator with a vector (m,); `start` (m,): start
-    vector; `rtol`: relative residual of an eigenpair at which the iteration stops; `least`: minimum number of Lanczos
-    vectors.
+    The largest eigenvalue comes first.  `apply`: function from a vector (m,) to the product of the operator with it;
+    `start` (m,): start vector; `rtol`: relative residual of an eigenpair at which the iteration stops; `least`: minimum
+    number of Lanczos vectors.
     """
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 

@@ -140,13 +140,21 @@ class YieldLoss(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """The overall yield and the error limits by name, with units and definitions."""
+        """Figures of merit by name: the overall yield (``yield``), and the figure of every limit by the limit's name.
+
+        Names of limits: ``largest_mismatch``, ``largest_offset`` and ``fewest_bits``.
+        """
         text = f"fraction of all starts that reach a goal, averaged over {self.trials} chips with all effects"
         figures = {"yield": Figure(self.overall.value, "", text)}
         return figures | {limit.name: limit.figure for limit in self.limits}
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, causes and limits as a dictionary for JSON."""
+        """Return the result as a dictionary for JSON.
+
+        Keys: the names of `figures`, each with a dictionary of ``value``, ``unit`` and ``definition``; ``causes`` and
+        ``limits``: lists of dictionaries with the fields of `Cause` and `Limit`; ``target``: yield to reach;
+        ``trials``: number of chips per variant; ``confidence``: of the intervals.
+        """
         return {
             **super().to_json(),
             "causes": [asdict(cause) for cause in self.causes],
@@ -171,7 +179,8 @@ def analyse_yield_loss(
 
     `netlist`: ideal circuit; `chip`: chip description; `target`: yield that the limits reach; `trials`: number of chips
     for each variant of the description, None for `usual_trials`; `confidence`: of the intervals, between 0 and 1;
-    `executor`: workers, None for this process; `progress`: function called after the trials of each variant.
+    `executor`: workers, None for this process; `progress`: function called after each variant, with the number of
+    finished trials, the expected number, and the yield of the variant.
     """
     space = netlist.cells.space
     starts = int(space.goal_connected.sum())
@@ -233,9 +242,10 @@ def usual_trials(space: ConfigurationSpace) -> int:
 
 
 def _without(chip: Chip) -> dict[str, tuple[tuple[str, ...], Chip]]:
-    """Return the effects of a chip by name, each with the keys that cause it and the chip description without it.
+    """Return the effects of a chip by name: the keys that cause an effect, and the chip description without it.
 
-    An effect is left out if the description would be invalid without its keys.
+    A key is a key of the chip description, such as ``readout.bits``.  An effect is left out if the description would be
+    invalid without its keys.
     """
     values = chip_keys(chip)
     found = {}

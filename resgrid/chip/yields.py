@@ -107,7 +107,12 @@ class Yield(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of merit of the yield by name, with units and definitions."""
+        """Figures of merit by name: fractions of starts and of chips, between 0 and 1, and the number of chips.
+
+        ``yield``: fraction of starts that reach a goal; ``perfect_chips``: fraction of chips that serve every start;
+        both also with the endings ``_low`` and ``_high`` for the ends of their intervals; ``worst_start``: fraction of
+        the chips that serve the worst start, None without starts; ``chips``: number of chips.
+        """
         overall, perfect = self.overall, self.perfect
         interval = f"{self.confidence:.0%} confidence (Wilson)"
         worst = np.nanmin(self.probability) if self.starts.any() else np.nan
@@ -128,7 +133,11 @@ class Yield(Result):
         return {name: Figure(value, "", definition) for name, (value, definition) in shares.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """Return the figures, the confidence of the intervals and whether chips differ, as a dictionary for JSON."""
+        """Return the result as a dictionary for JSON.
+
+        Keys: the names of `figures`, each with a dictionary of ``value``, ``unit`` and ``definition``; ``confidence``:
+        of the intervals, between 0 and 1; ``random``: whether chips of the description may differ.
+        """
         return {**super().to_json(), "confidence": self.confidence, "random": self.random}
 
 
@@ -155,7 +164,8 @@ def analyse_yield(
     all with a path to a goal; `half_width`: half the width of the interval of the yield (a fraction) at which trials
     stop; `confidence`: of the intervals, between 0 and 1; `trials`: maximum number of chips; `batch`: number of chips
     between two tests; `seed`: None for that of the chip; `executor`: workers, None for this process; `checkpoint`: file
-    of finished trials, None for no file; `progress`: function called after every batch.
+    of finished trials, None for no file; `progress`: function called after every batch with the number of finished
+    trials, the expected number, and their yield.
     """
     mask = None if starts is None else checked_starts(netlist.cells.space, starts)
     experiment = prepare_experiment(netlist, chip, [chip.readout], None if seed is None else seed_of(seed), mask)

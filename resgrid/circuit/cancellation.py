@@ -315,5 +315,5 @@ def _units(value: float, unit: int) -> int:
 
 
 def _log(value: int) -> float:
-    """Return the binary logarithm of the magnitude of an integer, rounded down; -inf for 0."""
+    """Return the binary logarithm of the magnitude of the integer `value`, rounded down; -inf for 0."""
     return value.bit_length() - 1.0 if value else -math.inf

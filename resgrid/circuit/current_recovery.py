@@ -238,8 +238,8 @@ def _bound(system: Equations, factors: SupernodalFactors, found: _Differences) -
 def _source_amps(system: Equations, falls: Doubled) -> NDArray[np.float64]:
     """Return the currents into the plus terminals of the voltage sources (sources,), in amperes.
 
-    They are exact sums of the branch currents; NaN in a loop of sources. `falls` (resistors,): voltage differences
-    across the resistors, in volts.
+    They are exact sums of the branch currents; NaN in a loop of sources. `system`: equations; `falls`: voltage
+    differences across the resistors in volts, as a pair of arrays (resistors,): leading parts and rounding errors.
     """
     netlist = system.netlist
     net, net_low, _ = _flows(netlist, netlist.resistor_nodes, netlist.current_nodes, netlist.node_count, falls)
@@ -252,7 +252,8 @@ def _source_amps(system: Equations, falls: Doubled) -> NDArray[np.float64]:
 def _plus(total: Doubled, more: NDArray[np.float64], more_low: NDArray[np.float64] | float = 0.0) -> Doubled:
     """Return the sum of two arrays of double-doubles, by Knuth's two-sum of the leading parts.
 
-    `total`: first array; `more`, `more_low`: leading parts and rounding errors of the second array.
+    A double-double array is a pair of arrays: leading parts and rounding errors.  `total`: first array; `more`,
+    `more_low`: leading parts and rounding errors of the second array.
     """
     s = total[0] + more
     t = s - total[0]
@@ -279,8 +280,8 @@ def _residual(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the net current into every row, and half the sum of the magnitudes there, in amperes, (n,) each.
 
-    `rows` (resistors, 2): rows of both ends, -1 for a known voltage; `falls` (resistors,): voltage differences in
-    volts.  A net current within the rounding error of its sum is 0.
+    `rows` (resistors, 2): rows of both ends, -1 for a known voltage; `falls`: voltage differences in volts, as a pair
+    of arrays (resistors,): leading parts and rounding errors.  A net current within the rounding error of its sum is 0.
     """
     source_rows = system.unknown[system.netlist.current_nodes]
     net, _, total = _flows(system.netlist, rows, source_rows, system.size, falls)
@@ -293,8 +294,8 @@ def _flows(
     """Return the net currents into nodes or rows, their rounding errors, and the sums of the magnitudes, in amperes.
 
     `ends` (resistors, 2), `source_ends` (current sources, 2): nodes or rows of the ends, negative ones are left out;
-    `count`: number of nodes or rows, the length of the results; `falls` (resistors,): voltage differences in volts.
-    Sums are in double-double.
+    `count`: number of nodes or rows, the length of the results; `falls`: voltage differences in volts, as a pair of
+    arrays (resistors,): leading parts and rounding errors.  Sums are in double-double.
     """
     from resgrid.circuit.kernels import add_flows
 

@@ -124,11 +124,11 @@ def _voltage_difference(
     a: float, a_low: float, a_is_drop: bool, b: float, b_low: float, b_is_drop: bool, rounding: float,
     drop_rounding: float,
 ) -> float:  # fmt: skip
-    """Return the potential of node a minus that of b, divided by the rail voltage; 0 within rounding errors.
+    """Return the potential of node a minus that of node b, divided by the voltage between the rails; 0 within rounding.
 
-    The rail voltage is the voltage between the rails.  ``a + a_low`` is the drop of node a from the high rail if
-    `a_is_drop`, else the voltage of node a above the low rail, both divided by the rail voltage; likewise for node b.
-    `rounding`, `drop_rounding`: relative rounding errors of voltages above the low rail and of drops.
+    ``a + a_low`` is the drop of node a from the high rail if `a_is_drop`, else the voltage of node a above the low
+    rail, both divided by the voltage between the rails; `b`, `b_low`, `b_is_drop`: likewise for node b. `rounding`,
+    `drop_rounding`: relative rounding errors of voltages above the low rail and of drops.
     """
     if a_is_drop == b_is_drop:
         d = (a - b) + (a_low - b_low)

@@ -52,8 +52,9 @@ def solve_linear(
 
     `accuracy`: ``"direction"`` (componentwise) or ``"normwise"``; `method`: ``"auto"``, ``"direct"`` or
     ``"multigrid"``; `rtol`: largest backward error for ``"normwise"``; `threads`: largest number of threads;
-    `progress`: function called after every iteration.  Raise CircuitError without an operating point, AccuracyError if
-    the accuracy is not reached.
+    `progress`: function called after every iteration with the number of iterations, the relative residual norm, and the
+    estimated remaining seconds or None.  Raise CircuitError without an operating point, AccuracyError if the accuracy
+    is not reached.
 
     The stages, whose wall-clock times are in `OperatingPoint.seconds`:
 
@@ -183,7 +184,8 @@ def _tiny_currents(system: Equations, point: OperatingPoint) -> BranchCurrents |
 def _may_cancel(system: Equations, solution: _Solution) -> bool:
     """Return whether currents may have lost their digits to cancellation and can be recovered.
 
-    `solution`: solution before the recovery.  Grids with currents outside the range of doubles are not recovered.
+    `system`: equations; `solution`: solution before the recovery.  Grids with currents outside the range of doubles are
+    not recovered.
     """
     if system.netlist.cell_map is not None and _tiny_currents(system, solution.point) is not None:
         return False

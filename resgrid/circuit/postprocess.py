@@ -1,9 +1,8 @@
 """Post-processing of a solution: node values, and the voltages, potentials and currents computed from them.
 
 The value of a node is its voltage difference from the nearer rail.  A branch current is computed from the difference of
-two values before any rounding.  With two rails, the linear system is solved for the drop ``u`` from the high rail.  The
-voltage ``phi = 1 - u`` above the low rail is the complement of the drop, or the solution of a second system if the
-complement would cancel at some node.  Source currents of both signs are two right-hand sides; solutions may cancel.
+two values before any rounding.  With two rails, the system is solved for the drop ``u`` from the high rail, and again
+for the voltage above the low rail if ``1 - u`` cancels.  Source currents of both signs are two right-hand sides.
 """
 
 from __future__ import annotations
@@ -43,11 +42,7 @@ _LEAST_COMPLEMENT = 1e-3
 """Smallest voltage above the low rail, divided by the rail voltage, that is computed as one minus the drop."""
 
 _IMPRECISE, _IMPRECISE_IN_SMALL = 1e-20, 1e-10
-"""Relative difference of two values below which a current computed from their difference has few correct digits.
-
-`_IMPRECISE` is half the digits of a double-double.  `_IMPRECISE_IN_SMALL`, for at most 20,000 nodes, for which a check
-is cheap, includes the rounding error of summed conductances to rails.
-"""
+"""Relative difference of two values below which their current is imprecise; the second for at most 20,000 nodes."""
 
 _NO_EXPONENT = -(2**62)
 _PLAIN_EXPONENT = 2
@@ -80,7 +75,7 @@ class NodeValues:
 
 
 def node_values(system: Equations, factors: Factor | None, watch: ProgressMonitor, team: ThreadTeam) -> NodeValues:
-    """Solve the equations, and return the values of all nodes; `factors`: factors of the matrix, None without rows."""
+    """Return the values of all nodes, with their unit in volts; `factors`: factors of the matrix, None without rows."""
     if system.rails is not None:
         return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, team))
     drive = system.drive
@@ -115,11 +110,10 @@ def _in_units(system: Equations, heights: NDArray[np.float64]) -> tuple[NDArray[
 def _drop_and_height(
     rails: Rails, factors: Factor | None, watch: ProgressMonitor, team: ThreadTeam
 ) -> tuple[Scaled, Scaled | None]:
-    """Return drops (n,) from the high rail, and voltages (n,) above the low rail, in units of the rail voltage.
+    """Return drops (n,) from the high rail, and voltages (n,) above the low rail, over the voltage between the rails.
 
-    The voltages are None if ``1 - drop`` is accurate.  If a bound shows that both are needed, both systems are solved
-    at one time.  By KCL, ``rails.to_low * voltage`` is at most the sum of ``rails.to_high`` (conductances to the
-    rails).
+    The voltages are None if ``1 - drop`` is accurate.  Both systems are solved at one time if a bound shows that both
+    are needed: ``rails.to_low * voltage`` is at most the sum of ``rails.to_high`` (conductances to the rails).
     """
     currents = [rails.to_low]
     if team.size > 1 and (to_high := rails.to_high).sum() < _LEAST_COMPLEMENT * currents[0].max(initial=0.0):
@@ -148,7 +142,11 @@ def _solved(
 
 
 def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None) -> NodeValues:
-    """Return node values; `drop`, `height` (n,): drops, and voltages above the low rail (None: use ``1 - drop``)."""
+    """Return values of all nodes, in units of the voltage between the rails.
+
+    `drop`, `height` (n,): drops of the rows from the high rail, and voltages of the rows above the low rail (None: use
+    ``1 - drop``), in this unit, in double-double.  A value is the drop up to 0.5, else the voltage above the low rail.
+    """
     far = np.flatnonzero((drop.exponent >= 0) & (drop.hi > 0.5))
     there = drop if height is None else height
     up = Scaled(there.hi[far], there.lo[far], there.exponent[far])
@@ -169,7 +167,7 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
 
 
 def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
-    """Return values above the lowest voltage; `rows` (n,): voltages above that one, in units of `volts` volts."""
+    """Return values in units of `volts` volts above the lowest known voltage; `rows` (n,): such values of the rows."""
     forest = system.forest
     out = _rows_to_nodes(system, rows, (system.known_voltages() - system.reference) / volts)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
@@ -215,9 +213,9 @@ def read_entrywise(
 ) -> tuple[OperatingPoint, NDArray[np.float64], bool]:  # fmt: skip
     """Return the operating point, relative KCL residuals (nodes,), and whether large currents have few correct digits.
 
-    `values`: node values; `recovered`: voltages and currents from `resgrid.circuit.current_recovery`, or None; `tiny`:
-    currents from the node values, which replace recovered currents that were set to zero, or None; `details`: further
-    fields of the operating point.
+    A residual is divided by the through-current.  `values`: node values; `recovered`: voltages and currents from
+    `resgrid.circuit.current_recovery`, or None; `tiny`: currents from the node values, which replace recovered currents
+    that were set to zero, or None; `details`: further fields of the operating point.
     """
     voltage, (log_drop, potential) = team.together(
         [partial(_voltage, system, values), partial(_log_drop_and_potential, system, values)]
@@ -360,7 +358,7 @@ def _sums(
 def _log_drop_and_potential(
     system: Equations, values: NodeValues
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return natural logarithms of drops, and potentials (of an `OperatingPoint`), (nodes,) each; None if undefined."""
+    """Return natural logarithms of drops (None without two rails), and potentials or None, (nodes,) each."""
     potential = _potential(system, values.height)
     if system.rails is None or potential is None:
         return None, potential
@@ -372,9 +370,10 @@ def _log_drop_and_potential(
 
 
 def _potential(system: Equations, height: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the potentials of an `OperatingPoint`, between 0 and 1, (nodes,), or None if undefined.
+    """Return potentials (nodes,), 0 at the low or only rail and 1 at the other rail or at the highest node.
 
-    `height` (nodes,): voltages above the low or only rail in units of `NodeValues.volts`; overwritten.
+    None if the only rail feeds current, or currents have both signs.  `height` (nodes,): voltages above the low rail
+    in units of the voltage between the rails (with one rail: in any unit), overwritten.
     """
     solved = system.unknown >= 0
     if system.rails is not None:

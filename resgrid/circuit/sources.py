@@ -118,8 +118,9 @@ def _grow_trees(
 ) -> tuple[list[tuple[int, int, int, int]], dict[int, float | Fraction]]:
     """Return tuples (node, root, parent, source) of all nodes at sources, and their exact voltages above the roots.
 
-    The voltages, in volts, are in a dict by node. `sources`: indices of the sources to use; `ends`: plus and minus node
-    of every source; `volts`: voltage of every source.
+    Parent and source of a root are -1.  The voltages, in volts, are in a dict by node number, as fractions or floats.
+    `sources`: indices of the sources to use; `ends`: plus and minus node of every source; `volts`: voltage of every
+    source.
     """
     sources_at: dict[int, list[int]] = {GROUND: []}
     for number in sources:
@@ -204,8 +205,8 @@ def _cut_currents(
 ) -> Iterator[tuple[int, _Amps]]:
     """Yield (source, current into the plus terminal): each step moves the remaining current of a node through a source.
 
-    `steps`: tuples (node, node at the other end of the source, source index); `remaining`: current out of every node,
-    changed in place.
+    `steps`: tuples (node, node at the other end of the source, source index), in the order of processing; `remaining`:
+    current out of every node, by node number, changed in place; all currents are in one exact unit.
     """
     for node, other, source in steps:
         yield source, -remaining[node] if netlist.source_nodes[source, 0] == node else remaining[node]
@@ -251,8 +252,8 @@ def contradictions(
 def _largest_between(above: Mapping[int, tuple[int, float]], first: int, second: int) -> float:
     """Return the largest source voltage, in volts, on the path between two nodes of a tree.
 
-    `above`: parent of every node, and the voltage of the source between node and parent; `first`, `second`: the two
-    nodes.
+    `above`: for every node but the root, its parent and the voltage of the source between both; `first`, `second`:
+    numbers of the two nodes.
     """
     largest_to, largest = {first: 0.0}, 0.0
     while first in above:

@@ -43,20 +43,19 @@ State = NDArray[np.float64]
 
 
 def rate_of(method: Method, h: float) -> float:
-    """Return the factor ``rate`` in the matrix ``G + rate C`` of a step, in 1/s.
+    """Return the factor ``rate`` in the matrix ``G + rate C`` of a step, in 1/s, equal for both stages of TR-BDF2.
 
-    The factor is equal for both stages of TR-BDF2.
-
-    `method`: integration method; `h`: length of the step in seconds.
+    `method`: ``"backward_euler"``, ``"trapezoidal"`` or ``"tr-bdf2"``; `h`: length of the step in seconds.
     """
     return {"backward_euler": 1.0, "trapezoidal": 2.0, "tr-bdf2": 2.0 + _ROOT2}[method] / h
 
 
 def advance(dynamics: Dynamics, method: Method, state: State, h: float, factors: Factors) -> State:
-    """Return the state (2, n) after one step.
+    """Return the state after one step: voltages of the rows in volts, and their time integrals since 0+, shape (2, n).
 
-    `dynamics`: equations of the circuit; `method`: integration method; `state` (2, n): state before the step; `h`:
-    length of the step in seconds; `factors`: function that returns the factors of ``G + rate C`` for a rate in 1/s.
+    `dynamics`: equations of the circuit; `method`: ``"backward_euler"``, ``"trapezoidal"`` or ``"tr-bdf2"``; `state`
+    (2, n): state before the step; `h`: length of the step in seconds; `factors`: function that returns the factors of
+    ``G + rate C`` for a rate in 1/s.
     """
     if not dynamics.size:
         return state
@@ -74,9 +73,10 @@ def fixed_steps(
 ) -> Iterator[tuple[State, int]]:
     """Yield the state (2, n) at every output time, and the number of steps until then.
 
-    `dynamics`: equations of the circuit; `method`: integration method; `state` (2, n): state at 0+; `times` (t,):
-    output times in seconds; `step`: largest length of a step in seconds; `factors`: function that returns the factors
-    of ``G + rate C`` for a rate in 1/s.
+    A state holds the voltages of the rows in volts and their time integrals since 0+.  `dynamics`: equations of the
+    circuit; `method`: ``"backward_euler"``, ``"trapezoidal"`` or ``"tr-bdf2"``; `state` (2, n): state at 0+; `times`
+    (t,): output times in seconds; `step`: largest length of a step in seconds; `factors`: function that returns the
+    factors of ``G + rate C`` for a rate in 1/s.
 
     Every interval between output times is divided into equal steps.  The trapezoidal rule starts with four backward
     Euler steps of half the length (Rannacher 1984).
@@ -139,12 +139,13 @@ def controlled_steps(
 ) -> Iterator[tuple[State, int]]:
     """Yield the state (2, n) at every output time, and the number of steps until then, with error control.
 
-    `dynamics`: equations of the circuit; `method`: integration method; `state` (2, n): state at 0+; `times` (t,):
-    output times in seconds; `tolerance`: largest error of a voltage, as a fraction of the largest voltage difference;
-    `factors`: function that returns the factors of ``G + rate C`` for a rate in 1/s.
+    A state holds the voltages of the rows in volts and their time integrals since 0+.  `dynamics`: equations of the
+    circuit; `method`: ``"backward_euler"``, ``"trapezoidal"`` or ``"tr-bdf2"``; `state` (2, n): state at 0+; `times`
+    (t,): output times in seconds; `tolerance`: largest error of a voltage, as a fraction of the largest voltage
+    difference; `factors`: function that returns the factors of ``G + rate C`` for a rate in 1/s.
 
-    Steps have ``2**k`` seconds.  The solution after two half steps is used.  Raise AccuracyError if rounding errors
-    exceed the tolerance.
+    Steps have ``2**k`` seconds, with an integer ``k``.  The solution after two half steps is used.  Raise AccuracyError
+    if rounding errors exceed the tolerance.
     """
     order, step_rtol, end = _ORDER[method], _step_tolerance(method, tolerance), float(times[-1])
     low, high = _range(dynamics, state)
@@ -198,7 +199,10 @@ def _step_tolerance(method: str, tolerance: float) -> float:
 
 
 def _range(dynamics: Dynamics, state: State) -> tuple[float, float]:
-    """Return the lowest and the highest node voltage of a state, rails included, in volts."""
+    """Return the lowest and the highest node voltage of a state, rails included, in volts.
+
+    `state` (2, n): voltages of the rows in volts, and their time integrals, of which the first are used.
+    """
     volts = dynamics.voltage(state[0])
     return float(np.nanmin(volts)), float(np.nanmax(volts))
 
@@ -234,7 +238,8 @@ def _first_exponent(
 def _between(before: State, half: State, after: State, part: float, h: float) -> State:
     """Return the state inside a step by quadratic interpolation of the states `before`, `half` (midpoint) and `after`.
 
-    `part`: time since the beginning of the step, as a fraction of the step; `h`: length of the step in seconds.
+    A state (2, n) holds the voltages of the rows in volts and their time integrals.  `part`: time since the beginning
+    of the step, as a fraction of the step; `h`: length of the step in seconds.
     """
     x, integral = before
     slope, bend = 4.0 * half[0] - 3.0 * x - after[0], 2.0 * (x - 2.0 * half[0] + after[0])

@@ -117,7 +117,9 @@ def _check_scene(
 ) -> tuple[Agreement, dict[str, list[str]]]:
     """Return the comparison of a scene's solution with a simulation, and the ignored keys of the scene, for JSON.
 
-    `deck`: name of the deck to simulate, None for the deck of the scene itself; `limits`: keywords of `rg.check_deck`.
+    The dict has the single key ``ignored`` with the list of scene keys without effect, such as ``k``.  `source`: the
+    scene; `deck`: name of the deck to simulate, None for the deck of the scene itself; `limits`: the keywords
+    ``engine``, ``tolerance`` and ``timeout`` (seconds) of `rg.check_deck`.
     """
     job = open_job(source)
     ignored = report_ignored(job, "circuit")
@@ -130,7 +132,7 @@ def _check_scene(
 def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
     """Return the comparison of a deck's simulation with its sidecar, or, without a sidecar, with resgrid's solution.
 
-    `limits`: keywords of `rg.check_deck` (engine, tolerance, timeout).
+    `limits`: the keywords ``engine``, ``tolerance`` and ``timeout`` (seconds) of `rg.check_deck`.
     """
     from resgrid.spice.read.deck import is_network
     from resgrid.spice.write.sidecar import sidecar_path
@@ -165,7 +167,7 @@ def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
 def _report_cost(circuit: rg.Netlist | Circuit, limits: dict[str, Any]) -> None:
     """Print the estimated time and memory of a simulation; raise BudgetError if the time exceeds the limit.
 
-    `circuit`: the simulated circuit; `limits`: keywords of `rg.check_deck` with engine and time limit.
+    `circuit`: the simulated circuit; `limits`: keywords of `rg.check_deck` with ``engine`` and ``timeout`` (seconds).
     """
     from resgrid.spice.run.cost_estimate import forecast, require_time
     from resgrid.spice.run.ngspice import ngspice_version
@@ -203,7 +205,9 @@ def check_written(deck: Path, netlist: rg.Netlist, asked: bool | None, folder: P
 def agreement_data(agreement: Agreement) -> dict[str, Any]:
     """Return the comparison of a deck with its simulation as a dictionary for JSON.
 
-    The key "as_read" holds a comparison of the circuit that resgrid reads from the deck, or None.
+    The keys are the fields of `Agreement`. ``worst`` is a list of dictionaries with the keys ``node``, ``expected`` and
+    ``got`` (both in volts); ``as_read`` holds such a dictionary for the circuit that resgrid reads from the deck, or
+    None.
     """
     data = dataclasses.asdict(agreement)
     data["worst"] = [{"node": node, "expected": expected, "got": got} for node, expected, got in agreement.worst]

@@ -98,7 +98,8 @@ def _require_tiles(chip: rg.Chip) -> None:
 def _assume_switches(job: Job, boundary: str) -> tuple[Job, dict[str, float]]:
     """Return a job whose chip has all switches of an array of tiles, and the assumed resistances in ohms, by key.
 
-    A tile is the circuit of one cell (node, resistors, switches), which the array repeats.  `boundary`: boundary
+    A tile is the circuit of one cell (node, resistors, switches), which the array repeats.  The dict has a key of the
+    scene for each switch that the scene does not describe, such as ``chip.goal_switch_on``.  `boundary`: boundary
     condition at obstacles, which determines the switches.
     """
     from resgrid.spice.write.tiles import with_tile_switches

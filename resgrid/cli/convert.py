@@ -77,6 +77,8 @@ def _circuit(
 ) -> tuple[rg.Netlist, str | None, rg.OperatingPoint | None, dict[str, list[str]]]:
     """Return the netlist of an input, its title, its operating point, and the ignored keys of a scene.
 
+    The title is None if the input has none.  The dict has the single key ``ignored`` with the list of the scene keys
+    that the conversion does not use, such as ``chip.readout.bits``; it is empty for a deck.  `source`: the input;
     `solve`: whether to solve a deck; otherwise its operating point is None.  A scene is always solved.
     """
     if not is_deck(source):
@@ -96,8 +98,10 @@ def _write_deck(
 ) -> tuple[dict[str, Any], Mapping[str, int]]:
     """Write a deck, with a sidecar if `op` is given; return JSON data, and counts of elements left out by kind.
 
-    `title`: first line of the deck, None for a description of the netlist; `op`: operating point for the sidecar, None
-    for no sidecar; `output`: name of the deck, ``-`` for standard output; `dialect`: SPICE dialect.
+    The JSON data has the keys ``sidecar``, ``commands`` (names of the files) and ``sha256`` (hash of the deck); it is
+    empty without `op`.  `netlist`: the circuit; `title`: first line of the deck, None for a description of the netlist;
+    `op`: operating point for the sidecar, None for no sidecar; `output`: name of the deck, ``-`` for standard output;
+    `dialect`: SPICE dialect.
     """
     if op is None:
         from resgrid._internal.files import write_text

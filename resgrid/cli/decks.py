@@ -96,7 +96,12 @@ def solve_deck(deck: Circuit, method: str = "auto") -> rg.OperatingPoint:
 
 
 def deck_data(deck: Circuit) -> dict[str, Any]:
-    """Return the description of a deck (title, files, numbers of elements, notes) as a dictionary for JSON."""
+    """Return the description of a deck as a dictionary for JSON.
+
+    Keys: ``source`` (path), ``title``, ``dialect``, ``files``, ``nodes`` and the plural of every kind of element
+    (counts), ``subcircuits`` (names), ``temperature`` (degrees Celsius), ``options`` (values by name) and ``notes`` of
+    the reader.
+    """
     return {
         "source": deck.path,
         "title": deck.title,

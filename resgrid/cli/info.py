@@ -60,7 +60,12 @@ def command(source: CommandInput | None, schema: bool, shipped: bool, versions: 
 
 
 def describe(job: Job) -> dict[str, Any]:
-    """Return the description of a scene (cells, goals, sketch, memory of a solution) as a dictionary for JSON."""
+    """Return the description of a scene as a dictionary for JSON.
+
+    Keys: the scene's keys such as ``title``, ``axes`` and ``starts``; ``map``: result of `describe_map`, or None;
+    ``sketch`` and ``sketch_...``: rows of letters with their range and meaning, None unless there are two axes;
+    ``cells``, ``free_cells``, ``obstacle_cells`` and so on: counts; and the keys of the size of the circuit (`_cost`).
+    """
     from resgrid.cli.sketch import sketch
     from resgrid.scene.maps.formats import describe_map
     from resgrid.scene.world_coordinates import unknown_cells
@@ -98,9 +103,10 @@ def describe(job: Job) -> dict[str, Any]:
 
 
 def _cost(job: Job) -> dict[str, Any]:
-    """Return the size of the circuit and the memory of its solution in bytes, as a dictionary for JSON.
+    """Return the size of the circuit as a dictionary for JSON: ``nodes``, ``resistors`` and ``memory_bytes``.
 
-    If the scene has no single circuit, the values are None, and the key ``no_circuit`` holds the reason.
+    The last one is the memory of a solution.  If the scene has no single circuit, the values are None, and the key
+    ``no_circuit`` holds the reason.
     """
     from resgrid.circuit.equations import assemble
     from resgrid.solvers.method_choice import choose_method
@@ -117,7 +123,12 @@ def _cost(job: Job) -> dict[str, Any]:
 
 
 def describe_deck(deck: Circuit) -> dict[str, Any]:
-    """Return the description of a deck (elements, values, cost of a simulation) as a dictionary for JSON."""
+    """Return the description of a deck as a dictionary for JSON.
+
+    Keys: those of `deck_data`; ``smallest_resistance`` and ``largest_resistance`` in ohms, or None; ``shorts``: number
+    of resistors of 0 ohm and sources of 0 V; ``supply_volts``: different source voltages; ``floating_nodes``: number;
+    ``ngspice_seconds`` and ``ngspice_memory_bytes``: estimated cost of a simulation.
+    """
     import numpy as np
 
     from resgrid.spice.run.cost_estimate import forecast
@@ -157,7 +168,7 @@ def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
 
 
 def shipped_data() -> list[dict[str, Any]]:
-    """Return name, title and file of every shipped scene as a list of dictionaries for JSON."""
+    """Return a list with one dictionary for JSON per shipped scene, with the keys ``name``, ``title`` and ``file``."""
     import tomllib
 
     from resgrid.scene.shipped import shipped_scenes
@@ -177,10 +188,7 @@ def _shipped_lines(data: Sequence[dict[str, Any]]) -> Iterable[str]:
 
 
 def installed_versions() -> dict[str, str | None]:
-    """Return the versions of resgrid, Python, dependencies and ngspice, by name.
-
-    The version of a missing ngspice is None.
-    """
+    """Return the versions as texts, by name: ``resgrid``, ``python``, all dependencies, ``ngspice`` (None: missing)."""
     import platform
     from importlib import metadata
 
@@ -196,7 +204,10 @@ def installed_versions() -> dict[str, str | None]:
 
 
 def _map_lines(data: dict[str, Any]) -> Iterable[str]:
-    """Yield the lines of text that state how a map was read; `data`: result of `describe`."""
+    """Yield the lines of text that state how a map was read.
+
+    `data`: result of `describe`, whose key ``map`` is not None.
+    """
     words = data["map"] or {}
     if words:
         rows = ", its first index along x" if words["format"] in ("npy", "voxels") else ", its top row at the largest y"
@@ -217,7 +228,7 @@ def _map_lines(data: dict[str, Any]) -> Iterable[str]:
 def _sketch_lines(data: dict[str, Any]) -> Iterable[str]:
     """Yield the lines of text with the sketch of a space, after the meaning of its letters and its range.
 
-    `data`: result of `describe` with a sketch.
+    `data`: result of `describe`, whose key ``sketch`` is not None.
     """
     across, up = data["axes"]
     whose = " in the map's own frame" if data["frame"]["yaw"] else ""

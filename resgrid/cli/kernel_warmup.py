@@ -150,6 +150,12 @@ def _paths() -> None:
     rg.streamlines(planner.field, [(0.5, 6.5), (7.5, 7.5)])
 
 
+def _updates() -> None:
+    for planner in (rg.plan(_room(40, 40), k=0.5), rg.plan(_room(120, 50, walls=2))):
+        planner.update(cells=[(0, 0)], values=rg.Cell.OBSTACLE)
+    rg.plan(_room(128, 128)).path(cell=(0, 0))
+
+
 def _robots() -> None:
     for scene in (_ARM, _TURNING):
         rg.plan(scene).path(scene.starts[0])
@@ -178,7 +184,7 @@ def _many() -> None:
 CASES: dict[str, Callable[[], None]] = {
     case.__name__.strip("_").replace("_", " "): case
     for case in (
-        _plane, _corridors, _paths, _irregular, _volume, _chips, _control, _robots, _many, _uneven,
+        _plane, _corridors, _paths, _irregular, _volume, _chips, _updates, _control, _robots, _many, _uneven,
         _plane_of_voltages, _open_obstacles,
     )
 }  # fmt: skip

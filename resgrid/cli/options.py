@@ -356,7 +356,7 @@ def dialect_option(default: str | None = "ngspice") -> Decorator:
 
 
 def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck: Mapping[str, Any]) -> CommandInput:
-    """Return a subcommand's input from its name and the values of the options for scene keys, maps and decks."""
+    """Return a subcommand's input from its name and the options for scene keys, maps and decks, as values by name."""
     changes = {key: keys[key] for key in ("boundary", "drive", "edge", "resistance") if keys[key] is not None}
     for key in ("goal", "start"):
         if keys[key]:
@@ -386,7 +386,7 @@ def _shown(value: Any) -> str:
 
 
 def _cells(key: str, places: Sequence[tuple[float, ...]]) -> dict[str, list[tuple[int, ...]]]:
-    """Return the change of the `key` (goal or start) to cell indices (numbers); raise InputError for fractions."""
+    """Return ``{"<key>_cell": places}`` with integer `places` (key: goal or start); raise InputError for fractions."""
     for place in places:
         if not all(number.is_integer() for number in place):
             text = ",".join(f"{number:g}" for number in place)

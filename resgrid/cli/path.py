@@ -119,7 +119,8 @@ def command(
 def _write(routes: Sequence[Route], output: str, fixed_joints: bool) -> bool:
     """Write routes to a file; return whether the file was written.
 
-    A file for ROS (.yaml) contains only the routes that reach a goal, and is not written without such a route.
+    A route is the path of one start at one weight k.  A file for ROS (.yaml) contains only the routes that reach a
+    goal, and is not written without such a route.
     """
     from resgrid.io.paths import write_routes
 

@@ -127,8 +127,8 @@ def _figures(length: float, clearance: float | None, path: rg.Streamline) -> str
 def answer_queries(job: Job, file: str, limit: int | None, output: str | None, ignored: dict[str, list[str]]) -> int:
     """Compute and report the paths for the queries of a MovingAI scenario file; return the exit code.
 
-    `file`: scenario file; `limit`: largest number of queries, None for all; `output`: JSON file, None for none;
-    `ignored`: ignored keys of the scene, for JSON.
+    `job`: scene and space; `file`: scenario file; `limit`: largest number of queries, None for all; `output`: JSON
+    file, None for none; `ignored`: list of the scene keys without effect under the key ``ignored``, for JSON.
     """
     from resgrid.io.tables import suffix_of, write
 
@@ -171,7 +171,9 @@ def _require_own_map(job: Job, queries: Sequence[MovingAIScenario], file: str) -
 def _answers(job: Job, query: MovingAIScenario, file: str) -> list[dict[str, Any]]:
     """Return the JSON data of the paths for one query, one dictionary per weight k.
 
-    The circuits are solved with the query's goal as the only goal.  `file`: scenario file, for messages.
+    Keys: ``outcome``, ``k``, ``length`` (None if the goal is blocked), ``clearance``, ``start`` and ``goal_cell`` (cell
+    indices) and ``optimal_length``.  The circuits are solved with the query's goal as the only goal.  `file`: scenario
+    file, for messages.
     """
     if job.space.shape != (query.width, query.height):
         own = size_of(job.space.shape)

@@ -103,7 +103,8 @@ def _write_all(
 ) -> dict[str, str]:
     """Write all files except the summary into the folder `work`; return descriptions by file name.
 
-    `circuits`: operating points by name, each for one deck; `dialect`: SPICE dialect of the decks.
+    `circuits`: operating points by the circuit's name (the boundary, or ``neumann_start_N`` if start N drives it), each
+    for one deck; `dialect`: SPICE dialect of the decks.
     """
     from resgrid.io.paths import write_routes
 

@@ -268,7 +268,10 @@ def place_of(point: Sequence[float]) -> str:
 
 
 def element_counts(netlist: rg.Netlist) -> dict[str, int]:
-    """Return the numbers of nodes and of each kind of element of a circuit as a dictionary for JSON."""
+    """Return the numbers of nodes and of each kind of element of a circuit as a dictionary for JSON.
+
+    Keys: ``nodes`` and plurals of the kinds, such as ``voltage_sources``.
+    """
     return {
         "nodes": netlist.node_count,
         "resistors": len(netlist.conductance),
@@ -280,7 +283,10 @@ def element_counts(netlist: rg.Netlist) -> dict[str, int]:
 
 
 def free_counts(space: rg.ConfigurationSpace) -> dict[str, int]:
-    """Return the numbers of free cells, and of free cells without a path to a goal, as a dictionary for JSON."""
+    """Return a dictionary for JSON with the numbers of ``free_cells`` and of ``unreachable_cells`` among them.
+
+    An unreachable cell is a free cell without a path to a goal.
+    """
     free = space.cell == rg.Cell.FREE
     return {"free_cells": int(free.sum()), "unreachable_cells": int((free & ~space.goal_connected).sum())}
 
@@ -288,7 +294,9 @@ def free_counts(space: rg.ConfigurationSpace) -> dict[str, int]:
 def solution_summary(name: str, op: rg.OperatingPoint, space: rg.ConfigurationSpace) -> dict[str, Any]:
     """Return the summary of an operating point as a dictionary for JSON.
 
-    `name`: name of the circuit; `space`: space from which the circuit was compiled.
+    Keys: ``chip`` (the name of the circuit), counts (``nodes``, ``resistors`` and those of `free_counts`), ``power`` in
+    watts, ``seconds`` by stage, and fields of `OperatingPoint` such as ``kcl_residual``; the bound ``entry_error`` is
+    None if infinite.  `name`: name of the circuit; `space`: space from which the circuit was compiled.
     """
     return {
         "chip": name,
@@ -307,7 +315,11 @@ def solution_summary(name: str, op: rg.OperatingPoint, space: rg.ConfigurationSp
 
 
 def ranked_summary(name: str, ranked: Ranked) -> dict[str, Any]:
-    """Return the summary of a solution by method petsc as a dictionary for JSON; `name`: name of the circuit."""
+    """Return the summary of a solution by method petsc as a dictionary for JSON; `name`: name of the circuit.
+
+    Keys: ``chip`` (the name), counts of cells, ``solver``, ``ranks`` (number of processes), ``iterations``,
+    ``residual`` (relative), ``peak_bytes`` (memory of each process) and ``seconds`` by stage.
+    """
     field, report = ranked.field, ranked.report
     assert field.safe is not None
     return {
@@ -335,7 +347,7 @@ _REASONS = {
 
 
 def report_ignored(job: Job, form: Form | Literal["chip"], *, k: Sequence[float] = ()) -> dict[str, list[str]]:
-    """Print the keys of a scene that a subcommand ignores, with reasons, and return the keys as a dictionary for JSON.
+    """Print the keys of a scene that a subcommand ignores, with reasons; return ``{"ignored": keys}`` for JSON.
 
     `form`: form of the circuit that the subcommand uses, a key of `_REASONS`, or "chip" if no key of the chip is
     ignored; `k`: weights k of the scene that the subcommand ignores.

@@ -105,9 +105,9 @@ def _ranked_lines(data: dict[str, Any], shape: tuple[int, ...]) -> Iterable[str]
 
 
 def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
-    """Yield the lines of text for a solved deck: counts, residual, power and largest drops.
+    """Yield the lines of text for a solved deck: counts, residual, power and largest drops from the supply.
 
-    `data`: result of `solution_record` and `deck_data`.
+    `data`: the union of the dictionaries of `solution_record` and `deck_data`.
     """
     from resgrid.spice.circuit import some
 

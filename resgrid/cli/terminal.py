@@ -136,7 +136,11 @@ class Stage:
         self._done += 1
 
     def count(self, done: int, total: int, note: object = "") -> None:
-        """Record the number of finished steps, the number of all steps, and a note with intermediate results."""
+        """Record the progress of the stage.
+
+        `done`, `total`: numbers of finished steps and of all steps; `note`: intermediate result that the progress bar
+        shows.
+        """
         self._done, self._steps = done, total
         self._counted = self._counted or (time.perf_counter(), done)  # steps of an interrupted run took no time
         self._note = f"{note}  " if note else self._note

@@ -36,7 +36,10 @@ _POSES = 50
 _LIFTS = 3
 """Maximum number of moves that separate a robot at the start from obstacles that it touches."""
 _LIFT = 10 * TOUCH
-"""Gap that these moves aim at, in metres, divided by 1 m plus the largest radius of the robot and of disc obstacles."""
+"""Gap at which a robot that touches obstacles at the start is placed, as a fraction of a length.
+
+The length is 1 m plus the largest radius of the robot and of disc obstacles.
+"""
 
 KEEP = 0.2
 """Smallest gap after a step, as a fraction of the gap at which the robot is in contact (`Body.margin`), unless the gap

@@ -44,17 +44,17 @@ _REFINEMENTS = 3
 def contact_forces(
     normal: Vector, tangent: Vector, target: Vector, velocity: Vector, admittance: Vector, friction: float
 ) -> tuple[Vector, Vector, bool]:
-    """Compute the velocity with contacts, the normal and tangential forces, and whether they are a solution.
+    """Compute the velocity with contacts, the normal and tangential forces, and True if they are a solution.
 
     Conditions for the velocity ``qdot`` and the forces ``f_n, f_t`` of each contact: ``0 <= f_n, n . J qdot - target >=
     0``, one of them 0, and ``|f_t| <= mu f_n``, opposing ``t . J qdot``.  Contacts whose force cannot move the robot
     are ignored. The relative tolerance of the velocity is 1e-6.  A solution exists if no target is positive.  Without a
     solution, velocity and forces are 0.
 
-    `normal, tangent` (m, ndim): ``n . J`` and ``t . J`` of the m contacts; `target` (m,): least rates at which the gaps
-    must grow, in m/s; `velocity` (ndim,): command in axis coordinates, per second; `admittance` (ndim, ndim): velocity
-    per generalised force; `friction`: friction coefficient ``mu``.  Shapes of the results: velocity (ndim,), forces (m,
-    2).
+    `normal, tangent` (m, ndim): ``n . J`` and ``t . J`` of the m contacts, for the normals ``n``, tangents ``t`` and
+    the Jacobian ``J`` of the touched point; `target` (m,): least rates at which the gaps must grow, in m/s; `velocity`
+    (ndim,): command in axis coordinates, per second; `admittance` (ndim, ndim): velocity per generalised force;
+    `friction`: friction coefficient ``mu``.  Shapes of the results: velocity (ndim,), forces (m, 2), normal first.
     """
     least = _LEAST_MOBILITY * max(np.abs(normal).max(initial=0.0), np.abs(tangent).max(initial=0.0))
     used = np.flatnonzero(np.abs(normal).max(axis=1) > least)
@@ -113,8 +113,10 @@ def _solution(rows: Vector, give: Vector, cone: Vector, offset: Vector) -> Vecto
 def _complementary(M: Vector, q: Vector) -> Basis | None:
     """Return a basis that solves ``z >= 0, w = M z + q >= 0, z . w = 0``, by Lemke's method; None without a solution.
 
-    Columns of the tableau: the slacks ``w``, the unknowns ``z``, Lemke's artificial variable, and the right-hand side.
-    `M` (n, n): copositive matrix; `q` (n,): right-hand side with a negative entry, scaled to a largest magnitude of 1.
+    The basis is a pair of arrays: index of the variable of each row (n,), with 0 to n - 1 for the slacks ``w``, n to 2
+    n - 1 for the unknowns ``z`` and 2 n for Lemke's artificial variable; and the matrix (n, n) from ``q`` to their
+    values. `M` (n, n): copositive matrix; `q` (n,): right-hand side with a negative entry, scaled to a largest
+    magnitude of 1.
     """
     size = len(q)
     basis, artificial = np.arange(size), 2 * size

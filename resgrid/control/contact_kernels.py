@@ -41,8 +41,8 @@ def _add(
     `pairs`: array of records with the points, directions, gap and owners of a pair (`resgrid.control.plant.PAIR`);
     `count`: present number of pairs; `px, py`: point on the robot's core (its segment without the radius), in metres;
     `ox, oy`: point on the obstacle's surface, in metres; `inward`: unit direction into the obstacle; `outward`: unit
-    normal out of the obstacle, used if both points coincide; `owner`: radius of the segment in metres, number of its
-    rigid part, number of the obstacle; `reach`: largest gap of a pair, in metres.
+    normal out of the obstacle, used if both points coincide; `owner`: radius of the segment in metres, index of its
+    rigid body (the link of an arm), index of the obstacle; `reach`: largest gap of a pair, in metres.
     """
     dx, dy = px - ox, py - oy
     apart = math.hypot(dx, dy)
@@ -120,8 +120,8 @@ def _add_end(
     `pairs`: array of records with the points, directions, gap and owners of a pair (`resgrid.control.plant.PAIR`);
     `count`: present number of pairs; `px, py`: point on the robot's core (its segment without the radius), in metres;
     `edge` (4,): start and end of the edge, ``ax, ay, bx, by``; `before` (4,): edge that ends at the start of `edge`;
-    `owner`: radius of the segment in metres, number of its rigid part, number of the obstacle; `reach`: largest gap of
-    a pair, in metres.
+    `owner`: radius of the segment in metres, index of its rigid body (the link of an arm), index of the obstacle;
+    `reach`: largest gap of a pair, in metres.
     """
     ax, ay, bx, by = edge
     t = segment_parameter(px, py, ax, ay, bx, by)
@@ -205,7 +205,7 @@ def contact_rows(pairs: Pairs, pose: Pose, normal: Floats, tangent: Floats) -> N
 
     ``J`` is the Jacobian of the point on the robot's surface, in metres per axis unit; ``n`` is the unit normal out of
     the obstacle, and ``t`` is ``n`` turned left by a right angle.  `pairs`: array of records with the points, normal
-    and rigid part of each pair (`resgrid.control.plant.PAIR`); `pose`: pose of the robot.
+    and rigid body (link) of each pair (`resgrid.control.plant.PAIR`); `pose`: pose of the robot.
     """
     shift, spin, pivot = pose.shift, pose.spin, pose.pivot
     for k in range(len(pairs)):
@@ -237,9 +237,10 @@ def _time_to_zero(height: float, rate: float, bend: float) -> float:
 def _time_beyond(nx: float, ny: float, segment: Floats, moves: Floats, top: float) -> float:
     """Return a time for which both ends of a moving segment stay beyond the line ``n . x = top``.
 
-    The unit of time is the duration of the motion.  `nx, ny`: unit normal ``n`` of the line; `segment` (4,): ends, in
-    metres; `moves` (7,): rates of both ends (4), bounds on their accelerations (2), turning rate; `top`: offset of the
-    line, in metres.
+    The unit of time is the duration of the motion, so that a rate is the change over the whole motion.  `nx, ny`: unit
+    normal ``n`` of the line; `segment` (4,): ends ``ax, ay, bx, by``, in metres; `moves` (7,): rates of these
+    coordinates in metres (4), bounds on the accelerations of both ends (2), turning rate in radians; `top`: offset of
+    the line, in metres.
     """
     first = _time_to_zero(nx * segment[0] + ny * segment[1] - top, nx * moves[0] + ny * moves[1], moves[4])
     return min(first, _time_to_zero(nx * segment[2] + ny * segment[3] - top, nx * moves[2] + ny * moves[3], moves[5]))
@@ -249,9 +250,10 @@ def _time_beyond(nx: float, ny: float, segment: Floats, moves: Floats, top: floa
 def _time_beside(px: float, py: float, qx: float, qy: float, segment: Floats, moves: Floats, keep: float) -> float:
     """Return a time for which two fixed points stay on one side of the line of a moving segment.
 
-    The points keep a distance of `keep` metres from the line.  The unit of time is the duration of the motion.  `px,
-    py, qx, qy`: the points, in metres; `segment` (4,): ends, in metres; `moves` (7,): rates of both ends (4), bounds on
-    their accelerations (2), turning rate.
+    The points keep a distance of `keep` metres from the line.  The unit of time is the duration of the motion, so that
+    a rate is the change over the whole motion.  `px, py, qx, qy`: the points, in metres; `segment` (4,): ends ``ax, ay,
+    bx, by``, in metres; `moves` (7,): rates of these coordinates in metres (4), bounds on the accelerations of both
+    ends (2), turning rate in radians.
     """
     dx, dy = segment[2] - segment[0], segment[3] - segment[1]
     length = math.hypot(dx, dy)
@@ -293,10 +295,12 @@ def _distance(segment: Floats, edge: Floats) -> tuple[float, float, float]:
 
 @inner
 def _time_clear_of_edge(segment: Floats, moves: Floats, edge: Floats, keep: float) -> float:
-    """Return a time for which a line separates a moving segment from a fixed edge, as a fraction of the motion.
+    """Return a fraction (0 to 1) of the motion up to which a line separates a moving segment from a fixed edge.
 
-    `segment` (4,): ends, in metres; `moves` (7,): rates of both ends (4), bounds on their accelerations (2), turning
-    rate; `edge` (4,): ends of the edge, equal for a point; `keep`: distance to keep, in metres.
+    The unit of time is the duration of the motion, so that a rate is the change over the whole motion.  `segment` (4,):
+    ends ``ax, ay, bx, by``, in metres; `moves` (7,): rates of these coordinates in metres (4), bounds on the
+    accelerations of both ends (2), turning rate in radians; `edge` (4,): ends of the edge, equal for a point, in
+    metres; `keep`: distance to keep, in metres.
     """
     ax, ay, bx, by = edge
     apart, nx, ny = _distance(segment, edge)
@@ -321,11 +325,12 @@ def _segment_motion(
 ) -> None:  # fmt: skip
     """Write the motion of a segment for a motion of the axes to `moves` (7,).
 
-    The entries of `moves` are the rates of both ends (4), bounds on their accelerations (2), and the turning rate (1),
-    with the duration of the motion as the unit of time.  `segment` (4,): ends, in metres; `part`: number of the rigid
-    part; `shift, spin, pivot`: translation rate, turning rate and pivot of every part for each axis (fields of Pose);
-    `lever` (2, parts): bound on the acceleration of each end per squared turning rate of each part, in metres; `motion`
-    (ndim,): motion of the axes, in axis units; `turn` (parts,): turning rate of every part.
+    The unit of time is the duration of the motion.  `moves`: receives the rates of the ends' coordinates in metres (4),
+    bounds on the accelerations of both ends (2), and the turning rate in radians (1).  `segment` (4,): ends, in metres;
+    `part`: number of the rigid body that contains the segment; `shift, spin, pivot`: translation rate, turning rate and
+    pivot of every body for each axis (fields of Pose); `lever` (2, bodies): bound on the acceleration of each end per
+    squared turning rate of each body, in metres; `motion` (ndim,): motion of the axes, in axis units; `turn` (bodies,):
+    turning rate of every body.
     """
     moves[:] = 0.0
     for axis in range(len(motion)):

@@ -32,13 +32,14 @@ ALONG = 1e-3
 
 
 class Nominal(NamedTuple):
-    """The nominal motion at a configuration.
+    """The nominal motion at a configuration: the motion without a force on the robot.
 
     `place`: "free" (free cell with a path to a goal), "goal" (goal cell) or "off" (no path or no current); `velocity`
-    (n,): ``V0``, per second, in the coordinates in which the configuration was given (world or axis coordinates);
-    `longest`: maximum duration of a straight step at this velocity, in seconds, infinite except in a free cell.  The
-    step ends just across the next cell face with outward current, and at most half way to a zero of a velocity
-    component, so that it enters no cell that the current does not enter.
+    (n,): the term ``V0`` of ``V = V0 + A F``, per second, in the coordinates in which the configuration was given
+    (world or axis coordinates): along the current in a free cell; 0 in a goal cell; "off": 0, or towards the nearest
+    cell with a path; `longest`: maximum duration of a straight step at this velocity, in seconds, infinite except in a
+    free cell.  The step ends just across the next cell face with outward current, or half way to a zero of a velocity
+    component: it enters no cell that no current enters.
     """
 
     place: str

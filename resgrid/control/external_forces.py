@@ -120,10 +120,10 @@ def control_pushes(control: Control, seed: int, space: ConfigurationSpace, speed
 
 
 def force_of(pushes: Sequence[ExternalForce] | Force, ndim: int) -> Force:
-    """Return external forces, given as a list or a function, as one function of time and configuration.
+    """Return external forces as one function from a time (s) and a configuration (ndim,) to a force (ndim,).
 
-    The forces of a list that act at the same time are added.  `ndim`: number of axes.  The function raises InputError
-    for a force of another shape or a force that is not finite.
+    `pushes`: list of forces, which are added where they act at the same time, or such a function; `ndim`: number of
+    axes.  The function raises InputError for a force of another shape or a force that is not finite.
     """
     if callable(pushes):
         return lambda time, configuration: checked_force(pushes(time, configuration), ndim, f"the push at {time:g} s")

@@ -45,7 +45,8 @@ def _distance(scene: Scene, space: ConfigurationSpace, goal: Goal, configuration
     """Return the distance of a configuration from one goal of a scene; 0 inside the goal.
 
     For a goal in the workspace it is the distance of the robot's reference point in metres, else a distance between
-    configurations in axis units.  `configuration` (ndim,): in axis coordinates.
+    configurations in axis units.  `scene, space`: robot and frame, and axes; `goal`: a shape, point, cell, joint ranges
+    or pose; `configuration` (ndim,): in axis coordinates.
     """
     robot, frame, width = scene.robot, space.frame, space.spacing
     match goal:

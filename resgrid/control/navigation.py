@@ -49,13 +49,15 @@ class StallDetector:
         self.reset(place)
 
     def reset(self, place: Vector) -> None:
-        """Restart the detection: set the distance to 0, and measure the half cell from the position `place` (ndim,)."""
+        """Restart the detection: set the commanded distance to 0, and the centre to `place` (ndim,), in axis units."""
         self._anchor, self.crossed, self._dithers = place, 0.0, 0
 
     def update(self, place: Vector, cells: float) -> None:
-        """Add a distance that the robot could have moved; restart if the robot has left the half cell.
+        """Add a commanded distance.
 
-        `place` (ndim,): present position, in axis units; `cells`: distance, in cells.
+        Restart if the robot is more than half a cell away from the place of the last restart.
+
+        `place` (ndim,): present position, in axis units; `cells`: distance that the robot could have moved, in cells.
         """
         if np.any(np.abs(place - self._anchor) > 0.5 * self._spacing):
             self.reset(place)

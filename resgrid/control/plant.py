@@ -21,8 +21,9 @@ from resgrid.scene.scene import Scene
 from resgrid.scene.world_coordinates import to_space
 
 INSIDE = 1e-6
-"""Depth below a touched surface of the point that counts as part of the obstacle, as a fraction of the robot's largest
-motion across a cell.  Obstacles must be thicker.
+"""Depth of the point that a contact marks as inside of an obstacle, below the touched surface.
+
+The depth is a fraction of the robot's largest motion across a cell.  Obstacles must be thicker.
 """
 
 PAIR = np.dtype(
@@ -128,7 +129,7 @@ class Plant:
     def self_blocked(self) -> NDArray[np.bool_]:
         """Mask of the cells that are obstacle cells even without obstacles, shape of the space.
 
-        Causes are collisions between parts of the robot, and virtual obstacles (configurations that are forbidden for a
+        Causes are collisions between links of the robot, and virtual obstacles (configurations that are forbidden for a
         reason other than a collision, such as a singularity of an arm).
         """
         return self.robot.occupancy(self.axes, [], "conservative")
@@ -278,9 +279,9 @@ def make_plant(
 
 
 def _core_depth(cores: NDArray[Any], solid: Any) -> NDArray[np.float64]:
-    """Return the depth of robot parts inside an obstacle, at sampled points, shape (n,), in metres.
+    """Return the depth of a rigid body of the robot inside an obstacle, at sampled points, shape (n,), in metres.
 
-    `cores` (n,): shapely geometries of a part without its radius, one per configuration; `solid`: shapely geometry of
+    `cores` (n,): shapely geometries of the body without its radius, one per configuration; `solid`: shapely geometry of
     the obstacle without its radius.
     """
     import shapely

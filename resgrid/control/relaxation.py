@@ -192,7 +192,8 @@ def _stepping(dynamics: Dynamics, relaxation: Relaxation, solver: Solver) -> Cal
     """Return a function ``(x, count)`` that returns the state after `count` sweeps, or time steps of a chip.
 
     A state ``x`` (n,) contains the voltages of the nodes without a source, in volts.  `dynamics`: circuit equations;
-    `relaxation`: mechanism and speed; `solver`: linear solver of the time steps.
+    `relaxation`: mechanism (sweeps or chip) and speed; `solver`: method of the time steps, ``"auto"``, ``"direct"`` or
+    ``"multigrid"``.
     """
     if relaxation.method == "chip":
         stepper = transient_stepper(dynamics.netlist, relaxation.pace * TICK, method="backward_euler", solver=solver)

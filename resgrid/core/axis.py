@@ -119,8 +119,8 @@ def split_points(
 def rounding_errors(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDArray[np.float64]:
     """Return the largest rounding error of coordinates per axis, as fractions of a cell's width, (ndim,).
 
-    `reach` (ndim,): largest magnitude of a coordinate during the conversion between world and space (`Frame.reach`); by
-    default the largest magnitude on every axis.
+    `axes`: axes of the space; `reach` (ndim,): largest magnitude of a coordinate during the conversion between world
+    and space (`Frame.reach`); by default the largest magnitude on every axis.
     """
     largest = largest_coordinates(axes) if reach is None else np.asarray(reach, dtype=np.float64)
     return np.asarray(8 * np.spacing(largest) / [axis.spacing for axis in axes])

@@ -43,7 +43,10 @@ def checked_undecided(cells: NDArray[np.uint8], undecided: ArrayLike) -> NDArray
 
 
 def checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8]:
-    """Return the cells as a uint8 array of the axes' shape; raise InputError for a wrong shape, value or axis."""
+    """Return cell codes as a uint8 array of the axes' shape; raise InputError for a wrong shape, value or axis.
+
+    `axes`: axes of the space; `given`: codes (0 free, 1 obstacle, 2 goal) or booleans, as the caller passes them.
+    """
     cell = real_numbers("cell", given)
     if not 1 <= len(axes) <= MAX_DIMENSIONS:
         raise InputError(f"a configuration space has 1 to {MAX_DIMENSIONS} axes, got {len(axes)}")
@@ -73,7 +76,11 @@ def checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[np
 
 
 def checked_goal_points(axes: tuple[Axis, ...], cells: NDArray[np.uint8], value: ArrayLike) -> NDArray[np.float64]:
-    """Return the goal points in axis units (goal cells, ndim); raise InputError if one lies outside its cell."""
+    """Return the goal points in axis units (goal cells, ndim); raise InputError if one lies outside its cell.
+
+    A goal point is the configuration in a goal cell that solves the goal, NaN if every one does.  `value`: points as
+    the caller passes them, in C order of the goal cells; `axes`, `cells`: axes of the space and `Cell` codes.
+    """
     points = np.array(value, dtype=np.float64, order="C")
     goals = np.argwhere(cells == Cell.GOAL)
     lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T

@@ -115,7 +115,11 @@ def graph_of(netlist: Any) -> nx.MultiGraph[int]:
 
 
 def _edges(netlist: Any, kind: str) -> Iterator[tuple[int, int, dict[str, Any]]]:
-    """Yield the elements of one kind, such as ``"resistor"``, as edges: first node, second node, and attributes."""
+    """Yield the elements of one kind as edges: first node, second node (numbers), and attributes by name.
+
+    Attributes: ``kind``, ``nodes`` (both numbers), ``number`` (index of the element), values in SI units such as
+    ``conductance``, and ``name`` if the elements have names. `netlist`: circuit; `kind`: kind, such as ``"resistor"``.
+    """
     nodes, keys = ELEMENTS[kind]
     columns: dict[str, list[Any]] = {
         key: getattr(netlist, column).tolist() for key, column in keys.items() if getattr(netlist, column) is not None
@@ -128,7 +132,10 @@ def _edges(netlist: Any, kind: str) -> Iterator[tuple[int, int, dict[str, Any]]]
 
 
 def fields_of(graph: nx.Graph[Any], ground: object) -> dict[str, Any]:
-    """Return the arguments of `Netlist` for a graph, by name; `ground`: the graph node that becomes node 0."""
+    """Return the arguments of `Netlist` for a graph, by the names of the arguments, such as ``resistor_nodes``.
+
+    `graph`: graph whose edges are elements; `ground`: the graph node that becomes node 0.
+    """
     order = [ground, *(node for node in graph if node != ground)]
     number = {node: i for i, node in enumerate(order)}
     kinds: dict[str, list[Edge]] = {kind: [] for kind in ELEMENTS}
@@ -163,7 +170,8 @@ def fields_of(graph: nx.Graph[Any], ground: object) -> dict[str, Any]:
 def _node_names(graph: nx.Graph[Any], order: list[Any]) -> tuple[str, ...]:
     """Return a unique name for every graph node of `order`, whose first entry is ground.
 
-    Ground without a name is ``0``, or ``ground`` if another node is called ``0``.
+    Ground without a name is ``0``, or ``ground`` if another node is called ``0``.  `graph`: the graph; `order`: its
+    nodes in the order of the node numbers.
     """
     ground, others = order[0], order[1:]
     wanted = [str(graph.nodes[node].get("name", node)) for node in others]
@@ -183,7 +191,10 @@ def _node_names(graph: nx.Graph[Any], order: list[Any]) -> tuple[str, ...]:
 
 
 def _check_directions(resistors: list[Edge]) -> None:
-    """Raise InputError if a directed graph connects two nodes by resistor edges in both directions."""
+    """Raise InputError if a directed graph connects two nodes by resistor edges in both directions.
+
+    `resistors`: triples of first node, second node and attributes of an edge.
+    """
     joined = {(a, b) for a, b, _ in resistors if a != b}
     for a, b in joined:
         if (b, a) in joined:
@@ -196,8 +207,8 @@ def _check_directions(resistors: list[Edge]) -> None:
 def _ends(edge: Edge, kind: str) -> tuple[Hashable, Hashable]:
     """Return the first and the second node of an element; raise InputError if they are not the nodes of the edge.
 
-    The order is that of the attribute ``nodes`` of the edge, if present. `kind`: kind of element, such as
-    ``"resistor"``.
+    The order is that of the attribute ``nodes`` of the edge, if present. `edge`: first node, second node, and
+    attributes by name; `kind`: kind of element, such as ``"resistor"``.
     """
     a, b, data = edge
     if "nodes" not in data:
@@ -216,7 +227,8 @@ def _ends(edge: Edge, kind: str) -> tuple[Hashable, Hashable]:
 def _value(edge: Edge, key: str) -> float:
     """Return one value of an element in SI units; raise InputError if it is missing or not admissible.
 
-    `edge`: edge of the element; `key`: attribute of the value, such as ``"conductance"``.
+    `edge`: first node, second node, and attributes of the element by name; `key`: name of the attribute with the value,
+    such as ``"conductance"``.
     """
     data = edge[2]
     if key in data:

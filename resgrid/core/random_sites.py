@@ -75,9 +75,10 @@ def scale_resistances(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
 
 
 def seed_of(seed: Any) -> Seed:
-    """Return a seed as an integer, or as a tuple of integers (entropy, spawn key); raise InputError for other values.
+    """Return a seed as an integer, or as a tuple of integers: the entropy, then the spawn key of a `SeedSequence`.
 
-    `seed`: integer of at least 0, tuple of such integers, or `numpy.random.SeedSequence`.
+    `seed`: integer of at least 0, tuple of such integers, or `numpy.random.SeedSequence`; raise InputError for other
+    values.
     """
     if isinstance(seed, np.random.SeedSequence):
         entropy = seed.entropy if isinstance(seed.entropy, int) else None
@@ -93,7 +94,8 @@ def seed_of(seed: Any) -> Seed:
 def generator(seed: Seed, stream: int) -> np.random.Generator:
     """Return the random generator of one random effect of a chip.
 
-    `seed`: seed of the chip; `stream`: number of the effect, such as `MISMATCH` or `NOISE`.
+    `seed`: seed of the chip, an integer or a tuple of integers (entropy, spawn key); `stream`: number of the effect,
+    such as `MISMATCH` or `NOISE`.
     """
     entropy, *key = seed if isinstance(seed, tuple) else (seed,)
     return np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(*key, stream)))

@@ -28,9 +28,7 @@ from resgrid.planning.time_parameterization import Trajectory
 from resgrid.planning.workspace import Collision
 
 _VIEWS = ("table", "record", "arrays", "message")
-"""Names of the views of a path, which determine its file formats; a view is a representation of a value
-(`resgrid.io.tables`).
-"""
+"""Names of the contents of a path, which determine its file formats: CSV, JSON, NPZ and ROS message."""
 _FIXED_NAMES = {".csv": ["path", "k", "outcome"], ".json": ["schema", "k", "outcome"], ".npz": ["k", "outcome"]}
 """Names of columns, keys or arrays in a file of one path, by suffix, in addition to those of `column_names`."""
 
@@ -260,8 +258,8 @@ def check_routes_file(target: str, space: ConfigurationSpace | None = None, *, t
 def _check_names(space: ConfigurationSpace, suffix: str, fixed: dict[str, list[str]], *, timed: bool) -> None:
     """Raise InputError if an axis has the name of another column, or a message for ROS cannot represent the poses.
 
-    `space`: space of the paths; `suffix`: suffix of the file; `fixed`: names of columns in addition to those of
-    `column_names`, by suffix; `timed`: whether the paths are trajectories.
+    `space`: space of the paths; `suffix`: suffix of the file, such as ``.csv``; `fixed`: for each suffix, names of
+    columns in addition to those of `column_names`; `timed`: whether the paths are trajectories.
     """
     if suffix == ".yaml" and has_joints(space):
         require_joints(space, timed=timed)
@@ -272,11 +270,12 @@ def _check_names(space: ConfigurationSpace, suffix: str, fixed: dict[str, list[s
 
 
 def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
-    """Return outcome, length, clearance and further values of a route as a dictionary for a JSON file.
+    """Return the results of a route as a dictionary for JSON.
 
-    `points`: whether to include the points and cells.  The keys `length`, `clearance` and `points` (continuous world
-    coordinates) describe the written path.  For a shortened or timed path, the key `streamline` contains length and
-    clearance of the streamline.
+    Keys: ``outcome``, ``goal`` (index of the region, or None), ``log_duration``, ``start``, ``k``, ``certified``;
+    ``length``, ``clearance``, ``points`` (continuous world coordinates) of the written path; ``cells``; where they
+    apply, ``message``, ``duration`` in seconds, and ``streamline`` and ``short`` with length and clearance of the
+    original and the shortened path.  `points`: whether to include points and cells.
     """
     path = route.streamline
     record: dict[str, Any] = {
@@ -315,7 +314,10 @@ def _workspace_record(route: Route) -> dict[str, Any]:
 
 
 def _routes_table(routes: Sequence[Route]) -> dict[str, list[Any]]:
-    """Return the columns of a table of all routes, one row per point; entries are NaN in columns that a route lacks."""
+    """Return the columns of a table of all routes, one row per point; entries are NaN in columns that a route lacks.
+
+    The first columns are ``path`` (index of the route), ``k`` and ``outcome``.
+    """
     names = max((list(route.columns) for route in routes), key=len, default=[])
     table: dict[str, list[Any]] = {name: [] for name in (*_FIXED_NAMES[".csv"], *names)}
     for number, route in enumerate(routes):

@@ -64,7 +64,13 @@ def check_run_file(file: str | os.PathLike[str], axes: Sequence[Axis] = ()) -> N
 
 
 def run_record(run: Run) -> dict[str, Any]:
-    """Return termination reason, times, counts of contacts and further totals of a run as a dictionary for JSON."""
+    """Return the totals of a run as a dictionary for JSON.
+
+    Keys: ``outcome`` and ``message``: reason of the end; ``goal``: index of the reached region, or None; ``start``,
+    ``end``: configurations; ``k``; ``time`` in seconds; ``steps``; ``modes``: number of steps by control mode;
+    ``cells_learnt``, ``resolves``, ``contacts``: counts; ``parts_touched``: indices of rigid bodies; ``penetration``,
+    ``goal_distance``, ``unsolved``: attributes of `Run`.
+    """
     modes, counts = np.unique(run.mode, return_counts=True)
     return {
         "outcome": str(run.ending),
@@ -89,9 +95,9 @@ def run_record(run: Run) -> dict[str, Any]:
 
 
 def _views(runs: Sequence[Run]) -> Views:
-    """Return functions that return the views (representations) of runs, by name of the view.
+    """Return functions that return the contents of a file of runs, under the keys ``table``, ``record`` and ``arrays``.
 
-    The views determine the file formats.
+    The keys stand for CSV, JSON and NPZ files.
     """
     return {"table": lambda: _table(runs), "record": lambda: _record(runs), "arrays": lambda: _arrays(runs)}
 
@@ -104,7 +110,10 @@ def _names(axes: Sequence[Axis]) -> list[str]:
 
 
 def _table(runs: Sequence[Run]) -> dict[str, list[Any]]:
-    """Return the columns of a table of all runs by name, with one row per time step."""
+    """Return the columns of a table of all runs by name, with one row per time step.
+
+    The first two columns are ``run`` (index of the run) and ``k``.
+    """
     names = _names(runs[0].space.axes)
     require_names(runs[0].space.axes, names)
     rows = [(number, run.field.k, *row) for number, run in enumerate(runs) for row in _rows(run)]
@@ -145,7 +154,11 @@ def _arrays(runs: Sequence[Run]) -> dict[str, NDArray[np.generic]]:
 
 
 def _record(runs: Sequence[Run]) -> dict[str, Any]:
-    """Return the names of the control modes, and outcome and columns of each run, as a dictionary for JSON."""
+    """Return the names of the control modes, and outcome and columns of each run, as a dictionary for JSON.
+
+    Keys: ``mode_names``, in the order of the numbers in the column ``mode``; ``runs``: for each run the dictionary of
+    `run_record` with the additional key ``columns`` (arrays by name).
+    """
     return {
         "mode_names": [mode.name.lower() for mode in ControlMode],
         "runs": [run_record(run) | {"columns": _columns(run)} for run in runs],
@@ -155,7 +168,7 @@ def _record(runs: Sequence[Run]) -> dict[str, Any]:
 def _columns(run: Run) -> dict[str, NDArray[np.generic]]:
     """Return all arrays of a run by name, in world coordinates, with one entry per time step or per contact.
 
-    The array `learnt` is a mask of cells.
+    Arrays over the contacts have names that begin with ``contact_``.  The array ``learnt`` is a mask of cells.
     """
     columns = {name: getattr(run, name) for name in ("time", "mode", *_STEP.values(), "learnt")}
     return columns | {f"contact_{name}": column for name, column in vars(run.contacts).items()}

@@ -77,8 +77,10 @@ def check_solution_file(file: str | os.PathLike[str], *, of_space: bool) -> None
 def solution_record(op: OperatingPoint, worst: int = 10) -> dict[str, Any]:
     """Return residual, powers, largest drops and largest source currents of a circuit as a dictionary for JSON.
 
-    Here a drop is the voltage between a node and its supply, in volts.  `worst`: number of listed nodes with the
-    largest drops, and number of listed sources with the largest currents.
+    Keys: ``kcl_residual``; ``power`` (heat), ``power_delivered`` and ``power_imbalance`` in watts; ``floating_nodes``
+    (names); ``worst_drops``: list with ``node``, ``voltage``, ``supply`` and ``drop`` in volts (here the voltage
+    between a node and its supply); ``supplies``: list with ``name``, ``volts`` and ``amps``; ``solver``; ``seconds`` by
+    stage.  `worst`: largest number of entries of both lists.
     """
     netlist = op.netlist
     drops, balance = ir_drop(op), power_balance(op)
@@ -100,7 +102,7 @@ def solution_record(op: OperatingPoint, worst: int = 10) -> dict[str, Any]:
 
 
 def _supplies(op: OperatingPoint, count: int) -> list[dict[str, Any]]:
-    """Return name, voltage (V) and current (A) of the `count` voltage sources with the largest currents.
+    """Return the `count` voltage sources with the largest currents, as dictionaries of ``name``, ``volts``, ``amps``.
 
     Sources whose current is undetermined (NaN) come first.
     """
@@ -111,10 +113,11 @@ def _supplies(op: OperatingPoint, count: int) -> list[dict[str, Any]]:
 
 
 def _views(op: OperatingPoint | Field, title: str, form: str, about: Mapping[str, Any]) -> Views:
-    """Return functions that return the views (representations) of a solution, by name of the view.
+    """Return functions without arguments that return the contents of a file of a solution, by name of the content.
 
-    The views determine the file formats.  `title`: first line of a raw file; `form`: encoding of a raw file, "binary"
-    or "ascii"; `about`: further keys of a JSON file.
+    Names: ``arrays`` for NPZ; for a circuit without cells also ``table`` (CSV), ``record`` (JSON) and ``waveforms``
+    (raw). `op`: solution; `title`: first line of a raw file; `form`: encoding of a raw file, "binary" or "ascii";
+    `about`: further keys of a JSON file.
     """
     if isinstance(op, Field):
         arrays = {"potential": op.potential, "log_drop": op.log_drop, "cell": op.space.cell, "safe": op.safe}
@@ -151,7 +154,11 @@ def _field_arrays(op: OperatingPoint) -> dict[str, NDArray[Any]]:
 
 
 def _table(op: OperatingPoint) -> dict[str, list[Any]]:
-    """Return the columns of a table with one row per node, followed by one row per element; values in SI units."""
+    """Return the columns of a table with one row per node, followed by one row per element; values in SI units.
+
+    Columns: ``kind``, ``name``, ``first``, ``second`` (node names), ``value``, ``voltage``, ``current``, ``power``.
+    For a node, all are None except kind, name and voltage.
+    """
     nodes = _node_names(op)
     names = "kind", "name", "first", "second", "value", "voltage", "current", "power"
     rows: list[tuple[Any, ...]] = [
@@ -168,7 +175,11 @@ def _table(op: OperatingPoint) -> dict[str, list[Any]]:
 
 
 def _record(op: OperatingPoint) -> dict[str, Any]:
-    """Return the voltages of all nodes and the values of all elements as a nested dictionary by name, for JSON."""
+    """Return the values of nodes and elements as a dictionary for JSON, with the keys ``voltages`` and ``elements``.
+
+    ``voltages``: node voltages by node name; ``elements``: by kind and by name, dictionaries with the keys ``first``,
+    ``second`` (node names), ``value``, ``current`` and ``power``, in SI units.
+    """
     nodes = _node_names(op)
     elements = {
         kind: {
@@ -181,7 +192,10 @@ def _record(op: OperatingPoint) -> dict[str, Any]:
 
 
 def _arrays(op: OperatingPoint) -> dict[str, Any]:
-    """Return arrays of node names and voltages, and of the values of each kind of element, by name of the array."""
+    """Return arrays by name: ``node`` (names), ``voltage``, and the values of each kind of element.
+
+    The name of an array of elements is the kind and the column of `_elements`, such as ``voltage_source_current``.
+    """
     arrays: dict[str, Any] = {"node": np.array(_node_names(op)), "voltage": op.voltage}
     for kind, columns in _elements(op).items():
         arrays |= {f"{kind.replace(' ', '_')}_{name}": column for name, column in columns.items()}
@@ -196,8 +210,9 @@ def _lists(columns: Mapping[str, NDArray[Any]]) -> list[list[Any]]:
 def _elements(op: OperatingPoint) -> dict[str, dict[str, NDArray[Any]]]:
     """Return the columns of each kind of element, by kind and by name of the column.
 
-    The columns, in SI units: nodes (m, 2), values (ohms, volts or amperes), currents from the first to the second node,
-    dissipated powers (negative for a source that delivers power), and names.
+    Kinds: ``"resistor"``, ``"voltage source"``, ``"current source"``.  Columns, in SI units: ``nodes`` (m, 2);
+    ``value``: ohms, volts or amperes; ``current`` from the first to the second node; ``power``: dissipated, negative
+    for a source that delivers power; ``name``.
     """
     netlist, balance = op.netlist, power_balance(op)
     columns = {

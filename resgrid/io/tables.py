@@ -27,14 +27,18 @@ SCHEMA = 1
 """Version number of the JSON records, stored under the key ``schema``."""
 
 Views = Mapping[str, Callable[[], Any]]
-"""Functions that return the views (representations) of a value, by name; only the view that is written is computed."""
+"""Functions that return the content of a file of a value, by name: ``"table"`` (CSV), ``"record"`` (JSON) and so on.
+
+Only the content that is written is computed.
+"""
 
 
 class Format(NamedTuple):
     """A file format.
 
-    `view`: name of the view (representation of a value) that the file contains, such as "table"; `encode`: function
-    that converts this view to the bytes of the file.
+    `view`: name of the content: "table" (columns by name), "record" (dictionary for JSON), "arrays" (arrays by name),
+    "message" (text for ROS), "waveforms", "edges" or "graph"; `encode`: function that converts this content to the
+    bytes of the file.
     """
 
     view: str
@@ -102,14 +106,14 @@ FORMATS: dict[str, Format] = {
     ".txt": Format("edges", str.encode),
     ".graphml": Format("graph", bytes),
 }
-"""File formats by suffix; standard output (``-``) uses the first format whose view the value has."""
+"""File formats by suffix; standard output (``-``) uses the first format whose content the value has."""
 
 
 def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str) -> str:
-    """Return the suffix that selects the format of the file `target`; raise InputError if no view has this format.
+    """Return the suffix that selects the format of the file `target`; raise InputError for an unknown suffix.
 
-    `views`: names of the views (representations) that the value has; `kind`: name of the value in messages, such as "a
-    path".
+    `views`: names of the contents that the value has, such as ``"table"`` (see `Format`); `kind`: name of the value in
+    messages, such as "a path".
     """
     known = [suffix for suffix, form in FORMATS.items() if form.view in views]
     suffix = known[0] if os.fspath(target) == "-" else Path(target).suffix.lower()
@@ -123,15 +127,16 @@ def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str)
 def write(target: str | os.PathLike[str], views: Views, kind: str) -> Path:
     """Write a value atomically in the format that the suffix selects, and return the file.
 
-    `target`: name of the file, ``-`` for standard output; `views`: functions that return the views (representations) of
-    the value, by name; `kind`: name of the value in messages, such as "a path".
+    `target`: name of the file, ``-`` for standard output; `views`: functions without arguments that return the content
+    of the file, by the name of the content: ``table`` (CSV), ``record`` (JSON), ``arrays`` (NPZ) and so on; `kind`:
+    name of the value in messages, such as "a path".
     """
     form = FORMATS[suffix_of(target, views, kind)]
     return emit(target, form.encode(views[form.view]()))
 
 
 def emit(target: str | os.PathLike[str], data: bytes) -> Path:
-    """Write bytes to a file atomically, or to standard output for ``-``; return the file."""
+    """Write the bytes `data` to the file `target` atomically, or to standard output for ``-``; return the file."""
     if os.fspath(target) == "-":
         stream = getattr(sys.stdout, "buffer", None)
         if stream is None:

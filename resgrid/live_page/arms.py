@@ -42,10 +42,10 @@ def resample(drawing: Drawing) -> Drawing:
 
 
 def poses(frame: SolvedDrawing) -> list[list[Any]]:
-    """Return the positions of the arm's joints along each path, as one list of shape (poses, links + 1, 2) per path.
+    """Return the positions of the arm's joints along each path, as one nested list (poses, links + 1, 2) per path.
 
     Positions are in the workspace, in metres.  Without an arm the result is empty; the entry of a missing path is an
-    empty list.
+    empty list.  `frame`: solved drawing with the paths.
     """
     if frame.drawing.world is None:
         return []
@@ -56,8 +56,8 @@ def poses(frame: SolvedDrawing) -> list[list[Any]]:
 def pose(frame: SolvedDrawing, configuration: list[float]) -> list[Any] | None:
     """Return the positions of the arm's joints in a configuration, as a list of shape (links + 1, 2), or None.
 
-    Positions are in the workspace, in metres; None means that the drawing has no arm.  `configuration`: joint angles in
-    radians.
+    Positions are in the workspace, in metres; None means that the drawing has no arm.  `frame`: solved drawing;
+    `configuration`: joint angles in radians.
     """
     if frame.drawing.world is None:
         return None

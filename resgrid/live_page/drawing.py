@@ -226,11 +226,11 @@ def drawing_of_space(space: ConfigurationSpace) -> Drawing:
 
 
 def _goal_points(space: ConfigurationSpace) -> tuple[tuple[int, float, float], ...]:
-    """Return the configurations of a space that solve its goals, as tuples of flat cell index (C order) and point.
+    """Return the configurations of a space that solve its goals, as tuples of a flat cell index and two coordinates.
 
-    Points are in axis units; points at the border of their cell are moved inside by 1e-9 of the cell's width.  Goal
-    cells in which every configuration solves the goal have no entry; the result is empty for more than 50,000 goal
-    cells.
+    Indices are in C order, coordinates in axis units; points at the border of their cell are moved inside by 1e-9 of
+    the cell's width.  Goal cells in which every configuration solves the goal have no entry; the result is empty for
+    more than 50,000 goal cells.
     """
     cells = np.argwhere(space.cell == Cell.GOAL)
     points = space.goal_point(cells)
@@ -265,7 +265,7 @@ def check_size(cells: list[int]) -> None:
 def boxes(mask: NDArray[np.bool_]) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
     """Yield disjoint boxes that cover exactly the cells of a mask (nx, ny).
 
-    A box is a pair of cell indices: lower corner (inclusive) and upper corner (exclusive).
+    A box is a pair of cell indices ``(i, j)``: lower corner (inclusive) and upper corner (exclusive).
     """
     edges = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     begun: dict[tuple[int, int], int] = {}
@@ -290,7 +290,10 @@ def _palette(space: ConfigurationSpace) -> tuple[tuple[float, ...], NDArray[np.u
 
 
 def _changed(chip: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of a ``[chip]`` table that differ from the default values."""
+    """Return the entries of a ``[chip]`` table that differ from the default values.
+
+    `chip`: values of the table by key.
+    """
     from resgrid.scene import Chip
     from resgrid.scene.table_models import plain
 

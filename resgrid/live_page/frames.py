@@ -41,11 +41,15 @@ fraction of the supply.
 def describe(frame: SolvedDrawing) -> tuple[dict[str, Any], list[bytes]]:
     """Return the description of a solved drawing for the page: a dictionary for JSON, and four arrays as bytes.
 
-    The arrays are the points of all paths, a picture, face currents and speeds of dots.  Points: float32 (points, 2),
-    measured from the lower corner of the grid in cell widths, continuous across the seams of periodic axes.  Picture:
-    uint16 (nx, ny), `NO_VALUE` for cells without a value.  Currents: int8 (nx, ny, 4), through the lower and the upper
-    face across each axis, positive along the axis, 127 for the largest current of the cell.  Speeds: uint8 (nx, ny),
-    255 for the fastest dots.
+    Keys: ``exact``, ``paths`` (outcome, number of points and so on of each path), ``seconds``, ``methods``, ``cells``
+    and ``cut_off`` (numbers of free cells and of those without a path to a goal), ``flat`` (circuits without currents),
+    ``scale`` (see `picture_of`), and ``circuit`` of a small grid.
+
+    The arrays are the points of all paths, a picture, face currents and speeds of moving dots.  Points: float32
+    (points, 2), measured from the lower corner of the grid in cell widths, continuous across the seams of periodic
+    axes.  Picture: uint16 (nx, ny), `NO_VALUE` for cells without a value.  Currents: int8 (nx, ny, 4), through the
+    lower and the upper face across each axis, positive along the axis, 127 for the largest current of the cell.
+    Speeds: uint8 (nx, ny), 255 for the fastest dots.
     """
     field = frame.field
     lines = [_line(path) for path in frame.paths]
@@ -68,11 +72,12 @@ def describe(frame: SolvedDrawing) -> tuple[dict[str, Any], list[bytes]]:
 
 
 def describe_others(drawing: Drawing, names: Sequence[str]) -> tuple[dict[str, Any], list[bytes]]:
-    """Return certified paths in other fields of a drawing: numbers of points for JSON, and the points as bytes.
+    """Return certified paths in other fields of a drawing: a dictionary for JSON, and the points of each path as bytes.
 
-    `names`: ``"ideal"`` for the field of the chip without imperfections, ``"k = 0"`` and ``"k = 1"`` for the Neumann
-    and the Dirichlet field of the blend.  Points of a path: float32 (points, 2), measured from the lower corner of the
-    grid in cell widths, continuous across the seams of periodic axes.
+    The key ``points`` holds, for every name, the list of the numbers of points of its paths.  `names`: ``"ideal"`` for
+    the field of the chip without imperfections, ``"k = 0"`` and ``"k = 1"`` for the Neumann and the Dirichlet field of
+    the blend.  Points of a path: float32 (points, 2), measured from the lower corner of the grid in cell widths,
+    continuous across the seams of periodic axes.
     """
     others = {"ideal": without_imperfections(drawing)}
     if not drawing.driven:
@@ -108,8 +113,8 @@ def picture_of(frame: SolvedDrawing) -> tuple[dict[str, Any], NDArray[np.uint16]
     """Return the scale and the picture uint16 (nx, ny) of a field.
 
     The picture shows log10 of the drop if the field has an obstacle rail, otherwise the normalised potential.  The
-    scale is a dictionary with the kind (``"decades"`` or ``"height"``), and the lowest and the highest value in this
-    unit.
+    scale is a dictionary with the keys ``kind`` (``"decades"`` or ``"height"``), ``low`` and ``high`` (lowest and
+    highest value in this unit), between which pixel values are linear.  `frame`: solved drawing.
     """
     field = frame.field
     goal, log_drop = field.space.cell == Cell.GOAL, _log_drop(frame)

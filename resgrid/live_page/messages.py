@@ -75,10 +75,12 @@ class File(TableModel):
 class Request(TableModel):
     """The JSON head of a request of the page.
 
-    `type`: kind of request, which determines the keys that apply; `seq`: number of the request, which the reply
-    repeats; `drawing`: the drawing without its cells; `exact`: whether the solution must be direction-safe; `paths`:
-    fields whose paths are compared; `format`: file format of an export; `cell`: index of a cell; `name`: name of an
-    example; `files`: opened files; `document`: scene of a link.
+    `type`: kind of request: "solve" (a drawing), "settle" (transient), "paths" (paths in other fields), "save"
+    (export), "probe" (properties of a cell), "world", "example", "files" or "link" (drawing of an arm's workspace, an
+    example, files, a link); `seq`: number of the request, which the reply repeats; `drawing`: the drawing without its
+    cells; `exact`: whether the solution must be direction-safe; `paths`: fields whose paths are compared; `format`:
+    file format of an export; `cell`: index of a cell; `name`: name of an example; `files`: opened files; `document`:
+    scene of a link (keys and tables).
     """
 
     type: Literal["solve", "paths", "save", "probe", "settle", "world", "example", "files", "link"]
@@ -153,9 +155,9 @@ def read_drawing(head: DrawingHead | None, body: bytes) -> Drawing:
 def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
     """Return the JSON head and the body of a message with a drawing and its goal regions.
 
-    The head contains the fields of the drawing and, for each goal region, the flat indices (C order) of its cells.  The
-    body has one byte per cell: the cell's code plus 4 times the index of its conductivity in ``palette``, a field of
-    the head.
+    The head has the keys ``drawing``, the fields of the drawing by name, and ``goals``, for each goal region the flat
+    indices (C order) of its cells.  The body has one byte per cell: the cell's code plus 4 times the index of its
+    conductivity in the field ``palette``.
     """
     space = drawing.space
     region, goals = space.goal_region.ravel(), []
@@ -188,7 +190,7 @@ def in_page_words(text: str) -> str:
 def pack(head: dict[str, Any], *body: bytes) -> bytes:
     """Return the bytes of a message with a JSON head and a body.
 
-    `head`: values of the head; `body`: parts of the body, which are concatenated.
+    `head`: values of the head by key, as JSON; `body`: parts of the body, which are concatenated.
     """
     text = json_text(head).encode()
     text += b" " * (-len(text) % 4)

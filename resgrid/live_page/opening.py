@@ -52,9 +52,10 @@ def open_example(name: str | None) -> Scene:
 
 
 def open_document(document: Mapping[str, Any] | None) -> Drawing:
-    """Return the drawing of the scene in a link; raise InputError for a scene that needs a map file.
+    """Return the drawing of the scene in a link of the live page.
 
-    `document`: keys and tables of the scene, None if the link contains no scene.
+    `document`: keys and tables of the scene, None if the link contains no scene.  Raises InputError for None, for an
+    invalid scene, and for a scene that needs a map file or obstacle files.
     """
     if document is None:
         raise InputError("this link contains no scene; copy the whole link again")
@@ -99,7 +100,7 @@ def _bytes(file: File) -> bytes:
 def _refuse_files(document: Mapping[str, Any]) -> None:
     """Raise InputError for a scene with files of maps or obstacles: the page has no access to files of the server.
 
-    `document`: keys and tables of the scene.
+    `document`: keys and tables of the scene, in the form of a scene file.
     """
     if "map" in document:
         raise InputError("this scene needs a map file, to which the page has no access; drop the map itself")

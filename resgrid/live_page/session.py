@@ -151,10 +151,10 @@ class Session:
         return not self._has_left and (self._newer is None or is_same_circuit(self._newer, drawing))
 
     def _solve(self, drawing: Drawing, exact: bool) -> Reply:
-        """Return the head and the body of the reply with the solution of a drawing.
+        """Return the reply with the solution of a drawing: head (dictionary for JSON) and body (arrays as bytes).
 
-        `exact`: whether the solution must be direction-safe; if not, it is a preview unless the last direction-safe
-        solution was fast.
+        The head is that of `describe`, with the additional key ``poses`` (joints of the arm).  `exact`: whether the
+        solution must be direction-safe; if not, it is a preview unless the last direction-safe solution was fast.
         """
         if self._has_transient:
             self._newer = drawing

@@ -5,8 +5,9 @@ from .blocking_obstacles import (
     SceneSeparation as SceneSeparation,
     Separation as Separation,
 )
+from .clearance_curves import ClearanceCurve as ClearanceCurve, clearance_curve as clearance_curve
 from .normals import surface_normals as surface_normals
-from .planner import ClearanceCurve as ClearanceCurve, Planner as Planner, clearance_curve as clearance_curve
+from .planner import Planner as Planner
 from .random_walks import (
     CollisionProbability as CollisionProbability,
     HittingProbability as HittingProbability,
@@ -15,6 +16,7 @@ from .random_walks import (
     hitting_probability as hitting_probability,
     random_walk as random_walk,
 )
+from .replanning import Replanning as Replanning
 from .streamline import ShortPath as ShortPath, unwrap as unwrap
 from .time_parameterization import Trajectory as Trajectory
 from .trace import Traces as Traces

@@ -88,8 +88,8 @@ class Advisor:
     def _helps(self, name: str, change: Change, path: Streamline) -> bool:
         """Return whether a goal can be reached from the start of `path` after a change of the scene.
 
-        The result is False if the changed scene is invalid or has too many cells.
-        `name`: key of the change in the cache; `change`: function that returns the changed scene.
+        The result is False if the changed scene is invalid or has too many cells.  `name`: key of the change in the
+        cache of results; `change`: function without arguments that returns the changed scene.
         """
         if name not in self._spaces:
             self._spaces[name] = _changed_space(change)
@@ -114,7 +114,7 @@ def _finer(scene: Scene) -> Scene:
 
 
 def _changed_space(change: Change) -> ConfigurationSpace | None:
-    """Return the space of the scene that `change` returns; None if it is invalid or has too many cells for a trial."""
+    """Return the space of the scene that the function `change` returns; None if it is invalid or has too many cells."""
     try:
         scene = change()
         most = _MOST_CELLS if isinstance(scene.robot, PointRobot) else _MOST_CELLS_OF_BODIES

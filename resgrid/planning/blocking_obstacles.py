@@ -29,7 +29,10 @@ from resgrid.scene import Scene, build_space
 from resgrid.scene.world_coordinates import to_space
 
 _MOST_PARTS = 63
-"""Maximum number of blocking parts of a scene (obstacles, map, virtual obstacles, robot): one bit of 64 for each."""
+"""Maximum number of blocking parts of a scene: one bit of 64 for each.
+
+A part is one obstacle, the map, the virtual obstacles, or the robot (self-collision).
+"""
 
 
 @frozen
@@ -115,7 +118,10 @@ class Separation:
 
     @property
     def separating(self) -> tuple[int, ...]:
-        """Indices of the smallest of the goals' minimum sets of groups; empty if a path exists."""
+        """Indices into ``barriers`` of a set of groups of obstacle cells whose removal opens a path to a goal.
+
+        Each goal has a minimum set of such groups; this is the smallest of these sets, and empty if a path exists.
+        """
         if self.outcome is Outcome.REACHED:
             return ()
         return min((item.least for item in self.obstructions if item.least), key=len, default=())
@@ -279,7 +285,10 @@ def _cell_of(space: ConfigurationSpace, point: NDArray[np.float64]) -> tuple[int
 
 
 def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstruction:
-    """Return the groups of obstacle cells that separate the cell `start` from the goal region with index `goal`."""
+    """Return the groups of obstacle cells that separate the cell `start` from the goal region with index `goal`.
+
+    `barriers`: all groups of obstacle cells of the space.
+    """
     space, links = barriers.space, barriers.links
     target = tuple(np.argwhere(space.goal_region == goal)[0].tolist())
     here, there = int(links.node[start]), int(links.node[target])
@@ -287,9 +296,9 @@ def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstr
         return Obstruction(goal, (), ())
 
     def between(opened: tuple[int, ...]) -> tuple[int, ...]:
-        """Return the groups on a shortest path from start to goal after removal of the groups `opened`.
+        """Return indices of the groups of obstacle cells on a shortest path from start to goal across groups.
 
-        The result is empty if no further group lies between start and goal.
+        The groups `opened` count as free.  The result is empty if no further group lies between start and goal.
         """
         remaining = adjacency(barriers, opened) if opened else links
         return remaining.groups_between(int(remaining.node[start]), int(remaining.node[target]))
@@ -306,7 +315,8 @@ def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstr
 def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int] | None, most: int) -> SceneSeparation:
     """Return the parts of a scene that separate a start from the goals, found by removing sets of at most `most` parts.
 
-    `start` (ndim,): start in world coordinates, or None; `cell`: start cell, if `start` is None.
+    A part is one obstacle, the map, the virtual obstacles, or the robot (self-collision).  `scene`: the scene; `start`
+    (ndim,): start in world coordinates, or None; `cell`: start cell, if `start` is None.
     """
     if most < 1:
         raise InputError(f"most = {most} must be at least 1: opening a path removes at least one obstacle")

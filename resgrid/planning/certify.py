@@ -277,7 +277,7 @@ def _travel_time(x: Floats, velocity: Floats, leave: Floats) -> Floats:
 def _exit_bounds(
     start: Floats, lower: Floats, upper: Floats, times: tuple[Floats, Floats], slack: Floats
 ) -> tuple[Floats, Floats]:
-    """Return bounds (steps, ndim) of positions from ``start +- slack`` after `times`; `lower, upper`: velocities."""
+    """Return bounds (steps, ndim) of positions `times` after ``start +- slack``; `lower, upper`: face velocities."""
     ends = [
         _advance(np.clip(start + off, 0.0, 1.0), lower, upper, time[:, np.newaxis])
         for off, time in product((-slack, slack), times)
@@ -294,7 +294,7 @@ def _advance(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
 
 
 def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats) -> None:
-    """Raise CertificateError unless the duration lies between the summed times of all steps, given as natural logs."""
+    """Raise CertificateError unless the duration lies between the sums of the shortest and longest times (as ln)."""
     unit = 2.0 * np.log(path.space.spacing.min())
     low, high = (float(np.logaddexp.reduce(logs, initial=-np.inf) + unit) for logs in (log_shortest, log_longest))
     claimed = float(path.log_duration)

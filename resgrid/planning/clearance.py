@@ -21,10 +21,11 @@ def clearance_of(
 ) -> float:
     """Return the smallest distance from a polyline to an obstacle cell, or to an edge of the grid that acts as one.
 
-    `points` (n, ndim): corners of the polyline; `edge`: rule of the grid's edge per axis, ``"obstacle"``, ``"open"`` or
-    ``"periodic"``; `reach`: distance up to which obstacle cells are searched, one number or one per cell in the shape
-    of the space, None without obstacle cells; `blocked` (cells,): mask of obstacle cells in C order, computed if None.
-    All lengths are in axis units; the result is infinite without obstacles within this distance.
+    `points` (n, ndim): corners of the polyline; `space`: gives the cells; `edge`: rule of the grid's edge per axis,
+    ``"obstacle"``, ``"open"`` or ``"periodic"``; `reach`: distance up to which obstacle cells are searched, one number
+    or one per cell in the shape of the space, None without obstacle cells; `blocked` (cells,): mask of obstacle cells
+    in C order, computed if None. All lengths are in axis units; the result is infinite without obstacles within this
+    distance.
     """
     scaled = split_at_faces(points, space)
     starts, ends = (scaled[:-1], scaled[1:]) if len(scaled) > 1 else (scaled, scaled)
@@ -81,6 +82,11 @@ def obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
         return None
     if clear.size * np.count_nonzero(~clear) <= _FEW_PAIRS:
         return _nearest_centres(space, clear) + 0.5 * float(np.linalg.norm(space.spacing))
+    if space.ndim == 2 and not space.periodic.any():
+        from resgrid.planning.distance_kernels import chamfer_distances
+
+        chains = chamfer_distances(clear, *space.spacing.tolist())
+        return np.asarray(chains + 0.5 * np.linalg.norm(space.spacing))
     from scipy.ndimage import distance_transform_edt
 
     margin = [(n // 2 + 1, n // 2 + 1) if ring else (0, 0) for n, ring in zip(space.shape, space.periodic, strict=True)]

@@ -183,7 +183,7 @@ class Field:
 
 
 def _stop_codes(space: ConfigurationSpace, safe: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """Return `Cell` codes (cells,) with `GOAL` where tracing stops: goals and cells outside `safe` (None: goals)."""
+    """Return `Cell` codes (cells,), `GOAL` where tracing stops: goals and outside of the mask `safe` (None: goals)."""
     if safe is None:
         return space.cell.ravel()
     return np.where((space.cell == Cell.FREE) & ~safe, np.uint8(Cell.GOAL), space.cell).ravel()
@@ -274,7 +274,7 @@ def read_field(
 ) -> Field:
     """Return the field of nodes with `potential` and `log_drop` (n,), or None for no drop, and currents of `elements`.
 
-    `volts`: voltage that corresponds to a potential difference of 1; its sign gives the direction of currents.
+    `volts`: voltage of a potential difference of 1, signed; `elements`: face, sense, sign and ln of each current.
     """
     space = cells.space
     faces = sum(face_counts(space.shape))
@@ -296,7 +296,7 @@ def read_field(
 
 
 def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.float64], *, check: bool = True) -> Field:
-    """Return the field given by voltages of cells, shape of the space, in volts; NaN: cell without a node.
+    """Return the field given by the `voltage` of cells (shape of the space), in volts; NaN: cell without a node.
 
     With `check`, the mask `Field.safe` is computed from the KCL residual of every cell; otherwise it is None.
     """

@@ -67,7 +67,7 @@ def _face(flow: Flow, cell: Integers, axis: int) -> int:
 
 @inner
 def face_velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> float:
-    """Write a cell's face currents, divided by the largest, to `lower, upper` (ndim,); return log of the largest."""
+    """Write a cell's face currents over the largest to `lower, upper` (signed by axis); return ln of the largest."""
     scale = -np.inf
     for axis in range(len(cell)):
         face = _face(flow, cell, axis)
@@ -114,7 +114,7 @@ def _moved(x: float, lower: float, upper: float, time: float) -> float:
 
 @inner
 def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int, int]:
-    """Return time, axis (-1: none), side (-1, 1) of the first exit from `local` at face velocities `lower, upper`."""
+    """Return time, axis (-1: none), side (-1 lower, 1 upper) of the exit from `local` (0 to 1), for face velocities."""
     time, across, side = np.inf, -1, 0
     for axis in range(len(local)):
         axis_time, axis_side = _exit_time(local[axis], lower[axis], upper[axis])
@@ -137,7 +137,7 @@ def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
 
 @inner
 def _cross(local: Floats, lower: Floats, upper: Floats, spacing: Floats) -> tuple[float, float, int, int]:
-    """Move `local` to the exit from its cell of widths `spacing`; return time, length, axis (-1: none) and side."""
+    """Move `local` (0 to 1) to the exit of its cell; return time, length, axis (-1: none), side (-1 lower, 1 upper)."""
     time, across, side = _first_exit(local, lower, upper)
     drifts = across >= 0
     if not drifts:
@@ -351,7 +351,7 @@ def segment_is_free(
     """Return whether every closed cell that a closed segment touches is free.
 
     ``start, end`` (ndim,): in cell units, continuous across seams; ``free`` (cells,): mask in C order.  Cells are
-    enlarged by ``rim`` on every side, so that rounding can only add cells.  Cells outside the grid are not free.
+    enlarged by ``rim`` on every side (rounding only adds cells).  Outside the grid (``shape, periodic``) none is free.
     In each slab of cells along the segment's longest component, every cell in the bounding box of the segment's part
     is tested, so that the set of cells is exact in any number of dimensions.
     """

@@ -69,7 +69,11 @@ class RegionGraph:
         return tuple(sorted(int(other) - self.regions for other in neighbours if other >= self.regions))
 
     def groups_between(self, first: int, last: int) -> tuple[int, ...]:
-        """Return the indices of the groups on a shortest path between two graph nodes, in path order, ends included."""
+        """Return the indices of the groups on a shortest path between two graph nodes, in path order, ends included.
+
+        `first`, `last`: indices of the graph nodes; a node is a region (of free and goal cells) or a group of obstacle
+        cells.
+        """
         from scipy.sparse.csgraph import dijkstra
 
         _, before = dijkstra(self.graph, directed=False, indices=np.array([first]), return_predecessors=True)

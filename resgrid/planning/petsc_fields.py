@@ -195,10 +195,11 @@ class SlabReading:
 def read_rows(
     space: ConfigurationSpace, wiring: Wiring, answer: NDArray[np.float64], rows: tuple[int, int]
 ) -> SlabReading:
-    """Return values, currents and direction safety of the cells of a slab.
+    """Return values, currents and direction safety of the cells of a slab (a range of cells along the first axis).
 
-    `answer` (shape of the space): PETSc's solution, drops or heights; `rows`: first index of the slab along the first
-    axis, and the index after the last.
+    `answer` (shape of the space): PETSc's solution: drops, or with a uniform drive heights, in the unit for which every
+    injected current and ``1 / resistance`` is 1; `rows`: first index of the slab along the first axis, and the index
+    after the last.  The values of the result are of the same kind.
     """
     contacts = contacts_of_box(space, wiring, [rows])
     falls = wiring.drive != "uniform"  # a drop grows from the high rail to the goals

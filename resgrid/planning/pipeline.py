@@ -158,7 +158,8 @@ class Problem:
     def _only(self) -> tuple[str, Wiring]:
         """Return name and wiring of the problem's only circuit, which may carry no current.
 
-        Raise InputError if the problem has several circuits: a blend, or several starts that drive a circuit each.
+        The name is that of the boundary, or ``neumann_start_N`` if start N drives the circuit.  Raise InputError if the
+        problem has several circuits: a blend, or several starts that drive a circuit each.
         """
         wiring = self.wiring
         if len(self.ks) == 1:
@@ -178,7 +179,10 @@ class Problem:
         return self.driven_by(0)
 
     def driven_by(self, number: int) -> tuple[str, Wiring]:
-        """Return name and wiring of the circuit with open obstacles that the start with index `number` drives."""
+        """Return name and wiring of the circuit with open obstacles that the start with index `number` drives.
+
+        The name is ``neumann_start_N`` with the number ``N``.
+        """
         cell = start_cell(self.space, self.starts[number])
         return f"neumann_start_{number}", replace(self.wiring.opened(), drive="start", start=cell)
 
@@ -216,7 +220,10 @@ class Solution:
 
     @property
     def flat(self) -> tuple[str, ...]:
-        """Names of the circuits without currents, in a blend whose other circuit carries current; otherwise empty."""
+        """Names of the circuits without currents in a blend whose other circuit carries current; otherwise empty.
+
+        A name is that of the boundary: ``dirichlet``, ``wall`` or ``neumann``.
+        """
         idle = tuple(name for name, field in self.pure.items() if not field.is_flowing)
         return () if self.problem.start_driven or len(idle) == len(self.pure) else idle
 
@@ -302,9 +309,9 @@ def compile_circuit(
 ) -> Netlist:
     """Return the netlist of one circuit of a space.
 
-    `scaled`: whether a uniformly driven circuit is solved once, and the injected currents are scaled so that the
-    highest node is at the supply; `build_chip`: function that then adds the non-idealities of a chip, None for an ideal
-    circuit; `work`: solve options.
+    `space, wiring`: the space and the rules of the circuit; `scaled`: whether a uniformly driven circuit is solved
+    once, and the injected currents are scaled so that the highest node is at the supply; `build_chip`: function from
+    the ideal netlist to one with the non-idealities of a chip, None for an ideal circuit; `work`: solve options.
     """
     seconds, stage = 4e-8 * space.cell.size * space.ndim, f"compile the {wiring.boundary} chip"
     netlist: Netlist = work.observe(stage, compile_space, space, wiring, seconds=seconds)

@@ -95,9 +95,10 @@ def default_clearance(path: Streamline) -> float:
 
 
 def _line_of_sight(field: Field, clearance: float) -> LineTest:
-    """Return a function that tests whether a path may follow the straight line between two points, in axis units.
+    """Return a function of two points (ndim,), in axis units, that returns whether a path may follow their line.
 
-    Such a line touches only free or goal cells, and its distance from obstacles is at least `clearance`, in axis units.
+    The line must touch only free or goal cells, and its distance from obstacles must be at least `clearance`, in axis
+    units.  `field`: gives the cells and the rules of the grid's edge.
     """
     from resgrid.planning import kernels
 
@@ -122,7 +123,7 @@ def _greedy(points: NDArray[np.float64], clear: LineTest) -> NDArray[np.float64]
     """Return the corners (m, ndim) that remain if the path moves from each corner straight to a far visible corner.
 
     A corner is visible from another one if `clear` is True for the line between them.  `points` (n, ndim): corners of
-    the path; `clear`: function that tests whether the line between two points is free.
+    the path, in axis units; `clear`: function of two points (ndim,) that returns whether a path may follow their line.
     """
     kept = [0]
     last = len(points) - 1
@@ -135,8 +136,8 @@ def _farthest(points: NDArray[np.float64], here: int, last: int, clear: LineTest
     """Return the largest index found in ``here + 1 .. last`` of a point that is visible from point number `here`.
 
     A point is visible from another one if `clear` is True for the line between them.  `points` (n, ndim): corners of
-    the path; `clear`: function that tests whether the line between two points is free.  The search doubles its steps,
-    and then bisects, so that the result is not always the last visible point.
+    the path, in axis units; `clear`: function of two points (ndim,) that returns whether a path may follow their line.
+    The search doubles its steps, and then bisects, so that the result is not always the last visible point.
     """
     visible, step = here + 1, 2
     while visible < last and clear(points[here], points[min(here + step, last)]):
@@ -155,8 +156,8 @@ def _farthest(points: NDArray[np.float64], here: int, last: int, clear: LineTest
 def _random_chords(points: NDArray[np.float64], clear: LineTest, rounds: int, seed: int) -> NDArray[np.float64]:
     """Return a path (m, ndim) in which free chords between random points replace parts that are longer than the chord.
 
-    `points` (n, ndim): corners of the path; `clear`: function that tests whether a chord is free; `rounds`: number of
-    chords that are tried; `seed`: seed of the random generator.
+    `points` (n, ndim): corners of the path, in axis units; `clear`: function of two points (ndim,) that returns whether
+    a path may follow their line; `rounds`: number of chords that are tried; `seed`: seed of the random generator.
     """
     generator = np.random.default_rng(seed)
     for _ in range(rounds):

@@ -1,8 +1,8 @@
 """Time parameterization of paths: the fastest trajectory within velocity and acceleration limits.
 
-Corners are rounded by linear segments with parabolic blends (R. P. Paul, Robot Manipulators, 1981, chapter 5): a
-parabola of constant acceleration runs from a distance ``d`` before the corner to ``d`` after it, within the triangle at
-the corner, and passes it at ``d |u2 - u1| / 4`` for unit directions ``u1`` and ``u2``.  The tolerance bounds ``d``.
+Corners are rounded by parabolic blends (R. P. Paul, Robot Manipulators, 1981, chapter 5): a parabola of constant
+acceleration from a distance ``d`` before the corner to ``d`` after it, which passes the corner, for unit directions
+``u1`` and ``u2``, at the distance ``d |u2 - u1| / 4``.  The tolerance bounds ``d``.
 """
 
 from __future__ import annotations
@@ -133,8 +133,7 @@ class Trajectory:
     def sample(self, rate: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Sample the trajectory at a constant rate; the end is always included.
 
-        The last regular sample is omitted if it precedes the end by less than a thousandth of the period, because the
-        acceleration of such a step would be a quotient of rounding errors.
+        The last regular sample is omitted if it precedes the end by less than a thousandth of the sampling period.
 
         Parameters
         ----------
@@ -174,8 +173,7 @@ class Trajectory:
         Returns
         -------
         Trajectory
-            Positions and velocities are exact at the knots, and `at` remains exact at all times.  Accelerations are
-            means.
+            Positions and velocities at the knots are exact, accelerations are means; `at` is exact at all times.
 
         Raises
         ------
@@ -197,9 +195,8 @@ def time_parameterize(
 ) -> Trajectory:
     """Compute the fastest trajectory along a path within velocity and acceleration limits.
 
-    With velocity limits only, each segment has the largest permitted constant velocity, which jumps at corners.  With
-    acceleration limits, the robot starts and ends at rest.  It rounds corners at constant speed, and accelerates and
-    brakes on straight parts with the largest permitted acceleration.  No trajectory of this form is faster.
+    With velocity limits only, each segment has the largest permitted constant velocity.  With acceleration limits, the
+    robot starts and ends at rest, rounds corners at constant speed, and accelerates and brakes at the limit.
 
     Parameters
     ----------
@@ -213,11 +210,9 @@ def time_parameterize(
         Limits in world coordinates per second squared, applied in the same form.  By default those of the robot, if it
         has some (`URDFRobot.acceleration`).
     tolerance : float, optional
-        Maximum deviation from the path, in axis units: one half to straighten small bends, one half to round the
-        remaining corners.  By default half of the path's clearance, at most a quarter of the smallest cell width; for a
-        `Polyline` 0, so that the robot stops at every corner.  A path that touches an obstacle, which is common with
-        open obstacles, has clearance 0, and the robot stops at every bend: shortcut the path with a clearance first,
-        or give a tolerance.  Only with acceleration limits.
+        With acceleration limits: maximum deviation from the path, in axis units, one half to straighten small bends,
+        one half to round the remaining corners.  By default half of the path's clearance (at most a quarter of the
+        smallest cell width), or 0 for a `Polyline`.  With 0, as on a path along obstacles, the robot stops at bends.
 
     Returns
     -------
@@ -295,7 +290,10 @@ def _distance_from_segment(
 
 
 def _at_constant_velocities(points: NDArray[np.float64], velocity: LimitRatio) -> Knots:
-    """Return times, positions, velocities, accelerations (0) at largest constant velocities between `points`."""
+    """Return times, positions, velocities, accelerations (0) of the fastest motion through `points` (n, ndim).
+
+    `velocity`: function from steps to the ratios of their lengths to the velocity limits: shortest durations (s).
+    """
     step = np.diff(points, axis=0)
     seconds = velocity(step)
     velocities = np.concatenate([step / seconds[:, np.newaxis], np.zeros((1, points.shape[1]))])
@@ -304,7 +302,11 @@ def _at_constant_velocities(points: NDArray[np.float64], velocity: LimitRatio) -
 
 
 def _with_blends(points: NDArray[np.float64], velocity: LimitRatio, acceleration: LimitRatio, within: float) -> Knots:
-    """Return times, positions, velocities, accelerations with blends at most `within` away from the `points`."""
+    """Return times, positions, velocities, accelerations of a motion whose corners are rounded by blends (parabolas).
+
+    `points` (n, ndim): corners; `velocity, acceleration`: functions from vectors to the ratios of their magnitudes to
+    the limits; `within`: largest distance of a blend from its corner.
+    """
     step = np.diff(points, axis=0)
     length = np.linalg.norm(step, axis=1)
     heading = step / length[:, np.newaxis]
@@ -336,7 +338,7 @@ def _straight_pieces(length: float, enter: float, leave: float, top: float, acce
 
 
 def _knots(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.float64]]]) -> Knots:
-    """Return times, positions from ``points[0]`` on, velocities, accelerations; `pieces`: (duration, end velocity)."""
+    """Return times, positions, velocities, accelerations; `pieces`: (seconds, velocity at the end) between knots."""
     total = sum(duration for duration, _ in pieces)
     pieces = [piece for piece in pieces if piece[0] > _MOMENT * total]
     seconds = np.array([duration for duration, _ in pieces])
@@ -357,10 +359,10 @@ def _blend_limits(
     acceleration: LimitRatio,
     within: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return distances from corners to the ends of their blends, and largest speeds in blends, both (n + 1,).
+    """Return distances from corners to the ends of their blends (parabolas), and speeds in blends, both (n + 1,).
 
     `heading` (n, ndim), `length`, `top_speed` (n,): unit directions, lengths and largest speeds of the n segments;
-    `acceleration`: ratio to the limits; `within`: largest deviation from a corner.  Results are 0 at start and end.
+    `acceleration`: ratios of vectors to the limits; `within`: largest deviation.  Results are 0 at start and end.
     """
     reach, speed = np.zeros(len(length) + 1), np.zeros(len(length) + 1)
     turn = np.diff(heading, axis=0)

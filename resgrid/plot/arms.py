@@ -48,6 +48,9 @@ _HIDDEN_DEPTH = 0.02
 """Depth in metres below a surface from which a line is drawn as hidden."""
 
 
+_NOWHERE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+"""An empty box, in which half-spaces have no surface."""
+
 _BEHIND = 0.002
 """Distance in metres by which every further pose of the robot is drawn behind the one before."""
 
@@ -103,8 +106,9 @@ class ArmPicture:
         self._robot = link_surfaces(tree)
         self.regions = goal_shapes(scene)
         self.solids = [shape for shape in scene.obstacles if not isinstance(shape, HalfSpace)]
-        fixed = [self.fixed(shapes) for shapes in (self.solids, scene.hidden, self.regions)]
-        corners = [group.triangles.reshape(-1, 3) for group in (*map(self.moved, poses), *fixed)]
+        bounded = shape_surfaces([*self.solids, *scene.hidden, *self.regions], "shape", _NOWHERE)
+        corners = [self.moved(pose).triangles.reshape(-1, 3) for pose in poses]
+        corners += [surface.points for surface in bounded]
         shown = np.concatenate([*corners, self._base[np.newaxis], goal_places(scene), np.reshape(also, (-1, 3))])
         shown = self._base + np.clip(shown - self._base, -self._reach, self._reach)
         self.lower, self.upper = shown.min(axis=0), shown.max(axis=0)
@@ -141,8 +145,9 @@ class ArmPicture:
 
     def fixed(self, shapes: Sequence[Shape]) -> _Group:
         """Return the triangles of shapes that do not move."""
-        low, high = (tuple((self._base + sign * self._reach).tolist()) for sign in (-1.0, 1.0))
-        return _group(shape_surfaces(shapes, "shape", (low, high)), np.empty((0, 4, 4)))
+        (x0, y0, z), (x1, y1, _) = self.floor_corners[[0, 3]].tolist()
+        box = ((x0, y0, z), (x1, y1, float(self.upper[2])))
+        return _group(shape_surfaces(shapes, "shape", box), np.empty((0, 4, 4)))
 
     def layer(self, group: _Group, colour: str, opacity: float = 1.0) -> Layer:
         """Return the image of triangles of one colour; `opacity`: 0 to 1."""
@@ -210,7 +215,7 @@ class ArmPicture:
             outline = self.camera.seen(self.floor_corners[[0, 1, 3, 2]])[:, :2]
             axes.add_patch(Polygon(outline, facecolor=_GROUND, edgecolor="none", zorder=0.5))
         axes.add_collection(
-            LineCollection(list(seen), colors="#c8c8c8", linewidths=0.5, zorder=1.0, label=f"floor, {self.step:g} m"),
+            LineCollection(list(seen), colors="#c8c8c8", linewidths=0.5, zorder=1.0, label=f"grid of {self.step:g} m"),
             autolim=False,
         )
 

@@ -84,9 +84,9 @@ def draw_adc_resolutions(
 ) -> Axes | Figure:  # fmt: skip
     """Draw the converter bits that the starts of several chips require; return the axes, or the figure of a page.
 
-    `results`: resolutions by name, such as the name of a boundary; `ax`: axes to draw on, by default those of a new
-    figure; `quantity`: "page", "served" (fraction of starts served) or "histogram"; `bits`: resolution that is marked,
-    in bits; `title`: title of the page.
+    `results`: resolutions by the name that the legend shows, such as that of a boundary condition; `ax`: axes to draw
+    on, by default those of a new figure; `quantity`: "page" (maps, histogram and curve), "served" (fraction of starts
+    served) or "histogram"; `bits`: resolution that is marked, in bits; `title`: title of the page.
     """
     if quantity == "served":
         return _draw_served(results, ax, bits)
@@ -100,7 +100,8 @@ def draw_adc_resolutions(
 def _draw_served(results: Mapping[str, ADCResolution], ax: Axes | None, bits: int) -> Axes:
     """Draw the fraction of starts that a read-out serves against its resolution in bits; return the axes.
 
-    `results`: resolutions by name; `ax`: axes to draw on, None for a new figure; `bits`: resolution that is marked.
+    `results`: resolutions by the name that the legend shows; `ax`: axes to draw on, None for a new figure; `bits`:
+    resolution that is marked.
     """
     axes = axes_or_new(ax, 0.6)
     most = _most_bits(results, bits)
@@ -119,8 +120,8 @@ def _draw_served(results: Mapping[str, ADCResolution], ax: Axes | None, bits: in
 def _draw_histogram(results: Mapping[str, ADCResolution], ax: Axes | None, bits: int) -> Axes:
     """Draw the histogram of the whole numbers of bits that starts require; return the axes.
 
-    A start that requires 9.3 bits counts at 10.  `results`: resolutions by name; `ax`: axes to draw on, None for a new
-    figure; `bits`: resolution that is marked.
+    A start that requires 9.3 bits counts at 10.  `results`: resolutions by the name that the legend shows; `ax`: axes
+    to draw on, None for a new figure; `bits`: resolution that is marked.
     """
     axes = axes_or_new(ax, 0.6)
     most = int(np.ceil(_most_bits(results, bits)))
@@ -138,7 +139,8 @@ def _draw_histogram(results: Mapping[str, ADCResolution], ax: Axes | None, bits:
 def _adc_resolution_page(results: Mapping[str, ADCResolution], bits: int, title: str) -> Figure:
     """Return a figure with one map per result, the histogram of required bits, and the fraction of starts served.
 
-    `results`: resolutions by name; `bits`: resolution that is marked; `title`: title of the page.
+    `results`: resolutions by the name that titles and legend show; `bits`: resolution that is marked; `title`: title of
+    the page.
     """
     aspect = max(plane_of(result.space).aspect for result in results.values())
     height = panel_height(PAGE / len(results) - 1.0, aspect) + 0.2
@@ -158,7 +160,7 @@ def _adc_resolution_page(results: Mapping[str, ADCResolution], bits: int, title:
 
 
 def _line(number: int) -> dict[str, Any]:
-    """Return matplotlib's options for colour and line style of curve `number`, counted from 0."""
+    """Return matplotlib's options ``color``, ``linestyle`` and ``linewidth`` of curve `number`, counted from 0."""
     colour, style = PATHS[number % len(PATHS)], LINE_STYLES[number % len(LINE_STYLES)]
     return {"color": colour, "linestyle": style, "linewidth": 1.4}
 

@@ -238,9 +238,9 @@ def _draw_drive(netlist: Netlist, axes: Axes) -> None:
 
 
 def _supplies(netlist: Netlist) -> dict[tuple[str, float], list[int]]:
-    """Return the indices of the voltage sources for every pair (name of a rail, voltage in volts).
+    """Return the indices of the voltage sources for every pair of a rail's name and a voltage in volts.
 
-    All sources of a pair share one symbol in the diagram.
+    All sources of a pair share one symbol in the diagram; several goal regions have several rails.
     """
     groups: dict[tuple[str, float], list[int]] = {}
     for number, supply in enumerate(zip(rail_names(netlist), netlist.source_volts.tolist(), strict=True)):
@@ -332,7 +332,8 @@ def _squares(mask: NDArray[np.bool_]) -> list[BaseGeometry]:
 def _bands(shape: tuple[int, ...], railed: list[bool]) -> list[BaseGeometry]:
     """Return the rectangles of the rail around a grid, in cell widths.
 
-    `shape`: number of cells per axis; `railed`: for each axis, whether its two ends have a rail.
+    `shape`: number of cells per axis; `railed`: for each of the two axes, True if the rail lies beyond both of its
+    ends.
     """
     (width, height), (x, y) = shape, (_BAND * rail for rail in railed)
     sides = [(-x, -y, 0, height + y), (width, -y, width + x, height + y)] if railed[0] else []

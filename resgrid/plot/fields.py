@@ -79,7 +79,8 @@ def _draw_potential(
     """Draw the potential and paths; return the axes, or the figure of a space with more than two axes.
 
     With one axis, a mark on the curve is the start of a path.  `paths`: streamlines; `k`: weight k of the Dirichlet
-    field of each path, None for paths of one field; the other options are those of `draw_field`.
+    field of each path, None for paths of one field; `ax`, `scale`, `contours`, `axis`, `indices`: options of
+    `draw_field`.
     """
     shading = shading_of(field, scale)
     shown = np.where(field.space.cell == Cell.OBSTACLE, np.nan, shading.values)

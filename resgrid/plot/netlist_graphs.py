@@ -98,7 +98,7 @@ class Bundle:
 
     @property
     def body(self) -> Shapes:
-        """Polygons and lines of the elements and the wires between them, without the two wires to the nodes."""
+        """Polygons and lines of the elements and of the wires between them, without the two wires to the nodes."""
         lines = [*self.wires[2:], *((branch.start, branch.end) for branch in self.branches)]
         return [*(branch.symbol for branch in self.branches), *map(shapely.LineString, lines)]
 
@@ -169,7 +169,10 @@ def _draw_graph(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) ->
 
 
 def _groups(netlist: Netlist) -> Groups:
-    """Return the elements of a netlist in a dictionary whose keys are pairs of node indices, the higher index first."""
+    """Return the parallel elements of every pair of nodes, by the pair of node indices, the higher index first.
+
+    An element is a tuple: kind, value in SI units, and whether its first terminal has the higher node index.
+    """
     groups: Groups = {}
     for kind, (nodes, values, _) in _ELEMENTS.items():
         value = getattr(netlist, values)
@@ -208,10 +211,10 @@ def _places(netlist: Netlist, groups: Groups) -> Place:
 
 
 def _oriented(places: Place) -> Place:
-    """Return a layout, scaled to drawing units.
+    """Return a layout, scaled to drawing units (`_NODES_APART` between nearest nodes) and turned.
 
-    An elongated layout is turned horizontal, with the first node on the left.
-    `places` (n, 2): node positions of any scale; the result (n, 2) has nearest nodes about `_NODES_APART` apart.
+    An elongated layout is turned horizontal, with the first node on the left.  `places` (n, 2): node positions of any
+    scale; the result has the shape (n, 2).
     """
     centred = places - places.mean(axis=0)
     _, extent, axes = np.linalg.svd(np.concatenate([centred, np.zeros((1, 2))]), full_matrices=False)
@@ -235,9 +238,10 @@ def _closeness(edges: NDArray[np.float64]) -> float:
 
 
 def _bundles(groups: Groups, place: Place) -> list[Bundle]:
-    """Return one bundle per pair of nodes: first pairs without ground, then elements to ground and loops at one node.
+    """Return one `Bundle` (parallel elements with their wires) per pair of nodes.
 
-    `groups`: elements of each pair of nodes; `place` (nodes, 2): node positions, in drawing units.
+    Pairs without ground come first, then elements to ground and loops at one node.  `groups`: elements of each pair of
+    node indices, the higher index first; `place` (nodes, 2): node positions, in drawing units.
     """
     nodes: Shapes = [*map(shapely.Point, place[1:])]
     lines = {pair: shapely.LineString(place[list(pair)]) for pair in groups if GROUND not in pair and len({*pair}) == 2}
@@ -255,10 +259,10 @@ def _bundles(groups: Groups, place: Place) -> list[Bundle]:
 
 
 def _to_ground(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
-    """Return the bundle from a node to ground: downwards if there is room, otherwise into the widest free sector.
+    """Return the parallel elements from a node to ground: downwards if there is room, else into the widest sector.
 
-    `elements`: elements from the node to ground; `node` (2,): position of the node; `drawn`: shapes that the bundle
-    should not overlap.
+    `elements`: kind, value, and whether the first terminal has the higher node index, of each element; `node` (2,):
+    position of the node; `drawn`: polygons and lines that the elements should not overlap.
     """
     around = shapely.Point(node).buffer(0.4).boundary
     arms = shapely.get_coordinates(shapely.intersection(drawn, around)) - node
@@ -274,9 +278,10 @@ def _to_ground(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
 
 
 def _to_itself(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
-    """Return the bundle of elements with both ends at one node: nested loops in the direction with the most room.
+    """Return the elements with both ends at one node as nested loops, in the direction with the most room.
 
-    `elements`: the elements; `node` (2,): position of the node; `drawn`: shapes that the bundle should not overlap.
+    `elements`: kind, value, and orientation of each element; `node` (2,): position of the node; `drawn`: polygons and
+    lines that the elements should not overlap.
     """
     angles = np.pi / 4 * (np.arange(8) + 2)
     choices = [_loop(elements, node, np.array([np.cos(angle), np.sin(angle)])) for angle in angles.tolist()]
@@ -284,9 +289,9 @@ def _to_itself(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
 
 
 def _loop(elements: Elements, node: Place, out: Place) -> Bundle:
-    """Return a bundle of nested loops, one per element, with both ends at the position `node` (2,).
+    """Return nested loops, one per element, with both ends at the position `node` (2,), as a `Bundle`.
 
-    `out` (2,): unit vector from the node to the loops.
+    `elements`: kind, value, and orientation of each element; `out` (2,): unit vector from the node to the loops.
     """
     across = np.array([-out[1], out[0]])
     middles = [node + (0.8 + 0.75 * rank) * out for rank in range(len(elements))]
@@ -299,9 +304,10 @@ def _loop(elements: Elements, node: Place, out: Place) -> Bundle:
 
 
 def _bundle(elements: Elements, a: Place, b: Place, slide: float, *, grounded: bool = False) -> Bundle:
-    """Return the bundle of parallel elements, symmetrical about the line from `a` to `b` (2,).
+    """Return parallel elements with their wires, symmetrical about the line between the positions `a` and `b` (2,).
 
-    `slide`: position of the elements between `a` (0) and `b` (1); `grounded`: whether `b` has a ground symbol.
+    `elements`: kind, value, and whether the element points from `a` to `b`, of each element; `slide`: position of the
+    elements between `a` (0) and `b` (1); `grounded`: whether `b` has a ground symbol.
     """
     length = max(float(np.linalg.norm(b - a)), 1e-9)
     along = (b - a) / length
@@ -326,8 +332,8 @@ def _texts(
 ) -> list[tuple[str, BaseGeometry]]:
     """Return each text of the diagram with its rectangle: values of elements, names and voltages of nodes.
 
-    `op`: operating point with the voltages, None to omit them; `place` (nodes, 2): node positions in drawing units;
-    `bundles`: elements, which the texts should not overlap.
+    `netlist`: the circuit; `op`: operating point with the voltages, None to omit them; `place` (nodes, 2): node
+    positions in drawing units; `bundles`: elements with their wires, which the texts should not overlap.
     """
     drawn = [*map(shapely.Point, place[1:]), *_all_shapes(bundles)]
     texts: list[tuple[str, BaseGeometry]] = []
@@ -359,16 +365,16 @@ def _texts(
 
 
 def _all_shapes(bundles: list[Bundle]) -> Shapes:
-    """Return the polygons and lines of all elements, wires and ground symbols of a list of bundles."""
+    """Return the polygons and lines of all elements, wires and ground symbols of bundles (parallel elements)."""
     return [shape for bundle in bundles for shape in bundle.shapes]
 
 
 def _roomiest(choices: list[Shapes], drawn: Shapes, enough: float, within: BaseGeometry | None = None) -> int:
-    """Return the index of the choice with the largest distance from the shapes that are already drawn.
+    """Return the index of the entry of `choices` with the largest distance from the shapes that are already drawn.
 
-    `choices`: shapes of each choice; `drawn`: shapes that are already drawn; `enough`: distance, in drawing units,
-    above which more distance does not count, so that the first such choice is taken; `within`: area that is ignored,
-    such as the common node of the shapes, None for no area.
+    `choices`: alternative lists of polygons and lines; `drawn`: polygons and lines that are already drawn; `enough`:
+    distance, in drawing units, above which more distance does not count, so that the first such entry is taken;
+    `within`: area that is ignored, such as the common node of the shapes, None for no area.
     """
     touched = shapely.Point() if within is None else within
     others, *bodies = (shapely.difference(shapes, touched) for shapes in (drawn, *choices))

@@ -235,20 +235,23 @@ def paint_unknown(picture: Axes | Figure, space: ConfigurationSpace, unknown: ND
 
 
 def painter(*masks: Mask) -> Layer:
-    """Return a layer (function of a panel) that paints masks of cells, each with a colour and a legend entry."""
+    """Return a function of a `Panel` that paints masks of cells.
+
+    `masks`: tuples of a mask (shape of the space), the colour of its cells, and the legend entry.
+    """
     return lambda panel: panel.paint(*masks)
 
 
 def virtual_cells(virtual: NDArray[np.bool_] | None) -> list[Mask]:
-    """Return a list with the mask of obstacle cells that no body occupies, its colour and legend entry.
+    """Return a list with one tuple: mask of obstacle cells that no body occupies, its colour and its legend entry.
 
-    The list is empty if `virtual` is None.
+    The list is empty if `virtual`, this mask (shape of the space), is None.
     """
     return [] if virtual is None else [(virtual, VIRTUAL, "virtual obstacle")]
 
 
 def _slices(space: ConfigurationSpace, ax: Axes | None, cuts: Sequence[Cut]) -> list[Panel]:
-    """Return one panel of a new figure for each slice; raise InputError if `ax` is given."""
+    """Return one panel of a new figure for each slice; raise InputError unless `ax` is None."""
     if ax is not None:
         raise InputError(f"a space with {space.ndim} axes is drawn in several slices and cannot use one ax; omit ax")
     planes = [plane_of(space, cut) for cut in cuts]

@@ -20,7 +20,7 @@ from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.blocking_obstacles import SceneSeparation, Separation
-from resgrid.planning.planner import ClearanceCurve
+from resgrid.planning.clearance_curves import ClearanceCurve
 from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, unwrap
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.panels import Layer, Panel, draw_known, draw_panels, name_free_cells, painter, virtual_cells
@@ -82,9 +82,9 @@ def _ground(space: ConfigurationSpace, ax: Axes | None) -> list[Layer]:
 
 
 def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
-    """Return a layer that draws the paths that reach a goal, grouped by k, and the starts and ends of all paths.
+    """Return a function of a `Panel` that draws the paths that reach a goal, grouped by k, and all starts and ends.
 
-    `k`: weight k of the Dirichlet field of each path, None for paths of one field.
+    `paths`: streamlines; `k`: weight k of the Dirichlet field of each path, None for paths of one field.
     """
     groups, reached = by_blend(paths, k), [path for path in paths if path.outcome is Outcome.REACHED]
     failed = Counter(path.outcome for path in paths if path.outcome is not Outcome.REACHED)
@@ -144,7 +144,7 @@ def _draw_lines(
     """Draw lines in a panel; in a slice, draw thin projections of the lines, and bold parts inside the slice.
 
     `lines` (n, ndim): points of each line in axis units; `label`: legend entry; `is_cased`: whether the lines have a
-    white outline; the other options are those of matplotlib.
+    white outline; `color`, `linestyle`, `linewidth`: options of matplotlib's plot.
     """
     axes, colour = panel.axes, color
     if panel.cut:
@@ -203,7 +203,7 @@ def require_paths(paths: Sequence[Streamline], space: ConfigurationSpace) -> Non
 
 
 def seam_pieces(path: Streamline) -> list[NDArray[np.float64]]:
-    """Return the pieces (n, ndim) of a streamline between its crossings of periodic seams, in axis units."""
+    """Return the polylines (n, ndim) into which crossings of periodic seams divide a streamline, in axis units."""
     points, space = path.axis_points, path.space
     if len(points) < 2:
         return []

@@ -45,7 +45,7 @@ PICTURES = {
     "resgrid.planning.blocking_obstacles:SceneSeparation": "paths:draw_separation",
     "resgrid.planning.blocking_obstacles:Separation": "paths:draw_separation",
     "resgrid.planning.fields:Field": "fields:draw_field",
-    "resgrid.planning.planner:ClearanceCurve": "paths:draw_clearance_curve",
+    "resgrid.planning.clearance_curves:ClearanceCurve": "paths:draw_clearance_curve",
     "resgrid.planning.streamline:Polyline": "paths:draw_line",
     "resgrid.planning.streamline:ShortPath": "paths:draw_line",
     "resgrid.planning.streamline:Streamline": "paths:draw_path",
@@ -68,7 +68,10 @@ SHOWN_PARTS: dict[str, Callable[[Any], object]] = {
     "resgrid.planning.planner:Planner": attrgetter("field"),
     "resgrid.spice.circuit:Circuit": methodcaller("netlist"),
 }
-"""For types without a picture of their own: function that returns the part of the value that is drawn instead."""
+"""For a type without a picture of its own: function from a value of the type to another value, which is drawn instead.
+
+The key is the module and the name of the class, separated by a colon.
+"""
 
 
 @functools.singledispatch
@@ -260,7 +263,10 @@ def draw_scene_or_cells(scene: Scene, ax: Axes | None = None) -> Axes | Figure:
 
 
 def _picture_of(value: object) -> Picture:
-    """Return the function that draws a value, or a sequence or mapping of values; raise InputError if there is none."""
+    """Return the function that draws a value (arguments: value, optionally ``ax``, options; result: axes or a figure).
+
+    `value`: a value, or a sequence or mapping of values of one type; raise InputError if there is no such function.
+    """
     registry, table, one = _one, PICTURES, value
     if isinstance(value, Mapping | Sequence) and not isinstance(value, str | bytes) and len(value):
         registry, table = _several, PICTURES_OF_SEVERAL

@@ -157,10 +157,10 @@ def cells_with_path(space: ConfigurationSpace) -> NDArray[np.bool_]:
 
 
 def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_], obstacle: str = "obstacle") -> list[Mask]:
-    """Return the masks of obstacles, goals and free cells without a path to a goal, with colours and legend entries.
+    """Return three masks of cells, each as a tuple with the colour and the legend entry of the cells.
 
-    `cell`: `Cell` codes; `connected`: mask of cells with a path to a goal, same shape; `obstacle`: legend entry of
-    obstacles.
+    The masks are those of obstacles, goals, and free cells without a path to a goal.  `cell`: `Cell` codes;
+    `connected`: mask of cells with a path to a goal, same shape; `obstacle`: legend entry of obstacles.
     """
     return [
         (cell == Cell.OBSTACLE, OBSTACLE, obstacle),
@@ -203,9 +203,10 @@ def _counted(label: str, where: NDArray[np.bool_]) -> str:
 
 
 def unknown_cells(cell: NDArray[np.uint8], unknown: NDArray[np.bool_] | None) -> list[Mask]:
-    """Return a list with the mask of obstacle cells of unknown occupancy; an empty list if `unknown` is None.
+    """Return a list with one tuple: mask of obstacle cells of unknown occupancy, its colour and its legend entry.
 
-    `cell`: `Cell` codes; `unknown`: mask of cells of unknown occupancy, same shape.
+    The list is empty if `unknown` is None.  `cell`: `Cell` codes; `unknown`: mask of cells of unknown occupancy, same
+    shape.
     """
     return [] if unknown is None else [((cell == Cell.OBSTACLE) & unknown, UNKNOWN, "unknown")]
 
@@ -333,7 +334,10 @@ def wrapped(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[n
 
 
 def block_size(shape: tuple[int, ...], most: int) -> int:
-    """Return the side of square blocks, in cells, such that there are at most `most` blocks along each of two axes."""
+    """Return the side of square blocks, in cells, such that there are at most `most` blocks along each of two axes.
+
+    `shape`: number of cells along each of the axes.
+    """
     return -(-max(shape[:2]) // most)
 
 

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 _LARGEST = 32
 """Largest width or height of a triangle, in pixels, that is rasterized at once; larger triangles are divided."""
 
+_STEP = 4
+"""Granularity in pixels of the blocks in which triangles are rasterized."""
+
 _AT_ONCE = 1 << 20
 """Number of pixels that are tested against triangles at once."""
 
@@ -117,9 +120,11 @@ def render(
     # The third coordinate points away from the camera, and meshes may have either orientation.
     facing = normal * (np.where(normal[:, 2] > 0, -1.0, 1.0) / length)[:, None] * (1.0, 1.0, -1.0)
     light = _AMBIENT + (1 - _AMBIENT) * np.clip(facing @ _LIGHT, 0.0, 1.0)
-    shade = np.append(light, 0.0)[face]
-    shade[_outline(np.append(owner, -1)[face])] *= _OUTLINE
-    pixels = np.round(255 * shade[..., None] * np.array(to_rgb(colour))).astype(np.uint8)
+    covered = face >= 0
+    shade = light[face[covered]]
+    shade[_outline(np.append(owner, -1)[face])[covered]] *= _OUTLINE
+    pixels = np.zeros((*face.shape, 3), dtype=np.uint8)
+    pixels[covered] = 255 * shade[:, None] * np.array(to_rgb(colour)) + 0.5
     return Layer(pixels, depth, opacity)
 
 
@@ -173,7 +178,7 @@ def _nearest(corners: NDArray[np.float64], window: Window) -> tuple[NDArray[np.f
     parts, number = _divided(corners, np.arange(len(corners)), shape)
     low = np.floor(parts[..., :2].min(axis=1)).astype(np.int64)
     size = (np.ceil(parts[..., :2].max(axis=1)).astype(np.int64) - low).max(axis=1, initial=1)
-    sides = 1 << np.ceil(np.log2(np.maximum(size, 1))).astype(np.int64)
+    sides = -(-size // _STEP) * _STEP
     for side in np.unique(sides).tolist():
         own = np.flatnonzero(sides == side)
         step = max(_AT_ONCE // side**2, 1)
@@ -219,15 +224,19 @@ def _covered(
     `corners` (n, 3, 3): columns, rows and depths; `low` (n, 2): lower corner of the block of `side` x `side` pixels
     that contains a triangle; `shape`: rows and columns of the window.
     """
-    (x0, y0, z0), (x1, y1, z1), (x2, y2, z2) = corners.transpose(1, 2, 0)[..., None, None]
+    (x0, y0), (x1, y1), (x2, y2) = corners[..., :2].transpose(1, 2, 0)[..., None, None]
     column, row = low[:, 0, None, None] + np.arange(side)[:, None], low[:, 1, None, None] + np.arange(side)
     x, y = column + 0.5 - x0, row + 0.5 - y0
     twice = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-    twice = np.where(np.abs(twice) < 1e-12, np.inf, twice)
-    second = (x * (y2 - y0) - (x2 - x0) * y) / twice
-    third = ((x1 - x0) * y - x * (y1 - y0)) / twice
-    in_window = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])
-    covers = (second >= 0) & (third >= 0) & (second + third <= 1) & in_window & np.isfinite(twice)
-    which, across, up = np.nonzero(covers)
-    depth = (z0 + second * (z1 - z0) + third * (z2 - z0))[which, across, up].astype(np.float32)
-    return (low[which, 1] + up) * shape[1] + low[which, 0] + across, depth, which
+    twice = np.where(np.abs(twice) < 1e-12, np.nan, twice)
+    # Barycentric coordinates; NaN of triangles that are seen edge-on covers no pixel.
+    second = x * ((y2 - y0) / twice) - y * ((x2 - x0) / twice)
+    third = y * ((x1 - x0) / twice) - x * ((y1 - y0) / twice)
+    covers = (second >= 0) & (third >= 0) & (second + third <= 1)
+    covers &= (column >= 0) & (column < shape[1])
+    covers &= (row >= 0) & (row < shape[0])
+    inside = np.flatnonzero(covers)
+    which, across, up = np.unravel_index(inside, covers.shape)
+    depth = corners[which, 0, 2] + second.ravel()[inside] * (corners[:, 1, 2] - corners[:, 0, 2])[which]
+    depth += third.ravel()[inside] * (corners[:, 2, 2] - corners[:, 0, 2])[which]
+    return (low[which, 1] + up) * shape[1] + low[which, 0] + across, depth.astype(np.float32), which

@@ -79,9 +79,9 @@ _GREEK = re.compile(r"(alpha|beta|gamma|theta|phi|psi|omega)(?:_(\w+))?")
 
 
 def blend_styles(blends: Sequence[float | None]) -> list[dict[str, Any]]:
-    """Return matplotlib's options for colour, line style and width of the paths of every k.
+    """Return matplotlib's options ``color``, ``linestyle`` and ``linewidth`` for the paths of every k.
 
-    `blends`: values of k in ascending order, None for paths of one field.  k = 0 is blue and k = 1 orange, as on the
+    `blends`: values of k in ascending order, None for paths of one field. k = 0 is blue and k = 1 orange, as on the
     live page.  Lines of larger k are narrower, so that all lines stay visible.
     """
     between = [blend for blend in blends if blend not in _ENDS]

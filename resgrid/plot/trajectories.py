@@ -52,7 +52,8 @@ def draw_trajectory(
 def _page(trajectory: Trajectory, groups: dict[str, list[int]], shown: str = "page") -> Figure:
     """Return a figure with the panels of a trajectory: a row for speed, a row for position, a column for each unit.
 
-    `groups`: indices of the axes with each unit; `shown`: "page" for both rows, or only "speed" or "position".
+    `trajectory`: timed path; `groups`: indices of the axes with each unit, by unit; `shown`: "page" for both rows, or
+    only "speed" or "position".
     """
     rows = [draw for name, draw in (("speed", _draw_speed), ("position", _draw_positions)) if shown in ("page", name)]
     figure = new_figure(PAGE if len(groups) > 1 else PAGE * 0.7, 0.6 + 2.2 * len(rows))
@@ -67,7 +68,7 @@ def _page(trajectory: Trajectory, groups: dict[str, list[int]], shown: str = "pa
 
 
 def _axes_by_unit(axes: tuple[Axis, ...]) -> dict[str, list[int]]:
-    """Return the indices of the axes with each unit, in the order in which the units first occur."""
+    """Return the indices of the axes with each unit, by unit (such as ``m``), in the order of first occurrence."""
     groups: dict[str, list[int]] = {}
     for number, axis in enumerate(axes):
         groups.setdefault(axis.unit, []).append(number)

@@ -206,7 +206,8 @@ def draw_workspace_and_space(
     >>> figure = rg.plot.draw_workspace_and_space(rg.plan(scene).path((0.5, 6.5)), scene)
     """
     plane_of((path if verdict is None else verdict).space)
-    figure = new_figure(PAGE, 4.4 + caption_height(caption))
+    legend = 0.7 if scene.robot.workspace_ndim == 3 else 0.0  # a row of the legend for every verdict of cells
+    figure = new_figure(PAGE, 4.4 + legend + caption_height(caption))
     left, right = figure.subplots(1, 2)
     draw_robot(path, scene, left)
     mark_shapes(separating, left, FAILURE, "separates the start from the goals")

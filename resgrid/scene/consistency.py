@@ -27,9 +27,10 @@ def inconsistencies(
 ) -> list[Problem]:
     """Return all inconsistencies between parts of a scene, as pairs of key path and message.
 
-    `settings`: the scene, or the typed document of its file; `robot`: the robot, its class if other keys of the table
-    ``[robot]`` are invalid, or None if its type is invalid; `axes`: None if some axes are invalid; `names`: names of
-    all axes, None for an axis without a valid name; `values`: shapes, goals, areas and starts, by key path; `has_wall`:
+    A key path is a tuple of names and indices, such as ``("obstacle", 2, "radius")``.  `settings`: the scene, or the
+    typed document of its file; `robot`: the robot, its class if other keys of the table ``[robot]`` are invalid, or
+    None if its type is invalid; `axes`: None if some axes are invalid; `names`: names of all axes, None for an axis
+    without a valid name; `values`: shapes, goals, areas and starts, by key path, such as ``("goal", 0)``; `has_wall`:
     whether the chip has a wall resistance.
     """
     ndim = len(names)
@@ -108,8 +109,9 @@ def _coordinate_problems(robot: Robot | type[Robot] | None, ndim: int, values: M
 def _allowed(robot: Robot | type[Robot], ndim: int, key: str, value: Any) -> tuple[tuple[int, ...], str]:
     """Return the allowed numbers of coordinates of a value, and words for their meaning in a message.
 
-    A value may be a place in the workspace, a configuration, or (a goal) either of both.  `ndim`: number of axes;
-    `key`: key of the scene file that holds the value, such as "goal"; `value`: shape, goal, cost area or start.
+    A value may be a place in the workspace, a configuration, or (a goal) either of both.  `robot`: robot or its class;
+    `ndim`: number of axes; `key`: key of the scene file that holds the value, such as "goal"; `value`: shape, goal,
+    cost area or start.
     """
     in_space = key in ("area", "start", "starts") or isinstance(value, GoalCell | GoalJoints)
     if robot.moves_in_workspace or in_space:
@@ -123,7 +125,7 @@ def _allowed(robot: Robot | type[Robot], ndim: int, key: str, value: Any) -> tup
 def _count_of(value: Any) -> tuple[int, tuple[str, ...]]:
     """Return the number of coordinates of a shape, goal or start, and the key of the table that holds them.
 
-    The key is an empty tuple for a start, which has no table.
+    The key is a tuple of one name, such as ``("centre",)``; it is empty for a start, which has no table.
     """
     if isinstance(value, tuple):
         return len(value), ()

@@ -103,7 +103,10 @@ class Control:
         check_fields(self)
 
     def problems(self, ndim: int) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """Yield a pair (key path, message) for every value that is inconsistent with a space of `ndim` axes."""
+        """Yield a pair of key path and message for every value that is inconsistent with a space of `ndim` axes.
+
+        A key path is a tuple of names and indices below the table ``[control]``.
+        """
         for key in ("speed_limits", "bias", "noise"):
             count = len(getattr(self, key) or (0.0,))
             if count not in (1, ndim):

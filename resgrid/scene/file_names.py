@@ -8,7 +8,10 @@ from typing import Any
 
 
 def needs_files(document: Mapping[str, Any]) -> bool:
-    """Return whether the document of a scene refers to a map file, or to files of obstacles or of a robot."""
+    """Return whether the document of a scene refers to a map file, or to files of obstacles or of a robot.
+
+    `document`: keys and tables of the scene file.
+    """
     obstacles = document.get("obstacle")
     tables = [document.get("robot"), *(obstacles if isinstance(obstacles, list) else [])]
     return "map" in document or any("file" in table for table in tables if isinstance(table, Mapping))
@@ -17,7 +20,7 @@ def needs_files(document: Mapping[str, Any]) -> bool:
 def with_absolute_files(raw: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
     """Return a document in which file names of obstacles and of a robot of type ``urdf`` are absolute.
 
-    `raw`: document, which may be invalid; `folder`: base of relative names.
+    `raw`: keys and tables of the document, which may be invalid; `folder`: base of relative names.
     """
     obstacles, robot = raw.get("obstacle"), raw.get("robot")
     changes: dict[str, Any] = {}
@@ -29,7 +32,11 @@ def with_absolute_files(raw: Mapping[str, Any], folder: Path) -> Mapping[str, An
 
 
 def _with_absolute(table: Any, keys: tuple[str, ...], folder: Path) -> Any:
-    """Return a table in which the names, or lists of names, under some keys are absolute; other values unchanged."""
+    """Return a table in which the file names, or lists of file names, under `keys` are absolute.
+
+    `table`: keys and values; any other value is returned unchanged, as are the values of other keys; `folder`: base of
+    relative names.
+    """
     if not isinstance(table, Mapping):
         return table
     return {key: _absolute(value, folder) if key in keys else value for key, value in table.items()}

@@ -29,7 +29,8 @@ def key_path(path: Sequence[str | int]) -> str:
 def report(problems: Sequence[Problem], source: str, lines: Mapping[Path, int] | None = None) -> str:
     """Return one message with all problems of a document, sorted by line.
 
-    `source`: name of the document; `lines`: line numbers by key path, None for a document without lines.
+    `problems`: pairs of key path (tuple of names and indices) and message; `source`: name of the document; `lines`:
+    line numbers by key path, None for a document without lines.
     """
     placed = [(line_of(lines or {}, path) or 0, key_path(path), message) for path, message in problems]
     placed.sort(key=lambda entry: entry[0])
@@ -59,8 +60,9 @@ def message_of(detail: ErrorDetails) -> str:
 def problems_of(error: ValidationError, message: Callable[[ErrorDetails], str] = message_of) -> list[Problem]:
     """Return the key path and message of each problem of a failed validation.
 
-    `message`: function that returns the message for one of pydantic's errors.  If entries of a list have errors, an
-    error about too few entries of this list is omitted, because it is a consequence.
+    A key path is a tuple of names and indices.  `error`: the failure; `message`: function that returns the message for
+    one of pydantic's errors.  If entries of a list have errors, an error about too few entries of this list is omitted,
+    because it is a consequence.
     """
     details = error.errors(include_url=False)
     inner = {each["loc"][:size] for each in details for size in range(len(each["loc"]))}

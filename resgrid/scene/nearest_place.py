@@ -82,7 +82,8 @@ def _on_map(scene: Scene) -> bool:
 def nearest_place(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequence[Axis], frame: Frame) -> str | None:
     """Return the centre of the nearest allowed cell as text, in world coordinates; None if no cell is allowed.
 
-    `allowed`: mask of cells, shape of the space; `cell`: index of the cell from which distances are measured.
+    `allowed`: mask of cells, shape of the space; `cell`: index of the cell from which distances are measured; `axes`,
+    `frame`: axes of the space, and their transformation to the world.
     """
     nearest = nearest_cell(allowed, cell, axes)
     return None if nearest is None else place_text(cell_centre(tuple(axes), frame, nearest, ""))

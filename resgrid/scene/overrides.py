@@ -42,7 +42,10 @@ def document_of(scene: Scene) -> dict[str, Any]:
 
 
 def _table(value: Any) -> dict[str, Any]:
-    """Return a shape, a goal or a cost area in the form of a scene file's table, as a dictionary."""
+    """Return a shape, a goal or a cost area as a dictionary with the keys of its table in a scene file.
+
+    For a shape these are ``shape``, the name of the shape in files, and the attributes of its class.
+    """
     from resgrid.scene.shape_tables import SHAPES
 
     if isinstance(value, CostArea):
@@ -96,9 +99,10 @@ def build_changed(document: Document, changes: Mapping[str, Any]) -> Scene:
 
 
 def _lines_of_file(lines: Mapping[KeyPath, int], changes: Mapping[str, Any]) -> dict[KeyPath, int]:
-    """Return the line number of every key that comes from the scene file, and 0 for every changed key.
+    """Return the line number of every key that comes from the scene file, and 0 for every changed key, by key path.
 
-    `lines`: line numbers in the file by key path; `changes`: new values by key path.
+    `lines`: line numbers in the file by key path (tuple of names and indices); `changes`: new values by key path as
+    text, such as ``chip.supply``.
     """
     changed = {_parts(key) for key in _by_key(changes)}
     if ("start",) in changed:
@@ -115,10 +119,10 @@ def _parts(key: str) -> KeyPath:
 
 
 def _by_key(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the changes by full key path, sorted so that a table precedes the keys inside this table.
+    """Return the changes by full key path with dots, sorted so that a table precedes the keys inside this table.
 
-    `changes`: new values by key path, also short (``radius``).  A text of several edge rules becomes a list.
-    InputError is raised if a key is given twice with different values.
+    `changes`: new values by key path, also short (``radius`` for ``robot.radius``) or with brackets.  A text of several
+    edge rules becomes a list.  InputError is raised if a key is given twice with different values.
     """
     by_key: dict[str, Any] = {}
     for key, value in changes.items():
@@ -135,7 +139,8 @@ def _by_key(changes: Mapping[str, Any]) -> dict[str, Any]:
 def _apply(raw: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return a copy of the document `raw` with some keys changed; goals and starts replace all goals or starts.
 
-    Keys of the robot are set first, because the robot may imply axes, whose keys the changes may contain.
+    `raw`: keys and tables of a scene file; `changes`: new values by key path as text.  Keys of the robot are set first,
+    because the robot may imply axes, whose keys the changes may contain.
     """
     document, by_key = copy.deepcopy(dict(raw)), _by_key(changes)
     if {"robot.type", "robot.footprint"} & by_key.keys():
@@ -207,7 +212,8 @@ def _set(document: dict[str, Any], key: str, value: Any) -> None:
 def _drop_sizes(document: dict[str, Any], keys: Sequence[str]) -> None:
     """Remove ``cells`` and ``spacing`` from all axes of a document whose number or width of cells is changed.
 
-    `keys`: changed key paths.  Axes that the robot implies are first written into the document.  The key ``grid.cells``
+    `document`: keys and tables of a scene file, changed in place; `keys`: changed key paths, such as
+    ``grid.axes.0.cells``. Axes that the robot implies are first written into the document.  The key ``grid.cells``
     applies only to axes that have neither of the two keys.
     """
     from resgrid.scene.schema import robot_of

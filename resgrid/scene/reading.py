@@ -93,7 +93,7 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
 def read_document(file: str | os.PathLike[str], table: Mapping[str, Any]) -> Document:
     """Return the unvalidated document of a scene file or map.
 
-    `file`: path, or name of a shipped scene; `table`: options of the map reader, as keywords of `read_scene`.
+    `file`: path, or name of a shipped scene; `table`: options of the map reader by name, such as ``resolution``.
     """
     path = shipped_scene(file) or Path(file)
     if path.suffix.lower() != ".toml":
@@ -292,7 +292,7 @@ def _grid_or_map_problems(raw: Mapping[str, Any], robot: Robot | None) -> list[P
 
 
 def _axis_names(raw: Mapping[str, Any]) -> list[str | None]:
-    """Return the names of the axes of an unvalidated document; None for axes without a valid name."""
+    """Return the names of the axes of an unvalidated document (keys and tables); None for axes without a valid name."""
     grid = raw.get("grid")
     tables = grid.get("axes") if isinstance(grid, Mapping) else None
     tables = tables if isinstance(tables, list) else []
@@ -315,7 +315,7 @@ def with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
 def with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]:
     """Return a document with missing keys of its axes added from the robot and from ``grid.cells``.
 
-    `raw`: keys and tables of the document; `robot`: robot that implies keys of its axes, None if its table is invalid.
+    `raw`: keys and tables of a scene file; `robot`: robot that implies keys of its axes, None if its table is invalid.
     """
     grid = raw.get("grid")
     if not isinstance(grid, Mapping):

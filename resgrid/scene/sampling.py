@@ -137,8 +137,9 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
 def _single_cell(scene: Scene, goal: Goal, key: str) -> tuple[str, tuple[int, ...], Point] | None:
     """Return description, cell and point of a goal that is a single cell; None for other goals.
 
-    `key`: key path of the goal, for messages.  The point is in the coordinates of the space; for a `GoalCell`, of which
-    every point is a solution, all coordinates are NaN.
+    The description is a phrase for messages; `scene, goal`: the scene and one of its goals; `key`: key path of the
+    goal, for messages.  The point is in the coordinates of the space; for a `GoalCell`, of which every point is a
+    solution, all coordinates are NaN.
     """
     match goal:
         case GoalCell(cell):

@@ -97,7 +97,10 @@ def _arm_table() -> Any:
 
 
 def _area(shape: type, name: str, is_planar: bool) -> Any:
-    """Return the pydantic annotation of a cost area: the table of a shape (`name` in files) with a conductivity."""
+    """Return the pydantic annotation of a cost area: the table of a shape with the additional key ``conductivity``.
+
+    `shape`: class of the shape; `name`: its name in files; `is_planar`: whether points must have two coordinates.
+    """
     keys: dict[str, Any] = {"conductivity": (Conductivity, Field(description=meanings(CostArea)["conductivity"]))}
     table: Any = create_model(f"area_{name}", __base__=table_of(shape, ("shape", name), is_planar), **keys)
     return filled_as(table, lambda conductivity, **keys: CostArea(shape(**keys), conductivity), "shape")
@@ -315,7 +318,8 @@ def keys_of(path: tuple[str | int, ...], kind: str | None) -> list[str]:
 def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any]]:
     """Return the typed document of a scene file, a list of problems, and the valid entries of its lists by key path.
 
-    The typed document omits invalid entries, so that the valid ones can still be checked for consistency.
+    A problem is a pair of key path, such as ``("obstacle", 2, "radius")``, and message.  `raw`: keys and tables of the
+    file.  The typed document omits invalid entries, so that the valid ones can still be checked for consistency.
     """
     numbers = {key: [*range(len(raw[key]))] for key in (*KINDS, "starts") if isinstance(raw.get(key), list)}
     problems: list[Problem] = []
@@ -333,7 +337,10 @@ def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any
 
 
 def _message(detail: ErrorDetails, raw: Mapping[str, Any]) -> str:
-    """Return the message for one of pydantic's errors; for an unknown key, with the nearest key of the table."""
+    """Return the message for one of pydantic's errors; for an unknown key it names the nearest key of the table.
+
+    `detail`: the error; `raw`: keys and tables of the document.
+    """
     is_unknown = detail["type"] == "extra_forbidden"
     return _unknown_key(_path_in(raw, detail["loc"]), raw) if is_unknown else message_of(detail)
 

@@ -34,7 +34,7 @@ SHAPES: dict[str, tuple[type, bool]] = REGIONS | {
     "capsule": (Capsule, False),
     "oriented_box": (OrientedBox, False),
 }
-"""Shapes of obstacles and areas by their names in files, with the flag of `REGIONS`."""
+"""Shapes of obstacles and areas by their names in files, each with a flag: whether points have two coordinates."""
 
 READERS: dict[str, Callable[..., Mesh | Voxels]] = {
     "mesh": read_mesh,
@@ -51,16 +51,19 @@ _SENTENCES = {
 """Descriptions of the shapes in files, by name."""
 
 _NEEDED: dict[str, dict[str, Any]] = {"mesh": {}, "point_cloud": {"resolution": Length}, "octomap": {}}
-"""Types of the keys that a reader needs, besides the file."""
+"""Types of the keys that a reader needs besides the file, by the name of the shape and by key."""
 
 
 def shape_annotations(names: Mapping[str, tuple[type, bool]]) -> dict[str, Any]:
-    """Return the pydantic annotations of shapes by name; `names`: classes and flags by name, such as `SHAPES`."""
+    """Return the pydantic annotations of shapes, by the names of the shapes in files.
+
+    `names`: for every name, the class of the shape and a flag: True if its points must have two coordinates.
+    """
     return {name: value_of(shape, ("shape", name), planar) for name, (shape, planar) in names.items()}
 
 
 def file_annotations() -> dict[str, Any]:
-    """Return the pydantic annotations of shapes that are read from files, by name."""
+    """Return the pydantic annotations of the tables of shapes that are read from files, by the names in `READERS`."""
     return {name: _file_annotation(name) for name in READERS}
 
 
@@ -89,7 +92,11 @@ def _file_annotation(name: str) -> Any:
 
 @lru_cache(maxsize=16)
 def _read(name: str, file: str, stamp: tuple[int, int], options: tuple[tuple[str, Any], ...]) -> Mesh | Voxels:  # noqa: ARG001
-    """Return the shape in a file; `stamp`: time of the last change and size, so that a changed file is read again."""
+    """Return the shape in a file; cached, so that an unchanged file is read once.
+
+    `name`: name of the shape in scenes; `file`: path; `stamp`: time of the last change and size of the file; `options`:
+    pairs of a keyword of the reader and its value.
+    """
     return READERS[name](file, **dict(options))
 
 

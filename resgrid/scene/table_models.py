@@ -54,7 +54,8 @@ def unit_of(hint: Any) -> str:
 def described_keys(value: type) -> dict[str, tuple[str, str]]:
     """Return unit and description of every key of a dataclass's table, by key.
 
-    Nested keys have dots (``readout.bits``).
+    Nested keys have dots (``readout.bits``).  The unit is a text such as ``ohm``, empty without one; the description is
+    that of the attribute in the class's docstring.
     """
     hints, about = get_type_hints(value, include_extras=True), meanings(value)
     described: dict[str, tuple[str, str]] = {}
@@ -103,8 +104,8 @@ def table_of(value: type, kind: tuple[str, str] | None = None, planar: bool = Fa
 def fields_from(value: Callable[..., Any], names: Sequence[str] = (), *, planar: bool = False) -> dict[str, Any]:
     """Return the pydantic fields for a dataclass or a function's options, as pairs of type and field by name.
 
-    A field holds default and description.  `names`: names of fields to include, empty for all; `planar`: whether points
-    have exactly two coordinates.
+    A field holds default and description.  `value`: the class or function; `names`: names of fields to include, empty
+    for all; `planar`: whether points have exactly two coordinates.
     """
     if isinstance(value, type):
         defaults = {item.name: _default(item) for item in dataclasses.fields(value)}
@@ -162,7 +163,7 @@ def check_fields(value: Any) -> None:
 def fields_of(kind: type, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the fields of a dataclass by name, validated by the model of its table.
 
-    `given`: values by name.  Raises one InputError that lists all problems.
+    `kind`: the dataclass; `given`: unvalidated values by name.  Raises one InputError that lists all problems.
     """
     try:
         table = table_of(kind).model_validate(given)

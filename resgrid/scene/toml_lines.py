@@ -19,7 +19,10 @@ _TOKEN = re.compile(
 
 
 def key_lines(text: str) -> dict[Path, int]:
-    """Return the line number, from 1, of every table, key and array element of a valid TOML document, by key path."""
+    """Return the line number, from 1, of every table, key and array element of a valid TOML document, by key path.
+
+    A key path is a tuple of names and indices, such as ``("obstacle", 2, "radius")``.  `text`: the document.
+    """
     scanner = _Scanner(text)
     prefix: Path = ()
     while scanner.skip():
@@ -33,7 +36,8 @@ def key_lines(text: str) -> dict[Path, int]:
 def line_of(lines: Mapping[Path, int], path: Path) -> int | None:
     """Return the line number of a key path, or of the innermost enclosing table or list with a line number.
 
-    `lines`: line numbers by key path.  The result is None if neither the path nor an enclosing table or list has one.
+    `lines`: line numbers by key path; `path`: names and indices, such as ``("obstacle", 2, "radius")``.  The result is
+    None if neither the path nor an enclosing table or list has one.
     """
     return next((lines[path[:size]] for size in range(len(path), 0, -1) if path[:size] in lines), None)
 
@@ -78,7 +82,7 @@ class _Scanner:
     def resolved(self, parts: list[str]) -> Path:
         """Return a key path in which each array of tables is followed by the index of its current table.
 
-        `parts`: names of the key path.
+        `parts`: names of the key path, such as ``["obstacle", "radius"]``; the result is ``("obstacle", 2, "radius")``.
         """
         path: Path = ()
         for part in parts:

@@ -15,9 +15,10 @@ from resgrid.scene.maps.arrays import MapCells
 
 
 def locate_point(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tuple[tuple[int, ...], Point]:
-    """Return the cell of a point in world coordinates, and the point in the coordinates of the space.
+    """Return the index of the cell of a point in world coordinates, and the point in the coordinates of the space.
 
-    `key`: key path of the point, for messages.  Raises InputError if the point lies outside the grid.
+    `axes`, `frame`: axes of the space, and their transformation to the world; `key`: key path of the point, for
+    messages. Raises InputError if the point lies outside the grid.
     """
     inside = frame.from_world(point)
     try:

@@ -85,8 +85,8 @@ def solve_by_levels(
 
     A chip differs from the nominal chip in the values of its resistors. Its finest level is computed, its coarse levels
     are those of the nominal chip. `nominal, hierarchy`: matrix of the nominal chip, and its levels; `start` (n,):
-    solution of the nominal chip in volts, the initial guess; `chips`: matrices and currents of the chips; `rtol`:
-    residual norm relative to the norm of the currents at which an iteration ends.
+    solution of the nominal chip in volts, the initial guess; `chips`: for every chip a pair of its matrix and its
+    currents (n,) in amperes; `rtol`: residual norm relative to the norm of the currents at which an iteration ends.
     """
     grid, listed, ordinary = nominal.grid, nominal.listed, hierarchy.largest_degree / hierarchy.unit
     assert hierarchy.grid is not None and grid is not None and listed is not None
@@ -114,9 +114,10 @@ def solve_by_levels(
 
 
 def solver_by_levels(laplacian: Laplacian, drive: Floats) -> ChipSolver | None:
-    """Return a function that solves for chips with the coarse levels of the nominal grid.
+    """Return a function of chips and a tolerance that yields solutions, with the coarse levels of the nominal grid.
 
-    The result is None unless the grid's cells can be coloured red and black.
+    The result is None unless the grid's cells can be coloured red and black. The function takes pairs of a matrix and
+    its currents (n,), one per chip, and yields the solution (n,) of every chip in volts, None where it is inaccurate.
 
     `laplacian`: matrix of the nominal chip; `drive` (n,): its currents in amperes.
     """
@@ -129,8 +130,8 @@ def solver_by_levels(laplacian: Laplacian, drive: Floats) -> ChipSolver | None:
 def solve_in_order(order: Symbolic, chips: Chips, rtol: float) -> Iterator[Floats | None]:
     """Yield the solution (n,) of every chip in volts, by elimination in a common order; None where it is not accurate.
 
-    `order`: elimination order and structure of the factors; `chips`: matrices and currents of the chips; `rtol`:
-    largest error of voltages, relative to the chip's largest voltage.
+    `order`: elimination order and structure of the factors; `chips`: for every chip a pair of its matrix and its
+    currents (n,) in amperes; `rtol`: largest error of voltages, relative to the chip's largest voltage.
     """
     for chip, drive in chips:
         try:

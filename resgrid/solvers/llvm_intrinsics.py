@@ -140,10 +140,10 @@ def restore_subnormals(before: np.uint32) -> None:
 
 
 _LEFT, _DONE, KIND, LEVEL, VISIT, _OVER = 0, 8, 16, 17, 18, 24
-"""Indices into the int64 array that threads share: unclaimed parts, finished parts, kind, level and visit, end flag.
+"""Indices into the int64 array that threads share: unclaimed slabs, finished slabs, kind, level and visit, end flag.
 
-A job is one sweep over a multigrid level: `KIND` of the sweep, index of the `LEVEL`, and `VISIT`, a number that tells
-the sweeps on a level within a cycle apart.
+A job is one sweep over a multigrid level: `KIND` of the sweep, index of the `LEVEL`, and `VISIT`, the number of times
+that the cycle has returned to this level from the next one.
 """
 
 PLACES = 32
@@ -193,10 +193,10 @@ _offer_core: Any = intrinsic(_yielding)
 
 @inner
 def announce(state: Integers, kind: int, level: int, visit: int, parts: int) -> None:
-    """Publish a job of ``parts`` parts to the helper threads; the previous job must be finished.
+    """Publish a job to the helper threads: a sweep over a multigrid level in ``parts`` slabs, one per call of a thread.
 
-    `state` (PLACES,): array that the threads share; `kind, level, visit`: the job, that is the kind of the sweep, the
-    index of its multigrid level, and the number of the sweep among those on this level in a cycle.
+    The previous job must be finished.  `state` (PLACES,): array that the threads share; `kind, level, visit`: kind of
+    the sweep, index of its level, and number of times that the cycle has returned to this level from the next one.
     """
     state[KIND], state[LEVEL], state[VISIT] = kind, level, visit
     _put(state, _DONE, 0)
@@ -205,7 +205,9 @@ def announce(state: Integers, kind: int, level: int, visit: int, parts: int) -> 
 
 @inner
 def claim(state: Integers) -> int:
-    """Claim a part of the present job; return the number of the part, counted downwards to 0, negative if none is left.
+    """Claim a slab of the present sweep.
+
+    Return the number of the slab, counted downwards to 0, negative if none is left.
 
     `state` (PLACES,): array that the threads share.
     """
@@ -214,13 +216,13 @@ def claim(state: Integers) -> int:
 
 @inner
 def finish(state: Integers) -> None:
-    """Atomically increment the number of finished parts of the present job in ``state``, the shared array."""
+    """Atomically increment the number of finished slabs of the present sweep in ``state``, the shared array."""
     _add(state, _DONE, 1)
 
 
 @inner
 def wait_for(state: Integers, parts: int) -> None:
-    """Wait until ``parts`` parts of the present job are finished; `state` (PLACES,): array that the threads share."""
+    """Wait until ``parts`` slabs of the present sweep are finished; `state` (PLACES,): array that the threads share."""
     spins = 0
     while _add(state, _DONE, 0) < parts:
         spins += 1
@@ -230,13 +232,13 @@ def wait_for(state: Integers, parts: int) -> None:
 
 @inner
 def end_jobs(state: Integers) -> None:
-    """Signal to the helper threads, through the shared array ``state``, that no further job follows."""
+    """Signal to the helper threads, through the shared array ``state``, that no further sweep follows."""
     _put(state, _OVER, 1)
 
 
 @inner
 def await_part(state: Integers) -> int:
-    """Wait for a part of the present or a later job, claim it, and return its number; -1 if no further job follows.
+    """Wait for a slab of the present or a later sweep, claim it, and return its number; -1 if no further sweep follows.
 
     `state` (PLACES,): array that the threads share. After `_PATIENCE` yields without work the result is also -1.
     """
@@ -252,5 +254,5 @@ def await_part(state: Integers) -> int:
 
 
 def begin_jobs(state: Integers) -> None:
-    """Clear the end flag in ``state``, the array that threads share, before the first job."""
+    """Clear the end flag in ``state``, the array that threads share, before the first sweep."""
     state[_OVER] = 0

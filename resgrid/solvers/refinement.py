@@ -151,9 +151,10 @@ def refine(
 ) -> Refined:
     """Return the solution for a nonnegative right-hand side `rhs` (n,), with a small relative error of every entry.
 
-    `rhs` is in amperes. `approximate`: approximate inverse of the matrix `laplacian`; `floor`: residual of a row,
-    relative to ``(b + |A| |x|)_i``, that counts as rounding error of the row's sum of currents; `exact`: whether to
-    compute residuals in double-double, so that the solution is the nearest double (also done if the currents of a row's
+    `rhs` is in amperes. `approximate`: function from mantissas (n,), exponents (n,) and a relative accuracy to an
+    approximate solution of the matrix `laplacian` as mantissas and exponents; `floor`: residual of a row, relative to
+    ``(b + |A| |x|)_i``, that counts as rounding error of the row's sum of currents; `exact`: whether to compute
+    residuals in double-double, so that the solution is the nearest double (also done if the currents of a row's
     resistors are at most 1e-14 of ``(b + |A| |x|)_i``); `first_bound`: bound on the relative error of entries of the
     first approximation: a larger correction is rounding error of conductances that span more orders of magnitude than
     double-doubles; `resolve`: whether to solve a few rows without correct digits directly; `threads`: share the
@@ -261,7 +262,10 @@ def minus(a: Scaled, b: Scaled) -> Scaled:
 
 
 def quotient(parts: list[Scaled], x: Scaled) -> float:
-    """Return the largest magnitude in any of ``parts``, divided by the largest in ``x``; 0 if all ``parts`` vanish."""
+    """Return the largest magnitude in any of the vectors `parts`, divided by the largest magnitude in `x`.
+
+    The result is 0 if all entries of `parts` are 0.
+    """
     largest, *logs = (logarithm(np.abs(each.hi), each.exponent).max(initial=-np.inf) for each in (x, *parts))
     with np.errstate(over="ignore"):
         return 0.0 if max(logs) == -np.inf else float(np.exp(max(logs) - largest))

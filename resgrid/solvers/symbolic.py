@@ -177,10 +177,11 @@ def _order(laplacian: Laplacian, most: float, *, by_fill: bool) -> Symbolic | No
 
 @kernel
 def order_far_first(pattern: Pattern, root: int, nearest_first: Indices, depth: Indices) -> int:
-    """Order the kept rows in ``pattern``, farthest from a root first, then the others; return the number of kept rows.
+    """Order the rows that odd-even reduction keeps, farthest from a root first, then the others; return their number.
 
-    A row at an odd distance from the root, or from the first row of another component, is not kept if it has few
-    neighbours and none at an equal distance. On a grid these rows are all cells of one colour.
+    The returned number is that of the kept rows. A row at an odd distance from the root, or from the first row of
+    another component, is eliminated by the reduction, and not kept, if it has few neighbours and none at an equal
+    distance. On a grid these rows are all cells of one colour.
 
     `pattern`: receives `order` and `place`; `root`: row at distance 0; `nearest_first` (n + 1,): work array; `depth`
     (n,): -1 on entry, receives the distance of every row in steps.
@@ -233,7 +234,7 @@ def reached(pattern: Pattern, entry: int, kept: int) -> tuple[int, int]:
 
 @kernel
 def postorder(pattern: Pattern, before: Indices, parent: Indices, last: Indices, branch: Indices) -> None:
-    """Renumber the kept rows in postorder of the elimination tree, which does not change the fill.
+    """Renumber the rows that odd-even reduction keeps in postorder of the elimination tree; the fill does not change.
 
     The parent of a row is the first later row that is its neighbour when it is eliminated (Liu 1990). The branch of a
     row contains the row and its descendants.

@@ -318,7 +318,7 @@ Analysis = (
 
 
 def kind_of(analysis: Analysis) -> str:
-    """Return the name of an analysis: ``"operating"``, ``"transient"``, ...
+    """Return the name of an analysis: ``"operating"``, ``"transient"``, ``"noise"`` and so on.
 
     Parameters
     ----------

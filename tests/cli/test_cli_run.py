@@ -191,7 +191,7 @@ def test_pictures_are_written_in_several_formats_and_invalid_ones_rejected(call,
         assert call("plot", scenes / "voxels.toml", *words, "--what", kind, "-o", tmp_path / "s.pdf").exit_code == 0
     assert "axes" in call("plot", lesson, "--what", "slices", "-o", tmp_path / "x.png").stderr
     assert (
-        "'page' shows up to 3"
+        "'page' shows up to 4"
         in call("plot", scenes / "voxels.toml", "--what", "currents", "-o", tmp_path / "x.png").stderr
     )
     assert "'page', 'space'" in call("plot", lesson, "--what", "pag", "-o", tmp_path / "x.png").stderr

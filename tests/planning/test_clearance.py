@@ -13,10 +13,15 @@ from resgrid.planning import clearance
 
 
 @given(spaces())
-def test_pairwise_distances_equal_the_distance_transform(space):
+def test_pairwise_distances_agree_with_those_of_large_spaces(space):
     found = clearance.obstacle_reach(space)
     with mock.patch.object(clearance, "_FEW_PAIRS", -1):
         transformed = clearance.obstacle_reach(space)
     assert (found is None) == (transformed is None)
     if found is not None:
-        np.testing.assert_allclose(found, transformed, rtol=1e-12)
+        if space.ndim != 2 or space.periodic.any():  # by a distance transform
+            np.testing.assert_allclose(found, transformed, rtol=1e-12)
+        else:  # by chains of steps between cells, which are upper bounds
+            half = 0.5 * np.linalg.norm(space.spacing)
+            assert np.all(found <= transformed * (1.0 + 1e-12))
+            assert np.all(transformed - half <= np.sqrt(2.0) * (found - half) + 1e-12 * transformed)

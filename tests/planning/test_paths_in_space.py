@@ -18,7 +18,6 @@ from support.hand_made_robot import FORE, HEIGHT, THICKNESS, UPPER, HandMadeRobo
 import resgrid as rg
 from resgrid.planning.workspace import sample_path
 
-pytest.importorskip("coal")
 ROBOT = HandMadeRobot()
 SPACE = rg.ConfigurationSpace(ROBOT.axes((20, 24)), np.zeros((20, 24)), robot=ROBOT)
 POST = rg.Box((0.3, 0.55, 0.0), (0.4, 0.65, 1.0))
@@ -235,7 +234,6 @@ def test_undecided_cells_are_the_reason_of_a_failure_that_they_cause() -> None:
 )
 def test_paths_in_proven_cells_do_not_collide(examples, name, moving, cells, start, goal) -> None:
     """Streamlines, shortcuts and motions of robots with one to four joints; a continuous joint crosses its seam."""
-    pytest.importorskip("pinocchio")
     robot = rg.URDFRobot(str(examples / "robots" / f"{name}.urdf"), moving=moving)
     obstacles = (rg.Box((0.3, 0.1, 0.0), (0.5, 0.2, 0.6)),)
     scene = rg.Scene(robot.axes(cells), robot=robot, obstacles=obstacles, goals=(rg.GoalJoints(goal, goal),))
@@ -256,7 +254,6 @@ def test_paths_in_proven_cells_do_not_collide(examples, name, moving, cells, sta
 
 
 def test_a_path_to_a_pose_of_the_tool_ends_with_the_tool_there(examples) -> None:
-    pytest.importorskip("pinocchio")
     scene = rg.read_scene(examples / "scenes" / "scara.toml")
     goal = rg.GoalPose((0.3, 0.2, 0.035), radius=0.01)
     scene = scene.replace(goal=goal)

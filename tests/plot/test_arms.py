@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
+from support.hand_made_robot import HandMadeRobot
 from support.spaces import space_of
-from support.trees import HandMadeRobot
 
 import resgrid as rg
 from resgrid.plot.arms import END, SOLID, ArmPicture

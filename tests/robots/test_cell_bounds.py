@@ -16,8 +16,6 @@ import resgrid as rg
 from resgrid.robots.urdf.arrays import proof_arrays
 from resgrid.robots.urdf.tree import KinematicTree
 
-pytest.importorskip("coal")
-
 
 def bound(tree: KinematicTree, lower: NDArray[np.float64], upper: NDArray[np.float64], margin: float = 0.0) -> Any:
     """Return boxes with all pairs as items, and the findings about them."""

@@ -19,8 +19,6 @@ from resgrid.robots.urdf import exact_solids
 from resgrid.robots.urdf.collision import CollisionChecker
 from resgrid.robots.urdf.tree import KinematicTree
 
-pytest.importorskip("coal")
-
 
 def slide(first: Body, *others: Body) -> KinematicTree:
     """Return a tree in which the first body moves along x, and may collide with all others."""

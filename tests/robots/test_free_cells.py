@@ -19,8 +19,6 @@ from resgrid.robots.urdf.collision import CollisionChecker
 from resgrid.robots.urdf.free_cells import CellProof, CellVerdict, centre_cells, proof_key, prove_cells
 from resgrid.robots.urdf.tree import KinematicTree
 
-pytest.importorskip("coal")
-
 FREE, COLLISION, UNDECIDED = CellVerdict
 
 

@@ -3,6 +3,8 @@
 Tests internals: `resgrid.robots.mesh_files`, `resgrid.robots.collada`.
 """
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -11,7 +13,7 @@ from resgrid.errors import InputError
 from resgrid.robots.collada import read_collada
 from resgrid.robots.mesh_files import read_mesh
 
-trimesh = pytest.importorskip("trimesh")
+trimesh = import_module("trimesh")
 
 POSITIONS = "0 0 0  1 0 0  1 1 0  0 1 0  0 0 1  1 0 1  1 1 1  0 1 1"
 FACES = [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]

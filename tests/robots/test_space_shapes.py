@@ -5,6 +5,8 @@ Tests internals: `resgrid.robots` (shapes, `bodies_of`, `voxels`).
 
 from __future__ import annotations
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -22,7 +24,7 @@ CENTRES = np.stack(np.meshgrid(*(axis.centres for axis in AXES), indexing="ij"),
 
 def geometry_of(solid):
     """Return a solid and its pose for coal."""
-    coal = pytest.importorskip("coal")
+    coal = import_module("coal")
     match solid.kind:
         case "box":
             shape = coal.Box(*solid.size)
@@ -46,7 +48,7 @@ def geometry_of(solid):
 
 def distances(shape):
     """Return the distances of all cells and of all centres from the surface or solid, by coal."""
-    coal = pytest.importorskip("coal")
+    coal = import_module("coal")
     solids = [geometry_of(body.solid) for body in bodies_of(shape, "shape")]
     probes = coal.Box(*SIZES), coal.Sphere(1e-9)
     found = np.full((2, len(CENTRES)), np.inf)

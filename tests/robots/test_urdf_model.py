@@ -4,6 +4,7 @@ Tests internals: `resgrid.robots.urdf.model`, `resgrid.robots.urdf.description`.
 """
 
 import pickle
+from importlib import import_module
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -29,7 +30,7 @@ MOVING = {
 
 @pytest.fixture(scope="module")
 def pin():
-    return pytest.importorskip("pinocchio")
+    return import_module("pinocchio")
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +162,7 @@ def test_frames_of_all_robots_of_example_robot_data_agree_with_pin(pin, data, tm
     ["ur_description/urdf/ur5_robot.urdf", "panda_description/urdf/panda.urdf", "baxter_description/urdf/baxter.urdf"],
 )
 def test_collision_geometries_agree_with_pin(pin, data, path):
-    coal = pytest.importorskip("coal")
+    coal = import_module("coal")
     file = data / path
     description = read_description(file)
     moving = movable(description)[:3]
@@ -291,7 +292,6 @@ def test_obstacles_form_pairs_with_the_links_that_move_and_are_not_mounted():
 
 
 def test_an_obstacle_that_touches_a_link_that_never_moves_is_an_error_unless_the_link_is_mounted():
-    pytest.importorskip("coal")
     tree = read_tree(ROBOTS / "four.urdf", MOVING["four"])
     floor = half_space("floor", 0.01)
     with pytest.raises(InputError, match=r"link 'base', which does not move, touches floor: .*mounted = \['base'\]"):
@@ -305,7 +305,6 @@ def test_an_obstacle_that_touches_a_link_that_never_moves_is_an_error_unless_the
 
 
 def test_an_obstacle_inside_a_mesh_that_never_moves_touches_it():
-    pytest.importorskip("coal")
     tree = read_tree(ROBOTS / "elbow.urdf", ["elbow"])
     upper_arm = tree.tools["upper_arm"][1]
     with pytest.raises(InputError, match="link 'upper_arm', which does not move, touches pebble"):

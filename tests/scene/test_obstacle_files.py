@@ -9,6 +9,7 @@ import contextlib
 import struct
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -40,15 +41,13 @@ def cells_of(voxels: rg.Voxels) -> set[tuple[int, ...]]:
 
 
 def crate(folder: Path, name: str) -> Path:
-    trimesh = pytest.importorskip("trimesh")
+    trimesh = import_module("trimesh")
     trimesh.Trimesh(CUBE, FACES, process=False).export(folder / name)
     return folder / name
 
 
 @pytest.mark.parametrize("name", ["a.stl", "a.obj", "a.ply", "a.dae", "A.STL"])
 def test_a_mesh_of_every_format_is_a_closed_solid(tmp_path: Path, name: str) -> None:
-    if name.endswith("dae"):
-        pytest.importorskip("collada")
     file = crate(tmp_path, name.lower()).rename(tmp_path / name)
     mesh = rg.maps.read_mesh(file, scale=2.0, position=(1.0, 0.0, 0.0), rotation=(0.0, 0.0, np.pi / 2), pieces=3)
     assert len(mesh.points) == 8 and len(mesh.triangles) == 12 and mesh.is_closed and mesh.pieces == 3
@@ -56,7 +55,7 @@ def test_a_mesh_of_every_format_is_a_closed_solid(tmp_path: Path, name: str) -> 
 
 
 def test_an_ascii_stl_and_an_obj_with_quads_are_read(tmp_path: Path) -> None:
-    trimesh = pytest.importorskip("trimesh")
+    trimesh = import_module("trimesh")
     text = trimesh.exchange.stl.export_stl_ascii(trimesh.Trimesh(CUBE, FACES, process=False))
     (tmp_path / "a.stl").write_text(text)
     assert rg.maps.read_mesh(tmp_path / "a.stl").is_closed
@@ -68,8 +67,7 @@ def test_an_ascii_stl_and_an_obj_with_quads_are_read(tmp_path: Path) -> None:
 
 
 def test_a_collada_file_in_centimetres_with_two_placed_parts(tmp_path: Path) -> None:
-    trimesh = pytest.importorskip("trimesh")
-    pytest.importorskip("collada")
+    trimesh = import_module("trimesh")
     scene = trimesh.Scene()
     box = trimesh.Trimesh(CUBE, FACES, process=False)
     scene.add_geometry(box, node_name="a")
@@ -82,7 +80,7 @@ def test_a_collada_file_in_centimetres_with_two_placed_parts(tmp_path: Path) -> 
 
 
 def test_triangles_that_are_oriented_differently_are_repaired(tmp_path: Path) -> None:
-    trimesh = pytest.importorskip("trimesh")
+    trimesh = import_module("trimesh")
     faces = np.array(FACES)
     faces[::3] = faces[::3, ::-1]
     trimesh.Trimesh(CUBE, faces, process=False).export(tmp_path / "a.obj")
@@ -91,7 +89,7 @@ def test_triangles_that_are_oriented_differently_are_repaired(tmp_path: Path) ->
 
 
 def test_an_open_mesh_is_a_surface_with_a_warning(tmp_path: Path) -> None:
-    trimesh = pytest.importorskip("trimesh")
+    trimesh = import_module("trimesh")
     trimesh.Trimesh(CUBE, FACES[:-1], process=False).export(tmp_path / "a.stl")
     with pytest.warns(UserWarning, match=r"not closed \(3 open edges\); .* obstacles without an inside: repair"):
         mesh = rg.maps.read_mesh(tmp_path / "a.stl")
@@ -99,7 +97,7 @@ def test_an_open_mesh_is_a_surface_with_a_warning(tmp_path: Path) -> None:
 
 
 def test_a_damaged_mesh_prints_nothing(tmp_path: Path) -> None:
-    trimesh = pytest.importorskip("trimesh")
+    trimesh = import_module("trimesh")
     text = trimesh.exchange.stl.export_stl_ascii(trimesh.Trimesh(CUBE, FACES, process=False))
     (tmp_path / "a.stl").write_text(
         text.replace("facet normal 0", "facet normal zero", 1).replace("normal -", "normal x")
@@ -110,7 +108,7 @@ def test_a_damaged_mesh_prints_nothing(tmp_path: Path) -> None:
 
 
 def test_a_damaged_mesh_has_one_message(tmp_path: Path) -> None:
-    trimesh = pytest.importorskip("trimesh")
+    trimesh = import_module("trimesh")
     data = trimesh.exchange.stl.export_stl(trimesh.Trimesh(CUBE, FACES, process=False))
     (tmp_path / "short.stl").write_bytes(data[:300])
     (tmp_path / "nan.stl").write_bytes(data[:100] + struct.pack("<f", np.nan) + data[104:])
@@ -133,7 +131,7 @@ def test_a_damaged_mesh_has_one_message(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["a.stl", "ascii.stl", "ascii.ply", "binary.ply"])
 def test_every_mesh_that_is_cut_short_is_rejected(tmp_path: Path, name: str) -> None:
-    trimesh = pytest.importorskip("trimesh")
+    trimesh = import_module("trimesh")
     box, exchange = trimesh.Trimesh(CUBE, FACES, process=False), trimesh.exchange
     data = {
         "a.stl": lambda: exchange.stl.export_stl(box),
@@ -227,7 +225,7 @@ def test_a_pcd_file_of_every_encoding_gives_its_voxels(tmp_path: Path, encoding:
 
 
 def test_a_ply_cloud_gives_its_voxels(tmp_path: Path) -> None:
-    trimesh = pytest.importorskip("trimesh")
+    trimesh = import_module("trimesh")
     for encoding in ("ascii", "binary"):
         data = trimesh.exchange.ply.export_ply(trimesh.PointCloud(POINTS), encoding=encoding)
         (tmp_path / "a.ply").write_bytes(data)
@@ -288,7 +286,7 @@ def test_a_damaged_cloud_has_one_message(tmp_path: Path) -> None:
 
 def a_tree(seed: int, kind: str = "OcTree"):
     """Return a random tree: a solid block, which is pruned to large leaves, with scattered free and occupied voxels."""
-    octomap = pytest.importorskip("octomap")
+    octomap = import_module("octomap")
     random = np.random.default_rng(seed)
     tree = getattr(octomap, kind)(0.1)
     for cell in np.ndindex(9, 8, 8):
@@ -354,7 +352,7 @@ def test_every_octomap_that_is_cut_short_is_rejected(tmp_path: Path, suffix: str
 
 
 def test_an_invalid_octomap_has_one_message(tmp_path: Path) -> None:
-    octomap = pytest.importorskip("octomap")
+    octomap = import_module("octomap")
     octomap.OcTree(0.1).writeBinary(str(tmp_path / "empty.bt").encode())
     octomap.OcTree(0.1).write(str(tmp_path / "empty.ot").encode())
     free = octomap.OcTree(0.1)

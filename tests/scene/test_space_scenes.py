@@ -9,6 +9,7 @@ import base64
 import json
 import sys
 import zlib
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +68,7 @@ lower = [0.5, 1.5, 0.2]
 @pytest.fixture
 def room(tmp_path: Path) -> Path:
     """A scene with all shapes in space, and its files."""
-    trimesh, octomap = pytest.importorskip("trimesh"), pytest.importorskip("octomap")
+    trimesh, octomap = import_module("trimesh"), import_module("octomap")
     trimesh.Trimesh(CUBE * 400, FACES, process=False).export(tmp_path / "crate.stl")
     tree = octomap.OcTree(0.1)
     for x in (0.55, 0.65, 0.75):
@@ -180,7 +181,7 @@ def test_areas_may_be_shapes_in_space(room: Path) -> None:
 
 
 def test_a_scene_without_the_extra_names_the_command(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    trimesh = pytest.importorskip("trimesh")
+    trimesh = import_module("trimesh")
     trimesh.Trimesh(CUBE * 400, FACES, process=False).export(room.parent / "crate.ply")
     room.write_text(room.read_text().replace("crate.stl", "crate.ply"))
     monkeypatch.setitem(sys.modules, "trimesh", None)

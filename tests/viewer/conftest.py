@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from support.trees import HandMadeRobot
+from support.hand_made_robot import HandMadeRobot
 
 import resgrid as rg
 

@@ -10,6 +10,7 @@ import socket
 import sys
 import time
 from collections.abc import Iterator
+from importlib import import_module
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,7 +22,7 @@ from support.pages import OPTIONS, PATIENCE, browser_program
 import resgrid as rg
 from resgrid.viewer import Viewer
 
-pytest.importorskip("viser", reason="the extra viewer is not installed")
+import_module("viser")
 
 SOFTWARE = [option for option in OPTIONS if option != "--disable-gpu"]
 SOFTWARE += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ FEW = ("--set", "grid.cells=[16, 16]")
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
 def test_live_shows_an_arm_in_the_3d_view_and_exits_with_0_at_a_signal(end, scenes: Path) -> None:
-    pytest.importorskip("viser", reason="the extra viewer is not installed")
+    import_module("viser")
     options = ["live", str(scenes / "scara.toml"), *FEW, "--no-browser", "--port", "0"]
     with subprocess.Popen([*COMMAND, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -49,3 +50,9 @@ def test_plot_draws_arms_and_their_spaces(what: str, scenes: Path, tmp_path: Pat
     assert result.exit_code == 0, result.stderr
     with Image.open(tmp_path / "arm.png") as image:
         assert np.ptp(np.asarray(image.convert("L")).astype(int)) > 200
+
+
+def test_run_draws_the_arm_its_path_and_its_cells(scenes: Path, tmp_path: Path) -> None:
+    result = call("run", scenes / "scara.toml", *FEW, "--no-check", "-o", tmp_path / "out")
+    assert result.exit_code in (0, 1), result.stderr
+    assert {"page.png", "robot.png", "cells.png"} <= {file.name for file in (tmp_path / "out").iterdir()}

@@ -90,7 +90,8 @@ def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
     """Return the netlist with the supply pin of a rail, and the node number of the pin.
 
     The pin is the node at which the supply feeds the rail.  If the rail has no pin, one is added with a voltage source.
-    With a uniform drive the pins of both rails are at the goal voltage.  `rail`: ``"obstacle"`` or ``"goal"``.
+    With a uniform drive the pins of both rails are at the goal voltage.  `netlist`: circuit of a space; `rail`:
+    ``"obstacle"`` or ``"goal"``.
     """
     cells = cells_with_nodes(netlist, "rails")
     wiring = cells.wiring
@@ -106,7 +107,7 @@ def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
 
 
 def without_stranded_currents(netlist: Netlist) -> Netlist:
-    """Return the netlist without the current sources that inject into a part without a connection to ground.
+    """Return the netlist without the current sources that inject into a component without a connection to ground.
 
     The current of such a source has no return path.
     """

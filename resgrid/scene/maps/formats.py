@@ -41,7 +41,7 @@ class MapFormat:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Options of the reader by name, as pairs of type and pydantic field.
+        """Options of the reader by name, as pairs of a type annotation and a pydantic field (default and description).
 
         For formats without a position, the options of `placed_axes` are included.
         """
@@ -69,9 +69,9 @@ COMMON = ("file", "format", "periodic", "headings")
 
 
 def map_options() -> dict[str, Any]:
-    """Return the options of all map readers by name, as pairs of type and pydantic field.
+    """Return the options of all map readers by name, as pairs of a type annotation and a pydantic field.
 
-    The description of an option ends with the names of the formats that have this option.
+    The field holds default and description, which ends with the names of the formats that have this option.
     """
     options = {name: entry.options for name, entry in FORMATS.items()}
     takers = {key: [name for name in options if key in options[name]] for known in options.values() for key in known}
@@ -84,7 +84,10 @@ def map_options() -> dict[str, Any]:
 
 
 def read_map(table: Mapping[str, Any]) -> MapCells:
-    """Return the cells of the map file of a ``[map]`` table, whose ``file`` is an absolute path."""
+    """Return the cells of the map file of a ``[map]`` table.
+
+    `table`: values by key; ``file`` is an absolute path, the other keys are options of the reader.
+    """
     path = Path(table["file"])
     name = format_of(path, table)
     options = {key: value for key, value in table.items() if key not in COMMON}
@@ -108,7 +111,10 @@ def read_map(table: Mapping[str, Any]) -> MapCells:
 
 
 def format_of(path: Path, table: Mapping[str, Any]) -> str:
-    """Return the name of a map file's format: from its ``[map]`` table, its suffix, or its first bytes."""
+    """Return the name of the format of the map file `path`: from its ``[map]`` table, its suffix, or its first bytes.
+
+    `table`: values of the table by key, of which ``format`` has priority.
+    """
     if table.get("format", "auto") != "auto":
         return str(table["format"])
     for name, entry in FORMATS.items():
@@ -143,7 +149,12 @@ def warn_of_header(path: Path) -> None:
 
 
 def describe_map(cells: MapCells) -> dict[str, Any]:
-    """Return format, dialect and options of a map, and the meaning of its grey values or letters, as JSON data."""
+    """Return the description of a map as a dictionary for JSON.
+
+    Keys: ``file`` and ``format``; for pictures ``greys``, ranges of grey values as tuples (first, last, meaning) with
+    the meanings obstacle, free, goal or unknown; for ROS maps also ``dialect``, ``unknown_cells`` (number) and
+    ``unknown_as`` (obstacle or free); for MovingAI maps ``passable`` (letters of free cells).
+    """
     table = cells.table
     file = Path(table["file"])
     name = format_of(file, table)

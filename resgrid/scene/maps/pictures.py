@@ -91,7 +91,7 @@ class Raster:
         return self._bytes(self.values)
 
     def _channel(self, number: int) -> NDArray[np.int32]:
-        """Return the values of one channel, scaled to 0 to 255, shape (height, width)."""
+        """Return the values of channel `number` (from 0), scaled to 0 to 255, shape (height, width)."""
         return self._bytes(self.values[..., number])
 
     def _bytes(self, values: NDArray[Any]) -> NDArray[np.int32]:

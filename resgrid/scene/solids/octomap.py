@@ -112,7 +112,9 @@ def _clip_range(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the first voxel of the clip box and the voxel after its last (3,), in voxels from the root's corner.
 
-    `known` (n, 4): cubes of all known leaves; `lower`, `upper`: corners of the box in metres, or None.
+    `known` (n, 4): lower corner and width of all known leaves, in voxels; `resolution`: width of a voxel in metres;
+    `lower`, `upper`: corners (x, y, z) of the box in metres, or None for those of the known leaves; `path`: for
+    messages.
     """
     if lower is not None and upper is not None and not all(a < b for a, b in zip(lower, upper, strict=True)):
         raise InputError(f"{path}: the clip box needs lower < upper in every coordinate, got {lower} and {upper}")
@@ -149,7 +151,11 @@ def _read(path: Path, threshold: float) -> tuple[Leaves, float]:
 
 
 def _header(data: bytes, path: Path) -> tuple[str, int, float, bytes]:
-    """Return the kind of tree, number of nodes, width of a voxel in metres, and the bytes after the header."""
+    """Return the kind of tree, number of nodes, width of a voxel in metres, and the bytes after the header.
+
+    The kind is the header's ``id``, such as ``OcTree``.  `data`: content of the file; `path`: name of the file, for
+    messages.
+    """
     head, mark, body = data.partition(b"\ndata\n")
     lines = [line.split(maxsplit=1) for line in head.decode("latin-1").split("\n") if not line.startswith("#")]
     entries = {words[0]: words[1].strip() for words in lines if len(words) == 2}

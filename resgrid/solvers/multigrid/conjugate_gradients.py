@@ -196,7 +196,7 @@ class StoppingRule:
         return self.wanted if x is None else max(self.wanted, self.rounding * krylov.norm(x.ravel()))
 
     def record(self, power: float, length: Callable[[], float]) -> None:
-        """Record the reduction of the error by an iteration, and update `accurate`.
+        """Record the reduction of the error by an iteration, and set `accurate` if the estimated error is small enough.
 
         `power`: reduction of the squared energy norm of the error; `length`: function that returns the largest change
         of a voltage by this iteration, in volts. The function is called for the first iteration, and if the reductions
@@ -302,7 +302,8 @@ class _Burst:
     def _gather(self, unit: float) -> None:
         """Add the stored preconditioned residuals, with their coefficients times ``unit``, to the solution.
 
-        `unit`: norm of the residual at the begin of the burst, by which the vectors of the burst are divided.
+        `unit`: norm of the residual at the first iteration after the last recomputation of the residual; the stored
+        vectors are divided by this norm.
         """
         v, x = self._v, self._problem.x[-1]
         self._each(partial(krylov.add_steps, v.z[: self._kept], self._on_x, self._on_p, v.p, unit, x))
@@ -314,8 +315,8 @@ class _Burst:
         """Make one iteration of conjugate gradients; return whether it succeeded.
 
         It fails, without a step, if ``p.A p`` is not positive. The iteration is ``p = z + beta p``, ``x += alpha p``,
-        ``r -= alpha A p``, where ``z`` is the preconditioned residual ``r``. `unit`: norm of the residual at the begin
-        of the burst, by which the vectors are divided.
+        ``r -= alpha A p``, where ``z`` is the preconditioned residual ``r``. `unit`: norm of the residual after the
+        last recomputation from the solution, by which the vectors are divided.
         """
         v, problem = self._v, self._problem
         zr, zw, zs = problem.precondition(v.z[self._kept])

@@ -56,8 +56,9 @@ def precondition_graph(
 ) -> tuple[float, float, float]:
     """Precondition the residual ``r`` of a netlist into ``z``; set ``w = A z``; return ``z.r``, ``z.w`` and ``z.s``.
 
-    `graphs`: levels of the netlist, finest first; `work`: work arrays; `r, s` (n,): residual, and the product of the
-    matrix ``A`` with the last search direction, in the node order of the finest level; `z, w` (n,): results.
+    The results are inner products; ``A`` is the matrix of the finest level. `graphs`: levels of the netlist, finest
+    first; `work`: work arrays; `r, s` (n,): residual, and ``A`` times the last search direction, in the node order of
+    the finest level; `z, w` (n,): receive the preconditioned residual and its product.
     """
     b, x = work.b[1:], work.x[1:]
     b[: len(r)] = r
@@ -166,15 +167,14 @@ def _visit_graph(
     graphs: Graphs, vectors: tuple[Singles, Singles, Singles, Singles, Singles, Singles], level: int,
     visit: tuple[int, Floats], stop: float,
 ) -> bool:  # fmt: skip
-    """Process one of up to three visits of a graph in a K-cycle; return whether the solution of the graph is complete.
+    """Process a graph when the K-cycle reaches it, up to three times; return whether the graph's solution is complete.
 
-    At the first visit the residual is relaxed and restricted. At later visits the next level's solution is a search
-    direction.
+    The first time the residual is relaxed and restricted. Later the next level's solution is a search direction.
 
     `graphs, level`: all graphs, and index of this one; `vectors`: `b, x, c, v, w, change` of `SweepBuffers`, where `b,
-    x` begin with the first node (without their unused entry 0); `visit`: number of the visit from 0 on, and work array
-    (2,) for the products of the first step; `stop`: ratio of the residual norms after and before the first step below
-    which the second step is skipped.
+    x` begin with the first node (without their unused entry 0); `visit`: number of times that the cycle has returned to
+    this graph from the next level, and work array (2,) for the products of the first step; `stop`: ratio of the
+    residual norms after and before the first step below which the second step is skipped.
     """
     b, x, c, v, w, change = vectors
     if visit[0] > 0:
@@ -199,10 +199,11 @@ def _step(
 ) -> tuple[bool, tuple[float, float]]:
     """Compute a step of the K-cycle of one level (Notay & Vassilevski 2008).
 
-    `visit`: number of the visit (1: after the first direction, 2: after the second), and work array (2,) for the
-    products of the first step; `products`: ``z.r, z.A z, z.s`` of the new direction ``z``, where ``s`` is the product
-    of the matrix with the first direction; `stop`: ratio of residual norms after and before the first step below which
-    the second step is skipped, infinite to use the first direction with the coefficient 1.
+    `visit`: number of times that the cycle has returned to this level from the next one (1: first direction, 2:
+    second), and work array (2,) for the products of the first step; `products`: ``z.r, z.A z, z.s`` of the new
+    direction ``z``, where ``s`` is the product of the matrix with the first direction; `stop`: ratio of residual norms
+    after and before the first step below which the second step is skipped, infinite to use the first direction with the
+    coefficient 1.
 
     Returns whether to continue with a second step, and two numbers: the length of the first step and 0 to continue,
     otherwise the coefficients of the first and the second direction in the solution.
@@ -224,9 +225,11 @@ def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) ->
     """Sweep over a level, with other threads if it is divided into slabs; return three sums over its blocks of cells.
 
     `table, number`: records of the grids, and index of the level in them; `state`: array shared with the helper
-    threads; `kind`: kind of the sweep, such as `sweeps.RELAX`; `visit`: number of the visit in the K-cycle, from 0. The
-    sums are ``z.r, z.w, z.s`` after `MULTIPLY`, and the squared residual norms before and after the step, and 0, after
-    `STEP`; else they have no meaning. Off-stencil couplings are added after all slabs.
+    threads; `kind`: kind of the sweep, a constant of `sweeps`; `visit`: number of times that the K-cycle has returned
+    to this level from the next one. After `MULTIPLY` the sums are the inner products ``z.r, z.w, z.s`` (correction with
+    residual, with product, and with the first product of the K-cycle); after `STEP` the squared residual norms before
+    and after the step, and 0; else they have no meaning. Couplings (edges that cross no face) are added after all
+    slabs.
     """
     level, part = table[number], ZERO
     if level.parts > 1:
@@ -254,18 +257,18 @@ def _sweep(table: Table, state: Integers, kind: int, number: int, visit: int) ->
 def _product(level: Row, visit: int) -> int:
     """Return the address of the array that receives the product of the matrix with the correction ``z`` of a level.
 
-    `level`: record of the grid; `visit`: number of the visit in the K-cycle: 1 after the first search direction, whose
-    product is kept in the field ``s``; products of other visits go to the field ``w``.
+    `level`: record of the grid; `visit`: number of times that the K-cycle has returned to this level from the next one.
+    The first product (1) is kept in the field ``s``; other products go to the field ``w``.
     """
     return int(level.s if visit == 1 else level.w)
 
 
 @kernel
 def help_sweep(table: Table, state: Integers) -> None:
-    """Process slabs on a helper thread until the leading thread signals that no job follows.
+    """Process slabs on a helper thread until the leading thread signals that no sweep follows.
 
-    `table`: records of the grids; `state`: array shared by the threads, which contains kind, level and visit of the
-    present sweep.
+    `table`: records of the grids; `state`: array shared by the threads, which contains the kind of the present sweep,
+    the index of its level, and the number of times that the K-cycle has returned to this level.
     """
     flags = flush_subnormals()
     while True:
@@ -283,8 +286,8 @@ def help_sweep(table: Table, state: Integers) -> None:
 def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
     """Sweep over one slab, a range of cells, of a level.
 
-    `level`: record of the grid; `kind`: kind of the sweep, such as `sweeps.CLEAR`; `visit`: number of the visit in the
-    K-cycle, from 0; `part`: number of the slab, from 0.
+    `level`: record of the grid; `kind`: kind of the sweep, such as `sweeps.CLEAR`; `visit`: number of times that the
+    K-cycle has returned to this level from the next one; `part`: number of the slab, from 0.
     """
     slab, parts = slab_of(level, part), level.parts
     if kind == CLEAR or kind == ELIMINATE or kind == STEP:  # noqa: PLR1714, SIM109 (compiles in half the time)
@@ -303,14 +306,15 @@ def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
 
 @inner
 def _visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Floats], stop: float) -> bool:
-    """Process one of up to three visits of a grid in a K-cycle; return whether the solution of the grid is complete.
+    """Process a grid when the K-cycle reaches it, up to three times; return whether the grid's solution is complete.
 
-    At the first visit red nodes are eliminated. At later visits the solution of the next level is a search direction.
-    Unless the solution is complete, the relaxed residual is restricted to the next level.
+    The first time red nodes are eliminated. Later the solution of the next level is a search direction. Unless the
+    solution is complete, the relaxed residual is restricted to the next level.
 
     `table, number`: records of the grids, and index of the level in them; `state`: array shared with the helper
-    threads; `visit`: number of the visit from 0 on, and work array (2,) for the products of the first step; `stop`:
-    ratio of the residual norms after and before the first step below which the second step is skipped.
+    threads; `visit`: number of times that the cycle has returned to this grid from the next level, and work array (2,)
+    for the products of the first step; `stop`: ratio of the residual norms after and before the first step below which
+    the second step is skipped.
     """
     count, continues = visit[0], True
     if count == 0:
@@ -332,8 +336,9 @@ def ascend_grid(table: Table, state: Integers, number: int, visit: int) -> tuple
     """Prolong the next level's solution to a grid, relax, and multiply by the matrix; return ``z.r, z.w, z.s``.
 
     `table, number`: records of the grids, and index of the level in them; `state`: array shared with the helper
-    threads; `visit`: number of the visit in the K-cycle, from 0. ``z`` is the relaxed correction, ``w`` the product,
-    ``r`` the residual; ``s`` is the product of the matrix with the previous direction.
+    threads; `visit`: number of times that the K-cycle has returned to this level from the next one. ``z`` is the
+    relaxed correction, ``w`` the product, ``r`` the residual; ``s`` is the product of the matrix with the previous
+    direction.
     """
     for kind in (PROLONG, RELAX):
         _sweep(table, state, kind, number, visit)

@@ -50,8 +50,9 @@ class SweepBuffers(NamedTuple):
 
     `b, x` (1 + nodes,): right-hand sides and solutions; entry 0 belongs to no node; `c` (nodes,): first search
     direction of a K-cycle; `v, w` (nodes,): products of the matrix with the first and the second direction; `change`
-    (nodes,): changes of the solutions by the last sweep; `visits` (levels,): number of visits of every level in the
-    present K-cycle; `first_steps` (levels, 2): inner products of the first step of the K-cycle on every level.
+    (nodes,): changes of the solutions by the last sweep; `visits` (levels,): number of times that the present K-cycle
+    has returned to every level; `first_steps` (levels, 2): inner products of the first step of the K-cycle on every
+    level.
     """
 
     b: Singles

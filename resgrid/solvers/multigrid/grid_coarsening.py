@@ -24,8 +24,8 @@ def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | N
     """Return the next coarser level, and the coarse node of every node; None if nodes of one colour would be joined.
 
     The nodes of the next level are blocks of two cells along every axis, except along axes that conduct badly. If a
-    block is disconnected without its weak conductances, one part stays on the grid. The other parts become extra nodes,
-    which are joined by couplings (edges that cross no face of the grid).
+    block is disconnected without its weak conductances, one connected component stays on the grid. The other components
+    become extra nodes, which are joined by couplings (edges that cross no face of the grid).
 
     `level`: the finer level; `split`: whether weak conductances do not connect a block. The returned array has shape
     (2, slots of the finer level): row 0 for red, row 1 for black nodes, by their index in the arrays of the finer
@@ -76,7 +76,7 @@ def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray
 
 
 def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float) -> NDArray[np.int64]:
-    """Give every part of a disconnected block except the first an extra node; return the block of every extra node.
+    """Number the extra nodes, the connected components of each block except its first; return their blocks.
 
     A block is given as its position on the next level: a red block's index in an array (``lattice.slots``,), or
     ``lattice.slots`` plus a black block's index. `level, lattice`: the finer level, and memory layout of the next one
@@ -156,16 +156,16 @@ def _in_series(conductance: NDArray[np.float64], inner: NDArray[np.float32], fra
 def sum_up(
     level: Level, lattice: Lattice, target: NDArray[np.int32], extras: int
 ) -> tuple[Edges, NDArray[np.float64], NDArray[np.float32]] | None:
-    """Return the conductances between blocks, their leaks (conductances to rails), and the conductances inside blocks.
+    """Return the conductances between coarse nodes, their leaks (conductances to rails), and those inside coarse nodes.
 
-    The leaks have shape (2, coarse slots), the conductances inside blocks (ndim, 2 coarse slots); red blocks precede
-    black ones. Returns None if parts of one block are joined by weak conductances, since these parts have the same
+    The leaks have shape (2, coarse slots), the conductances inside coarse nodes (ndim, 2 coarse slots); red nodes
+    precede black ones. Returns None if weak conductances join two components of one block, since these have the same
     colour.
 
     `level, lattice`: the finer level, and memory layout of the next one; `target` (2, slots of the finer level):
-    position on the next level of the block of every red node (row 0) and black node (row 1); a position is a red
-    block's index in an array (coarse slots,), or the number of coarse slots plus a black block's index; `extras`:
-    number of extra nodes of the next level.
+    position on the next level of the coarse node of every red node (row 0) and black node (row 1); a position is a red
+    coarse node's index in an array (coarse slots,), or the number of coarse slots plus a black one's index; `extras`:
+    number of extra nodes of the next level (components of a block except the first).
     """
     sides = len(level.edges.faces)
     capacity = len(level.edges.couplings) + extras * sides * 2 ** (sides // 2)
@@ -267,13 +267,13 @@ def join_inside(
 def split_blocks(
     doubtful: NDArray[np.bool_], parent: Indices, block: Indices, coarse_slots: int, extra_block: Integers
 ) -> int:
-    """Number the parts of disconnected blocks, except the first parts, as extra nodes; return their number.
+    """Number the extra nodes, the connected components of each block except its first; return how many there are.
 
     `doubtful` (2 coarse slots,): whether the block at a position of the next level may be disconnected; `parent` (2
-    slots,): union-find, over the red, then the black nodes of the finer level, whose trees are the parts; `block` (2,
-    slots): position of the block of every node of the finer level, 0 for none, overwritten by the number of the extra
-    node; `coarse_slots`: length of an array over one colour of the next level; `extra_block`: receives the position of
-    the block of every extra node. Extra nodes are numbered from ``2 coarse_slots`` on.
+    slots,): union-find, over the red, then the black nodes of the finer level, whose trees are the components; `block`
+    (2, slots): position of the block of every node of the finer level, 0 for none, overwritten by the number of the
+    extra node; `coarse_slots`: length of an array over one colour of the next level; `extra_block`: receives the
+    position of the block of every extra node. Extra nodes are numbered from ``2 coarse_slots`` on.
     """
     flat = block.ravel()
     taken = np.zeros(len(doubtful), np.bool_)
@@ -300,15 +300,16 @@ def split_blocks(
 def sum_blocks(edges: Edges, target: Indices, first_extra: int, coarse: Edges, inner: Singles) -> int:
     """Sum the conductances between blocks into the faces and couplings of ``coarse``; return the number of couplings.
 
-    A coupling is an edge that crosses no face of the grid. The result is -1 if a resistor joins two parts of one
-    colour.
+    A coarse node is a connected component of a block of cells. The first component of a block takes the block's place
+    on the coarse grid; each further component is an extra node, numbered after the grid. A coupling is an edge that
+    crosses no face of the grid, and every edge of an extra node is one. The result is -1 if an edge joins two coarse
+    nodes of one colour.
 
-    `edges, coarse`: edges of the finer and of the next level; `target` (2, slots of the finer level): position on the
-    next level of the block of every red node (row 0) and black node (row 1); the position of a red block is its index
-    in an array (coarse slots,) over red blocks, that of a black block is the number of coarse slots plus its index in
-    an array over black blocks; `first_extra`: index, in an array (coarse slots,), of the first extra node of either
-    colour; `inner` (ndim, 2 coarse slots): the conductance inside blocks along every axis is added here, in the column
-    of the block's position.
+    `edges, coarse`: edges of the finer and of the next level; `target` (2, slots of the finer level): position of the
+    coarse node of every red node (row 0) and black node (row 1): the index of a red coarse node in an array (coarse
+    slots,), or the number of coarse slots plus the index of a black one in such an array; `first_extra`: smallest such
+    index of an extra node, equal for both colours; `inner` (ndim, 2 coarse slots): conductances inside coarse nodes
+    along every axis are added here, in the column of the coarse node's position.
     """
     faces, distance, _, off_red, off_black, off_axis, couplings = edges
     sums, coarse_slots = coarse.faces, coarse.faces.shape[1]

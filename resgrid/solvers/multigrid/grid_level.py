@@ -32,13 +32,13 @@ WEAK = 0.1
 class Level:
     """A red-black grid, with conductances between cells and to the rails, in units of ``hierarchy.unit`` siemens.
 
-    A slot is the index of a node in the arrays of its colour, from 0 for red and for black nodes. `lattice`: memory
-    layout; `edges`: conductances between cells; `leak` (2, slots): conductance to the rails, of red nodes in row 0 and
-    of black ones in row 1; `degree` (2, slots): sum of all conductances at a node, 0 at an unused slot; `mean` (ndim,):
-    mean conductance across the faces of every axis, 0 for an axis without conductances; `uneven`: whether the weakest
-    conductance is below `WEAK` times the strongest; `extra_cell`: row-major index, in a grid of the shape
-    ``lattice.shape``, of the cell to which every extra node belongs, for red and for black extra nodes; `size`: number
-    of nodes.
+    A slot is the index of a node in the arrays of its colour, from 0 for red and for black nodes. An extra node is a
+    connected component of a cell (a block of finer cells) except the first. `lattice`: memory layout; `edges`:
+    conductances between cells; `leak` (2, slots): conductance to the rails, of red nodes in row 0 and of black ones in
+    row 1; `degree` (2, slots): sum of all conductances at a node, 0 at an unused slot; `mean` (ndim,): mean conductance
+    across the faces of every axis, 0 for an axis without conductances; `uneven`: whether the weakest conductance is
+    below `WEAK` times the strongest; `extra_cell`: for red and for black extra nodes, the row-major index, in a grid of
+    the shape ``lattice.shape``, of the cell to which each belongs; `size`: number of nodes.
     """
 
     lattice: Lattice
@@ -116,8 +116,9 @@ def level_of(
     """Return a `Level` with computed degrees and statistics.
 
     `lattice, edges`: memory layout, and conductances between cells; `leak` (2, slots): conductance to the rails, of red
-    nodes in row 0 and of black ones in row 1; `extra_cell`: row-major index of the cell to which every extra node
-    belongs, for red and for black extra nodes.
+    nodes in row 0 and of black ones in row 1; `extra_cell`: for red and for black extra nodes, the row-major index of
+    the cell to which each belongs. An extra node is a connected component of a cell (a block of finer cells) except the
+    first.
     """
     degree, statistics = leak.copy(), np.full((len(edges.faces), 4), [0.0, 0.0, np.inf, 0.0])
     sum_degrees(edges.faces, edges.distance, edges.margin, degree, statistics)

@@ -48,7 +48,7 @@ _SHRINKAGE = 0.6
 _MOST_EXTRAS = 0.1
 """Fraction of extra nodes among the nodes of a grid above which coarsening continues with a graph.
 
-Extra nodes are the parts of a disconnected block of cells except its first part.
+Extra nodes are the connected components of a disconnected block of cells except its first one.
 """
 
 

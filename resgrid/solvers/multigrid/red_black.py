@@ -34,8 +34,8 @@ class Lattice:
     """Memory layout of a grid's cells: each cell has a slot, its index in the arrays (slots,) of its colour.
 
     The colours are red and black; the slots of both count from 0. `shape`: number of cells along every axis, two axes
-    or more; `extras`: number of slots of each colour, after those of the grid, for extra nodes (coarse nodes without a
-    cell).
+    or more; `extras`: number of slots of each colour, after those of the grid, for extra nodes: the connected
+    components of a cell (a block of finer cells) except the first.
     """
 
     shape: tuple[int, ...]
@@ -64,7 +64,11 @@ class Lattice:
 
     @property
     def first_extra(self) -> int:
-        """Index, in an array over one colour, of the first extra node (coarse node without a cell), after all cells."""
+        """Index, in an array over one colour, of the first extra node; these follow the nodes of all cells.
+
+        A coarse cell is a block of finer cells; extra nodes are the connected components of a block except its first
+        one.
+        """
         return self.margin + (self.shape[0] * self.strides[0] + 1) // 2
 
     @property
@@ -114,8 +118,8 @@ class Lattice:
     def _by_cell(self, by_number: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return a view, of the grid's shape, of an array (2 slots,) in which red and black cells alternate.
 
-        The index of a cell in that array is its number: twice its index in an array over its colour, plus 1 for a black
-        cell.
+        `by_number` (2 slots,): one value per cell, by the cell's number: twice its index in an array over its colour,
+        plus 1 for a black cell.
         """
         return as_strided(by_number[2 * self.margin :], self.shape, [4 * s for s in self.strides])
 

@@ -33,17 +33,19 @@ from resgrid.solvers.scaled import Indices, Reals, Singles
 CLEAR, ELIMINATE, RESTRICT, RELAX, PROLONG, COMBINE, BACK_SUBSTITUTE, STEP, MULTIPLY = (
     cast(int, np.int64(k)) for k in range(9)
 )
-"""The kinds of sweeps; not literals, for which numba would specialize (see `resgrid._internal.jit.ZERO`).
+"""The kinds of sweeps over a grid; variables and not literals, for which numba would compile the code once per kind.
 
-The vectors below are fields of the record of a grid (`levels.GRID`). Four kinds sweep from red to black cells.
-`ELIMINATE` eliminates the red cells: it writes the black residual to ``r`` and its relaxation from zero to ``before``.
-`RESTRICT` sums the residual of ``before`` into the next level. `RELAX` relaxes ``before`` into ``z``. `MULTIPLY`
-computes ``S z``, where S is the Schur complement of the black cells with the diagonal ``degree``.
+Names in double backticks are fields of the grid's record (`levels.GRID`). Four kinds sweep from red to black cells.
+`ELIMINATE` eliminates the red cells: the black residual goes to ``r``, the residual times the reciprocal diagonal to
+``before``. `RESTRICT` sums the residual that ``before`` leaves into ``below_rhs``. `RELAX` relaxes ``before`` into
+``z``. `MULTIPLY` writes ``S z``, with the Schur complement ``S`` of the black cells, to ``s`` after the first direction
+of a K-cycle, else to ``w``, and the inner products ``z.r, z.w, z.s`` of every block to ``sums``.
 
-`BACK_SUBSTITUTE` computes the red cells from ``before``. The others work cell by cell. `PROLONG` adds the next level's
-solution to ``before``. `STEP` takes the first step of the K-cycle along ``z``, copies this direction to ``c``, and
-relaxes the residual from zero. `COMBINE` sets ``before`` to the combination of both directions by the ``coefficients``.
-`CLEAR` sets the next level's right-hand side to 0, as do `ELIMINATE` and `STEP`.
+`BACK_SUBSTITUTE` computes the red cells from ``before``. The others work cell by cell. `PROLONG` adds ``below_x`` to
+``before``. `STEP` subtracts the first of the ``coefficients`` times ``s`` from ``r``, writes ``|r|^2`` of every block
+before and after to ``sums``, copies ``z`` to ``c``, and sets ``before`` to ``r`` times the reciprocal diagonal.
+`COMBINE` sets ``before`` to the sum of ``c`` and ``z``, multiplied by both ``coefficients``. `CLEAR` sets ``below_rhs``
+to 0, as do `ELIMINATE` and `STEP`.
 """
 
 
@@ -120,8 +122,9 @@ def _add_to_nodes(aggregate: Indices, begin: int, count: int, total: Singles, sk
 def multiply(level: Row, slab: Slab, product: Singles) -> None:
     """Set ``product = S z`` on one slab, without couplings; write ``z.r, z.w, z.s`` of every block to ``level.sums``.
 
-    ``S`` is the Schur complement of the black cells. `level`: record of the grid, with the vectors; `slab`: range of
-    blocks of cells; `product` (slots,): the vector ``w``.
+    ``S`` is the Schur complement of the black cells; ``r``, ``s`` and ``z`` are fields of the record (residual, first
+    product of the K-cycle, correction), ``w`` is the product. Couplings are edges that cross no face of the grid.
+    `level`: record of the grid; `slab`: range of blocks of cells; `product` (slots,): receives the product.
     """
     slots, ahead, inverse = level.slots, blocks_ahead(level), singles(level.red_inverse, level.slots)
     r, s, z = singles(level.r, slots), singles(level.s, slots), singles(level.z, slots)
@@ -171,8 +174,10 @@ def _multiply(
 def add_couplings(level: Row, kind: int, product: Singles) -> float:
     """Add the couplings to the results of a sweep over black cells, after all slabs; return the decrease of ``z.w``.
 
-    Couplings are edges that cross no face of the grid. `level`: record of the grid; `kind`: `ELIMINATE`, `RESTRICT`,
-    `RELAX` or `MULTIPLY`; `product` (slots,): result of `MULTIPLY`. The decrease is 0 for the other kinds.
+    Couplings are edges that cross no face of the grid. ``z.w`` is the inner product of the correction ``z`` of the grid
+    with `product`, which `MULTIPLY` summed without couplings. `level`: record of the grid; `kind`: `ELIMINATE`,
+    `RESTRICT`, `RELAX` or `MULTIPLY`; `product` (slots,): result of `MULTIPLY`, updated. The decrease is 0 for the
+    other kinds.
     """
     slots, joined, decrease = level.slots, level.joined, 0.0
     off_red, off_black = indices(level.off_red, joined), indices(level.off_black, joined)
@@ -213,10 +218,11 @@ def back_substitute(level: Row, slab: Slab) -> None:
 
 @inner
 def update_slots(level: Row, kind: int, slab: Slab) -> None:
-    """Prolong, combine or step on one slab, cell by cell; a step writes sums of squares of every block.
+    """Prolong, combine or take a step on one slab, cell by cell (see the kinds of sweeps in this module).
 
-    `level`: record of the grid; `kind`: `PROLONG`, `COMBINE` or `STEP`; `slab`: range of blocks. The sums of squares,
-    in the field ``sums`` of the record, are those of the residual before and after the step.
+    `level`: record of the grid; `kind`: `PROLONG`, `COMBINE` or `STEP`; `slab`: range of blocks of cells. For `STEP`,
+    the sums of squares of the residual before and after the step are written to the field ``sums`` of the record, per
+    block.
     """
     slots, coefficients, sums = level.slots, doubles(level.coefficients, 2), doubles(level.sums, 3 * level.blocks)
     r, s, z, c = singles(level.r, slots), singles(level.s, slots), singles(level.z, slots), singles(level.c, slots)

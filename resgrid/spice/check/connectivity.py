@@ -85,8 +85,9 @@ def _element_violation(
 ) -> Violation:
     """Return the violation for elements of one kind.
 
-    `severity, rule`: severity and name of the violation; `kind`: kind of the elements; `numbers` (n,): indices of the
-    elements; `message`: text with the fields ``count``, ``s`` (plural ending) and ``names``; `remedy`: the correction.
+    `severity`: "error", "warning" or "info"; `rule`: name of the violation; `kind`: kind of the elements; `numbers`
+    (n,): indices of the elements; `message`: text with the fields ``count``, ``s`` (plural ending) and ``names``;
+    `remedy`: the correction.
     """
     nodes = np.unique(circuit.ends[kind][numbers])
     names = some([circuit.element_name(kind, number) for number in numbers[:SHOWN].tolist()], numbers.size)
@@ -149,7 +150,8 @@ def loop_voltages(
 
     Sources, taken in their order, form a spanning forest.  A source closes a loop if its nodes are connected in the
     forest.  Its mismatch is its voltage minus the voltage between these nodes in the forest; it contradicts if the
-    mismatch exceeds rounding errors.  `ends` (sources, 2): nodes; `volts` (sources,); returns three arrays (sources,).
+    mismatch exceeds rounding errors.  `ends` (sources, 2): plus and minus nodes; `volts` (sources,): voltages;
+    `node_count`: number of nodes; returns three arrays (sources,).
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import minimum_spanning_tree

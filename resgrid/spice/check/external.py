@@ -81,10 +81,10 @@ def rewritten(deck: Circuit) -> bytes:
 
 
 def _safe_files(deck: Circuit, path: Path, data: bytes, root: Path, engine: str) -> dict[str, bytes]:
-    """Return the content of all included files by relative path; raise InputError if the deck is not safe to run.
+    """Return the content of all included files, by path relative to `root`; raise InputError for an unsafe deck.
 
-    `path, data`: path and content of the deck; `root`: folder that must contain the included files; `engine`: name of
-    the engine.
+    `deck, path, data`: circuit, path and content of the deck; `root`: folder that must contain the included files;
+    `engine`: name of the engine.
     """
     if not deck.is_deck:
         raise InputError("it is not a deck, and no simulator reads it")

@@ -160,8 +160,8 @@ def _predict_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: li
 def _predict_file(dialect: Dialect, case: _Case) -> _Result:
     """Return outcome, error in volts or None, worst node or None, and reasons for a deck's file.
 
-    The file is read by the rules of the simulator's dialect, and the resulting circuit is judged.  `dialect`: the
-    dialect; `case`: the deck as its own dialect reads it, with the correct voltages.
+    The outcome is "right", "wrong", "fails" or "unsure"; error and node are None if not computed. `dialect`: dialect of
+    the simulator, by whose rules the file is read; `case`: the deck as its own dialect reads it.
     """
     label = dialect.label
     found = reread(case.deck, dialect)
@@ -329,7 +329,7 @@ def _elements_on_title_line(deck: Circuit) -> list[str]:
 
 
 def _raised_resistances(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Return the resistances (m,) in ohms that a simulator uses, and a tuple with the reason if it raises some."""
+    """Return the resistances (m,) in ohms that a simulator uses, and a tuple with a sentence if it raises some."""
     resistance, _, _ = rebase(deck.resistance, deck.tc1, deck.tc2, deck.heating)
     least, size = quirks.smallest_resistance, np.abs(resistance)
     if least is None:

@@ -46,9 +46,9 @@ def singularity(circuit: Circuit) -> Singular:
 
 
 def _part_singularity(circuit: Circuit, nodes: NDArray[np.int64]) -> Singular:
-    """Return "yes", "no" or "unknown": whether ngspice meets a zero pivot in the elimination of a floating component.
+    """Return whether ngspice meets a zero pivot in the elimination of a floating component: "yes", "no" or "unknown".
 
-    `nodes` (n,): node numbers of the component.
+    "unknown": the rounding errors of ngspice are not known here.  `nodes` (n,): node numbers of the component.
     """
     inside = {kind: np.isin(ends, nodes).all(axis=1) for kind, ends in circuit.ends.items()}
     if inside["nonlinear resistor"].any():

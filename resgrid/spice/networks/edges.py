@@ -216,7 +216,7 @@ def _is_edge(words: list[str]) -> bool:
 
 
 def _read_table(path: str | os.PathLike[str], columns: int, entry: str) -> EdgeTable:
-    """Return the table of a file whose lines hold `columns` node names and one number.
+    """Return the table of the file `path`, whose lines hold `columns` node names and one number.
 
     Blanks, commas and semicolons separate words; ``#`` and ``%`` begin comments.  `entry`: the word for a line in
     messages, such as "edge".  Raises InputError for any other line except one heading.
@@ -281,7 +281,7 @@ def _words(line: str) -> list[str]:
 def _numbers(table: EdgeTable, number: dict[str, int]) -> list[int]:
     """Return the node number of the first name in every row, n integers; raise InputError for a node without an edge.
 
-    `number`: node number by name, of all nodes with an edge.
+    `table`: rows of node names with a number; `number`: node number of every node with an edge, by its name.
     """
     nodes = [number.get(names[0], -1) for names in table.names]
     if -1 in nodes:

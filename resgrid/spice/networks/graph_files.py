@@ -39,7 +39,11 @@ def graphml(netlist: Netlist) -> bytes:
 
 
 def node_link(netlist: Netlist) -> dict[str, Any]:
-    """Return a netlist as a graph in node-link form: a dict for JSON with the keys ``nodes`` and ``edges``."""
+    """Return a netlist as a graph in node-link form: a dict for JSON with the keys ``nodes`` and ``edges``.
+
+    Both are lists of dictionaries: nodes with ``id``, edges with ``source`` and ``target`` (node identifiers), ``kind``
+    and values in SI units.
+    """
     import networkx as nx
 
     record: dict[str, Any] = nx.node_link_data(netlist.to_networkx(), edges="edges")
@@ -47,7 +51,11 @@ def node_link(netlist: Netlist) -> dict[str, Any]:
 
 
 def netlist_arrays(netlist: Netlist) -> dict[str, Any]:
-    """Return the contents of an NPZ file of a netlist: arrays of elements, node names and element names, by key."""
+    """Return the contents of an NPZ file of a netlist: arrays of elements, node names and element names, by key.
+
+    Keys: fields of `Netlist`, such as ``resistor_nodes``; ``node_names``; and ``<kind>_names``, such as
+    ``resistor_names``, if the elements have names.
+    """
     arrays = {name: getattr(netlist, name) for name in _ARRAYS if getattr(netlist, name) is not None}
     arrays["node_names"] = np.array(netlist.names_of(np.arange(netlist.node_count)), dtype=np.str_)
     names = (netlist.element_names or {}).items()

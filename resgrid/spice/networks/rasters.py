@@ -62,8 +62,8 @@ def read_raster(path: Path) -> NDArray[np.float64]:
 def _without_empty(cells: NDArray[np.float64], header: dict[str, float], path: Path) -> NDArray[np.float64]:
     """Return `cells` with NaN for empty cells, shape (cells,); raise InputError for a wrong number of cells.
 
-    `cells` (cells,): values row by row, changed in place; `header`: numbers of the header by key in lower case; `path`:
-    the file, for messages.
+    `cells` (cells,): values row by row, changed in place; `header`: numbers of the header by key in lower case, such as
+    ``ncols`` or ``nodata_value``; `path`: the file, for messages.
     """
     rows, columns = header["nrows"], header["ncols"]
     if len(cells) != rows * columns:

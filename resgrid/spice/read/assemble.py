@@ -112,8 +112,8 @@ def _with_switches(
 ) -> ElementArrays:
     """Return the resistors and the switches as one array of resistors; a switch has its on or its off resistance.
 
-    `parts`: elements by kind; `node_count`: number of nodes; `files`: names of the files, for messages; `diagnostics`:
-    receives an error for every switch whose state is not determined.
+    `parts`: elements by kind, such as ``"resistor"`` or ``"switch"``; `node_count`: number of nodes; `files`: names of
+    the files, for messages; `diagnostics`: receives an error for every switch whose state is not determined.
     """
     switches, resistors = parts["switch"], parts["resistor"]
     if not len(switches):
@@ -149,7 +149,8 @@ def _held_voltages(parts: dict[str, ElementArrays], node_count: int) -> tuple[ND
     """Return the voltage of every node relative to a root node, in volts, and the number of that root; shapes (nodes,).
 
     Voltage sources and resistors of 0 ohm connect nodes to trees, and each tree has one root.  `parts`: elements by
-    kind; `node_count`: number of nodes.  If the sources contradict each other, all voltages are NaN.
+    kind, such as ``"voltage source"``; `node_count`: number of nodes.  If the sources contradict each other, all
+    voltages are NaN.
     """
     from resgrid.circuit.sources import tie_sources
 
@@ -170,8 +171,8 @@ def _note_zero_ohms_and_grounds(
 ) -> None:
     """Add warnings about resistors of 0 ohm, and notes about node names that are, or look like, names of ground.
 
-    `parts`: elements by kind; `nodes`: table of the nodes; `files`: names of the files, for messages; `contents`:
-    content of the deck, which receives the notes.
+    `parts`: elements by kind, such as ``"resistor"``; `nodes`: table of the nodes; `files`: names of the files, for
+    messages; `contents`: content of the deck, which receives the notes.
     """
     resistor, diagnostics, top = parts["resistor"], contents.diagnostics, Spot(files[0], 1)
     zero = np.flatnonzero(resistor.values[:, 0] == 0)

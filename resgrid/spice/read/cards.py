@@ -135,8 +135,8 @@ def _check_letters(text: str, spot: Spot, source: SourceFile, rules: ReadingRule
 def _joined(pieces: list[tuple[int, int, str]], source: SourceFile, rules: ReadingRules) -> Card:
     """Return the card that consists of a line and its continuation lines.
 
-    `pieces`: for each line its number, the column of its first character (both counted from 1) and its text without
-    comment; `source`: the file; `rules`: reading rules of the dialect.
+    `pieces`: a tuple for each of these lines: line number, column of the first character (both counted from 1), and
+    text without comment; `source`: the file; `rules`: reading rules of the dialect.
     """
     joins: list[tuple[int, int, int]] = []
     offset = 0

@@ -61,7 +61,7 @@ _SPECTRE_KEYS = {"trise": "dtemp"}
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """The card of an element with two nodes, split into its parts.
+    """The card of an element with two nodes, split into name, nodes and values.
 
     `name`: name of the element; `nodes`: names of the nodes; `positional`: tokens after the nodes that have no key;
     `pairs`: the ``key=value`` pairs; `keys`: numerical values of the pairs, by key.
@@ -139,7 +139,7 @@ def multiplier(card: Card, value: float) -> float:
 
 
 def _split(card: Card, scope: Scope, known: str = "") -> Element:
-    """Return the parts of the card of an element with two nodes.
+    """Return the card of an element with two nodes, split into name, nodes and values.
 
     `scope`: parameter values of the block; `known`: keys that are admissible for this kind of element in addition to
     `_VALUE_KEYS`, separated by blanks; if `known` is empty, the result has no values of keys.

@@ -77,8 +77,8 @@ class _Token(NamedTuple):
 def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
     """Return the value of an expression.
 
-    `lookup` returns the value of a parameter, and `call` that of a function of the deck; both return None for unknown
-    names.  Raises ExpressionError.
+    `lookup`: function from the name of a parameter to its value; `call`: function from the name of a function of the
+    deck, its argument values and `lookup` to the value; both return None for unknown names.  Raises ExpressionError.
 
     Examples
     --------

@@ -33,9 +33,9 @@ _SWITCH_KEYS = frozenset({"ron", "roff", "vt", "vh", "von", "voff"})
 
 
 def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str, float]:
-    """Return the values of a model's keys, by key; raise CardError for an unknown or repeated key.
+    """Return the values of a model's keys, by key in lower case; raise CardError for an unknown or repeated key.
 
-    `scope`: scope of the element that uses the model; `known`: the keys that the model may have.
+    `model`: the model; `scope`: scope of the element that uses the model; `known`: the keys that the model may have.
     """
     values: dict[str, float] = {}
     home, rules = scope.scope_of(model.block), model.card.rules
@@ -85,8 +85,9 @@ def modelled_resistor(
 def _from_model(values: dict[str, float], length: float | None, width: float | None, card: Card, model: Model) -> float:
     """Return the resistance, in ohms, from the model's sheet resistance with length and width, or from its key ``r``.
 
-    `values`: values of the model by key; `length, width`: on the resistor's card, in metres, None for the model's
-    values; `card`: the resistor's card; `model`: the model, for messages.
+    `values`: values of the model by key, such as ``rsh`` (ohms per square), ``l`` and ``w`` (metres); `length, width`:
+    on the resistor's card, in metres, None for the model's values; `card`: the resistor's card; `model`: the model, for
+    messages.
     """
     rules = card.rules
     span = values.get("l", _DEFAULT_LENGTH) if length is None else length

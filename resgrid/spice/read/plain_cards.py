@@ -195,11 +195,12 @@ class PlainCards:
     def _leave_next(
         self, cards: NDArray[np.int64], pending: int, at: int, stop: int, last: int
     ) -> tuple[int, int, int]:
-        """Mark the next cards as `_OTHER`, one for every bit in `pending`; return the new `pending`, `at` and `last`.
+        """Mark the next cards as `_OTHER` (not read in bulk), one for every bit in `pending`.
 
-        `cards`: line indices of the plain cards; `pending`: properties (bits) of earlier lines that affect the next
-        card; `at, stop`: range of indices into `cards` of the cards before the next line with a property; `last`: index
-        into `cards` of the last card that stays plain, -1 for none.
+        Returns the new `pending`, `at` and `last`. `cards`: line indices of the plain cards (lines ``name node node
+        value``); `pending`: properties (bits) of earlier lines that affect the next card; `at, stop`: range of indices
+        into `cards` of the cards before the next line with a property; `last`: index into `cards` of the last card that
+        stays plain, -1 for none.
         """
         while pending and at < stop:
             pending &= ~(_BACKSLASH if pending & _BACKSLASH else _COMMAND)

@@ -370,7 +370,7 @@ def _stamp(flat: FlatSubcircuit, instances: list[tuple[Instance, float]], elemen
 
 
 def _names_of_instances(instances: list[tuple[Instance, float]], part: ElementArrays) -> list[str]:
-    """Return the names ``instance.element`` of all copied elements; `part`: the elements of the subcircuit."""
+    """Return the names ``instance.element`` of all copied elements; `part`: elements; `instances`: with multipliers."""
     names = part.names()
     return [f"{instance.name}.{name}" for instance, _ in instances for name in names]
 

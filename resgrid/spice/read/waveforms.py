@@ -74,8 +74,8 @@ def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
 def _waveform(card: Card, token: Token, rest: list[Token], scope: Scope) -> tuple[Token, list[float], dict[str, float]]:
     """Consume the values of a waveform; return the token of its name, its values without a key, and its values by key.
 
-    `token`: name of the waveform; `rest`: the remaining tokens of the card, in reverse order; `scope`: parameter
-    values.
+    Only ``pwl`` has keys: ``r``, ``td`` and ``repeat``.  `card`: the card; `token`: name of the waveform; `rest`: the
+    remaining tokens of the card, in reverse order; `scope`: parameter values.
     """
     bracketed, word = _takes(rest, "("), token.text.lower()
     values: list[float] = []
@@ -120,7 +120,7 @@ def _at_zero(card: Card, token: Token, values: list[float], keys: dict[str, floa
     """Return the value of a waveform at time 0, in volts or amperes; raise CardError where simulators disagree.
 
     `token`: name of the waveform; `values`: its values without a key, in the order of the card; `keys`: its values by
-    key.
+    key (``r``, ``td`` or ``repeat`` of ``pwl``, in lower case).
     """
     text = token.text
     delays = [*(values[i] for i in _DELAYS[text.lower()] if i < len(values)), keys.get("td", 0.0)]

@@ -68,7 +68,8 @@ def read_rawfile(data: bytes, source: str = "raw file") -> RawFile:
 def _count(fields: Mapping[str, str], key: str, source: str) -> int:
     """Return the value of the header's field `key` as an integer; raise InputError if its text is not an integer.
 
-    `fields`: texts of the header's fields by key in lower case; `source`: name of the file in messages.
+    `fields`: texts of the header's fields by key in lower case, such as ``no. points``; `source`: name of the file in
+    messages.
     """
     text = fields.get(key, "")
     if not (text.isascii() and text.isdigit() and len(text) < 12):

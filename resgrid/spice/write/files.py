@@ -225,7 +225,10 @@ def _checked_target(target: Path) -> Path:
 
 
 def _described(analysis: Analysis) -> dict[str, Any]:
-    """Return an analysis as a dict of JSON values for the sidecar: its kind and its attributes."""
+    """Return an analysis as a dict of JSON values for the sidecar: ``kind`` ("noise" and so on) and its attributes.
+
+    A transient analysis has only ``stop`` and ``step`` in seconds, and ``changes_scene``: whether the circuit changes.
+    """
     if isinstance(analysis, TransientAnalysis):
         changed = analysis.after is not None
         return {"kind": "transient", "stop": analysis.stop, "step": analysis.step, "changes_scene": changed}

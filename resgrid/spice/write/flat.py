@@ -52,7 +52,10 @@ class FlatDeck:
 
     @property
     def missing(self) -> dict[str, int]:
-        """Number of floating nodes, and of elements of each kind, of the netlist that the deck omits; without zeros."""
+        """Numbers of floating nodes and of elements that the deck omits, by kind, without zeros.
+
+        Kinds: ``"floating node"``, ``"resistor"``, ``"voltage source"`` and so on.
+        """
         return {**({"floating node": len(self.left_out)} if self.left_out else {}), **self.dropped}
 
 
@@ -204,8 +207,8 @@ def _grounded_nodes(netlist: Netlist) -> NDArray[np.bool_]:
 def _choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDArray[np.int64]]:
     """Return the netlist indices of the elements in the deck, by kind, sorted by nodes and then by values.
 
-    Elements at nodes outside the deck, and voltage sources that close a loop of voltage sources, are left out.  `held`
-    (node_count,): mask of the nodes in the deck.
+    Kinds are ``"resistor"``, ``"voltage source"`` and so on.  Elements at nodes outside the deck, and voltage sources
+    that close a loop of voltage sources, are left out.  `held` (node_count,): mask of the nodes in the deck.
     """
     from resgrid.circuit.sources import tie_sources
 
@@ -237,8 +240,10 @@ def _lines_of(
 ) -> list[str]:
     """Return the lines of the elements of one kind.
 
-    `chosen` (m,): netlist indices of the elements; `names` (node_count,): deck names of all nodes; `columns`: names of
-    the elements and values of resistors, m texts each; `additions`: changes that analyses require.
+    `netlist, rules`: the circuit, and the dialect of the deck; `kind`: kind, such as ``"resistor"``; `chosen` (m,):
+    netlist indices of the elements; `names` (node_count,): deck names of all nodes; `columns`: texts for the fields of
+    the line's template by name, m each: ``name``, and for resistors ``value``; `additions`: changes that analyses
+    require.
     """
     template: str = getattr(rules, kind.replace(" ", "_"))
     first, second = getattr(netlist, ELEMENTS[kind][0])[chosen].T.tolist()

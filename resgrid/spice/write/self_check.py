@@ -65,8 +65,8 @@ def format_self_check(name: str, deck: FlatDeck, expected: Expected, sha256: str
 def _errors(function: str, values: Mapping[str, float], scale: float) -> list[str]:
     """Return one ngspice expression per value for its absolute error divided by `scale`, each after a blank.
 
-    `function`: beginning of the name of a simulated value, such as ``op1.v``; `values`: expected value by name, in
-    volts or amperes; `scale`: in the same unit.
+    `function`: beginning of the name of a simulated value, such as ``op1.v``; `values`: expected value in volts or
+    amperes, by the name of the node or source; `scale`: in the same unit.
     """
     return [
         f" abs({function}({name}){'-' if value >= 0 else '+'}{abs(value)!r})/{scale!r}"

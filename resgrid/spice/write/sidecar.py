@@ -174,7 +174,8 @@ def sidecar_path(deck: Path) -> Path:
 def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected, more: Mapping[str, Any]) -> str:
     """Return the text of a sidecar, one node per line.
 
-    `deck_name`: file name of the deck; `deck`: the deck; `expected`: expected results; `more`: further keys and values.
+    `deck_name`: file name of the deck; `deck`: the deck; `expected`: expected results; `more`: further keys of the JSON
+    object with their values, such as versions and hashes.
     """
     data = deck.text.encode("utf-8")
     head = {
@@ -243,7 +244,7 @@ def read_sidecar(deck: Path) -> Sidecar:
 def block_hashes(data: bytes, lines: int) -> list[str]:
     """Return the first 16 hexadecimal digits of the SHA-256 of every block (group of lines) of a text.
 
-    `lines`: number of lines per block.
+    `data`: the text as bytes; `lines`: number of lines per block.
     """
     rows = data.split(b"\n")
     blocks = (b"\n".join(rows[start : start + lines]) for start in range(0, len(rows), lines))

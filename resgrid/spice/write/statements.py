@@ -93,8 +93,9 @@ def _ends(netlist: Netlist, kind: str) -> list[tuple[str, str]]:
 def _sums(netlist: Netlist, kind: str, key: str) -> dict[tuple[str, str], float]:
     """Return the sum of a value over parallel elements, by the names of their two nodes.
 
-    `kind`: kind of element; `key`: name of the value in the graph of a netlist, such as ``"conductance"``.  The result
-    is empty if the netlist does not have the value, such as temperature coefficients.
+    `netlist`: the circuit; `kind`: kind of element; `key`: name of the value in the graph of a netlist, such as
+    ``"conductance"``.  The key of an entry is a pair of node names.  The result is empty if the netlist does not have
+    the value, such as temperature coefficients.
     """
     values = getattr(netlist, ELEMENTS[kind][1][key])
     total: dict[tuple[str, str], float] = {}
@@ -159,9 +160,10 @@ def _check_names(deck: FlatDeck, analyses: Sequence[Analysis]) -> None:
 
 
 def _statement(words: Statements, name: str, deck: FlatDeck, analysis: Analysis) -> list[str]:
-    """Return the lines that request an analysis, an empty list for probes and measurements.
+    """Return the lines that request an analysis, an empty list for a `Probe` or a `Measure`, which only select results.
 
-    `words`: statement templates of the dialect; `name`: file name of the deck.
+    `words`: statement templates of the dialect; `name`: file name of the deck; `deck`: the deck; `analysis`: the
+    analysis.
     """
     if type(analysis) not in _KIND_WORDS:
         return []
@@ -183,7 +185,8 @@ def _statement(words: Statements, name: str, deck: FlatDeck, analysis: Analysis)
 def _first_source(deck: FlatDeck) -> dict[str, str]:
     """Return name and voltage of the voltage source with the lowest netlist index, for sweep and noise statements.
 
-    The keys are ``source`` and ``volts`` (as text); both values are empty if the deck has no voltage source.
+    The keys of the dict are ``source`` (name) and ``volts`` (as text); both values are empty texts if the deck has no
+    voltage source.
     """
     if not deck.source_names:
         return {"source": "", "volts": ""}
@@ -193,9 +196,10 @@ def _first_source(deck: FlatDeck) -> dict[str, str]:
 
 
 def _probes(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
-    """Return the statements that save the quantities of all probes; without a probe, those that print all voltages.
+    """Return the statements that save the voltages and currents that the `Probe` entries of `analyses` name.
 
-    `words`: statement templates of the dialect.
+    Without a `Probe` entry, these are the statements that print all voltages.  `words`: statement templates of the
+    dialect; `analyses`: the requested analyses.
     """
     kinds = list(dict.fromkeys(kind for item in analyses if (kind := _KIND_WORDS.get(type(item), ""))))
     saved: list[str] = []

@@ -117,7 +117,8 @@ def _chip_lines(tiles: Tiles, rules: Dialect, labels: Sequence[str], spread: flo
 def _parameters(tiles: Tiles, axis: int) -> dict[str, tuple[NDArray[np.float64], float]]:
     """Return the subcircuit parameters of a tile's resistor along an axis, by name, each as a pair of values.
 
-    The pair holds the parameter of every resistor of the grid (n,) and its most frequent value, both in ohms.
+    Names: ``resistance_<axis>``, and that of the wall resistance if there is one.  The pair holds the parameter of
+    every resistor of the grid (n,) and the most frequent value along this axis, both in ohms.
     """
     own = tiles.resistance[tiles.links[tiles.axis[tiles.links] == axis]]
     values, count = np.unique(own, return_counts=True)

@@ -1,0 +1,234 @@
+"""Compiled kernels for the field of a changed plane: equations, face currents and Kirchhoff's current law.
+
+Import this module only inside functions that call a kernel, because importing numba takes seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.jit import inlined, kernel
+from resgrid.solvers.scaled_kernels import _LOG_BASE, NO_EXPONENT, _shift
+
+_HIGH, _LOW = 1, 2  # `resgrid.core.compiler.CellRole`
+
+_NOISE = 1e-12
+"""Bound on the relative error of a value; smaller relative differences may be rounding errors."""
+
+_NEGLIGIBLE = 1e-7
+"""Fraction of a cell's through-current, below which currents that may be rounding errors are set to zero."""
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Values(NamedTuple):
+    """Voltage of every cell above the low rail, or its drop from the high rail, whichever is smaller, on a plane.
+
+    All arrays have a margin of one cell, (nx + 2, ny + 2).  `own`: whether a cell has an equation; `mantissa,
+    exponent`: value ``mantissa * 2**(256 exponent)`` as a fraction of the rail distance; `is_drop`: whether the value
+    is the drop from the high rail.
+    """
+
+    own: Bools
+    mantissa: Floats
+    exponent: Integers
+    is_drop: Bools
+
+
+@kernel
+def split_contacts(
+    kind: NDArray[np.uint8], own: Bools, faces: tuple[Floats, Floats], unit: float, inner: tuple[Floats, Floats],
+    low: Floats, high: Floats,
+) -> None:  # fmt: skip
+    """Split the conductances of a plane's faces into those between cells with an equation, and those to the rails.
+
+    `kind` (nx + 2, ny + 2): `CellRole` of every cell, with a margin; `own` (nx, ny): whether a cell has an equation;
+    `faces`: conductances (nx + 1, ny) and (nx, ny + 1) of the faces across both axes, which are multiplied by `unit`.
+    Results: `inner`, shapes of `faces`; `low, high` (nx, ny): conductance to the low and the high rail.
+    """
+    low[:], high[:], inner[0][:], inner[1][:] = 0.0, 0.0, 0.0, 0.0
+    for i in range(own.shape[0]):
+        for j in range(own.shape[1]):
+            if not own[i, j]:
+                continue
+            for side in range(4):
+                up, across = side % 2, side < 2
+                x, y = i + (2 * up - 1) * across, j + (2 * up - 1) * (not across)
+                g = unit * (faces[0][i + up, j] if across else faces[1][i, j + up])
+                if g == 0.0:
+                    continue
+                role = kind[x + 1, y + 1]
+                if role == _LOW:
+                    low[i, j] += g
+                elif role == _HIGH:
+                    high[i, j] += g
+                elif across:
+                    inner[0][i + up, j] = g
+                else:
+                    inner[1][i, j + up] = g
+
+
+@kernel
+def write_values(
+    kind: NDArray[np.uint8], own: Bools, drop: tuple[Floats, Integers], height: tuple[Floats, Integers],
+    values: Values, potential: Floats, log_drop: Floats,
+) -> None:  # fmt: skip
+    """Write the values, potentials and logarithms of drops of all cells of a plane between two rails.
+
+    `kind` (nx + 2, ny + 2): `CellRole` of every cell, with a margin; `own` (nx, ny): whether a cell has an equation;
+    `drop, height`: mantissas and exponents (nx, ny) of drops from the high rail, and of heights above the low rail.
+    Results: `values`; `potential, log_drop` (nx, ny).  Cells without an equation are on a rail.
+    """
+    values.own[:], values.mantissa[:], values.exponent[:], values.is_drop[:] = False, 0.0, 0, True
+    for i in range(own.shape[0]):
+        for j in range(own.shape[1]):
+            if own[i, j]:
+                m, e = drop[0][i, j], drop[1][i, j]
+                plain = _shift(m, e)
+                is_drop = plain <= 0.5
+                if is_drop:
+                    potential[i, j], log_drop[i, j] = 1.0 - plain, math.log(m) + e * _LOG_BASE
+                else:
+                    m, e = height[0][i, j], height[1][i, j]
+                    potential[i, j] = _shift(m, e)
+                    log_drop[i, j] = math.log1p(-potential[i, j])
+                values.own[i + 1, j + 1], values.is_drop[i + 1, j + 1] = True, is_drop
+                values.mantissa[i + 1, j + 1], values.exponent[i + 1, j + 1] = m, e
+            else:
+                at_low = kind[i + 1, j + 1] == _LOW
+                values.is_drop[i + 1, j + 1] = not at_low
+                potential[i, j], log_drop[i, j] = (0.0, 0.0) if at_low else (1.0, -np.inf)
+
+
+@kernel
+def write_heights(kind: NDArray[np.uint8], own: Bools, height: Floats, values: Values, potential: Floats) -> None:
+    """Write the values and potentials of all cells of a plane with a single rail.
+
+    `kind` (nx + 2, ny + 2): `CellRole` of every cell, with a margin; `own` (nx, ny): whether a cell has an equation;
+    `height` (nx, ny): height above the rail, as a fraction of the largest one.  Results: `values`; `potential` (nx,
+    ny), NaN in cells without an equation that are not on the rail.
+    """
+    values.own[:], values.mantissa[:], values.exponent[:], values.is_drop[:] = False, 0.0, 0, False
+    for i in range(own.shape[0]):
+        for j in range(own.shape[1]):
+            if own[i, j]:
+                values.own[i + 1, j + 1] = True
+                values.mantissa[i + 1, j + 1] = potential[i, j] = height[i, j]
+            else:
+                potential[i, j] = 0.0 if kind[i + 1, j + 1] == _LOW else np.nan
+
+
+@inlined
+def _fall(values: Values, a: tuple[int, int], b: tuple[int, int]) -> tuple[float, int, bool]:
+    """Return the potential of cell `a` minus that of cell `b`: mantissa, exponent, and whether it may be rounding."""
+    m, e, is_drop = values.mantissa, values.exponent, values.is_drop
+    if is_drop[a] != is_drop[b]:
+        total = _shift(m[a], e[a]) + _shift(m[b], e[b]) - 1.0
+        return -total if is_drop[a] else total, 0, abs(total) <= 0.5 * _NOISE
+    top = max(e[a] if m[a] != 0.0 else NO_EXPONENT, e[b] if m[b] != 0.0 else NO_EXPONENT)
+    one, other = _shift(m[a], e[a] - top), _shift(m[b], e[b] - top)
+    fall = one - other
+    return -fall if is_drop[a] else fall, top, abs(fall) <= _NOISE * max(one, other)
+
+
+@kernel
+def face_currents(
+    values: Values, conductance: Floats, unit: float, amps: Floats, exponent: Integers, is_uncertain: Bools
+) -> None:
+    """Compute the current through every face of a plane, positive along the axis, ``amps * 2**(256 exponent)``.
+
+    `conductance` (faces,): of the faces across the first axis, then across the second one, multiplied by `unit`.
+    Results (faces,): `amps, exponent`, and whether a current may be a rounding error.
+    """
+    nx, ny = values.own.shape[0] - 2, values.own.shape[1] - 2
+    for axis in range(2):
+        across = axis == 0
+        for i in range(nx + across):
+            for j in range(ny + (not across)):
+                face = i * ny + j if across else (nx + 1) * ny + i * (ny + 1) + j
+                a, b = (i + (not across), j + across), (i + 1, j + 1)
+                amps[face], exponent[face], is_uncertain[face] = 0.0, 0, False
+                if conductance[face] == 0.0 or not (values.own[a] or values.own[b]):
+                    continue
+                fall, top, is_uncertain[face] = _fall(values, a, b)
+                amps[face], exponent[face] = unit * conductance[face] * fall, top if fall != 0.0 else 0
+
+
+@kernel
+def check_cells(
+    own: Bools, injected: float, amps: Floats, exponent: Integers, through: Floats, scale: Integers
+) -> tuple[float, int]:
+    """Return the largest violation of KCL relative to the through-current, and the number of cells without outflow.
+
+    `own` (nx + 2, ny + 2): cells with an equation; `injected`: current into each of them from a source; `amps,
+    exponent` (faces,): face currents.  Results (nx, ny): `through, scale`: through-currents ``through * 2**(256
+    scale)``, half the sums of the magnitudes; 0 in other cells.  Cells without any current are not counted.
+    """
+    nx, ny = through.shape
+    second = (nx + 1) * ny
+    worst, stuck = 0.0, 0
+    for i in range(nx):
+        for j in range(ny):
+            through[i, j], scale[i, j] = 0.0, 0
+            if not own[i + 1, j + 1]:
+                continue
+            lower, upper = (i * ny + j, second + i * (ny + 1) + j), ((i + 1) * ny + j, second + i * (ny + 1) + j + 1)
+            top = 0 if injected > 0.0 else NO_EXPONENT
+            for face in (lower[0], lower[1], upper[0], upper[1]):
+                if amps[face] != 0.0:
+                    top = max(top, exponent[face])
+            if top == NO_EXPONENT:
+                continue
+            net, total, leaves = injected, injected, False
+            for axis in range(2):
+                into = _shift(amps[lower[axis]], exponent[lower[axis]] - top)
+                out = _shift(amps[upper[axis]], exponent[upper[axis]] - top)
+                net += into - out
+                total += abs(into) + abs(out)
+                leaves |= into < 0.0 or out > 0.0
+            stuck += not leaves
+            through[i, j], scale[i, j] = 0.5 * total, top
+            worst = max(worst, abs(net) / (0.5 * total))
+    return worst, stuck
+
+
+@kernel
+def drop_uncertain(amps: Floats, exponent: Integers, is_uncertain: Bools, through: Floats, scale: Integers) -> int:
+    """Set to zero the currents that may be rounding errors and are negligible in both cells; return their number.
+
+    `amps, exponent, is_uncertain` (faces,): currents, and whether they may be rounding errors; `through, scale` (nx,
+    ny): through-currents of the cells, 0 in cells without an equation.
+    """
+    nx, ny = through.shape
+    dropped = 0
+    for axis in range(2):
+        across = axis == 0
+        for i in range(nx + across):
+            for j in range(ny + (not across)):
+                face = i * ny + j if across else (nx + 1) * ny + i * (ny + 1) + j
+                if not is_uncertain[face] or amps[face] == 0.0:
+                    continue
+                is_negligible = True
+                for x, y in ((i - across, j - (not across)), (i, j)):
+                    if 0 <= x < nx and 0 <= y < ny and through[x, y] > 0.0:
+                        size = abs(_shift(amps[face], exponent[face] - scale[x, y]))
+                        is_negligible &= size <= _NEGLIGIBLE * through[x, y]
+                if is_negligible:
+                    amps[face] = 0.0
+                    dropped += 1
+    return dropped
+
+
+@kernel
+def write_currents(amps: Floats, exponent: Integers, direction: NDArray[np.int8], log_current: Floats) -> None:
+    """Write signs and natural logarithms of the magnitudes of currents; all arrays (faces,)."""
+    for face in range(len(amps)):
+        size = abs(amps[face])
+        direction[face] = 0 if size == 0.0 else (1 if amps[face] > 0.0 else -1)
+        log_current[face] = -np.inf if size == 0.0 else math.log(size) + exponent[face] * _LOG_BASE
