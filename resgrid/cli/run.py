@@ -52,11 +52,14 @@ def command(source: CommandInput, output: str | None, asked: bool | None, dialec
     files. Paths of a robot from a URDF file are shortened, timed within its velocity limits and tested for collisions.
     Exits with 1 if a start has no path, a path collides, or the simulator disagrees.
     """
+    from resgrid.io.paths import check_routes_file
     from resgrid.io.tables import json_text
 
     folder = folder_of(output, source)
     with whole_folder(folder) as work, _compile_last_kernels():
         job = open_job(source)
+        if job.scene.starts:
+            check_routes_file("paths.csv", job.space, timed=job.scene.robot.workspace_ndim == 3)
         ignored = report_ignored(job, "grid")
         plan = plan_routes(job)
         plan = replace(plan, routes=check_routes(job, timed_by_robot(job, plan.routes)))

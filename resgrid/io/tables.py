@@ -155,8 +155,8 @@ def require_names(axes: Iterable[Axis], names: Sequence[str]) -> None:
     for axis in axes:
         if names.count(axis.name) > 1:
             raise InputError(
-                f"axis {axis.name!r} has the name of another column of this file; rename the axis, or write another "
-                "format"
+                f"axis {axis.name!r} has the name of another column of this file; rename the axis (name of the axis in "
+                "[grid]), or write another format"
             )
 
 

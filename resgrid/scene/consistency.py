@@ -98,7 +98,8 @@ def _coordinate_problems(robot: Robot | type[Robot] | None, ndim: int, values: M
             continue
         if isinstance(shape, Box | Ball | Polygon) and count == 2:
             other = {Box: "box", Ball: "sphere"}.get(type(shape), "boxes")
-            yield path, f"a shape of the plane needs 2 axes, but the scene has {ndim}; use {other} instead"
+            has = f"the scene has {ndim}" if robot.workspace_ndim == 2 else "this robot moves in space"
+            yield path, f"a shape of the plane needs 2 axes, but {has}; use {other} instead"
         elif isinstance(shape, SpaceSolid | Voxels):
             yield path, f"a shape in space has 3 coordinates, but this workspace has {allowed[0]}; use another shape"
         else:

@@ -342,3 +342,23 @@ def surface_points(solid, rng):
         height = rng.choice([-0.5, 0.5], 500) * solid.size[1]
         local = np.column_stack([solid.size[0] * np.cos(angle), solid.size[0] * np.sin(angle), height])
     return local @ solid.placement[:3, :3].T + solid.placement[:3, 3]
+
+
+def test_without_an_srdf_only_links_that_one_joint_connects_are_left_out(tmp_path: Path) -> None:
+    box = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+    links = "".join(
+        f'<link name="{name}">{"" if name == "flange" else box}</link>' for name in ("a", "b", "flange", "c", "d")
+    )
+    limit = '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    joints = "".join(
+        f'<joint name="{child}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="0.3 0 0"/>{limit}</joint>'
+        for parent, child, kind in (
+            ("a", "b", "revolute"), ("b", "flange", "fixed"), ("flange", "c", "revolute"), ("b", "d", "fixed")
+        )
+    )  # fmt: skip
+    (tmp_path / "r.urdf").write_text(f'<robot name="r">{links}{joints}</robot>')
+    tree = read_tree(str(tmp_path / "r.urdf"), ("b", "c"), {})
+    names = [body.name for body in tree.bodies]
+    pairs = {frozenset(names[i] for i in pair) for pair in tree.pairs}
+    assert pairs == {frozenset("ac"), frozenset("ad"), frozenset("cd")}

@@ -13,17 +13,12 @@ from resgrid.robots.urdf.description import Description
 
 
 def adjacent_pairs(robot: Description) -> frozenset[frozenset[str]]:
-    """Return the pairs of links that one joint connects, where links connected by fixed joints count as one link."""
-    part = {robot.root: robot.root}
-    neighbours: set[frozenset[str]] = set()
+    """Return the pairs of links that one joint connects, or a chain of joints through links without geometry."""
+    above: dict[str, str] = {}  # the nearest link above with geometry
     for joint in robot.joints.values():
-        is_fixed = joint.kind == "fixed"
-        part[joint.child] = part[joint.parent] if is_fixed else joint.child
-        if not is_fixed:
-            neighbours.add(frozenset((part[joint.parent], joint.child)))
-    return frozenset(
-        frozenset(pair) for pair in combinations(robot.links, 2) if frozenset(part[link] for link in pair) in neighbours
-    )
+        parent = joint.parent
+        above[joint.child] = parent if robot.links[parent] or parent not in above else above[parent]
+    return frozenset(frozenset(pair) for pair in above.items())
 
 
 def self_pairs(bodies: Sequence[Body], links: Sequence[str], allowed: Collection[frozenset[str]]) -> NDArray[np.int64]:

@@ -95,7 +95,8 @@ def _ply_points(path: Path) -> NDArray[np.float64]:
     trimesh = import_trimesh(path, "ply")
     try:
         loaded = trimesh.load(BytesIO(data), file_type="ply", process=False)
-        return np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3)
+        points = getattr(loaded, "vertices", ())  # trimesh returns an empty scene for a file without points
+        return np.array(points, dtype=np.float64).reshape(-1, 3)
     except MemoryError:
         raise
     except Exception as error:  # trimesh raises exceptions of many classes for damaged files
