@@ -200,6 +200,9 @@ def _map_lines(data: dict[str, Any]) -> Iterable[str]:
         rows = ", its first index along x" if words["format"] in ("npy", "voxels") else ", its top row at the largest y"
         reader = f" as {words['dialect']} reads it (--map-dialect)" if "dialect" in words else ""
         yield f"  map           {words['format']}{reader}{rows}: y points up"
+    prepared = [f"--{key} {_option_text(words[key])}" for key in ("crop", "coarsen", "refine") if key in words]
+    if prepared:
+        yield f"  prepared      {', then '.join(prepared)}"
     if "greys" in words:
         option = " (--threshold)" if words["format"] == "image" else ""
         yield "  grey          " + ", ".join(f"{low} to {high} {kind}" for low, high, kind in words["greys"]) + option
@@ -210,6 +213,11 @@ def _map_lines(data: dict[str, Any]) -> Iterable[str]:
     frame = data["frame"]
     if any(frame.values()):
         yield f"  frame         origin at ({frame['x']:g}, {frame['y']:g}), rotated by {frame['yaw']:g} rad"
+
+
+def _option_text(value: Any) -> str:
+    """Return the value of an option of map preparation as on the command line: numbers separated by commas."""
+    return ",".join(f"{part:g}" for part in value) if isinstance(value, list | tuple) else str(value)
 
 
 def _sketch_lines(data: dict[str, Any]) -> Iterable[str]:

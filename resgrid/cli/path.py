@@ -9,16 +9,8 @@ from typing import TYPE_CHECKING, cast
 import click
 
 import resgrid as rg
-from resgrid.cli.options import (
-    NUMBERS,
-    POSITIVE,
-    CommandInput,
-    NumberRange,
-    output_option,
-    subcommand,
-    with_method,
-    with_source,
-)
+from resgrid.cli.option_types import NumberRange
+from resgrid.cli.options import NUMBERS, POSITIVE, CommandInput, output_option, subcommand, with_method, with_source
 from resgrid.cli.paths import answer_queries, plan_routes, route_lines
 from resgrid.cli.scenes import open_job, place_of, report_ignored, require_starts
 from resgrid.cli.terminal import NEGATIVE, finish, say

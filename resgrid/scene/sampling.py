@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.memory import FEWER_CELLS, FEWER_HEADINGS, SMALLER_MAP, require_grid_memory
+from resgrid._internal.memory import FEWER_CELLS, FEWER_HEADINGS, Remedy, require_grid_memory
 from resgrid.core.axis import Point
 from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
@@ -19,6 +19,8 @@ from resgrid.robots.cells import merge_goals
 from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint, GoalPose
 from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
+from resgrid.scene.maps.preparation import KEYS, extent_of_mask
+from resgrid.scene.maps.size_advice import smaller_map
 from resgrid.scene.nearest_place import are_unknown, is_unknown, nearest_place, usable, why_blocked
 from resgrid.scene.scene import Scene
 from resgrid.scene.world_coordinates import check_cell, extent_of, locate_point, over_map, to_space
@@ -95,11 +97,19 @@ def adding(scene: Scene, key: str, option: str) -> str:
     return by_option if is_map else f"add {key} to the scene, or {by_option}"
 
 
-def remedy_of_size(scene: Scene) -> str:
-    """Return the remedy, as text, for a scene whose cells do not fit in memory."""
-    if scene.map is None or scene.axes[: len(scene.map.axes)] != scene.map.axes:
+def remedy_of_size(scene: Scene) -> Remedy:
+    """Return the remedy for a scene whose cells do not fit in memory, as text or as a function that returns it."""
+    cells = scene.map
+    if cells is None or scene.axes[: len(cells.axes)] != cells.axes:
         return FEWER_CELLS
-    return (FEWER_HEADINGS + ", or " if len(scene.axes) > len(scene.map.axes) else "") + SMALLER_MAP
+
+    def remedy(ratio: float) -> str:
+        assert cells is not None
+        known = None if cells.unknown is None else extent_of_mask(~cells.unknown)
+        fewer = FEWER_HEADINGS + ", or " if len(scene.axes) > len(cells.axes) else ""
+        return fewer + smaller_map(cells.cell.shape, ratio, known)
+
+    return remedy
 
 
 def _obstacles(scene: Scene) -> list[Shape]:
@@ -237,7 +247,8 @@ def _grey(scene: Scene, cell: tuple[int, ...]) -> str:
 
     `cell`: index of the pixel's cell along each axis.  The text is empty for free pixels and for other maps.
     """
-    if scene.map is None or format_of(Path(scene.map.table["file"]), scene.map.table) != "image":
+    table = {} if scene.map is None else scene.map.table
+    if scene.map is None or format_of(Path(table["file"]), table) != "image" or any(table.get(key) for key in KEYS):
         return ""
     threshold: int = scene.map.table.get("threshold", THRESHOLD)
     try:
