@@ -65,6 +65,7 @@ from .scene import (
     GoalJoints as GoalJoints,
     GoalPoint as GoalPoint,
     GoalPose as GoalPose,
+    Mask as Mask,
     Scene as Scene,
     build_space as build_space,
     parse_scene as parse_scene,

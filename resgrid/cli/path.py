@@ -93,7 +93,7 @@ def command(
     if shorten:
         routes = [_shortened(route, keep_clearance) for route in routes]
     if speed:
-        routes = [_timed(route, speed, acceleration, rate) for route in routes]
+        routes = [_timed(route, speed, acceleration, rate, job.scene.mask) for route in routes]
     written = output is not None and _write(routes, output)
     data = {"scene": job.scene.title, "paths": [route_record(route) for route in routes], **ignored}
     finish(data, route_lines(routes), written=output if written else None)
@@ -139,15 +139,22 @@ def _shortened(route: Route, clearance: float | None) -> Route:
     return replace(route, path=rg.shortcut(route.streamline, clearance=clearance)) if route.reached else route
 
 
-def _timed(route: Route, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None) -> Route:
+def _timed(
+    route: Route,
+    speed: tuple[float, ...],
+    acceleration: tuple[float, ...],
+    rate: float | None,
+    masks: Sequence[rg.Mask],
+) -> Route:
     """Return a route whose path is replaced by a path with times.
 
     `speed`, `acceleration`: largest values in axis units per s and s², one for all coordinates or one for each; no
-    limit for an empty `acceleration`; `rate`: sampling rate in hertz, None for no sampling.
+    limit for an empty `acceleration`; `rate`: sampling rate in hertz, None for no sampling; `masks`: masks of the
+    scene, for their speed limits.
     """
     velocity, change = (limits[0] if len(limits) == 1 else limits for limits in (speed, acceleration))
     motion = rg.time_parameterize(
-        cast("AnyPath", route.path), velocity_limits=velocity, acceleration_limits=change or None
+        cast("AnyPath", route.path), velocity_limits=velocity, acceleration_limits=change or None, masks=masks
     )
     whole = replace(route, path=motion)
     if rate is None:

@@ -4,9 +4,9 @@ from resgrid.scene.control import Control as Control
 
 from .controller import (
     Controller as Controller,
-    equipotential_velocity as equipotential_velocity,
     make_controller as make_controller,
 )
+from .equipotential import equipotential_velocity as equipotential_velocity
 from .external_forces import ExternalForce as ExternalForce, random_forces as random_forces
 from .run_log import (
     ContactLog as ContactLog,

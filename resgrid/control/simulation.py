@@ -285,6 +285,7 @@ def simulation(
         admittance=control.admittance if admittance is None else admittance,
         speed_limits=control.speed_limits if speed_limits is None else speed_limits,
         response=control.response,
+        masks=scene.mask,
     )
     relaxation = Relaxation(control.settle or "chip", control.pace) if control.settle or control.announce else None
     world = Simulation(controller, plant, control.friction, control.learn, control.step, relaxation, scene=scene)

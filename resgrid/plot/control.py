@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.control.controller import following_velocity, make_controller
+from resgrid.control.controller import make_controller
+from resgrid.control.equipotential import following_velocity
 from resgrid.control.external_forces import checked_force
 from resgrid.control.plant import plant_of
 from resgrid.control.run_log import ContactLog, ControlMode, Run, TerminationReason

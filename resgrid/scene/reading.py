@@ -220,7 +220,7 @@ def build_scene(
     """
     from resgrid.scene.schema import robot_of, validate
 
-    raw = with_robot_files(with_footprint(raw), folder)
+    raw = with_mask_files(with_robot_files(with_footprint(raw), folder), folder)
     robot = robot_of(raw.get("robot", {}))
     raw = with_axes(raw, robot)
     document, problems, values = validate(raw)
@@ -327,6 +327,19 @@ def with_robot_files(raw: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
     if isinstance(robot.get("packages"), list):
         files["packages"] = [absolute(name) for name in robot["packages"]]
     return {**raw, "robot": {**robot, **files}}
+
+
+def with_mask_files(raw: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
+    """Return a document in which the file names of masks are absolute; `folder`: folder to which they are relative."""
+    masks = raw.get("mask")
+    if not isinstance(masks, list):
+        return raw
+
+    def absolute(mask: Any) -> Any:
+        has_name = isinstance(mask, Mapping) and isinstance(mask.get("file"), str) and mask["file"]
+        return {**mask, "file": str(folder.resolve() / mask["file"])} if has_name else mask
+
+    return {**raw, "mask": [absolute(mask) for mask in masks]}
 
 
 def with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]:

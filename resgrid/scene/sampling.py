@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from resgrid.errors import InputError
 from resgrid.robots import Box, GoalCells, PointRobot, Progress, Shape, URDFRobot
 from resgrid.robots.cells import merge_goals
 from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint, GoalPose
+from resgrid.scene.keepout import Keepout, forbidden_places, keepouts_of
 from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
 from resgrid.scene.maps.preparation import KEYS, extent_of_mask
@@ -71,7 +73,11 @@ def build_space(
     """
     where = scene.source or "scene"
     require_grid_memory(tuple(axis.cells for axis in scene.axes), f"{where}: grid", remedy=remedy_of_size(scene))
-    blocked, undecided = scene.robot.classify(scene.axes, _obstacles(scene), scene.sampling, progress, executor)
+    keepouts = keepouts_of(scene)
+    obstacles = [*_obstacles(scene), *(effect.obstacle for effect in keepouts if effect.inflate)]
+    blocked, undecided = scene.robot.classify(scene.axes, obstacles, scene.sampling, progress, executor)
+    for mask in forbidden_places(scene, keepouts).values():
+        blocked = blocked | mask
     cell = np.where(blocked, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
     goals = [_map_goals(scene, blocked, where)]
     goals += [_goal_cells(scene, goal, blocked, f"{where}: goal[{number}]") for number, goal in enumerate(scene.goals)]
@@ -81,7 +87,7 @@ def build_space(
         raise InputError(f"{where}: there is no goal; {adding(scene, 'a [[goal]]', '--goal')}")
     for number, start in enumerate(scene.starts):
         locate_point(scene.axes, scene.frame, start, f"{where}: starts[{number}]")
-    costs = _conductivity(scene)
+    costs = _conductivity(scene, keepouts)
     return ConfigurationSpace(
         scene.axes, cell, costs, frame=scene.frame, goal_points=every.points, robot=scene.robot, undecided=undecided
     )
@@ -188,13 +194,16 @@ def _map_goals(scene: Scene, blocked: NDArray[np.bool_], where: str) -> GoalCell
     return GoalCells(free, np.full((int(free.sum()), scene.ndim), np.nan))
 
 
-def _conductivity(scene: Scene) -> NDArray[np.float64] | None:
+def _conductivity(scene: Scene, keepouts: Sequence[Keepout]) -> NDArray[np.float64] | None:
     costs = None if scene.map is None else scene.map.conductivity
-    if not scene.areas and costs is None:
+    weighted = [effect for effect in keepouts if (effect.conductivity < 1).any()]
+    if not scene.areas and costs is None and not weighted:
         return None
     conductivity = np.ones(tuple(axis.cells for axis in scene.axes))
     if costs is not None:
         conductivity[:] = _over_map(scene, costs, "map.least_conductivity: the costs of places")
+    for effect in weighted:
+        np.minimum(conductivity, over_map(effect.conductivity, scene.axes), out=conductivity)
     for area in scene.areas:
         inside = PointRobot().occupancy(scene.axes, [to_space(area.shape, scene.frame)], "centre")
         conductivity[inside] = area.conductivity

@@ -35,6 +35,7 @@ from resgrid.scene.control import Control
 from resgrid.scene.goals import Conductivity, CostArea, GoalCell, GoalJoints, GoalPoint, GoalPose
 from resgrid.scene.maps.arrays import HEADINGS
 from resgrid.scene.maps.formats import FORMATS, map_options
+from resgrid.scene.mask import Mask
 from resgrid.scene.messages import Problem, message_of, problems_of, unknown_option
 from resgrid.scene.quantities import Listed
 from resgrid.scene.scene import IN_FILES, LISTS, Scene
@@ -307,6 +308,7 @@ TABLES: dict[str, Any] = {
     "grid": GridTable,
     "axes": AxisTable,
     "map": Map,
+    "mask": table_of(Mask),
     "chip": table_of(Chip),
     "control": table_of(Control),
     "readout": table_of(Readout),

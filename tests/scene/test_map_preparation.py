@@ -240,16 +240,18 @@ def test_invalid_preparations_are_rejected_with_the_file_and_the_key(tmp_path, k
     assert "map.yaml" in str(error.value) and str(error.value).count("map.yaml") == 1
 
 
-def test_a_larger_robot_needs_the_map_again(tmp_path):
+def test_a_larger_robot_reads_the_map_again(tmp_path):
     file = write(tmp_path, random_map(np.random.default_rng(4), border=1))
     scene = rg.read_scene(file, crop=(0, 3, 2, 4))
     with pytest.raises(rg.InputError, match="read the scene again with this robot"):
-        scene.replace(robot=rg.PointRobot(0.3))
+        scene.map.space_of(rg.PointRobot(0.3))
+    replaced = scene.replace(robot=rg.PointRobot(0.3))
     text = f'schema = 1\nrobot.radius = 0.3\n[map]\nfile = "{file}"\ncrop = [0, 3, 2, 4]\n'
     direct = rg.parse_scene(text.replace("robot.radius = 0.3", 'robot = { type = "disc", radius = 0.3 }'))
     changed = apply_overrides(scene, {"robot.radius": 0.3})
-    spaces = [rg.build_space(one, require_goal=False).cell for one in (direct, changed)]
-    assert (spaces[0] == spaces[1]).all() and (spaces[0] != rg.build_space(scene, require_goal=False).cell).any()
+    spaces = [rg.build_space(one, require_goal=False).cell for one in (direct, changed, replaced)]
+    assert (spaces[0] == spaces[1]).all() and (spaces[0] == spaces[2]).all()
+    assert (spaces[0] != rg.build_space(scene, require_goal=False).cell).any()
 
 
 @pytest.mark.parametrize("suffix", ["pgm", "png"])

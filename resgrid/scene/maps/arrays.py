@@ -61,7 +61,8 @@ class MapCells:
         Largest `Robot.extent` for which `surroundings` is complete, in axis units; infinite for a map that is not
         cropped.
     obstacles : CellSet
-        All obstacles of the map, as a shape in map coordinates.
+        All obstacles of the map, as a shape in map coordinates; without unknown cells if the key
+        ``inflate_around_unknown`` of `table` is false.
 
     Examples
     --------
@@ -116,7 +117,12 @@ class MapCells:
     @property
     def obstacles(self) -> CellSet:
         """All obstacles of the map, `surroundings` included, as a shape in map coordinates."""
-        return self.surroundings or CellSet(self.axes, self.cell == Cell.OBSTACLE)
+        if self.surroundings is not None:
+            return self.surroundings
+        blocked = self.cell == Cell.OBSTACLE
+        if self.unknown is not None and not self.table.get("inflate_around_unknown", True):
+            blocked &= ~self.unknown
+        return CellSet(self.axes, blocked)
 
     def space_of(self, robot: Robot) -> tuple[tuple[Axis, ...], Frame]:
         """Return the axes and the frame of the configuration space of a robot on this map.
@@ -149,7 +155,7 @@ class MapCells:
     def without_obstacles(self) -> MapCells:
         """Return a copy of the map in which obstacle cells are free."""
         cell = np.where(self.cell == Cell.OBSTACLE, np.uint8(Cell.FREE), self.cell)
-        return replace(self, cell=cell, surroundings=None)
+        return replace(self, cell=cell, unknown=None, surroundings=None)
 
 
 def cells_from_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:

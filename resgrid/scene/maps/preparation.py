@@ -60,6 +60,9 @@ class Preparation:
         are free, and its conductivity is their smallest one.  Coarse cells that extend past the map are obstacles.
     refine
         Number n of cells into which each cell is divided along each axis.
+    inflate_around_unknown
+        Whether the robot's body stays out of unknown cells that are obstacles; otherwise only its reference point does.
+        Nav2's inflation layer has a parameter of this name, whose default is the opposite.
     extent
         Largest distance from the robot's reference point to a point of the robot; not a key of files.
     """
@@ -67,6 +70,7 @@ class Preparation:
     crop: Literal["known"] | Annotated[tuple[float, ...], Len(2, 8)] | None = None
     coarsen: Annotated[int, Ge(1), Le(10**6)] = 1
     refine: Annotated[int, Ge(1), Le(10**3)] = 1
+    inflate_around_unknown: bool = True
     extent: float = 0.0
 
     @classmethod
@@ -113,6 +117,11 @@ class Preparation:
             return 0
         return ceil(min(self.extent / axis.spacing, axis.cells)) + 2 * self.coarsen
 
+    def _inflated(self, codes: NDArray[np.uint8], unknown: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+        """Return the mask of obstacle cells that the robot's body must not touch, shape of `codes` and `unknown`."""
+        blocked = np.asarray(codes == Cell.OBSTACLE)
+        return blocked if self.inflate_around_unknown or unknown is None else np.asarray(blocked & ~unknown)
+
     def _window(self, source: MapSource) -> Window:
         if self.crop == "known":
             known = source.known()
@@ -156,7 +165,7 @@ class Preparation:
             source.frame,
             None if conductivity is None else np.ascontiguousarray(conductivity[at]),
             None if unknown is None else np.ascontiguousarray(unknown[at]),
-            surroundings=None if is_whole else CellSet(around, codes == Cell.OBSTACLE),
+            surroundings=None if is_whole else CellSet(around, self._inflated(codes, unknown)),
             extent=inf if self.crop is None else self.extent,
         )
 
