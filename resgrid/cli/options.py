@@ -98,6 +98,8 @@ _SCENE_OPTIONS: tuple[Decorator, ...] = (
          help="Border of the grid: obstacle or open; separated by commas for one per axis."),
     _key("--resistance", metavar="OHMS", help="Resistance between neighbours, such as 10k."),
     _key("--goal", metavar="X,Y", type=NUMBERS, multiple=True, help="Goal in world coordinates; repeatable."),
+    _key("--goal-tolerance", metavar="R", type=NumberRange(0),
+         help="Largest distance from a goal point at which the goal is reached, in the unit of the axes."),
     _key("--start", metavar="X,Y", type=NUMBERS, multiple=True, help="Start in world coordinates; repeatable."),
     _key("--cells", is_flag=True, help="Goals and starts are cell indices instead of world coordinates."),
     _key("--robot-radius", metavar="R",
@@ -252,6 +254,8 @@ def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck:
             changes |= _cells(key, keys[key]) if keys["cells"] else {key: list(keys[key])}
     if keys["k"]:
         changes["k"] = [k for several in keys["k"] for k in several]
+    if keys["goal_tolerance"] is not None:
+        changes["goal_tolerance"] = keys["goal_tolerance"]
     if keys["robot_radius"] is not None:
         changes["robot.radius"] = keys["robot_radius"]
     for setting in keys["settings"]:

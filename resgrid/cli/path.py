@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, cast
 import click
 
 import resgrid as rg
+from resgrid.cli.legs import answer_legs
 from resgrid.cli.option_types import NumberRange
 from resgrid.cli.options import NUMBERS, POSITIVE, CommandInput, output_option, subcommand, with_method, with_source
 from resgrid.cli.paths import answer_queries, plan_routes, route_lines
@@ -52,11 +53,29 @@ if TYPE_CHECKING:
 @click.option(
     "--acceleration", metavar="A,...", type=NUMBERS, default=(), help="Largest acceleration, in the form of --speed."
 )
+@click.option(
+    "--via",
+    metavar="X,Y",
+    type=NUMBERS,
+    multiple=True,
+    help="Intermediate place in world coordinates; repeatable, in this order.",
+)
+@click.option(
+    "--approximate",
+    is_flag=True,
+    help="Without a path to a goal, end at the nearest reachable place (the exit code remains 1).",
+)
+@click.option(
+    "--escape",
+    is_flag=True,
+    help="Leave the inflated zone on the shortest straight line, which is marked as not certified.",
+)
 @with_method
 @click.option("--rate", metavar="HZ", type=POSITIVE, help="Sampling rate of timed paths, in hertz.")
 def command(
     source: CommandInput, output: str | None, queries: str | None, limit: int | None, shorten: bool,
     keep_clearance: float | None, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None,
+    via: tuple[tuple[float, ...], ...], approximate: bool, escape: bool,
     method: str, ranks: int | None, launcher: str | None,
 ) -> int:  # fmt: skip
     """Compute the path along the current from every start of SCENE to a goal, for every k, with a certificate.
@@ -75,6 +94,13 @@ def command(
         raise InputError("--keep-clearance needs a shortened path: add --shorten, or leave it out")
     if limit is not None and queries is None:
         raise InputError("--limit needs queries: add --queries, or leave it out")
+    if via or approximate or escape:
+        if shorten or speed or queries is not None or method != "auto":
+            raise InputError(
+                "--via, --approximate and --escape give paths of several legs: leave out --shorten, --speed, --queries "
+                "and --method"
+            )
+        return answer_legs(source, output, via, approximate=approximate, escape=escape)
     if output is not None and queries is None:
         check_routes_file(output)
     job = open_job(source, require_goal=queries is None, method=method, ranks=ranks, launcher=launcher)

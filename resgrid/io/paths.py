@@ -114,12 +114,15 @@ class Route:
         Whether the streamline has passed `certify`.
     advice : str, optional
         Reason why no goal is reached, replaces `Streamline.reason`.
+    heading : float, optional
+        Heading at the reached goal, in radians, that the scene demands of a robot without a heading of its own.
     """
 
     path: Timed
     start: tuple[float, ...]
     certified: bool = False
     advice: str | None = None
+    heading: float | None = None
 
     @cached_property
     def streamline(self) -> Streamline | None:
@@ -244,6 +247,8 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
         "k": route.k,
         "certified": route.certified,
     }
+    if route.heading is not None:
+        record["goal_heading"] = route.heading
     if route.reason is not None:
         record["message"] = route.reason
     if points:
@@ -296,7 +301,7 @@ def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
 def _documents(routes: Sequence[Route]) -> str:
     """Return YAML text with one message per route that reaches a goal, and a comment on each start and outcome."""
     if len(routes) == 1:
-        return to_ros_path(routes[0].path)
+        return to_ros_path(routes[0].path, heading=routes[0].heading)
     if not any(route.reached for route in routes):
         raise InputError(
             "no path reaches a goal, and a nav_msgs/Path message cannot hold an outcome; write .csv, .json or .npz"
@@ -305,6 +310,6 @@ def _documents(routes: Sequence[Route]) -> str:
     for route in routes:
         place = ", ".join(f"{value:.6g}" for value in route.start)
         comment = f"# start ({place}), k = {_number(route.k):g}: {route.outcome}\n"
-        text += f"{begin}{comment}{to_ros_path(route.path)}" if route.reached else comment
+        text += f"{begin}{comment}{to_ros_path(route.path, heading=route.heading)}" if route.reached else comment
         begin = "---\n" if route.reached else begin
     return text

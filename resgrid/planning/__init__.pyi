@@ -5,6 +5,7 @@ from .blocking_obstacles import (
     SceneSeparation as SceneSeparation,
     Separation as Separation,
 )
+from .legs import Leg as Leg, LegPath as LegPath
 from .normals import surface_normals as surface_normals
 from .planner import ClearanceCurve as ClearanceCurve, Planner as Planner, clearance_curve as clearance_curve
 from .random_walks import (

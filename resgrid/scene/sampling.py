@@ -25,6 +25,7 @@ from resgrid.scene.maps.preparation import KEYS, extent_of_mask
 from resgrid.scene.maps.size_advice import smaller_map
 from resgrid.scene.nearest_place import are_unknown, is_unknown, nearest_place, usable, why_blocked
 from resgrid.scene.scene import Scene
+from resgrid.scene.tolerances import require_no_heading, tolerant_goal
 from resgrid.scene.world_coordinates import check_cell, extent_of, locate_point, over_map, to_space
 
 
@@ -79,8 +80,8 @@ def build_space(
     for mask in forbidden_places(scene, keepouts).values():
         blocked = blocked | mask
     cell = np.where(blocked, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
-    goals = [_map_goals(scene, blocked, where)]
-    goals += [_goal_cells(scene, goal, blocked, f"{where}: goal[{number}]") for number, goal in enumerate(scene.goals)]
+    goals = [map_goals(scene, blocked, where)]
+    goals += [goal_cells(scene, goal, blocked, f"{where}: goal[{number}]") for number, goal in enumerate(scene.goals)]
     every = merge_goals(blocked.shape, goals)
     cell[every.cells] = Cell.GOAL
     if require_goal and not (cell == Cell.GOAL).any():
@@ -125,7 +126,14 @@ def _obstacles(scene: Scene) -> list[Shape]:
     return shapes
 
 
-def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) -> GoalCells:
+def goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) -> GoalCells:
+    """Return the free cells of a goal, each with a configuration that solves the goal.
+
+    `blocked`: mask of obstacle cells, shape of the space; `key`: key path of the goal, for messages.  Raises InputError
+    if the goal lies outside the grid, is out of reach, or consists of obstacle cells.
+    """
+    if isinstance(goal, GoalPoint) and goal.heading is not None:
+        require_no_heading(scene, key)
     single = _single_cell(scene, goal, key)
     if single is not None:
         words, cell, point = single
@@ -162,7 +170,7 @@ def _single_cell(scene: Scene, goal: Goal, key: str) -> tuple[str, tuple[int, ..
             return f"the cell {list(cell)}", cell, (np.nan,) * scene.ndim
         case GoalJoints(point, upper) if point == upper:
             kind = "configuration"
-        case GoalPoint(point) if scene.robot.base is None and len(point) == scene.ndim:
+        case GoalPoint(point) if scene.robot.base is None and len(point) == scene.ndim and not goal.tolerance:
             kind = "point"
         case _:
             return None
@@ -173,8 +181,9 @@ def _region(scene: Scene, goal: Goal) -> GoalCells:
     match goal:
         case GoalJoints(lower, upper):
             return PointRobot().goal_cells(scene.axes, to_space(Box(lower, upper), scene.frame))
-        case GoalPoint(point):
-            return scene.robot.goal_cells(scene.axes, tuple(scene.frame.from_world(point).tolist()))
+        case GoalPoint(point, tolerance):
+            inside = tuple(scene.frame.from_world(point).tolist())
+            return tolerant_goal(scene, inside, tolerance) if tolerance else scene.robot.goal_cells(scene.axes, inside)
         case GoalPose():
             if not isinstance(scene.robot, URDFRobot):
                 raise InputError("a pose of a tool is a goal of robots of the type urdf only; give a point or a shape")
@@ -184,7 +193,12 @@ def _region(scene: Scene, goal: Goal) -> GoalCells:
     return scene.robot.goal_cells(scene.axes, to_space(goal, scene.frame))
 
 
-def _map_goals(scene: Scene, blocked: NDArray[np.bool_], where: str) -> GoalCells:
+def map_goals(scene: Scene, blocked: NDArray[np.bool_], where: str) -> GoalCells:
+    """Return the free cells of the space that are goal cells of the scene's map.
+
+    `blocked`: mask of obstacle cells, shape of the space; `where`: name of the scene, for messages.  Raises InputError
+    if all of them are obstacle cells.
+    """
     if scene.map is None or not (scene.map.cell == Cell.GOAL).any():
         return GoalCells(np.zeros_like(blocked), np.empty((0, scene.ndim)))
     goals = _over_map(scene, scene.map.cell == Cell.GOAL, f"{where}: the goal cells of the map")

@@ -115,6 +115,9 @@ def _area(shape: type, name: str, is_planar: bool) -> Any:
 
 _SHAPES = {name: value_of(shape, ("shape", name), planar) for name, (shape, planar) in SHAPES.items()}
 _PLACES = {"point": value_of(GoalPoint), "cell": value_of(GoalCell)}
+_START = {
+    "point": filled_as(create_model("point", __base__=TableModel, point=fields_from(GoalPoint)["point"]), GoalPoint)
+}
 _JOINTS = {
     "joints": filled_as(Joints, lambda joints: GoalJoints(joints, joints)),
     "joints_lower": filled_as(JointBox, lambda **corners: GoalJoints(*corners.values())),
@@ -123,7 +126,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "obstacle": _SHAPES,
     "hidden": _SHAPES,
     "goal": _SHAPES | _PLACES | _JOINTS | {"position": value_of(GoalPose)},
-    "start": _PLACES,
+    "start": _PLACES | _START,
     "area": {name: _area(shape, name, planar) for name, (shape, planar) in SHAPES.items()},
     "robot": {name: value_of(robot, ("type", name)) for name, robot in ROBOTS.items()}
     | {"arm": filled_as(_arm_table(), _arm, "type")},
