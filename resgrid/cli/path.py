@@ -118,6 +118,8 @@ def command(
     routes = plan.routes
     if shorten:
         routes = [_shortened(route, keep_clearance) for route in routes]
+    if not speed and any(mask.kind == "speed" for mask in job.scene.mask):
+        say("ignored: the speed limits of masks: they apply to timed paths; add --speed")
     if speed:
         routes = [_timed(route, speed, acceleration, rate, job.scene.mask) for route in routes]
     written = output is not None and _write(routes, output)

@@ -43,6 +43,13 @@ class Leg:
         End of the leg: the nearest free cell with a path, an intermediate pose, a goal, or the nearest reachable place.
     certified : bool
         Whether the robot is proven to touch no obstacle on the leg.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml")
+    >>> legs = rg.plan_legs(scene, (0.5, 6.5), via=[(7.5, 7.5)]).legs
+    >>> [(leg.kind, leg.certified, round(leg.path.length, 1)) for leg in legs]
+    [('via', True, 7.1), ('goal', True, 5.7)]
     """
 
     path: Streamline | Polyline
@@ -84,7 +91,7 @@ class LegPath:
     >>> scene = rg.read_scene("examples/scenes/lesson.toml")
     >>> path = rg.plan_legs(scene, (0.5, 6.5), via=[(7.5, 7.5)])
     >>> path
-    <LegPath reached: via, goal; length 15.8, certified>
+    <LegPath reached: via, goal; length 12.8, certified>
     >>> str(rg.plan_legs(scene.replace(goal=(3.5, 4.5)), (0.5, 6.5), approximate=True).outcome)
     'goal_blocked'
     """

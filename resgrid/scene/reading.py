@@ -186,9 +186,9 @@ def link_document(text: str) -> Document:
         document = None
     if not isinstance(document, dict):
         raise InputError("the scene in this link is incomplete or damaged; copy the whole link again")
-    if "map" in document:
+    if "map" in document or "mask" in document:
         raise InputError(
-            "the scene in this link needs a map file, which a link cannot contain; ask for the scene file and its map"
+            "the scene in this link needs a map file, which a link cannot contain; ask for the scene file and its maps"
         )
     return Document(document, "the link", Path(), {})
 
