@@ -118,14 +118,19 @@ def command(
     routes = plan.routes
     if shorten:
         routes = [_shortened(route, keep_clearance) for route in routes]
-    if not speed and any(mask.kind == "speed" for mask in job.scene.mask):
-        say("ignored: the speed limits of masks: they apply to timed paths; add --speed")
+    _report_speed_masks(job.scene, timed=bool(speed))
     if speed:
         routes = [_timed(route, speed, acceleration, rate, job.scene.mask) for route in routes]
     written = output is not None and _write(routes, output)
     data = {"scene": job.scene.title, "paths": [route_record(route) for route in routes], **ignored}
     finish(data, route_lines(routes), written=output if written else None)
     return 0 if plan.complete else NEGATIVE
+
+
+def _report_speed_masks(scene: rg.Scene, *, timed: bool) -> None:
+    """Print that the speed limits of a scene's masks have no effect on paths without times."""
+    if not timed and any(mask.kind == "speed" for mask in scene.mask):
+        say("ignored: the speed limits of masks, which apply to timed paths; add --speed")
 
 
 def _write(routes: Sequence[Route], output: str) -> bool:

@@ -96,12 +96,14 @@ def _bytes(file: File) -> bytes:
 
 
 def _refuse_files(document: Mapping[str, Any]) -> None:
-    """Raise InputError for a scene with a map file, because the page has no access to the files of the server.
+    """Raise InputError for a scene with map files or masks, because the page has no access to files of the server.
 
     `document`: keys and tables of the scene.
     """
     if "map" in document:
         raise InputError("this scene needs a map file, to which the page has no access; drop the map itself")
+    if "mask" in document:
+        raise InputError("this scene needs the files of its masks, to which the page has no access; remove the masks")
 
 
 def _refuse_foreign_picture(map_file: Path, files: Sequence[File]) -> None:

@@ -1,8 +1,12 @@
 """Keep-out and speed masks, compared with the formulas of Nav2's costmap filters and with shapely.
 
-Tests internals: `resgrid.scene.maps.mask_grids`, `resgrid.scene.speed_zones`.
+Tests internals: `resgrid.live_page.opening`, `resgrid.scene.maps.mask_grids`, `resgrid.scene.reading`,
+`resgrid.scene.speed_zones`.
 """
 
+import json
+import zlib
+from base64 import urlsafe_b64encode
 from math import cos, sin
 
 import numpy as np
@@ -12,7 +16,9 @@ from PIL import Image
 from support.cli import call
 
 import resgrid as rg
+from resgrid.live_page.opening import open_document
 from resgrid.scene.maps.mask_grids import read_mask
+from resgrid.scene.reading import read_link
 from resgrid.scene.speed_zones import speed_zones
 
 FREE, WALL, UNKNOWN = 254, 0, 150
@@ -291,3 +297,12 @@ def test_out_of_range_limits_are_reported(tmp_path):
     with pytest.warns(UserWarning, match=r"1 pixels have a speed limit out of range, such as 180 percent"):
         speed_zones([rg.Mask(name, "speed", multiplier=2.0)])
     assert read_mask(name, "nav2").values.tolist() == [[10], [90]]
+
+
+def test_links_and_scenes_on_the_live_page_cannot_name_masks():
+    document = {"schema": 1, "mask": [{"file": "/etc/hosts", "kind": "keepout"}]}
+    code = urlsafe_b64encode(zlib.compress(json.dumps(document).encode())).decode().rstrip("=")
+    with pytest.raises(rg.InputError, match="needs a map file"):
+        read_link(f"http://127.0.0.1/#s={code}")
+    with pytest.raises(rg.InputError, match="needs the files of its masks"):
+        open_document(document)
