@@ -77,6 +77,7 @@ def describe(job: Job) -> dict[str, Any]:
         ],
         "frame": {key: getattr(scene.frame, key) for key in ("x", "y", "yaw")},
         "map": None if scene.map is None else describe_map(scene.map),
+        "masks": [{"file": mask.file, "kind": mask.kind} for mask in scene.mask],
         "sketch": None if drawn is None else drawn.rows,
         "sketch_lower": None if drawn is None else list(drawn.lower),
         "sketch_upper": None if drawn is None else list(drawn.upper),
@@ -244,6 +245,8 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
             f"{axis['cells']} cells of {axis['spacing']:.6g} {axis['unit']}{ring}"
         )
     yield from _map_lines(data)
+    for number, mask in enumerate(data["masks"]):
+        yield f"  mask[{number}]       {mask['kind']}, {mask['file']}"
     if data["sketch"] is not None:
         yield from _sketch_lines(data)
     lost = f", of which {data['unreachable_cells']:,} are not connected with a goal" if data["goals"] else ""

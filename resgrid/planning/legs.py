@@ -206,7 +206,8 @@ def plan_legs(
         _with_goals(free, goal_cells(scene, GoalPoint(tuple(place)), blocked, f"via[{number}]"))
         for number, place in enumerate(via)
     ]
-    final = _with_goals(free, _final_goals(scene, blocked, skip_blocked=approximate))
+    goals, problems = _final_goals(scene, blocked, skip_blocked=approximate)
+    final = _with_goals(free, goals)
     chain = _Chain(scene, free, k, tuple(np.asarray(start, dtype=np.float64).tolist()))
     if escape and free.cell[start_cell(free, chain.at)] == Cell.OBSTACLE:
         targets = (stops or [final])[0]
@@ -217,7 +218,11 @@ def plan_legs(
     for number, stop in enumerate(stops):
         if not chain.follow(stop, "via", f"via[{number}]: "):
             return chain.result()
-    if not chain.follow(final, "goal") and approximate and chain.outcome is not Outcome.START_BLOCKED:
+    if (
+        not chain.follow(final, "goal", problem="; ".join(problems))
+        and approximate
+        and chain.outcome is not Outcome.START_BLOCKED
+    ):
         chain.approach(_goal_points(scene))
     return chain.result()
 
@@ -240,10 +245,13 @@ class _Chain:
         self.legs.append(leg)
         self.at = tuple(leg.path.points[-1].tolist())
 
-    def follow(self, space: ConfigurationSpace, kind: Literal["via", "goal", "approximate"], name: str = "") -> bool:
+    def follow(
+        self, space: ConfigurationSpace, kind: Literal["via", "goal", "approximate"], name: str = "", problem: str = ""
+    ) -> bool:
         """Append the certified streamline to a goal of a space; return whether it exists.
 
-        `kind`: kind of the leg; `name`: prefix of the reason if it does not exist.
+        `kind`: kind of the leg; `name`: prefix of the reason if it does not exist; `problem`: reason if the space has
+        no goal.
         """
         if space.goal_count:
             path = plan(space, scene_wiring(self.scene), k=self.k).path(self.at)
@@ -255,7 +263,7 @@ class _Chain:
         else:
             is_inside = space.cell[start_cell(space, self.at)] == Cell.OBSTACLE
             self.outcome = Outcome.START_BLOCKED if is_inside else Outcome.GOAL_BLOCKED
-            self.reason = "the start lies in an obstacle" if is_inside else f"{name}every goal lies in an obstacle"
+            self.reason = "the start lies in an obstacle" if is_inside else problem
         return False
 
     def approach(self, goals: NDArray[np.float64]) -> None:
@@ -294,21 +302,26 @@ def _with_goals(space: ConfigurationSpace, goals: GoalCells) -> ConfigurationSpa
     )  # fmt: skip
 
 
-def _final_goals(scene: Scene, blocked: NDArray[np.bool_], *, skip_blocked: bool) -> GoalCells:
-    """Return the free goal cells of a scene; `skip_blocked`: whether goals without a free cell are left out."""
-    where, found = scene.source or "scene", []
+def _final_goals(scene: Scene, blocked: NDArray[np.bool_], *, skip_blocked: bool) -> tuple[GoalCells, list[str]]:
+    """Return the free goal cells of a scene, and the problems of goals without a free cell.
+
+    `skip_blocked`: whether goals without a free cell are left out; otherwise the first one raises InputError.
+    """
+    where, found, problems = scene.source or "scene", list[GoalCells](), list[str]()
     for number, goal in enumerate(scene.goals):
         try:
             found.append(goal_cells(scene, goal, blocked, f"{where}: goal[{number}]"))
-        except InputError:
+        except InputError as error:
             if not skip_blocked:
                 raise
+            problems.append(str(error).removeprefix(f"{where}: "))
     try:
         found.append(map_goals(scene, blocked, where))
-    except InputError:
+    except InputError as error:
         if not skip_blocked:
             raise
-    return merge_goals(blocked.shape, found)
+        problems.append(str(error).removeprefix(f"{where}: "))
+    return merge_goals(blocked.shape, found), problems
 
 
 def _goal_points(scene: Scene) -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
 from resgrid.scene.maps.preparation import KEYS, extent_of_mask
 from resgrid.scene.maps.size_advice import smaller_map
-from resgrid.scene.nearest_place import are_unknown, is_unknown, nearest_place, usable, why_blocked
+from resgrid.scene.nearest_place import are_unknown, is_unknown, nearest_cell, nearest_place, usable, why_blocked
 from resgrid.scene.scene import Scene
 from resgrid.scene.tolerances import require_no_heading, tolerant_goal
 from resgrid.scene.world_coordinates import check_cell, extent_of, locate_point, over_map, to_space
@@ -139,7 +139,10 @@ def goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) -
         words, cell, point = single
         if blocked[cell]:
             why = why_blocked(scene, cell)
-            raise InputError(f"{key}: {words} {why}; {_remedies(scene, blocked, cell)}")
+            remedies = _remedies(scene, blocked, cell)
+            if isinstance(goal, GoalPoint):
+                remedies += _tolerance_remedy(scene, blocked, cell, point)
+            raise InputError(f"{key}: {words} {why}; {remedies}")
         cells = np.zeros_like(blocked)
         cells[cell] = True
         return GoalCells(cells, np.array([point]))
@@ -263,6 +266,22 @@ def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -
     elif scene.robot.remedy:
         parts.append(scene.robot.remedy)
     return "; ".join(parts)
+
+
+def _tolerance_remedy(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...], point: Point) -> str:
+    """Return text with the goal tolerance that includes the nearest reachable free cell; empty without such a cell.
+
+    `blocked`: mask of obstacle cells, shape of the space; `cell`, `point`: cell and point of the goal, in axis units.
+    """
+    near = nearest_cell(usable(scene, blocked), cell, scene.axes)
+    if near is None or scene.robot.turning_length is not None:
+        return ""
+    gap = np.array([axis.centres[index] for axis, index in zip(scene.axes, near, strict=True)]) - point
+    turn = np.array([axis.upper - axis.lower for axis in scene.axes])
+    gap -= np.where([axis.periodic for axis in scene.axes], np.round(gap / turn) * turn, 0.0)
+    distance = float(np.linalg.norm(gap))
+    digits = 10.0 ** (np.floor(np.log10(distance)) - 1)
+    return f"; --goal-tolerance {np.ceil(distance / digits) * digits:.3g} includes that place"
 
 
 def _grey(scene: Scene, cell: tuple[int, ...]) -> str:

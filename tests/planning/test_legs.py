@@ -243,3 +243,12 @@ def test_arms_and_scenes_without_goals_are_rejected():
         rg.plan_legs(scene, (0.5, 0.5), approximate=True)
     with pytest.raises(rg.InputError, match="there is no goal"):
         rg.plan_legs(rg.Scene(AXES), (0.5, 0.5))
+
+
+def test_the_reason_of_a_blocked_goal_is_kept():
+    wall = rg.Box((2.0, 0.0), (2.2, 2.0))
+    scene = rg.Scene(AXES, obstacles=(wall,), goals=(rg.GoalPoint((2.1, 1.0)),), starts=((1.0, 1.0),))
+    path = rg.plan_legs(scene, (1.0, 1.0), approximate=True)
+    assert path.reason.startswith("goal[0]: the point [2.1, 1.0] lies in an obstacle")
+    outside = rg.plan_legs(scene.replace(goal=(4.5, 1.0)), (1.0, 1.0), approximate=True)
+    assert "lies outside the grid" in outside.reason and outside.distance == pytest.approx(0.5, abs=1e-6)

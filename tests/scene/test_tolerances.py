@@ -133,3 +133,16 @@ def test_headings_of_robots_that_turn_are_rejected():
     scene = rg.Scene((*AXES, robot.turning_axis(8)), robot=robot, goals=(rg.GoalPoint((1.0, 1.0), heading=1.0),))
     with pytest.raises(rg.InputError, match=r"goal\[0\].heading: this robot has a heading of its own"):
         rg.build_space(scene)
+
+
+def test_messages_about_blocked_goals_name_a_tolerance_that_reaches_a_free_place(tmp_path):
+    rng = np.random.default_rng(5)
+    for _ in range(8):
+        x, y = rng.uniform((2.75, 1.25), (3.25, 1.75)).round(3).tolist()
+        text = HEAD + 'starts = [[0.5, 1.5]]\n[[obstacle]]\nshape = "circle"\ncentre = [3.0, 1.5]\nradius = 0.4\n'
+        (tmp_path / "a.toml").write_text(text)
+        blocked = call("path", tmp_path / "a.toml", "--goal", f"{x},{y}")
+        assert blocked.exit_code == 2 and "--goal-tolerance" in blocked.stderr, blocked.stderr
+        tolerance = blocked.stderr.split("--goal-tolerance ")[1].split()[0]
+        words = ("path", tmp_path / "a.toml", "--goal", f"{x},{y}", "--goal-tolerance", tolerance)
+        assert call(*words).exit_code == 0
