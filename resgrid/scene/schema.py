@@ -35,6 +35,7 @@ from resgrid.scene.control import Control
 from resgrid.scene.goals import Conductivity, CostArea, GoalCell, GoalJoints, GoalPoint, GoalPose
 from resgrid.scene.maps.arrays import HEADINGS
 from resgrid.scene.maps.formats import FORMATS, map_options
+from resgrid.scene.mask import Mask
 from resgrid.scene.messages import Problem, message_of, problems_of, unknown_option
 from resgrid.scene.quantities import Listed
 from resgrid.scene.scene import IN_FILES, LISTS, Scene
@@ -104,6 +105,9 @@ def _area(shape: type, name: str, is_planar: bool) -> Any:
 
 
 _PLACES = {"point": value_of(GoalPoint), "cell": value_of(GoalCell)}
+_START = {
+    "point": filled_as(create_model("point", __base__=TableModel, point=fields_from(GoalPoint)["point"]), GoalPoint)
+}
 _JOINTS = {
     "joints": filled_as(Joints, lambda joints: GoalJoints(joints, joints)),
     "joints_lower": filled_as(JointBox, lambda **corners: GoalJoints(*corners.values())),
@@ -112,7 +116,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "obstacle": shape_annotations(SHAPES) | file_annotations(),
     "hidden": shape_annotations(SHAPES),
     "goal": shape_annotations(REGIONS) | _PLACES | _JOINTS | {"position": value_of(GoalPose)},
-    "start": _PLACES,
+    "start": _PLACES | _START,
     "area": {name: _area(shape, name, planar) for name, (shape, planar) in SHAPES.items()},
     "robot": {name: value_of(robot, ("type", name)) for name, robot in ROBOTS.items()}
     | {"arm": filled_as(_arm_table(), _arm, "type")},
@@ -298,6 +302,7 @@ TABLES: dict[str, Any] = {
     "grid": GridTable,
     "axes": AxisTable,
     "map": Map,
+    "mask": table_of(Mask),
     "chip": table_of(Chip),
     "control": table_of(Control),
     "readout": table_of(Readout),
