@@ -52,7 +52,7 @@ def open_example(name: str | None) -> Scene:
 
 
 def open_document(document: Mapping[str, Any] | None) -> Drawing:
-    """Return the drawing of the scene in a link; raise InputError for a scene that needs a map file.
+    """Return the drawing of the scene in a link; raise InputError for a scene that needs files.
 
     `document`: keys and tables of the scene, None if the link contains no scene.
     """

@@ -175,7 +175,7 @@ def read_link(text: str) -> Scene:
 def link_document(text: str) -> Document:
     """Return the unvalidated document that a link of the live page contains, without network access.
 
-    Raises InputError if the link is damaged or its scene needs a map file.
+    Raises InputError if the link is damaged or its scene needs files.
     """
     match = _LINK.match(text)
     code = "" if match is None else match["code"]

@@ -302,7 +302,7 @@ def test_out_of_range_limits_are_reported(tmp_path):
 def test_links_and_scenes_on_the_live_page_cannot_name_masks():
     document = {"schema": 1, "mask": [{"file": "/etc/hosts", "kind": "keepout"}]}
     code = urlsafe_b64encode(zlib.compress(json.dumps(document).encode())).decode().rstrip("=")
-    with pytest.raises(rg.InputError, match="needs a map file"):
+    with pytest.raises(rg.InputError, match="needs the file of a map, mask or obstacle"):
         read_link(f"http://127.0.0.1/#s={code}")
     with pytest.raises(rg.InputError, match="needs the files of its masks"):
         open_document(document)
