@@ -38,6 +38,7 @@ from .planning.blend import blend as blend
 from .planning.blocking_obstacles import find_blocking_obstacles as find_blocking_obstacles
 from .planning.certify import certify as certify, certify_collision_free as certify_collision_free
 from .planning.fields import Field as Field, field as field
+from .planning.legs import plan_legs as plan_legs
 from .planning.planner import plan as plan
 from .planning.shortcuts import shortcut as shortcut
 from .planning.streamline import Outcome as Outcome, Polyline as Polyline, Streamline as Streamline
@@ -70,6 +71,7 @@ from .scene import (
     GoalJoints as GoalJoints,
     GoalPoint as GoalPoint,
     GoalPose as GoalPose,
+    Mask as Mask,
     Scene as Scene,
     build_space as build_space,
     parse_scene as parse_scene,

@@ -19,6 +19,7 @@ _SECTIONS = {
     "grid": "## `[grid]`",
     "axes": "### `grid.axes`",
     "map": "## `[map]`",
+    "mask": "## `[[mask]]`",
     "chip": "## `[chip]`",
     "readout": "### `[chip.readout]`",
     "defects": "### `[chip.defects]`",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+from collections.abc import Callable
 from math import prod
 from pathlib import Path
 
@@ -21,6 +22,9 @@ SMALLER_MAP = (
 FEWER_HEADINGS = "take fewer headings (--set map.headings=16)"
 """Advice in messages if cells exceed the memory: those of a scene, of a map, or of a robot that turns on a map."""
 
+Remedy = str | Callable[[float], str]
+"""Advice in a message: text, or a function that returns the text for the ratio of needed to available memory."""
+
 _GROUP = Path("/sys/fs/cgroup")
 """Folder in which Linux reports the memory limit and use of a container (cgroup v2)."""
 
@@ -34,14 +38,15 @@ def available_memory() -> int:
     return free if left is None else min(free, left)
 
 
-def require_memory(needed: float, job: str, remedy: str) -> None:
+def require_memory(needed: float, job: str, remedy: Remedy) -> None:
     """Raise BudgetError if a job needs more than the available memory.
 
     `needed`: memory of the job in bytes; `job`, `remedy`: name of the job and advice, for the message.
     """
     free = available_memory()
     if needed > free:
-        raise BudgetError(f"{job} needs about {needed / 2**30:.3g} GiB, but {free / 2**30:.3g} GiB is free; {remedy}")
+        advice = remedy if isinstance(remedy, str) else remedy(needed / max(free, 1))
+        raise BudgetError(f"{job} needs about {needed / 2**30:.3g} GiB, but {free / 2**30:.3g} GiB is free; {advice}")
 
 
 def require_disk(needed: float, folder: Path, job: str) -> None:
@@ -58,7 +63,7 @@ def require_disk(needed: float, folder: Path, job: str) -> None:
 
 
 def require_grid_memory(
-    shape: tuple[int, ...], what: str, bytes_per_cell: int = BYTES_PER_CELL, remedy: str = FEWER_CELLS
+    shape: tuple[int, ...], what: str, bytes_per_cell: int = BYTES_PER_CELL, remedy: Remedy = FEWER_CELLS
 ) -> None:
     """Raise BudgetError if a grid would not fit in memory.
 

@@ -10,7 +10,8 @@ import click
 
 import resgrid as rg
 from resgrid.cli.decks import is_deck, open_deck, refuse_scene_options, solve_deck
-from resgrid.cli.options import POSITIVE, CommandInput, Suggested, fraction_below, subcommand, with_source
+from resgrid.cli.option_types import Suggested, fraction_below
+from resgrid.cli.options import POSITIVE, CommandInput, subcommand, with_source
 from resgrid.cli.scenes import open_job, report_ignored
 from resgrid.cli.terminal import NEGATIVE, NOT_VERIFIED, counted, detail, finish, say, stage
 from resgrid.errors import InputError, ResgridError, ToolMissingError

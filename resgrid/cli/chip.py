@@ -13,13 +13,12 @@ import resgrid as rg
 from resgrid._internal.files import SUMMARY, whole_folder
 from resgrid.chip import ANALYSES
 from resgrid.cli.check import check_written
+from resgrid.cli.option_types import Suggested, fraction_below
 from resgrid.cli.options import (
     POSITIVE,
     CommandInput,
-    Suggested,
     dialect_option,
     folder_of,
-    fraction_below,
     output_option,
     subcommand,
     with_source,

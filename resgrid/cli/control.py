@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin, get_type_h
 import click
 
 import resgrid as rg
-from resgrid.cli.options import NUMBERS, OUTPUT_FILE, CommandInput, Number, output_option, subcommand, with_source
+from resgrid.cli.option_types import Number
+from resgrid.cli.options import NUMBERS, OUTPUT_FILE, CommandInput, output_option, subcommand, with_source
 from resgrid.cli.scenes import open_job, place_of, report_ignored, require_starts
 from resgrid.cli.terminal import NEGATIVE, counted, finish, say, stage
 from resgrid.errors import InputError
@@ -18,7 +19,8 @@ from resgrid.scene import Control
 from resgrid.scene.table_models import described_keys
 
 if TYPE_CHECKING:
-    from resgrid.control.simulation import Simulation, Wavefront
+    from resgrid.control.simulation import Simulation
+    from resgrid.control.wavefronts import Wavefront
 
 FRAMES = 120
 """Number of frames of an animation of a run or a wavefront."""

@@ -83,6 +83,7 @@ def describe(job: Job) -> dict[str, Any]:
         ],
         "frame": {key: getattr(scene.frame, key) for key in ("x", "y", "yaw")},
         "map": None if scene.map is None else describe_map(scene.map),
+        "masks": [{"file": mask.file, "kind": mask.kind} for mask in scene.mask],
         "sketch": None if drawn is None else drawn.rows,
         "sketch_lower": None if drawn is None else list(drawn.lower),
         "sketch_upper": None if drawn is None else list(drawn.upper),
@@ -213,6 +214,9 @@ def _map_lines(data: dict[str, Any]) -> Iterable[str]:
         rows = ", its first index along x" if words["format"] in ("npy", "voxels") else ", its top row at the largest y"
         reader = f" as {words['dialect']} reads it (--map-dialect)" if "dialect" in words else ""
         yield f"  map           {words['format']}{reader}{rows}: y points up"
+    prepared = [f"--{key} {_option_text(words[key])}" for key in ("crop", "coarsen", "refine") if key in words]
+    if prepared:
+        yield f"  prepared      {', then '.join(prepared)}"
     if "greys" in words:
         option = " (--threshold)" if words["format"] == "image" else ""
         yield "  grey          " + ", ".join(f"{low} to {high} {kind}" for low, high, kind in words["greys"]) + option
@@ -223,6 +227,11 @@ def _map_lines(data: dict[str, Any]) -> Iterable[str]:
     frame = data["frame"]
     if any(frame.values()):
         yield f"  frame         origin at ({frame['x']:g}, {frame['y']:g}), rotated by {frame['yaw']:g} rad"
+
+
+def _option_text(value: Any) -> str:
+    """Return the value of an option of map preparation as on the command line: numbers separated by commas."""
+    return ",".join(f"{part:g}" for part in value) if isinstance(value, list | tuple) else str(value)
 
 
 def _sketch_lines(data: dict[str, Any]) -> Iterable[str]:
@@ -249,6 +258,8 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
             f"{axis['cells']} cells of {axis['spacing']:.6g} {axis['unit']}{ring}"
         )
     yield from _map_lines(data)
+    for number, mask in enumerate(data["masks"]):
+        yield f"  mask[{number}]       {mask['kind']}, {mask['file']}"
     if data["sketch"] is not None:
         yield from _sketch_lines(data)
     lost = f", of which {data['unreachable_cells']:,} are not connected with a goal" if data["goals"] else ""

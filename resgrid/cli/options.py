@@ -1,119 +1,32 @@
-"""Options that subcommands have in common (scene keys, maps, decks, output), their types, and grouped help."""
+"""Options that subcommands have in common (scene keys, maps, decks, output), and grouped help."""
 
 from __future__ import annotations
 
 import functools
-import glob
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
-from click.shell_completion import CompletionItem
 
-from resgrid._internal.files import target_of
+from resgrid.cli.option_types import (
+    Number,
+    NumberRange,
+    Numbers,
+    OutputPath,
+    Region,
+    SceneKey,
+    SourceName,
+    Suggested,
+)
 from resgrid.cli.terminal import Verbosity, require_one_output
 from resgrid.errors import InputError
 from resgrid.spice.dialects import DIALECTS
 
-if TYPE_CHECKING:
-    _Type = click.ParamType[Any]
-else:
-    _Type = click.ParamType
-
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
-
-
-def _example(param: click.Parameter | None) -> str:
-    """Return a description and an example of an option's numbers as text, from the option's metavar (X,Y or K)."""
-    metavar = (param.metavar if isinstance(param, click.Option) else None) or ""
-    if metavar == "K":
-        return "a number from 0 to 1, such as 0.9, or several separated by commas"
-    if metavar == "X,Y":
-        return "numbers separated by commas, such as 3,4"
-    return "one number, or numbers separated by commas, such as 0.5,1"
-
-
-class Numbers(_Type):
-    """Type of an option that consists of finite numbers, separated by commas."""
-
-    name = "numbers"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:  # noqa: ARG002
-        """Return the finite numbers of a text such as "3,4", or a tuple unchanged; raise InputError for other texts."""
-        if isinstance(value, tuple):
-            return value
-        option = param.opts[0] if param else "numbers"
-        try:
-            numbers = tuple(float(word) for word in value.split(","))
-        except ValueError:
-            raise InputError(f"{option} {value!r}: expected {_example(param)}") from None
-        if not all(abs(number) < float("inf") for number in numbers):
-            raise InputError(f"{option} {value!r}: expected finite numbers")
-        return numbers
-
-
-class Number(_Type):
-    """Type of an option that is a finite number; `remedy`: end of the error message for a text without a number."""
-
-    name = "number"
-
-    def __init__(self, remedy: str = "give a number without unit, such as 0.2") -> None:
-        self.remedy = remedy
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the number of a text; raise click's BadParameter for any other text, infinity and NaN."""
-        try:
-            number = float(value)
-        except ValueError:
-            self.fail(f"{value!r} is not a number; {self.remedy}", param, ctx)
-        if not abs(number) < float("inf"):
-            self.fail(f"{value!r} is not finite; {self.remedy}", param, ctx)
-        return number
-
-
-class NumberRange(click.FloatRange):
-    """Type of an option that is a finite number within limits, which are arguments of click's FloatRange."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the number of a text; raise click's BadParameter for other texts or numbers outside the limits."""
-        return super().convert(Number().convert(value, param, ctx), param, ctx)
-
-
-def fraction_below(limit: float) -> NumberRange:
-    """Return the type of an option that is a number between 0 and `limit`, both excluded."""
-    return NumberRange(0, limit, min_open=True, max_open=True)
-
-
-class Suggested(_Type):
-    """Type of an option that is a word, which the library validates; the shell completes the common `words`."""
-
-    def __init__(self, name: str, *words: str) -> None:
-        self.name, self.words = name, words
-
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002
-        """Return the completions: all common words that begin with the text `incomplete`."""
-        return [CompletionItem(word) for word in self.words if word.startswith(incomplete)]
-
-
-class SceneKey(_Type):
-    """Type of the option ``--set``: ``KEY=VALUE``, where the key is a path in a scene file (``chip.resistance``).
-
-    The shell completes a key path one table at a time.
-    """
-
-    name = "text"
-
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002
-        """Return completed key paths that begin with `incomplete` and end with a point (table) or an equals sign."""
-        from resgrid.scene.schema import keys_of
-
-        *tables, begin = incomplete.split(".")
-        paths = [(*tables, key) for key in keys_of(tuple(tables), None) if key.startswith(begin)]
-        return [CompletionItem(".".join(path) + ("." if keys_of(path, None) else "=")) for path in paths]
 
 
 class SharedOption(click.Option):
@@ -152,34 +65,6 @@ class Subcommand(click.Command):
                 formatter.write(f"  {example}\n")
 
 
-class OutputPath(click.Path):
-    """Type of an option that is an output file or folder, checked for writing before the computation."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ARG002
-        """Return the name of the output unchanged; raise InputError if it is empty or the file cannot be written."""
-        if not value.strip():
-            option = param.opts[0] if param else "the output"
-            raise InputError(f"{option}: the name is empty; give a file name, or - for standard output")
-        if value != "-" and not self.dir_okay:
-            target_of(Path(value))
-        return str(value)
-
-
-class SourceName(click.Path):
-    """Type of an argument that is the name of a scene, a map or a deck, with shell completion."""
-
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Return the matching files and shipped scenes; without a matching scene, the shell completes files."""
-        from resgrid.scene.shipped import shipped_scenes
-
-        shipped = [name for name in shipped_scenes() if name.startswith(incomplete)]
-        local = sorted(path for path in Path().glob(f"{glob.escape(incomplete)}*") if not path.name.startswith("."))
-        if not shipped or (local and not incomplete):
-            return super().shell_complete(ctx, param, incomplete)
-        names = [f"{path}/" if path.is_dir() else str(path) for path in local]
-        return [CompletionItem(name) for name in dict.fromkeys([*names, *shipped])]
-
-
 def is_source(word: str) -> bool:
     """Return whether a word has the form of an input: a file, a link of the live page, or a shipped scene's name."""
     from resgrid.scene.shipped import shipped_scene
@@ -190,7 +75,7 @@ def is_source(word: str) -> bool:
 
 SOURCE = SourceName(path_type=str, allow_dash=True)
 OUTPUT_FILE, OUTPUT_FOLDER = OutputPath(dir_okay=False), OutputPath()
-NUMBERS = Numbers()
+NUMBERS, REGION = Numbers(), Region()
 POSITIVE = NumberRange(0, min_open=True)
 OUTPUT, KEYS, MAP, DECK = "Output", "Scene keys", "Map options", "Deck options"
 """Titles of the groups of shared options."""
@@ -213,6 +98,8 @@ _SCENE_OPTIONS: tuple[Decorator, ...] = (
          help="Border of the grid: obstacle or open; separated by commas for one per axis."),
     _key("--resistance", metavar="OHMS", help="Resistance between neighbours, such as 10k."),
     _key("--goal", metavar="X,Y", type=NUMBERS, multiple=True, help="Goal in world coordinates; repeatable."),
+    _key("--goal-tolerance", metavar="R", type=NumberRange(0),
+         help="Largest distance from a goal point at which the goal is reached, in the unit of the axes."),
     _key("--start", metavar="X,Y", type=NUMBERS, multiple=True, help="Start in world coordinates; repeatable."),
     _key("--cells", is_flag=True, help="Goals and starts are cell indices instead of world coordinates."),
     _key("--robot-radius", metavar="R",
@@ -235,6 +122,10 @@ _SCENE_OPTIONS: tuple[Decorator, ...] = (
     _map("--spacing", metavar="H", type=Number("give a number in the unit of lengths, such as 0.05"),
          help="Width of a cell of a map without a resolution."),
     _map("--origin", metavar="X,Y", type=NUMBERS, help="Lower corner of a map without a position."),
+    _map("--crop", metavar="X0,Y0,X1,Y1", type=REGION,
+         help="Keep only a part of the map: a box in world coordinates, or known (the part without unknown borders)."),
+    _map("--coarsen", metavar="N", type=int, help="Join N x N cells of the map into one, free only if all are free."),
+    _map("--refine", metavar="N", type=int, help="Divide each cell of the map into N x N cells."),
     _map("--unit", metavar="NAME", help="Unit of lengths of a map without a unit."),
 )  # fmt: skip
 _DECK_OPTIONS: tuple[Decorator, ...] = (
@@ -363,6 +254,8 @@ def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck:
             changes |= _cells(key, keys[key]) if keys["cells"] else {key: list(keys[key])}
     if keys["k"]:
         changes["k"] = [k for several in keys["k"] for k in several]
+    if keys["goal_tolerance"] is not None:
+        changes["goal_tolerance"] = keys["goal_tolerance"]
     if keys["robot_radius"] is not None:
         changes["robot.radius"] = keys["robot_radius"]
     for setting in keys["settings"]:

@@ -10,16 +10,9 @@ import click
 
 import resgrid as rg
 from resgrid.cli.arms import check_routes, collides
-from resgrid.cli.options import (
-    NUMBERS,
-    POSITIVE,
-    CommandInput,
-    NumberRange,
-    output_option,
-    subcommand,
-    with_method,
-    with_source,
-)
+from resgrid.cli.legs import answer_legs
+from resgrid.cli.option_types import NumberRange
+from resgrid.cli.options import NUMBERS, POSITIVE, CommandInput, output_option, subcommand, with_method, with_source
 from resgrid.cli.paths import answer_queries, plan_routes, route_lines
 from resgrid.cli.scenes import open_job, place_of, report_ignored, require_starts
 from resgrid.cli.terminal import NEGATIVE, finish, say
@@ -63,6 +56,23 @@ if TYPE_CHECKING:
 @click.option(
     "--acceleration", metavar="A,...", type=NUMBERS, default=(), help="Largest acceleration, in the form of --speed."
 )
+@click.option(
+    "--via",
+    metavar="X,Y",
+    type=NUMBERS,
+    multiple=True,
+    help="Intermediate place in world coordinates; repeatable, in this order.",
+)
+@click.option(
+    "--approximate",
+    is_flag=True,
+    help="Without a path to a goal, end at the nearest reachable place (the exit code remains 1).",
+)
+@click.option(
+    "--escape",
+    is_flag=True,
+    help="Leave the inflated zone on the shortest straight line, which is marked as not certified.",
+)
 @with_method
 @click.option("--rate", metavar="HZ", type=POSITIVE, help="Sampling rate of timed paths, in hertz.")
 @click.option(
@@ -72,6 +82,7 @@ if TYPE_CHECKING:
 def command(
     source: CommandInput, output: str | None, queries: str | None, limit: int | None, shorten: bool,
     keep_clearance: float | None, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None,
+    via: tuple[tuple[float, ...], ...], approximate: bool, escape: bool,
     method: str, ranks: int | None, launcher: str | None, fixed_joints: bool,
 ) -> int:  # fmt: skip
     """Compute the path along the current from every start of SCENE to a goal, for every k, with a certificate.
@@ -87,6 +98,14 @@ def command(
         raise InputError("--keep-clearance needs a shortened path: add --shorten, or leave it out")
     if limit is not None and queries is None:
         raise InputError("--limit needs queries: add --queries, or leave it out")
+    if via or approximate or escape:
+        has_times = bool(speed or acceleration) or rate is not None
+        if has_times or shorten or fixed_joints or queries is not None or method != "auto":
+            raise InputError(
+                "--via, --approximate and --escape give paths of several legs: leave out --shorten, --speed, "
+                "--acceleration, --rate, --fixed-joints, --queries and --method"
+            )
+        return answer_legs(source, output, via, approximate=approximate, escape=escape)
     if output is not None and queries is None:
         check_routes_file(output)
     job = open_job(source, require_goal=queries is None, method=method, ranks=ranks, launcher=launcher)
@@ -107,13 +126,20 @@ def command(
     routes = plan.routes
     if shorten:
         routes = [_shortened(route, keep_clearance) for route in routes]
+    _report_speed_masks(job.scene, timed=timed)
     if timed:
-        routes = [_timed(route, speed, acceleration, rate) for route in routes]
+        routes = [_timed(route, speed, acceleration, rate, job.scene.mask) for route in routes]
     routes = check_routes(job, routes)
     written = output is not None and _write(routes, output, fixed_joints)
     data = {"scene": job.scene.title, "paths": [route_record(route) for route in routes], **ignored}
     finish(data, route_lines(routes), written=output if written else None)
     return 0 if plan.complete and not collides(routes) else NEGATIVE
+
+
+def _report_speed_masks(scene: rg.Scene, *, timed: bool) -> None:
+    """Print that the speed limits of a scene's masks have no effect on paths without times."""
+    if not timed and any(mask.kind == "speed" for mask in scene.mask):
+        say("ignored: the speed limits of masks, which apply to timed paths; add --speed")
 
 
 def _write(routes: Sequence[Route], output: str, fixed_joints: bool) -> bool:
@@ -171,15 +197,22 @@ def _shortened(route: Route, clearance: float | None) -> Route:
     return replace(route, path=rg.shortcut(route.streamline, clearance=clearance)) if route.reached else route
 
 
-def _timed(route: Route, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None) -> Route:
+def _timed(
+    route: Route,
+    speed: tuple[float, ...],
+    acceleration: tuple[float, ...],
+    rate: float | None,
+    masks: Sequence[rg.Mask],
+) -> Route:
     """Return a route whose path is replaced by a path with times.
 
     `speed`, `acceleration`: largest values in axis units per s and s², one for all coordinates or one for each; those
-    of the robot if they are empty; `rate`: sampling rate in hertz, None for no sampling.
+    of the robot if they are empty; `rate`: sampling rate in hertz, None for no sampling; `masks`: masks of the scene,
+    for their speed limits.
     """
     velocity, change = (limits[0] if len(limits) == 1 else limits for limits in (speed, acceleration))
     motion = rg.time_parameterize(
-        cast("AnyPath", route.path), velocity_limits=velocity or None, acceleration_limits=change or None
+        cast("AnyPath", route.path), velocity_limits=velocity or None, acceleration_limits=change or None, masks=masks
     )
     whole = replace(route, path=motion)
     if rate is None:

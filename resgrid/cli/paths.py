@@ -46,6 +46,7 @@ def plan_routes(job: Job) -> Plan:
     """Return circuits, fields and certified routes (paths) for all starts and weights k of a scene."""
     from resgrid.io.paths import Route
     from resgrid.planning.advice import Advisor
+    from resgrid.scene.tolerances import goal_heading
 
     solution, advisor = job.solution(), Advisor(job.scene)
     for name in solution.flat:
@@ -59,7 +60,8 @@ def plan_routes(job: Job) -> Plan:
             path = rg.streamline(field, job.scene.starts[number])
             rg.certify(path)
             start = job.scene.starts[number]
-            routes.append(Route(path, start, certified=True, advice=advisor.reason(path)))
+            heading = goal_heading(job.scene, path.points[-1]) if path.goal is not None else None
+            routes.append(Route(path, start, certified=True, advice=advisor.reason(path), heading=heading))
             progress.advance()
     flowing = [field for field in solution.fields if field.is_flowing]
     return Plan(solution.operating_points, flowing or list(solution.fields[:1]), routes)

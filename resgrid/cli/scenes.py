@@ -111,7 +111,7 @@ def open_job(
     `ranks`: number of processes of method petsc; `launcher`: command that starts these processes.
     """
     with stage("read the scene"):
-        scene = _load_scene(source)
+        scene = load_scene(source)
     _report_large_angles(scene)
     if method not in (None, "petsc"):
         from resgrid.core.compiler import require_netlist_memory
@@ -138,7 +138,8 @@ def _report_large_angles(scene: rg.Scene) -> None:
                 )
 
 
-def _load_scene(source: CommandInput) -> rg.Scene:
+def load_scene(source: CommandInput) -> rg.Scene:
+    """Return the scene of an input, with the changes that its options describe."""
     from resgrid.scene.overrides import build_changed
     from resgrid.scene.reading import is_link, link_document, read_document
 

@@ -10,7 +10,8 @@ import click
 
 import resgrid as rg
 from resgrid.cli.decks import deck_data, is_deck, open_deck, solve_deck
-from resgrid.cli.options import CommandInput, Suggested, output_option, subcommand, with_method, with_source
+from resgrid.cli.option_types import Suggested
+from resgrid.cli.options import CommandInput, output_option, subcommand, with_method, with_source
 from resgrid.cli.scenes import open_job, ranked_summary, report_ignored, size_of, solution_summary
 from resgrid.cli.terminal import finish, stage
 from resgrid.errors import InputError

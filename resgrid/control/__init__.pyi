@@ -4,9 +4,9 @@ from resgrid.scene.control import Control as Control
 
 from .controller import (
     Controller as Controller,
-    equipotential_velocity as equipotential_velocity,
     make_controller as make_controller,
 )
+from .equipotential import equipotential_velocity as equipotential_velocity
 from .external_forces import ExternalForce as ExternalForce, random_forces as random_forces
 from .run_log import (
     ContactLog as ContactLog,
@@ -15,4 +15,5 @@ from .run_log import (
     Run as Run,
     TerminationReason as TerminationReason,
 )
-from .simulation import Simulation as Simulation, Wavefront as Wavefront, wavefront as wavefront
+from .simulation import Simulation as Simulation
+from .wavefronts import Wavefront as Wavefront, wavefront as wavefront

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Literal, NamedTuple
@@ -13,12 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid._internal.numbers import NotNegative, Positive, per_axis
 from resgrid._internal.validation import checked
 from resgrid._internal.values import frozen
+from resgrid.control.equipotential import following_velocity
 from resgrid.control.escape import RECOVERY, exits
 from resgrid.control.external_forces import checked_force
 from resgrid.core.cell import Cell
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
 from resgrid.scene.control import admittance_matrix
+from resgrid.scene.mask import Mask
+from resgrid.scene.speed_zones import SpeedZones, speed_zones
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,9 +30,6 @@ if TYPE_CHECKING:
     from resgrid.core.frame import Frame
 
 Response = Literal["admittance", "equipotential"]
-
-ALONG = 1e-3
-"""Sine of the angle between contact force and streamline, up to which the robot cannot evade and is in a jam."""
 
 
 class Nominal(NamedTuple):
@@ -72,6 +73,8 @@ class Controller:
         lasts.
     threshold : float
         Length of the generalised force above which ``"equipotential"`` responds.
+    masks : tuple of Mask
+        Masks whose speed limits apply at the believed place: percentages of `speed`, or absolute speeds in the plane.
     axis_admittance : ndarray of float64, shape (n, n)
         The matrix `admittance` in axis coordinates.
 
@@ -90,6 +93,7 @@ class Controller:
     speed_limits: NDArray[np.float64]
     response: Response = "admittance"
     threshold: NotNegative = 1e-9
+    masks: tuple[Mask, ...] = ()
 
     def __post_init__(self) -> None:
         ndim = self.field.space.ndim
@@ -127,7 +131,7 @@ class Controller:
                 velocity = following_velocity(velocity, along)
             else:
                 velocity = self.admitting(velocity, along)
-        return self._frame.turned_to_world(self.limited(velocity))
+        return self._frame.turned_to_world(self.limited(velocity, np.asarray(self._along_axes(configuration))))
 
     def admitting(self, nominal: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the velocity ``V0 + A F`` (n,) in axis coordinates, per second, or on overflow a finite one.
@@ -187,14 +191,34 @@ class Controller:
             return self.seen(space.lower + (cell + within) * space.spacing)
         return Nominal(_PLACES[status], velocity, np.inf)
 
-    def limited(self, velocity: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a velocity (n,) in axis coordinates, per second, scaled so that every speed limit holds."""
+    def limited(self, velocity: NDArray[np.float64], at: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """Return a velocity (n,) in axis coordinates, per second, scaled so that every speed limit holds.
+
+        `at` (n,): configuration in axis coordinates, for the limits of masks; None omits these limits.
+        """
         size = float(np.abs(velocity).max())
         if size == 0.0:
             return velocity
         direction = velocity / size
         excess = float((np.abs(self._frame.turned_to_world(direction)) / self.speed_limits).max())
-        return direction / excess if size * excess > 1.0 else velocity
+        within = direction / excess if size * excess > 1.0 else velocity
+        return within if at is None or self._zones is None else self._slowed(within, at)
+
+    def _slowed(self, velocity: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a velocity (n,), per second, scaled down so that the limits of masks at a configuration (n,) hold."""
+        assert self._zones is not None
+        limits = self._zones.at(self._frame.to_world(at)[np.newaxis])
+        whole, plane = float(np.linalg.norm(velocity)), float(np.linalg.norm(velocity[:2]))
+        allowed = min(
+            float(limits.fraction[0]) * self.speed / whole if limits.fraction[0] < 1 and whole else np.inf,
+            float(limits.speed[0]) / plane if plane else np.inf,
+        )
+        return velocity * allowed if allowed < 1.0 else velocity
+
+    @cached_property
+    def _zones(self) -> SpeedZones | None:
+        """The speed limits of the masks; None without such a mask."""
+        return speed_zones(self.masks)
 
     def with_field(self, field: Field) -> Controller:
         """Return a copy with another field on the same axes.
@@ -277,6 +301,7 @@ def make_controller(
     admittance: ArrayLike | None = None,
     speed_limits: ArrayLike | None = None,
     response: Response = "admittance",
+    masks: Sequence[Mask] = (),
 ) -> Controller:
     """Return a controller with default speed, admittance and limits.
 
@@ -293,6 +318,8 @@ def make_controller(
         Largest speed of each world coordinate, per second; by default five times the nominal speed.
     response : {"admittance", "equipotential"}
         Whether a force adds its admittance velocity, or turns the robot along the equipotential.
+    masks : sequence of Mask
+        Masks whose speed limits apply, such as those of the scene; keep-out masks have no effect here.
 
     Returns
     -------
@@ -322,79 +349,5 @@ def make_controller(
         speed=pace,
         speed_limits=np.asarray(fastest if speed_limits is None else speed_limits),
         response=response,
+        masks=tuple(masks),
     )
-
-
-def equipotential_velocity(
-    streamline_velocity: ArrayLike, force: ArrayLike, *, c: NotNegative = 1.0
-) -> NDArray[np.float64]:
-    """Return the velocity along the equipotential surface, to the side that a force points to.
-
-    Equation (1) of Connolly & Grupen (1992), ``v_phi = c (v_psi x (f x v_psi))``, is ``c |v|^2 (I - v v^T / |v|^2) f``
-    with ``v = v_psi`` in any number of dimensions.  So ``v_phi . v_psi = 0`` and ``v_phi . f >= 0``.  The velocity is 0
-    where the force lies along the streamline; this rule cannot resolve such a jam.
-
-    Parameters
-    ----------
-    streamline_velocity : array_like of float, shape (n,)
-        ``v_psi``, along the streamline, in axis units per second.
-    force : array_like of float, shape (n,)
-        Generalised force ``f`` on the robot.
-    c : float
-        Gain, not negative.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        Velocity in axis units per second.
-
-    Raises
-    ------
-    InputError
-        If a value is not finite, the shapes differ, the gain is negative, or the result overflows.
-
-    Examples
-    --------
-    >>> rg.control.equipotential_velocity((1.0, 0.0), (0.3, 0.5))
-    array([0. , 0.5])
-    >>> rg.control.equipotential_velocity((1.0, 0.0), (-0.5, 0.0))
-    array([0., 0.])
-    """
-    v, f = np.asarray(streamline_velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
-    if v.ndim != 1 or v.shape != f.shape:
-        raise InputError(f"velocity and force need one entry per axis each, got shapes {v.shape} and {f.shape}")
-    if not (np.isfinite(v).all() and np.isfinite(f).all()):
-        raise InputError(f"velocity {v.tolist()} and force {f.tolist()} must be finite")
-    with np.errstate(over="ignore", invalid="ignore"):
-        velocity = c * _across(v, f)
-    if not np.isfinite(velocity).all():
-        raise InputError(
-            f"velocity {v.tolist()} and force {f.tolist()} give a velocity that overflows: scale them, or c"
-        )
-    return velocity
-
-
-def _across(v: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``|v|^2 f - v (v . f)``, shape (n,), for a velocity `v` (n,) and a force `f` (n,).
-
-    This is ``|v|^2`` times the component of `f` perpendicular to `v`.  The antisymmetric matrix ``f v^T - v f^T`` makes
-    the result exactly 0 for a force along the velocity.
-    """
-    turn = np.outer(f, v) - np.outer(v, f)
-    return np.asarray(turn @ v)
-
-
-def following_velocity(streamline_velocity: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the velocity along the equipotential to the side of a force, shape (n,), with the gain ``1 / (|v| |f|)``.
-
-    `streamline_velocity` (n,): ``v``, per second; `force` (n,): generalised force ``f``.  The length of the result is
-    the streamline speed times the sine of the angle between both vectors; the result is 0 for a sine up to `ALONG`.
-    """
-    speed, size = math.hypot(*streamline_velocity), math.hypot(*force)
-    if speed == 0.0 or size == 0.0:
-        return np.zeros_like(streamline_velocity)
-    if math.isinf(size):
-        return following_velocity(streamline_velocity, force / len(force))
-    v, f = streamline_velocity / speed, force / size
-    across = _across(v, f)
-    return np.asarray(speed * across) if np.linalg.norm(across) > ALONG else np.zeros_like(v)

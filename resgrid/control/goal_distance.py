@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.control.escape import goal_offset
+from resgrid.core.axis import Point
 from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
@@ -56,11 +57,13 @@ def _distance(scene: Scene, space: ConfigurationSpace, goal: Goal, configuration
         case GoalJoints(lower, upper):
             shape: Shape = Box(lower, upper)
             is_place = not frame.is_world
-        case GoalPoint(point):
+        case GoalPoint(point, tolerance):
             place = tuple(np.asarray(frame.from_world(point)).tolist())
-            if robot.base is None and len(place) == space.ndim != 2:
+            if robot.base is None and len(place) == space.ndim != 2 and not tolerance:
                 return _from_box(space, configuration, np.array(place), np.array(place))
-            return _from_place(robot, space, Ball(place, 0.0), configuration)
+            if tolerance and len(place) == space.ndim != 2:
+                return _from_tolerant_pose(robot, space, place, tolerance, configuration)
+            return _from_place(robot, space, Ball(place, tolerance), configuration)
         case GoalPose():
             raise InputError("the distance of a tool from a goal pose is not computed")
         case _:
@@ -68,6 +71,22 @@ def _distance(scene: Scene, space: ConfigurationSpace, goal: Goal, configuration
     if is_place:
         return _from_place(robot, space, to_space(shape, frame), configuration)
     return _from_box(space, configuration, *map(np.array, shape.bounds))
+
+
+def _from_tolerant_pose(
+    robot: Robot, space: ConfigurationSpace, place: Point, tolerance: float, configuration: Vector
+) -> float:
+    """Return the distance of a configuration from the configurations within a tolerance of a place with a heading.
+
+    `place`: goal configuration along the axes; `tolerance`: largest distance of its first two coordinates, or of all
+    coordinates for a robot that moves in the workspace; `configuration` (ndim,): along the axes.
+    """
+    gap = np.array(place) - _wrapped(space, configuration)
+    turn = (space.upper - space.lower)[space.periodic]
+    gap[space.periodic] -= turn * np.round(gap[space.periodic] / turn)
+    free = len(gap) if robot.moves_in_workspace else 2
+    apart = max(float(np.linalg.norm(gap[:free])) - tolerance, 0.0)
+    return float(np.hypot(apart, np.linalg.norm(gap[free:])))
 
 
 def _from_place(robot: Robot, space: ConfigurationSpace, shape: Shape, configuration: Vector) -> float:

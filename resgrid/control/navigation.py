@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.control.controller import Nominal, following_velocity
+from resgrid.control.controller import Nominal
+from resgrid.control.equipotential import following_velocity
 from resgrid.control.escape import CellIndex, exits, goal_offsets
 from resgrid.control.run_log import ControlMode, End, TerminationReason
 from resgrid.control.state_estimate import LiveMap, Sensor
@@ -131,7 +132,7 @@ class Navigator:
         if controller.response == "equipotential" and torque.any():
             following = following_velocity(seen.velocity, torque)
             return Command(ControlMode.FOLLOWING if following.any() else ControlMode.JAM, following)
-        slowed = np.abs(seen.velocity).max() / np.abs(controller.limited(seen.velocity)).max()
+        slowed = np.abs(seen.velocity).max() / np.abs(controller.limited(seen.velocity, believed)).max()
         return Command(ControlMode.STREAMLINE, seen.velocity, seen.longest * float(slowed))
 
     def _to_goal(self, believed: Vector) -> Command | End:
@@ -145,7 +146,7 @@ class Navigator:
         if np.all(np.abs(own) <= self._sensor.noise + SAME * self._live.spacing):
             return End(TerminationReason.ARRIVED, "the robot is in a goal")
         self.exit = next((cell for cell, _ in offsets if cell not in self._tried), None)
-        return self._straight(ControlMode.HOMING, own if self.exit is None else dict(offsets)[self.exit])
+        return self._straight(ControlMode.HOMING, own if self.exit is None else dict(offsets)[self.exit], believed)
 
     def _recover(self, believed: Vector, configuration: Vector) -> Command | End:
         """Return the command that leads out of a cell without a path to a goal, or the end of a run without way out.
@@ -158,7 +159,7 @@ class Navigator:
             for cell, offset in exits(self._live.space, believed):
                 if cell not in self._tried:
                     self.exit = cell
-                    return self._straight(ControlMode.RECOVERING, offset)
+                    return self._straight(ControlMode.RECOVERING, offset, believed)
             if self.exit is not None:  # the robot slid away from the obstacle, and the exit is out of reach
                 self.give_up_exit(configuration)
         elif self._sensor.noise.any() or (self._sensor.bias.any() and not self._trail):
@@ -170,17 +171,18 @@ class Navigator:
         while self._trail:
             offset = self._trail[-1] - configuration
             if np.linalg.norm(offset) > SAME * float(self._live.spacing.min()):
-                return self._straight(ControlMode.RETREATING, offset)
+                return self._straight(ControlMode.RETREATING, offset, believed)
             self._trail.pop()
         return self._no_path()
 
-    def _straight(self, mode: ControlMode, offset: Vector) -> Command:
+    def _straight(self, mode: ControlMode, offset: Vector, believed: Vector) -> Command:
         """Return the command of a straight motion at nominal speed, whose maximum duration ends at the target.
 
-        `mode`: kind of motion; `offset` (ndim,): vector from the present configuration to the target, in axis units.
+        `mode`: kind of motion; `offset` (ndim,): vector from the present configuration to the target; `believed`
+        (ndim,): configuration according to the sensor; both in axis coordinates.
         """
         controller, length = self._live.controller, float(np.linalg.norm(offset))
-        velocity = controller.limited(offset * (controller.speed / length))
+        velocity = controller.limited(offset * (controller.speed / length), believed)
         return Command(mode, velocity, length / float(np.linalg.norm(velocity)))
 
     def _no_path(self) -> End:

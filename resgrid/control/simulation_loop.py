@@ -104,7 +104,7 @@ class Loop:
                 if self.learns and (proven := self._proven_cells(contacts, believed)) is not None:
                     return self._learn(*proven, contacts, push, pause)
                 mode, longest = _contact_mode(mode, contacts), pause
-        velocity = controller.limited(velocity)
+        velocity = controller.limited(velocity, believed)
         elapsed, velocity = body.move(velocity, min(longest, pause), pause, around, 0.0 if on_trail else KEEP)
         if contacts is not None and pressed:
             self.torque = contacts.normal_torque
@@ -124,7 +124,7 @@ class Loop:
         used.
         """
         controller, spacing = self.live.controller, self.live.spacing
-        fastest = float((np.abs(controller.limited(velocity)) / spacing).max())
+        fastest = float((np.abs(controller.limited(velocity, self.believed)) / spacing).max())
         if fastest > 0.0:
             return fastest
         return float(np.minimum(controller.speed, controller.speed_limits).max() / spacing.min())
@@ -137,7 +137,7 @@ class Loop:
         the speed limits; `pause`: duration of the step, in seconds.
         """
         controller = self.live.controller
-        limited = controller.limited(velocity)
+        limited = controller.limited(velocity, self.believed)
         scale = 1.0 if limited is velocity else float(np.abs(velocity).max() / np.abs(limited).max())
         if scale >= _HUGE:
             velocity, scale = limited, 1.0

@@ -38,7 +38,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.memory import FEWER_CELLS, require_grid_memory
+from resgrid._internal.memory import FEWER_CELLS, Remedy, require_grid_memory
 from resgrid.core.cell import Cell
 from resgrid.core.netlist import GROUND, MOST_NODES, CellMap, Netlist
 from resgrid.core.regions import cells_at_faces, face_counts, face_shape, sides_of_cells, slab, with_margin
@@ -165,7 +165,7 @@ def _touches_obstacle(space: ConfigurationSpace, edges: Sequence[str], cells: ND
     return False
 
 
-def require_netlist_memory(shape: tuple[int, ...], remedy: str = FEWER_CELLS) -> None:
+def require_netlist_memory(shape: tuple[int, ...], remedy: Remedy = FEWER_CELLS) -> None:
     """Raise BudgetError for a grid whose netlist does not fit in memory.
 
     `shape`: number of cells along every axis; `remedy`: advice in the message.

@@ -126,6 +126,8 @@ class Route:
         Whether the streamline from which the path was made has passed `certify`.
     advice : str, optional
         Reason why no goal is reached, in place of `Streamline.reason`.
+    heading : float, optional
+        Heading at the reached goal, in radians, that the scene demands of a robot without a heading of its own.
     workspace_clearance : float or None
         Smallest distance of an arm from obstacles along the path, in metres; None if it was not computed.
     is_tested : bool
@@ -138,6 +140,7 @@ class Route:
     start: tuple[float, ...]
     certified: bool = False
     advice: str | None = None
+    heading: float | None = None
     workspace_clearance: float | None = None
     is_tested: bool = False
     collision: Collision | None = None
@@ -288,6 +291,8 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
         "k": route.k,
         "certified": route.certified,
     }
+    if route.heading is not None:
+        record["goal_heading"] = route.heading
     if route.reason is not None:
         record["message"] = route.reason
     if points:
@@ -361,7 +366,7 @@ def _documents(routes: Sequence[Route], *, fixed_joints: bool) -> str:
     have the joints that do not move.
     """
     if len(routes) == 1:
-        return message_of(routes[0].path, fixed_joints=fixed_joints)
+        return message_of(routes[0].path, heading=routes[0].heading, fixed_joints=fixed_joints)
     if not any(route.reached for route in routes):
         raise InputError(
             "no path reaches a goal, and a message for ROS cannot hold an outcome; write .csv, .json or .npz"
@@ -370,6 +375,7 @@ def _documents(routes: Sequence[Route], *, fixed_joints: bool) -> str:
     for route in routes:
         place = ", ".join(f"{value:.6g}" for value in route.start)
         comment = f"# start ({place}), k = {_number(route.k):g}: {route.outcome}\n"
-        text += f"{begin}{comment}{message_of(route.path, fixed_joints=fixed_joints)}" if route.reached else comment
+        message = message_of(route.path, heading=route.heading, fixed_joints=fixed_joints) if route.reached else ""
+        text += f"{begin}{comment}{message}" if route.reached else comment
         begin = "---\n" if route.reached else begin
     return text

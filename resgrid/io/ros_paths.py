@@ -35,7 +35,7 @@ def streamline_of(path: Timed) -> Streamline | None:
     return path if isinstance(path, Streamline) else None
 
 
-def to_ros_path(path: Timed, *, frame_id: str = "map") -> str:
+def to_ros_path(path: Timed, *, frame_id: str = "map", heading: float | None = None) -> str:
     """Return the text of a ``nav_msgs/Path`` message of a path, as ``ros2 topic pub`` reads it.
 
     Every pose is oriented towards the next one, the last pose like the one before; for a polygon that turns, the pose
@@ -47,6 +47,8 @@ def to_ros_path(path: Timed, *, frame_id: str = "map") -> str:
         In a space of two axes with the same unit, or of a turning polygon.  A streamline must have reached a goal.
     frame_id : str
         Coordinate frame of the poses.
+    heading : float, optional
+        Heading of the last pose in radians, for a robot without a heading of its own, which can turn in place.
 
     Returns
     -------
@@ -72,6 +74,8 @@ def to_ros_path(path: Timed, *, frame_id: str = "map") -> str:
     require_reached(path)
     places, own = points[:, :2], (space.robot or PointRobot()).heading(points)
     yaws = headings(places) if own is None else own
+    if heading is not None and own is None:
+        yaws[-1] = heading
     times = path.times if isinstance(path, Trajectory) else np.zeros(len(points))
     return _message(times.tolist(), places.tolist(), yaws.tolist(), frame_id)
 

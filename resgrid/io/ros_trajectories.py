@@ -18,12 +18,15 @@ _SECOND = 10**9
 """Nanoseconds per second."""
 
 
-def message_of(path: Timed, *, fixed_joints: bool = False) -> str:
+def message_of(path: Timed, *, heading: float | None = None, fixed_joints: bool = False) -> str:
     """Return a path as the text of a message for ROS: a JointTrajectory for robots with named joints, else a Path.
 
-    `fixed_joints`: whether a JointTrajectory also has the joints that do not move.
+    `heading`: heading of the last pose of a Path, in radians, as in `to_ros_path`; `fixed_joints`: whether a
+    JointTrajectory also has the joints that do not move.
     """
-    return to_ros_trajectory(path, fixed_joints=fixed_joints) if has_joints(path.space) else to_ros_path(path)
+    if has_joints(path.space):
+        return to_ros_trajectory(path, fixed_joints=fixed_joints)
+    return to_ros_path(path, heading=heading)
 
 
 def to_ros_trajectory(path: Timed, *, frame_id: str = "", fixed_joints: bool = False) -> str:

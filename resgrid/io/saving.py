@@ -13,11 +13,13 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.control.run_log import Run
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
+from resgrid.io.leg_paths import write_leg_path
 from resgrid.io.networks import write_network
 from resgrid.io.paths import write_path
 from resgrid.io.runs import write_run
 from resgrid.io.solutions import write_solution
 from resgrid.planning.fields import Field
+from resgrid.planning.legs import LegPath
 from resgrid.planning.streamline import Polyline, ShortPath, Streamline
 from resgrid.planning.time_parameterization import Trajectory
 
@@ -27,7 +29,7 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
 
     Parameters
     ----------
-    value : Streamline, ShortPath, Polyline, Trajectory, Run, sequence of Run, OperatingPoint, Field or Netlist
+    value : Streamline, ShortPath, Polyline, Trajectory, LegPath, Run, sequence of Run, OperatingPoint, Field or Netlist
         A path: its points in continuous world coordinates, with times if it has some, and the tip of an arm.  A run:
         every step.  An operating point or a field: potentials and currents.  A netlist: its elements.
     file : path-like
@@ -88,6 +90,7 @@ def _save(value: object, file: str | os.PathLike[str]) -> Path:
 
 for _kind in (Streamline, ShortPath, Polyline, Trajectory):
     _save.register(_kind, write_path)
+_save.register(LegPath, write_leg_path)
 _save.register(OperatingPoint, write_solution)
 _save.register(Field, write_solution)
 _save.register(Run, write_run)

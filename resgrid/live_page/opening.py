@@ -98,12 +98,14 @@ def _bytes(file: File) -> bytes:
 
 
 def _refuse_files(document: Mapping[str, Any]) -> None:
-    """Raise InputError for a scene with files of maps or obstacles: the page has no access to files of the server.
+    """Raise InputError for a scene with files of maps, masks or obstacles, to which the page has no access.
 
     `document`: keys and tables of the scene, in the form of a scene file.
     """
     if "map" in document:
         raise InputError("this scene needs a map file, to which the page has no access; drop the map itself")
+    if "mask" in document:
+        raise InputError("this scene needs the files of its masks, to which the page has no access; remove the masks")
     if needs_files(document):
         raise InputError(
             "this scene needs files of obstacles, to which the page has no access; plan it with resgrid run"

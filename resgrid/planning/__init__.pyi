@@ -6,6 +6,7 @@ from .blocking_obstacles import (
     Separation as Separation,
 )
 from .clearance_curves import ClearanceCurve as ClearanceCurve, clearance_curve as clearance_curve
+from .legs import Leg as Leg, LegPath as LegPath
 from .normals import surface_normals as surface_normals
 from .planner import Planner as Planner
 from .random_walks import (

@@ -82,8 +82,28 @@ class Advisor:
                 yield scene.robot.remedy
         elif scene.robot.remedy:
             yield scene.robot.remedy
-        if scene.map is None and self._helps("cells", partial(_finer, scene), path):
+        if scene.map is not None:
+            yield from self._finer_maps(path)
+        elif self._helps("cells", partial(_finer, scene), path):
             yield "refine the grid: twice as many cells on each axis open a path"
+
+    def _finer_maps(self, path: Streamline) -> Iterator[str]:
+        """Yield a phrase for the first finer division of the map that opens a path from the start of `path`."""
+        assert self.scene.map is not None
+        table = self.scene.map.table
+        coarse, fine = table.get("coarsen") or 1, table.get("refine") or 1
+        if coarse > 1:
+            trials = [("coarsen", count) for count in dict.fromkeys((coarse // 2, 1))]
+        elif self.scene.robot.remedy:  # cells of a map without a robot's size are exact
+            trials = [("refine", fine * factor) for factor in (2, 4)]
+        else:
+            return
+        for key, count in trials:
+            if self._helps(f"{key}={count}", partial(apply_overrides, self.scene, {f"map.{key}": count}), path):
+                space = self._spaces[f"{key}={count}"]
+                assert space is not None
+                yield f"--{key} {count} opens a path, with {' x '.join(map(str, space.shape))} cells"
+                return
 
     def _helps(self, name: str, change: Change, path: Streamline) -> bool:
         """Return whether a goal can be reached from the start of `path` after a change of the scene.

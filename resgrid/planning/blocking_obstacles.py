@@ -26,6 +26,7 @@ from resgrid.planning.obstacle_groups import Barriers, adjacency, group_obstacle
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import one_start, start_cells, static_outcomes
 from resgrid.scene import Scene, build_space
+from resgrid.scene.keepout import forbidden_places, keepouts_of
 from resgrid.scene.world_coordinates import to_space
 
 _MOST_PARTS = 63
@@ -341,6 +342,7 @@ def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int]
         scene,
         robot=scene.robot.bare(self_collision=False),
         obstacles=(),
+        mask=(),
         map=scene.map and scene.map.without_obstacles(),
     )
     opened = np.where(build_space(without_obstacles).cell == Cell.GOAL, np.uint8(Cell.GOAL), np.uint8(Cell.FREE))
@@ -372,6 +374,13 @@ def _blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArra
     }
     if scene.map is not None:
         parts["map"] = plain.occupancy(scene.axes, [scene.map.obstacles], scene.sampling) & ~itself
+    keepouts = keepouts_of(scene)
+    parts |= {
+        effect.name: plain.occupancy(scene.axes, [effect.obstacle], scene.sampling) & ~itself
+        for effect in keepouts
+        if effect.inflate
+    }
+    parts |= forbidden_places(scene, keepouts)
     if plain != scene.robot:
         parts["singularity"] = scene.robot.occupancy(scene.axes, [], scene.sampling) & ~itself
     blocked = space.cell == Cell.OBSTACLE

@@ -7,6 +7,7 @@ acceleration from a distance ``d`` before the corner to ``d`` after it, which pa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,17 +17,11 @@ from resgrid._internal.numbers import NotNegative, check_number
 from resgrid._internal.values import frozen
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.planning.motion_limits import LimitRatio, Limits, limit_ratio, own_velocity_limits
+from resgrid.planning.motion_limits import Limits, limit_ratio, own_velocity_limits
+from resgrid.planning.parabolic_blends import at_constant_velocities, with_blends
 from resgrid.planning.streamline import AnyPath, Polyline, distinct_rows, robot_of, unwrap
-
-Knots = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-"""Times (n,), positions and velocities (n, ndim), and accelerations (n - 1, ndim) of a `Trajectory`, in this order."""
-
-_STRAIGHT = 1e-12
-"""Euclidean norm of the change of unit direction at a corner (no unit) below which the path counts as straight."""
-
-_MOMENT = 1e-13
-"""Duration below which a piece of constant acceleration is omitted, as a fraction of the total duration."""
+from resgrid.scene.mask import Mask
+from resgrid.scene.speed_zones import speed_zones
 
 _MOST_SAMPLES = 10_000_000
 """Maximum number of samples of a trajectory."""
@@ -192,6 +187,7 @@ def time_parameterize(
     velocity_limits: Limits | None = None,
     acceleration_limits: Limits | None = None,
     tolerance: NotNegative | None = None,
+    masks: Sequence[Mask] = (),
 ) -> Trajectory:
     """Compute the fastest trajectory along a path within velocity and acceleration limits.
 
@@ -213,6 +209,10 @@ def time_parameterize(
         With acceleration limits: maximum deviation from the path, in axis units, one half to straighten small bends,
         one half to round the remaining corners.  By default half of the path's clearance (at most a quarter of the
         smallest cell width), or 0 for a `Polyline`.  With 0, as on a path along obstacles, the robot stops at bends.
+    masks : sequence of Mask
+        Masks whose speed limits apply where the path, or a deviation from it within the tolerance, crosses them;
+        `Scene.mask` of the scene.  Percentages refer to `velocity_limits`, absolute limits to the speed of the
+        reference point in the plane.
 
     Returns
     -------
@@ -222,8 +222,8 @@ def time_parameterize(
     Raises
     ------
     InputError
-        If a limit is not positive, the number of limits is not the number of axes, or velocity limits are not given
-        and the robot has none for a coordinate that changes along the path.
+        If a limit is not positive, the number of limits is not the number of axes, a mask cannot be read, or velocity
+        limits are not given and the robot has none for a coordinate that changes along the path.
 
     Examples
     --------
@@ -237,16 +237,18 @@ def time_parameterize(
     velocity_limits = own_velocity_limits(points, path) if velocity_limits is None else velocity_limits
     velocity = limit_ratio("velocity_limits", velocity_limits, path)
     acceleration_limits = robot_of(path).acceleration_limits if acceleration_limits is None else acceleration_limits
+    zones = speed_zones(masks)
     if acceleration_limits is None:
         if tolerance is not None:
             raise InputError("tolerance applies only with acceleration limits: give acceleration_limits too")
-        return Trajectory(*_at_constant_velocities(points, velocity), path)
+        return Trajectory(*at_constant_velocities(points, velocity, zones), path)
     acceleration = limit_ratio("acceleration_limits", acceleration_limits, path)
     within = _default_tolerance(path) if tolerance is None else tolerance
     if len(points) < 2:
-        return Trajectory(*_at_constant_velocities(points, velocity), path)
+        return Trajectory(*at_constant_velocities(points, velocity), path)
     corners = _simplified(points, max(within / 2, 4 * np.spacing(np.abs(points).max())))
-    return Trajectory(*_with_blends(corners, velocity, acceleration, within / 2), path)
+    zones = zones if zones is None else zones.widened(within)
+    return Trajectory(*with_blends(corners, velocity, acceleration, within / 2, zones), path)
 
 
 def _default_tolerance(path: AnyPath) -> float:
@@ -287,108 +289,3 @@ def _distance_from_segment(
     square = along @ along
     fraction = np.clip((points - start) @ along / square, 0.0, 1.0) if square else np.zeros(len(points))
     return np.asarray(np.linalg.norm(points - start - fraction[:, np.newaxis] * along, axis=1))
-
-
-def _at_constant_velocities(points: NDArray[np.float64], velocity: LimitRatio) -> Knots:
-    """Return times, positions, velocities, accelerations (0) of the fastest motion through `points` (n, ndim).
-
-    `velocity`: function from steps to the ratios of their lengths to the velocity limits: shortest durations (s).
-    """
-    step = np.diff(points, axis=0)
-    seconds = velocity(step)
-    velocities = np.concatenate([step / seconds[:, np.newaxis], np.zeros((1, points.shape[1]))])
-    times = np.concatenate([[0.0], np.cumsum(seconds)])
-    return times, points, velocities, np.zeros_like(step)
-
-
-def _with_blends(points: NDArray[np.float64], velocity: LimitRatio, acceleration: LimitRatio, within: float) -> Knots:
-    """Return times, positions, velocities, accelerations of a motion whose corners are rounded by blends (parabolas).
-
-    `points` (n, ndim): corners; `velocity, acceleration`: functions from vectors to the ratios of their magnitudes to
-    the limits; `within`: largest distance of a blend from its corner.
-    """
-    step = np.diff(points, axis=0)
-    length = np.linalg.norm(step, axis=1)
-    heading = step / length[:, np.newaxis]
-    top_speed, accel = 1.0 / velocity(heading), 1.0 / acceleration(heading)
-    reach, corner_speed = _blend_limits(heading, length, top_speed, acceleration, within)
-    straight = np.maximum(length - reach[:-1] - reach[1:], 0.0)
-    speed = _attainable_speeds(corner_speed, straight, accel)
-    pieces: list[tuple[float, NDArray[np.float64]]] = []
-    for k in range(len(length)):
-        if reach[k] > 0:
-            pieces.append((2 * reach[k] / speed[k], speed[k] * heading[k]))
-        pieces += [
-            (seconds, end_speed * heading[k])
-            for seconds, end_speed in _straight_pieces(straight[k], speed[k], speed[k + 1], top_speed[k], accel[k])
-        ]
-    return _knots(points, pieces)
-
-
-def _straight_pieces(length: float, enter: float, leave: float, top: float, accel: float) -> list[tuple[float, float]]:
-    """Return pairs (duration, final speed) for acceleration, constant speed and braking on a straight part.
-
-    `length`: length of the part; `enter, leave`: speeds at both ends; `top`, `accel`: limits of speed, acceleration.
-    """
-    peak = min(top, float(np.sqrt(accel * length + (enter**2 + leave**2) / 2)))
-    peak = max(peak, enter, leave)
-    cruise = length - (2 * peak**2 - enter**2 - leave**2) / (2 * accel)
-    pieces = [((peak - enter) / accel, peak), (max(cruise, 0.0) / peak, peak), ((peak - leave) / accel, leave)]
-    return [(seconds, speed) for seconds, speed in pieces if seconds > 0]
-
-
-def _knots(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.float64]]]) -> Knots:
-    """Return times, positions, velocities, accelerations; `pieces`: (seconds, velocity at the end) between knots."""
-    total = sum(duration for duration, _ in pieces)
-    pieces = [piece for piece in pieces if piece[0] > _MOMENT * total]
-    seconds = np.array([duration for duration, _ in pieces])
-    velocities = np.stack([np.zeros(points.shape[1]), *(velocity for _, velocity in pieces)])
-    duration = seconds[:, np.newaxis]
-    positions = points[0] + np.concatenate(
-        [np.zeros((1, points.shape[1])), np.cumsum(duration * (velocities[:-1] + velocities[1:]) / 2, axis=0)]
-    )
-    positions[-1], velocities[-1] = points[-1], 0.0
-    times = np.concatenate([[0.0], np.cumsum(seconds)])
-    return times, positions, velocities, np.diff(velocities, axis=0) / duration
-
-
-def _blend_limits(
-    heading: NDArray[np.float64],
-    length: NDArray[np.float64],
-    top_speed: NDArray[np.float64],
-    acceleration: LimitRatio,
-    within: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return distances from corners to the ends of their blends (parabolas), and speeds in blends, both (n + 1,).
-
-    `heading` (n, ndim), `length`, `top_speed` (n,): unit directions, lengths and largest speeds of the n segments;
-    `acceleration`: ratios of vectors to the limits; `within`: largest deviation.  Results are 0 at start and end.
-    """
-    reach, speed = np.zeros(len(length) + 1), np.zeros(len(length) + 1)
-    turn = np.diff(heading, axis=0)
-    sharpness = np.linalg.norm(turn, axis=1)
-    bent = sharpness > _STRAIGHT
-    half = np.minimum(length[:-1], length[1:]) / 2
-    with np.errstate(divide="ignore"):
-        reach[1:-1] = np.where(bent, np.minimum(4 * within / np.maximum(sharpness, _STRAIGHT), half), 0.0)
-        accel = 1.0 / acceleration(turn)
-    limit = np.minimum(top_speed[:-1], top_speed[1:])
-    # Over a distance 2 d at speed v, the velocity changes by v (u2 - u1): the acceleration is v^2 (u2 - u1) / (2 d).
-    with np.errstate(invalid="ignore"):
-        speed[1:-1] = np.where(bent, np.minimum(limit, np.sqrt(2 * reach[1:-1] * accel)), limit)
-    return reach, speed
-
-
-def _attainable_speeds(
-    limit: NDArray[np.float64], straight: NDArray[np.float64], accel: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the largest speeds (n + 1,) at corners that satisfy ``v'^2 <= v^2 + 2 a s`` in both directions.
-
-    `limit` (n + 1,): speed limits at corners; `straight` (n,): lengths s; `accel` (n,): acceleration limits a.
-    """
-    square = limit**2
-    for k in range(len(straight)):
-        square[k + 1] = min(square[k + 1], square[k] + 2 * accel[k] * straight[k])
-    for k in range(len(straight) - 1, -1, -1):
-        square[k] = min(square[k], square[k + 1] + 2 * accel[k] * straight[k])
-    return np.sqrt(square)

@@ -21,7 +21,7 @@ from PIL import Image
 
 from resgrid._internal.files import atomic_path
 from resgrid.control.run_log import ControlMode, Run
-from resgrid.control.simulation import Wavefront
+from resgrid.control.wavefronts import Wavefront
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.planning.time_parameterization import Trajectory
 from resgrid.plot.arm_animations import arm_frames

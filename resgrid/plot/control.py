@@ -14,11 +14,12 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.control.controller import following_velocity, make_controller
+from resgrid.control.controller import make_controller
+from resgrid.control.equipotential import following_velocity
 from resgrid.control.external_forces import checked_force
 from resgrid.control.plant import plant_of
 from resgrid.control.run_log import ContactLog, ControlMode, Run, TerminationReason
-from resgrid.control.simulation import Wavefront
+from resgrid.control.wavefronts import Wavefront
 from resgrid.core.cell import Cell
 from resgrid.errors import InputError
 from resgrid.planning.blend import dirichlet_share

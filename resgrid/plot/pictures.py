@@ -39,7 +39,7 @@ PICTURES = {
     "resgrid.chip.yields:Yield": "chip_maps:draw_yield",
     "resgrid.circuit.operating_point:OperatingPoint": "pictures:draw_operating_point",
     "resgrid.control.run_log:Run": "control:draw_run",
-    "resgrid.control.simulation:Wavefront": "control:draw_wavefront",
+    "resgrid.control.wavefronts:Wavefront": "control:draw_wavefront",
     "resgrid.core.netlist:Netlist": "netlist_graphs:draw_circuit",
     "resgrid.core.space:ConfigurationSpace": "panels:draw_space",
     "resgrid.planning.blocking_obstacles:SceneSeparation": "paths:draw_separation",

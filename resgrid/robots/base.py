@@ -110,6 +110,17 @@ class Robot(ABC):
         """Largest distance from the base to the reference point, in metres; infinite for a robot without a base."""
         return inf
 
+    @property
+    def extent(self) -> float:
+        """Largest distance from the reference point to a point of the robot, in metres; infinite with a base."""
+        if self.base is not None:
+            return inf
+        import shapely
+
+        parts = self.parts(np.zeros((1, 2 if self.turning_length is None else 3)))
+        corners = [(shapely.get_coordinates(part.core[0]), part.radius) for part in parts]
+        return max((float(np.linalg.norm(at, axis=1).max()) + radius for at, radius in corners), default=0.0)
+
     @abstractmethod
     def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:
         """Return the rigid parts of the robot, each with a radius and one shapely geometry per configuration.

@@ -17,17 +17,7 @@ from resgrid.robots.box_distances import distance_from_boxes
 from resgrid.robots.geometry import edges_of, periodic_images
 from resgrid.robots.mesh import Mesh
 from resgrid.robots.mesh_cells import near_mesh
-from resgrid.robots.shapes import (
-    Ball,
-    Box,
-    CellSet,
-    HalfSpace,
-    Polygon,
-    Shape,
-    Solid,
-    SpaceSolid,
-    rings_of,
-)
+from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Polygon, Shape, Solid, SpaceSolid, rings_of
 from resgrid.robots.solid_cells import near_convex
 from resgrid.robots.solids import Capsule, Cylinder, OrientedBox
 from resgrid.robots.voxels import Voxels
@@ -175,13 +165,13 @@ def near_half_space(shape: HalfSpace, centres: Grids, half: Sequence[float], rea
 
 
 def _near_cells(shape: CellSet, axes: tuple[Axis, ...], reach: float, rule: Sampling) -> NDArray[np.bool_]:
-    """Return the mask, shape of the grid, of cells within a distance of a set of cells of the same grid.
+    """Return the mask, shape of the grid, of cells within a distance of a set of cells of the same or a larger grid.
 
-    `reach`: distance in axis units; `rule`: whether the distance is measured from the cell's box (``"conservative"``)
-    or its centre (``"centre"``).
+    `axes`: axes of the grid, which those of the set may extend by whole cells; `reach`: distance in axis units; `rule`:
+    whether the distance is measured from the cell's box (``"conservative"``) or its centre (``"centre"``).
     """
     if shape.axes != axes:
-        raise InputError("the cells of a map can only be obstacles on the map's own grid")
+        return _near_cells(shape, shape.axes, reach, rule)[_part_of_grid(shape.axes, axes)]
     if reach == 0 or not shape.mask.any():
         return shape.mask
     pad = [(min(ceil(reach / axis.spacing) + 1, axis.cells) if axis.periodic else 0,) * 2 for axis in axes]
@@ -190,6 +180,22 @@ def _near_cells(shape: CellSet, axes: tuple[Axis, ...], reach: float, rule: Samp
     rim = min(rims(axes)) if rule == "conservative" else 0.0
     near = mask | (distance_from_boxes(mask, spacing, rule) <= reach - rim)
     return near[tuple(slice(before, size - after) for (before, after), size in zip(pad, mask.shape, strict=True))]
+
+
+def _part_of_grid(whole: Sequence[Axis], part: Sequence[Axis]) -> tuple[slice, ...]:
+    """Return the slice, per axis, of the cells of a grid that form another grid; raise InputError if there are none.
+
+    `whole`, `part`: axes of the two grids, which must not be periodic where they differ.
+    """
+    slices = []
+    for large, small in zip(whole, part, strict=True):
+        offset = (small.lower - large.lower) / large.spacing
+        first, end = round(offset), round(offset) + small.cells
+        is_same = abs(offset - first) < 1e-3 and abs(small.spacing / large.spacing - 1) * small.cells < 1e-3
+        if not (is_same and first >= 0 and end <= large.cells) or (large != small and small.periodic):
+            raise InputError("the cells of a map can only be obstacles on the map's own grid")
+        slices.append(slice(first, end))
+    return tuple(slices)
 
 
 def _mark_polygon(

@@ -56,6 +56,11 @@ class PointRobot(Robot):
         return "make the robot's radius smaller" if self.radius else ""
 
     @property
+    def extent(self) -> float:
+        """The radius of the robot, in axis units."""
+        return self.radius
+
+    @property
     def shrunk(self) -> PointRobot:
         """The robot with a thousandth of the radius, with which messages test whether a smaller radius would help."""
         return PointRobot(self.radius / 1000)

@@ -15,6 +15,7 @@ from resgrid.scene.maps.movingai import (
     read_movingai_scenarios as read_movingai_scenarios,
 )
 from resgrid.scene.maps.ros import from_occupancy_grid as from_occupancy_grid
+from resgrid.scene.mask import Mask as Mask
 from resgrid.scene.reading import parse_scene as parse_scene, read_scene as read_scene
 from resgrid.scene.sampling import build_space as build_space
 from resgrid.scene.scene import Scene as Scene

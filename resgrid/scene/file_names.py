@@ -8,24 +8,26 @@ from typing import Any
 
 
 def needs_files(document: Mapping[str, Any]) -> bool:
-    """Return whether the document of a scene refers to a map file, or to files of obstacles or of a robot.
+    """Return whether the document of a scene refers to a map file, or to files of masks, obstacles or a robot.
 
     `document`: keys and tables of the scene file.
     """
-    obstacles = document.get("obstacle")
-    tables = [document.get("robot"), *(obstacles if isinstance(obstacles, list) else [])]
+    lists = [document.get(key) for key in ("obstacle", "mask")]
+    tables = [document.get("robot"), *(table for some in lists if isinstance(some, list) for table in some)]
     return "map" in document or any("file" in table for table in tables if isinstance(table, Mapping))
 
 
 def with_absolute_files(raw: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
-    """Return a document in which file names of obstacles and of a robot of type ``urdf`` are absolute.
+    """Return a document in which file names of obstacles, masks and a robot of type ``urdf`` are absolute.
 
     `raw`: keys and tables of the document, which may be invalid; `folder`: base of relative names.
     """
-    obstacles, robot = raw.get("obstacle"), raw.get("robot")
-    changes: dict[str, Any] = {}
-    if isinstance(obstacles, list):
-        changes["obstacle"] = [_with_absolute(table, ("file",), folder) for table in obstacles]
+    robot = raw.get("robot")
+    changes: dict[str, Any] = {
+        key: [_with_absolute(table, ("file",), folder) for table in raw[key]]
+        for key in ("obstacle", "mask")
+        if isinstance(raw.get(key), list)
+    }
     if isinstance(robot, Mapping) and robot.get("type") == "urdf":
         changes["robot"] = _with_absolute(robot, ("file", "srdf", "packages"), folder)
     return {**raw, **changes}

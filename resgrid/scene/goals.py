@@ -9,6 +9,7 @@ from typing import Annotated
 from annotated_types import Ge, Gt, Le
 
 from resgrid._internal.validation import checked
+from resgrid._internal.values import brief
 from resgrid.core.axis import LARGEST, Point
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, Shape
@@ -19,6 +20,7 @@ Conductivity = Annotated[float, Gt(0), Le(LARGEST)]
 
 
 @checked
+@brief
 @dataclass(frozen=True)
 class GoalPoint:
     """A goal that is the cell of a point in world coordinates; for an arm, all cells with its tip at this point.
@@ -27,11 +29,17 @@ class GoalPoint:
     ----------
     point : tuple of float
         World coordinates; for a robot that turns, a place in the plane, with or without a heading.
+    tolerance : float
+        Largest distance of the robot's reference point from the place; the goal is then a disc or ball.  A heading
+        given in `point` has no tolerance.
+    heading : float or None
+        Heading at the goal, in radians, of a robot without a heading of its own (a point or a disc): the orientation of
+        the last pose for ROS.
 
     Raises
     ------
     InputError
-        If a coordinate is not finite.
+        If a coordinate is not finite, or the tolerance is negative.
 
     Examples
     --------
@@ -41,6 +49,8 @@ class GoalPoint:
     """
 
     point: Point
+    tolerance: Annotated[float, Ge(0), Le(LARGEST)] = 0.0
+    heading: Annotated[float, Ge(-LARGEST), Le(LARGEST)] | None = None
 
 
 @checked

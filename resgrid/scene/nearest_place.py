@@ -14,6 +14,7 @@ from resgrid.core.frame import Frame
 from resgrid.core.regions import label_regions
 from resgrid.errors import InputError
 from resgrid.robots import PointRobot
+from resgrid.scene.keepout import mask_at
 from resgrid.scene.scene import Scene
 from resgrid.scene.world_coordinates import cell_centre, locate_point, to_space, unknown_cells
 
@@ -51,6 +52,9 @@ def why_blocked(scene: Scene, cell: tuple[int, ...]) -> str:
     words = f"(cell {cell})"
     if is_unknown(scene, cell):
         return f"lies in unknown space {words}"
+    mask = mask_at(scene, cell)
+    if mask is not None:
+        return f"lies in the keep-out area of {mask} {words}"
     robot = scene.robot
     if isinstance(robot, PointRobot) and robot.radius and not _is_solid(scene, cell):
         return f"lies too near to an obstacle for the robot's radius of {robot.radius:g} {words}"

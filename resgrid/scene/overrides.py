@@ -10,7 +10,7 @@ from typing import Any
 
 from resgrid.errors import InputError
 from resgrid.robots import ROBOTS, Mesh, Robot, Voxels
-from resgrid.scene.goals import CostArea, GoalJoints
+from resgrid.scene.goals import CostArea, GoalJoints, GoalPoint
 from resgrid.scene.reading import Document, build_scene, with_axes, with_footprint
 from resgrid.scene.scene import IN_FILES, LISTS, Scene
 from resgrid.scene.table_models import plain
@@ -57,6 +57,8 @@ def _table(value: Any) -> dict[str, Any]:
         if not value.table:
             raise InputError(f"a scene file describes a {type(value).__name__} by its file; read the shape from a file")
         return plain(value.table)  # type: ignore[no-any-return]
+    if isinstance(value, GoalPoint):
+        return {key: entry for key, entry in plain(value).items() if key != "tolerance" or entry}
     names = [name for name, (kind, _) in SHAPES.items() if kind is type(value)]
     return {**({"shape": names[0 if value.ndim == 2 else -1]} if names else {}), **plain(value)}
 
@@ -79,9 +81,10 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     Key paths have the form of error messages (``chip.resistance``, ``obstacle[2].radius``) or use dots only
     (``obstacle.2.radius``); ``resistance``, ``supply`` and ``radius`` need no table.  ``goal``, ``goal_cell``,
     ``start`` and ``start_cell`` take one place or a list of places, in world coordinates or as cell indices from 0,
-    and replace all goals or starts.  A text is parsed as a TOML value (``"4.5"`` is a number, ``"[0, 1]"`` a list) or
-    as numbers separated by commas, and stays a text otherwise.  ``robot.type`` and ``robot.footprint`` replace the
-    whole robot.  The order of the changes has no effect.
+    and replace all goals or starts.  ``goal_tolerance`` is the tolerance of all goals that are points.  A text is
+    parsed as a TOML value (``"4.5"`` is a number, ``"[0, 1]"`` a list) or as numbers separated by commas, and stays a
+    text otherwise.  ``robot.type`` and ``robot.footprint`` replace the whole robot.  The order of the changes has no
+    effect.
     """
     document = _apply(document_of(scene), changes)
     is_same_map = scene.map is not None and document.get("map") == plain(scene.map.table)
@@ -151,7 +154,7 @@ def _apply(raw: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
     for key, value in by_key.items():
         if key.partition(".")[0] == "robot":
             _set(document, key, value)
-        elif key not in PLACE_KEYS:
+        elif key not in (*PLACE_KEYS, "goal_tolerance"):
             rest[key] = value
     _drop_sizes(document, [key for key in rest if key.startswith("grid.")])
     for key, value in rest.items():
@@ -162,7 +165,19 @@ def _apply(raw: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
             document[key] = places
             if key == "start":
                 document["starts"] = []
+    if "goal_tolerance" in by_key:
+        _set_tolerance(document, _parsed(by_key["goal_tolerance"]))
     return document
+
+
+def _set_tolerance(document: dict[str, Any], tolerance: Any) -> None:
+    """Set the tolerance of all goals of a document that are points; raise InputError if no goal is a point."""
+    goals = document.get("goal")
+    points = [goal for goal in goals if isinstance(goal, dict) and "point" in goal] if isinstance(goals, list) else []
+    if not points:
+        raise InputError("--goal-tolerance applies to goals that are points, and this scene has none; give --goal X,Y")
+    for goal in points:
+        goal["tolerance"] = tolerance
 
 
 def parse_value(text: str) -> Any:

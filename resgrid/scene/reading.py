@@ -62,8 +62,9 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
         folder stands for the shipped scene of this name, such as ``rooms``.
     **options
         Options of the map reader: ``format``, ``dialect``, ``unknown``, ``lethal``, ``least_conductivity``,
-        ``passable``, ``threshold``, ``spacing``, ``origin``, ``unit``, ``periodic``, ``headings``.  For every scene,
-        the keywords of `Scene.replace`, such as ``goal=(3.5, 4.5)``, ``k=0.5`` or ``boundary="neumann"``.
+        ``passable``, ``threshold``, ``spacing``, ``origin``, ``unit``, ``periodic``, ``headings``, and of its
+        preparation: ``crop``, ``coarsen``, ``refine``.  For every scene, the keywords of `Scene.replace`, such as
+        ``goal=(3.5, 4.5)``, ``k=0.5`` or ``boundary="neumann"``.
 
     Returns
     -------
@@ -174,7 +175,7 @@ def read_link(text: str) -> Scene:
 def link_document(text: str) -> Document:
     """Return the unvalidated document that a link of the live page contains, without network access.
 
-    Raises InputError if the link is damaged or its scene needs a map file.
+    Raises InputError if the link is damaged or its scene needs files.
     """
     match = _LINK.match(text)
     code = "" if match is None else match["code"]
@@ -188,8 +189,8 @@ def link_document(text: str) -> Document:
         raise InputError("the scene in this link is incomplete or damaged; copy the whole link again")
     if needs_files(document):
         raise InputError(
-            "the scene in this link needs the file of a map or obstacle, which a link cannot contain; ask for the "
-            "scene file and this file"
+            "the scene in this link needs the file of a map, mask or obstacle, which a link cannot contain; ask for "
+            "the scene file and this file"
         )
     return Document(document, "the link", Path(), {})
 
@@ -267,7 +268,10 @@ def _axes_of(
     if document.map is None or robot is None:
         return grid, Frame(), None
     table = document.map.model_dump(exclude_unset=True) | {"file": str(folder.resolve() / document.map.file)}
-    cells = read_map(table) if known is None else known
+    if grid is not None and table.get("crop") is not None:
+        raise InputError(f"{table['file']}: map.crop would lose obstacles in the reach of this robot; remove crop")
+    extent = robot.extent if grid is None else 0.0
+    cells = known if known is not None and (grid is not None or extent <= known.extent) else read_map(table, extent)
     if grid is None:
         return (*cells.space_of(robot), cells)
     if not cells.frame.is_world:

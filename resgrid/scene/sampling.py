@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.memory import FEWER_CELLS, FEWER_HEADINGS, SMALLER_MAP, require_grid_memory
+from resgrid._internal.memory import FEWER_CELLS, FEWER_HEADINGS, Remedy, require_grid_memory
 from resgrid.core.axis import Point
 from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
@@ -17,10 +18,14 @@ from resgrid.errors import InputError
 from resgrid.robots import Box, GoalCells, PointRobot, Progress, Shape, URDFRobot
 from resgrid.robots.cells import merge_goals
 from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint, GoalPose
+from resgrid.scene.keepout import Keepout, forbidden_places, keepouts_of
 from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
-from resgrid.scene.nearest_place import are_unknown, is_unknown, nearest_place, usable, why_blocked
+from resgrid.scene.maps.preparation import KEYS, extent_of_mask
+from resgrid.scene.maps.size_advice import smaller_map
+from resgrid.scene.nearest_place import are_unknown, is_unknown, nearest_cell, nearest_place, usable, why_blocked
 from resgrid.scene.scene import Scene
+from resgrid.scene.tolerances import require_no_heading, tolerant_goal
 from resgrid.scene.world_coordinates import check_cell, extent_of, locate_point, over_map, to_space
 
 
@@ -69,17 +74,21 @@ def build_space(
     """
     where = scene.source or "scene"
     require_grid_memory(tuple(axis.cells for axis in scene.axes), f"{where}: grid", remedy=remedy_of_size(scene))
-    blocked, undecided = scene.robot.classify(scene.axes, _obstacles(scene), scene.sampling, progress, executor)
+    keepouts = keepouts_of(scene)
+    obstacles = [*_obstacles(scene), *(effect.obstacle for effect in keepouts if effect.inflate)]
+    blocked, undecided = scene.robot.classify(scene.axes, obstacles, scene.sampling, progress, executor)
+    for mask in forbidden_places(scene, keepouts).values():
+        blocked = blocked | mask
     cell = np.where(blocked, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
-    goals = [_map_goals(scene, blocked, where)]
-    goals += [_goal_cells(scene, goal, blocked, f"{where}: goal[{number}]") for number, goal in enumerate(scene.goals)]
+    goals = [map_goals(scene, blocked, where)]
+    goals += [goal_cells(scene, goal, blocked, f"{where}: goal[{number}]") for number, goal in enumerate(scene.goals)]
     every = merge_goals(blocked.shape, goals)
     cell[every.cells] = Cell.GOAL
     if require_goal and not (cell == Cell.GOAL).any():
         raise InputError(f"{where}: there is no goal; {adding(scene, 'a [[goal]]', '--goal')}")
     for number, start in enumerate(scene.starts):
         locate_point(scene.axes, scene.frame, start, f"{where}: starts[{number}]")
-    costs = _conductivity(scene)
+    costs = _conductivity(scene, keepouts)
     return ConfigurationSpace(
         scene.axes, cell, costs, frame=scene.frame, goal_points=every.points, robot=scene.robot, undecided=undecided
     )
@@ -95,11 +104,19 @@ def adding(scene: Scene, key: str, option: str) -> str:
     return by_option if is_map else f"add {key} to the scene, or {by_option}"
 
 
-def remedy_of_size(scene: Scene) -> str:
-    """Return the remedy, as text, for a scene whose cells do not fit in memory."""
-    if scene.map is None or scene.axes[: len(scene.map.axes)] != scene.map.axes:
+def remedy_of_size(scene: Scene) -> Remedy:
+    """Return the remedy for a scene whose cells do not fit in memory, as text or as a function that returns it."""
+    cells = scene.map
+    if cells is None or scene.axes[: len(cells.axes)] != cells.axes:
         return FEWER_CELLS
-    return (FEWER_HEADINGS + ", or " if len(scene.axes) > len(scene.map.axes) else "") + SMALLER_MAP
+
+    def remedy(ratio: float) -> str:
+        assert cells is not None
+        known = None if cells.unknown is None else extent_of_mask(~cells.unknown)
+        fewer = FEWER_HEADINGS + ", or " if len(scene.axes) > len(cells.axes) else ""
+        return fewer + smaller_map(cells.cell.shape, ratio, known)
+
+    return remedy
 
 
 def _obstacles(scene: Scene) -> list[Shape]:
@@ -109,13 +126,23 @@ def _obstacles(scene: Scene) -> list[Shape]:
     return shapes
 
 
-def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) -> GoalCells:
+def goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) -> GoalCells:
+    """Return the free cells of a goal, each with a configuration that solves the goal.
+
+    `blocked`: mask of obstacle cells, shape of the space; `key`: key path of the goal, for messages.  Raises InputError
+    if the goal lies outside the grid, is out of reach, or consists of obstacle cells.
+    """
+    if isinstance(goal, GoalPoint) and goal.heading is not None:
+        require_no_heading(scene, key)
     single = _single_cell(scene, goal, key)
     if single is not None:
         words, cell, point = single
         if blocked[cell]:
             why = why_blocked(scene, cell)
-            raise InputError(f"{key}: {words} {why}; {_remedies(scene, blocked, cell)}")
+            remedies = _remedies(scene, blocked, cell)
+            if isinstance(goal, GoalPoint):
+                remedies += _tolerance_remedy(scene, blocked, cell, point)
+            raise InputError(f"{key}: {words} {why}; {remedies}")
         cells = np.zeros_like(blocked)
         cells[cell] = True
         return GoalCells(cells, np.array([point]))
@@ -147,7 +174,7 @@ def _single_cell(scene: Scene, goal: Goal, key: str) -> tuple[str, tuple[int, ..
             return f"the cell {list(cell)}", cell, (np.nan,) * scene.ndim
         case GoalJoints(point, upper) if point == upper:
             kind = "configuration"
-        case GoalPoint(point) if scene.robot.base is None and len(point) == scene.ndim:
+        case GoalPoint(point) if scene.robot.base is None and len(point) == scene.ndim and not goal.tolerance:
             kind = "point"
         case _:
             return None
@@ -158,8 +185,9 @@ def _region(scene: Scene, goal: Goal) -> GoalCells:
     match goal:
         case GoalJoints(lower, upper):
             return PointRobot().goal_cells(scene.axes, to_space(Box(lower, upper), scene.frame))
-        case GoalPoint(point):
-            return scene.robot.goal_cells(scene.axes, tuple(scene.frame.from_world(point).tolist()))
+        case GoalPoint(point, tolerance):
+            inside = tuple(scene.frame.from_world(point).tolist())
+            return tolerant_goal(scene, inside, tolerance) if tolerance else scene.robot.goal_cells(scene.axes, inside)
         case GoalPose():
             if not isinstance(scene.robot, URDFRobot):
                 raise InputError("a pose of a tool is a goal of robots of the type urdf only; give a point or a shape")
@@ -169,7 +197,12 @@ def _region(scene: Scene, goal: Goal) -> GoalCells:
     return scene.robot.goal_cells(scene.axes, to_space(goal, scene.frame))
 
 
-def _map_goals(scene: Scene, blocked: NDArray[np.bool_], where: str) -> GoalCells:
+def map_goals(scene: Scene, blocked: NDArray[np.bool_], where: str) -> GoalCells:
+    """Return the free cells of the space that are goal cells of the scene's map.
+
+    `blocked`: mask of obstacle cells, shape of the space; `where`: name of the scene, for messages.  Raises InputError
+    if all of them are obstacle cells.
+    """
     if scene.map is None or not (scene.map.cell == Cell.GOAL).any():
         return GoalCells(np.zeros_like(blocked), np.empty((0, scene.ndim)))
     goals = _over_map(scene, scene.map.cell == Cell.GOAL, f"{where}: the goal cells of the map")
@@ -179,13 +212,16 @@ def _map_goals(scene: Scene, blocked: NDArray[np.bool_], where: str) -> GoalCell
     return GoalCells(free, np.full((int(free.sum()), scene.ndim), np.nan))
 
 
-def _conductivity(scene: Scene) -> NDArray[np.float64] | None:
+def _conductivity(scene: Scene, keepouts: Sequence[Keepout]) -> NDArray[np.float64] | None:
     costs = None if scene.map is None else scene.map.conductivity
-    if not scene.areas and costs is None:
+    weighted = [effect for effect in keepouts if (effect.conductivity < 1).any()]
+    if not scene.areas and costs is None and not weighted:
         return None
     conductivity = np.ones(tuple(axis.cells for axis in scene.axes))
     if costs is not None:
         conductivity[:] = _over_map(scene, costs, "map.least_conductivity: the costs of places")
+    for effect in weighted:
+        np.minimum(conductivity, over_map(effect.conductivity, scene.axes), out=conductivity)
     for area in scene.areas:
         inside = PointRobot().occupancy(scene.axes, [to_space(area.shape, scene.frame)], "centre")
         conductivity[inside] = area.conductivity
@@ -233,12 +269,29 @@ def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -
     return "; ".join(parts)
 
 
+def _tolerance_remedy(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...], point: Point) -> str:
+    """Return text with the goal tolerance that includes the nearest reachable free cell; empty without such a cell.
+
+    `blocked`: mask of obstacle cells, shape of the space; `cell`, `point`: cell and point of the goal, in axis units.
+    """
+    near = nearest_cell(usable(scene, blocked), cell, scene.axes)
+    if near is None or scene.robot.turning_length is not None:
+        return ""
+    gap = np.array([axis.centres[index] for axis, index in zip(scene.axes, near, strict=True)]) - point
+    turn = np.array([axis.upper - axis.lower for axis in scene.axes])
+    gap -= np.where([axis.periodic for axis in scene.axes], np.round(gap / turn) * turn, 0.0)
+    distance = float(np.linalg.norm(gap))
+    digits = 10.0 ** (np.floor(np.log10(distance)) - 1)
+    return f"; --goal-tolerance {np.ceil(distance / digits) * digits:.3g} includes that place"
+
+
 def _grey(scene: Scene, cell: tuple[int, ...]) -> str:
     """Return text with the grey value of an obstacle pixel of a picture and the threshold of free pixels.
 
     `cell`: index of the pixel's cell along each axis.  The text is empty for free pixels and for other maps.
     """
-    if scene.map is None or format_of(Path(scene.map.table["file"]), scene.map.table) != "image":
+    table = {} if scene.map is None else scene.map.table
+    if scene.map is None or format_of(Path(table["file"]), table) != "image" or any(table.get(key) for key in KEYS):
         return ""
     threshold: int = scene.map.table.get("threshold", THRESHOLD)
     try:

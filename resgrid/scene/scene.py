@@ -21,12 +21,14 @@ from resgrid.scene.consistency import inconsistencies
 from resgrid.scene.control import Control
 from resgrid.scene.goals import CostArea, Goal, GoalCell, GoalPoint
 from resgrid.scene.maps.arrays import MapCells
+from resgrid.scene.maps.formats import read_map
+from resgrid.scene.mask import Mask
 from resgrid.scene.messages import report
 from resgrid.scene.quantities import Listed
 from resgrid.scene.toml_lines import Path
 from resgrid.scene.world_coordinates import cell_centre
 
-IN_FILES = ("title", "boundary", "drive", "sampling", "k", "chip", "control")
+IN_FILES = ("title", "boundary", "drive", "sampling", "k", "mask", "chip", "control")
 """Attributes of `Scene` that are keys of a scene file with the same name and form."""
 
 LISTS = {"obstacle": "obstacles", "hidden": "hidden", "goal": "goals", "area": "areas"}
@@ -58,6 +60,8 @@ class Scene:
     areas : tuple of CostArea
         Regions of configuration space with a conductivity other than 1 (for points and discs, regions of the world).
         Where regions overlap, the last one applies.
+    mask : tuple of Mask
+        Masks over the world, with keep-out areas or speed limits.
     map : MapCells or None
         Cells read from a map file.
     frame : Frame
@@ -108,6 +112,7 @@ class Scene:
     goals: tuple[Goal, ...] = ()
     starts: tuple[Point, ...] = ()
     areas: tuple[CostArea, ...] = ()
+    mask: tuple[Mask, ...] = ()
     map: MapCells | None = None
     frame: Frame = field(default_factory=Frame)
     boundary: Boundary = "dirichlet"
@@ -120,7 +125,7 @@ class Scene:
     source: str | None = None
 
     def __post_init__(self) -> None:
-        for name in ("axes", "obstacles", "hidden", "goals", "areas", "edge", "k"):
+        for name in ("axes", "obstacles", "hidden", "goals", "areas", "mask", "edge", "k"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         object.__setattr__(self, "starts", tuple(tuple(start) for start in self.starts))
         rules = self.edge or ("obstacle",)
@@ -188,7 +193,10 @@ class Scene:
                 robot.base is not None and self.axes[: len(self.map.axes)] != self.map.axes
             )  # joint axes of an arm
             if not has_own:
-                changes["axes"], changes["frame"] = self.map.space_of(robot)
+                cells = changes.get("map", self.map)
+                if robot.extent > cells.extent:  # obstacles around the cropped map that the smaller robot did not need
+                    cells = changes["map"] = read_map(cells.table, robot.extent)
+                changes["axes"], changes["frame"] = cells.space_of(robot)
         axes, frame = changes.get("axes", self.axes), changes.get("frame", self.frame)
         if not (isinstance(axes, list | tuple) and all(isinstance(axis, Axis) for axis in axes)):
             return dataclasses.replace(self, axes=axes)  # raises InputError

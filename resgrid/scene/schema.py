@@ -32,9 +32,11 @@ from resgrid.robots import ROBOTS, Arm, PointRobot, Robot
 from resgrid.robots.arm import Length, Width
 from resgrid.scene.chip import Chip, Defects, Readout
 from resgrid.scene.control import Control
-from resgrid.scene.goals import Conductivity, CostArea, GoalCell, GoalJoints, GoalPoint, GoalPose
+from resgrid.scene.goals import Conductivity, CostArea, GoalCell, GoalPoint, GoalPose
+from resgrid.scene.joint_goals import JOINT_GOALS, Coordinates
 from resgrid.scene.maps.arrays import HEADINGS
 from resgrid.scene.maps.formats import FORMATS, map_options
+from resgrid.scene.mask import Mask
 from resgrid.scene.messages import Problem, message_of, problems_of, unknown_option
 from resgrid.scene.quantities import Listed
 from resgrid.scene.scene import IN_FILES, LISTS, Scene
@@ -45,22 +47,8 @@ from resgrid.scene.toml_lines import Path
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
-Coordinates = Annotated[tuple[float, ...], Strict(False), Len(1, 4)]
 Pair = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]
 Count = Annotated[int, Ge(1), Le(10**15)]
-
-
-class Joints(TableModel):
-    """A goal that is the cell around one configuration of the robot."""
-
-    joints: Annotated[Coordinates, Field(description="Configuration; of an arm its joint angles.")]
-
-
-class JointBox(TableModel):
-    """A goal that is a box of configurations."""
-
-    joints_lower: Annotated[Coordinates, Field(description="Lower corner of the box.")]
-    joints_upper: Annotated[Coordinates, Field(description="Upper corner of the box.")]
 
 
 class Link(TableModel):
@@ -107,15 +95,14 @@ def _area(shape: type, name: str, is_planar: bool) -> Any:
 
 
 _PLACES = {"point": value_of(GoalPoint), "cell": value_of(GoalCell)}
-_JOINTS = {
-    "joints": filled_as(Joints, lambda joints: GoalJoints(joints, joints)),
-    "joints_lower": filled_as(JointBox, lambda **corners: GoalJoints(*corners.values())),
+_START = {
+    "point": filled_as(create_model("point", __base__=TableModel, point=fields_from(GoalPoint)["point"]), GoalPoint)
 }
 KINDS: dict[str, dict[str, Any]] = {
     "obstacle": shape_annotations(SHAPES) | file_annotations(),
     "hidden": shape_annotations(SHAPES),
-    "goal": shape_annotations(REGIONS) | _PLACES | _JOINTS | {"position": value_of(GoalPose)},
-    "start": _PLACES,
+    "goal": shape_annotations(REGIONS) | _PLACES | JOINT_GOALS | {"position": value_of(GoalPose)},
+    "start": _PLACES | _START,
     "area": {name: _area(shape, name, planar) for name, (shape, planar) in SHAPES.items()},
     "robot": {name: value_of(robot, ("type", name)) for name, robot in ROBOTS.items()}
     | {"arm": filled_as(_arm_table(), _arm, "type")},
@@ -301,6 +288,7 @@ TABLES: dict[str, Any] = {
     "grid": GridTable,
     "axes": AxisTable,
     "map": Map,
+    "mask": table_of(Mask),
     "chip": table_of(Chip),
     "control": table_of(Control),
     "readout": table_of(Readout),

@@ -86,7 +86,7 @@ def test_a_map_larger_than_the_memory_gets_the_remedy_for_maps(call, working_fol
     monkeypatch.setattr("resgrid._internal.memory.available_memory", lambda: 4000)
     rejected = call("path", "map.yaml", "--goal", "0.5,0.5", "--start", "1,1")
     assert rejected.exit_code == 4
-    assert "crop the map" in rejected.stderr and "resolution" in rejected.stderr
+    assert "--crop known --coarsen 2 leaves 15 x 9 cells" in rejected.stderr and "radius" not in rejected.stderr
     assert "larger cells" not in rejected.stderr
     scene = call("path", "lesson.toml")
     assert scene.exit_code == 4 and "take fewer, larger cells" in scene.stderr

@@ -155,6 +155,9 @@ def test_json_and_npz_files_contain_the_timed_columns(call, room, tmp_path, suff
         (("--keep-clearance", "1"), "--keep-clearance"),
         (("--shorten", "--keep-clearance", "-1"), "'--keep-clearance'"),
         (("--queries", "some.scen", "--shorten"), "leave out --shorten"),
+        (("--via", "1,1", "--rate", "10"), "leave out --shorten, --speed, --acceleration, --rate"),
+        (("--escape", "--acceleration", "1"), "leave out --shorten, --speed, --acceleration, --rate"),
+        (("--approximate", "--fixed-joints"), "--fixed-joints, --queries and --method"),
         (("-o", "paths.txt"), ".csv, .json, .npz or .yaml"),
     ],
 )

@@ -1,6 +1,6 @@
 """Equation (1) of Connolly & Grupen, against cross products and its invariants.
 
-Tests internals: `resgrid.control.controller`.
+Tests internals: `resgrid.control.equipotential`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 import resgrid as rg
-from resgrid.control.controller import following_velocity
+from resgrid.control.equipotential import following_velocity
 
 number = st.floats(-1e3, 1e3, allow_subnormal=False).map(lambda x: x if abs(x) > 1e-6 else 0.0)
 pairs = st.integers(1, 4).flatmap(lambda n: st.tuples(*[st.lists(number, min_size=n, max_size=n).map(np.array)] * 2))

@@ -82,7 +82,8 @@ def test_centre_sampling_is_proposed_only_if_it_opens_a_path(tmp_path: Path, rad
     result = call(*words)
     assert result.exit_code == 1 and "no_path" in result.stdout
     assert ("--set sampling=centre opens a path" in result.stdout) == helps
-    assert "radius smaller" in result.stdout and "refine" not in result.stdout
+    assert "radius smaller" in result.stdout and ("--refine 4 opens a path" in result.stdout) == helps
+    assert call(*words, "--refine", "4").exit_code == (0 if helps else 1)
     assert (call(*words, "--set", "sampling=centre").exit_code == 0) == helps
 
 

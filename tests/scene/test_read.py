@@ -122,8 +122,14 @@ resistance = "10kohm"
         (GRID + '[[goal]]\nshape = "point"\npoint = [1, 2]', "is not a shape but a key of a place; remove this key"),
         (GRID + "[[goal]]\npoints = [1, 2]", "'points' is unknown; did you mean 'point'?"),
         (GRID + "[[start]]\ncells = [1, 2]", "'cells' is unknown; did you mean 'cell'?"),
-        (GRID + "[[goal]]\npoint = [1, 2]\nradius = 1", "goal[0].radius: no other key goes with point = [...]"),
-        (GRID + "[[goal]]\npoint = [1, 2]\ncell = [1, 1]", "goal[0].cell: no other key goes with point = [...]"),
+        (
+            GRID + "[[goal]]\npoint = [1, 2]\nradius = 1",
+            "goal[0].radius: unknown key of a point; the keys are",
+        ),
+        (
+            GRID + "[[goal]]\npoint = [1, 2]\ncell = [1, 1]",
+            "goal[0].cell: unknown key of a point; the keys are",
+        ),
         (
             GRID + '[[obstacle]]\nshape="rectangle"\nlower=[0,0]\nupper=[1,1]\nradius=1',
             "obstacle[0].radius: unknown key of a rectangle; the keys are shape, lower, upper",

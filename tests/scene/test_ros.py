@@ -445,7 +445,8 @@ def test_goals_in_unknown_space_are_reported_as_unknown(tmp_path):
         rg.build_space(rg.read_scene(file, goal=(1.75, 0.75)))
     with pytest.raises(
         rg.InputError,
-        match=r"lies in an obstacle \(cell \(4, 1\)\); move it to a free place of the .*, the nearest is \S+ \S+$",
+        match=r"lies in an obstacle \(cell \(4, 1\)\); move it to a free place of the .*, the nearest is \S+ \S+; "
+        r"--goal-tolerance 1 includes that place$",
     ):
         rg.build_space(rg.read_scene(file, goal=(2.25, 0.75)))
     with pytest.raises(

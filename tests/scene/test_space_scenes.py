@@ -167,7 +167,7 @@ def test_a_plane_rejects_shapes_in_space(room: Path) -> None:
 def test_a_link_cannot_name_files_of_obstacles(room: Path) -> None:
     document = {"schema": 1, "obstacle": [{"shape": "mesh", "file": "/etc/hostname"}]}
     code = base64.urlsafe_b64encode(zlib.compress(json.dumps(document).encode())).decode()
-    with pytest.raises(rg.InputError, match="needs the file of a map or obstacle, which a link cannot contain"):
+    with pytest.raises(rg.InputError, match="needs the file of a map, mask or obstacle, which a link cannot contain"):
         link_document(f"http://localhost/#s={code}")
     with pytest.raises(rg.InputError, match="needs files of obstacles, to which the page has no access"):
         open_document(document)

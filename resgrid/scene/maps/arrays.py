@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from io import BytesIO
-from math import prod
+from math import inf, prod
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -54,8 +54,15 @@ class MapCells:
         Cells of unknown occupancy, which are obstacles or free in `cell`; None for a format without unknown cells.
     table : mapping
         The ``[map]`` table of the scene; ``file`` is an absolute path.
+    surroundings : CellSet or None
+        Obstacles of a cropped map: the obstacle cells of the part, and those around the part that the robot can touch
+        from inside, on axes that extend beyond `axes`.  None if there are no others than in `cell`.
+    extent : float
+        Largest `Robot.extent` for which `surroundings` is complete, in axis units; infinite for a map that is not
+        cropped.
     obstacles : CellSet
-        The obstacle cells, as a shape in map coordinates.
+        All obstacles of the map, as a shape in map coordinates; without unknown cells if the key
+        ``inflate_around_unknown`` of `table` is false.
 
     Examples
     --------
@@ -77,6 +84,8 @@ class MapCells:
     conductivity: NDArray[np.float64] | None = None
     unknown: NDArray[np.bool_] | None = None
     table: Mapping[str, Any] = field(default_factory=dict)
+    surroundings: CellSet | None = None
+    extent: float = inf
 
     def with_table(self, table: Mapping[str, Any]) -> MapCells:
         """Return a copy with a ``[map]`` table, whose periodic axes are closed to rings.
@@ -100,12 +109,20 @@ class MapCells:
             if name not in names:
                 raise InputError(f"map.periodic: there is no axis {name!r}; the map has {', '.join(names)}")
         axes = tuple(replace(axis, periodic=axis.name in periodic) for axis in self.axes)
-        return replace(self, axes=axes, table=table)
+        around = self.surroundings
+        if around is not None:
+            around = CellSet(tuple(replace(axis, periodic=axis.name in periodic) for axis in around.axes), around.mask)
+        return replace(self, axes=axes, table=table, surroundings=around)
 
     @property
     def obstacles(self) -> CellSet:
-        """The obstacle cells, as a shape in map coordinates."""
-        return CellSet(self.axes, self.cell == Cell.OBSTACLE)
+        """All obstacles of the map, `surroundings` included, as a shape in map coordinates."""
+        if self.surroundings is not None:
+            return self.surroundings
+        blocked = self.cell == Cell.OBSTACLE
+        if self.unknown is not None and not self.table.get("inflate_around_unknown", True):
+            blocked &= ~self.unknown
+        return CellSet(self.axes, blocked)
 
     def space_of(self, robot: Robot) -> tuple[tuple[Axis, ...], Frame]:
         """Return the axes and the frame of the configuration space of a robot on this map.
@@ -121,13 +138,24 @@ class MapCells:
             Axes of the space; a turning robot adds one for its heading.
         frame : Frame
             Transformation from axis units to world coordinates.
+
+        Raises
+        ------
+        InputError
+            If the map was cropped for a smaller robot, or the robot does not fit on a map.
         """
+        if robot.extent > self.extent:
+            raise InputError(
+                f"the map was cropped for a robot that extends {self.extent:g} from its reference point, and this "
+                f"robot extends {robot.extent:g}; read the scene again with this robot"
+            )
         axes = robot.axes_on_map(self.axes, self.table.get("headings", HEADINGS))
         return tuple(axes), replace(self.frame, turning_length=robot.turning_length)
 
     def without_obstacles(self) -> MapCells:
         """Return a copy of the map in which obstacle cells are free."""
-        return replace(self, cell=np.where(self.cell == Cell.OBSTACLE, np.uint8(Cell.FREE), self.cell))
+        cell = np.where(self.cell == Cell.OBSTACLE, np.uint8(Cell.FREE), self.cell)
+        return replace(self, cell=cell, unknown=None, surroundings=None)
 
 
 def cells_from_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -20,7 +20,8 @@ from resgrid.scene.maps.arrays import MapCells, placed_axes, read_npy
 from resgrid.scene.maps.movingai import PASSABLE, read_movingai, read_voxels
 from resgrid.scene.maps.pictures import THRESHOLD, read_epic, read_grey
 from resgrid.scene.maps.pnm import MAGICS
-from resgrid.scene.maps.ros import read_ros, ros_greys
+from resgrid.scene.maps.preparation import KEYS, LoadedMap, MapSource, Preparation
+from resgrid.scene.maps.ros import open_ros, read_ros, ros_greys
 from resgrid.scene.maps.ros_header import NEWEST
 from resgrid.scene.table_models import fields_from
 
@@ -30,7 +31,8 @@ class MapFormat:
     """A format of map files.
 
     `read`: reader, which returns the map, or only the cell codes if the format has no position and resolution;
-    `suffixes`: suffixes of the files, with the point; `magic`: possible first bytes of the files.  The options of the
+    `suffixes`: suffixes of the files, with the point; `magic`: possible first bytes of the files; `open`: function with
+    the options of `read` that returns a source of parts, None if the whole map must be read.  The options of the
     reader are keys of the ``[map]`` table; the types of its parameters give their ranges, its docstring their
     descriptions.
     """
@@ -38,6 +40,7 @@ class MapFormat:
     read: Callable[..., NDArray[np.uint8] | MapCells]
     suffixes: tuple[str, ...] = ()
     magic: tuple[bytes, ...] = ()
+    open: Callable[..., MapSource] | None = None
 
     @property
     def options(self) -> dict[str, Any]:
@@ -53,7 +56,7 @@ PICTURES = (".png", ".pgm", ".pnm", ".ppm", ".pbm", ".bmp", ".gif", ".tif", ".ti
 """File name suffixes of pictures."""
 
 FORMATS: dict[str, MapFormat] = {
-    "ros": MapFormat(read_ros, (".yaml", ".yml")),
+    "ros": MapFormat(read_ros, (".yaml", ".yml"), open=open_ros),
     "movingai": MapFormat(read_movingai, (".map",), (b"type ",)),
     "voxels": MapFormat(read_voxels, (".3dmap",), (b"voxel ",)),
     "image": MapFormat(read_grey, PICTURES, (b"\x89PNG", b"BM", b"GIF8", b"\xff\xd8\xff", *MAGICS)),
@@ -69,7 +72,7 @@ COMMON = ("file", "format", "periodic", "headings")
 
 
 def map_options() -> dict[str, Any]:
-    """Return the options of all map readers by name, as pairs of a type annotation and a pydantic field.
+    """Return the options of all map readers and of the preparation by name: pairs of a type and a pydantic field.
 
     The field holds default and description, which ends with the names of the formats that have this option.
     """
@@ -80,17 +83,18 @@ def map_options() -> dict[str, Any]:
         hint, field = options[names[0]][key]
         about = str(field.description or key).removesuffix(".")
         fields[key] = hint, Field(field.default, description=f"{about} ({', '.join(names)}).")
-    return fields
+    return fields | fields_from(Preparation, KEYS)
 
 
-def read_map(table: Mapping[str, Any]) -> MapCells:
-    """Return the cells of the map file of a ``[map]`` table.
+def read_map(table: Mapping[str, Any], extent: float = 0.0) -> MapCells:
+    """Return the prepared cells of the map file of a ``[map]`` table.
 
-    `table`: values by key; ``file`` is an absolute path, the other keys are options of the reader.
+    `table`: values by key; ``file`` is an absolute path, the other keys are options of the reader; `extent`: largest
+    distance from the robot's reference point to a point of the robot, for the obstacles around a cropped map.
     """
     path = Path(table["file"])
     name = format_of(path, table)
-    options = {key: value for key, value in table.items() if key not in COMMON}
+    options = {key: value for key, value in table.items() if key not in (*COMMON, *KEYS)}
     known = FORMATS[name].options
     for key in options:
         if key not in known:
@@ -98,8 +102,18 @@ def read_map(table: Mapping[str, Any]) -> MapCells:
             raise InputError(f"{path}: map.{key}: a map of format {name!r} has no such option; {hint}")
     placing = {key: options.pop(key) for key in signature(placed_axes).parameters if key in options}
     try:
-        found = FORMATS[name].read(path, **options)
-        cells = found if isinstance(found, MapCells) else MapCells(placed_axes(found.shape, **placing), found)
+        preparation = Preparation.of(table, extent)
+        opened = FORMATS[name].open
+        if opened is not None and (preparation.crop is not None or preparation.coarsen > 1):
+            source = opened(path, **options)
+        else:
+            found = FORMATS[name].read(path, **options)
+            source = LoadedMap(
+                found if isinstance(found, MapCells) else MapCells(placed_axes(found.shape, **placing), found)
+            )
+        cells = preparation.apply(source, table.get("periodic") or ())
+    except InputError as error:
+        raise InputError(f"{path}: {error}" if str(error).startswith("map.") else str(error)) from None
     except BudgetError:
         raise
     except MemoryError:  # a limit that the memory estimate does not include, such as ulimit -v
@@ -159,6 +173,7 @@ def describe_map(cells: MapCells) -> dict[str, Any]:
     file = Path(table["file"])
     name = format_of(file, table)
     described: dict[str, Any] = {"file": str(file), "format": name}
+    described |= {key: table[key] for key in KEYS if table.get(key) is not None}
     if name == "ros":
         dialect = table.get("dialect", NEWEST)
         described["dialect"] = dialect

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 
 BYTES_PER_PIXEL = 24
 """Estimated memory for the conversion of a picture to cells, in bytes per pixel."""
+
+DECODED_BYTES = 5
+"""Estimated memory of a decoded picture of which only parts are converted to cells, in bytes per pixel."""
 
 THRESHOLD = 128
 """Default of the smallest grey value (0 to 255) of a free pixel."""
@@ -61,10 +64,16 @@ class Raster:
     numbers: NDArray[np.uint8] | None = None
     is_grey_alpha: bool = False
 
-    def rows(self, first: int, last: int) -> Raster:
-        """Return the rows from `first` to `last` (exclusive) as a raster."""
-        numbers = None if self.numbers is None else self.numbers[first:last]
-        return Raster(self.values[first:last], self.maxval, numbers, self.is_grey_alpha)
+    def part(self, rows: slice, columns: slice) -> Raster:
+        """Return a part of the picture as a raster that shares the memory; row 0 is the top row."""
+        numbers = None if self.numbers is None else self.numbers[rows, columns]
+        return Raster(self.values[rows, columns], self.maxval, numbers, self.is_grey_alpha)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        height, width = self.values.shape[:2]
+        return height, width
 
     @property
     def has_alpha(self) -> bool:
@@ -132,15 +141,65 @@ def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
     `bytes_per_pixel`: memory that the caller needs per pixel; BudgetError is raised if the picture would not fit in
     memory.
     """
-    data = read_bytes(path)
-    if not data:
-        raise InputError(f"{path}: the file is empty; copy it again")
+    data = _bytes_of(path)
     if data[:2] in MAGICS:
         return Raster(*read_pnm(data, path, bytes_per_pixel))
     return _read_with_pillow(data, path, bytes_per_pixel)
 
 
-def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int) -> Raster:
+def open_picture(path: Path) -> Raster | DecodedPicture:
+    """Return a picture file, decoded at most once, of which `part` returns windows as rasters.
+
+    The memory is that of the file and, for compressed files, of the decoded pixels.  BudgetError is raised if these
+    would not fit; the caller checks the memory of the windows.
+    """
+    data = _bytes_of(path)
+    if data[:2] in MAGICS:
+        return Raster(*read_pnm(data, path, 0))  # shares the memory of the file
+    return _read_with_pillow(data, path, DECODED_BYTES, in_parts=True)
+
+
+def _bytes_of(path: Path) -> bytes:
+    data = read_bytes(path)
+    if not data:
+        raise InputError(f"{path}: the file is empty; copy it again")
+    return data
+
+
+@dataclass(frozen=True, eq=False)
+class DecodedPicture:
+    """A picture in the memory of Pillow.
+
+    `image`: the picture; `data`: content of the file; `path`: name of the file, for messages.
+    """
+
+    image: Image
+    data: bytes
+    path: Path
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width in pixels."""
+        return self.image.height, self.image.width
+
+    def part(self, rows: slice, columns: slice) -> Raster:
+        """Return a part of the picture as a raster; row 0 is the top row, and the slices have no step."""
+        (top, bottom, _), (left, right, _) = rows.indices(self.image.height), columns.indices(self.image.width)
+        return _raster(self.image.crop((left, top, right, bottom)), self.data, self.path)
+
+
+@overload
+def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int) -> Raster: ...
+@overload
+def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int, *, in_parts: bool) -> Raster | DecodedPicture: ...
+def _read_with_pillow(
+    data: bytes, path: Path, bytes_per_pixel: int, *, in_parts: bool = False
+) -> Raster | DecodedPicture:
+    """Return a picture that Pillow decodes, as a raster, or in a form of which parts can be converted to rasters.
+
+    `data`: content of the file; `path`: for messages; `bytes_per_pixel`: memory that the caller needs per pixel;
+    `in_parts`: whether parts are enough.  Layouts that need the whole picture are returned as rasters.
+    """
     from PIL import Image, UnidentifiedImageError
 
     try:
@@ -149,6 +208,10 @@ def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int) -> Raster:
             Image.open(BytesIO(data)).verify()  # checks the checksums of PNG, which decoding ignores
             image = Image.open(BytesIO(data))
         require_grid_memory(image.size, str(path), bytes_per_pixel, SMALLER_MAP)
+        is_deep = image.mode in DEEP_MODES or (_png_layout(data) or (0,))[0] == 16
+        if in_parts and not (is_deep or min(image.size) == 0 or image.mode == "F" or _has_spare_bytes(data)):
+            image.load()
+            return DecodedPicture(image, data, path)
         return _raster(image, data, path)
     except UnidentifiedImageError:
         raise InputError(f"{path}: this is not a picture of a known format (PNG, PGM, JPEG, BMP, ...)") from None

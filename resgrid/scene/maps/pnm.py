@@ -67,7 +67,7 @@ def read_pnm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> 
             f"{path}: pixel {int(values.argmax()) // channels} is {values.max()}, above the maximum {maxval} of the "
             "header; correct the header or export the picture again"
         )
-    return values.reshape(height, width, channels).astype(np.uint8 if maxval < 256 else np.uint16), maxval
+    return values.reshape(height, width, channels).astype(np.uint8 if maxval < 256 else np.uint16, copy=False), maxval
 
 
 def _read_header(data: bytes, path: Path) -> _Header:

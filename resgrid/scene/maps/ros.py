@@ -4,22 +4,29 @@ from __future__ import annotations
 
 import os
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
 from numpy.typing import NDArray
 
+from resgrid._internal.memory import SMALLER_MAP, require_grid_memory
 from resgrid.core.axis import Axis
 from resgrid.core.cell import Cell
 from resgrid.core.frame import Frame
 from resgrid.errors import InputError
 from resgrid.scene.maps.arrays import MapCells
-from resgrid.scene.maps.pictures import BYTES_PER_PIXEL, Raster, read_raster
-from resgrid.scene.maps.ros_dialects import CONVERTERS, UNKNOWN, occupancies
+from resgrid.scene.maps.pictures import BYTES_PER_PIXEL, DecodedPicture, Raster, open_picture
+from resgrid.scene.maps.preparation import Window, part_of
+from resgrid.scene.maps.ros_dialects import CONVERTERS, UNKNOWN, occupancies as convert
 from resgrid.scene.maps.ros_header import NEWEST, Dialect, RosHeader, picture_of, read_header
+from resgrid.scene.maps.size_advice import smaller_map
 from resgrid.scene.messages import unknown_option
+
+_PIXELS_PER_BLOCK = 1 << 20
+"""Number of pixels that are converted at once in the search for the known part; limits the memory of the search."""
 
 COSTS_BYTES = 40
 """Estimated memory for the conversion of occupancies to conductivities, in bytes per pixel."""
@@ -47,8 +54,84 @@ def read_ros(
         Conductivity c of a cell just below `lethal`; a cell of occupancy p has the conductivity c ** (p / lethal).  By
         default all free cells have conductivity 1.
     """
+    source = open_ros(path, dialect, unknown=unknown, lethal=lethal, least_conductivity=least_conductivity)
+    return source.cells(tuple((0, axis.cells) for axis in source.axes))
+
+
+@dataclass(frozen=True, eq=False)
+class RosParts:
+    """A ROS map as a source of parts.
+
+    `path`: the ``map.yaml``; `header`: its keys; `picture`: its picture, of which parts can be converted; `dialect`:
+    ROS map reader whose rules apply; `options`: further options of `read_ros`; `axes`, `frame`: position of the whole
+    map.
+    """
+
+    path: Path
+    header: RosHeader
+    picture: Raster | DecodedPicture
+    dialect: Dialect
+    options: dict[str, Any]
+    axes: tuple[Axis, ...]
+    frame: Frame
+
+    def known(self) -> Window | None:
+        """Return the smallest window with all cells of known occupancy; None if no cell is known."""
+        height, width = self.picture.shape
+        step = max(1, _PIXELS_PER_BLOCK // width)
+        rows, columns = np.zeros(height, dtype=bool), np.zeros(width, dtype=bool)
+        for first in range(0, height, step):
+            is_known = self.occupancies(slice(first, min(first + step, height)), slice(0, width)) != UNKNOWN
+            rows[first : first + step] = is_known.any(axis=1)
+            columns |= is_known.any(axis=0)
+        if not rows.any():
+            return None
+        (left, right), (top, bottom) = (np.flatnonzero(hits)[[0, -1]].tolist() for hits in (columns, rows))
+        return (left, right + 1), (height - 1 - bottom, height - top)
+
+    def cells(self, window: Window) -> MapCells:
+        """Return the cells of a window; raise BudgetError if they would not fit in memory."""
+        (left, right), (low, high) = window
+        pixel = BYTES_PER_PIXEL if self.options.get("least_conductivity") is None else COSTS_BYTES
+        size = right - left, high - low
+        require_grid_memory(size, str(self.path), pixel, lambda ratio: smaller_map(size, ratio, self.known()))
+        height, _ = self.picture.shape
+        occupancy = self.occupancies(slice(height - high, height - low), slice(left, right))[::-1].copy()
+        axes = tuple(
+            part_of(axis, first, end, end - first) for axis, (first, end) in zip(self.axes, window, strict=True)
+        )
+        return _cells(occupancy, self.header, axes, self.frame, **self.options)
+
+    def occupancies(self, rows: slice, columns: slice) -> NDArray[np.int8]:
+        """Return the occupancies of a part of the picture, top row first."""
+        return convert(self.picture.part(rows, columns), self.header, self.dialect)
+
+
+def open_ros(path: Path, dialect: Dialect = NEWEST, **options: Any) -> RosParts:
+    """Return a ROS map as a source of parts; the options are those of `read_ros`."""
     header = read_header(path, dialect)
-    occupancy = _occupancy(path, header, dialect, BYTES_PER_PIXEL if least_conductivity is None else COSTS_BYTES)
+    name = picture_of(path, header.image)
+    picture = open_picture(name)
+    if isinstance(picture, Raster):
+        _warn_of_palette(name, picture, dialect)
+    else:
+        _warn_of_palette(name, picture.part(slice(0, 1), slice(0, 1)), dialect)
+    return RosParts(path, header, picture, dialect, options, *_place(header, picture.shape))
+
+
+def _cells(
+    occupancy: NDArray[np.int8],
+    header: RosHeader,
+    axes: tuple[Axis, ...],
+    frame: Frame,
+    unknown: str = "obstacle",
+    lethal: int | None = None,
+    least_conductivity: float | None = None,
+) -> MapCells:
+    """Return the cells for occupancies (height, width), bottom row first.
+
+    `header`: keys of the ``map.yaml``; `axes`, `frame`: position of the cells; the options are those of `read_ros`.
+    """
     occupied = _is_occupied(occupancy, header, lethal)
     unseen = occupancy == UNKNOWN
     cell = np.where(occupied, np.uint8(Cell.OBSTACLE), np.uint8(Cell.FREE))
@@ -57,7 +140,6 @@ def read_ros(
     if least_conductivity is not None:
         fraction = np.clip(occupancy, 0, None) / _lethal(header, lethal)
         conductivity = np.ascontiguousarray(np.where(occupied, 1.0, least_conductivity**fraction).T)
-    axes, frame = _place(header, cell.shape)
     return MapCells(axes, np.ascontiguousarray(cell.T), frame, conductivity, np.ascontiguousarray(unseen.T))
 
 
@@ -68,7 +150,7 @@ def ros_greys(path: Path, dialect: Dialect = NEWEST, lethal: int | None = None) 
     obstacle; None for the threshold in the ``map.yaml``.
     """
     header = read_header(path, dialect)
-    occupancy = occupancies(Raster(np.arange(256, dtype=np.uint8).reshape(1, 256, 1), 255), header, dialect)
+    occupancy = convert(Raster(np.arange(256, dtype=np.uint8).reshape(1, 256, 1), 255), header, dialect)
     words = np.where(_is_occupied(occupancy, header, lethal), "obstacle", "free")
     return [str(word) for word in np.where(occupancy == UNKNOWN, "unknown", words)[0]]
 
@@ -125,22 +207,23 @@ def from_occupancy_grid(file: str | os.PathLike[str], dialect: Dialect = NEWEST)
            [  0,   0,   0]], dtype=int8)
     """
     _require_dialect(dialect)
-    return _occupancy(Path(file), read_header(Path(file), dialect), dialect)
+    source = open_ros(Path(file), dialect)
+    require_grid_memory(source.picture.shape[::-1], str(source.path), BYTES_PER_PIXEL, SMALLER_MAP)
+    return source.occupancies(slice(None), slice(None))[::-1].copy()
 
 
-def _occupancy(path: Path, header: RosHeader, dialect: Dialect, pixel: int = BYTES_PER_PIXEL) -> NDArray[np.int8]:
-    picture = picture_of(path, header.image)
-    raster = read_raster(picture, pixel)
+def _warn_of_palette(picture: Path, raster: Raster, dialect: Dialect) -> None:
+    """Issue a warning if the grey values of a picture are indices of its palette, as in map_server of ROS 1."""
     if dialect == "ros1" and raster.numbers is not None:
         warnings.warn(
             f"{picture}: like map_server of ROS 1, this reader uses the indices of the palette as grey values; save "
             "the picture without a palette",
-            stacklevel=2,
+            stacklevel=3,
         )
-    return occupancies(raster, header, dialect)[::-1].copy()
 
 
 def _place(header: RosHeader, shape: tuple[int, ...]) -> tuple[tuple[Axis, ...], Frame]:
+    """Return axes and frame of a map with pixels of shape (height, width); `header`: keys of the ``map.yaml``."""
     height, width = shape
     x, y, yaw = header.origin
     frame = Frame(x, y, yaw) if yaw else Frame()

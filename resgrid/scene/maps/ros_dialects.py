@@ -67,7 +67,8 @@ def occupancies(raster: Raster, header: RosHeader, dialect: Dialect) -> NDArray[
         return np.asarray(convert(Raster(every, raster.maxval), header)[0][raster.values[..., 0]])
     result = np.empty(raster.values.shape[:2], dtype=np.int8)
     for first in range(0, len(result), ROWS_PER_BLOCK):
-        result[first : first + ROWS_PER_BLOCK] = convert(raster.rows(first, first + ROWS_PER_BLOCK), header)
+        rows = slice(first, first + ROWS_PER_BLOCK)
+        result[rows] = convert(raster.part(rows, slice(None)), header)
     return result
 
 

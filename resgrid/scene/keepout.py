@@ -1,0 +1,92 @@
+"""Cells that a scene forbids to the robot's reference point: keep-out masks, and unknown space without inflation."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.core.axis import Axis
+from resgrid.core.frame import Frame
+from resgrid.errors import InputError
+from resgrid.robots import CellSet
+from resgrid.scene.maps.mask_grids import read_mask
+from resgrid.scene.scene import Scene
+from resgrid.scene.world_coordinates import over_map, unknown_cells
+
+
+class Keepout(NamedTuple):
+    """Effect of a keep-out mask on the cells of the plane, all of shape (columns, rows).
+
+    `name`: key path of the mask; `blocked`: mask of forbidden cells; `conductivity`: upper bound of the conductivity of
+    every cell; `inflate`: whether the whole robot stays out of forbidden cells; `axes`: axes x and y of the cells.
+    """
+
+    name: str
+    blocked: NDArray[np.bool_]
+    conductivity: NDArray[np.float64]
+    inflate: bool
+    axes: tuple[Axis, ...]
+
+    @property
+    def obstacle(self) -> CellSet:
+        """The forbidden cells as an obstacle in the coordinates of the space."""
+        return CellSet(self.axes, self.blocked)
+
+
+def keepouts_of(scene: Scene) -> list[Keepout]:
+    """Return the effects of all keep-out masks of a scene; raise InputError if a mask does not apply to its robot.
+
+    A cell is forbidden if a pixel of at least the mask's `lethal` occupancy overlaps the cell, or, with the scene's
+    sampling "centre", contains its centre.  The occupancies of keep-out masks follow Nav2's KeepoutFilter, in which the
+    larger cost wins.
+    """
+    require_places(scene)
+    effects = []
+    for number, mask in enumerate(scene.mask):
+        if mask.kind != "keepout":
+            continue
+        grid, axes = read_mask(mask.file, mask.dialect), scene.axes[:2]
+        occupancy = grid.largest_in(axes, scene.frame, centres=scene.sampling == "centre")
+        blocked = occupancy >= mask.lethal
+        weight = np.where(blocked, 0, np.clip(occupancy, 0, None)) / mask.lethal
+        effects.append(Keepout(f"mask[{number}]", blocked, mask.least_conductivity**weight, mask.inflate, axes))
+    return effects
+
+
+def require_places(scene: Scene) -> None:
+    """Raise InputError for masks of a scene whose robot's configurations do not begin with a place (x, y)."""
+    if scene.mask and (scene.robot.base is not None or scene.ndim < 2):
+        raise InputError(
+            f"{scene.source or 'scene'}: mask[0] applies to robots that move in the plane, not to this robot; remove "
+            "the masks"
+        )
+
+
+def forbidden_places(scene: Scene, keepouts: list[Keepout]) -> dict[str, NDArray[np.bool_]]:
+    """Return the masks of cells, shape of the space, that only the reference point must avoid, by name of their cause.
+
+    Names: ``"mask[0]"`` and so on for keep-out masks without inflation, ``"unknown"`` for unknown space.
+    """
+    parts = {effect.name: over_map(effect.blocked, scene.axes) for effect in keepouts if not effect.inflate}
+    if scene.map is not None and not scene.map.table.get("inflate_around_unknown", True):
+        unknown = unknown_cells(scene.map, scene.axes)
+        if unknown is not None:
+            parts["unknown"] = unknown
+    return parts
+
+
+def mask_at(scene: Scene, cell: tuple[int, ...]) -> str | None:
+    """Return the key path of the first keep-out mask that forbids a cell; None if no mask forbids it."""
+    axes = tuple(
+        Axis(axis.name, axis.lower + index * axis.spacing, axis.lower + (index + 1) * axis.spacing, 1)
+        for axis, index in zip(scene.axes[:2], cell[:2], strict=True)
+    ) if scene.mask else ()  # fmt: skip
+    frame = Frame(scene.frame.x, scene.frame.y, scene.frame.yaw)
+    for number, mask in enumerate(scene.mask):
+        if mask.kind == "keepout":
+            grid = read_mask(mask.file, mask.dialect)
+            if grid.largest_in(axes, frame, centres=scene.sampling == "centre")[0, 0] >= mask.lethal:
+                return f"mask[{number}]"
+    return None

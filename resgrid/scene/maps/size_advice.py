@@ -1,0 +1,37 @@
+"""Advice for maps with too many cells, with the numbers of cells that remain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil, prod
+
+from resgrid.scene.maps.preparation import Window
+
+
+def smaller_map(shape: Sequence[int], ratio: float, known: Window | None) -> str:
+    """Return the options that make a map fit in memory, with the remaining numbers of cells, as text.
+
+    `shape`: number of cells along every axis of the map; `ratio`: needed divided by available memory; `known`: window
+    of the cells of known occupancy, None for a map without unknown cells.
+    """
+    parts = ["--crop X0,Y0,X1,Y1 keeps the part that you need"] if len(shape) == 2 else []
+    kept = list(shape) if known is None else [end - first for first, end in known]
+    if kept != list(shape):
+        parts = ["--crop known" + _joined(kept, ratio * prod(kept) / prod(shape))]
+    return ", or ".join([*parts, _joined(shape, ratio).strip()])
+
+
+def _joined(shape: Sequence[int], ratio: float) -> str:
+    """Return the option that joins enough cells to divide their number by `ratio`, with the remaining number.
+
+    `shape`: number of cells along every axis.
+    """
+    step = ceil(max(ratio, 1.0) ** (1 / len(shape)))
+    while prod(ceil(cells / step) for cells in shape) * ratio > prod(shape):
+        step += 1
+    option = f" --coarsen {step}" if step > 1 else ""
+    return f"{option} leaves {_size([ceil(cells / step) for cells in shape])} cells"
+
+
+def _size(shape: Sequence[int]) -> str:
+    return " x ".join(map(str, shape))

@@ -1,0 +1,77 @@
+"""Masks of a scene: ROS maps whose pixels are keep-out weights or speed limits, as the costmap filters of Nav2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Annotated, Literal
+
+from annotated_types import Ge, Gt, Le
+
+from resgrid._internal.validation import checked
+from resgrid.errors import InputError
+from resgrid.scene.maps.ros_header import NEWEST, Dialect
+
+_OF_KIND = {"lethal": "keepout", "least_conductivity": "keepout", "inflate": "keepout",
+            "unit": "speed", "base": "speed", "multiplier": "speed"}  # fmt: skip
+"""Kind of mask to which each further key belongs."""
+
+
+@checked
+@dataclass(frozen=True)
+class Mask:
+    """A ROS map over the world with keep-out areas or speed limits, such as a mask of a costmap filter of Nav2.
+
+    The mask has a resolution, an origin and a rotation of its own.  Pixels are occupancies by the rules of its
+    ``map.yaml`` (``mode: scale`` for values between 0 and 100); unknown pixels, and the world outside the mask, have no
+    effect.
+
+    Attributes
+    ----------
+    file : str
+        The ``map.yaml`` of the mask, relative to the scene's folder.
+    kind : {"keepout", "speed"}
+        Meaning of the occupancies: `keepout` (forbidden places and weights) or `speed` (limits of the robot's speed).
+    dialect : {"nav2", "nav2-jazzy", "ros1"}
+        ROS map reader whose rules apply.
+    lethal : int
+        Smallest occupancy of a forbidden pixel (keepout).
+    least_conductivity : float
+        Conductivity c of a place just below `lethal`; a place of occupancy p has at most the conductivity
+        c ** (p / lethal) (keepout).
+    inflate : bool
+        Whether the whole robot stays out of forbidden pixels; by default, as in Nav2, only its reference point does
+        (keepout).
+    unit : {"percent", "m/s"}
+        Unit of the limits `base + multiplier * occupancy`: percent of the largest speed, or length per second (speed).
+    base, multiplier : float
+        Coefficients of the limits.  A pixel of occupancy 0 has no limit, nor has one whose limit is 0 or out of range
+        (speed).
+
+    Raises
+    ------
+    InputError
+        If a value is out of range, or a key belongs to the other kind.
+
+    Examples
+    --------
+    >>> rg.Mask("zones.yaml", "speed", unit="m/s", multiplier=0.01).kind
+    'speed'
+    """
+
+    file: str
+    kind: Literal["keepout", "speed"]
+    dialect: Dialect = NEWEST
+    lethal: Annotated[int, Ge(1), Le(100)] = 100
+    least_conductivity: Annotated[float, Gt(0), Le(1)] = 0.1
+    inflate: bool = False
+    unit: Literal["percent", "m/s"] = "percent"
+    base: float = 0.0
+    multiplier: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not self.file:
+            raise InputError("file: the name of the mask's map.yaml is empty")
+        for item in fields(self):
+            kind = _OF_KIND.get(item.name, self.kind)
+            if kind != self.kind and getattr(self, item.name) != item.default:
+                raise InputError(f"{item.name} belongs to masks of kind {kind!r}, not {self.kind!r}; remove it")

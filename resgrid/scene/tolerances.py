@@ -1,0 +1,55 @@
+"""Goals with a tolerance, and headings at the goal of robots without a heading of their own."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.core.axis import Point
+from resgrid.errors import InputError
+from resgrid.robots import Ball, GoalCells
+from resgrid.robots.cells import region_cells
+from resgrid.scene.goals import GoalPoint
+from resgrid.scene.scene import Scene
+
+
+def tolerant_goal(scene: Scene, point: Point, tolerance: float) -> GoalCells:
+    """Return the goal cells within a distance of a goal point in axis units, each with a configuration of the goal.
+
+    `point`: place of the reference point, or a configuration (x, y, heading), whose heading has no tolerance;
+    `tolerance`: largest distance of the reference point.
+    """
+    robot, axes = scene.robot, scene.axes
+    if robot.base is not None or robot.moves_in_workspace or len(point) < len(axes):
+        return robot.goal_cells(axes, Ball(point, tolerance))
+    places, near = region_cells(axes[:2], Ball(point[:2], tolerance))
+    turns, headings = region_cells(axes[2:], point[2:])
+    points = np.column_stack([near, np.repeat(headings, len(near), axis=0)])
+    return GoalCells(places[:, :, np.newaxis] & turns, points)
+
+
+def require_no_heading(scene: Scene, key: str) -> None:
+    """Raise InputError unless the robot is a point or a disc in the plane; `key`: key path of a goal with a heading."""
+    if scene.robot.turning_length is not None:
+        raise InputError(
+            f"{key}.heading: this robot has a heading of its own; give it as third coordinate of the point, and remove "
+            "heading"
+        )
+    if not scene.robot.moves_in_workspace or scene.ndim != 2:
+        raise InputError(f"{key}.heading applies to points and discs in the plane, not to this robot; remove heading")
+
+
+def goal_heading(scene: Scene, end: NDArray[np.float64]) -> float | None:
+    """Return the heading that a scene demands at the end of a path that reaches a goal; None for no demand.
+
+    `end` (ndim,): last point of the path in world coordinates.  Among goals whose disc contains the end, the nearest
+    one applies.
+    """
+    slack = max(axis.spacing for axis in scene.axes)
+    distance = {
+        goal: float(np.linalg.norm(np.subtract(goal.point, end)))
+        for goal in scene.goals
+        if isinstance(goal, GoalPoint) and len(goal.point) == len(end)
+    }
+    within = [goal for goal, apart in distance.items() if apart <= goal.tolerance + slack]
+    return min(within, key=distance.__getitem__).heading if within else None
