@@ -100,7 +100,7 @@ class ToolMissingError(ResgridError, OSError):
     """
 
 
-class BudgetError(ResgridError, MemoryError):
+class BudgetError(MemoryError, ResgridError):
     """The job needs more memory, disk space or time than allowed; the message contains the estimate.
 
     Examples

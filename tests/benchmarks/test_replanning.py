@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.replanning import MAPS, dstar_lite, ends_of, frames, measure, resgrid_fresh, resgrid_update
+from benchmarks.replanning import MAPS, ends_of, frames, measure, resgrid_fresh, resgrid_update
 
 
 @pytest.mark.parametrize("make", MAPS.values(), ids=MAPS)
@@ -18,10 +18,8 @@ def test_frames_change_few_cells_and_keep_start_and_goal(make) -> None:
         last = frame
 
 
-@pytest.mark.parametrize("prepare", [resgrid_update, resgrid_fresh, dstar_lite])
+@pytest.mark.parametrize("prepare", [resgrid_update, resgrid_fresh])
 def test_contenders_find_free_paths(prepare) -> None:
-    if prepare is dstar_lite:
-        pytest.importorskip("pathplanning")
     free = MAPS["pillars"](30, np.random.default_rng(5))
     start, goal = ends_of(free)
     seconds, figures = measure(prepare, frames(free, start, goal, 3, np.random.default_rng(6)), start, goal)

@@ -50,6 +50,11 @@ def test_copies_and_pickles_keep_class_message_and_attributes(kind: type[Excepti
     assert getattr(error, "best", 3.0) == 3.0
 
 
+@pytest.mark.parametrize("kind", BUILTINS, ids=lambda kind: kind.__name__)
+def test_exceptions_can_be_created_by_new_as_dask_does(kind: type[Exception]) -> None:
+    assert kind.__new__(kind, "the message").args == ("the message",)
+
+
 def test_public_functions_raise_the_built_in_exceptions() -> None:
     with pytest.raises(ValueError, match="must lie below"):
         rg.Axis("x", 1.0, 0.0, 4)
