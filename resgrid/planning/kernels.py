@@ -65,7 +65,7 @@ def _face(flow: Flow, cell: Integers, axis: int) -> int:
     return face
 
 
-@inner
+@inlined
 def face_velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> float:
     """Write a cell's face currents over the largest to `lower, upper` (signed by axis); return ln of the largest."""
     scale = -np.inf
@@ -112,7 +112,7 @@ def _moved(x: float, lower: float, upper: float, time: float) -> float:
     return min(max(x + step, 0.0), 1.0)
 
 
-@inner
+@inlined
 def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int, int]:
     """Return time, axis (-1: none), side (-1 lower, 1 upper) of the exit from `local` (0 to 1), for face velocities."""
     time, across, side = np.inf, -1, 0
@@ -135,7 +135,7 @@ def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
     return speed, across, side
 
 
-@inner
+@inlined
 def _cross(local: Floats, lower: Floats, upper: Floats, spacing: Floats) -> tuple[float, float, int, int]:
     """Move `local` (0 to 1) to the exit of its cell; return time, length, axis (-1: none), side (-1 lower, 1 upper)."""
     time, across, side = _first_exit(local, lower, upper)
