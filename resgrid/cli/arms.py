@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -13,30 +11,17 @@ from resgrid.cli.terminal import say, stage
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
     from pathlib import Path
 
     from resgrid.cli.scenes import Job
     from resgrid.io.paths import Route
     from resgrid.planning.streamline import AnyPath
 
-MANY_CELLS = 2**15
-"""Number of cells of a space from which on worker processes save more time than their start takes."""
-
 CHECK_STEP = 0.002
 """Largest motion of any point of the robot between two collision tests, in metres."""
 
 CLEARANCE_STEP = 0.01
 """Largest motion of any point of the robot between two distance computations, in metres."""
-
-
-def workers_for(scene: rg.Scene, cells: int) -> AbstractContextManager[Executor | None]:
-    """Return a context with an executor on all cores if it shortens the proof of a scene's cells, otherwise with None.
-
-    `cells`: number of cells of the space.
-    """
-    is_long = scene.robot.workspace_ndim == 3 and scene.sampling == "conservative" and cells >= MANY_CELLS
-    return rg.open_executor("processes") if is_long and (os.cpu_count() or 1) > 1 else nullcontext()
 
 
 def verdict_data(job: Job) -> dict[str, Any]:

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import resgrid as rg
-from resgrid.cli.arms import workers_for
 from resgrid.cli.options import CommandInput
 from resgrid.cli.terminal import compute, say, stage
+from resgrid.cli.workers import workers_for
 from resgrid.errors import InputError, suggestion
 from resgrid.spice.dialects import DECK_SUFFIXES
 

@@ -16,8 +16,8 @@ from resgrid.core.compiler import GridContacts, contacts_of_box
 from resgrid.core.regions import by_axis
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring
-from resgrid.planning.elimination_tree import PlaneElimination
 from resgrid.planning.fields import Field
+from resgrid.solvers.elimination_tree import PlaneElimination
 from resgrid.solvers.scaled import Numbers, unscaled
 
 if TYPE_CHECKING:

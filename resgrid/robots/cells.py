@@ -17,7 +17,7 @@ from resgrid.robots.box_distances import distance_from_boxes
 from resgrid.robots.geometry import edges_of, periodic_images
 from resgrid.robots.mesh import Mesh
 from resgrid.robots.mesh_cells import near_mesh
-from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Polygon, Shape, Solid, SpaceSolid, rings_of
+from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Polygon, Shape, SingleShape, SpaceSolid, rings_of
 from resgrid.robots.solid_cells import near_convex
 from resgrid.robots.solids import Capsule, Cylinder, OrientedBox
 from resgrid.robots.voxels import Voxels
@@ -85,7 +85,9 @@ def mark(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Shape, reach: fl
         mark_image(out, axes, image, reach, rule)
 
 
-def mark_image(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, reach: float, rule: Sampling) -> None:
+def mark_image(
+    out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: SingleShape, reach: float, rule: Sampling
+) -> None:
     """Mark, in place, the cells within a distance of one shape, without its periodic images.
 
     `out`: mask, shape of the grid, in which cells are set to True; `axes`: axes of the grid; `shape`: shape that may
@@ -312,7 +314,7 @@ def merge_goals(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells
     return GoalCells(cells, np.concatenate(points)[first])
 
 
-def _image_cells(axes: tuple[Axis, ...], shape: Solid) -> GoalCells:
+def _image_cells(axes: tuple[Axis, ...], shape: SingleShape) -> GoalCells:
     """Return the cells that a shape meets, with the shape's point nearest to each cell's centre.
 
     Periodic images of the shape are not included; `axes`: axes of the grid.
@@ -328,7 +330,7 @@ def _image_cells(axes: tuple[Axis, ...], shape: Solid) -> GoalCells:
     return GoalCells(met, points)
 
 
-def _nearest(shape: Solid, middle: NDArray[np.float64], axes: tuple[Axis, ...]) -> NDArray[np.float64]:
+def _nearest(shape: SingleShape, middle: NDArray[np.float64], axes: tuple[Axis, ...]) -> NDArray[np.float64]:
     """Return, for m cells that a shape meets, the shape's point within the cell nearest to its centre, shape (m, ndim).
 
     `middle` (m, ndim): centres of the cells, in axis units; `axes`: axes of the grid.

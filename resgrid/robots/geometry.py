@@ -19,7 +19,7 @@ from resgrid._internal.validation import with_article
 from resgrid.core.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots.bounded import Bounds
-from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of, to_shapely
+from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Polygon, Shape, SingleShape, rings_of, to_shapely
 from resgrid.robots.voxels import Voxels
 
 TOUCH = 1e-9
@@ -226,7 +226,7 @@ def _solid_on_the_left(solid: Box | Polygon) -> list[list[tuple[float, ...]]]:
     return [[b for a, b in pairwise(ring) if a != b] for ring in rings]
 
 
-def periodic_images(shape: Solid, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[Solid]:
+def periodic_images(shape: SingleShape, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[SingleShape]:
     """Yield the periodic images of a shape that come within a distance of a grid, and the shape itself if it does.
 
     A half-space is yielded once, unchanged.  `axes`: axes of the grid; `reach`: distance along each axis, in axis

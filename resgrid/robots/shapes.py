@@ -260,8 +260,8 @@ def _runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]
 
 
 SpaceSolid = Cylinder | Capsule | OrientedBox | Mesh
-Solid = Box | Ball | Polygon | HalfSpace | SpaceSolid
-Shape = Solid | CellSet | Voxels
+SingleShape = Box | Ball | Polygon | HalfSpace | SpaceSolid
+Shape = SingleShape | CellSet | Voxels
 
 
 def rings_of(shape: Box | Polygon) -> tuple[tuple[Point, ...], ...]:

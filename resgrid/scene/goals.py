@@ -13,7 +13,7 @@ from resgrid._internal.values import brief
 from resgrid.core.axis import LARGEST, Point
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, Shape
-from resgrid.robots.urdf.robot import pose_matrix
+from resgrid.robots.solids import rotation_matrix
 from resgrid.robots.urdf.tool_goals import ToolGoal
 
 Conductivity = Annotated[float, Gt(0), Le(LARGEST)]
@@ -148,7 +148,7 @@ class GoalPose:
     @property
     def tool_goal(self) -> ToolGoal:
         """The goal as a ball for the origin of the tool's frame, a rotation of this frame, and a largest angle."""
-        rotation = None if self.rotation is None else pose_matrix((0.0, 0.0, 0.0, *self.rotation))[:3, :3]
+        rotation = None if self.rotation is None else rotation_matrix(self.rotation)
         return ToolGoal(Ball(self.position, self.radius), rotation, self.angle)
 
 

@@ -239,7 +239,7 @@ def _eliminate_within(factors: SupernodalFactors, work: Workspace, node: int) ->
         k, below, end = first + c, base + c * length + c + 1, base + (c + 1) * length
         _weigh(factors, work, first, c, base + c, length, k)
         _add_columns(values, below, values, base + c + 1, length, work.weight, c, end - below)
-        total = grounded[k] + _sum(values, below, end)
+        total = grounded[k] + range_sum(values, below, end)
         if not (total > 0.0 and math.isfinite(total)):
             return False
         pivot[k] = total
@@ -252,7 +252,7 @@ def _eliminate_within(factors: SupernodalFactors, work: Workspace, node: int) ->
 
 
 @inner_fast
-def _sum(values: Floats, begin: int, end: int) -> float:
+def range_sum(values: Floats, begin: int, end: int) -> float:
     """Return the sum of ``values[begin:end]``."""
     total = 0.0
     for i in range(begin, end):

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 import resgrid as rg
-from resgrid.planning.elimination_tree import PlaneElimination
+from resgrid.solvers.elimination_tree import PlaneElimination
 
 FREE, OBSTACLE, GOAL = rg.Cell.FREE, rg.Cell.OBSTACLE, rg.Cell.GOAL
 CIRCUITS: list[dict[str, object]] = [

@@ -14,8 +14,8 @@ import pytest
 from resgrid.errors import InputError
 from resgrid.robots.convex import Body, Solid
 from resgrid.robots.convex_cover import body_of
+from resgrid.robots.solids import rigid_pose
 from resgrid.robots.urdf.description import read_description
-from resgrid.robots.urdf.elements import pose
 from resgrid.robots.urdf.model import read_tree, with_obstacles
 
 ROBOTS = Path(__file__).resolve().parents[2] / "examples" / "robots"
@@ -101,7 +101,7 @@ def check_frames(pin, file, rng, count=3):
         for link, (joint, local) in tree.tools.items():
             mine = (frames[joint] if joint >= 0 else np.eye(4)) @ local
             theirs = kinematics.oMf[model.getFrameId(link, pin.FrameType.BODY)].homogeneous
-            np.testing.assert_allclose(mine, pose(base[:3], base[3:]) @ theirs, atol=1e-9)
+            np.testing.assert_allclose(mine, rigid_pose(base[:3], base[3:]) @ theirs, atol=1e-9)
     return True
 
 

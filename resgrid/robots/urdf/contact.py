@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from resgrid._internal.extras import install_command
-from resgrid.errors import ToolMissingError
 from resgrid.robots.convex import Body, ConvexPiece, Solid
 from resgrid.robots.enclosure import enclosed
+from resgrid.robots.urdf.exact_solids import coal_geometry, coal_module
 
 
 def touch(first: Body, second: Body) -> bool:
@@ -22,11 +17,8 @@ def touch(first: Body, second: Body) -> bool:
     """
     if _apart(first.hull, second.hull) or _apart(second.hull, first.hull):
         return False
-    try:
-        coal: Any = import_module("coal")
-    except ImportError:
-        raise ToolMissingError(f"collision tests need coal; install it: {install_command('robots')}") from None
-    a, b = (_shape(coal, body.solid) for body in (first, second))
+    coal = coal_module()
+    a, b = (coal_geometry(body.solid) for body in (first, second))
     poses = [coal.Transform3s(body.solid.placement[:3, :3], body.solid.placement[:3, 3]) for body in (first, second)]
     if coal.collide(a, poses[0], b, poses[1], coal.CollisionRequest(), coal.CollisionResult()):
         return True
@@ -53,23 +45,3 @@ def _apart(first: ConvexPiece, second: ConvexPiece) -> bool:
         return bool((second.points @ first.normal).min() - second.radius > first.points[0] @ first.normal)
     gap = first.points.min(axis=0) - second.points.max(axis=0) - first.radius - second.radius
     return bool((gap > 0).any())
-
-
-def _shape(coal: Any, solid: Solid) -> Any:
-    """Return the coal geometry of a solid, in the frame of the solid's placement."""
-    if solid.kind == "mesh":
-        return _surface(coal, solid.points, solid.triangles)
-    if solid.kind == "half_space":
-        return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
-    kinds = {"box": coal.Box, "ball": coal.Sphere, "cylinder": coal.Cylinder, "capsule": coal.Capsule}
-    return kinds[solid.kind](*solid.size)
-
-
-def _surface(coal: Any, points: NDArray[np.float64], triangles: NDArray[np.int32]) -> Any:
-    """Return a bounding volume hierarchy of triangles."""
-    model = coal.BVHModelOBBRSS()
-    model.beginModel(len(triangles), len(points))
-    model.addVertices(points)
-    model.addTriangles(triangles.astype(np.int64))
-    model.endModel()
-    return model

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
+from resgrid.robots.solids import rigid_pose
 
 
 def attribute(element: Element, name: str, place: str) -> str:
@@ -53,20 +54,5 @@ def scalar(element: Element, name: str, default: float | None, place: str) -> fl
 def origin_of(element: Element, place: str) -> NDArray[np.float64]:
     """Return the pose (4, 4) that the ``<origin>`` of an element describes; the identity without one."""
     origin = element.find("origin")
-    return pose(vector(origin, "xyz", "0 0 0", f"{place}: origin"), vector(origin, "rpy", "0 0 0", f"{place}: origin"))
-
-
-def pose(position: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the pose (4, 4) of a position (3,) in metres and of roll, pitch and yaw (3,) in radians.
-
-    The rotation is ``Rz(yaw) Ry(pitch) Rx(roll)``: turns about the fixed axes x, y and z, in this order.
-    """
-    (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
-    result = np.eye(4)
-    result[:3, :3] = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    result[:3, 3] = position
-    return result
+    position, angles = (vector(origin, name, "0 0 0", f"{place}: origin") for name in ("xyz", "rpy"))
+    return rigid_pose(position, angles)

@@ -37,7 +37,7 @@ class PlacedSolid:
 
     def __init__(self, solid: Solid, joint: int) -> None:
         self.joint, self._placement = joint, np.asarray(solid.placement)
-        self.geometry, self.pose = _geometry(solid), coal_module().Transform3s()
+        self.geometry, self.pose = coal_geometry(solid), coal_module().Transform3s()
         self.pose.setTransform(self._placement[:3, :3], self._placement[:3, 3])
         lower, upper = _extent(solid)
         self._is_bounded = bool(np.isfinite(lower).all())
@@ -113,7 +113,7 @@ def _extent(solid: Solid) -> tuple[_Floats, _Floats]:
     return -half, half
 
 
-def _geometry(solid: Solid) -> Any:
+def coal_geometry(solid: Solid) -> Any:
     """Return a solid as a coal geometry, in the frame of its placement."""
     coal = coal_module()
     if solid.kind == "half_space":

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from resgrid._internal.numbers import check_number, check_whole, is_number
 from resgrid.errors import InputError
 from resgrid.robots.convex import Body
+from resgrid.robots.solids import rigid_pose
 from resgrid.robots.urdf.description import Description, read_description
-from resgrid.robots.urdf.elements import pose
 from resgrid.robots.urdf.geometry import robot_bodies
 from resgrid.robots.urdf.joint_values import JointValue, check_moving, frames_of, joint_values, range_of
 from resgrid.robots.urdf.obstacles import check_links, with_obstacles
@@ -96,7 +96,7 @@ def _base_pose(base: Sequence[float]) -> NDArray[np.float64]:
     if isinstance(base, str) or len(base) != 6 or not all(map(is_number, base)):
         raise InputError(f"base = {base!r} must be six finite numbers: x, y, z, roll, pitch, yaw")
     given = np.array(base, dtype=np.float64)
-    return pose(given[:3], given[3:])
+    return rigid_pose(given[:3], given[3:])
 
 
 def _assembled(

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid._internal.cache import load_array, store_array, unfinished_file
 from resgrid._internal.validation import checked
 from resgrid._internal.values import brief
-from resgrid.core.axis import LARGEST, Axis, Coordinate, Point
+from resgrid.core.axis import LARGEST, Axis, Point
 from resgrid.core.cell import MAX_DIMENSIONS
 from resgrid.errors import InputError, suggestion
 from resgrid.robots.base import Robot
@@ -327,13 +327,3 @@ class URDFRobot(Robot):
         self.check_axes(axes)
         goal = region if isinstance(region, ToolGoal) else ToolGoal(region)
         return tool_goal_cells(self.tree, self.tool_name, axes, goal)
-
-
-def pose_matrix(pose: Sequence[Coordinate]) -> NDArray[np.float64]:
-    """Return the matrix (4, 4) of a pose: x, y, z in metres, then roll, pitch, yaw in radians, as in URDF files."""
-    from scipy.spatial.transform import Rotation
-
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_euler("xyz", pose[3:]).as_matrix()
-    matrix[:3, 3] = pose[:3]
-    return matrix

@@ -1,6 +1,6 @@
 """Compiled kernels of the elimination tree: fronts of dissected planes, substitution, and the comparison of equations.
 
-The tree and its arrays are described in `resgrid.planning.elimination_tree`.  A front is a dense symmetric matrix of
+The tree and its arrays are described in `resgrid.solvers.elimination_tree`.  A front is a dense symmetric matrix of
 the conductances between the cells of one node of the tree.  Its strictly lower triangle is stored by columns; the slot
 of a diagonal entry holds the pivot after the elimination.  Conductances to the ground have an array of their own.
 
@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid._internal.jit import inlined, inner, inner_fast, kernel
-from resgrid.planning.elimination_arrays import Fronts, Planes, Tree
+from resgrid.solvers.elimination_arrays import Fronts, Planes, Tree
+from resgrid.solvers.supernodal import range_sum
 
 _PANEL = 8
 """Number of columns of a front that are eliminated before the other columns are updated."""
@@ -240,7 +241,7 @@ def _eliminate_dense(tree: Tree, fronts: Fronts, node: int, panel: Floats, weigh
                 if weight != 0.0:
                     ground[row + k] += weight * ground[row + j]
                     _add_column(values, column + k + 1, panel, (j - first) * rows + k + 1, weight, rows - k - 1)
-            pivot = ground[row + k] + _sum(values, column + k + 1, column + rows)
+            pivot = ground[row + k] + range_sum(values, column + k + 1, column + rows)
             if not (pivot > _SMALLEST and math.isfinite(pivot)):
                 return False
             values[column + k] = pivot
@@ -328,12 +329,3 @@ def _divide(values: Floats, column: int, panel: Floats, there: int, pivot: float
         fraction = values[c + r] * inverse
         values[c + r] = fraction
         panel[t + r] = fraction
-
-
-@inner_fast
-def _sum(values: Floats, begin: int, end: int) -> float:
-    """Return the sum of ``values[begin:end]``."""
-    total = 0.0
-    for i in range(begin, end):
-        total += values[np.uint64(i)]
-    return total

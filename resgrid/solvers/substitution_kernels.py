@@ -1,4 +1,4 @@
-"""Compiled kernels of forward and back substitution in an elimination tree (`resgrid.planning.elimination_tree`).
+"""Compiled kernels of forward and back substitution in an elimination tree (`resgrid.solvers.elimination_tree`).
 
 Import this module only inside functions that call a kernel, because importing numba takes seconds.
 """
@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from resgrid._internal.jit import inlined, inner, inner_fast, kernel
-from resgrid.planning.elimination_arrays import Fronts, Tree
-from resgrid.planning.elimination_kernels import _add_column, _column
+from resgrid.solvers.elimination_arrays import Fronts, Tree
+from resgrid.solvers.elimination_kernels import _add_column, _column
 from resgrid.solvers.scaled import Floats, Integers
 from resgrid.solvers.scaled_kernels import NO_EXPONENT, _add_product, _canonical, _shift
 

@@ -5,7 +5,7 @@ eliminated first, then the lines between them, up to the line through the whole 
 depends on the equations of its rectangle alone.  After a change, only the nodes whose rectangles contain changed cells
 are eliminated again, and the results are equal, to the last bit, to those of an elimination of all nodes.  Pivots are
 sums, never differences, so that every entry of a solution has a small relative error
-(`resgrid.planning.elimination_kernels`).
+(`resgrid.solvers.elimination_kernels`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.planning.elimination_arrays import Fronts, Planes, Tree
+from resgrid.solvers.elimination_arrays import Fronts, Planes, Tree
 from resgrid.solvers.scaled import Numbers
 
 _LEAF = 9
@@ -65,7 +65,7 @@ class PlaneElimination:
         through the faces across both axes, 0 next to a cell without an equation; `ground` (nx, ny): conductance to
         nodes of known voltage; `is_active` (nx, ny): whether a cell has an equation.
         """
-        from resgrid.planning.elimination_kernels import eliminate, load
+        from resgrid.solvers.elimination_kernels import eliminate, load
 
         nodes = len(self.tree.parent)
         marked: int = load(self.tree, self._planes, across, along, ground, is_active)
@@ -79,7 +79,7 @@ class PlaneElimination:
 
         `currents` (nx, ny): nonnegative current into every cell, 0 in cells without an equation.
         """
-        from resgrid.planning.substitution_kernels import substitute, substitute_plainly
+        from resgrid.solvers.substitution_kernels import substitute, substitute_plainly
 
         m, e, rank = np.empty(currents.size), np.zeros(currents.size, dtype=np.int64), self.tree.rank
         m[rank] = currents

@@ -1,0 +1,21 @@
+"""Worker processes for long computations of the command line."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, nullcontext
+
+import resgrid as rg
+
+MANY_CELLS = 2**15
+"""Number of cells of a space from which on worker processes save more time than their start takes."""
+
+
+def workers_for(scene: rg.Scene, cells: int) -> AbstractContextManager[Executor | None]:
+    """Return a context with an executor on all cores if it shortens the proof of a scene's cells, otherwise with None.
+
+    `cells`: number of cells of the space.
+    """
+    is_long = scene.robot.workspace_ndim == 3 and scene.sampling == "conservative" and cells >= MANY_CELLS
+    return rg.open_executor("processes") if is_long and (os.cpu_count() or 1) > 1 else nullcontext()
