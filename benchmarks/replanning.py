@@ -102,7 +102,7 @@ def frames(
 
 
 def rooms(size: int, rng: np.random.Generator) -> Free:
-    """Return a map of rooms with doors in all walls."""
+    """Return a map of rooms, with doors in every wall between two rooms."""
     free = np.ones((size, size), bool)
     lines = range(size // 6, size - 4, size // 6)
     for line in lines:
