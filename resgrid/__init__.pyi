@@ -4,6 +4,7 @@ from . import (
     chip as chip,
     circuit as circuit,
     control as control,
+    hardware as hardware,
     maps as maps,
     planning as planning,
     plot as plot,

@@ -1,0 +1,9 @@
+"""Boards and chip layouts of a compiled space, written as files that outside tools verify.
+
+A board is a KiCad project, and a layout a GDSII or OASIS file.  A record beside each file lists its parts, its sources
+and the expected voltages, so that `resgrid check` can compare them with the netlist that an independent tool extracts.
+"""
+
+from resgrid._internal.public import attach
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)
