@@ -9,13 +9,14 @@ import runpy
 import signal
 import sys
 import threading
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 from resgrid._internal.extras import install_command
+from resgrid._internal.interrupts import interrupts_deferred, interrupts_ignored
 from resgrid.errors import InputError, ToolMissingError
 
 FORMS = "processes[:N], dask://HOST:PORT, mpi or parsl:FILE"
@@ -72,8 +73,13 @@ def open_executor(name: str) -> Iterator[Executor]:
         opened = _parsl(rest)
     else:
         raise InputError(f"there is no executor {name!r}; use {FORMS}")
-    with opened as executor:
-        yield executor
+    with ExitStack() as stack:
+        executor = stack.enter_context(opened)
+        try:
+            yield executor
+        finally:
+            with interrupts_deferred():
+                stack.close()
 
 
 def renewed(executor: Executor) -> Executor | None:
@@ -140,8 +146,34 @@ def _dask(address: str) -> Iterator[Executor]:
         client = distributed.Client(f"tcp://{address}", timeout=DASK_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"no dask scheduler answers at {address}: {error}; start one with: dask scheduler") from error
-    with client, client.get_executor(pure=False) as executor:
+    with client, DaskExecutor(client) as executor:
         yield executor
+
+
+class DaskExecutor(Executor):
+    """Executor of a dask scheduler that can report whether there are workers; `client`: client of the scheduler.
+
+    A scheduler without workers keeps its tasks forever, so that waiting for a result does not reveal the loss.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client, self._executor = client, client.get_executor(pure=False)
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Send the call ``fn(*args, **kwargs)`` to a worker, and return the future of its result."""
+        future: Future[Any] = self._executor.submit(fn, *args, **kwargs)
+        return future
+
+    def has_workers(self) -> bool:
+        """Return whether a worker is connected to the scheduler; True if the scheduler does not answer."""
+        try:
+            return bool(self._client.nthreads())
+        except OSError:  # the futures of a lost scheduler are cancelled soon
+            return True
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Wait for the submitted calls, or cancel them with `cancel_futures` or without `wait`."""
+        self._executor.shutdown(wait=wait and not cancel_futures)
 
 
 @contextmanager
@@ -183,7 +215,7 @@ def _parsl(file: str) -> Iterator[Executor]:
     if not isinstance(config, importlib.import_module("parsl").Config):
         raise InputError(f"{file}: config is {config!r:.100}; it must be a parsl.Config(...)")
     try:
-        with _interrupts_ignored():
+        with interrupts_ignored():
             executor = concurrent.ParslPoolExecutor(config=config)
     except FileNotFoundError as error:
         raise InputError(f"parsl cannot find {error.filename}; activate the environment that contains it") from error
@@ -191,19 +223,6 @@ def _parsl(file: str) -> Iterator[Executor]:
         yield executor
     finally:
         executor.shutdown(wait=False)  # parsl cannot cancel tasks
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Make processes that are started in the block ignore Ctrl-C; without effect outside the main thread."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _needed(module: str, extra: str) -> Any:

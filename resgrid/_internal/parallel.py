@@ -9,14 +9,12 @@ the data.
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import pickle
+import queue
 import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import (
-    FIRST_COMPLETED,
     BrokenExecutor,
     CancelledError,
     Executor,
@@ -24,15 +22,16 @@ from concurrent.futures import (
     ThreadPoolExecutor,
     wait,
 )
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 
-from resgrid._internal.executors import renewed
-from resgrid.errors import InputError, WorkerError
+from resgrid._internal.executors import DaskExecutor, renewed
+from resgrid._internal.interrupts import interrupts_deferred
+from resgrid._internal.shared_data import SharedData, packed, unpacked
+from resgrid.errors import WorkerError
 
 _SECONDS = 1.0
 """Target duration of a task in a worker, in seconds."""
@@ -48,6 +47,12 @@ _AHEAD = 16
 
 _MAX_DEATHS = 3
 """Number of worker deaths during a task at which the task fails; after one death less no other task runs beside it."""
+
+_SECONDS_WITHOUT_WORKERS = 120.0
+"""Waiting time for a new worker after all workers of a dask scheduler have gone, in seconds; then the job fails."""
+
+_SECONDS_BETWEEN_COUNTS = 5.0
+"""Waiting time for a result before the workers of a dask scheduler are counted, in seconds."""
 
 _LOST = frozenset({"WorkerLost", "ManagerLost"})
 """Class names of the parsl exceptions that report the death of a worker."""
@@ -70,24 +75,11 @@ class JobPart:
     name: str = "items"
 
 
-@dataclass(frozen=True)
-class _SharedData:
-    """The argument that all items of a `JobPart` share, in pickled form.
-
-    `digest`: SHA-256 hash of the data; `path`: file that contains the data; `data`: the bytes, for a worker that cannot
-    read the file, else None.
-    """
-
-    digest: str
-    path: str = field(compare=False)
-    data: bytes | None = field(default=None, compare=False, repr=False)
-
-
 @dataclass(eq=False)
 class _Task:
     """Range of the items of a `JobPart` that one worker computes in one call.
 
-    `part`: the job part; `shared`: the shared argument of the part as a `_SharedData`, or the object itself for
+    `part`: the job part; `shared`: the shared argument of the part as a `SharedData`, or the object itself for
     threads; `begin`, `end`: range of the items in the part, without `end`; `number`: position of the first item among
     the items of all parts; `deaths`: number of workers that died during the task; `sent`: submission time in seconds
     (`time.perf_counter`).
@@ -213,7 +205,7 @@ class _Chunker:
                 return None
             self._begin = 0
             if len(self._part.items):
-                self._shared = self._part.shared if self._folder is None else _packed(self._part.shared, self._folder)
+                self._shared = self._part.shared if self._folder is None else packed(self._part.shared, self._folder)
         remaining = len(self._part.items) - self._begin
         end = self._begin + min(self._size, -(-remaining // window))
         task = _Task(self._part, self._shared, self._begin, end, self._number)
@@ -231,24 +223,55 @@ class _Scheduler:
 
     def __init__(self, executor: Executor, chunker: _Chunker) -> None:
         self._executor, self._is_own, self._chunker = executor, False, chunker
-        self._window = _FIRST_WINDOW
+        self._window, self._had_workers = _FIRST_WINDOW, False
         self._submitted: dict[Future[Any], _Task] = {}
+        self._finished: queue.SimpleQueue[Future[Any] | None] = queue.SimpleQueue()  # None: an interrupt
         self._retries: deque[_Task] = deque()
         self._early: dict[int, Results | Exception] = {}
 
     def results(self) -> Iterator[Any]:
         """Yield the results of all items in the order of the items; raise the exception of a task at its position."""
         due = 0
-        while self._fill():
-            for future in wait(self._submitted, return_when=FIRST_COMPLETED).done:
-                if future in self._submitted:  # unless the pool broke in the meantime
-                    self._receive(future)
+        while self._advance():
             while due in self._early:
                 found = self._early.pop(due)
                 if isinstance(found, Exception):
                     raise found
                 due += len(found)
                 yield from found
+
+    def _advance(self) -> bool:
+        """Submit tasks and receive finished ones; return False if there are none; handle interrupts afterwards."""
+        with interrupts_deferred(wake=lambda: self._finished.put(None)):
+            if not self._fill():
+                return False
+            future = self._next_finished()
+            while future is not None:
+                if future in self._submitted:  # unless the pool broke in the meantime
+                    self._receive(future)
+                future = None if self._finished.empty() else self._finished.get()
+        return True
+
+    def _next_finished(self) -> Future[Any] | None:
+        """Wait for a finished task, and return its future, or None after an interrupt.
+
+        Raise WorkerError if all workers of a dask scheduler have gone; wait for the first worker without a limit.
+        """
+        if not isinstance(self._executor, DaskExecutor):
+            return self._finished.get()
+        gone_since: float | None = None
+        while True:
+            with contextlib.suppress(queue.Empty):
+                return self._finished.get(timeout=_SECONDS_BETWEEN_COUNTS)
+            if self._executor.has_workers():
+                self._had_workers, gone_since = True, None
+                continue
+            gone_since = gone_since or time.perf_counter()
+            if self._had_workers and time.perf_counter() - gone_since > _SECONDS_WITHOUT_WORKERS:
+                raise WorkerError(
+                    f"all workers of the dask scheduler have gone, and none came in {_SECONDS_WITHOUT_WORKERS:g} s; "
+                    "start workers (dask worker HOST:PORT), and continue the run from its checkpoint"
+                )
 
     def _fill(self) -> bool:
         """Submit tasks up to the limit, 1 after two worker deaths during a task; return whether any is unfinished."""
@@ -271,6 +294,7 @@ class _Scheduler:
                 self._renew(error)
             else:
                 self._submitted[future] = task
+                future.add_done_callback(self._finished.put)
         return bool(self._submitted)
 
     def _receive(self, future: Future[Any]) -> None:
@@ -327,10 +351,11 @@ class _Scheduler:
 
     def close(self) -> None:
         """Cancel the submitted tasks that have not started, and shut down a pool that this scheduler has created."""
-        for future in self._submitted:
-            with contextlib.suppress(NotImplementedError):  # parsl cannot cancel tasks
-                future.cancel()
-        self._shut_down()
+        with interrupts_deferred():
+            for future in self._submitted:
+                with contextlib.suppress(NotImplementedError):  # parsl cannot cancel tasks
+                    future.cancel()
+            self._shut_down()
 
 
 def _is_lost_by_dask(error: BaseException) -> bool:
@@ -358,38 +383,15 @@ def _task_failed(task: _Task, error: BaseException) -> WorkerError:
     )
 
 
-def _packed(shared: Any, folder: Path) -> _SharedData:
-    """Pickle the shared data of a part into a file; return its hash and path; raise InputError if pickling fails.
-
-    `shared`: the data; `folder`: folder of the file, which is named after the hash.
-    """
-    try:
-        data = pickle.dumps(shared, protocol=5)
-    except (pickle.PicklingError, AttributeError, TypeError) as error:
-        raise InputError(
-            f"the shared data of the items cannot be pickled for worker processes: {error}; use threads"
-        ) from error
-    digest = hashlib.sha256(data).hexdigest()
-    path = folder / digest
-    path.write_bytes(data)
-    return _SharedData(digest, str(path))
-
-
-@lru_cache(maxsize=4)
-def _unpacked(packed: _SharedData) -> Any:
-    """Return the unpickled shared data, cached in the worker; raise OSError if the file of the data cannot be read."""
-    return pickle.loads(Path(packed.path).read_bytes() if packed.data is None else packed.data)
-
-
 def _do(function: Callable[[Any, Any], Results], shared: Any, items: Results) -> tuple[Results, float] | None:
     """In a worker: return the results of a task and their duration in seconds, or None if the data cannot be read.
 
-    `function`: called as ``function(shared, items)``; `shared`: a `_SharedData`, or the object itself; `items`:
+    `function`: called as ``function(shared, items)``; `shared`: a `SharedData`, or the object itself; `items`:
     arguments of the task, of which each has one result.
     """
-    if isinstance(shared, _SharedData):
+    if isinstance(shared, SharedData):
         try:
-            shared = _unpacked(shared)
+            shared = unpacked(shared)
         except OSError:
             return None
     begin = time.perf_counter()
