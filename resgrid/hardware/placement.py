@@ -26,11 +26,14 @@ Index = tuple[int, int]
 SMALLEST_PITCH: dict[Kind, float] = {"fixed": 5.08, "jumpers": 6.35}
 """Smallest distance of cells on a board, in millimetres, at which parts can be soldered by hand and labels fit."""
 
+USUAL_PITCH = 6.35
+"""Default distance of cells on a board, in millimetres."""
+
 LARGEST_PITCH = 25.4
 """Largest distance of cells on a board, in millimetres."""
 
 _ORIGIN = (20.0, 20.0)
-_LEFT, _RIGHT, _TOP, _BOTTOM = 10.0, 7.0, 9.0, 15.5
+_LEFT, _RIGHT, _TOP, _BOTTOM = 11.0, 7.0, 9.0, 16.0
 """Widths of the margins between the ring and the edges of the board, in millimetres."""
 
 LANE = 0.6
@@ -175,7 +178,7 @@ class Placement:
             # The rightmost cell has the uppermost lane, and therefore the uppermost pin.
             result.append(
                 [
-                    Channel((i, j), self.circuit.cell_nets[i, j], rounded(self.ring[0] - 4.4, first + k * PIN_SPACING))
+                    Channel((i, j), self.circuit.cell_nets[i, j], rounded(self.ring[0] - 5.2, first + k * PIN_SPACING))
                     for k, i in enumerate(reversed(cells))
                 ]
             )
@@ -249,7 +252,7 @@ class Placement:
         left, _, right, bottom = self.ring
         high, goals = self.circuit.high_net, self.linked_goals
         parts = [(TERMINAL, "SUPPLY", left + 4.2, bottom + 6.5, (high, GROUND_NET), 0)]
-        parts.append((pin_header(3), "REFERENCE", left + 12.0, bottom + 4.0, (high, GROUND_NET, GROUND_NET), 0))
+        parts.append((pin_header(3), "REFERENCE", left + 12.0, bottom + 4.4, (high, GROUND_NET, GROUND_NET), 0))
         for number, net in enumerate(goals):
             x = right - 2.5 - _LINK_SPACING * (len(goals) - 1 - number)
             parts.append((pin_header(2), f"LINK {net}", x, bottom + 5.0 + PIN_SPACING, (GROUND_NET, net), 180))
@@ -257,10 +260,18 @@ class Placement:
             row = group[0].cell[1]
             pins = tuple(channel.net for channel in group)
             parts.append((pin_header(len(group)), f"CONVERTER row {row}", *group[0].pin, pins, 0))
-        return [
-            PlacedFootprint(part, f"J{number}", value, *rounded(x, y), nets, turn=turn)
-            for number, (part, value, x, y, nets, turn) in enumerate(parts, start=1)
-        ]
+        placed = []
+        for number, (part, value, x, y, nets, turn) in enumerate(parts, start=1):
+            sideways = value.startswith("CONVERTER")
+            above = -2.6 if part is TERMINAL else -4.6 if turn else -2.0
+            label = (x + 2.0, y + (len(nets) - 1) * PIN_SPACING / 2) if sideways else (x, y + above)
+            placed.append(
+                PlacedFootprint(
+                    part, f"J{number}", value, *rounded(x, y), nets, turn=turn, label=rounded(*label),
+                    label_turn=90 if sideways else 0,
+                )
+            )  # fmt: skip
+        return placed
 
     @property
     def holes(self) -> list[PlacedFootprint]:
