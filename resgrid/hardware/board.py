@@ -9,10 +9,9 @@ from math import sqrt
 from typing import Annotated, Unpack
 
 import numpy as np
-from annotated_types import Gt, Lt
+from annotated_types import Ge, Gt, Le, Lt
 
 from resgrid._internal.numbers import Count
-from resgrid._internal.values import brief
 from resgrid.chip.study_analyses import study
 from resgrid.chip.yields import Yield
 from resgrid.core.cell import Cell
@@ -39,7 +38,6 @@ BITS = 10
 """Resolution, in bits, of the converter for which the yield is predicted unless the scene describes one."""
 
 
-@brief
 @dataclass(frozen=True, eq=False, repr=False)
 class Board:
     """A printed circuit board that realises the resistor grid of a space.
@@ -77,7 +75,7 @@ class Board:
     --------
     >>> board = rg.hardware.build_board(rg.read_scene("examples/scenes/lesson.toml"))
     >>> board
-    <Board of kind fixed: 8 x 8 cells, 140 resistors, 76.2 x 83.1 mm>
+    <Board of kind fixed: 8 x 8 cells, 140 resistors, 75.2 x 82.2 mm>
     >>> f"{board.voltages['n_0_6']:.3f} V, {1e6 * board.supply_current:.1f} uA"
     '1.000 V, 246.2 uA'
     """
@@ -132,13 +130,15 @@ class Board:
         """Standard deviation of a resistance, as a fraction: values uniformly distributed within the tolerance."""
         return self.tolerance / sqrt(3.0)
 
-    def yields(self, trials: Count = 400) -> Yield:
+    def yields(self, *, trials: Count = 400, bits: Annotated[int, Ge(1), Le(32)] | None = None) -> Yield:
         """Predict the yield of boards with resistors of the chosen tolerance.
 
         Parameters
         ----------
         trials : int
             Largest number of simulated boards.
+        bits : int, optional
+            Resolution of the converter, 1 to 32; by default that of `readout`.
 
         Returns
         -------
@@ -147,10 +147,9 @@ class Board:
             resistances have the standard deviation ``tolerance / sqrt(3)``.
         """
         wiring = self.circuit.wiring
-        chip = Chip(
-            resistance=wiring.resistance, supply=wiring.supply, mismatch=self.mismatch, readout=self.readout
-        )
-        return study(self.circuit.netlist, chip).yields(trials=trials)
+        readout = self.readout if bits is None else replace(self.readout, bits=bits)
+        chip = Chip(resistance=wiring.resistance, supply=wiring.supply, mismatch=self.mismatch, readout=readout)
+        return study(self.circuit.cells_netlist, chip).yields(trials=trials)
 
     @cached_property
     def closed(self) -> dict[str, tuple[int, ...]]:
@@ -223,7 +222,12 @@ class Board:
                 walk,
             )
         if self.circuit.wiring.is_driven:
-            return (f"START {volts}, GOAL 0 V (GND)", "hatched: obstacles, without resistors", walk, "voltages: see back")
+            return (
+                f"START {volts}, GOAL 0 V (GND)",
+                "hatched: obstacles, without resistors",
+                walk,
+                "voltages: see back",
+            )
         return (f"hatched: obstacles {volts}, GOAL 0 V (GND)", walk, "voltages: see back")
 
 
@@ -282,7 +286,7 @@ def build_board(
     if isinstance(source, Scene):
         problem = problem_of(source, wiring, space=space, **options)
         space, readout = problem.space, source.chip.readout
-        own = _wiring_of(problem.wiring, problem.start_driven, lambda: problem.only_wiring()[1], space)
+        own = problem.only_wiring()[1]
         starts = tuple(start_cell(space, start) for start in source.starts)
         title = source.title or "Resistor grid"
     else:

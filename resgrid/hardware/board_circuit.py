@@ -14,7 +14,7 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
 from resgrid.core.cell import Cell
 from resgrid.core.compiler import compile_space, why_undriven
-from resgrid.core.netlist import GROUND, Netlist
+from resgrid.core.netlist import Netlist
 from resgrid.core.regions import crossed_faces
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring
@@ -68,6 +68,14 @@ class BoardCircuit:
     def netlist(self) -> Netlist:
         """The circuit with values of the E96 series."""
         return self.op.netlist
+
+    @cached_property
+    def cells_netlist(self) -> Netlist:
+        """The same circuit with a node of its own for every cell, for studies of robots that read the voltages."""
+        ideal = self.ideal
+        if self.wiring.rails != "cells":
+            ideal = compile_space(self.space, self.wiring, rails="cells")
+        return ideal.replace(conductance=1.0 / nearest_e96(1.0 / ideal.conductance))
 
     @property
     def space(self) -> ConfigurationSpace:
@@ -140,7 +148,7 @@ class BoardCircuit:
         """Expected voltage of every net, in volts."""
         used = {net for part in self.resistors for net in (part.lower, part.upper)}
         volts = {net: float(self.op.voltage[node]) for node, net in enumerate(self.node_nets) if net in used}
-        volts |= {net: self.wiring.goal_voltage for net in self.goal_nets}
+        volts |= dict.fromkeys(self.goal_nets, self.wiring.goal_voltage)
         return volts | {self.high_net: self.wiring.high, GROUND_NET: 0.0}
 
     @property

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterator
 from math import ceil
 
-
 from resgrid.core.cell import Cell
 from resgrid.hardware.board_circuit import GROUND_NET, BoardCircuit, GridResistor
 from resgrid.hardware.e_series import resistance_text

@@ -146,8 +146,8 @@ def _back(placement: Placement, legend: Legend) -> Iterator[Text]:
     right = x1 - 8.2
     yield Text(title.text, right, title.y, title.size, layer="B.SilkS", align="left", thickness=title.thickness)
     most = int((x1 - x0 - 16.5) / (0.95 * 0.8))
-    for number, line in enumerate(_wrapped(legend[2], most)[:_LEGEND]):
-        yield Text(line, right, round(y1 - 7.6 + 1.45 * number, 4), layer="B.SilkS", align="left")
+    for number, line in enumerate(_wrapped(legend[2], most)[:3]):
+        yield Text(line, right, round(y1 - 4.3 + 1.45 * number, 4), layer="B.SilkS", align="left")
     if placement.circuit.kind == "jumpers":
         return
     circuit = placement.circuit
@@ -237,4 +237,3 @@ def _border(placement: Placement) -> Iterator[LineString]:
         for k in range(int(length / 1.27)):
             x, y = ax + along[0] * 1.27 * (k + 0.5), ay + along[1] * 1.27 * (k + 0.5)
             yield LineString([(x, y), (x + 0.7 * (out[0] + along[0]), y + 0.7 * (out[1] + along[1]))])
-

@@ -101,7 +101,7 @@ def format_board(board: BoardDrawing) -> str:
             "layers",
             *([Word(number), name, Word(kind), *([user] if user else [])] for number, name, kind, user in _LAYERS),
         ],
-        _setup(board.origin, board.size),
+        _setup(),
         ["net", 0, ""],
         *(["net", number, name] for name, number in numbers.items()),
         *(placed_tree(placed, numbers) for placed in board.footprints),
@@ -122,15 +122,13 @@ def title_block(title: str, revision: str, comments: Iterable[str]) -> Node:
     return ["title_block", ["title", title], ["rev", revision], ["company", "resgrid"], *numbered]
 
 
-def _setup(origin: Point, size: Point) -> Node:
-    """Return the settings of a board: the drill origin is the lower left corner, and vias are covered."""
+def _setup() -> Node:
+    """Return the settings of a board: solder mask covers the vias."""
     return [
         "setup",
         ["pad_to_mask_clearance", 0],
         ["allow_soldermask_bridges_in_footprints", NO],
         ["tenting", Word("front"), Word("back")],
-        ["aux_axis_origin", origin[0], origin[1] + size[1]],
-        ["grid_origin", origin[0], origin[1] + size[1]],
     ]
 
 
