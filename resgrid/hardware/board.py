@@ -178,9 +178,9 @@ class Board:
         sources = [Supply("supply", circuit.high_net, GROUND_NET, wiring.high)]
         sources += [Supply(net, net, GROUND_NET, wiring.goal_voltage) for net in circuit.goal_nets]
         nodes = {net: cell for cell, net in circuit.cell_nets.items() if net.startswith("n_")}
-        return HardwareRecord(
-            "board", self.kind, FILE, self.scene_hash, None, parts, tuple(sources), circuit.voltages, nodes
-        )
+        touched = {net for part in circuit.resistors for net in (part.lower, part.upper)}
+        volts = {net: value for net, value in circuit.voltages.items() if net in touched}
+        return HardwareRecord("board", self.kind, FILE, self.scene_hash, None, parts, tuple(sources), volts, nodes)
 
     def _part(self, placed: PlacedFootprint, ohms: dict[str, float]) -> Part:
         """Return the entry of a part in the record; `ohms`: resistances by reference."""

@@ -67,7 +67,7 @@ def board_files(board: Board, *, manufactured: bool = False) -> dict[str, str]:
 def predicted_yields(board: Board) -> Mapping[int, Proportion]:
     """Return the predicted fraction of starts that arrive, by the resolution of the converter in bits."""
     resolutions = sorted({board.readout.bits or 0, *_READOUTS})
-    return {bits: board.yields(trials=200, bits=bits).overall for bits in resolutions if bits}
+    return {bits: board.yields(trials=128, bits=bits).overall for bits in resolutions if bits}
 
 
 def write_board(board: Board, folder: Path, *, manufactured: bool = False) -> list[str]:

@@ -186,7 +186,8 @@ def _part(
 
 def _closed(pin: int) -> dict[str, str]:
     """Return the simulation model of a solder bridge between the middle pin and another pin: a source of 0 V."""
-    return {"Sim.Device": "V", "Sim.Type": "DC", "Sim.Params": "dc=0", "Sim.Pins": f"2=+ {pin}=-"}
+    pins = "1=+ 2=-" if pin == 1 else "2=+ 3=-"
+    return {"Sim.Device": "V", "Sim.Type": "DC", "Sim.Params": "dc=0", "Sim.Pins": pins}
 
 
 def _power(net: str, at: Point, turn: int, reference: str, *, shown: bool) -> PlacedSymbol:

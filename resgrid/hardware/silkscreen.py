@@ -103,7 +103,7 @@ def _cell_labels(placement: Placement, starts: set[Index]) -> Iterator[Text]:
         yield Text(words, *rounded(x + 1.6, y - 2.4), size, align="left")
         name = f"GOAL{regions[cell]}" if circuit.space.cell[cell] == Cell.GOAL else "START" if cell in starts else ""
         if name:
-            yield Text(name, *rounded(x + 1.6, y + 1.75), (0.6, 0.8), align="left", thickness=0.15)
+            yield Text(name, *rounded(x + 1.6, y + 1.45), (0.6, 0.8), align="left", thickness=0.15)
 
 
 def _terminal_labels(placement: Placement) -> Iterator[Text]:
