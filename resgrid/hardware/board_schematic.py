@@ -17,8 +17,11 @@ from resgrid.hardware.placement import Index, Placement
 _STEP = 25.4
 """Distance of cells on a sheet, in millimetres."""
 
-_LARGEST_BLOCK = 8
-"""Largest number of cells along each axis on one sheet."""
+_MOST_COLUMNS, _MOST_ROWS = 12, 8
+"""Largest numbers of columns and rows of cells on one sheet."""
+
+_ON_ROOT = 8
+"""Largest number of columns on the root, which also has the terminals."""
 
 _CORNER = (38.1, 38.1)
 """Place of the upper left cell of a sheet, in millimetres."""
@@ -37,19 +40,19 @@ def draw_schematic(placement: Placement) -> list[Sheet]:
     """
     circuit = placement.circuit
     columns, rows = placement.shape
-    blocks = [(a, b) for b in reversed(_parts(rows)) for a in _parts(columns)]
+    blocks = [(a, b) for b in reversed(_parts(rows, _MOST_ROWS)) for a in _parts(columns, _MOST_COLUMNS)]
     root = Sheet("", "A3")
     sheets = [root]
     drawing = _Drawing(placement)
-    if len(blocks) == 1:
+    if len(blocks) == 1 and columns <= _ON_ROOT:
         drawing.draw_block(root, *blocks[0])
         left = _CORNER[0] + columns * _STEP + 30.48
     else:
         left = 38.1
-        across = len(_parts(columns))
+        across = len(_parts(columns, _MOST_COLUMNS))
         for number, block in enumerate(blocks):
             (i0, i1), (j0, j1) = block
-            sheet = Sheet(f"columns {i0} to {i1 - 1} rows {j0} to {j1 - 1}", "A3")
+            sheet = Sheet(f"columns {i0}-{i1 - 1} rows {j0}-{j1 - 1}", "A3")
             drawing.draw_block(sheet, *block)
             at = (165.1 + number % across * 58.42, 38.1 + number // across * 33.02)
             root.children.append((sheet, at, (50.8, 20.32)))
@@ -59,9 +62,9 @@ def draw_schematic(placement: Placement) -> list[Sheet]:
     return sheets
 
 
-def _parts(cells: int) -> list[tuple[int, int]]:
-    """Return ranges (first, end) of at most eight cells each, of nearly equal lengths."""
-    count = ceil(cells / _LARGEST_BLOCK)
+def _parts(cells: int, most: int) -> list[tuple[int, int]]:
+    """Return ranges (first, end) of at most `most` cells each, of nearly equal lengths."""
+    count = ceil(cells / most)
     bounds = [round(part * cells / count) for part in range(count + 1)]
     return list(zip(bounds, bounds[1:], strict=False))
 
@@ -116,7 +119,7 @@ class _Drawing:
         x, y = x + 15.24, y + 10.16
         state = self._circuit.space.cell[cell]
         model = None if state == Cell.FREE else _closed(1 if state == Cell.OBSTACLE else 3)
-        sheet.symbols.append(_part(symbols.SOLDER_JUMPER, jumper, x, y, TextPlace(0.0, -3.3, _SMALL), model))
+        sheet.symbols.append(_part(symbols.SOLDER_JUMPER, jumper, x, y, TextPlace(2.2, 2.9, _SMALL, "left"), model))
         sheet.wires.append(((x, y + 3.81), (x, y + 5.08)))
         sheet.labels.append((net, (x, y + 5.08), 270))
         self._power(sheet, jumper.nets[0], (x - 5.08, y), 0, shown=True)

@@ -22,6 +22,9 @@ _HATCH = 1.1
 _FREE_OF_PADS, _FREE_OF_TEXT = 0.25, 0.2
 """Distances of lines from pads and from texts, in millimetres."""
 
+_INSET, _OVERLAP = 0.3, 0.02
+"""Distance of an obstacle's outline from its border, and overlap of squares, so that their union has no gaps."""
+
 _LEGEND = 5
 """Largest number of lines of the legend."""
 
@@ -198,8 +201,8 @@ def _area(placement: Placement, cells: Iterable[Index]) -> BaseGeometry:
     squares = []
     for cell in cells:
         x, y = placement.at(*cell)
-        squares.append(box(x - half, y - half, x + half, y + half))
-    return union_all(squares).buffer(-0.3, join_style="mitre")
+        squares.append(box(x - half, y - half, x + half, y + half).buffer(_OVERLAP, join_style="mitre"))
+    return union_all(squares).buffer(-_INSET - _OVERLAP, join_style="mitre")
 
 
 def _hatched(area: BaseGeometry) -> Iterator[LineString]:
