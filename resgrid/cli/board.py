@@ -1,4 +1,4 @@
-"""``resgrid board``: write a printed circuit board of a scene as a KiCad project, with everything to order and use it."""
+"""``resgrid board``: write a printed circuit board of a scene as a KiCad project, with instructions."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from resgrid.cli.terminal import finish, say, stage
 from resgrid.errors import InputError, ToolMissingError
 
 if TYPE_CHECKING:
+    from resgrid.hardware.board_circuit import Kind
     from resgrid.hardware.tools import KicadCli
 
 
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     help="Let kicad-cli write the files for a manufacturer, or not.  [default: if it is installed]",
 )  # fmt: skip
 def command(
-    source: CommandInput, output: str | None, kind: str, pitch: float, tolerance: str, asked: bool | None
+    source: CommandInput, output: str | None, kind: Kind, pitch: float, tolerance: str, asked: bool | None
 ) -> int:
     """Write a printed circuit board that realises the resistor grid of SCENE.
 
@@ -116,8 +117,8 @@ def _report_ignored(job: Job) -> dict[str, list[str]]:
         say(f"ignored: {', '.join(keys)}: a board has resistors of the E96 series and no other effects of a chip")
     if len(several_k(job.scene)) > 1:
         raise InputError(
-            f"k = {', '.join(f'{k:g}' for k in job.scene.k)}: a board is one circuit; choose it with --boundary dirichlet, "
-            "or with --boundary neumann --drive start"
+            f"k = {', '.join(f'{k:g}' for k in job.scene.k)}: a board is one circuit; choose it with "
+            "--boundary dirichlet, or with --boundary neumann --drive start"
         )
     return {"ignored": keys}
 
@@ -182,7 +183,8 @@ def _lines(data: dict[str, Any], folder: Path) -> Iterator[str]:
         f"largest deviation of E96 {100 * data['largest_deviation']:.2g} %"
     )
     yield (
-        f"  supply: {data['supply_volts']:g} V, {formatted(data['supply_current'], 'A')}, {formatted(data['power'], 'W')}"
+        f"  supply: {data['supply_volts']:g} V, {formatted(data['supply_current'], 'A')}, "
+        f"{formatted(data['power'], 'W')}"
     )
     yield (
         f"  predicted yield at {100 * data['tolerance']:g} % tolerance and {share['bits']} bits: "

@@ -156,7 +156,7 @@ class Board:
         """Numbers of the pads of each solder jumper that the jumper plan joins, by reference; no entry if open."""
         pads = {Cell.OBSTACLE: (1, 2), Cell.GOAL: (2, 3)}
         cells = self.circuit.space.cell
-        joined = {}
+        joined = dict[str, tuple[int, ...]]()
         for placed in self.placement.jumpers:
             i, j = map(int, placed.value.split(","))
             if cells[i, j] != Cell.FREE:

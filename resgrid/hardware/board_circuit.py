@@ -196,8 +196,8 @@ def _problems(space: ConfigurationSpace, kind: Kind, wiring: Wiring) -> Iterator
     """Yield a message for every property of a space or wiring that a board cannot realise."""
     if space.ndim != 2:
         yield (
-            f"the space has {space.ndim} axes, but the resistors of a board lie in a plane: choose a scene with 2 axes, "
-            "or take one slice of the space"
+            f"the space has {space.ndim} axes, but the resistors of a board lie in a plane: choose a scene with "
+            "2 axes, or take one slice of the space"
         )
         return
     if max(space.shape) > MOST_CELLS or min(space.shape) < 3:
@@ -228,8 +228,8 @@ def _problems_of_jumpers(space: ConfigurationSpace, wiring: Wiring) -> Iterator[
     """Yield a message for every property that a board with jumpers, which has all resistors, cannot realise."""
     if wiring.boundary != "dirichlet":
         yield (
-            f"boundary = {wiring.boundary!r} changes the resistors around obstacles, but a board with jumpers has the same "
-            "resistors for every scene; choose --kind fixed, or --boundary dirichlet"
+            f"boundary = {wiring.boundary!r} changes the resistors around obstacles, but a board with jumpers has the "
+            "same resistors for every scene; choose --kind fixed, or --boundary dirichlet"
         )
     if space.conductivity is not None and np.ptp(space.conductivity) > 0:
         yield (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from itertools import pairwise
 from math import ceil
 
 from resgrid.core.cell import Cell
@@ -66,7 +67,7 @@ def _parts(cells: int, most: int) -> list[tuple[int, int]]:
     """Return ranges (first, end) of at most `most` cells each, of nearly equal lengths."""
     count = ceil(cells / most)
     bounds = [round(part * cells / count) for part in range(count + 1)]
-    return list(zip(bounds, bounds[1:], strict=False))
+    return list(pairwise(bounds))
 
 
 class _Drawing:

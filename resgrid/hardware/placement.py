@@ -16,6 +16,7 @@ from resgrid.hardware.kicad.footprints import (
     SOLDER_JUMPER,
     TERMINAL,
     TEST_PAD,
+    Footprint,
     PlacedFootprint,
     pin_header,
 )
@@ -84,8 +85,8 @@ class Placement:
         width, needed = self.ring[2] - self.ring[0], 17.5 + _LINK_SPACING * len(self.circuit.goal_nets)
         if width < needed:
             raise InputError(
-                f"{len(self.circuit.goal_nets)} goal regions need a board with {needed:.0f} mm between its borders, but "
-                f"there are {width:.0f} mm; join goal regions, or choose a larger --pitch"
+                f"{len(self.circuit.goal_nets)} goal regions need a board with {needed:.0f} mm between its borders, "
+                f"but there are {width:.0f} mm; join goal regions, or choose a larger --pitch"
             )
 
     @property
@@ -251,7 +252,8 @@ class Placement:
         """Supply terminal J1, reference header J2, goal links, and header rows for a converter."""
         left, _, right, bottom = self.ring
         high, goals = self.circuit.high_net, self.linked_goals
-        parts = [(TERMINAL, "SUPPLY", left + 4.2, bottom + 6.5, (high, GROUND_NET), 0)]
+        parts: list[tuple[Footprint, str, float, float, tuple[str, ...], int]] = []
+        parts.append((TERMINAL, "SUPPLY", left + 4.2, bottom + 6.5, (high, GROUND_NET), 0))
         parts.append((pin_header(3), "REFERENCE", left + 12.0, bottom + 4.4, (high, GROUND_NET, GROUND_NET), 0))
         for number, net in enumerate(goals):
             x = right - 2.5 - _LINK_SPACING * (len(goals) - 1 - number)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from shapely import LineString, Point as Disc, Polygon, box, union_all
@@ -120,9 +120,9 @@ def _without_holes(area: Polygon) -> tuple[Point, ...]:
     return tuple((float(x), float(y)) for x, y in line)
 
 
-def _corners(coordinates: Sequence[tuple[float, ...]]) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def _corners(coordinates: Iterable[tuple[float, ...]]) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
     """Return the corners (n, 2) of a closed line, without the repeated last one."""
-    return np.round(np.array(coordinates, dtype=np.float64)[:-1, :2], 4)
+    return np.round(np.array(list(coordinates), dtype=np.float64)[:-1, :2], 4)
 
 
 def _with_slit(

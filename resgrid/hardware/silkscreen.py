@@ -49,7 +49,7 @@ def draw_silkscreen(placement: Placement, legend: Legend, starts: Iterable[Index
         *_back(placement, legend),
     ]
     blocked = _blocked(placement, [text for text in texts if text.layer == "F.SilkS"])
-    drawing = MultiLineString([line for line in _lines(placement)]).difference(blocked)
+    drawing = MultiLineString(list(_lines(placement))).difference(blocked)
     pieces = sorted(
         tuple(round(value, 3) for point in piece.coords for value in point)
         for piece in getattr(drawing, "geoms", [drawing])
@@ -187,7 +187,7 @@ def _lines(placement: Placement) -> Iterator[LineString]:
     if placement.circuit.kind == "jumpers":
         return
     cell = placement.circuit.space.cell
-    yield from _hatched(_area(placement, np.argwhere(cell == Cell.OBSTACLE).tolist()))
+    yield from _hatched(_area(placement, [(int(i), int(j)) for i, j in np.argwhere(cell == Cell.OBSTACLE)]))
     for at in np.argwhere(cell == Cell.GOAL).tolist():
         x, y = placement.at(*at)
         for radius in (1.15, 1.5):

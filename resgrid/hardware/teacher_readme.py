@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 from resgrid.chip.figures_of_merit import Proportion, formatted
@@ -29,7 +31,26 @@ def format_readme(board: Board, yields: Mapping[int, Proportion], *, manufacture
         _measure(board),
         _yield(board, yields),
     )
-    return "\n\n".join((*parts, _help(board), _files(board, manufactured=manufactured))) + "\n"
+    blocks = "\n\n".join((*parts, _help(board), _files(board, manufactured=manufactured))).split("\n\n")
+    return "\n\n".join(map(_filled, blocks)) + "\n"
+
+
+def _filled(block: str) -> str:
+    """Return a paragraph or list with lines of at most 100 characters; headings and tables stay unchanged."""
+    if block.startswith(("#", "|")):
+        return block
+    items: list[str] = []
+    for line in block.splitlines():
+        begins = re.match(r"(- |\d+\. )", line)
+        if begins or not items:
+            items.append(line)
+        else:
+            items[-1] += " " + line.strip()
+    indents = [" " * len(begins[0]) if (begins := re.match(r"(- |\d+\. )", item)) else "" for item in items]
+    return "\n".join(
+        fill(item, 100, subsequent_indent=indent, break_on_hyphens=False)
+        for item, indent in zip(items, indents, strict=True)
+    )
 
 
 def _head(board: Board) -> str:
@@ -51,8 +72,8 @@ def _head(board: Board) -> str:
     return f"""# {board.title}: a resistor grid for the classroom
 
 A robot finds its way in this circuit: every cell of the map is a point of a grid of resistors, obstacles are at
-{wiring.supply:g} V, and the goal is at 0 V. The voltage has no local minimum, so a robot that always steps to the neighbour with the
-lowest voltage arrives at the goal (Tarassenko & Blake 1991). {about}
+{wiring.supply:g} V, and the goal is at 0 V. The voltage has no local minimum, so a robot that always steps
+to the neighbour with the lowest voltage arrives at the goal (Tarassenko & Blake 1991). {about}
 
 - size: {width:.1f} x {height:.1f} mm, two layers. {price}
 - cells: {board.summary}
@@ -71,8 +92,8 @@ def _order(board: Board, *, manufactured: bool) -> str:
         "Upload `gerbers.zip` to a manufacturer of printed circuit boards. All of its default settings are suitable: "
         "2 layers, 1.6 mm, any colour."
         if manufactured
-        else "Open `grid.kicad_pro` with KiCad 9 and plot the Gerber and drill files (File, Fabrication Outputs), or install "
-        "kicad-cli and write this folder again."
+        else "Open `grid.kicad_pro` with KiCad 9 and plot the Gerber and drill files (File, Fabrication Outputs), "
+        "or install kicad-cli and write this folder again."
     )
     return f"""## What to order
 
@@ -82,8 +103,8 @@ def _order(board: Board, *, manufactured: bool) -> str:
 |---|---|---|---|---|
 {rows}
 
-Order some more resistors, about {max(5, round(spare * SPARE))}: some get lost. All parts are on the front. The header rows are only needed for a
-converter, the screws only for a case."""
+Order some more resistors, about {max(5, round(spare * SPARE))}: some get lost. All parts are on the front. The
+header rows are only needed for a converter, the screws only for a case."""
 
 
 def _solder(board: Board) -> str:
@@ -116,7 +137,8 @@ def _measure(board: Board) -> str:
     volts = circuit.wiring.supply
     examples = [
         placed for placed in board.placement.test_pads
-        if placed.nets[0] not in (circuit.high_net, *circuit.goal_nets) and circuit.voltages[placed.nets[0]] < 0.95 * volts
+        if placed.nets[0] not in (circuit.high_net, *circuit.goal_nets)
+        and circuit.voltages[placed.nets[0]] < 0.95 * volts
     ]  # fmt: skip
     rows = "\n".join(
         f"| {placed.value} | {circuit.voltages[placed.nets[0]]:.3f} V |"
@@ -128,8 +150,8 @@ def _measure(board: Board) -> str:
     back = " They are also printed on the back of the board." if board.kind == "fixed" else ""
     return f"""## What to measure
 
-Connect {volts:g} V to J1: plus to `{volts:+g}V`, minus to `GND`. Exchanged wires do no harm, but all voltages are negative then. Any other
-supply of up to 12 V also works: all voltages are proportional to it.
+Connect {volts:g} V to J1: plus to `{volts:+g}V`, minus to `GND`. Exchanged wires do no harm, but all voltages
+are negative then. Any other supply of up to 12 V also works: all voltages are proportional to it.
 
 - Supply current: {formatted(circuit.supply_current, "A")}. Current into each goal: {goals}.
 - Voltage of each pad against GND: `expected_voltages.csv`, by column (x) and row (y).{back} With resistors of
@@ -152,7 +174,8 @@ The fraction of starts from which a robot that reads the voltages with a convert
 {rows}
 
 A multimeter with 2000 counts corresponds to 11 bits. Obstacles at the supply flatten the voltages far from the goal.
-If too few starts arrive, take a finer converter, or write a board with `--boundary wall --set chip.wall_resistance=100k`, or with
+If too few starts arrive, take a finer converter, or write a board with
+`--boundary wall --set chip.wall_resistance=100k`, or with
 `--boundary neumann --drive start`: their voltages differ more."""
 
 
@@ -169,9 +192,9 @@ def _help(board: Board) -> str:
 | observation | cause | remedy |
 |---|---|---|
 | all pads at {volts:g} V | the goal is not tied to ground | plug the caps onto the goal links |
-| all pads at 0 V | no supply, or exchanged wires | measure between the pins of J2 |
+| all pads at 0 V | no supply | measure between the pins of J2 |
 | large supply current | short circuit between supply and ground | look for solder between pads |
-| one pad far from its value | a cold joint or a missing resistor next to it | measure the resistors around the pad, supply off |
+| one pad far from its value | a cold joint or a missing resistor next to it | measure the resistors around it |
 | a row of pads slightly off | one wrong value | compare the code on the resistors |
 | a pad reads differently each time | the meter loads the grid | use a meter with at least 10 Mohm |{jumper}"""
 

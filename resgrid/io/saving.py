@@ -31,7 +31,7 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
 
     Parameters
     ----------
-    value : Streamline, ShortPath, Polyline, Trajectory, LegPath, Run, sequence of Run, OperatingPoint, Field, Netlist or Board
+    value : Streamline, ShortPath, Polyline, Trajectory, LegPath, Run, OperatingPoint, Field, Netlist, Board, or runs
         A path: its points in continuous world coordinates, with times if it has some, and the tip of an arm.  A run:
         every step.  An operating point or a field: potentials and currents.  A netlist: its elements.
         A board: its KiCad project.

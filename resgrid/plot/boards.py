@@ -21,7 +21,7 @@ _PALE = "#e9e9e9"
 def draw_board(board: Board, ax: Axes) -> Axes:
     """Draw the cells of a board: the jumper plan of a board with jumpers, or expected voltages of a fixed board.
 
-    In a jumper plan, ``O`` marks a bridge to the obstacle rail, ``G`` a bridge to the goal rail, and an empty cell an
+    Starts have a blue frame.  In a jumper plan, ``O`` marks a bridge to the obstacle rail, ``G`` one to the goal rail, and an empty cell an
     open jumper.  `board`: the board; `ax`: axes to draw on.
     """
     cell = board.circuit.space.cell
@@ -33,8 +33,9 @@ def draw_board(board: Board, ax: Axes) -> Axes:
     for i in range(columns):
         for j in range(rows):
             _draw_cell(board, ax, (i, j), Cell(int(cell[i, j])), points)
-    for start in board.starts:
-        ax.scatter(*start, s=(0.75 * points) ** 2, marker="o", facecolor="none", edgecolor="#0072B2", linewidth=1.2)
+    for i, j in board.starts:
+        frame = Rectangle((i - 0.44, j - 0.44), 0.88, 0.88, fill=False, edgecolor="#0072B2", linewidth=1.4, zorder=4)
+        ax.add_patch(frame)
     step = 1 if max(columns, rows) <= 40 else 5
     ax.set_xticks(np.arange(0, columns, step), labels=[str(i) for i in range(0, columns, step)])
     ax.set_yticks(np.arange(0, rows, step), labels=[str(j) for j in range(0, rows, step)])
@@ -66,7 +67,7 @@ def _draw_cell(board: Board, ax: Axes, at: tuple[int, int], kind: Cell, points: 
     words, size = {Cell.OBSTACLE: "O", Cell.GOAL: "G", Cell.FREE: ""}[kind], 0.6 * points
     if not is_plan:
         net = board.circuit.cell_nets.get(at)
-        words, size = ("", 0.0) if net is None else (f"{board.voltages[net]:.3f}", 0.33 * points)
+        words, size = ("", 0.0) if net is None else (f"{board.voltages[net]:.3f}", 0.27 * points)
     if words and size > 1.5:
         colour = "white" if kind == Cell.OBSTACLE else "black"
         ax.text(*at, words, ha="center", va="center", fontsize=size, color=colour, zorder=3)

@@ -147,7 +147,7 @@ def format_footprint(footprint: Footprint) -> str:
         ["generator_version", "9.0"],
         ["layer", "F.Cu"],
         ["descr", footprint.about],
-        *_properties(footprint, "REF**", footprint.name, footprint.name),
+        *_properties("REF**", footprint.name, footprint.name),
         *_contents(footprint, footprint.name, {}),
     ]
     return format_tree(tree)
@@ -163,16 +163,14 @@ def placed_tree(placed: PlacedFootprint, nets: Mapping[str, int]) -> Node:
         uuid_of("board", placed.reference),
         ["at", placed.x, placed.y, *([placed.turn] if placed.turn else [])],
         ["descr", footprint.about],
-        *_properties(footprint, placed.reference, placed.value, placed.reference, placed),
+        *_properties(placed.reference, placed.value, placed.reference, placed),
         *([["path", placed.path]] if placed.path else []),
     ]
     own = {pad.number: (nets[net], net) for pad, net in zip(footprint.pads, placed.nets, strict=False)}
     return tree + _contents(footprint, placed.reference, own, placed.turn)
 
 
-def _properties(
-    footprint: Footprint, reference: str, value: str, key: str, placed: PlacedFootprint | None = None
-) -> list[Node]:
+def _properties(reference: str, value: str, key: str, placed: PlacedFootprint | None = None) -> list[Node]:
     """Return the texts of a footprint: its reference on the silkscreen or the fabrication layer, and its value."""
     where, layer, turn, size = (0.0, 0.0), "F.Fab", 0, (0.8, 0.8)
     if placed is not None and placed.label is not None:

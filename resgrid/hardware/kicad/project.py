@@ -28,7 +28,8 @@ RULES = {
 _ERRORS_OF_BOARD = (
     "annular_width", "clearance", "copper_edge_clearance", "copper_sliver", "courtyards_overlap",
     "drill_out_of_range", "duplicate_footprints", "extra_footprint", "footprint", "footprint_symbol_mismatch",
-    "hole_clearance", "hole_near_hole", "holes_co_located", "invalid_outline", "isolated_copper", "item_on_disabled_layer",
+    "hole_clearance", "hole_near_hole", "holes_co_located", "invalid_outline", "isolated_copper",
+    "item_on_disabled_layer",
     "items_not_allowed", "lib_footprint_issues", "lib_footprint_mismatch", "malformed_courtyard", "missing_footprint",
     "net_conflict", "npth_inside_courtyard", "pth_inside_courtyard", "shorting_items", "silk_edge_clearance",
     "silk_over_copper", "silk_overlap", "solder_mask_bridge", "starved_thermal", "text_height", "text_on_edge_cuts",

@@ -202,8 +202,9 @@ def _area(number: int, area: tuple[Point, Point, tuple[int, int, int]], sheet: s
 def _child(child: Sheet, at: Point, size: Point, path: str, page: int) -> Node:
     """Return the symbol of a sheet on the root; `path`: path of the root; `page`: number of the sheet's page."""
     return [
-        "sheet", ["at", *at], ["size", *size], ["exclude_from_sim", NO], ["in_bom", YES], ["on_board", YES], ["dnp", NO],
-        ["stroke", ["width", 0.1524], ["type", Word("solid")]], ["fill", ["color", 0, 0, 0, 0]], ["uuid", child.identity],
+        "sheet", ["at", *at], ["size", *size], ["exclude_from_sim", NO], ["in_bom", YES], ["on_board", YES],
+        ["dnp", NO], ["stroke", ["width", 0.1524], ["type", Word("solid")]], ["fill", ["color", 0, 0, 0, 0]],
+        ["uuid", child.identity],
         ["property", "Sheetname", child.name, ["at", at[0], at[1] - 0.8, 0], effects(1.27, align="left")],
         ["property", "Sheetfile", child.file, ["at", at[0], at[1] + size[1] + 1.4, 0], effects(1.27, align="left")],
         ["instances", ["project", PROJECT, ["path", path, ["page", str(page)]]]],
