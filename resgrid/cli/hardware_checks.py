@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 _BOARDS = (".kicad_pcb", ".kicad_pro", ".kicad_sch")
 _LAYOUTS = (".gds", ".oas")
+_SHOWN = 20
+"""Maximum number of findings that are printed as text."""
 
 
 def is_hardware(file: str) -> bool:
@@ -63,6 +65,8 @@ def hardware_lines(result: HardwareCheck) -> Iterable[str]:
         yield f"the {result.kind} DISAGREES with its record: {counted(len(result.findings), 'finding')} ({tools})"
     if not result.verified:
         yield f"not verified: {result.remark}"
-    yield from (f"  {finding}" for finding in result.findings)
+    yield from (f"  {finding}" for finding in result.findings[:_SHOWN])
+    if len(result.findings) > _SHOWN:
+        yield f"  and {len(result.findings) - _SHOWN:,} more; --json lists all findings"
     if result.verified and result.remark:
         yield f"  {result.remark}"

@@ -94,10 +94,10 @@ def check_board(
     work.tools["kicad-cli"] = kicad.version
     with temporary_folder() as folder:
         reports = report_board(kicad, board, folder, timeout)
-    _check_rules(work, reports)
     _check_nets(work, record, reports)
     _check_board_circuit(work, record, reports, tolerance)
     _check_schematic(work, record, reports, tolerance, timeout)
+    _check_rules(work, reports)
     return _result(work, record, tolerance)
 
 
@@ -138,10 +138,14 @@ def _check_nets(work: _Work, record: HardwareRecord, reports: BoardReports) -> N
     """Compare the nets of the connected copper, and the nets that the board file states, with the record."""
     copper = compare_nets(record, copper_nets(reports.points, reports.copper))
     stated = compare_nets(record, stated_nets(reports.points))
-    contact = {short_circuit(*contact.nets): contact for contact in reports.copper.contacts}
-    for message in dict.fromkeys([*copper, *contact]):
-        work.findings.append(f"copper: {message}" + (f" at {contact[message]}" if message in contact else ""))
+    contacts = {short_circuit(*contact.nets): contact for contact in reports.copper.contacts}
+    for message in copper:
+        work.findings.append(f"copper: {message}" + (f" at {contacts.pop(message)}" if message in contacts else ""))
     work.findings += [f"IPC-D-356: {message}" for message in stated if message not in copper]
+    work.findings += [
+        f"copper: the board file states {' and '.join(contact.nets)} for touching copper at {contact}"
+        for contact in contacts.values()
+    ]
 
 
 def _check_board_circuit(work: _Work, record: HardwareRecord, reports: BoardReports, tolerance: float) -> None:
@@ -195,9 +199,10 @@ def _check_schematic(
 
 
 def _add_voltages(work: _Work, compared: VoltageComparison) -> None:
-    """Add a comparison of voltages and its findings."""
+    """Add a comparison of voltages; its findings only if no other finding explains them."""
     work.voltages.append(compared)
-    work.findings += compared.findings
+    if not work.findings:
+        work.findings += compared.findings
 
 
 def _result(work: _Work, record: HardwareRecord, tolerance: float) -> HardwareCheck:

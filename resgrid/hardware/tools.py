@@ -13,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 
 from resgrid._internal.files import temporary_folder
@@ -56,8 +57,8 @@ class KicadCli:
             settings = {"KICAD_CONFIG_HOME": str(folder), "LC_ALL": "C.UTF-8"}
             status, printed, messages = _run([self.program, *map(str, arguments)], timeout, settings)
         if status != 0:
-            what = " ".join(str(word) for word in arguments[:3])
-            raise InputError(f"'kicad-cli {what}' failed for {arguments[-1]}: {_last(messages or printed)}")
+            command = " ".join(takewhile(str.isalnum, map(str, arguments)))
+            raise InputError(f"'kicad-cli {command}' failed for {arguments[-1]}: {_last(messages or printed)}")
         return printed
 
 
