@@ -66,12 +66,12 @@ def simulate_kicad_spice(
     """
     owner = match_nets(pads_of(record), netlist.nets)
     node = {net: str(label) for label, net in owner.items()} | {GROUND: GROUND}
-    present = {(plus, minus) for plus, minus, _ in netlist.sources}
+    present = {frozenset((plus, minus)) for plus, minus, _ in netlist.sources}
     pairs = [(node.get(plus, plus), node.get(minus, minus), volts) for plus, minus, volts in _sources(record)]
     lines = [
         f"v_record_{number} {plus} {minus} {volts!r}"
         for number, (plus, minus, volts) in enumerate(pairs, 1)
-        if (plus, minus) not in present and plus != minus
+        if frozenset((plus, minus)) not in present and plus != minus
     ]
     body = [line for line in netlist.text.splitlines() if line.strip().lower() != ".end"]
     run = simulate(

@@ -10,7 +10,7 @@ import shutil
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ _DRC, _ERC, _TEST, _PLACES, _SPICE, _GERBERS = (
     "gerbers",
 )
 _COPPER = re.compile(r"Copper,L(\d+),")
+_ORIGIN = re.compile(r"\(aux_axis_origin\s+(\S+)\s+([^\s)]+)\s*\)")
 _RUNS = 2
 """Number of kicad-cli processes at the same time; each needs about 200 MB."""
 
@@ -88,7 +89,7 @@ def report_board(kicad: KicadCli, board: Path, folder: Path, timeout: float) -> 
         list(pool.map(lambda arguments: kicad.run(*arguments, timeout=timeout), runs))
     return BoardReports(
         rules=_rules(folder),
-        points=read_ipc_d356(folder / _TEST),
+        points=_on_board(read_ipc_d356(folder / _TEST), read_text(copy)),
         copper=_copper(gerbers),
         values=_values(read_text(folder / _PLACES)),
         spice=read_text(folder / _SPICE) if schematic.exists() else None,
@@ -132,6 +133,17 @@ def _violation(violation: Mapping[str, Any]) -> str:
         f"{item['description']} at ({item['pos']['x']:.2f}, {item['pos']['y']:.2f}) mm" for item in violation["items"]
     ]
     return f"{violation['description'].rstrip('.')}: {'; '.join(items)}" if items else str(violation["description"])
+
+
+def _on_board(points: Iterable[TestPoint], board: str) -> tuple[TestPoint, ...]:
+    """Return test points with positions relative to the board's own origin, as in its Gerber files.
+
+    KiCad writes IPC-D-356 files relative to the origin of the drill file.  `points`: its test points; `board`: text of
+    the board file, in which y points downwards.
+    """
+    match = _ORIGIN.search(board)
+    x, y = (float(match[1]), -float(match[2])) if match else (0.0, 0.0)
+    return tuple(replace(point, position=(point.position[0] + x, point.position[1] + y)) for point in points)
 
 
 def _copper(gerbers: Path) -> Copper:
