@@ -65,7 +65,7 @@ def simulate_kicad_spice(
     `timeout`: longest run, in seconds.
     """
     owner = match_nets(pads_of(record), netlist.nets)
-    node = {net: str(label) for label, net in owner.items()} | {GROUND: GROUND}
+    node = {net: net for net in record.voltages} | {net: str(label) for label, net in owner.items()} | {GROUND: GROUND}
     present = {frozenset((plus, minus)) for plus, minus, _ in netlist.sources}
     pairs = [(node.get(plus, plus), node.get(minus, minus), volts) for plus, minus, volts in _sources(record)]
     lines = [

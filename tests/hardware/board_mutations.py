@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from shapely import LineString, MultiPolygon, Polygon, box
+from shapely import LineString, MultiLineString, MultiPolygon, Point, Polygon, box
 
 Tree = list[Any]
 Place = tuple[str, ...]
@@ -173,9 +173,33 @@ def shorten_a_track(project: Project) -> list[Place]:
 
 
 def delete_a_via(project: Project) -> list[Place]:
-    via = project.draw.choice(list(subs(project.board, "via")))
+    """Delete a via that alone connects tracks of the front with the back."""
+    via = project.draw.choice([via for via in subs(project.board, "via") if _is_only_hole(project, via)])
     project.board.remove(via)
     return [(project.net(via),)]
+
+
+def _is_only_hole(project: Project, via: Tree) -> bool:
+    """Whether the tracks of the front that touch a via lead to no other hole."""
+    net = project.net(via)
+    tracks = [
+        LineString([numbers(sub(track, "start")), numbers(sub(track, "end"))])
+        for track in subs(project.board, "segment")
+        if project.net(track) == net and sub(track, "layer")[1] == '"F.Cu"'
+    ]
+    holes = [Point(numbers(sub(other, "at"))) for other in subs(project.board, "via") if other is not via]
+    holes += [
+        Point(place_of(part, pad))
+        for part in subs(project.board, "footprint")
+        for pad in subs(part, "pad")
+        if pad[2] == "thru_hole"
+    ]
+    reached: Any = Point(numbers(sub(via, "at")))
+    rest = tracks
+    while near := [track for track in rest if track.distance(reached) < 1e-3]:
+        rest = [track for track in rest if track not in near]
+        reached = reached.union(MultiLineString(near))
+    return len(rest) < len(tracks) and all(hole.distance(reached) > 1e-3 for hole in holes)
 
 
 def move_a_part(project: Project) -> list[Place]:
