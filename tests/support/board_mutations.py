@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from shapely import LineString, MultiLineString, MultiPolygon, Point, Polygon, box
+from shapely import LineString, MultiLineString, Point, Polygon, union_all
 
 Tree = list[Any]
 Place = tuple[str, ...]
@@ -331,26 +331,21 @@ def leave_out_the_plating(project: Project) -> list[Place]:
 
 
 def cut_the_plane(project: Project) -> list[Place]:
-    """Cut a slit through the plane of the rail, from one side to the other."""
+    """Cut the plane of the rail all around a via that it alone connects."""
     zones = [zone for zone in subs(project.board, "zone") if any(subs(zone, "filled_polygon"))]
     zone = max(zones, key=lambda zone: sum(len(sub(area, "pts")) for area in subs(zone, "filled_polygon")))
     areas = list(subs(zone, "filled_polygon"))
-    copper = (
-        MultiPolygon([Polygon([numbers(xy) for xy in subs(sub(area, "pts"), "xy")]).buffer(0) for area in areas])
-        if len(areas) > 1
-        else Polygon([numbers(xy) for xy in subs(sub(areas[0], "pts"), "xy")]).buffer(0)
-    )
-    _, y0, _, y1 = copper.bounds
-    vias = [numbers(sub(via, "at")) for via in subs(project.board, "via") if project.net(via) == project.net(zone)]
-    middle = sorted(x for x, _ in vias)[len(vias) // 2]
-    rest = copper.difference(box(middle - 1.6, y0 - 1, middle - 1.1, y1 + 1))
+    copper = union_all([Polygon([numbers(xy) for xy in subs(sub(area, "pts"), "xy")]).buffer(0) for area in areas])
+    vias = [via for via in subs(project.board, "via") if project.net(via) == project.net(zone)]
+    via = project.draw.choice([via for via in vias if _is_only_hole(project, via)])
+    centre = Point(numbers(sub(via, "at")))
+    rest = copper.difference(centre.buffer(1.0).difference(centre.buffer(0.7)))
     for area in areas:
         zone.remove(area)
     for piece in getattr(rest, "geoms", [rest]):
-        zone.append(
-            ["filled_polygon", sub(areas[0], "layer"), ["pts", *(["xy", str(x), str(y)] for x, y in _keyholes(piece))]]
-        )
-    return [(project.net(zone),)]
+        points = [["xy", f"{x:.6f}", f"{y:.6f}"] for x, y in _keyholes(piece)]
+        zone.append(["filled_polygon", sub(areas[0], "layer"), ["pts", *points]])
+    return [(project.net(zone), "split in two")]
 
 
 def _keyholes(polygon: Polygon) -> list[tuple[float, float]]:

@@ -1,0 +1,121 @@
+"""Verification of boards by kicad-cli and ngspice: a written board agrees, and every fault is found in its place."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.board_mutations import MUTATIONS, Place, Project, located
+
+import resgrid as rg
+from resgrid.cli import main
+
+CELLS = np.zeros((5, 4), np.uint8)
+CELLS[1, 1], CELLS[2, 1], CELLS[4, 3] = 1, 1, 2
+
+
+def write_small_board(folder: Path, kind: str) -> Path:
+    axes = [rg.Axis("x", 0.0, 5.0, 5), rg.Axis("y", 0.0, 4.0, 4)]
+    space = rg.ConfigurationSpace(axes, CELLS)
+    rg.save(rg.hardware.build_board(space, kind=kind, resistance=10e3), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def boards(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Folder of a board of each kind; no test changes these folders."""
+    return {kind: write_small_board(tmp_path_factory.mktemp("boards") / kind, kind) for kind in ("fixed", "jumpers")}
+
+
+@pytest.fixture
+def board(boards: dict[str, Path], tmp_path: Path) -> Path:
+    """Copy of the folder of a fixed board."""
+    return Path(shutil.copytree(boards["fixed"], tmp_path / "board"))
+
+
+@pytest.mark.parametrize("kind", ["fixed", "jumpers"])
+def test_a_written_board_agrees_with_its_record(boards: dict[str, Path], kind: str) -> None:
+    check = rg.hardware.check_board(boards[kind])
+    record = rg.hardware.read_record(boards[kind] / "grid.kicad_pcb")
+    assert (check.agrees, check.verified, check.findings) == (True, True, ())
+    assert check.parts == len(record.parts) and check.nodes == len(record.voltages)
+    assert check.max_relative_error is not None and check.max_relative_error < 1e-12
+    assert set(check.tools) == {"kicad-cli", "ngspice"}
+
+
+@pytest.mark.parametrize("mutate", MUTATIONS, ids=lambda mutate: mutate.__name__)
+def test_a_fault_is_found_and_located(board: Path, mutate: Callable[[Project], list[Place]]) -> None:
+    project = Project.read(board, seed=1)
+    places = mutate(project)
+    project.write(board)
+    check = rg.hardware.check_board(board)
+    assert check.agrees is False
+    assert located(check.findings, places), (places, check.findings)
+
+
+def test_a_changed_record_contradicts_itself_and_the_board(board: Path) -> None:
+    path = board / "grid.record.json"
+    record = json.loads(path.read_text())
+    part = next(part for part in record["parts"] if part["reference"] == "R5")
+    part["value"] *= 2
+    path.write_text(json.dumps(record))
+    check = rg.hardware.check_board(board)
+    assert any(finding.startswith("the record contradicts itself: n_") for finding in check.findings)
+    assert any(finding.startswith("board: R5: 10000 ohm instead of 20000") for finding in check.findings)
+
+
+def test_without_a_schematic_the_board_is_not_verified(board: Path) -> None:
+    for sheet in board.glob("*.kicad_sch"):
+        sheet.unlink()
+    check = rg.hardware.check_board(board)
+    assert (check.agrees, check.verified, check.findings) == (None, False, ())
+    assert "no schematic" in check.remark
+
+
+def test_without_kicad_the_board_is_not_verified(
+    boards: dict[str, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("RESGRID_KICAD_CLI", "/nowhere/kicad-cli")
+    assert main(["check", str(boards["fixed"])]) == 5
+    assert "not verified: RESGRID_KICAD_CLI = /nowhere/kicad-cli is not a program" in capsys.readouterr().out
+
+
+def test_the_command_prints_findings_and_exits_with_one(board: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(board / "grid.kicad_pro"), "-q"]) == 0
+    assert "confirm the record with" in capsys.readouterr().out
+    pcb = board / "grid.kicad_pcb"
+    pcb.write_text(pcb.read_text().replace('"10k"', '"10.2k"', 1))
+    assert main(["check", str(pcb), "--json", "-q"]) == 1
+    data = json.loads(capsys.readouterr().out)
+    assert data["schema"] == 1 and data["agrees"] is False and data["verified"] is True
+    assert data["reference"] == "record" and any("10200 ohm instead of 10000" in text for text in data["findings"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--rules"], "--rules and --deck check scenes and decks"),
+        (["--deck", "a.cir"], "--rules and --deck check scenes and decks"),
+        (["--k", "0.5"], "options for keys of scenes and maps have no effect"),
+    ],
+)
+def test_options_of_decks_and_scenes_are_rejected(
+    boards: dict[str, Path], arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", str(boards["fixed"]), *arguments]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_folders_and_files_without_one_board_are_rejected(board: Path, tmp_path: Path) -> None:
+    with pytest.raises(rg.InputError, match="holds no board"):
+        rg.hardware.check_board(tmp_path)
+    shutil.copyfile(board / "grid.kicad_pcb", board / "other.kicad_pcb")
+    with pytest.raises(rg.InputError, match=r"holds 2 boards \(grid.kicad_pcb, other.kicad_pcb\); name one"):
+        rg.hardware.check_board(board)
+    (board / "grid.kicad_pcb").write_text("(kicad_pcb")
+    with pytest.raises(rg.InputError, match=r"'kicad-cli pcb \w+.*' failed for .*grid\.kicad_pcb"):
+        rg.hardware.check_board(board / "grid.kicad_pcb")
