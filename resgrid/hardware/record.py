@@ -51,8 +51,7 @@ class Part:
 
     Examples
     --------
-    >>> from resgrid.hardware.record import Part
-    >>> Part("R17", "resistor", 10_000.0, ("n_3_4", "n_3_5")).nets
+    >>> rg.hardware.Part("R17", "resistor", 10_000.0, ("n_3_4", "n_3_5")).nets
     ('n_3_4', 'n_3_5')
     """
 
@@ -76,6 +75,11 @@ class Supply:
         Nets of its terminals.
     volts : float
         Voltage of `positive` above `negative`.
+
+    Examples
+    --------
+    >>> rg.hardware.Supply("obstacle", "obstacle", "0", 1.0).volts
+    1.0
     """
 
     __pydantic_config__ = _STRICT
@@ -114,8 +118,8 @@ class HardwareRecord:
 
     Examples
     --------
-    >>> from resgrid.hardware.record import HardwareRecord, Part, Supply
-    >>> record = HardwareRecord(
+    >>> Part, Supply = rg.hardware.Part, rg.hardware.Supply
+    >>> record = rg.hardware.HardwareRecord(
     ...     "board", "fixed", "grid.kicad_pcb", "",
     ...     parts=(Part("R1", "resistor", 1e4, ("top", "n_0_0")), Part("R2", "resistor", 1e4, ("n_0_0", "0"))),
     ...     sources=(Supply("top", "top", "0", 1.0),), voltages={"top": 1.0, "n_0_0": 0.5}, nodes={"n_0_0": (0, 0)},
@@ -208,6 +212,13 @@ def read_record(file: str | os.PathLike[str]) -> HardwareRecord:
     ------
     InputError
         If the record is absent, damaged, or contradicts itself.
+
+    Examples
+    --------
+    >>> rg.hardware.read_record("grid.kicad_pcb")
+    Traceback (most recent call last):
+        ...
+    resgrid.errors.InputError: grid.kicad_pcb: its record grid.record.json is absent from the folder; write the ...
     """
     given = Path(file)
     path = given if given.name.endswith(SUFFIX) else record_path(given)

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.board_mutations import MUTATIONS, Place, Project, located
+from support.cli import call
 
 import resgrid as rg
-from resgrid.cli import main
 
 CELLS = np.zeros((5, 4), np.uint8)
 CELLS[1, 1], CELLS[2, 1], CELLS[4, 3] = 1, 1, 2
@@ -76,23 +76,24 @@ def test_without_a_schematic_the_board_is_not_verified(board: Path) -> None:
     assert "no schematic" in check.remark
 
 
-def test_without_kicad_the_board_is_not_verified(
-    boards: dict[str, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_kicad_the_board_is_not_verified(boards: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RESGRID_KICAD_CLI", "/nowhere/kicad-cli")
-    assert main(["check", str(boards["fixed"])]) == 5
-    assert "not verified: RESGRID_KICAD_CLI = /nowhere/kicad-cli is not a program" in capsys.readouterr().out
+    result = call("check", boards["fixed"])
+    assert result.exit_code == 5
+    assert "not verified: RESGRID_KICAD_CLI = /nowhere/kicad-cli is not a program" in result.stdout
 
 
-def test_the_command_prints_findings_and_exits_with_one(board: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["check", str(board / "grid.kicad_pro"), "-q"]) == 0
-    assert "confirm the record with" in capsys.readouterr().out
-    pcb = board / "grid.kicad_pcb"
-    pcb.write_text(pcb.read_text().replace('"10k"', '"10.2k"', 1))
-    assert main(["check", str(pcb), "--json", "-q"]) == 1
-    data = json.loads(capsys.readouterr().out)
+def test_the_command_prints_findings_and_exits_with_one(board: Path) -> None:
+    result = call("check", board / "grid.kicad_pro", "-q")
+    assert result.exit_code == 0 and "confirm the record with" in result.stdout
+    project = Project.read(board, seed=1)
+    ((name, words),) = next(m for m in MUTATIONS if m.__name__ == "change_a_value_on_the_board")(project)
+    project.write(board)
+    result = call("check", board / "grid.kicad_pcb")
+    assert result.exit_code == 1 and f"board: {name}: {words} instead of" in result.stdout
+    data = json.loads(call("check", board, "--json").stdout)
     assert data["schema"] == 1 and data["agrees"] is False and data["verified"] is True
-    assert data["reference"] == "record" and any("10200 ohm instead of 10000" in text for text in data["findings"])
+    assert data["reference"] == "record" and any(words in text for text in data["findings"])
 
 
 @pytest.mark.parametrize(
@@ -103,11 +104,9 @@ def test_the_command_prints_findings_and_exits_with_one(board: Path, capsys: pyt
         (["--k", "0.5"], "options for keys of scenes and maps have no effect"),
     ],
 )
-def test_options_of_decks_and_scenes_are_rejected(
-    boards: dict[str, Path], arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["check", str(boards["fixed"]), *arguments]) == 2
-    assert words in capsys.readouterr().err
+def test_options_of_decks_and_scenes_are_rejected(boards: dict[str, Path], arguments: list[str], words: str) -> None:
+    result = call("check", boards["fixed"], *arguments)
+    assert result.exit_code == 2 and words in result.stderr
 
 
 def test_folders_and_files_without_one_board_are_rejected(board: Path, tmp_path: Path) -> None:
