@@ -11,7 +11,7 @@ from resgrid.chip.figures_of_merit import Proportion
 from resgrid.hardware.bill import format_bill, format_voltages
 from resgrid.hardware.board import FILE, REVISION, Board
 from resgrid.hardware.board_schematic import draw_schematic
-from resgrid.hardware.kicad.footprints import LIBRARY, PlacedFootprint, format_footprint
+from resgrid.hardware.kicad.footprints import LIBRARY, Graphics, PlacedFootprint, format_footprint
 from resgrid.hardware.kicad.pcb import BoardDrawing, format_board
 from resgrid.hardware.kicad.project import format_footprint_table, format_project, format_symbol_table
 from resgrid.hardware.kicad.schematic import PROJECT, Sheet, format_sheet, symbol_path
@@ -104,8 +104,13 @@ def _drawing(board: Board, sheets: list[Sheet]) -> BoardDrawing:
         routing.tracks,
         routing.vias,
         fill_plane(placement, routing),
-        draw_silkscreen(placement, (board.title, board.summary, board.legend), board.starts),
+        silkscreen_of(board),
     )
+
+
+def silkscreen_of(board: Board) -> Graphics:
+    """Return the texts and lines that are printed on a board."""
+    return draw_silkscreen(board.placement, (board.title, board.summary, board.legend), board.starts)
 
 
 def _with_path(placed: PlacedFootprint, paths: Mapping[str, str]) -> PlacedFootprint:

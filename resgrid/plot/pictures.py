@@ -174,7 +174,7 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     yield               fraction of chips that serve each start
     yield loss          change of the yield without each effect
     sweep               yield over two values                        ``share``
-    board               jumper plan, or expected voltages
+    board               bridges or expected voltages, or a side      ``side`` ("plan", "front", "back")
     wavefront           change of the potential over time            ``shown`` (indices of its times)
     ==================  ===========================================  =================================================
 
