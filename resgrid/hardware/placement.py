@@ -88,6 +88,7 @@ class Placement:
                 f"{len(self.circuit.goal_nets)} goal regions need a board with {needed:.0f} mm between its borders, "
                 f"but there are {width:.0f} mm; join goal regions, or choose a larger --pitch"
             )
+        _ = self.goal_taps  # raises InputError for goal regions without room for their tracks
 
     @property
     def shape(self) -> Index:
