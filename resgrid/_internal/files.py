@@ -176,26 +176,39 @@ def _make_parents(target: Path) -> list[Path]:
 
 
 def _move_files(temporary: Path, target: Path) -> None:
-    """Move all files of the folder `temporary` to `target`, the summary last, and delete outdated files in `target`."""
+    """Move all files of the folder `temporary` to `target`, the summary last, and delete outdated files in `target`.
+
+    Files in subfolders move to subfolders of the same name.
+    """
     if not target.exists():
         temporary.rename(target)
         return
-    names = sorted(file.name for file in temporary.iterdir())
+    names = sorted(file.relative_to(temporary).as_posix() for file in temporary.rglob("*") if not file.is_dir())
     stale = _earlier_files(target) - set(names)
     for name in sorted(names, key=lambda name: name == SUMMARY):
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
         (temporary / name).replace(target / name)
     for name in stale:
         (target / name).unlink(missing_ok=True)
 
 
 def _earlier_files(target: Path) -> set[str]:
-    """Return the names of the files in the folder `target` that the summary of an earlier run lists."""
+    """Return the names of the files in the folder `target` that the summary of an earlier run lists.
+
+    A file in a subfolder has the name of the subfolder before its own, with a slash.
+    """
     try:
         listed = json.loads((target / SUMMARY).read_text(encoding="utf-8"))["files"]
         names = {str(name) for name in listed}
     except (OSError, ValueError, KeyError, TypeError):
         return set()
-    return {name for name in names if Path(name).name == name and (target / name).is_file()}
+    return {name for name in names if _is_inside(name) and (target / name).is_file()}
+
+
+def _is_inside(name: str) -> bool:
+    """Return whether a relative file name contains only plain names, so that the file lies in the folder itself."""
+    parts = Path(name).parts
+    return bool(parts) and "/".join(parts) == name and ".." not in parts and not Path(name).is_absolute()
 
 
 def temporary_place(folder: Path, stem: str, suffix: str = "") -> Path:

@@ -13,6 +13,8 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.control.run_log import Run
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
+from resgrid.hardware.board import Board
+from resgrid.io.boards import save_board
 from resgrid.io.leg_paths import write_leg_path
 from resgrid.io.networks import write_network
 from resgrid.io.paths import write_path
@@ -29,9 +31,10 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
 
     Parameters
     ----------
-    value : Streamline, ShortPath, Polyline, Trajectory, LegPath, Run, sequence of Run, OperatingPoint, Field or Netlist
+    value : Streamline, ShortPath, Polyline, Trajectory, LegPath, Run, OperatingPoint, Field, Netlist, Board, or runs
         A path: its points in continuous world coordinates, with times if it has some, and the tip of an arm.  A run:
         every step.  An operating point or a field: potentials and currents.  A netlist: its elements.
+        A board: its KiCad project.
     file : path-like
         ``-`` is standard output.  By type of value:
 
@@ -41,6 +44,7 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
         run, runs              ``.csv``, ``.json``, ``.npz``
         field, solved space    ``.npz``: ``potential``, ``log_drop``, ``cell``, perhaps ``safe``
         other operating point  ``.csv``, ``.json``, ``.npz``, ``.raw`` (for waveform viewers)
+        board                  a folder with a KiCad project
         netlist                ``.txt`` (edge list), ``.graphml``, ``.json`` (node-link), ``.npz``
         =====================  ==========================================================================
     **options
@@ -84,7 +88,7 @@ def _save(value: object, file: str | os.PathLike[str]) -> Path:
         return write_run(value, file)
     raise InputError(
         f"{with_article(type(value).__name__)} has no file format; save takes a path, a run or runs, an operating "
-        "point, a field or a netlist (a deck: rg.write_spice; a picture: rg.draw)"
+        "point, a field, a netlist or a board (a deck: rg.write_spice; a picture: rg.draw)"
     )
 
 
@@ -95,3 +99,4 @@ _save.register(OperatingPoint, write_solution)
 _save.register(Field, write_solution)
 _save.register(Run, write_run)
 _save.register(Netlist, write_network)
+_save.register(Board, save_board)

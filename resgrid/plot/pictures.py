@@ -42,6 +42,7 @@ PICTURES = {
     "resgrid.control.wavefronts:Wavefront": "control:draw_wavefront",
     "resgrid.core.netlist:Netlist": "netlist_graphs:draw_circuit",
     "resgrid.core.space:ConfigurationSpace": "panels:draw_space",
+    "resgrid.hardware.board:Board": "boards:draw_board",
     "resgrid.planning.blocking_obstacles:SceneSeparation": "paths:draw_separation",
     "resgrid.planning.blocking_obstacles:Separation": "paths:draw_separation",
     "resgrid.planning.fields:Field": "fields:draw_field",
@@ -173,6 +174,7 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     yield               fraction of chips that serve each start
     yield loss          change of the yield without each effect
     sweep               yield over two values                        ``share``
+    board               bridges or expected voltages, or a side      ``side`` ("plan", "front", "back")
     wavefront           change of the potential over time            ``shown`` (indices of its times)
     ==================  ===========================================  =================================================
 

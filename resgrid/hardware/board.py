@@ -1,0 +1,301 @@
+"""Boards: a scene or space as a printed circuit with resistors, from its circuit to the files of a KiCad project."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import sqrt
+from typing import Annotated, Unpack
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Lt
+
+from resgrid._internal.numbers import Count
+from resgrid.chip.study_analyses import study
+from resgrid.chip.yields import Yield
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
+from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
+from resgrid.errors import InputError
+from resgrid.hardware.board_circuit import GROUND_NET, BoardCircuit, Kind, board_circuit
+from resgrid.hardware.e_series import resistance_text
+from resgrid.hardware.kicad.footprints import PlacedFootprint
+from resgrid.hardware.placement import USUAL_PITCH, Index, Placement
+from resgrid.hardware.record import HardwareRecord, Part, PartType, Supply
+from resgrid.planning.pipeline import problem_of
+from resgrid.planning.trace import start_cell
+from resgrid.scene import Scene
+from resgrid.scene.chip import Chip, Readout
+
+FILE = "grid.kicad_pcb"
+"""Name of the board's file."""
+
+REVISION = "A"
+"""Revision of the board, as printed on it."""
+
+BITS = 10
+"""Resolution, in bits, of the converter for which the yield is predicted unless the scene describes one."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Board:
+    """A printed circuit board that realises the resistor grid of a space.
+
+    Returned by `build_board`; `resgrid.save` writes it as a KiCad project.
+
+    Attributes
+    ----------
+    circuit : BoardCircuit
+        Circuit of the board with resistors of the E96 series, its operating point and the names of its nets.
+    placement : Placement
+        Places of all parts, in millimetres.
+    title : str
+        Title, printed on the board.
+    tolerance : float
+        Tolerance of the resistors, as a fraction.
+    starts : tuple of tuple of int
+        Cells of the scene's starts, marked on a board of kind "fixed".
+    readout : Readout
+        Converter that reads the voltages, for the predicted yield.
+    kind : {"fixed", "jumpers"}
+        Whether the board serves one scene, or every scene of its size.
+    size : tuple of float
+        Width and height of the board, in millimetres.
+    voltages : mapping of str to float
+        Expected voltage of every net against ground, in volts.
+    supply_current : float
+        Current from the supply, in amperes.
+    power : float
+        Power from the supply, in watts.
+    largest_deviation : float
+        Largest deviation of a resistor of the E96 series from its exact value, as a fraction.
+
+    Examples
+    --------
+    >>> board = rg.hardware.build_board(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> board
+    <Board of kind fixed: 8 x 8 cells, 140 resistors, 75.2 x 82.2 mm>
+    >>> f"{board.voltages['n_0_6']:.3f} V, {1e6 * board.supply_current:.1f} uA"
+    '1.000 V, 246.2 uA'
+    """
+
+    circuit: BoardCircuit
+    placement: Placement
+    title: str
+    tolerance: float
+    starts: tuple[Index, ...]
+    readout: Readout
+
+    def __repr__(self) -> str:
+        width, height = self.size
+        cells = " x ".join(map(str, self.circuit.space.shape))
+        return (
+            f"<Board of kind {self.kind}: {cells} cells, {len(self.circuit.resistors)} resistors, "
+            f"{width:.1f} x {height:.1f} mm>"
+        )
+
+    @property
+    def kind(self) -> Kind:
+        """Whether the board serves one scene ("fixed"), or every scene of its size ("jumpers")."""
+        return self.circuit.kind
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the board, in millimetres."""
+        return self.placement.size
+
+    @property
+    def voltages(self) -> dict[str, float]:
+        """Expected voltage of every net against ground, in volts."""
+        return self.circuit.voltages
+
+    @property
+    def supply_current(self) -> float:
+        """Current from the supply, in amperes."""
+        return self.circuit.supply_current
+
+    @property
+    def power(self) -> float:
+        """Power from the supply, in watts."""
+        return self.circuit.power
+
+    @property
+    def largest_deviation(self) -> float:
+        """Largest deviation of a resistor of the E96 series from its exact value, as a fraction."""
+        return self.circuit.largest_deviation
+
+    @property
+    def mismatch(self) -> float:
+        """Standard deviation of a resistance, as a fraction: values uniformly distributed within the tolerance."""
+        return self.tolerance / sqrt(3.0)
+
+    def yields(self, *, trials: Count = 400, bits: Annotated[int, Ge(1), Le(32)] | None = None) -> Yield:
+        """Predict the yield of boards with resistors of the chosen tolerance.
+
+        Parameters
+        ----------
+        trials : int
+            Largest number of simulated boards.
+        bits : int, optional
+            Resolution of the converter, 1 to 32; by default that of `readout`.
+
+        Returns
+        -------
+        Yield
+            Fraction of the starts from which a robot that sees only the voltages of `readout` reaches a goal.  The
+            resistances have the standard deviation ``tolerance / sqrt(3)``.
+        """
+        wiring = self.circuit.wiring
+        readout = self.readout if bits is None else replace(self.readout, bits=bits)
+        chip = Chip(resistance=wiring.resistance, supply=wiring.supply, mismatch=self.mismatch, readout=readout)
+        return study(self.circuit.cells_netlist, chip).yields(trials=trials)
+
+    @cached_property
+    def closed(self) -> dict[str, tuple[int, ...]]:
+        """Numbers of the pads of each solder jumper that the jumper plan joins, by reference; no entry if open."""
+        pads = {Cell.OBSTACLE: (1, 2), Cell.GOAL: (2, 3)}
+        cells = self.circuit.space.cell
+        joined = dict[str, tuple[int, ...]]()
+        for placed in self.placement.jumpers:
+            i, j = map(int, placed.value.split(","))
+            if cells[i, j] != Cell.FREE:
+                joined[placed.reference] = pads[Cell(int(cells[i, j]))]
+        return joined
+
+    def record(self) -> HardwareRecord:
+        """Return the record of the board: parts, sources, and expected voltages.
+
+        Returns
+        -------
+        HardwareRecord
+            The record, which `resgrid check` compares with the netlist that KiCad extracts from the board.
+        """
+        circuit = self.circuit
+        ohms = {part.reference: part.ohms for part in circuit.resistors}
+        parts = tuple(self._part(placed, ohms) for placed in self.placement.parts)
+        wiring = circuit.wiring
+        sources = [Supply("supply", circuit.high_net, GROUND_NET, wiring.high)]
+        sources += [Supply(net, net, GROUND_NET, wiring.goal_voltage) for net in circuit.goal_nets]
+        nodes = {net: cell for cell, net in circuit.cell_nets.items() if net.startswith("n_")}
+        touched = {net for part in circuit.resistors for net in (part.lower, part.upper)}
+        volts = {net: value for net, value in circuit.voltages.items() if net in touched}
+        return HardwareRecord("board", self.kind, FILE, self.scene_hash, None, parts, tuple(sources), volts, nodes)
+
+    def _part(self, placed: PlacedFootprint, ohms: dict[str, float]) -> Part:
+        """Return the entry of a part in the record; `ohms`: resistances by reference."""
+        kinds: dict[str, PartType] = {"R": "resistor", "J": "connector", "JP": "jumper", "TP": "test_pad", "H": "hole"}
+        kind = kinds[placed.reference.rstrip("0123456789")]
+        closed = self.closed.get(placed.reference, ())
+        return Part(placed.reference, kind, ohms.get(placed.reference), placed.nets, closed)
+
+    @property
+    def scene_hash(self) -> str:
+        """SHA-256 of cells, conductivity and wiring, in hexadecimal digits."""
+        space = self.circuit.space
+        text = f"{space.shape} {self.circuit.wiring} {self.kind} {self.placement.pitch!r}"
+        digest = hashlib.sha256(text.encode() + space.cell.tobytes())
+        if space.conductivity is not None:
+            digest.update(np.ascontiguousarray(space.conductivity).tobytes())
+        return digest.hexdigest()
+
+    @property
+    def summary(self) -> str:
+        """Second line of the board's title: size, boundary, resistors and revision."""
+        wiring = self.circuit.wiring
+        values = sorted({part.ohms for part in self.circuit.resistors})
+        span = resistance_text(values[0])
+        span += f" to {resistance_text(values[-1])}" if len(values) > 1 else ""
+        cells = " x ".join(map(str, self.circuit.space.shape))
+        kind = wiring.boundary if self.kind == "fixed" else "any scene"
+        return f"{cells} cells, {kind}, {span}, rev {REVISION}"
+
+    @property
+    def legend(self) -> tuple[str, ...]:
+        """Lines of the legend of voltages, printed on the board."""
+        volts = f"{self.circuit.wiring.supply:+g} V"
+        walk = "path: always to the neighbour with the lowest voltage"
+        if self.kind == "jumpers":
+            return (
+                f"O: obstacle rail {volts}, G: goal rail 0 V",
+                "bridge the middle pad with O or G; the cell is at the lower left",
+                walk,
+            )
+        if self.circuit.wiring.is_driven:
+            return (
+                f"START {volts}, GOAL 0 V (GND)",
+                "hatched: obstacles, without resistors",
+                walk,
+                "voltages: see back",
+            )
+        return (f"hatched: obstacles {volts}, GOAL 0 V (GND)", walk, "voltages: see back")
+
+
+def build_board(
+    source: Scene | ConfigurationSpace,
+    *,
+    kind: Kind = "fixed",
+    pitch: Annotated[float, Gt(0)] = USUAL_PITCH,
+    tolerance: Annotated[float, Gt(0), Lt(1)] = 0.01,
+    space: ConfigurationSpace | None = None,
+    wiring: Wiring | None = None,
+    **options: Unpack[WiringOptions],
+) -> Board:
+    """Build a printed circuit board that realises the resistor grid of a scene or a space with two axes.
+
+    Parameters
+    ----------
+    source : Scene or ConfigurationSpace
+        The scene, whose ``[chip]`` table gives resistance, supply and converter, or a space.
+    kind : {"fixed", "jumpers"}
+        "fixed": a board for this scene.  "jumpers": a board with every resistor, on which solder bridges connect each
+        cell to the obstacle rail, to the goal rail, or to neither; it serves every scene of its size.
+    pitch : float
+        Distance of neighbouring cells on the board, in millimetres; at least 5.08 (fixed) or 6.35 (jumpers).
+    tolerance : float
+        Tolerance of the resistors, as a fraction.
+    space : ConfigurationSpace, optional
+        The space of the scene, if it was built before.
+    wiring : Wiring, optional
+        Boundary conditions, resistance and supply; by default those of the scene.
+    **options
+        Fields of `Wiring`, such as ``boundary="wall"``: instead of `wiring`, or as changes to it.
+
+    Returns
+    -------
+    Board
+        The board.
+
+    Raises
+    ------
+    InputError
+        If a board cannot realise the space or the wiring: other than two axes, a periodic axis, a uniform drive, or
+        areas or boundaries that a board with jumpers cannot have.
+    CircuitError
+        If no current flows.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml")
+    >>> board = rg.hardware.build_board(scene, kind="jumpers", resistance=22e3)
+    >>> len(board.circuit.resistors), sorted({part.ohms for part in board.circuit.resistors})
+    (144, [22100.0])
+    >>> rg.save(board, "class").name
+    'class'
+    """
+    if isinstance(source, Scene):
+        problem = problem_of(source, wiring, space=space, **options)
+        space, readout = problem.space, source.chip.readout
+        own = problem.only_wiring()[1]
+        starts = tuple(start_cell(space, start) for start in source.starts)
+        title = source.title or "Resistor grid"
+    else:
+        if space is not None:
+            raise InputError("space = ... belongs to a scene; the first argument is a space already, leave it out")
+        space, readout, starts, title = source, Readout(), (), "Resistor grid"
+        own = wiring_of(wiring, options)
+    if readout.bits is None:
+        readout = replace(readout, bits=BITS)
+    circuit = board_circuit(space, kind, own.on(space))
+    cells = tuple((int(start[0]), int(start[1])) for start in starts)
+    return Board(circuit, Placement(circuit, float(pitch)), title, float(tolerance), cells, readout)

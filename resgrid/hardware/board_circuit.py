@@ -1,0 +1,238 @@
+"""The circuit that a board realises: a compiled space with resistors of the E96 series, and names of its nets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.solve import solve
+from resgrid.core.cell import Cell
+from resgrid.core.compiler import compile_space, why_undriven
+from resgrid.core.netlist import Netlist
+from resgrid.core.regions import crossed_faces
+from resgrid.core.space import ConfigurationSpace
+from resgrid.core.wiring import Wiring
+from resgrid.errors import CircuitError, InputError
+from resgrid.hardware.e_series import nearest_e96
+
+Kind = Literal["fixed", "jumpers"]
+
+MOST_CELLS = 64
+"""Largest number of cells along an axis of a board."""
+
+GROUND_NET, OBSTACLE_NET, GOAL_NET = "0", "obstacle", "goal"
+"""Names of the nets of ground, of the obstacle rail, and of the goal rail of a board with jumpers."""
+
+
+@dataclass(frozen=True)
+class GridResistor:
+    """A resistor of the grid.
+
+    `reference`: its name; `ohms`: its resistance; `lower`, `upper`: nets of the terminals at the lower and the higher
+    coordinate; `axis`: 0 for a horizontal, 1 for a vertical resistor; `cell`: index of the cell at its higher end,
+    which is one more than the last cell at the upper border.
+    """
+
+    reference: str
+    ohms: float
+    lower: str
+    upper: str
+    axis: int
+    cell: tuple[int, int]
+
+    @property
+    def ends(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Indices of the cells at the lower and the higher end; one of them may lie outside the grid."""
+        i, j = self.cell
+        return ((i - 1, j), (i, j)) if self.axis == 0 else ((i, j - 1), (i, j))
+
+
+@dataclass(frozen=True, eq=False)
+class BoardCircuit:
+    """The circuit of a board.
+
+    `kind`: "fixed" or "jumpers"; `ideal`: the compiled circuit; `op`: operating point with values of the E96 series.
+    """
+
+    kind: Kind
+    ideal: Netlist
+    op: OperatingPoint
+
+    @property
+    def netlist(self) -> Netlist:
+        """The circuit with values of the E96 series."""
+        return self.op.netlist
+
+    @cached_property
+    def cells_netlist(self) -> Netlist:
+        """The same circuit with a node of its own for every cell, for studies of robots that read the voltages."""
+        ideal = self.ideal
+        if self.wiring.rails != "cells":
+            ideal = compile_space(self.space, self.wiring, rails="cells")
+        return ideal.replace(conductance=1.0 / nearest_e96(1.0 / ideal.conductance))
+
+    @property
+    def space(self) -> ConfigurationSpace:
+        """The space of the board."""
+        return self.netlist.cells.space
+
+    @property
+    def wiring(self) -> Wiring:
+        """Boundary conditions, supply and nominal resistance."""
+        return self.netlist.cells.wiring
+
+    @cached_property
+    def node_nets(self) -> list[str]:
+        """Net of every node."""
+        return self.netlist.names_of(np.arange(self.netlist.node_count))
+
+    @property
+    def high_net(self) -> str:
+        """Net of the plane and of the positive supply: the obstacle rail, or the cell of the driven start."""
+        start = self.wiring.start
+        return OBSTACLE_NET if start is None else "n_{}_{}".format(*start)
+
+    @property
+    def goal_nets(self) -> tuple[str, ...]:
+        """Nets of the goal rails: one per goal region, or the common rail of a board with jumpers."""
+        return (GOAL_NET,) if self.kind == "jumpers" else tuple(f"goal_{goal}" for goal in range(self.space.goal_count))
+
+    @cached_property
+    def resistors(self) -> tuple[GridResistor, ...]:
+        """Resistors in reading order: row by row from the top, each row from the left."""
+        cells = self.netlist.cells
+        axes, index = crossed_faces(cells.resistor_face, self.space.shape)
+        nodes = np.where(
+            cells.resistor_upward[:, np.newaxis], self.netlist.resistor_nodes, self.netlist.resistor_nodes[:, ::-1]
+        )
+        centre = index - 0.5 * (np.arange(2) == axes[:, np.newaxis])
+        nets = self.node_nets
+        order = np.lexsort((centre[:, 0], -centre[:, 1]))
+        return tuple(
+            GridResistor(
+                f"R{number}",
+                float(ohms),
+                nets[nodes[at, 0]],
+                nets[nodes[at, 1]],
+                int(axes[at]),
+                (int(index[at, 0]), int(index[at, 1])),
+            )
+            for number, (at, ohms) in enumerate(zip(order, self.ohms[order], strict=True), start=1)
+        )
+
+    @cached_property
+    def ohms(self) -> NDArray[np.float64]:
+        """Resistances (resistors,), in ohms, in the order of the netlist."""
+        return nearest_e96(1.0 / self.ideal.conductance)
+
+    @property
+    def largest_deviation(self) -> float:
+        """Largest deviation of a resistance from its exact value, as a fraction of this value."""
+        return float(np.abs(self.ohms * self.ideal.conductance - 1.0).max(initial=0.0))
+
+    @cached_property
+    def cell_nets(self) -> dict[tuple[int, int], str]:
+        """Net of every cell with a pad of its own: free cells and goal cells, and all cells of a board with jumpers."""
+        node = self.netlist.cells.node
+        wanted = (node >= 0) & ((self.space.cell != Cell.OBSTACLE) | (self.kind == "jumpers"))
+        return {(int(i), int(j)): self.node_nets[node[i, j]] for i, j in np.argwhere(wanted)}
+
+    @cached_property
+    def voltages(self) -> dict[str, float]:
+        """Expected voltage of every net, in volts."""
+        used = {net for part in self.resistors for net in (part.lower, part.upper)}
+        volts = {net: float(self.op.voltage[node]) for node, net in enumerate(self.node_nets) if net in used}
+        volts |= dict.fromkeys(self.goal_nets, self.wiring.goal_voltage)
+        return volts | {self.high_net: self.wiring.high, GROUND_NET: 0.0}
+
+    @property
+    def power(self) -> float:
+        """Power that the supply delivers, in watts."""
+        return float(self.op.power)
+
+    @property
+    def supply_current(self) -> float:
+        """Current from the positive supply, in amperes."""
+        return self.power / self.wiring.supply
+
+    @property
+    def goal_currents(self) -> dict[str, float]:
+        """Current into every goal region, in amperes, by the region's name ``goal_0``, ``goal_1`` ..."""
+        volts, total = self.op.voltage, dict[str, float]()
+        pairs, current = (
+            self.netlist.resistor_nodes,
+            (volts[self.netlist.resistor_nodes] @ [1.0, -1.0]) * self.netlist.conductance,
+        )
+        region_of = np.full(self.netlist.node_count, -1)
+        goal = self.space.cell == Cell.GOAL
+        region_of[self.netlist.cells.node[goal]] = self.space.goal_region[goal]
+        for region in range(self.space.goal_count):
+            into = current[region_of[pairs[:, 1]] == region].sum() - current[region_of[pairs[:, 0]] == region].sum()
+            total[f"goal_{region}"] = float(into)
+        return total
+
+
+def board_circuit(space: ConfigurationSpace, kind: Kind, wiring: Wiring) -> BoardCircuit:
+    """Return the circuit of a board; raise InputError for spaces and wirings that a board cannot realise.
+
+    `space`: the space; `kind`: "fixed" or "jumpers"; `wiring`: boundary conditions, resistance and supply.
+    """
+    for problem in _problems(space, kind, wiring):
+        raise InputError(problem)
+    if (why := why_undriven(space, wiring)) is not None:
+        raise CircuitError(why)
+    ideal = compile_space(space, wiring, rails="cells" if kind == "jumpers" else "merged")
+    rounded = nearest_e96(1.0 / ideal.conductance)
+    return BoardCircuit(kind, ideal, solve(ideal.replace(conductance=1.0 / rounded)))
+
+
+def _problems(space: ConfigurationSpace, kind: Kind, wiring: Wiring) -> Iterator[str]:
+    """Yield a message for every property of a space or wiring that a board cannot realise."""
+    if space.ndim != 2:
+        yield (
+            f"the space has {space.ndim} axes, but the resistors of a board lie in a plane: choose a scene with "
+            "2 axes, or take one slice of the space"
+        )
+        return
+    if max(space.shape) > MOST_CELLS or min(space.shape) < 3:
+        size = " x ".join(map(str, space.shape))
+        yield (
+            f"a board has 3 to {MOST_CELLS} cells along each axis, but the space has {size}; choose other cells with "
+            "--set grid.cells=16 (or grid.axes.0.cells and grid.axes.1.cells), or --coarsen for a map"
+        )
+    if space.periodic.any():
+        name = space.axes[int(np.argmax(space.periodic))].name
+        yield (
+            f"axis {name!r} is periodic, but a board has two ends along every axis; make the axis not periodic "
+            "(periodic = false), so that the board has a border there"
+        )
+    if wiring.drive == "uniform":
+        count = int((space.goal_connected & (space.cell == Cell.FREE)).sum())
+        yield (
+            f"drive = 'uniform' needs {count} current sources, one for each free cell, and a board has only resistors; "
+            "choose --drive start with one --start X,Y (the start is at the supply), or --boundary dirichlet"
+        )
+    if wiring.goal_voltage != 0:
+        yield f"goal_voltage = {wiring.goal_voltage:g} V, but the goal rail of a board is its ground; leave it out"
+    if kind == "jumpers":
+        yield from _problems_of_jumpers(space, wiring)
+
+
+def _problems_of_jumpers(space: ConfigurationSpace, wiring: Wiring) -> Iterator[str]:
+    """Yield a message for every property that a board with jumpers, which has all resistors, cannot realise."""
+    if wiring.boundary != "dirichlet":
+        yield (
+            f"boundary = {wiring.boundary!r} changes the resistors around obstacles, but a board with jumpers has the "
+            "same resistors for every scene; choose --kind fixed, or --boundary dirichlet"
+        )
+    if space.conductivity is not None and np.ptp(space.conductivity) > 0:
+        yield (
+            "the scene has areas of other conductivity, but a board with jumpers has the same resistors for every "
+            "scene; choose --kind fixed, or remove [[area]]"
+        )

@@ -1,0 +1,1 @@
+"""KiCad 9 files as text: S-expressions, symbols, footprints, schematics, boards and projects."""

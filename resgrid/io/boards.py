@@ -1,0 +1,24 @@
+"""Boards as folders with a KiCad project."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from resgrid._internal.files import SUMMARY, whole_folder
+from resgrid.hardware.board import Board
+from resgrid.hardware.board_files import described, write_board
+from resgrid.io.tables import json_text
+
+
+def save_board(board: Board, file: str | os.PathLike[str]) -> Path:
+    """Write the KiCad project, lists, record and README of a board into a folder, and return the folder.
+
+    `board`: the board; `file`: name of the folder, which is created.  The files that kicad-cli makes and the picture of
+    the jumper plan are written by the subcommand ``resgrid board`` only.
+    """
+    with whole_folder(Path(file)) as work:
+        names = write_board(board, work)
+        text = json_text({"files": dict(described([*names, SUMMARY]))}) + "\n"
+        (work / SUMMARY).write_text(text, encoding="utf-8")
+    return Path(file)
