@@ -1,0 +1,267 @@
+"""The record of a board or layout: a JSON file that lists parts, sources, and expected voltages.
+
+The record of ``grid.kicad_pcb`` is ``grid.record.json`` in the same folder.  It describes the circuit that the file is
+meant to realise, so that a netlist from an independent tool can be compared with it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from resgrid._internal.files import read_text, write_text
+from resgrid._internal.values import frozen
+from resgrid.errors import InputError
+
+SCHEMA = 1
+"""Version of the format of records."""
+
+SUFFIX = ".record.json"
+"""Suffix of a record's file name, which replaces the suffix of the board or layout."""
+
+PartType = Literal["resistor", "jumper", "connector", "test_pad", "hole"]
+"""Types of parts in a record."""
+
+_STRICT = {"strict": True, "extra": "forbid"}
+"""Settings of pydantic: no conversion between types, and no unknown keys."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a board or layout.
+
+    Attributes
+    ----------
+    reference : str
+        Unique name of the part, such as ``"R17"``.
+    type : {"resistor", "jumper", "connector", "test_pad", "hole"}
+        Type of the part.
+    value : float or None
+        Resistance in ohms of a resistor, as the file realises it; None for other parts.
+    nets : tuple of str
+        Net of each pad or terminal, in the order of its number.
+    closed : tuple of int
+        Numbers of the pads, counted from 1, that the jumper plan joins; empty for an open jumper and for other parts.
+
+    Examples
+    --------
+    >>> from resgrid.hardware.record import Part
+    >>> Part("R17", "resistor", 10_000.0, ("n_3_4", "n_3_5")).nets
+    ('n_3_4', 'n_3_5')
+    """
+
+    __pydantic_config__ = _STRICT
+    reference: str
+    type: PartType
+    value: float | None
+    nets: tuple[str, ...]
+    closed: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Supply:
+    """A voltage source outside a board or layout.
+
+    Attributes
+    ----------
+    name : str
+        Name of the source.
+    positive, negative : str
+        Nets of its terminals.
+    volts : float
+        Voltage of `positive` above `negative`.
+    """
+
+    __pydantic_config__ = _STRICT
+    name: str
+    positive: str
+    negative: str
+    volts: float
+
+
+@frozen
+@dataclass(frozen=True)
+class HardwareRecord:
+    """Record of the circuit that a board or layout realises.
+
+    Attributes
+    ----------
+    kind : {"board", "layout"}
+        Kind of the file.
+    variant : {"fixed", "jumpers"} or None
+        Variant of a board: for one scene, or for every scene of its size; None for a layout.
+    file : str
+        Name of the board or layout, in the folder of the record.
+    scene_hash : str
+        Hash of the scene.
+    process : str or None
+        Name of the process of a layout, such as ``"ihp-sg13g2:rppd"``; None for a board.
+    parts : tuple of Part
+        All parts.
+    sources : tuple of Supply
+        Voltage sources outside the board or layout.
+    voltages : mapping of str to float
+        Expected voltage of each net, in volts against net ``"0"``: the solution of `resgrid.solve` for exactly the
+        values of `parts`.
+    nodes : mapping of str to tuple of int
+        Cell of each net that belongs to a cell.
+
+    Examples
+    --------
+    >>> from resgrid.hardware.record import HardwareRecord, Part, Supply
+    >>> record = HardwareRecord(
+    ...     "board", "fixed", "grid.kicad_pcb", "",
+    ...     parts=(Part("R1", "resistor", 1e4, ("top", "n_0_0")), Part("R2", "resistor", 1e4, ("n_0_0", "0"))),
+    ...     sources=(Supply("top", "top", "0", 1.0),), voltages={"top": 1.0, "n_0_0": 0.5}, nodes={"n_0_0": (0, 0)},
+    ... )
+    >>> record.part["R2"].nets
+    ('n_0_0', '0')
+    """
+
+    __pydantic_config__ = _STRICT
+    kind: Literal["board", "layout"]
+    variant: Literal["fixed", "jumpers"] | None
+    file: str
+    scene_hash: str
+    process: str | None = None
+    parts: tuple[Part, ...] = ()
+    sources: tuple[Supply, ...] = ()
+    voltages: Mapping[str, float] = field(default_factory=dict)
+    nodes: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+
+    @property
+    def part(self) -> dict[str, Part]:
+        """Part by reference."""
+        return {part.reference: part for part in self.parts}
+
+
+def record_path(file: str | os.PathLike[str]) -> Path:
+    """Return the path of the record of a board or layout: ``grid.record.json`` for ``grid.kicad_pcb``."""
+    return Path(file).with_suffix(SUFFIX)
+
+
+def write_record(file: str | os.PathLike[str], record: HardwareRecord) -> Path:
+    """Write the record of a board or layout, and return the path of the record.
+
+    Parameters
+    ----------
+    file : str or path
+        The board or layout; the record has its name with the suffix ``.record.json``.
+    record : HardwareRecord
+        The record.
+
+    Raises
+    ------
+    InputError
+        If the record contradicts itself or cannot be written.
+    """
+    path = record_path(file)
+    _require_consistency(record, f"cannot write {path}")
+    return write_text(path, format_record(record))
+
+
+def format_record(record: HardwareRecord) -> str:
+    """Return the text of a record: sorted, one part, source, voltage or cell per line, with exact numbers."""
+    data = asdict(record) | {
+        "schema": SCHEMA,
+        "parts": [asdict(part) for part in sorted(record.parts, key=lambda part: natural_order(part.reference))],
+        "sources": [asdict(source) for source in sorted(record.sources, key=lambda source: source.name)],
+    }
+    return "{\n" + ",\n".join(f"{json.dumps(key)}: {_value_text(data[key])}" for key in sorted(data)) + "\n}\n"
+
+
+def _value_text(value: Any) -> str:
+    """Return a value of a record as JSON, with one line per entry of a list or mapping."""
+    if isinstance(value, Mapping) and value:
+        entries = (f"{json.dumps(key)}: {_line(value[key])}" for key in sorted(value, key=natural_order))
+        return "{\n" + ",\n".join(entries) + "\n}"
+    if isinstance(value, list) and value:
+        return "[\n" + ",\n".join(map(_line, value)) + "\n]"
+    return _line(value)
+
+
+def _line(value: Any) -> str:
+    """Return a value as JSON on one line, with sorted keys."""
+    return json.dumps(value, sort_keys=True, allow_nan=False)
+
+
+def natural_order(name: str) -> tuple[tuple[str, int], ...]:
+    """Return a sort key that orders names by their numbers: R2 before R10."""
+    return tuple((text, int(digits or -1)) for text, digits in re.findall(r"(\D*)(\d*)", name))
+
+
+def read_record(file: str | os.PathLike[str]) -> HardwareRecord:
+    """Return the validated record of a board or layout.
+
+    Parameters
+    ----------
+    file : str or path
+        The board or layout, or its record.
+
+    Raises
+    ------
+    InputError
+        If the record is absent, damaged, or contradicts itself.
+    """
+    given = Path(file)
+    path = given if given.name.endswith(SUFFIX) else record_path(given)
+    if not path.exists():
+        raise InputError(
+            f"{given}: its record {path.name} is absent from the folder; "
+            "write the board with 'resgrid board' or the layout with 'resgrid layout' again"
+        )
+    record = _parse(read_text(path), path)
+    _require_consistency(record, f"the record {path} is damaged")
+    return record
+
+
+def _parse(text: str, path: Path) -> HardwareRecord:
+    """Return the record with a text; raise InputError with the first problem.  `path`: its file, for messages."""
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        data = json.loads(text)
+        if not isinstance(data, dict) or data.pop("schema", None) != SCHEMA:
+            raise ValueError(f'it is not an object with "schema": {SCHEMA}')
+        return TypeAdapter(HardwareRecord).validate_json(json.dumps(data, allow_nan=False))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        problem = f" at {'.'.join(map(str, first['loc']))}: {first['msg']}"
+    except (ValueError, RecursionError) as error:
+        problem = f": {error}"
+    raise InputError(f"the record {path} is damaged{problem}; write the board or layout again")
+
+
+def _require_consistency(record: HardwareRecord, words: str) -> None:
+    """Raise InputError if a record contradicts itself; `words`: beginning of the message."""
+    problem = next(_contradictions(record), None)
+    if problem is not None:
+        raise InputError(f"{words}: {problem}; write the board or layout again")
+
+
+def _contradictions(record: HardwareRecord) -> Iterator[str]:
+    """Yield a message for every contradiction inside a record."""
+    for reference, count in Counter(part.reference for part in record.parts).items():
+        if count > 1:
+            yield f"{count} parts have the reference {reference}"
+    for part in record.parts:
+        if part.type == "resistor" and not (part.value is not None and 0 < part.value < float("inf")):
+            yield f"resistor {part.reference} has the value {part.value}, which is not a positive number of ohms"
+        if part.type == "resistor" and len(part.nets) != 2:
+            yield f"resistor {part.reference} has {len(part.nets)} nets instead of 2"
+        if any(not 1 <= pad <= len(part.nets) for pad in part.closed):
+            yield f"{part.reference} joins pads {list(part.closed)}, but has pads 1 to {len(part.nets)}"
+    known = {net for part in record.parts for net in part.nets}
+    for source in record.sources:
+        for net in (source.positive, source.negative):
+            if net not in known and net != "0":
+                yield f"source {source.name} is on net {net}, which no part touches"
+    for net in record.voltages:
+        if net not in known and net != "0":
+            yield f"net {net} has a voltage, and no part touches the net"
