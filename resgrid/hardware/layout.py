@@ -293,7 +293,7 @@ def _draw(
         rules.up(top + MARGIN),
     )
     boxes.append((rules.outline, *outline))
-    labels = [*drawing.labels, Label(f"pitch {tile.px} {tile.py} nm", 0, 0, rules.outline)]
+    labels = [*drawing.labels, Label(f"tile {tile.px} {tile.py} {tile.upper} nm", 0, 0, rules.outline)]
     if labelled:
         labels += node_labels(array, tile, rules.metals[0])
     placed = (Placement("array", 0, 0), *drawing.placements)

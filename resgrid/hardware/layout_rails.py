@@ -130,7 +130,7 @@ def _trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, width: int
     """Return one trunk per net, from left to right, on tracks of metal 3 that no other net uses; `width` in nm."""
     space, second = rules.metals[2].space, rules.metals[1]
     pitch = width + space
-    least = rules.up((tile.link + width) / 2 + space)
+    least = rules.up((max(tile.link, width) + width) / 2 + space)
     last = tile.px - rules.up((tile.link + width) / 2 + max(space, second.space))
     tracks = [0, *range(least, last + 1, pitch)]
     used: dict[int, set[int]] = {}
