@@ -1,179 +1,160 @@
-"""Check of a layout: an outside Python with klayout extracts its circuit, which is compared with the record."""
+"""Check of a layout: klayout extracts its circuit, which is compared with the record part by part."""
 
 from __future__ import annotations
 
-import json
 import os
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from resgrid._internal.files import temporary_folder
 from resgrid.circuit.solve import solve
 from resgrid.core.netlist import Netlist
-from resgrid.errors import InputError, ResgridError
-from resgrid.hardware.comparison import compare_nets, compare_values, compare_voltages, match_nets, pads_of
+from resgrid.errors import CircuitError, InputError, ToolMissingError
+from resgrid.hardware.comparison import (
+    VoltageComparison,
+    compare_nets,
+    compare_values,
+    compare_voltages,
+    match_nets,
+    pads_of,
+    supply_of,
+)
+from resgrid.hardware.hardware_check import HardwareCheck
+from resgrid.hardware.layout_extraction import Extraction, extract_layout
 from resgrid.hardware.layout_process import layout_rules
-from resgrid.hardware.layout_rules import LayoutRules
 from resgrid.hardware.record import HardwareRecord, read_record
 from resgrid.hardware.tools import TIMEOUT, find_klayout
-
-SCRIPT = Path(__file__).with_name("klayout_extraction.py")
-"""Script that runs in the outside Python."""
 
 TOLERANCE = 1e-12
 """Default tolerance of voltages, as a fraction of the supply."""
 
-_TILE = re.compile(r"tile (\d+) (\d+) (\d+) nm")
-"""Pattern of the label with the pitch of the tiles and the offset of the resistors along y, in nanometres."""
+_NAME = re.compile(r"\b(?:R([XY])_(\d+)_(\d+)|(P_\w+)|n_(\d+)_(\d+))")
+"""Pattern of the names of resistors, pads and nodes in messages."""
 
 
-@dataclass(frozen=True)
-class Extraction:
-    """Circuit of a layout as klayout extracts it.
+def check_layout(
+    file: str | os.PathLike[str], *, tolerance: float = TOLERANCE, timeout: float = TIMEOUT
+) -> HardwareCheck:
+    """Compare a layout with its record: devices, connections, labels, design rules, resistances and voltages.
 
-    `nets`: number of the net of every pad of a part, by reference and number; `ohms`: resistance of every resistor;
-    `place`: place of every part, in micrometres; `labels`: text, place and net of the labels of nodes; `violations`:
-    messages about violated design rules; `messages`: problems of the extraction.
+    An outside Python interpreter with klayout extracts resistors and connections from the shapes of the layout alone,
+    and checks widths, spacings and enclosures by the rules of the process.
+
+    Parameters
+    ----------
+    file : path-like
+        GDSII or OASIS file from `resgrid.save` or ``resgrid layout``, with its record in the same folder.
+    tolerance : float
+        Largest difference of a voltage, as a fraction of the supply.
+    timeout : float
+        Longest run of klayout, in seconds.
+
+    Returns
+    -------
+    HardwareCheck
+        The result; a finding names the part or net and its place in the layout.
+
+    Raises
+    ------
+    InputError
+        If the layout or its record cannot be read.
+    BudgetError
+        If klayout does not finish in time.
+
+    Examples
+    --------
+    >>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> file = rg.save(rg.hardware.build_layout(space, "toy"), "lesson.gds")
+    >>> rg.hardware.check_layout(file).agrees
+    True
     """
-
-    nets: Mapping[tuple[str, int], int | None]
-    ohms: Mapping[str, float]
-    place: Mapping[str, tuple[float, float]]
-    labels: tuple[tuple[str, float, float, int | None], ...]
-    violations: tuple[str, ...]
-    messages: tuple[str, ...]
-
-
-def extract_layout(
-    file: str | os.PathLike[str], rules: LayoutRules, *, check_rules: bool = True, timeout: float = TIMEOUT
-) -> Extraction:
-    """Return the circuit that klayout extracts from the shapes of a layout, and the violated design rules.
-
-    `file`: GDSII or OASIS file; `rules`: design rules of its process; `check_rules`: whether the rules are checked;
-    `timeout`: longest run of klayout, in seconds.
-    """
-    tool = find_klayout()
-    with temporary_folder() as folder:
-        job = folder / "job.json"
-        job.write_text(json.dumps(_job(rules, check_rules)), encoding="utf-8")
-        printed = tool.run(SCRIPT, Path(file), job, timeout=timeout)
-    return _extraction(Path(file), rules, json.loads(printed))
-
-
-def _job(rules: LayoutRules, check_rules: bool) -> dict[str, Any]:
-    """Return layers, connections and rules for the script."""
-    layers = {"poly": rules.poly, "marker": rules.marker, "contact": rules.contact, "opening": rules.passivation}
-    layers |= {f"cover {name}": layer for name, layer, *_ in rules.covers}
-    connections = [("ends", "contact"), ("contact", rules.metals[0].name)]
-    conductors = ["ends", "contact"]
-    for metal, upper in zip(rules.metals, [*rules.metals[1:], None], strict=True):
-        layers[metal.name] = metal.layer
-        conductors.append(metal.name)
-        if upper is not None:
-            layers[metal.via] = metal.via_layer
-            conductors.append(metal.via)
-            connections += [(metal.name, metal.via), (metal.via, upper.name)]
-    names = [rules.metals[0], rules.metals[-1]]
-    return {
-        "layers": layers,
-        "conductors": conductors,
-        "connections": connections,
-        "texts": [(metal.name, metal.text) for metal in names],
-        "outline": rules.outline,
-        "rules": list(_rules(rules)) if check_rules else [],
-    }
-
-
-def _rules(rules: LayoutRules) -> Iterator[dict[str, Any]]:
-    """Yield the design rules in the form of the script: name, kind, layer, other layer, and value in nanometres."""
-
-    def rule(kind: str, layer: str, value: int, other: str | None = None) -> dict[str, Any]:
-        words = f"{kind} of {layer}" + (f" by {other}" if kind in ("enclosure", "margin") else f" from {other}" if other else "")
-        return {"name": f"{words} {value * 1e-3:g} um", "kind": kind, "layer": layer, "other": other, "value": value}
-
-    yield rule("width", "poly", rules.width)
-    yield rule("space", "poly", rules.poly_space)
-    yield rule("width", "marker", rules.marker_width)
-    yield rule("space", "marker", rules.marker_space)
-    yield rule("margin", "poly", rules.marker_enclosure, "marker")
-    yield rule("size", "contact", rules.contact_size)
-    yield rule("space", "contact", rules.contact_space)
-    yield rule("enclosure", "contact", rules.contact_enclosure, "poly")
-    yield rule("separation", "contact", rules.contact_marker, "marker")
-    yield rule("enclosure", "contact", rules.contact_metal, rules.metals[0].name)
-    yield rule("enclosure", "opening", rules.pad_opening, rules.metals[-1].name)
-    for name, _, over, width, space in rules.covers:
-        yield rule("enclosure", "poly", over, f"cover {name}")
-        yield rule("width", f"cover {name}", width)
-        yield rule("space", f"cover {name}", space)
-    for metal, upper in zip(rules.metals, [*rules.metals[1:], None], strict=True):
-        yield rule("width", metal.name, metal.width)
-        yield rule("space", metal.name, metal.space)
-        yield rule("grid", metal.name, rules.grid)
-        if upper is not None:
-            yield rule("size", metal.via, metal.via_size)
-            yield rule("space", metal.via, metal.via_space)
-            yield rule("enclosure", metal.via, metal.via_enclosure, metal.name)
-            yield rule("enclosure", metal.via, metal.via_enclosure, upper.name)
-    for layer in ("poly", "marker", "contact"):
-        yield rule("grid", layer, rules.grid)
-
-
-def _extraction(file: Path, rules: LayoutRules, data: dict[str, Any]) -> Extraction:
-    """Return the extraction from the result of the script; lengths of the result are in nanometres."""
-    if abs(data["dbu"] - 1e-3) > 1e-12:
-        raise InputError(f"{file}: its unit is {data['dbu']} um, expected 0.001 um; write the layout again")
-    tile = next((match for text, *_ in data["texts"] if (match := _TILE.fullmatch(text))), None)
-    if tile is None:
-        raise InputError(f"{file}: the label with the pitch of the tiles is absent; write the layout again")
-    pitch = tuple(int(number) for number in tile.groups())
-    nets: dict[tuple[str, int], int | None] = {}
-    ohms: dict[str, float] = {}
-    place: dict[str, tuple[float, float]] = {}
-    for x, y, area, width, corners, left, right in data["resistors"]:
-        name = _resistor_name(x, y, pitch)
-        while name in ohms:
-            name += "_again"
-        ohms[name] = rules.resistance(area, width, corners)
-        nets[name, 1], nets[name, 2] = left, right
-        place[name] = (x * 1e-3, y * 1e-3)
-    labels = []
-    pads: Counter[str] = Counter()
-    for text, metal, x, y, net in data["labels"]:
-        if metal == rules.metals[-1].name:
-            pads[text] += 1
-            name = pad_name(text, pads[text])
-            nets[name, 1] = net
-            place[name] = (x * 1e-3, y * 1e-3)
-        else:
-            labels.append((text, x * 1e-3, y * 1e-3, net))
-    violations = tuple(
-        f"{name}: {count} {'place violates' if count == 1 else 'places violate'} this rule, the first at "
-        f"({places[0][0] * 1e-3:.3f}, {places[0][1] * 1e-3:.3f}) um"
-        for name, count, places in data["violations"]
+    path, record = Path(file), read_record(file)
+    if record.kind != "layout" or record.process is None:
+        raise InputError(f"{file}: its record describes a board; give a .gds or .oas file")
+    try:
+        tool = find_klayout()
+    except ToolMissingError as error:
+        return HardwareCheck(verified=False, tolerance=tolerance, remark=str(error), kind="layout")
+    extraction = extract_layout(tool, path, layout_rules(record.process), timeout=timeout)
+    owner = match_nets(pads_of(record), extraction.nets)
+    findings = [
+        *compare_nets(record, extraction.nets),
+        *compare_values(record, extraction.ohms),
+        *_wrong_labels(record, extraction, owner),
+    ]
+    voltages = _compare_voltages(record, extraction, owner, tolerance)
+    findings = [_located(message, extraction) for message in [*findings, *voltages.findings]]
+    findings += [*extraction.messages, *extraction.violations]
+    error = voltages.max_abs_error
+    return HardwareCheck(
+        verified=True,
+        findings=tuple(findings),
+        max_abs_error=error,
+        max_relative_error=None if error is None else error / supply_of(record),
+        nodes=voltages.nodes,
+        parts=len(record.parts),
+        tools={"klayout": tool.version},
+        tolerance=tolerance,
+        worst=voltages.worst,
+        kind="layout",
     )
-    return Extraction(nets, ohms, place, tuple(labels), violations, tuple(data["messages"]))
 
 
-def pad_name(net: str, number: int) -> str:
-    """Return the reference of the pad of a net; `number`: its number among the pads of the net, from left to right."""
-    return f"P_{net}" if number == 1 else f"P_{net}_{number}"
+def _wrong_labels(record: HardwareRecord, extraction: Extraction, owner: Mapping[object, str]) -> Iterator[str]:
+    """Yield a message for every label of a node that is on another net; `owner`: expected net by number of a net."""
+    for text, x, y, net in extraction.labels:
+        if text in record.voltages and owner.get(net) != text:
+            on = "no metal" if net is None else owner.get(net, "an unknown net")
+            yield f"the label {text} at ({x:.3f}, {y:.3f}) um is on {on}"
 
 
-def _resistor_name(x: int, y: int, pitch: tuple[int, ...]) -> str:
-    """Return the reference of a resistor from the place of its body, in nanometres.
+def _compare_voltages(
+    record: HardwareRecord, extraction: Extraction, owner: Mapping[object, str], tolerance: float
+) -> VoltageComparison:
+    """Return the comparison of the voltages of the extracted circuit with the record.
 
-    `pitch`: distances of tiles along x and y, and y of the resistors along y in their tile.
+    The comparison is empty if the extracted circuit has no solution, such as two sources on one net; the nets have
+    findings then.  `owner`: expected net by number of a net.
     """
-    px, py, upper = pitch
-    i = round(x / px - 0.25)
-    candidates = [(abs(y - j * py - offset), axis, j) for axis, offset in ((0, 0), (1, upper)) for j in
-                  (round((y - offset) / py),)]  # fmt: skip
-    _, axis, j = min(candidates)
-    return f"RX_{i + 1}_{j}" if axis == 0 else f"RY_{i}_{j + 1}"
+    number = {net: 1 + index for index, net in enumerate(dict.fromkeys(filter(None, extraction.nets.values())))}
+    pairs = [tuple(number.get(extraction.nets[name, end] or -1, 0) for end in (1, 2)) for name in extraction.ohms]
+    pad = {source.positive: extraction.nets.get((f"P_{source.positive}", 1)) for source in record.sources}
+    tied = [(number[net], source.volts) for source in record.sources if (net := pad[source.positive]) in number]
+    nodes = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    ohms = np.array(list(extraction.ohms.values()))
+    complete = nodes.all(axis=1)
+    netlist = Netlist(
+        len(number) + 1,
+        nodes[complete],
+        1.0 / ohms[complete],
+        source_nodes=[[node, 0] for node, _ in tied] or np.empty((0, 2), dtype=np.int64),
+        source_volts=[volts for _, volts in tied],
+    )
+    try:
+        voltage = solve(netlist).voltage
+    except (CircuitError, InputError):
+        return VoltageComparison(None, 0, (), ())
+    found = {
+        owner[net]: float(voltage[node]) for net, node in number.items() if net in owner and np.isfinite(voltage[node])
+    }
+    return compare_voltages(record, found, tolerance, "the extracted circuit")
+
+
+def _located(message: str, extraction: Extraction) -> str:
+    """Return a message with the place, in micrometres, of the first part or node that it names."""
+    match = _NAME.search(message)
+    if match is None or " um" in message:
+        return message
+    axis, i, j, pad, column, row = match.groups()
+    px, py, upper = extraction.pitch
+    place = extraction.place.get(match.group(0))
+    if place is None and pad is None:
+        if axis is None:
+            place = (int(column) * px * 1e-3, int(row) * py * 1e-3)
+        elif axis == "X":
+            place = ((int(i) - 1) * px * 1e-3, int(j) * py * 1e-3)
+        else:
+            place = (int(i) * px * 1e-3, ((int(j) - 1) * py + upper) * 1e-3)
+    return message if place is None else f"{message}; {match.group(0)} is at ({place[0]:.3f}, {place[1]:.3f}) um"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from types import ModuleType
@@ -14,6 +16,7 @@ from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.hardware.layout import TOP, Layout, circuit_hash
 from resgrid.hardware.layout_array import resistor_faces
+from resgrid.hardware.layout_rails import pad_name
 from resgrid.hardware.layout_rules import DrawnCell
 from resgrid.hardware.record import HardwareRecord, Part, Supply, write_record
 
@@ -111,6 +114,7 @@ def record_of(layout: Layout, name: str) -> HardwareRecord:
             part_names(netlist), (1.0 / netlist.conductance).tolist(), netlist.resistor_nodes.tolist(), strict=True
         )
     )
+    parts += tuple(_pad_parts(layout))
     touched = {net for part in parts for net in part.nets}
     pads = tuple(dict.fromkeys(pad.net for pad in layout.rails.pads))
     volts = dict(zip(nets, op.voltage.tolist(), strict=True))
@@ -134,3 +138,11 @@ def record_of(layout: Layout, name: str) -> HardwareRecord:
 def part_names(netlist: Netlist) -> list[str]:
     """Return the name of every resistor by its face: ``RX_3_4`` between the cells (2, 4) and (3, 4)."""
     return [f"R{'XY'[axis]}_{i}_{j}" for axis, i, j in resistor_faces(netlist).tolist()]
+
+
+def _pad_parts(layout: Layout) -> Iterator[Part]:
+    """Yield the pads as parts, from left to right."""
+    seen: Counter[str] = Counter()
+    for pad in layout.rails.pads:
+        seen[pad.net] += 1
+        yield Part(pad_name(pad.net, seen[pad.net]), "test_pad", None, (pad.net,))

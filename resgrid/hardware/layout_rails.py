@@ -87,6 +87,11 @@ class RailPlan:
     rows: tuple[int, ...]
 
 
+def pad_name(net: str, number: int) -> str:
+    """Return the reference of the pad of a net; `number`: its number among the pads of the net, from left to right."""
+    return f"P_{net}" if number == 1 else f"P_{net}_{number}"
+
+
 def wire_width(rules: LayoutRules, metals: tuple[MetalRules, ...], amps: float, least: int) -> int:
     """Return the smallest width of a wire for a current by the current densities of its metals, in nanometres.
 
