@@ -40,6 +40,7 @@ SUBCOMMANDS = {
     "plot": "Draw a scene, its potential, currents, paths or circuit.",
     "check": "Check electrical rules, and compare with a circuit simulator.",
     "chip": "Analyse a chip with its imperfections; write a report and decks.",
+    "layout": "Draw a scene's resistor grid as a chip layout (GDSII, OASIS).",
     "control": "Simulate the robot in its field, with contacts and map updates.",
     "live": "Edit a scene in the browser while its grid is solved.",
     "convert": "Convert a scene, map or deck to a deck, an edge list or a graph.",

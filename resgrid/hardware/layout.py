@@ -297,7 +297,17 @@ def _draw(
     if labelled:
         labels += node_labels(array, tile, rules.metals[0])
     placed = (Placement("array", 0, 0), *drawing.placements)
-    return [*cells, *drawing.cells, body, DrawnCell(TOP, tuple(boxes), placed, tuple(labels))]
+    return _placed_cells([*cells, *drawing.cells, body, DrawnCell(TOP, tuple(boxes), placed, tuple(labels))])
+
+
+def _placed_cells(cells: list[DrawnCell]) -> list[DrawnCell]:
+    """Return the cells that the last cell contains, directly or inside others; a cell comes after its contents."""
+    kept, used = [], {cells[-1].name}
+    for cell in reversed(cells):
+        if cell.name in used:
+            kept.append(cell)
+            used |= {placed.cell for placed in cell.placements}
+    return kept[::-1]
 
 
 def _warnings(
@@ -307,7 +317,7 @@ def _warnings(
     supply = abs(op.netlist.cells.wiring.supply)
     found = [
         f"the voltage drop along the rail of {net} is up to {drop:.3g} V, {drop / supply:.2g} of the supply, and the "
-        "expected voltages assume ideal rails; raise the resistance of the grid, or its resistor's sheet resistance"
+        "expected voltages assume ideal rails; raise the resistance of the grid"
         for net, drop in drops.items()
         if drop > DROP_FRACTION * supply
     ]

@@ -18,7 +18,7 @@ from resgrid.hardware.layout import TOP, Layout, circuit_hash
 from resgrid.hardware.layout_array import resistor_faces
 from resgrid.hardware.layout_rails import pad_name
 from resgrid.hardware.layout_rules import DrawnCell
-from resgrid.hardware.record import HardwareRecord, Part, Supply, write_record
+from resgrid.hardware.record import HardwareRecord, Part, Supply, record_path, write_record
 
 SUFFIXES = (".gds", ".oas")
 """Suffixes of layout files: GDSII and OASIS."""
@@ -30,7 +30,11 @@ COMPRESSION = 9
 """Compression level of an OASIS file."""
 
 
-def write_layout(layout: Layout, file: str | os.PathLike[str]) -> Path:
+MOST_RECORDED = 65_536
+"""Largest number of cells of a grid whose layout gets a record by default."""
+
+
+def write_layout(layout: Layout, file: str | os.PathLike[str], *, record: bool | None = None) -> Path:
     """Write a layout as GDSII or OASIS, and its record; return the path of the layout.
 
     Parameters
@@ -39,6 +43,9 @@ def write_layout(layout: Layout, file: str | os.PathLike[str]) -> Path:
         The layout.
     file : path-like
         The file; ``.gds`` is GDSII, ``.oas`` is OASIS.  The record of ``chip.gds`` is ``chip.record.json``.
+    record : bool, optional
+        Whether to write the record, which `check_layout` needs; by default up to 65,536 cells, because the record of a
+        larger array takes longer than its layout.
 
     Raises
     ------
@@ -56,8 +63,16 @@ def write_layout(layout: Layout, file: str | os.PathLike[str]) -> Path:
             library.write_gds(str(temporary), timestamp=DATE)
         else:
             library.write_oas(str(temporary), compression_level=COMPRESSION)
-        write_record(path, record_of(layout, path.name))
+        if has_record(layout, record):
+            write_record(path, record_of(layout, path.name))
+        else:  # an outdated record would contradict the layout
+            record_path(path).unlink(missing_ok=True)
     return path
+
+
+def has_record(layout: Layout, record: bool | None = None) -> bool:
+    """Return whether `write_layout` writes the record of a layout; `record`: its option."""
+    return layout.op.netlist.cells.space.cell.size <= MOST_RECORDED if record is None else record
 
 
 def require_suffix(path: Path) -> None:

@@ -149,14 +149,22 @@ def size_resistors(rules: LayoutRules, head: Head, width: int, resistances: Sequ
                 f"the range is {low:.3g} to {high:.3g} ohm; change resistance, the conductivities, the wall resistance "
                 "or the width of the resistors"
             )
-    longest = max(resistances)
-    shapes = [shape for rows in range(1, MOST_ROWS + 1, 2) if (shape := serpentine(rules, head, width, longest, rows))]
-    best = min(shapes, key=lambda shape: shape.end + 2 * head.length + 2 * (shape.rows + 1) * head.pitch)
-    drawn = []
-    for value in resistances:
-        fitting = (serpentine(rules, head, width, value, rows) for rows in range(1, best.rows + 1, 2))
-        drawn.append(next(shape for shape in fitting if shape is not None and shape.end <= best.end))
-    return drawn
+    choices: list[list[Serpentine]] = []
+    shapes: list[dict[int, Serpentine]] = [{} for _ in resistances]
+    for rows in range(1, MOST_ROWS + 1, 2):
+        for value, drawn in zip(resistances, shapes, strict=True):
+            shape = serpentine(rules, head, width, value, rows)
+            if shape is not None:
+                drawn[rows] = shape
+        if all(shapes):
+            choices.append([min(drawn.values(), key=lambda shape: shape.end) for drawn in shapes])
+    return min(choices, key=lambda choice: _half_perimeter(head, choice))
+
+
+def _half_perimeter(head: Head, shapes: Sequence[Serpentine]) -> int:
+    """Return an estimate of the width plus the height of a tile for the given resistors, in nanometres."""
+    rows = max(shape.rows for shape in shapes)
+    return max(shape.end for shape in shapes) + 2 * head.length + 2 * (rows + 1) * head.pitch
 
 
 def draw_resistor(rules: LayoutRules, head: Head, shape: Serpentine) -> list[Box]:

@@ -13,6 +13,8 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.control.run_log import Run
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
+from resgrid.hardware.layout import Layout
+from resgrid.hardware.layout_files import write_layout
 from resgrid.io.leg_paths import write_leg_path
 from resgrid.io.networks import write_network
 from resgrid.io.paths import write_path
@@ -29,9 +31,11 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
 
     Parameters
     ----------
-    value : Streamline, ShortPath, Polyline, Trajectory, LegPath, Run, sequence of Run, OperatingPoint, Field or Netlist
+    value : Streamline, ShortPath, Polyline, Trajectory, LegPath, Run, sequence of Run, OperatingPoint, Field, Netlist \
+            or Layout
         A path: its points in continuous world coordinates, with times if it has some, and the tip of an arm.  A run:
-        every step.  An operating point or a field: potentials and currents.  A netlist: its elements.
+        every step.  An operating point or a field: potentials and currents.  A netlist: its elements.  A chip layout:
+        its shapes, and a record of its circuit in ``FILE.record.json``.
     file : path-like
         ``-`` is standard output.  By type of value:
 
@@ -42,11 +46,13 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
         field, solved space    ``.npz``: ``potential``, ``log_drop``, ``cell``, perhaps ``safe``
         other operating point  ``.csv``, ``.json``, ``.npz``, ``.raw`` (for waveform viewers)
         netlist                ``.txt`` (edge list), ``.graphml``, ``.json`` (node-link), ``.npz``
+        layout                 ``.gds`` (GDSII), ``.oas`` (OASIS)
         =====================  ==========================================================================
     **options
         For ``.raw``: ``title``, the first line of the file, and ``form``, ``"binary"`` or ``"ascii"``.  For a
         JointTrajectory: ``fixed_joints``, whether it also has the joints that do not move
-        (`resgrid.maps.to_ros_trajectory`).
+        (`resgrid.maps.to_ros_trajectory`).  For a layout: ``record``, whether to write the record; by default up to
+        65,536 cells.
 
     Returns
     -------
@@ -84,7 +90,7 @@ def _save(value: object, file: str | os.PathLike[str]) -> Path:
         return write_run(value, file)
     raise InputError(
         f"{with_article(type(value).__name__)} has no file format; save takes a path, a run or runs, an operating "
-        "point, a field or a netlist (a deck: rg.write_spice; a picture: rg.draw)"
+        "point, a field, a netlist or a layout (a deck: rg.write_spice; a picture: rg.draw)"
     )
 
 
@@ -95,3 +101,4 @@ _save.register(OperatingPoint, write_solution)
 _save.register(Field, write_solution)
 _save.register(Run, write_run)
 _save.register(Netlist, write_network)
+_save.register(Layout, write_layout)
