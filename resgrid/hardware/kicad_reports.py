@@ -1,0 +1,174 @@
+"""Reports and manufacturing files of kicad-cli for a board: rule checks, netlists, values, and connected copper."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import shutil
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from resgrid._internal.files import read_text
+from resgrid.errors import InputError
+from resgrid.hardware.copper import Copper, connect_copper
+from resgrid.hardware.excellon import read_excellon
+from resgrid.hardware.gerber import read_gerber
+from resgrid.hardware.ipc_d356 import NO_NET, TestPoint, read_ipc_d356
+from resgrid.hardware.tools import KicadCli
+
+_PROJECT = (".kicad_pcb", ".kicad_sch", ".kicad_pro", ".kicad_dru", ".kicad_sym", ".pretty")
+_TABLES = ("fp-lib-table", "sym-lib-table")
+_DRC, _ERC, _TEST, _PLACES, _SPICE, _GERBERS = (
+    "drc.json",
+    "erc.json",
+    "board.d356",
+    "places.csv",
+    "board.cir",
+    "gerbers",
+)
+_COPPER = re.compile(r"Copper,L(\d+),")
+_RUNS = 2
+"""Number of kicad-cli processes at the same time; each needs about 200 MB."""
+
+
+@dataclass(frozen=True)
+class RuleReport:
+    """Result of a rule check; `errors`: one message per violation; `warnings`: number of warnings by type."""
+
+    errors: tuple[str, ...] = ()
+    warnings: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class BoardReports:
+    """Everything that kicad-cli returns about a board.
+
+    `rules`: design rules, and electrical rules of the schematic; `points`: test points of the IPC-D-356 file; `copper`:
+    connected copper of the Gerber layers and drill files; `values`: text of each part's value on the board; `spice`:
+    SPICE netlist of the schematic, None without a schematic.
+    """
+
+    rules: RuleReport
+    points: tuple[TestPoint, ...]
+    copper: Copper
+    values: Mapping[str, str]
+    spice: str | None
+
+
+def report_board(kicad: KicadCli, board: Path, folder: Path) -> BoardReports:
+    """Run kicad-cli on a copy of a board, and return its reports; raise InputError if kicad-cli cannot read the board.
+
+    `board`: the file ``.kicad_pcb``; `folder`: empty temporary folder.
+    """
+    copy = _copy_project(board, folder)
+    schematic = copy.with_suffix(".kicad_sch")
+    gerbers = folder / _GERBERS
+    gerbers.mkdir()
+    parity = ["--schematic-parity"] if schematic.exists() else []
+    runs: list[list[str | Path]] = [
+        ["pcb", "drc", "--format", "json", "--severity-all", *parity, "-o", folder / _DRC, copy],
+        ["pcb", "export", "gerbers", "-l", "*.Cu", "-o", f"{gerbers}/", copy],
+        ["pcb", "export", "drill", "--excellon-separate-th", "-o", f"{gerbers}/", copy],
+        ["pcb", "export", "ipcd356", "-o", folder / _TEST, copy],
+        ["pcb", "export", "pos", "--format", "csv", "--units", "mm", "-o", folder / _PLACES, copy],
+    ]
+    if schematic.exists():
+        runs += [
+            ["sch", "erc", "--format", "json", "--severity-all", "-o", folder / _ERC, schematic],
+            ["sch", "export", "netlist", "--format", "spice", "-o", folder / _SPICE, schematic],
+        ]
+    with ThreadPoolExecutor(_RUNS) as pool:
+        list(pool.map(lambda arguments: kicad.run(*arguments), runs))
+    return BoardReports(
+        rules=_rules(folder),
+        points=read_ipc_d356(folder / _TEST),
+        copper=_copper(gerbers),
+        values=_values(read_text(folder / _PLACES)),
+        spice=read_text(folder / _SPICE) if schematic.exists() else None,
+    )
+
+
+def _copy_project(board: Path, folder: Path) -> Path:
+    """Copy the files of a KiCad project, because kicad-cli writes next to them; return the path of the copied board."""
+    for file in sorted(board.parent.iterdir()):
+        if file.suffix == ".pretty" and file.is_dir():
+            shutil.copytree(file, folder / file.name)
+        elif (file.suffix in _PROJECT or file.name in _TABLES) and file.is_file():
+            shutil.copyfile(file, folder / file.name)
+    return folder / board.name
+
+
+def _rules(folder: Path) -> RuleReport:
+    """Return the design-rule errors, the differences from the schematic, and the electrical-rule errors of a board."""
+    design = json.loads(read_text(folder / _DRC))
+    electrical = folder / _ERC
+    sheets = json.loads(read_text(electrical))["sheets"] if electrical.exists() else []
+    groups = [
+        ("design rules", design["violations"] + design["unconnected_items"], False),
+        ("schematic and board differ", design["schematic_parity"], True),
+        ("electrical rules", [violation for sheet in sheets for violation in sheet["violations"]], False),
+    ]
+    errors: list[str] = []
+    warnings: Counter[str] = Counter()
+    for words, violations, strict in groups:
+        for violation in violations:
+            if violation["severity"] == "error" or (strict and violation["severity"] == "warning"):
+                errors.append(f"{words}: {_violation(violation)}")
+            elif violation["severity"] == "warning":
+                warnings[violation["type"]] += 1
+    return RuleReport(tuple(dict.fromkeys(errors)), dict(warnings))
+
+
+def _violation(violation: Mapping[str, Any]) -> str:
+    """Return one line about a violation, with its items and their places."""
+    items = [
+        f"{item['description']} at ({item['pos']['x']:.2f}, {item['pos']['y']:.2f}) mm" for item in violation["items"]
+    ]
+    return f"{violation['description'].rstrip('.')}: {'; '.join(items)}" if items else str(violation["description"])
+
+
+def _copper(gerbers: Path) -> Copper:
+    """Return the connected copper of the Gerber layers and drill files in a folder."""
+    layers = {}
+    for file in sorted(gerbers.iterdir()):
+        match = _COPPER.search(read_text(file)) if file.suffix.startswith((".g", ".G")) else None
+        if match and not file.name.endswith("job.gbrjob"):
+            layers[int(match[1])] = read_gerber(file)
+    if not layers:
+        raise InputError("kicad-cli wrote no Gerber layer of copper; does the board have copper layers?")
+    holes = {
+        kind: [hole for file in gerbers.glob(f"*-{kind}.drl") for hole in read_excellon(file)]
+        for kind in ("PTH", "NPTH")
+    }
+    return connect_copper([layers[number] for number in sorted(layers)], holes["PTH"], holes["NPTH"])
+
+
+def _values(text: str) -> dict[str, str]:
+    """Return the text of each part's value by reference; `text`: file of placements in CSV."""
+    return {row["Ref"]: row["Val"] for row in csv.DictReader(io.StringIO(text))}
+
+
+def stated_nets(points: Iterable[TestPoint]) -> dict[tuple[str, int], str | None]:
+    """Return the net of every numbered pad in an IPC-D-356 file, None for a pad that is not connected."""
+    return {pad: None if point.net == NO_NET else point.net for pad, point in _pads(points)}
+
+
+def copper_nets(points: Iterable[TestPoint], copper: Copper) -> dict[tuple[str, int], int | None]:
+    """Return the number of the connected copper at every numbered pad, None for a pad without copper.
+
+    `points`: test points, which give the places of pads; `copper`: the connected copper.
+    """
+    return {pad: copper.probe(point.position, point.access) for pad, point in _pads(points)}
+
+
+def _pads(points: Iterable[TestPoint]) -> Iterator[tuple[tuple[str, int], TestPoint]]:
+    """Yield the numbered pads among test points."""
+    for point in points:
+        if point.pin.isdecimal():
+            yield (point.reference, int(point.pin)), point
