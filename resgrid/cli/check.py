@@ -1,4 +1,4 @@
-"""``resgrid check``: compare a solution with an external circuit simulator, and check electrical rules."""
+"""``resgrid check``: compare decks, boards and layouts with outside programs, and check electrical rules."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import click
 
 import resgrid as rg
 from resgrid.cli.decks import is_deck, open_deck, refuse_scene_options, solve_deck
+from resgrid.cli.hardware_checks import check_hardware, is_hardware
 from resgrid.cli.option_types import Suggested, fraction_below
 from resgrid.cli.options import POSITIVE, CommandInput, subcommand, with_source
 from resgrid.cli.scenes import open_job, report_ignored
@@ -37,9 +38,14 @@ MAX_AUTOMATIC_SECONDS = 30.0
 
 @subcommand(
     "check",
-    examples=("resgrid check rooms.cir", "resgrid check rooms.toml --deck ours.cir", "resgrid check --rules theirs.sp"),
+    examples=(
+        "resgrid check rooms.cir",
+        "resgrid check rooms.toml --deck ours.cir",
+        "resgrid check --rules theirs.sp",
+        "resgrid check board/grid.kicad_pcb",
+    ),
 )
-@with_source("SCENE|DECK")
+@with_source("SCENE|DECK|BOARD")
 @click.option("--rules", is_flag=True, help="Only check the electrical rules; exit with 1 on errors.")
 @click.option("--deck", metavar="FILE", type=click.Path(), help="Simulate this deck and compare it with SCENE.")
 @click.option(
@@ -49,13 +55,15 @@ MAX_AUTOMATIC_SECONDS = 30.0
     default=1e-9,
     help="Largest voltage error, as a fraction of the supply.",
 )
-@click.option("--timeout", metavar="S", type=POSITIVE, default=TIMEOUT, help="Time limit of the simulator, in seconds.")
+@click.option(
+    "--timeout", metavar="S", type=POSITIVE, default=TIMEOUT, help="Time limit of each outside program, in seconds."
+)
 @click.option(
     "--engine", type=Suggested("name", "ngspice", "eecircuit"), default="ngspice",
     help="Simulator: ngspice, or eecircuit (for large decks).",
 )  # fmt: skip
 def command(source: CommandInput, rules: bool, deck: str | None, tolerance: float, timeout: float, engine: str) -> int:
-    """Simulate a deck and compare the voltages of all nodes.
+    """Compare a deck, a board or a layout with outside programs.
 
     For a DECK with a sidecar DECK.json, the reference is the sidecar: its hash of the deck, then its voltages. For
     other decks, the reference is resgrid's solution. A SCENE is solved and compared with the simulation of its own
@@ -63,6 +71,10 @@ def command(source: CommandInput, rules: bool, deck: str | None, tolerance: floa
     would not end within the time limit. Exits with 1 on disagreement. Exits with 5 if the simulator cannot run the deck
     itself (another dialect, a control block, files from other folders); the circuit as read by resgrid is simulated
     instead, which does not verify the deck.
+
+    For a BOARD (a KiCad board, its project or folder) or a layout (.gds, .oas), kicad-cli or klayout extracts the
+    circuit, which is compared with the record beside the file: parts, nets, values and voltages. Every difference is
+    listed with its place. Exits with 5 if the program is not installed.
 
     --rules checks the electrical rules instead, and predicts for each simulator whether it would solve the circuit
     correctly. The file of a DECK is read by the rules of every simulator, and text that a simulator rejects is
@@ -72,6 +84,12 @@ def command(source: CommandInput, rules: bool, deck: str | None, tolerance: floa
 
     engine_named(engine)
     limits = {"engine": engine, "tolerance": tolerance, "timeout": timeout}
+    if is_hardware(source.file):
+        if rules or deck is not None:
+            raise InputError(
+                f"{source.file} is a board or layout, and --rules and --deck check scenes and decks; leave them out"
+            )
+        return check_hardware(source, tolerance, timeout)
     given = is_deck(source)
     if given and source.file == "-" and not rules:
         raise InputError("a simulator cannot run a deck from standard input: write it to a file, or use --rules")

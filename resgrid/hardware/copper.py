@@ -26,6 +26,10 @@ class Contact:
     position: tuple[float, float]
     layer: int
 
+    def __str__(self) -> str:
+        x, y = self.position
+        return f"({x:.2f}, {-y:.2f}) mm on copper layer {self.layer}"
+
 
 @dataclass(frozen=True, eq=False)
 class Copper:

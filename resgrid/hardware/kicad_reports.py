@@ -61,10 +61,11 @@ class BoardReports:
     spice: str | None
 
 
-def report_board(kicad: KicadCli, board: Path, folder: Path) -> BoardReports:
+def report_board(kicad: KicadCli, board: Path, folder: Path, timeout: float) -> BoardReports:
     """Run kicad-cli on a copy of a board, and return its reports; raise InputError if kicad-cli cannot read the board.
 
-    `board`: the file ``.kicad_pcb``; `folder`: empty temporary folder.
+    `board`: the file ``.kicad_pcb``; `folder`: empty temporary folder; `timeout`: longest run of kicad-cli, in
+    seconds.
     """
     copy = _copy_project(board, folder)
     schematic = copy.with_suffix(".kicad_sch")
@@ -84,7 +85,7 @@ def report_board(kicad: KicadCli, board: Path, folder: Path) -> BoardReports:
             ["sch", "export", "netlist", "--format", "spice", "-o", folder / _SPICE, schematic],
         ]
     with ThreadPoolExecutor(_RUNS) as pool:
-        list(pool.map(lambda arguments: kicad.run(*arguments), runs))
+        list(pool.map(lambda arguments: kicad.run(*arguments, timeout=timeout), runs))
     return BoardReports(
         rules=_rules(folder),
         points=read_ipc_d356(folder / _TEST),

@@ -1,0 +1,220 @@
+"""Verification of a board: its circuit as kicad-cli, ngspice and the copper of its Gerber files return it."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from resgrid._internal.files import temporary_folder
+from resgrid.errors import CircuitError, InputError, ToolMissingError
+from resgrid.hardware.comparison import (
+    VoltageComparison,
+    compare_nets,
+    compare_values,
+    compare_voltages,
+    pads_of,
+    short_circuit,
+    supply_of,
+)
+from resgrid.hardware.extracted_circuit import read_kicad_spice, simulate_kicad_spice, solve_extracted
+from resgrid.hardware.hardware_check import HardwareCheck
+from resgrid.hardware.kicad_reports import BoardReports, copper_nets, report_board, stated_nets
+from resgrid.hardware.record import HardwareRecord, read_record
+from resgrid.hardware.tools import TIMEOUT, find_kicad
+from resgrid.scene.quantities import parse_quantity
+
+TOLERANCE = 1e-9
+"""Default limit of the error of a voltage relative to the supply."""
+
+
+@dataclass
+class _Work:
+    """Results that the stages of a verification collect.
+
+    `findings`, `remarks`: messages; `voltages`: comparisons of voltages; `complete`: whether every stage was done.
+    """
+
+    findings: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    voltages: list[VoltageComparison] = field(default_factory=list)
+    tools: dict[str, str] = field(default_factory=dict)
+    complete: bool = True
+
+
+def check_board(
+    file: str | os.PathLike[str], *, tolerance: float = TOLERANCE, timeout: float = TIMEOUT
+) -> HardwareCheck:
+    """Verify a board by outside programs, and return the differences from its record.
+
+    kicad-cli checks the rules of board and schematic, and writes IPC-D-356, Gerber, drill and placement files and a
+    SPICE netlist.  Four circuits are compared with the record beside the board, part by part and net by net: the nets
+    that the board file states (IPC-D-356), the nets that the copper of the Gerber and drill files connects, the
+    schematic (SPICE netlist), and the values on the board.  The voltages of the connected copper (by `resgrid.solve`)
+    and of the SPICE netlist (by ngspice) are compared with the record's voltages.
+
+    Parameters
+    ----------
+    file : str or path
+        The board ``NAME.kicad_pcb``, its project ``NAME.kicad_pro``, or a folder with one board.
+    tolerance : float
+        Largest accepted error of a voltage relative to the supply.
+    timeout : float
+        Longest run of an outside program, in seconds.
+
+    Returns
+    -------
+    HardwareCheck
+        Findings with their places.  Without kicad-cli or ngspice the board is not verified.
+
+    Raises
+    ------
+    InputError
+        If the board or its record is absent or damaged.
+    BudgetError
+        If a program exceeds the time limit.
+
+    Examples
+    --------
+    >>> rg.hardware.check_board("nowhere.kicad_pcb")
+    Traceback (most recent call last):
+        ...
+    resgrid.errors.InputError: nowhere.kicad_pcb: there is no such file; check the name and the folder
+    """
+    board = find_board(Path(file))
+    record = read_record(board)
+    if record.kind != "board":
+        raise InputError(f"{board}: its record describes a {record.kind}; write the board again")
+    work = _Work()
+    _check_record(work, record, tolerance)
+    try:
+        kicad = find_kicad()
+    except ToolMissingError as error:
+        return HardwareCheck(False, tuple(work.findings), tolerance=tolerance, remark=str(error))
+    work.tools["kicad-cli"] = kicad.version
+    with temporary_folder() as folder:
+        reports = report_board(kicad, board, folder, timeout)
+    _check_rules(work, reports)
+    _check_nets(work, record, reports)
+    _check_board_circuit(work, record, reports, tolerance)
+    _check_schematic(work, record, reports, tolerance, timeout)
+    return _result(work, record, tolerance)
+
+
+def find_board(path: Path) -> Path:
+    """Return the file ``.kicad_pcb`` of a board, a project or a folder; raise InputError unless there is one."""
+    if path.is_dir():
+        boards = sorted(path.glob("*.kicad_pcb"))
+        if len(boards) != 1:
+            names = ", ".join(board.name for board in boards[:3])
+            raise InputError(
+                f"{path} holds {len(boards)} boards ({names}); name one of the files" if boards else
+                f"{path} holds no board (.kicad_pcb); write one with 'resgrid board SCENE -o {path}'"
+            )  # fmt: skip
+        return boards[0]
+    board = path.with_suffix(".kicad_pcb") if path.suffix in (".kicad_pro", ".kicad_sch") else path
+    if not board.is_file():
+        raise InputError(f"{board}: there is no such file; check the name and the folder")
+    return board
+
+
+def _check_record(work: _Work, record: HardwareRecord, tolerance: float) -> None:
+    """Compare the voltages in a record with the solution of its own parts."""
+    values = {part.reference: part.value for part in record.parts}
+    volts = solve_extracted(record, dict(pads_of(record)), values)
+    compared = compare_voltages(record, volts, tolerance, "resgrid")
+    work.findings += [f"the record contradicts itself: {finding}" for finding in compared.findings]
+
+
+def _check_rules(work: _Work, reports: BoardReports) -> None:
+    """Add the violations of design rules and electrical rules, and count the warnings."""
+    work.findings += reports.rules.errors
+    if reports.rules.warnings:
+        counts = ", ".join(f"{count} {kind}" for kind, count in sorted(reports.rules.warnings.items()))
+        work.remarks.append(f"warnings of kicad-cli: {counts}")
+
+
+def _check_nets(work: _Work, record: HardwareRecord, reports: BoardReports) -> None:
+    """Compare the nets of the connected copper, and the nets that the board file states, with the record."""
+    copper = compare_nets(record, copper_nets(reports.points, reports.copper))
+    stated = compare_nets(record, stated_nets(reports.points))
+    contact = {short_circuit(*contact.nets): contact for contact in reports.copper.contacts}
+    for message in dict.fromkeys([*copper, *contact]):
+        work.findings.append(f"copper: {message}" + (f" at {contact[message]}" if message in contact else ""))
+    work.findings += [f"IPC-D-356: {message}" for message in stated if message not in copper]
+
+
+def _check_board_circuit(work: _Work, record: HardwareRecord, reports: BoardReports, tolerance: float) -> None:
+    """Compare the values on the board, and the voltages of the connected copper with these values, with the record."""
+    values = {reference: _ohms(text) for reference, text in reports.values.items()}
+    resistors = [part.reference for part in record.parts if part.type == "resistor"]
+    stated = {point.reference for point in reports.points}
+    work.findings += [
+        f"{reference} has no value in the placement file; remove 'exclude from position files'"
+        for reference in resistors
+        if reference in stated and reference not in values
+    ]
+    work.findings += [f"board: {message}" for message in compare_values(record, values)]
+    try:
+        volts = solve_extracted(record, copper_nets(reports.points, reports.copper), values)
+    except (CircuitError, InputError) as error:
+        work.findings.append(f"copper: the circuit has no operating point: {error}")
+        return
+    _add_voltages(work, compare_voltages(record, volts, tolerance, "the copper's circuit"))
+
+
+def _ohms(text: str) -> float | None:
+    """Return a value on a board in ohms, None if it is not a number."""
+    try:
+        return parse_quantity(text.strip().removesuffix("Ω").strip())
+    except InputError:
+        return None
+
+
+def _check_schematic(
+    work: _Work, record: HardwareRecord, reports: BoardReports, tolerance: float, timeout: float
+) -> None:
+    """Compare KiCad's SPICE netlist of the schematic, and its voltages from ngspice, with the record."""
+    if reports.spice is None:
+        work.remarks.append("the folder has no schematic, so KiCad's SPICE netlist was not compared")
+        work.complete = False
+        return
+    netlist = read_kicad_spice(reports.spice)
+    resistors = replace(record, parts=tuple(part for part in record.parts if part.type == "resistor"))
+    work.findings += [f"schematic: {message}" for message in compare_nets(resistors, netlist.nets)]
+    work.findings += [f"schematic: {message}" for message in compare_values(record, netlist.values)]
+    try:
+        volts, run = simulate_kicad_spice(record, netlist, timeout)
+    except ToolMissingError as error:
+        work.remarks.append(str(error))
+        work.complete = False
+        return
+    work.tools[run.simulator] = run.version
+    work.findings += [f"schematic: {complaint}" for complaint in run.complaints]
+    _add_voltages(work, compare_voltages(record, volts, tolerance, run.simulator))
+
+
+def _add_voltages(work: _Work, compared: VoltageComparison) -> None:
+    """Add a comparison of voltages and its findings."""
+    work.voltages.append(compared)
+    work.findings += compared.findings
+
+
+def _result(work: _Work, record: HardwareRecord, tolerance: float) -> HardwareCheck:
+    """Return the result of a verification."""
+    errors = [compared.max_abs_error for compared in work.voltages if compared.max_abs_error is not None]
+    largest = max(errors, default=None)
+    return HardwareCheck(
+        verified=work.complete,
+        findings=tuple(dict.fromkeys(work.findings)),
+        max_abs_error=largest,
+        max_relative_error=None if largest is None else largest / supply_of(record),
+        nodes=max((compared.nodes for compared in work.voltages), default=0),
+        parts=len(record.parts),
+        tools=work.tools,
+        tolerance=tolerance,
+        worst=max(
+            (c.worst for c in work.voltages), key=lambda w: max((abs(b - a) for _, a, b in w), default=0.0), default=()
+        ),
+        remark="; ".join(work.remarks),
+    )
