@@ -7,10 +7,6 @@ import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-import numpy as np
-
-from resgrid.circuit.solve import solve
-from resgrid.core.netlist import Netlist
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 from resgrid.hardware.comparison import (
     VoltageComparison,
@@ -21,6 +17,7 @@ from resgrid.hardware.comparison import (
     pads_of,
     supply_of,
 )
+from resgrid.hardware.extracted_circuit import solve_extracted
 from resgrid.hardware.hardware_check import HardwareCheck
 from resgrid.hardware.layout_extraction import Extraction, extract_layout
 from resgrid.hardware.layout_process import layout_rules
@@ -84,7 +81,7 @@ def check_layout(
         *compare_values(record, extraction.ohms),
         *_wrong_labels(record, extraction, owner),
     ]
-    voltages = _compare_voltages(record, extraction, owner, tolerance)
+    voltages = _compare_voltages(record, extraction, tolerance)
     findings = [_located(message, extraction) for message in [*findings, *voltages.findings]]
     findings += [*extraction.messages, *extraction.violations]
     error = voltages.max_abs_error
@@ -110,35 +107,16 @@ def _wrong_labels(record: HardwareRecord, extraction: Extraction, owner: Mapping
             yield f"the label {text} at ({x:.3f}, {y:.3f}) um is on {on}"
 
 
-def _compare_voltages(
-    record: HardwareRecord, extraction: Extraction, owner: Mapping[object, str], tolerance: float
-) -> VoltageComparison:
+def _compare_voltages(record: HardwareRecord, extraction: Extraction, tolerance: float) -> VoltageComparison:
     """Return the comparison of the voltages of the extracted circuit with the record.
 
-    The comparison is empty if the extracted circuit has no solution, such as two sources on one net; the nets have
-    findings then.  `owner`: expected net by number of a net.
+    The comparison is empty if the extracted circuit has no solution, for instance two sources on one net; its nets have
+    findings then.
     """
-    number = {net: 1 + index for index, net in enumerate(dict.fromkeys(filter(None, extraction.nets.values())))}
-    pairs = [tuple(number.get(extraction.nets[name, end] or -1, 0) for end in (1, 2)) for name in extraction.ohms]
-    pad = {source.positive: extraction.nets.get((f"P_{source.positive}", 1)) for source in record.sources}
-    tied = [(number[net], source.volts) for source in record.sources if (net := pad[source.positive]) in number]
-    nodes = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-    ohms = np.array(list(extraction.ohms.values()))
-    complete = nodes.all(axis=1)
-    netlist = Netlist(
-        len(number) + 1,
-        nodes[complete],
-        1.0 / ohms[complete],
-        source_nodes=[[node, 0] for node, _ in tied] or np.empty((0, 2), dtype=np.int64),
-        source_volts=[volts for _, volts in tied],
-    )
     try:
-        voltage = solve(netlist).voltage
+        found = solve_extracted(record, extraction.nets, extraction.ohms)
     except (CircuitError, InputError):
         return VoltageComparison(None, 0, (), ())
-    found = {
-        owner[net]: float(voltage[node]) for net, node in number.items() if net in owner and np.isfinite(voltage[node])
-    }
     return compare_voltages(record, found, tolerance, "the extracted circuit")
 
 
