@@ -14,9 +14,11 @@ from resgrid.cli.options import CommandInput, output_option, subcommand, with_so
 from resgrid.cli.scenes import open_job, report_ignored
 from resgrid.cli.terminal import counted, finish, say, stage
 from resgrid.errors import InputError
+from resgrid.hardware.layout_process import RULES
 from resgrid.hardware.record import record_path
 
-PROCESSES = ("toy", "ihp-sg13g2:rppd", "ihp-sg13g2:rhigh")
+PROCESSES = tuple(RULES)
+"""Processes and resistors in which layouts are drawn."""
 
 SHOWN_PADS = 8
 """Largest number of pads that the floor plan lists as text."""

@@ -156,6 +156,8 @@ def broken(kdb: Any, regions: Any, rule: Any) -> list[list[int]]:
             return centres(region.enclosed_check(other, value)) + [centre(s.bbox()) for s in (region - other).each()]
         case "margin":
             return centres(region.enclosed_check(other, value, False, kdb.Region.Projection))
+        case "area":
+            return [centre(shape.bbox()) for shape in region.each() if shape.area() < value]
         case "grid":
             return centres(region.grid_check(value, value))
     raise SystemExit(f"unknown kind of rule {rule['kind']}")

@@ -93,7 +93,8 @@ def _rules(rules: LayoutRules) -> Iterator[dict[str, Any]]:
     def rule(kind: str, layer: str, value: int, other: str | None = None) -> dict[str, Any]:
         relation = {"enclosure": "by", "margin": "by", "separation": "from"}.get(kind)
         words = f"{kind} of {layer}" + (f" {relation} {other}" if relation else "")
-        return {"name": f"{words}: {value * 1e-3:g} um", "kind": kind, "layer": layer, "other": other, "value": value}
+        limit = f"{value * 1e-6:g} um^2" if kind == "area" else f"{value * 1e-3:g} um"
+        return {"name": f"{words}: {limit}", "kind": kind, "layer": layer, "other": other, "value": value}
 
     yield rule("width", "poly", rules.width)
     yield rule("space", "poly", rules.poly_space)
@@ -113,6 +114,8 @@ def _rules(rules: LayoutRules) -> Iterator[dict[str, Any]]:
     for metal, upper in zip(rules.metals, [*rules.metals[1:], None], strict=True):
         yield rule("width", metal.name, metal.width)
         yield rule("space", metal.name, metal.space)
+        if metal.area:
+            yield rule("area", metal.name, metal.area)
         yield rule("grid", metal.name, rules.grid)
         if upper is not None:
             yield rule("size", metal.via, metal.via_size)

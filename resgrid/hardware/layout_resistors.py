@@ -101,15 +101,17 @@ def body_width(rules: LayoutRules, resistances: Sequence[float], width: float | 
             raise InputError(f"{rules.process} states no mismatch of resistors; give the width instead of matching")
         if not 0 < matching < 1:
             raise InputError(f"matching = {matching:g} must be a fraction between 0 and 1, such as 0.01 for 1 %")
-        for _ in range(60):  # the number of squares depends on the width through the resistance of the ends
-            squares = max(rules.squares(min(resistances), drawn), 1e-9)
-            wanted = rules.even(rules.matching * 1e9 / (matching * squares**0.5))
-            drawn = max(least, wanted)
+        area = (rules.matching * 1e9 / matching) ** 2
+        for _ in range(60):  # the length is almost proportional to the width
+            length = rules.length(min(resistances), drawn, 0)
+            if length <= 0 or drawn * length >= area:
+                break
+            drawn = rules.even(max(drawn + 2 * rules.grid, drawn * (area / (drawn * length)) ** 0.5))
     for _ in range(60):
-        squares = rules.squares(min(resistances), drawn)
-        if squares <= 0 or squares * drawn >= rules.length:
+        length = rules.length(min(resistances), drawn, 0)
+        if length <= 0 or length >= rules.body_length:
             break
-        drawn = rules.even(max(drawn + 2 * rules.grid, rules.length / squares))
+        drawn = rules.even(max(drawn + 2 * rules.grid, drawn * rules.body_length / length))
     return drawn
 
 
@@ -119,10 +121,9 @@ def serpentine(rules: LayoutRules, head: Head, width: int, resistance: float, ro
     `width`: width of the body in nanometres; `resistance`: wanted resistance in ohms; `rows`: odd number of rows.
     """
     corners = 2 * (rows - 1)
-    squares = rules.squares(resistance, width) + corners * (1.0 - rules.corner_squares)
-    length = round(squares * width / rules.grid) * rules.grid
+    length = round(rules.length(resistance, width, corners) / rules.grid) * rules.grid
     if rows == 1:
-        if length < rules.length:
+        if length < rules.body_length:
             return None
         return Serpentine(1, 0, length, length * width, width, 0, rules.resistance(length * width, width, 0))
     straight = length - (rows - 1) * head.pitch
@@ -140,9 +141,8 @@ def size_resistors(rules: LayoutRules, head: Head, width: int, resistances: Sequ
     `resistances`: different values in ohms.  The measure of a tile is the sum of its width and its height.
     """
     for value in resistances:
-        squares = rules.squares(value, width)
-        if squares * width < rules.length * (1 - 1e-9) - rules.grid / 2 or squares * width > LONGEST:
-            low = rules.resistance(rules.length * width, width, 0)
+        if not rules.body_length - rules.grid / 2 <= rules.length(value, width, 0) <= LONGEST:
+            low = rules.resistance(rules.body_length * width, width, 0)
             high = rules.resistance(round(LONGEST) * width, width, 0)
             raise InputError(
                 f"a resistor of {value:.6g} ohm cannot be drawn in {rules.process} at a width of {width * 1e-3:g} um: "

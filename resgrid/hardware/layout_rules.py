@@ -20,6 +20,8 @@ class MetalRules:
         Layers of the shapes and of the labels.
     width, space : int
         Smallest width and spacing of the metal, in nanometres.
+    area : int
+        Smallest area of a shape, in nm^2.
     current : float or None
         Largest direct current per width, in A/m (mA/mm), None if the process states none.
     sheet : float
@@ -35,6 +37,7 @@ class MetalRules:
     width: int
     space: int
     sheet: float
+    area: int = 0
     current: float | None = None
     via: str = ""
     via_layer: Layer = (0, 0)
@@ -59,11 +62,13 @@ class LayoutRules:
         Resistance of one end times its width, in ohm metres.
     corner_squares : float
         Number of squares that a right-angled corner of the body counts for.
+    width_offset : int
+        Electrical width of the body minus its drawn width.
     poly, marker, contact : (int, int)
         Layers of the resistive material, of the marker that defines the body, and of the contacts.
     covers : tuple of (name, layer, enclosure, width, space)
         Layers that cover the whole resistor, such as implants.
-    width, length, poly_space : int
+    width, body_length, poly_space : int
         Smallest width and length of the body, and spacing of the material.
     marker_width, marker_space, marker_enclosure : int
         Width and spacing of the marker, and its enclosure of the body across the current.
@@ -86,11 +91,12 @@ class LayoutRules:
     sheet: float
     end_resistance: float
     corner_squares: float
+    width_offset: int
     poly: Layer
     marker: Layer
     contact: Layer
     width: int
-    length: int
+    body_length: int
     poly_space: int
     marker_width: int
     marker_space: int
@@ -120,16 +126,21 @@ class LayoutRules:
     def resistance(self, area: int, width: int, corners: int) -> float:
         """Return the resistance of a drawn body, in ohms.
 
-        ``R = sheet * (area / width**2 - corners * (1 - corner_squares)) + 2 * end_resistance / width``: the area over
-        the squared width counts every corner as one square.  `area`: area of the body in nm^2; `width`: its width in
-        nm; `corners`: number of its right-angled corners.
+        ``R = sheet * (straight / (width + width_offset) + corners * corner_squares) + 2 * end_resistance / width`` with
+        ``straight = area / width - corners * width``.  `area`: area of the body in nm^2; `width`: its width in nm;
+        `corners`: number of its right-angled corners.
         """
-        squares = area / (width * width) - corners * (1.0 - self.corner_squares)
+        straight = (area - corners * width * width) / width
+        squares = straight / (width + self.width_offset) + corners * self.corner_squares
         return self.sheet * squares + 2e9 * self.end_resistance / width
 
-    def squares(self, resistance: float, width: int) -> float:
-        """Return the number of squares of a body with a resistance in ohms and a width in nanometres."""
-        return (resistance - 2e9 * self.end_resistance / width) / self.sheet
+    def length(self, resistance: float, width: int, corners: int) -> float:
+        """Return the length of a body along its centre line, in nanometres, from a corner's centre to the next one's.
+
+        `resistance`: resistance in ohms; `width`: width in nm; `corners`: number of right-angled corners.
+        """
+        squares = (resistance - 2e9 * self.end_resistance / width) / self.sheet - corners * self.corner_squares
+        return squares * (width + self.width_offset) + corners * width
 
 
 Box = tuple[Layer, int, int, int, int]
