@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Iterator, Mapping
@@ -27,8 +28,8 @@ from resgrid.hardware.tools import TIMEOUT, find_klayout
 TOLERANCE = 1e-12
 """Default tolerance of voltages, as a fraction of the supply."""
 
-_NAME = re.compile(r"\b(?:R([XY])_(\d+)_(\d+)|(P_\w+)|n_(\d+)_(\d+))")
-"""Pattern of the names of resistors, pads and nodes in messages."""
+_NAME = re.compile(r"\b(?:R([XY])_(\d+)_(\d+)|(?:P_)?(goal_\d+(?:_\d+)?|obstacle(?:_\d+)?)|n_(\d+)_(\d+))")
+"""Pattern of the names of resistors, pads, rails and nodes in messages."""
 
 
 def check_layout(
@@ -121,18 +122,30 @@ def _compare_voltages(record: HardwareRecord, extraction: Extraction, tolerance:
 
 
 def _located(message: str, extraction: Extraction) -> str:
-    """Return a message with the place, in micrometres, of the first part or node that it names."""
-    match = _NAME.search(message)
-    if match is None or " um" in message:
+    """Return a message with the places, in micrometres, of the parts and nodes that it names first.
+
+    A message about a split net names the first pad of every part of the net: the fault lies between their places.
+    """
+    if " um" in message:
         return message
-    axis, i, j, pad, column, row = match.groups()
+    matches = [_NAME.search(words) for words in message.split(" pads ")[-1].split(" | ")]
+    found = {match.group(0): _place(match, extraction) for match in matches if match is not None}
+    places = " and ".join(f"{name} at ({x:.3f}, {y:.3f}) um" for name, (x, y) in found.items())
+    return f"{message}; {places}" if places else message
+
+
+def _place(match: re.Match[str], extraction: Extraction) -> tuple[float, float]:
+    """Return the place of a part or node, in micrometres: the extracted one, or that of its tile.
+
+    `match`: match of `_NAME`.
+    """
+    axis, i, j, net, column, row = match.groups()
     px, py, upper = extraction.pitch
-    place = extraction.place.get(match.group(0))
-    if place is None and pad is None:
-        if axis is None:
-            place = (int(column) * px * 1e-3, int(row) * py * 1e-3)
-        elif axis == "X":
-            place = ((int(i) - 1) * px * 1e-3, int(j) * py * 1e-3)
-        else:
-            place = (int(i) * px * 1e-3, ((int(j) - 1) * py + upper) * 1e-3)
-    return message if place is None else f"{message}; {match.group(0)} is at ({place[0]:.3f}, {place[1]:.3f}) um"
+    name = f"P_{net}" if net else match.group(0)
+    if name in extraction.place or net:
+        return extraction.place.get(name, (math.nan, math.nan))
+    if axis is None:
+        return int(column) * px * 1e-3, int(row) * py * 1e-3
+    if axis == "X":
+        return (int(i) - 1) * px * 1e-3, int(j) * py * 1e-3
+    return int(i) * px * 1e-3, ((int(j) - 1) * py + upper) * 1e-3

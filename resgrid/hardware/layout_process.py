@@ -102,7 +102,7 @@ def _toy_metals() -> tuple[MetalRules, ...]:
 _TOY = replace(
     _RPPD,
     process="toy",
-    grid=50,
+    grid=10,
     sheet=1000.0,
     end_resistance=0.0,
     corner_squares=0.56,
