@@ -228,7 +228,7 @@ def build_layout(
     drawn = np.array([shape.resistance for shape in shapes])
     op = solve(netlist.replace(conductance=1.0 / drawn[value]))
     tile, array = tile_geometry(rules, head, shapes), tile_array(netlist, value)
-    rails = plan_rails(rules, array, tile, rail_currents(op))
+    rails = plan_rails(rules, array, tile, rail_currents(op), abs(wiring.supply))
     labelled = space.cell.size <= MOST_LABELS if labels is None else labels
     cells = _draw(rules, head, tile, shapes, array, rails, labelled)
     drops = rail_drops(rules, array, tile, rails, op)

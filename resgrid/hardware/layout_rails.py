@@ -23,6 +23,12 @@ STRIP = 5000
 VIA_STRIP = 20000
 """Width of the strip of vias at the upper edge of a pad, in nanometres."""
 
+DROP = 0.001
+"""Wanted largest voltage drop along a trunk, as a fraction of the supply."""
+
+WIDEST = 10_000
+"""Largest width of a trunk that is chosen for its voltage drop, in nanometres; wider metal needs a larger spacing."""
+
 RING = 5000
 """Smallest width of the vertical parts of the obstacle rail at both sides of the array, in nanometres."""
 
@@ -101,14 +107,22 @@ def wire_width(rules: LayoutRules, metals: tuple[MetalRules, ...], amps: float, 
     return rules.even(max([least, *widths]))
 
 
-def plan_rails(rules: LayoutRules, array: TileArray, tile: TileGeometry, amps: Mapping[str, float]) -> RailPlan:
-    """Return the measures of rails and pads for the currents of the nets, `amps`, in amperes."""
+def plan_rails(
+    rules: LayoutRules, array: TileArray, tile: TileGeometry, amps: Mapping[str, float], supply: float
+) -> RailPlan:
+    """Return the measures of rails and pads.
+
+    `amps`: current of every net, in amperes; `supply`: voltage between the rails, in volts.
+    """
     metals = rules.metals
     second, third = metals[1:3]
-    wire = wire_width(rules, metals[:3], max((abs(amps[net]) for net in array.nets), default=0.0), tile.link)
-    widest = tile.px - tile.link // 2 - tile.link // 2 - 2 * third.space
-    trunks = _trunks(rules, array, tile, min(wire, rules.even(widest - 2 * rules.grid)))
     columns, rows = (used_range(array.node, axis) for axis in range(2))
+    largest = max((abs(amps[net]) for net in array.nets), default=0.0)
+    wire = wire_width(rules, metals[:3], largest, tile.link)
+    span = (rows[1] - rows[0] + 1) * tile.py
+    wanted = max(wire, min(rules.even(largest * third.sheet * span / (DROP * supply)), WIDEST))
+    trunks = _fitting_trunks(rules, array, tile, wanted)
+    wire = max(wire, trunks[0].width if trunks else 0)
     has_ring = bool(array.obstacle.any())
     ring = wire_width(rules, (second,), abs(amps.get("obstacle", 0.0)) / 2, RING) if has_ring else 0
     gap = rules.even(2 * max(metal.space for metal in metals[:3]) + tile.link)
@@ -131,12 +145,23 @@ def plan_rails(rules: LayoutRules, array: TileArray, tile: TileGeometry, amps: M
     return RailPlan(trunks, tuple(pads), wire, ring, sides, bottom, tracks, bend, pad_top, striped)
 
 
+def _fitting_trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, wanted: int) -> tuple[Trunk, ...]:
+    """Return the trunks with the largest width up to `wanted`, in nanometres, for which every net has a free track."""
+    width = min(wanted, rules.even(tile.px - tile.link - 2 * rules.metals[2].space - 2 * rules.grid))
+    while width > tile.link:
+        try:
+            return _trunks(rules, array, tile, width)
+        except InputError:
+            width = max(tile.link, rules.even(width // 2))
+    return _trunks(rules, array, tile, tile.link)
+
+
 def _trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, width: int) -> tuple[Trunk, ...]:
     """Return one trunk per net, from left to right, on tracks of metal 3 that no other net uses; `width` in nm."""
     space, second = rules.metals[2].space, rules.metals[1]
     pitch = width + space
     least = rules.up((max(tile.link, width) + width) / 2 + space)
-    last = tile.px - rules.up((tile.link + width) / 2 + max(space, second.space))
+    last = tile.px - rules.up((max(tile.link, width) + width) / 2 + max(space, second.space))
     tracks = [0, *range(least, last + 1, pitch)]
     used: dict[int, set[int]] = {}
     trunks = []

@@ -161,7 +161,7 @@ def test_matching_determines_the_width() -> None:
 
 def test_large_drops_of_rails_give_a_warning() -> None:
     space = space_of(1, (6, 6))
-    layout = rg.hardware.build_layout(space, RPPD, resistance=800.0)
+    layout = rg.hardware.build_layout(space, RPPD, resistance=800.0, supply=3.3)
     assert any("voltage drop" in text or "wide" in text for text in layout.warnings)
     assert rg.hardware.build_layout(space, RPPD).warnings == ()
     drops = rg.hardware.build_layout(space, RPPD, resistance=20e3).drops
