@@ -36,7 +36,12 @@ SHOWN_PADS = 8
     "Layout file: FILE.gds (GDSII) or FILE.oas (OASIS); also writes FILE.record.json (circuit and expected voltages).",
     required=True,
 )
-@click.option("--process", metavar="NAME", type=Suggested("name", *PROCESSES), help=f"Process and its resistor: {', '.join(PROCESSES)}.  [default: chip.process]")
+@click.option(
+    "--process",
+    metavar="NAME",
+    type=Suggested("name", *PROCESSES),
+    help=f"Process and its resistor: {', '.join(PROCESSES)}.  [default: chip.process]",
+)
 @click.option(
     "--width", metavar="UM", type=NumberRange(0, min_open=True),
     help="Width of the resistors, in micrometres.  [default: the smallest one]",
@@ -66,7 +71,9 @@ def command(
     from resgrid.hardware.layout_files import SUFFIXES, has_record, load_gdstk, require_suffix
 
     if output == "-":
-        raise InputError(f"-o -: a layout is a binary file with a record; name a file that ends in {' or '.join(SUFFIXES)}")
+        raise InputError(
+            f"-o -: a layout is a binary file with a record; name a file that ends in {' or '.join(SUFFIXES)}"
+        )
     require_suffix(Path(output))
     load_gdstk()
     job = open_job(source)

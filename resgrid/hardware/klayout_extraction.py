@@ -1,8 +1,8 @@
 """Script for a Python interpreter with klayout: extract the circuit of a layout, and check its design rules.
 
 Run as ``python klayout_extraction.py LAYOUT JOB``: JOB is a JSON file with layers, connections and rules (see
-`resgrid.hardware.layout_check`), and standard output gets the result as JSON.  This file imports nothing of resgrid, and
-resgrid never runs it in its own process, because KLayout is licensed under the GPL.
+`resgrid.hardware.layout_extraction`), and standard output gets the result as JSON.  This file imports nothing of
+resgrid, and resgrid never runs it in its own process, because KLayout is licensed under the GPL.
 """
 
 from __future__ import annotations
@@ -77,7 +77,12 @@ def resistor(extraction: Any, device: Any) -> list[Any]:
     place = device.trans.disp
     nets = [device.net_for_terminal(number) for number in range(2)]
     values = [round(device.parameter(name)) for name in ("A", "W", "P", "L")]
-    return [round(place.x / unit), round(place.y / unit), *values[:3], *(net.cluster_id if net else None for net in nets)]
+    return [
+        round(place.x / unit),
+        round(place.y / unit),
+        *values[:3],
+        *(net.cluster_id if net else None for net in nets),
+    ]
 
 
 def resistor_extractor(kdb: Any) -> Any:
@@ -138,7 +143,7 @@ def violations(kdb: Any, layout: Any, top: Any, job: Any) -> list[list[Any]]:
     return found
 
 
-def broken(kdb: Any, regions: Any, rule: Any) -> list[list[int]]:
+def broken(kdb: Any, regions: Any, rule: Any) -> list[list[int]]:  # noqa: PLR0911 - one result per kind
     """Return the centres of all places that violate a rule."""
     region, value = regions[rule["layer"]], rule["value"]
     other = regions.get(rule.get("other"))
@@ -148,8 +153,11 @@ def broken(kdb: Any, regions: Any, rule: Any) -> list[list[int]]:
         case "space":
             return centres(region.space_check(value))
         case "size":
-            return [centre(shape.bbox()) for shape in region.each()
-                    if not (shape.is_box() and shape.bbox().width() == shape.bbox().height() == value)]
+            return [
+                centre(shape.bbox())
+                for shape in region.each()
+                if not (shape.is_box() and shape.bbox().width() == shape.bbox().height() == value)
+            ]
         case "separation":
             return centres(region.separation_check(other, value)) + [centre(s.bbox()) for s in (region & other).each()]
         case "enclosure":

@@ -234,7 +234,7 @@ def build_layout(
     drops = rail_drops(rules, array, tile, rails, op)
     return Layout(
         process, rules, op, array, tile, tuple(shapes), value, ohms, rails, tuple(cells), labelled,
-        tuple(_warnings(rules, tile, rails, op, drops)),
+        tuple(_warnings(rails, op, drops)),
     )  # fmt: skip
 
 
@@ -310,9 +310,7 @@ def _placed_cells(cells: list[DrawnCell]) -> list[DrawnCell]:
     return kept[::-1]
 
 
-def _warnings(
-    rules: LayoutRules, tile: TileGeometry, rails: RailPlan, op: OperatingPoint, drops: dict[str, float]
-) -> list[str]:
+def _warnings(rails: RailPlan, op: OperatingPoint, drops: dict[str, float]) -> list[str]:
     """Return warnings on voltage drops along rails, and on currents above the permitted density."""
     supply = abs(op.netlist.cells.wiring.supply)
     found = [
@@ -325,8 +323,8 @@ def _warnings(
     for trunk in rails.trunks:
         if trunk.width < rails.wire:
             found.append(
-                f"the trunk of {trunk.net} is {trunk.width * 1e-3:g} um wide, but {abs(currents[trunk.net]):.3g} A need "
-                f"{rails.wire * 1e-3:g} um; raise the resistance of the grid or the width of its resistors"
+                f"the trunk of {trunk.net} is {trunk.width * 1e-3:g} um wide, but {abs(currents[trunk.net]):.3g} A "
+                f"need {rails.wire * 1e-3:g} um; raise the resistance of the grid or the width of its resistors"
             )
     return found
 

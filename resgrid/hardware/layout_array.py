@@ -71,10 +71,8 @@ def tile_array(netlist: Netlist, value: NDArray[np.int64]) -> TileArray:
     start = cells.wiring.start
     if start is not None:
         region[start[0] + 1, start[1] + 1] = len(nets)
-        nets.append("n_%d_%d" % tuple(start))
-    return TileArray(
-        along_x, along_y, touched | (region >= 0), touched & (kind == Cell.OBSTACLE), region, tuple(nets)
-    )
+        nets.append(f"n_{start[0]}_{start[1]}")
+    return TileArray(along_x, along_y, touched | (region >= 0), touched & (kind == Cell.OBSTACLE), region, tuple(nets))
 
 
 def array_placements(array: TileArray, tile: TileGeometry, values: int) -> list[Placement]:
@@ -91,9 +89,7 @@ def array_placements(array: TileArray, tile: TileGeometry, values: int) -> list[
 def node_labels(array: TileArray, tile: TileGeometry, metal: MetalRules) -> list[Label]:
     """Return one label per node of a free cell, on its bar of metal 1: ``n_3_4``."""
     own = array.node & ~array.obstacle & (array.region < 0)
-    return [
-        Label(f"n_{i}_{j}", i * tile.px, j * tile.py, metal.text) for i, j in (np.argwhere(own) + ORIGIN).tolist()
-    ]
+    return [Label(f"n_{i}_{j}", i * tile.px, j * tile.py, metal.text) for i, j in (np.argwhere(own) + ORIGIN).tolist()]
 
 
 def used_range(mask: NDArray[np.bool_], axis: int) -> tuple[int, int]:

@@ -85,12 +85,12 @@ def check_layout(
     voltages = _compare_voltages(record, extraction, tolerance)
     findings = [_located(message, extraction) for message in [*findings, *voltages.findings]]
     findings += [*extraction.messages, *extraction.violations]
-    error = voltages.max_abs_error
+    largest = voltages.max_abs_error
     return HardwareCheck(
         verified=True,
         findings=tuple(findings),
-        max_abs_error=error,
-        max_relative_error=None if error is None else error / supply_of(record),
+        max_abs_error=largest,
+        max_relative_error=None if largest is None else largest / supply_of(record),
         nodes=voltages.nodes,
         parts=len(record.parts),
         tools={"klayout": tool.version},
@@ -128,7 +128,7 @@ def _located(message: str, extraction: Extraction) -> str:
     """
     if " um" in message:
         return message
-    matches = [_NAME.search(words) for words in message.split(" pads ")[-1].split(" | ")]
+    matches = [_NAME.search(words) for words in message.rsplit(" pads ", maxsplit=1)[-1].split(" | ")]
     found = {match.group(0): _place(match, extraction) for match in matches if match is not None}
     places = " and ".join(f"{name} at ({x:.3f}, {y:.3f}) um" for name, (x, y) in found.items())
     return f"{message}; {places}" if places else message

@@ -31,10 +31,7 @@ def rail_drops(
     currents = rail_currents(op)
     third = rules.metals[2]
     drops: Mapping[str, float] = {
-        trunk.net: abs(currents[trunk.net])
-        * third.sheet
-        * (trunk.row * tile.py - plan.tracks[number])
-        / trunk.width
+        trunk.net: abs(currents[trunk.net]) * third.sheet * (trunk.row * tile.py - plan.tracks[number]) / trunk.width
         for number, trunk in enumerate(plan.trunks)
     }
     return dict(drops) | ({"obstacle": _obstacle_drop(rules, tile, plan, _taps(op, array))} if plan.ring else {})

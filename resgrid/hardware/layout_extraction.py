@@ -53,8 +53,8 @@ def extract_layout(
 ) -> Extraction:
     """Return the circuit that klayout extracts from the shapes of a layout, and the violated design rules.
 
-    `tool`: Python with klayout; `file`: GDSII or OASIS file; `rules`: design rules of its process; `check_rules`: whether the rules are checked;
-    `timeout`: longest run of klayout, in seconds.
+    `tool`: Python with klayout; `file`: GDSII or OASIS file; `rules`: design rules of its process; `check_rules`:
+    whether the rules are checked; `timeout`: longest run of klayout, in seconds.
     """
     with temporary_folder() as folder:
         job = folder / "job.json"

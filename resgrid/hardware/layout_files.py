@@ -23,7 +23,7 @@ from resgrid.hardware.record import HardwareRecord, Part, Supply, record_path, w
 SUFFIXES = (".gds", ".oas")
 """Suffixes of layout files: GDSII and OASIS."""
 
-DATE = datetime(2000, 1, 1)  # noqa: DTZ001 - the format stores no time zone
+DATE = datetime(2000, 1, 1)
 """Time that a GDSII file states for every cell, so that the same layout gives the same bytes."""
 
 COMPRESSION = 9

@@ -1,9 +1,9 @@
 """Design rules of the processes in which layouts are drawn.
 
 Values of IHP SG13G2 are those of its open design kit (IHP-Open-PDK, Apache-2.0): layers, the rules of
-``sg13g2_tech_default.json``, and the models ``rppd`` and ``rhigh`` of ``resistors_mod.lib``.  Spacings are those of wide
-metal (rules M1.e, Mn.e) and of arrays of vias (V1.b1, Vn.b1), so that they hold everywhere.  The kit has no sheet
-resistances of metals: they are computed from the thickness with a resistivity of 0.045 uohm m, an assumption.
+``sg13g2_tech_default.json``, and the models ``rppd`` and ``rhigh`` of ``resistors_mod.lib``.  Spacings are those of
+wide metal (rules M1.e, Mn.e) and of arrays of vias (V1.b1, Vn.b1), so that they hold everywhere.  Sheet resistances of
+metals are computed from their thickness in the kit with a resistivity of 0.045 uohm m, an assumption.
 """
 
 from __future__ import annotations
@@ -43,9 +43,26 @@ def _ihp_metals() -> tuple[MetalRules, ...]:
         via_space=420, via_enclosure=420,
     )  # fmt: skip
     top_1 = MetalRules(
-        "TopMetal1", (126, 0), (126, 25), 1640, 1640, RESISTIVITY / 2e-6, 0, CURRENT, "TopVia2", (133, 0), 900, 1060, 500
+        "TopMetal1",
+        (126, 0),
+        (126, 25),
+        1640,
+        1640,
+        RESISTIVITY / 2e-6,
+        0,
+        CURRENT,
+        "TopVia2",
+        (133, 0),
+        900,
+        1060,
+        500,
     )
-    return (*thin, fifth, top_1, MetalRules("TopMetal2", (134, 0), (134, 25), 2000, 2000, RESISTIVITY / 3e-6, 0, CURRENT))
+    return (
+        *thin,
+        fifth,
+        top_1,
+        MetalRules("TopMetal2", (134, 0), (134, 25), 2000, 2000, RESISTIVITY / 3e-6, 0, CURRENT),
+    )
 
 
 _RPPD = LayoutRules(

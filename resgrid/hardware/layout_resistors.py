@@ -21,9 +21,9 @@ LONGEST = 1e7
 
 @dataclass(frozen=True)
 class Serpentine:
-    """A drawn resistor; lengths are in nanometres, from the begin of the body at x = 0 and the centre of row 0 at y = 0.
+    """A drawn resistor; lengths are in nanometres.
 
-    `rows`: odd number of rows; `turn`: x of the centre of the right turns; `end`: x at which the body ends, in the last
+    The body begins at x = 0, and the centre of row 0 is at y = 0.  `rows`: odd number of rows; `turn`: x of the centre of the right turns; `end`: x at which the body ends, in the last
     row; `area`, `width`, `corners`: measures of the body; `resistance`: resistance in ohms.
     """
 
@@ -41,8 +41,8 @@ class Head:
     """Measures of the ends of all resistors, in nanometres.
 
     `length`: length of the material beyond the body; `contact`: distance of the contacts' centre from the body;
-    `height`: height of the material; `metal`: half height of the metal on the contacts; `bar`: width of a vertical metal
-    bar over the contacts; `pitch`: distance between rows; `inset`: distance between the ends of the body and the centre
+    `height`: height of the material; `metal`: half height of the metal on the contacts; `bar`: width of a vertical
+    metal bar over the contacts; `pitch`: distance between rows; `inset`: distance between the ends of the body and the centre
     of a turn.
     """
 
@@ -70,7 +70,7 @@ def head_of(rules: LayoutRules, width: int) -> Head:
 
 def contact_column(rules: LayoutRules, height: int) -> list[int]:
     """Return the lower edges of the contacts of an end that is `height` nanometres high, from the centre of the row."""
-    size, pitch = rules.contact_size, rules.contact_size + rules.contact_space
+    pitch = rules.contact_size + rules.contact_space
     count = max(1, (height - 2 * rules.contact_enclosure + rules.contact_space) // pitch)
     first = -(count * pitch - rules.contact_space) // 2
     first -= first % rules.grid

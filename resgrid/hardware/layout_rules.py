@@ -196,4 +196,4 @@ def fill_vias(metal: MetalRules, x0: int, y0: int, x1: int, y1: int, grid: int) 
         first = low + (high - low - (count * pitch - metal.via_space)) // 2
         counts.append(count)
         starts.append(first - first % grid)
-    return Placement(metal.via, *starts, *counts, pitch, pitch)
+    return Placement(metal.via, starts[0], starts[1], counts[0], counts[1], pitch, pitch)

@@ -54,8 +54,8 @@ def tile_geometry(rules: LayoutRules, head: Head, shapes: Sequence[Serpentine]) 
     upper = rules.up(top + apart)
     back = rules.up(upper + top + head.metal + metal.space + wire / 2)
     py = max(upper + rules.up(top + apart), back + rules.up(wire / 2 + head.metal + metal.space))
-    link = rules.even(max([m.width for m in rules.metals[1:3]] + [
-        m.via_size + 2 * m.via_enclosure for m in rules.metals[:2]] + [m.area**0.5 for m in rules.metals[1:3]]))  # fmt: skip
+    pads = [lower.via_size + 2 * lower.via_enclosure for lower in rules.metals[:2]]
+    link = rules.even(max(pads + [side for upper in rules.metals[1:3] for side in (upper.width, upper.area**0.5)]))
     py = max(py, link + 2 * second.space + max(second.width, metal.via_size + 2 * metal.via_enclosure))
     end = head.contact + max(shape.end for shape in shapes)
     left = max(head.length - head.contact, 0)

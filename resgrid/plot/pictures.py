@@ -42,6 +42,7 @@ PICTURES = {
     "resgrid.control.wavefronts:Wavefront": "control:draw_wavefront",
     "resgrid.core.netlist:Netlist": "netlist_graphs:draw_circuit",
     "resgrid.core.space:ConfigurationSpace": "panels:draw_space",
+    "resgrid.hardware.layout:Layout": "layouts:draw_layout",
     "resgrid.planning.blocking_obstacles:SceneSeparation": "paths:draw_separation",
     "resgrid.planning.blocking_obstacles:Separation": "paths:draw_separation",
     "resgrid.planning.fields:Field": "fields:draw_field",
@@ -174,6 +175,7 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     yield loss          change of the yield without each effect
     sweep               yield over two values                        ``share``
     wavefront           change of the potential over time            ``shown`` (indices of its times)
+    layout              the whole block, and one tile of it
     ==================  ===========================================  =================================================
 
     The decorator ``@rg.draw.register(MyType)`` adds the picture of another type: a function of a value, ``ax`` and
