@@ -23,7 +23,8 @@ LONGEST = 1e7
 class Serpentine:
     """A drawn resistor; lengths are in nanometres.
 
-    The body begins at x = 0, and the centre of row 0 is at y = 0.  `rows`: odd number of rows; `turn`: x of the centre of the right turns; `end`: x at which the body ends, in the last
+    The body begins at x = 0, and the centre of row 0 is at y = 0.  `rows`: odd number of rows; `turn`: x of the centre
+    of the right turns; `end`: x at which the body ends, in the last
     row; `area`, `width`, `corners`: measures of the body; `resistance`: resistance in ohms.
     """
 
@@ -42,8 +43,8 @@ class Head:
 
     `length`: length of the material beyond the body; `contact`: distance of the contacts' centre from the body;
     `height`: height of the material; `metal`: half height of the metal on the contacts; `bar`: width of a vertical
-    metal bar over the contacts; `pitch`: distance between rows; `inset`: distance between the ends of the body and the centre
-    of a turn.
+    metal bar over the contacts; `pitch`: distance between rows; `inset`: distance between the ends of the body and the
+    centre of a turn.
     """
 
     length: int
