@@ -14,10 +14,10 @@ from resgrid.cli.options import CommandInput, output_option, subcommand, with_so
 from resgrid.cli.scenes import open_job, report_ignored
 from resgrid.cli.terminal import counted, finish, say, stage
 from resgrid.errors import InputError
-from resgrid.hardware.layout_process import RULES
 from resgrid.hardware.record import record_path
+from resgrid.processes.reading import process_names
 
-PROCESSES = tuple(RULES)
+PROCESSES = tuple(process_names())
 """Processes and resistors in which layouts are drawn."""
 
 SHOWN_PADS = 8
@@ -27,7 +27,7 @@ SHOWN_PADS = 8
 @subcommand(
     "layout",
     examples=(
-        "resgrid layout rooms.toml --process toy -o rooms.gds",
+        "resgrid layout rooms.toml --process toy:poly -o rooms.gds",
         "resgrid layout lesson.toml --process ihp-sg13g2:rhigh --resistance 50k -o lesson.oas",
     ),
 )

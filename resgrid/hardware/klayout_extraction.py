@@ -42,7 +42,7 @@ def circuit(kdb: Any, layout: Any, top: Any, job: Any) -> dict[str, Any]:
     """Return resistors and labels with the numbers of their nets."""
     extraction = kdb.LayoutToNetlist(kdb.RecursiveShapeIterator(layout, top, []))
     at = {name: extraction.make_layer(layout.layer(*layer), name) for name, layer in job["layers"].items()}
-    body, ends = at["poly"] & at["marker"], at["poly"] - at["marker"]
+    body, ends = body_and_ends(at, job)
     at["ends"] = ends
     extractor = resistor_extractor(kdb)
     extraction.extract_devices(extractor, {"body": body, "ends": ends, "terminal": ends})
@@ -66,6 +66,16 @@ def circuit(kdb: Any, layout: Any, top: Any, job: Any) -> dict[str, Any]:
         "labels": sorted(probes, key=lambda probe: probe[:4]),
         "messages": [entry.message for entry in extractor.each_log_entry()],
     }
+
+
+def body_and_ends(regions: Any, job: Any) -> tuple[Any, Any]:
+    """Return the bodies of resistors, where all layers of bodies lie, and their ends."""
+    body, ends = regions[job["body"][0]], regions[job["ends"][0]]
+    for name in job["body"][1:]:
+        body = body & regions[name]
+    for name in job["ends"][1:]:
+        ends = ends & regions[name]
+    return body, ends - body
 
 
 def resistor(extraction: Any, device: Any) -> list[Any]:
@@ -135,6 +145,8 @@ def violations(kdb: Any, layout: Any, top: Any, job: Any) -> list[list[Any]]:
     regions = {
         name: kdb.Region(top.begin_shapes_rec(layout.layer(*layer))).merged() for name, layer in job["layers"].items()
     }
+    body, ends = body_and_ends(regions, job)
+    regions |= {"body": body.merged(), "end": ends.merged(), "resistor": (body + ends).merged()}
     found = []
     for rule in job["rules"]:
         places = broken(kdb, regions, rule)

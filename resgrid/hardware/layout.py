@@ -74,7 +74,7 @@ class Layout:
     Examples
     --------
     >>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
-    >>> layout = rg.hardware.build_layout(space, "toy")
+    >>> layout = rg.hardware.build_layout(space, "toy:poly")
     >>> layout.op.netlist
     <Netlist of 61 nodes: 135 resistors, 2 voltage sources>
     """
@@ -187,7 +187,7 @@ def build_layout(
     space : ConfigurationSpace
         Space with two axes that are not periodic.
     process : str
-        Name of the process and its resistor, such as ``"ihp-sg13g2:rppd"`` or ``"toy"``.
+        Name of the process and its resistor, such as ``"ihp-sg13g2:rppd"`` or ``"toy:poly"``.
     wiring : Wiring, optional
         Boundary conditions, drive and element values.
     width : float, optional
@@ -282,8 +282,9 @@ def _draw(
     boxes: list[Box] = list(drawing.boxes)
     left, right = rails.sides[0] - rails.ring // 2, rails.sides[1] + rails.ring // 2
     top = (array.node.shape[1] - 1) * tile.py
-    for _, layer, over, _, _ in rules.covers:
-        boxes.append((layer, left - over, rails.bottom - over, right + over, top + over))
+    for cover in rules.covers:
+        over = max(cover.beside, cover.beyond)
+        boxes.append((cover.layer, left - over, rails.bottom - over, right + over, top + over))
     reach = rules.pad // 2 + MARGIN
     xs = [pad.x for pad in rails.pads]
     outline = (

@@ -64,7 +64,7 @@ def check_layout(
     Examples
     --------
     >>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
-    >>> file = rg.save(rg.hardware.build_layout(space, "toy"), "lesson.gds")
+    >>> file = rg.save(rg.hardware.build_layout(space, "toy:poly"), "lesson.gds")
     >>> rg.hardware.check_layout(file).agrees
     True
     """

@@ -14,7 +14,7 @@ from typing import Any
 from resgrid._internal.files import temporary_folder
 from resgrid.errors import InputError
 from resgrid.hardware.layout_rails import pad_name
-from resgrid.hardware.layout_rules import LayoutRules
+from resgrid.hardware.layout_rules import Layer, LayoutRules
 from resgrid.hardware.tools import TIMEOUT, KlayoutPython
 
 SCRIPT = Path(__file__).with_name("klayout_extraction.py")
@@ -65,8 +65,10 @@ def extract_layout(
 
 def _job(rules: LayoutRules, check_rules: bool) -> dict[str, Any]:
     """Return layers, connections and rules for the script."""
-    layers = {"poly": rules.poly, "marker": rules.marker, "contact": rules.contact, "opening": rules.passivation}
-    layers |= {f"cover {name}": layer for name, layer, *_ in rules.covers}
+    layers: dict[str, Layer] = {**rules.body, **rules.ends, "contact": rules.contact}
+    layers |= {cover.name: cover.layer for cover in (*rules.body_covers, *rules.covers)}
+    if rules.passivation is not None:
+        layers["opening"] = rules.passivation
     connections = [("ends", "contact"), ("contact", rules.metals[0].name)]
     conductors = ["ends", "contact"]
     for metal, upper in zip(rules.metals, [*rules.metals[1:], None], strict=True):
@@ -79,6 +81,8 @@ def _job(rules: LayoutRules, check_rules: bool) -> dict[str, Any]:
     names = [rules.metals[0], rules.metals[-1]]
     return {
         "layers": layers,
+        "body": list(rules.body),
+        "ends": list(rules.ends),
         "conductors": conductors,
         "connections": connections,
         "texts": [(metal.name, metal.text) for metal in names],
@@ -96,21 +100,19 @@ def _rules(rules: LayoutRules) -> Iterator[dict[str, Any]]:
         limit = f"{value * 1e-6:g} um^2" if kind == "area" else f"{value * 1e-3:g} um"
         return {"name": f"{words}: {limit}", "kind": kind, "layer": layer, "other": other, "value": value}
 
-    yield rule("width", "poly", rules.width)
-    yield rule("space", "poly", rules.poly_space)
-    yield rule("width", "marker", rules.marker_width)
-    yield rule("space", "marker", rules.marker_space)
-    yield rule("margin", "poly", rules.marker_enclosure, "marker")
+    yield rule("width", "resistor", rules.width)
+    yield rule("space", "resistor", rules.space)
     yield rule("size", "contact", rules.contact_size)
     yield rule("space", "contact", rules.contact_space)
-    yield rule("enclosure", "contact", rules.contact_enclosure, "poly")
-    yield rule("separation", "contact", rules.contact_marker, "marker")
+    yield rule("enclosure", "contact", rules.contact_enclosure, "end")
+    yield rule("separation", "contact", rules.contact_distance, "body")
     yield rule("enclosure", "contact", rules.contact_metal, rules.metals[0].name)
-    yield rule("enclosure", "opening", rules.pad_opening, rules.metals[-1].name)
-    for name, _, over, width, space in rules.covers:
-        yield rule("enclosure", "poly", over, f"cover {name}")
-        yield rule("width", f"cover {name}", width)
-        yield rule("space", f"cover {name}", space)
+    if rules.passivation is not None:
+        yield rule("enclosure", "opening", rules.pad_opening, rules.metals[-1].name)
+    for cover in (*rules.body_covers, *rules.covers):
+        kind = "margin" if cover in rules.body_covers else "enclosure"
+        yield rule(kind, "resistor", cover.beside, cover.name)
+        yield from (rule(kind, cover.name, value) for kind in ("width", "space") if (value := getattr(cover, kind)))
     for metal, upper in zip(rules.metals, [*rules.metals[1:], None], strict=True):
         yield rule("width", metal.name, metal.width)
         yield rule("space", metal.name, metal.space)
@@ -122,7 +124,7 @@ def _rules(rules: LayoutRules) -> Iterator[dict[str, Any]]:
             yield rule("space", metal.via, metal.via_space)
             yield rule("enclosure", metal.via, metal.via_enclosure, metal.name)
             yield rule("enclosure", metal.via, metal.via_enclosure, upper.name)
-    for layer in ("poly", "marker", "contact"):
+    for layer in ("resistor", "contact"):
         yield rule("grid", layer, rules.grid)
 
 

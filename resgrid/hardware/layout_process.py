@@ -1,148 +1,126 @@
-"""Design rules of the processes in which layouts are drawn.
-
-Values of IHP SG13G2 are those of its open design kit (IHP-Open-PDK, Apache-2.0): layers, the rules of
-``sg13g2_tech_default.json``, and the models ``rppd`` and ``rhigh`` of ``resistors_mod.lib``.  Spacings are those of
-wide metal (rules M1.e, Mn.e) and of arrays of vias (V1.b1, Vn.b1), so that they hold everywhere.  Sheet resistances of
-metals are computed from their thickness in the kit with a resistivity of 0.045 uohm m, an assumption.
-"""
+"""Design rules of layouts from the data of a process."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
-from resgrid.errors import InputError, suggestion
-from resgrid.hardware.layout_rules import LayoutRules, MetalRules
+from resgrid.errors import InputError
+from resgrid.hardware.layout_rules import Cover, Layer, LayoutRules, MetalRules
+from resgrid.processes.process import Cut, Process
+from resgrid.processes.reading import read_process
 
-RESISTIVITY = 0.045e-6
-"""Assumed resistivity of metals, in ohm metres."""
+WIDE = 10.0
+"""Width in micrometres up to which the spacing of metals in a layout suffices."""
 
-CURRENT = 1000.0
-"""Assumed largest direct current per width of a metal, in A/m (mA/mm)."""
+SHEET = 0.1
+"""Sheet resistance of a metal for which the process gives none, in ohms per square."""
 
-
-def layout_rules(process: str) -> LayoutRules:
-    """Return the design rules of a process and its resistor; raise InputError for an unknown name."""
-    if process not in RULES:
-        known = ", ".join(RULES)
-        raise InputError(f"there is no process {process!r}: {suggestion(process, list(RULES)) or f'there are {known}'}")
-    return RULES[process]
+METALS = 3
+"""Number of metals that a layout needs: nodes, the obstacle rail, and trunks of goals."""
 
 
-def _ihp_metals() -> tuple[MetalRules, ...]:
-    """Return the metals of IHP SG13G2; lengths in nanometres."""
-    thin = [
-        MetalRules(
-            f"Metal{number}", (layer, 0), (layer, 25), 160 if number == 1 else 200, 220 if number == 1 else 240,
-            RESISTIVITY / (0.42e-6 if number == 1 else 0.49e-6), 90_000 if number == 1 else 144_000, CURRENT,
-            f"Via{number}", (via, 0), 190, 290, 50,
+@cache
+def layout_rules(name: str) -> LayoutRules:
+    """Return the design rules of a process and its resistor.
+
+    `name`: name such as ``"ihp-sg13g2:rppd"``.  Raises InputError if the process is unknown, or its data lack a layer
+    that a layout needs.
+    """
+    process = read_process(name)
+    resistor, contact = process.resistor, process.cuts["contact"]
+    pad = process.pad
+    metals = _metals(process)
+    return LayoutRules(
+        process=name,
+        resistor=resistor,
+        grid=_nm(process.grid),
+        body={layer: _layer(process, layer) for layer in resistor.body},
+        ends={layer: _layer(process, layer) for layer in resistor.ends},
+        contact=_layer(process, "contact"),
+        width=_nm(resistor.min_width),
+        body_length=_nm(resistor.min_length),
+        space=_nm(resistor.min_space),
+        width_offset=_nm(resistor.width_correction),
+        head=_nm(resistor.head_length),
+        body_covers=tuple(_cover(process, layer, *overlaps) for layer, overlaps in resistor.body_covers.items()),
+        covers=tuple(_cover(process, layer, *overlaps) for layer, overlaps in resistor.covers.items()),
+        contact_size=_nm(contact.size),
+        contact_space=_nm(contact.space),
+        contact_enclosure=_nm(contact.enclosure_below),
+        contact_distance=_nm(resistor.contact_distance),
+        contact_metal=_nm(contact.enclosure_above),
+        metals=metals,
+        pad=_nm(pad.size),
+        pad_space=_nm(pad.space),
+        pad_opening=_nm(pad.opening_enclosure),
+        pad_layers=tuple(_layer(process, layer) for layer in pad.layers if layer != metals[-1].name),
+        passivation=None if pad.opening is None else _layer(process, pad.opening),
+        outline=_layer(process, "outline"),
+    )
+
+
+def _nm(micrometres: float) -> int:
+    """Return a length in nanometres."""
+    return round(1e3 * micrometres)
+
+
+def _layer(process: Process, name: str) -> Layer:
+    """Return the numbers of a layer; raise InputError if the process lacks the layer."""
+    if name not in process.layers:
+        raise InputError(f"{process.title} has no layer {name!r}, which a layout needs; add it to the process's file")
+    return process.layers[name].gds
+
+
+def _cover(process: Process, name: str, beside: float, beyond: float) -> Cover:
+    """Return a layer that covers resistors, with its overlaps, which are given in micrometres."""
+    layer = process.layers[name]
+    width, space = _nm(layer.min_width or 0.0), _nm(layer.min_space or 0.0)
+    return Cover(name, layer.gds, _nm(beside), _nm(beyond), width, space)
+
+
+def _metals(process: Process) -> tuple[MetalRules, ...]:
+    """Return the metals of a process from the lowest one up to that of its pads."""
+    upward = {cut.below: (name, cut) for name, cut in process.cuts.items()}
+    metal, metals = process.cuts["contact"].above, []
+    while True:
+        via = upward.get(metal) if metal not in process.pad.layers else None
+        metals.append(_metal(process, metal, *(via or ("", None))))
+        if via is None:
+            break
+        metal = via[1].above
+    if len(metals) < METALS or metal not in process.pad.layers:
+        raise InputError(
+            f"{process.title} connects {len(metals)} metals up to {metal!r}, and a layout needs {METALS} and pads on "
+            "the highest one; add the cuts between them to the process's file"
         )
-        for number, layer, via in ((1, 8, 19), (2, 10, 29), (3, 30, 49), (4, 50, 66))
-    ]  # fmt: skip
-    fifth = replace(
-        thin[1], name="Metal5", layer=(67, 0), text=(67, 25), via="TopVia1", via_layer=(125, 0), via_size=420,
-        via_space=420, via_enclosure=420,
-    )  # fmt: skip
-    top_1 = MetalRules(
-        "TopMetal1",
-        (126, 0),
-        (126, 25),
-        1640,
-        1640,
-        RESISTIVITY / 2e-6,
-        0,
-        CURRENT,
-        "TopVia2",
-        (133, 0),
-        900,
-        1060,
-        500,
+    return tuple(metals)
+
+
+def _metal(process: Process, name: str, via: str, cut: Cut | None) -> MetalRules:
+    """Return the rules of a metal; `via`, `cut`: name and rules of the vias to the next metal, None for the highest.
+
+    The spacing holds for shapes up to `WIDE`, and that of vias for arrays of every size.
+    """
+    layer = process.layers[name]
+    label = next((label for label in (f"{name}_label", "label") if label in process.layers), name)
+    rules = MetalRules(
+        name=name,
+        layer=layer.gds,
+        text=process.layers[label].gds,
+        width=_nm(layer.min_width or 0.0),
+        space=_nm(process.min_space(name, WIDE) or 0.0),
+        sheet=layer.sheet_resistance or SHEET,
+        area=round(1e6 * (layer.min_area or 0.0)),
+        current=layer.current_density,
     )
-    return (
-        *thin,
-        fifth,
-        top_1,
-        MetalRules("TopMetal2", (134, 0), (134, 25), 2000, 2000, RESISTIVITY / 3e-6, 0, CURRENT),
+    if cut is None:
+        return rules
+    return replace(
+        rules,
+        via=via,
+        via_layer=_layer(process, via),
+        via_size=_nm(cut.size),
+        via_space=_nm(cut.array_space or cut.space),
+        via_enclosure=_nm(max(cut.enclosure_below, cut.enclosure_above)),
     )
-
-
-_RPPD = LayoutRules(
-    process="ihp-sg13g2:rppd",
-    grid=5,
-    sheet=260.0,
-    end_resistance=35e-6,
-    corner_squares=1 / 1.85,
-    width_offset=6,
-    poly=(5, 0),
-    marker=(28, 0),
-    contact=(6, 0),
-    width=500,
-    body_length=500,
-    poly_space=180,
-    marker_width=420,
-    marker_space=420,
-    marker_enclosure=200,
-    contact_size=160,
-    contact_space=180,
-    contact_enclosure=70,
-    contact_marker=200,
-    contact_metal=50,
-    metals=_ihp_metals(),
-    pad=70_000,
-    pad_space=30_000,
-    pad_opening=2100,
-    passivation=(9, 0),
-    outline=(189, 0),
-    covers=(("pSD", (14, 0), 180, 310, 310), ("EXTBlock", (111, 0), 180, 310, 310)),
-    matching=0.015e-6,
-)
-
-_RHIGH = replace(
-    _RPPD,
-    process="ihp-sg13g2:rhigh",
-    sheet=1360.0,
-    end_resistance=80e-6,
-    width_offset=-40,
-    covers=(*_RPPD.covers, ("nSD", (7, 0), 180, 310, 310)),
-)
-
-
-def _toy_metals() -> tuple[MetalRules, ...]:
-    """Return three metals of a toy process; lengths in nanometres."""
-    metals = [
-        MetalRules(f"metal{n}", (2 + 2 * n, 0), (2 + 2 * n, 1), 400, 400, 0.08, 0, CURRENT, f"via{n}", (3 + 2 * n, 0),
-                   300, 300, 100)
-        for n in (1, 2, 3)
-    ]  # fmt: skip
-    return (*metals[:2], replace(metals[2], via=""))
-
-
-_TOY = replace(
-    _RPPD,
-    process="toy",
-    grid=10,
-    sheet=1000.0,
-    end_resistance=0.0,
-    corner_squares=0.56,
-    width_offset=0,
-    poly=(1, 0),
-    marker=(2, 0),
-    contact=(3, 0),
-    poly_space=500,
-    marker_width=500,
-    marker_space=500,
-    contact_size=300,
-    contact_space=300,
-    contact_enclosure=100,
-    contact_metal=100,
-    metals=_toy_metals(),
-    pad=60_000,
-    pad_space=20_000,
-    pad_opening=2000,
-    passivation=(9, 0),
-    outline=(10, 0),
-    covers=(),
-    matching=0.02e-6,
-)
-
-RULES = {rules.process: rules for rules in (_TOY, _RPPD, _RHIGH)}
-"""Design rules by name of process and resistor."""

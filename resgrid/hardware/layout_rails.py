@@ -258,5 +258,7 @@ def _pad_cell(rules: LayoutRules) -> DrawnCell:
     strip = (-min(half, VIA_STRIP // 2), half - STRIP, min(half, VIA_STRIP // 2), half)
     boxes: list[Box] = [(metal.layer, *strip) for metal in rules.metals[:-1]]
     boxes.append((rules.metals[-1].layer, -half, -half, half, half))
-    boxes.append((rules.passivation, -opening, -opening, opening, min(opening, half - STRIP)))
+    boxes += [(layer, -half, -half, half, half) for layer in rules.pad_layers]
+    if rules.passivation is not None:
+        boxes.append((rules.passivation, -opening, -opening, opening, min(opening, half - STRIP)))
     return DrawnCell("pad", tuple(boxes), tuple(fill_vias(metal, *strip, rules.grid) for metal in rules.metals[:-1]))

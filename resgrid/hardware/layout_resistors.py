@@ -59,14 +59,14 @@ class Head:
 def head_of(rules: LayoutRules, width: int) -> Head:
     """Return the measures of the ends of resistors of a width, in nanometres."""
     size, metal = rules.contact_size, rules.metals[0]
-    length = rules.up(rules.contact_marker + size + rules.contact_enclosure)
+    length = rules.up(max(rules.head, rules.contact_distance + size + rules.contact_enclosure))
     height = rules.even(max(width, size + 2 * rules.contact_enclosure))
     bar = rules.even(max(size + 2 * rules.contact_metal, metal.width, metal.via_size + 2 * metal.via_enclosure))
     column = contact_column(rules, height)
     half = rules.up(max(column[-1] + size - column[0] + 2 * rules.contact_metal, bar) / 2)
-    row = rules.up(max(width, (height + width) / 2) + rules.poly_space)
-    inset = rules.up(rules.marker_enclosure + width / 2)
-    return Head(length, rules.up(rules.contact_marker) + size // 2, height, half, bar, row, inset)
+    row = rules.up(max(width, (height + width) / 2) + rules.space)
+    inset = rules.up(rules.overlap + width / 2)
+    return Head(length, rules.up(rules.contact_distance) + size // 2, height, half, bar, row, inset)
 
 
 def contact_column(rules: LayoutRules, height: int) -> list[int]:
@@ -98,14 +98,17 @@ def body_width(rules: LayoutRules, resistances: Sequence[float], width: float | 
         return drawn
     drawn = least
     if matching is not None:
-        if rules.matching is None:
+        if rules.resistor.mismatch is None:
             raise InputError(f"{rules.process} states no mismatch of resistors; give the width instead of matching")
         if not 0 < matching < 1:
             raise InputError(f"matching = {matching:g} must be a fraction between 0 and 1, such as 0.01 for 1 %")
-        area = (rules.matching * 1e9 / matching) ** 2
         for _ in range(60):  # the length is almost proportional to the width
             length = rules.length(min(resistances), drawn, 0)
-            if length <= 0 or drawn * length >= area:
+            if length <= 0:
+                break
+            coefficient = rules.resistor.pelgrom(drawn * 1e-3, length * 1e-3) or 0.0
+            area = (coefficient * 10.0 / matching) ** 2
+            if drawn * length >= area:
                 break
             drawn = rules.even(max(drawn + 2 * rules.grid, drawn * (area / (drawn * length)) ** 0.5))
     for _ in range(60):
@@ -130,7 +133,7 @@ def serpentine(rules: LayoutRules, head: Head, width: int, resistance: float, ro
     straight = length - (rows - 1) * head.pitch
     turn = (straight + (rows - 2) * head.inset) // rows // rules.grid * rules.grid
     end = straight - (rows - 1) * (turn - head.inset)
-    if turn - head.inset < 2 * width + rules.poly_space:
+    if turn - head.inset < 2 * width + rules.space:
         return None
     area = length * width
     return Serpentine(rows, turn, end, area, width, corners, rules.resistance(area, width, corners))
@@ -169,21 +172,29 @@ def _half_perimeter(head: Head, shapes: Sequence[Serpentine]) -> int:
 
 
 def draw_resistor(rules: LayoutRules, head: Head, shape: Serpentine) -> list[Box]:
-    """Return the rectangles of a resistor without its metal: material, marker, and contacts."""
-    half, marker = shape.width // 2, rules.marker_enclosure
-    last = (shape.rows - 1) * head.pitch
-    boxes: list[Box] = []
-    for row in range(shape.rows):
-        left = 0 if row == 0 else head.inset - half
-        right = shape.end if row == shape.rows - 1 else shape.turn + half
-        boxes.append((rules.poly, left, row * head.pitch - half, right, row * head.pitch + half))
-        if row:
-            x = shape.turn if row % 2 else head.inset
-            boxes.append((rules.poly, x - half, (row - 1) * head.pitch + half, x + half, row * head.pitch - half))
-    boxes.append((rules.marker, 0, -half - marker, shape.end, last + half + marker))
+    """Return the rectangles of a resistor without its metal: body, ends, covers of the body, and contacts."""
+    boxes = [(layer, *box) for layer in rules.body.values() for box in _body(head, shape)]
+    half, last = shape.width // 2, (shape.rows - 1) * head.pitch
+    for cover in rules.body_covers:
+        low, high = -half - cover.beside, last + half + cover.beside
+        boxes.append((cover.layer, -cover.beyond, low, shape.end + cover.beyond, high))
     for y, x0, contact in ((0, -head.length, -head.contact), (last, shape.end, shape.end + head.contact)):
-        boxes.append((rules.poly, x0, y - head.height // 2, x0 + head.length, y + head.height // 2))
+        end = (x0, y - head.height // 2, x0 + head.length, y + head.height // 2)
+        boxes += [(layer, *end) for layer in rules.ends.values()]
         left = contact - rules.contact_size // 2
         for low in contact_column(rules, head.height):
             boxes.append((rules.contact, left, y + low, left + rules.contact_size, y + low + rules.contact_size))
+    return boxes
+
+
+def _body(head: Head, shape: Serpentine) -> list[tuple[int, int, int, int]]:
+    """Return the corners of the rectangles of a body: its rows and its turns."""
+    half, boxes = shape.width // 2, []
+    for row in range(shape.rows):
+        left = 0 if row == 0 else head.inset - half
+        right = shape.end if row == shape.rows - 1 else shape.turn + half
+        boxes.append((left, row * head.pitch - half, right, row * head.pitch + half))
+        if row:
+            x = shape.turn if row % 2 else head.inset
+            boxes.append((x - half, (row - 1) * head.pitch + half, x + half, row * head.pitch - half))
     return boxes

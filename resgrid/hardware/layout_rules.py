@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+
+from resgrid.processes.process import Resistor
 
 Layer = tuple[int, int]
 """Number and data type of a layer in a GDSII file."""
@@ -47,6 +50,22 @@ class MetalRules:
 
 
 @dataclass(frozen=True)
+class Cover:
+    """A layer that covers resistors.
+
+    `name`: name of the layer in the process; `layer`: the layer; `beside`, `beyond`: overlap across and along the
+    current; `width`, `space`: smallest width and spacing, 0 without a rule; lengths are in nanometres.
+    """
+
+    name: str
+    layer: Layer
+    beside: int
+    beyond: int
+    width: int
+    space: int
+
+
+@dataclass(frozen=True)
 class LayoutRules:
     """Rules for drawing an array of resistors in a process; lengths are in nanometres.
 
@@ -54,66 +73,73 @@ class LayoutRules:
     ----------
     process : str
         Name of the process and its resistor, such as ``"ihp-sg13g2:rppd"``.
+    resistor : Resistor
+        Electrical figures of the resistor.
     grid : int
         Manufacturing grid.
-    sheet : float
-        Sheet resistance of the resistor's body, in ohms per square.
-    end_resistance : float
-        Resistance of one end times its width, in ohm metres.
-    corner_squares : float
-        Number of squares that a right-angled corner of the body counts for.
+    body, ends : mapping of str to (int, int)
+        Layers drawn on the bodies and on the ends of resistors, by name.
+    contact : (int, int)
+        Layer of the contacts.
+    width, body_length, space : int
+        Smallest width and length of the body, and spacing of resistors.
     width_offset : int
         Electrical width of the body minus its drawn width.
-    poly, marker, contact : (int, int)
-        Layers of the resistive material, of the marker that defines the body, and of the contacts.
-    covers : tuple of (name, layer, enclosure, width, space)
-        Layers that cover the whole resistor, such as implants.
-    width, body_length, poly_space : int
-        Smallest width and length of the body, and spacing of the material.
-    marker_width, marker_space, marker_enclosure : int
-        Width and spacing of the marker, and its enclosure of the body across the current.
-    contact_size, contact_space, contact_enclosure, contact_marker : int
-        Edge length and spacing of contacts, enclosure by the material, and distance of a contact from the marker.
+    head : int
+        Smallest length of an end.
+    body_covers, covers : tuple of Cover
+        Layers that cover only bodies, and layers that cover the whole array.
+    contact_size, contact_space, contact_enclosure, contact_distance : int
+        Edge length and spacing of contacts, enclosure by the end, and distance of a contact from the body.
     contact_metal : int
         Enclosure of a contact by the lowest metal.
     metals : tuple of MetalRules
         The metals, from the lowest one, at least three.
     pad, pad_space, pad_opening : int
-        Edge length and spacing of bond or probe pads, and enclosure of the passivation's opening by the pad.
-    passivation, outline : (int, int)
-        Layers of the openings of pads, and of the outline of the block.
-    matching : float or None
-        Standard deviation of the relative resistance times the square root of the body's area, in metres.
+        Edge length and spacing of pads, and enclosure of the opening of the passivation by the pad.
+    pad_layers : tuple of (int, int)
+        Layers of a pad without its metal.
+    passivation : (int, int) or None
+        Layer of the openings of pads, if there is one.
+    outline : (int, int)
+        Layer of the outline of the block.
     """
 
     process: str
+    resistor: Resistor
     grid: int
-    sheet: float
-    end_resistance: float
-    corner_squares: float
-    width_offset: int
-    poly: Layer
-    marker: Layer
+    body: Mapping[str, Layer]
+    ends: Mapping[str, Layer]
     contact: Layer
     width: int
     body_length: int
-    poly_space: int
-    marker_width: int
-    marker_space: int
-    marker_enclosure: int
+    space: int
+    width_offset: int
+    head: int
+    body_covers: tuple[Cover, ...]
+    covers: tuple[Cover, ...]
     contact_size: int
     contact_space: int
     contact_enclosure: int
-    contact_marker: int
+    contact_distance: int
     contact_metal: int
     metals: tuple[MetalRules, ...]
     pad: int
     pad_space: int
     pad_opening: int
-    passivation: Layer
+    pad_layers: tuple[Layer, ...]
+    passivation: Layer | None
     outline: Layer
-    covers: tuple[tuple[str, Layer, int, int, int], ...] = ()
-    matching: float | None = None
+
+    @property
+    def overlap(self) -> int:
+        """Largest overlap of a cover of bodies, across the current."""
+        return max((cover.beside for cover in self.body_covers), default=0)
+
+    @property
+    def cover_space(self) -> int:
+        """Largest spacing of a cover of bodies."""
+        return max((cover.space for cover in self.body_covers), default=0)
 
     def up(self, length: float) -> int:
         """Return the smallest multiple of the manufacturing grid that is at least `length` nanometres."""
@@ -126,20 +152,21 @@ class LayoutRules:
     def resistance(self, area: int, width: int, corners: int) -> float:
         """Return the resistance of a drawn body, in ohms.
 
-        ``R = sheet * (straight / (width + width_offset) + corners * corner_squares) + 2 * end_resistance / width`` with
+        ``R = sheet * (straight / (width + width_offset) + corners * bend_squares) + 2 * end_resistance / width`` with
         ``straight = area / width - corners * width``.  `area`: area of the body in nm^2; `width`: its width in nm;
         `corners`: number of its right-angled corners.
         """
         straight = (area - corners * width * width) / width
-        squares = straight / (width + self.width_offset) + corners * self.corner_squares
-        return self.sheet * squares + 2e9 * self.end_resistance / width
+        squares = straight / (width + self.width_offset) + corners * self.resistor.bend_squares
+        return self.resistor.sheet_resistance * squares + 2e9 * self.resistor.end_resistance / width
 
     def length(self, resistance: float, width: int, corners: int) -> float:
         """Return the length of a body along its centre line, in nanometres, from a corner's centre to the next one's.
 
         `resistance`: resistance in ohms; `width`: width in nm; `corners`: number of right-angled corners.
         """
-        squares = (resistance - 2e9 * self.end_resistance / width) / self.sheet - corners * self.corner_squares
+        body = resistance - 2e9 * self.resistor.end_resistance / width
+        squares = body / self.resistor.sheet_resistance - corners * self.resistor.bend_squares
         return squares * (width + self.width_offset) + corners * width
 
 

@@ -42,13 +42,13 @@ class TileGeometry:
 def tile_geometry(rules: LayoutRules, head: Head, shapes: Sequence[Serpentine]) -> TileGeometry:
     """Return the measures of the smallest tile that holds two of the given resistors, one along each axis."""
     metal, second = rules.metals[0], rules.metals[1]
-    half, over = shapes[0].width // 2, rules.marker_enclosure
+    half, over = shapes[0].width // 2, rules.overlap
     wire = rules.even(max(rules.contact_size + 2 * rules.contact_metal, metal.width))
     top = (max(shape.rows for shape in shapes) - 1) * head.pitch
     apart = max(  # of the bodies of two resistors, from the last row of one to the first row of the next
-        2 * (half + over) + rules.marker_space,
-        head.height // 2 + half + over + rules.contact_marker,
-        head.height + rules.poly_space,
+        2 * (half + over) + max(rules.cover_space, rules.space),
+        head.height // 2 + half + over + rules.contact_distance,
+        head.height + rules.space,
         wire // 2 + head.metal + metal.space,
     )
     upper = rules.up(top + apart)
@@ -60,9 +60,9 @@ def tile_geometry(rules: LayoutRules, head: Head, shapes: Sequence[Serpentine]) 
     end = head.contact + max(shape.end for shape in shapes)
     left = max(head.length - head.contact, 0)
     px = max(
-        end + head.length + rules.poly_space + left,
+        end + head.length + rules.space + left,
         end + head.contact + wire // 2 + metal.space + head.bar // 2,
-        end + rules.marker_space,
+        end + rules.cover_space,
         2 * (link + max(second.space, rules.metals[2].space)),
     )
     low = back - rules.up(py) - wire // 2

@@ -70,11 +70,17 @@ def _layers(layout: Layout) -> dict[str, Sequence[Layer]]:
     """Return the layers of the process by name of the style."""
     rules = layout.rules
     first, second, third = rules.metals[:3]
+    body, ends = list(rules.body.values()), list(rules.ends.values())
     return {
-        "marker": [rules.marker], "poly": [rules.poly], "metal 1": [first.layer], "metal 2": [second.layer],
-        "metal 3": [third.layer], "pad": [] if third is rules.metals[-1] else [rules.metals[-1].layer],
-        "contact": [rules.contact], "via": [first.via_layer, second.via_layer],
-    }  # fmt: skip
+        "marker": [cover.layer for cover in rules.body_covers] or body[-1:],
+        "poly": list(dict.fromkeys([body[0], ends[0]])),
+        "metal 1": [first.layer],
+        "metal 2": [second.layer],
+        "metal 3": [third.layer],
+        "pad": [] if third is rules.metals[-1] else [rules.metals[-1].layer],
+        "contact": [rules.contact],
+        "via": [first.via_layer, second.via_layer],
+    }
 
 
 def _tile_window(layout: Layout) -> Window:

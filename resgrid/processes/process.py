@@ -153,6 +153,8 @@ class Resistor:
         Standard deviation of the width times ``sqrt(L)``, in micrometres to the power 1.5.
     length_mismatch : float
         Standard deviation of the length times ``sqrt(W)``, in micrometres to the power 1.5.
+    bend_squares : float
+        Number of squares that a right-angled bend of the body counts for.
     tc1, tc2 : float or None
         Temperature coefficients, in 1/K and 1/K^2, relative to 27 degrees Celsius.
     gradient : float or None
@@ -188,6 +190,7 @@ class Resistor:
     mismatch: AtLeastZero | None = None
     width_mismatch: AtLeastZero = 0.0
     length_mismatch: AtLeastZero = 0.0
+    bend_squares: Positive = 1.0
     tc1: float | None = None
     tc2: float | None = None
     gradient: float | None = None

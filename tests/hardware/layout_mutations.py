@@ -50,6 +50,16 @@ class Shapes:
         self.top.remove(*shapes)
         self.top.add(*kept)
 
+    def cut_body(self, x0: float, y0: float, x1: float, y1: float) -> None:
+        """Remove a rectangle from all layers of bodies."""
+        for layer in self.rules.body.values():
+            self.cut(layer, x0, y0, x1, y1)
+
+    def box_body(self, x0: float, y0: float, x1: float, y1: float) -> None:
+        """Add a rectangle to all layers of bodies."""
+        for layer in self.rules.body.values():
+            self.box(layer, x0, y0, x1, y1)
+
     def node(self, i: int, j: int) -> tuple[float, float]:
         """Place of the node of a cell."""
         return i * self.pitch[0], j * self.pitch[1]
@@ -96,31 +106,32 @@ def missing_vias_of_obstacle(s: Shapes) -> tuple[float, float]:
 
 def wrong_length(s: Shapes) -> tuple[float, float]:
     x, y = s.body(1, 2)
-    s.cut(s.rules.marker, x, y - 2, x + 0.05, y + s.pitch[1] / 2 - 0.3)
+    s.cut_body(x, y - s.width / 2, x + 0.05, y + s.width / 2)
+    s.box(s.rules.ends["poly"], x, y - s.width / 2, x + 0.05, y + s.width / 2)
     return x, y
 
 
 def long_body(s: Shapes) -> tuple[float, float]:
     x, y = s.body(3, 1, upper=True)
-    s.box(s.rules.marker, x - 0.05, y - 0.45, x, y + 0.45)
+    s.box_body(x - 0.05, y - s.width / 2, x, y + s.width / 2)
     return x, y
 
 
 def narrow_body(s: Shapes) -> tuple[float, float]:
     x, y = s.body(1, 1)
-    s.cut(s.rules.poly, x - 0.01, y + s.width / 2 - 0.05, x + 20, y + s.width / 2)
+    s.cut_body(x - 0.01, y + s.width / 2 - 0.05, x + 20, y + s.width / 2)
     return x, y
 
 
 def notched_body(s: Shapes) -> tuple[float, float]:
     x, y = s.body(1, 1)
-    s.cut(s.rules.poly, x + 1, y + s.width / 2 - 0.1, x + 1.2, y + s.width / 2)
+    s.cut_body(x + 1, y + s.width / 2 - 0.1, x + 1.2, y + s.width / 2)
     return x, y
 
 
 def broken_body(s: Shapes) -> tuple[float, float]:
     x, y = s.body(2, 2)
-    s.cut(s.rules.poly, x + 1, y - 0.3, x + 1.5, y + 0.3)
+    s.cut_body(x + 1, y - 0.3, x + 1.5, y + 0.3)
     return x, y
 
 
@@ -170,14 +181,15 @@ def swapped_nodes(s: Shapes) -> tuple[float, float]:
 
 def missing_resistor(s: Shapes) -> tuple[float, float]:
     x, y = s.body(1, 1)
-    s.cut(s.rules.poly, x - 1, y - 0.4, x + s.pitch[0] - 1, y + (s.tile.upper * 1e-3) - 0.4)
+    for cut in (s.cut_body, lambda *box: s.cut(s.rules.ends["poly"], *box)):
+        cut(x - 1, y - 0.4, x + s.pitch[0] - 1, y + s.tile.upper * 1e-3 - 0.4)
     return x, y
 
 
 def extra_resistor(s: Shapes) -> tuple[float, float]:
     x, y = s.node(0, -4)
-    s.box(s.rules.poly, x, y, x + 5, y + 0.5)
-    s.box(s.rules.marker, x + 1, y - 0.2, x + 4, y + 0.7)
+    s.box(s.rules.ends["poly"], x, y, x + 5, y + 0.5)
+    s.box_body(x + 1, y, x + 4, y + 0.5)
     return x, y
 
 

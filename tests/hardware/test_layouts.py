@@ -22,12 +22,13 @@ from support.cli import answer, call
 import resgrid as rg
 from resgrid.hardware import layout_check
 from resgrid.hardware.layout_files import require_suffix
-from resgrid.hardware.layout_process import RULES
+from resgrid.hardware.layout_process import layout_rules
 from resgrid.hardware.layout_tiles import rectangles
 from resgrid.hardware.record import read_record
 from resgrid.hardware.tools import find_klayout
+from resgrid.processes import process_names
 
-RPPD = "ihp-sg13g2:rppd"
+RPPD, TOY = "ihp-sg13g2:rppd", "toy:poly"
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -59,7 +60,7 @@ CASES: dict[str, tuple[rg.ConfigurationSpace, dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize("process", RULES)
+@pytest.mark.parametrize("process", process_names())
 @pytest.mark.parametrize("case", CASES)
 def test_the_extracted_circuit_is_the_compiled_one(process: str, case: str, tmp_path: Path) -> None:
     space, options = CASES[case]
@@ -121,7 +122,7 @@ def test_the_same_scene_gives_the_same_bytes(good: tuple[Path, rg.hardware.Layou
 def test_the_record_has_the_drawn_values(good: tuple[Path, rg.hardware.Layout]) -> None:
     file, layout = good
     record = read_record(file)
-    rules, shape = RULES[RPPD], layout.resistors[0]
+    rules, shape = layout_rules(RPPD), layout.resistors[0]
     straight = shape.area / shape.width - shape.corners * shape.width
     ohms = 260.0 * (straight / (shape.width + 6) + shape.corners / 1.85) + 2 * 35e-6 / (shape.width * 1e-9)
     values = {part.value for part in record.parts if part.type == "resistor"}
@@ -133,7 +134,7 @@ def test_the_record_has_the_drawn_values(good: tuple[Path, rg.hardware.Layout]) 
 def test_arrays_are_placed_by_reference(tmp_path: Path) -> None:
     cell = np.zeros((64, 64), dtype=np.uint8)
     cell[40:44, 20:24] = rg.Cell.GOAL
-    layout = rg.hardware.build_layout(rg.ConfigurationSpace.from_array(cell), "toy", labels=False)
+    layout = rg.hardware.build_layout(rg.ConfigurationSpace.from_array(cell), TOY, labels=False)
     file = rg.save(layout, tmp_path / "chip.gds", record=False)
     assert file.stat().st_size < 20_000
     assert not (tmp_path / "chip.record.json").exists()
@@ -154,9 +155,9 @@ def test_rectangles_cover_a_mask_once(seed: int) -> None:
 def test_matching_determines_the_width() -> None:
     space = space_of(1, (4, 4))
     for wanted in (0.01, 0.002):
-        shape = rg.hardware.build_layout(space, "toy", matching=wanted).resistors[0]
+        shape = rg.hardware.build_layout(space, TOY, matching=wanted).resistors[0]
         assert 0.02e-6 / np.sqrt(shape.area * 1e-18) <= wanted * 1.001
-    assert rg.hardware.build_layout(space, "toy", width=2e-6).resistors[0].width == 2000
+    assert rg.hardware.build_layout(space, TOY, width=2e-6).resistors[0].width == 2000
 
 
 def test_large_drops_of_rails_give_a_warning() -> None:
@@ -224,11 +225,11 @@ def test_without_klayout_a_layout_is_not_verified(
 
 def test_the_command_writes_a_layout_that_check_confirms(tmp_path: Path) -> None:
     file = tmp_path / "lesson.gds"
-    data = answer("layout", "lesson", "--process", "toy", "-o", file)
+    data = answer("layout", "lesson", "--process", TOY, "-o", file)
     assert data["resistors"] == 140 and data["cells"] == [8, 8] and data["bytes"] == file.stat().st_size
-    assert json.loads((tmp_path / "lesson.record.json").read_text())["process"] == "toy"
+    assert json.loads((tmp_path / "lesson.record.json").read_text())["process"] == TOY
     assert answer("check", file)["agrees"] is True
-    result = call("layout", "lesson", "--process", "toy", "--matching", "0.005", "-o", file)
+    result = call("layout", "lesson", "--process", TOY, "--matching", "0.005", "-o", file)
     assert result.exit_code == 0 and "8 x 8 cells" in result.stdout
-    for words in (["--process", "toy", "-o", "-"], ["--process", "toy", "-o", "chip.png"], ["-o", file]):
+    for words in (["--process", TOY, "-o", "-"], ["--process", TOY, "-o", "chip.png"], ["-o", file]):
         assert call("layout", "lesson", *words).exit_code == 2
