@@ -76,7 +76,7 @@ class Layout:
     >>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
     >>> layout = rg.hardware.build_layout(space, "toy:poly")
     >>> layout.op.netlist
-    <Netlist of 61 nodes: 135 resistors, 2 voltage sources>
+    <Netlist of 59 nodes: 140 resistors, 2 voltage sources>
     """
 
     process: str

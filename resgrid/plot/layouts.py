@@ -14,6 +14,7 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from resgrid.hardware.layout import Layout
+from resgrid.hardware.layout_process import METALS
 from resgrid.hardware.layout_rules import Layer
 from resgrid.hardware.layout_shapes import Window, expanded_shapes
 from resgrid.plot.figures import new_figure
@@ -51,7 +52,8 @@ def draw_layout(layout: Layout) -> Figure:
     block, tile = figure.subplots(1, 2, width_ratios=share.tolist())
     _draw_block(layout, block, window)
     _draw_tile(layout, tile, window)
-    handles = [Patch(label=_named(layout, name), **{"edgecolor": "none", **style}) for name, style in LINES.items()]
+    shown = [name for name, layers in _layers(layout).items() if layers]
+    handles = [Patch(label=_named(layout, name), **{"edgecolor": "none", **LINES[name]}) for name in shown]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=SMALL, frameon=False)
     return figure
 
@@ -61,7 +63,7 @@ def _named(layout: Layout, name: str) -> str:
     metals = [metal.name for metal in layout.rules.metals]
     return {
         "marker": "body of a resistor (marker)", "poly": "resistor", "contact": "contact", "via": "via",
-        "metal 1": f"{metals[0]}: nodes", "metal 2": f"{metals[1]}: obstacle rail", "metal 3": f"{metals[2]}: goals",
+        "metal 1": f"{metals[0]}: nodes", "metal 2": f"{metals[1]}: obstacle rail", "metal 3": f"{metals[2]}: goals{', pads' if len(metals) == METALS else ''}",
         "pad": f"{metals[-1]}: pads",
     }[name]  # fmt: skip
 

@@ -233,3 +233,11 @@ def test_the_command_writes_a_layout_that_check_confirms(tmp_path: Path) -> None
     assert result.exit_code == 0 and "8 x 8 cells" in result.stdout
     for words in (["--process", TOY, "-o", "-"], ["--process", TOY, "-o", "chip.png"], ["-o", file]):
         assert call("layout", "lesson", *words).exit_code == 2
+
+
+def test_pictures_show_the_block_and_a_tile(good: tuple[Path, rg.hardware.Layout]) -> None:
+    figure = rg.draw(good[1])
+    block, tile = figure.axes
+    assert "45 resistors" in block.get_title() and "one tile" in tile.get_title()
+    assert len(tile.collections) >= 7
+    assert {text.get_text() for text in block.texts} >= {"obstacle", "goal 0"}
