@@ -41,6 +41,7 @@ SUBCOMMANDS = {
     "check": "Check electrical rules, and compare with a circuit simulator.",
     "chip": "Analyse a chip with its imperfections; write a report and decks.",
     "board": "Write a printed circuit board of a scene as a KiCad project.",
+    "layout": "Draw a scene's resistor grid as a chip layout (GDSII, OASIS).",
     "control": "Simulate the robot in its field, with contacts and map updates.",
     "live": "Edit a scene in the browser while its grid is solved.",
     "convert": "Convert a scene, map or deck to a deck, an edge list or a graph.",

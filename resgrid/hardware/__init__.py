@@ -2,6 +2,12 @@
 
 A board is a KiCad project, and a layout a GDSII or OASIS file.  A record beside each file lists its parts, its sources
 and the expected voltages, so that `resgrid check` can compare them with the netlist that an independent tool extracts.
+
+Examples
+--------
+>>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
+>>> rg.hardware.build_layout(space, "toy:poly")
+<Layout of 8 x 8 cells in toy:poly: 140 resistors, 230 x 111.3 um>
 """
 
 from resgrid._internal.public import attach

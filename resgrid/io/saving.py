@@ -15,6 +15,8 @@ from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 from resgrid.hardware.board import Board
 from resgrid.io.boards import save_board
+from resgrid.hardware.layout import Layout
+from resgrid.hardware.layout_files import write_layout
 from resgrid.io.leg_paths import write_leg_path
 from resgrid.io.networks import write_network
 from resgrid.io.paths import write_path
@@ -31,10 +33,11 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
 
     Parameters
     ----------
-    value : Streamline, ShortPath, Polyline, Trajectory, LegPath, Run, OperatingPoint, Field, Netlist, Board, or runs
+    value : Streamline, ShortPath, Polyline, Trajectory, LegPath, Run, OperatingPoint, Field, Netlist, Board, \
+            Layout, or sequence of Run
         A path: its points in continuous world coordinates, with times if it has some, and the tip of an arm.  A run:
         every step.  An operating point or a field: potentials and currents.  A netlist: its elements.
-        A board: its KiCad project.
+        A board: its KiCad project.  A chip layout: its shapes, and a record of its circuit in ``FILE.record.json``.
     file : path-like
         ``-`` is standard output.  By type of value:
 
@@ -46,11 +49,13 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
         other operating point  ``.csv``, ``.json``, ``.npz``, ``.raw`` (for waveform viewers)
         board                  a folder with a KiCad project
         netlist                ``.txt`` (edge list), ``.graphml``, ``.json`` (node-link), ``.npz``
+        layout                 ``.gds`` (GDSII), ``.oas`` (OASIS)
         =====================  ==========================================================================
     **options
         For ``.raw``: ``title``, the first line of the file, and ``form``, ``"binary"`` or ``"ascii"``.  For a
         JointTrajectory: ``fixed_joints``, whether it also has the joints that do not move
-        (`resgrid.maps.to_ros_trajectory`).
+        (`resgrid.maps.to_ros_trajectory`).  For a layout: ``record``, whether to write the record; by default up to
+        65,536 cells.
 
     Returns
     -------
@@ -88,7 +93,7 @@ def _save(value: object, file: str | os.PathLike[str]) -> Path:
         return write_run(value, file)
     raise InputError(
         f"{with_article(type(value).__name__)} has no file format; save takes a path, a run or runs, an operating "
-        "point, a field, a netlist or a board (a deck: rg.write_spice; a picture: rg.draw)"
+        "point, a field, a netlist, a board or a layout (a deck: rg.write_spice; a picture: rg.draw)"
     )
 
 
@@ -100,3 +105,4 @@ _save.register(Field, write_solution)
 _save.register(Run, write_run)
 _save.register(Netlist, write_network)
 _save.register(Board, save_board)
+_save.register(Layout, write_layout)

@@ -43,6 +43,7 @@ PICTURES = {
     "resgrid.core.netlist:Netlist": "netlist_graphs:draw_circuit",
     "resgrid.core.space:ConfigurationSpace": "panels:draw_space",
     "resgrid.hardware.board:Board": "boards:draw_board",
+    "resgrid.hardware.layout:Layout": "layouts:draw_layout",
     "resgrid.planning.blocking_obstacles:SceneSeparation": "paths:draw_separation",
     "resgrid.planning.blocking_obstacles:Separation": "paths:draw_separation",
     "resgrid.planning.fields:Field": "fields:draw_field",
@@ -176,6 +177,7 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     sweep               yield over two values                        ``share``
     board               bridges or expected voltages, or a side      ``side`` ("plan", "front", "back")
     wavefront           change of the potential over time            ``shown`` (indices of its times)
+    layout              the whole block, and one tile of it
     ==================  ===========================================  =================================================
 
     The decorator ``@rg.draw.register(MyType)`` adds the picture of another type: a function of a value, ``ax`` and

@@ -1,0 +1,68 @@
+"""Voltage drops along the rails of a layout, estimated from their sheet resistances and the currents of the circuit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.hardware.layout_array import ORIGIN, TileArray, resistor_faces
+from resgrid.hardware.layout_rails import RailPlan
+from resgrid.hardware.layout_rules import LayoutRules
+from resgrid.hardware.layout_tiles import TileGeometry
+
+
+def rail_currents(op: OperatingPoint) -> dict[str, float]:
+    """Return the current of every source of an operating point by the name of its net, in amperes."""
+    names = op.netlist.names_of(op.netlist.source_nodes[:, 0])
+    return {name: float(amps) for name, amps in zip(names, op.source_current, strict=True)}
+
+
+def rail_drops(
+    rules: LayoutRules, array: TileArray, tile: TileGeometry, plan: RailPlan, op: OperatingPoint
+) -> dict[str, float]:
+    """Return the largest voltage drop between the pad and a contact of every net, in volts.
+
+    The currents are those of ideal rails.  A trunk carries the current of its net.  A stripe of the obstacle rail is
+    fed from both ends, and the vertical parts at its ends from below; their drops add up.
+    """
+    currents = rail_currents(op)
+    third = rules.metals[2]
+    drops: Mapping[str, float] = {
+        trunk.net: abs(currents[trunk.net]) * third.sheet * (trunk.row * tile.py - plan.tracks[number]) / trunk.width
+        for number, trunk in enumerate(plan.trunks)
+    }
+    return dict(drops) | ({"obstacle": _obstacle_drop(rules, tile, plan, _taps(op, array))} if plan.ring else {})
+
+
+def _taps(op: OperatingPoint, array: TileArray) -> NDArray[np.float64]:
+    """Return the current from the obstacle rail into every tile, in amperes, with a margin of one tile.
+
+    The result has the shape of the arrays of `TileArray`.
+    """
+    netlist = op.netlist
+    taps, amps = np.zeros(array.node.shape), np.abs(op.resistor_current)
+    axis, *place = resistor_faces(netlist).T
+    for end in range(2):
+        chosen = netlist.resistor_nodes[:, end] == netlist.cells.obstacle_node
+        # The lower side of a face is the first node of a resistor that points upwards.
+        lower = netlist.cells.resistor_upward == (end == 0)
+        tile = [(index - (lower & (axis == along)))[chosen] - ORIGIN[along] for along, index in enumerate(place)]
+        np.add.at(taps, tuple(tile), amps[chosen])
+    return taps
+
+
+def _obstacle_drop(rules: LayoutRules, tile: TileGeometry, plan: RailPlan, taps: NDArray[np.float64]) -> float:
+    """Return the largest drop of the obstacle rail, in volts; `taps`: current into every tile, in amperes."""
+    sheet, count = rules.metals[1].sheet, taps.shape[0]
+    segment = sheet * tile.px / (tile.stripe[1] - tile.stripe[0])
+    place = np.arange(1, count + 1) / (count + 1)
+    from_left = (taps * (1 - place[:, np.newaxis])).sum(axis=0)
+    flowing = from_left - np.concatenate((np.zeros((1, taps.shape[1])), np.cumsum(taps, axis=0)[:-1]))
+    along = np.cumsum(segment * flowing, axis=0).max(axis=0, initial=0.0)
+    sides = np.stack((from_left, taps.sum(axis=0) - from_left))
+    above = np.cumsum(sides[:, ::-1], axis=1)[:, ::-1]
+    side = np.cumsum(sheet * tile.py / plan.ring * above, axis=1).max(axis=0)
+    return float((along + side).max(initial=0.0))

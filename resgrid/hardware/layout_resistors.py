@@ -1,0 +1,200 @@
+"""Sizes of the resistors of a layout: width, length, and the shape of a serpentine.
+
+Every resistor is a body of constant width with an odd number of parallel rows, so that its two contacts are on opposite
+sides.  All resistors have the same width and orientation, which improves matching.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from resgrid.errors import InputError
+from resgrid.hardware.layout_rules import Box, LayoutRules
+
+MOST_ROWS = 61
+"""Largest number of rows of a serpentine."""
+
+LONGEST = 1e7
+"""Longest body of a resistor, in nanometres."""
+
+
+@dataclass(frozen=True)
+class Serpentine:
+    """A drawn resistor; lengths are in nanometres.
+
+    The body begins at x = 0, and the centre of row 0 is at y = 0.  `rows`: odd number of rows; `turn`: x of the centre
+    of the right turns; `end`: x at which the body ends, in the last
+    row; `area`, `width`, `corners`: measures of the body; `resistance`: resistance in ohms.
+    """
+
+    rows: int
+    turn: int
+    end: int
+    area: int
+    width: int
+    corners: int
+    resistance: float
+
+
+@dataclass(frozen=True)
+class Head:
+    """Measures of the ends of all resistors, in nanometres.
+
+    `length`: length of the material beyond the body; `contact`: distance of the contacts' centre from the body;
+    `height`: height of the material; `metal`: half height of the metal on the contacts; `bar`: width of a vertical
+    metal bar over the contacts; `pitch`: distance between rows; `inset`: distance between the ends of the body and the
+    centre of a turn.
+    """
+
+    length: int
+    contact: int
+    height: int
+    metal: int
+    bar: int
+    pitch: int
+    inset: int
+
+
+def head_of(rules: LayoutRules, width: int) -> Head:
+    """Return the measures of the ends of resistors of a width, in nanometres."""
+    size, metal = rules.contact_size, rules.metals[0]
+    length = rules.up(max(rules.head, rules.contact_distance + size + rules.contact_enclosure))
+    height = rules.even(max(width, size + 2 * rules.contact_enclosure))
+    bar = rules.even(max(size + 2 * rules.contact_metal, metal.width, metal.via_size + 2 * metal.via_enclosure))
+    column = contact_column(rules, height)
+    half = rules.up(max(column[-1] + size - column[0] + 2 * rules.contact_metal, bar) / 2)
+    row = rules.up(max(width, (height + width) / 2) + rules.space)
+    inset = rules.up(rules.overlap + width / 2)
+    return Head(length, rules.up(rules.contact_distance) + size // 2, height, half, bar, row, inset)
+
+
+def contact_column(rules: LayoutRules, height: int) -> list[int]:
+    """Return the lower edges of the contacts of an end that is `height` nanometres high, from the centre of the row."""
+    pitch = rules.contact_size + rules.contact_space
+    count = max(1, (height - 2 * rules.contact_enclosure + rules.contact_space) // pitch)
+    first = -(count * pitch - rules.contact_space) // 2
+    first -= first % rules.grid
+    return [first + number * pitch for number in range(count)]
+
+
+def body_width(rules: LayoutRules, resistances: Sequence[float], width: float | None, matching: float | None) -> int:
+    """Return the width of all resistors in nanometres: even multiples of the grid.
+
+    `resistances`: values in ohms; `width`: wanted width in metres, None for the smallest one that the rules and
+    `matching` permit; `matching`: wanted standard deviation of the relative resistance.  The deviation is
+    ``coefficient / sqrt(width * length)`` (Pelgrom et al. 1989).
+    """
+    least = rules.even(rules.width)
+    if width is not None and matching is not None:
+        raise InputError("width and matching both determine the width of the resistors; give one of them")
+    if width is not None:
+        drawn = rules.even(width * 1e9 - 1e-6)
+        if drawn < least:
+            raise InputError(
+                f"width = {width:g} m is below {least * 1e-9:.3g} m, the smallest width of a resistor in "
+                f"{rules.process}; choose a larger width"
+            )
+        return drawn
+    drawn = least
+    if matching is not None:
+        if rules.resistor.mismatch is None:
+            raise InputError(f"{rules.process} states no mismatch of resistors; give the width instead of matching")
+        if not 0 < matching < 1:
+            raise InputError(f"matching = {matching:g} must be a fraction between 0 and 1, such as 0.01 for 1 %")
+        for _ in range(60):  # the length is almost proportional to the width
+            length = rules.length(min(resistances), drawn, 0)
+            if length <= 0:
+                break
+            coefficient = rules.resistor.pelgrom(drawn * 1e-3, length * 1e-3) or 0.0
+            area = (coefficient * 10.0 / matching) ** 2
+            if drawn * length >= area:
+                break
+            drawn = rules.even(max(drawn + 2 * rules.grid, drawn * (area / (drawn * length)) ** 0.5))
+    for _ in range(60):
+        length = rules.length(min(resistances), drawn, 0)
+        if length <= 0 or length >= rules.body_length:
+            break
+        drawn = rules.even(max(drawn + 2 * rules.grid, drawn * rules.body_length / length))
+    return drawn
+
+
+def serpentine(rules: LayoutRules, head: Head, width: int, resistance: float, rows: int) -> Serpentine | None:
+    """Return the resistor of a number of rows whose resistance is nearest, or None if so many rows do not fit.
+
+    `width`: width of the body in nanometres; `resistance`: wanted resistance in ohms; `rows`: odd number of rows.
+    """
+    corners = 2 * (rows - 1)
+    length = round(rules.length(resistance, width, corners) / rules.grid) * rules.grid
+    if rows == 1:
+        if length < rules.body_length:
+            return None
+        return Serpentine(1, 0, length, length * width, width, 0, rules.resistance(length * width, width, 0))
+    straight = length - (rows - 1) * head.pitch
+    turn = (straight + (rows - 2) * head.inset) // rows // rules.grid * rules.grid
+    end = straight - (rows - 1) * (turn - head.inset)
+    if turn - head.inset < 2 * width + rules.space:
+        return None
+    area = length * width
+    return Serpentine(rows, turn, end, area, width, corners, rules.resistance(area, width, corners))
+
+
+def size_resistors(rules: LayoutRules, head: Head, width: int, resistances: Sequence[float]) -> list[Serpentine]:
+    """Return one drawn resistor per value, all with the number of rows that gives the smallest tile, or fewer.
+
+    `resistances`: different values in ohms.  The measure of a tile is the sum of its width and its height.
+    """
+    for value in resistances:
+        if not rules.body_length - rules.grid / 2 <= rules.length(value, width, 0) <= LONGEST:
+            low = rules.resistance(rules.body_length * width, width, 0)
+            high = rules.resistance(round(LONGEST) * width, width, 0)
+            raise InputError(
+                f"a resistor of {value:.6g} ohm cannot be drawn in {rules.process} at a width of {width * 1e-3:g} um: "
+                f"the range is {low:.3g} to {high:.3g} ohm; change resistance, the conductivities, the wall resistance "
+                "or the width of the resistors"
+            )
+    choices: list[list[Serpentine]] = []
+    shapes: list[dict[int, Serpentine]] = [{} for _ in resistances]
+    for rows in range(1, MOST_ROWS + 1, 2):
+        for value, drawn in zip(resistances, shapes, strict=True):
+            shape = serpentine(rules, head, width, value, rows)
+            if shape is not None:
+                drawn[rows] = shape
+        if all(shapes):
+            choices.append([min(drawn.values(), key=lambda shape: shape.end) for drawn in shapes])
+    return min(choices, key=lambda choice: _half_perimeter(head, choice))
+
+
+def _half_perimeter(head: Head, shapes: Sequence[Serpentine]) -> int:
+    """Return an estimate of the width plus the height of a tile for the given resistors, in nanometres."""
+    rows = max(shape.rows for shape in shapes)
+    return max(shape.end for shape in shapes) + 2 * head.length + 2 * (rows + 1) * head.pitch
+
+
+def draw_resistor(rules: LayoutRules, head: Head, shape: Serpentine) -> list[Box]:
+    """Return the rectangles of a resistor without its metal: body, ends, covers of the body, and contacts."""
+    boxes = [(layer, *box) for layer in rules.body.values() for box in _body(head, shape)]
+    half, last = shape.width // 2, (shape.rows - 1) * head.pitch
+    for cover in rules.body_covers:
+        low, high = -half - cover.beside, last + half + cover.beside
+        boxes.append((cover.layer, -cover.beyond, low, shape.end + cover.beyond, high))
+    for y, x0, contact in ((0, -head.length, -head.contact), (last, shape.end, shape.end + head.contact)):
+        end = (x0, y - head.height // 2, x0 + head.length, y + head.height // 2)
+        boxes += [(layer, *end) for layer in rules.ends.values()]
+        left = contact - rules.contact_size // 2
+        for low in contact_column(rules, head.height):
+            boxes.append((rules.contact, left, y + low, left + rules.contact_size, y + low + rules.contact_size))
+    return boxes
+
+
+def _body(head: Head, shape: Serpentine) -> list[tuple[int, int, int, int]]:
+    """Return the corners of the rectangles of a body: its rows and its turns."""
+    half, boxes = shape.width // 2, []
+    for row in range(shape.rows):
+        left = 0 if row == 0 else head.inset - half
+        right = shape.end if row == shape.rows - 1 else shape.turn + half
+        boxes.append((left, row * head.pitch - half, right, row * head.pitch + half))
+        if row:
+            x = shape.turn if row % 2 else head.inset
+            boxes.append((x - half, (row - 1) * head.pitch + half, x + half, row * head.pitch - half))
+    return boxes

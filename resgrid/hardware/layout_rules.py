@@ -1,0 +1,226 @@
+"""Design rules of a layout: layers, widths, spacings and enclosures of a process, in nanometres."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from resgrid.processes.process import Resistor
+
+Layer = tuple[int, int]
+"""Number and data type of a layer in a GDSII file."""
+
+
+@dataclass(frozen=True)
+class MetalRules:
+    """Rules of a metal layer and of the vias to the metal above it.
+
+    Attributes
+    ----------
+    name : str
+        Name of the metal in the process.
+    layer, text : (int, int)
+        Layers of the shapes and of the labels.
+    width, space : int
+        Smallest width and spacing of the metal, in nanometres.
+    area : int
+        Smallest area of a shape, in nm^2.
+    current : float or None
+        Largest direct current per width, in A/m (mA/mm), None if the process states none.
+    sheet : float
+        Sheet resistance, in ohms per square.
+    via, via_layer, via_size, via_space, via_enclosure
+        Name and layer of the vias to the next metal; edge length, spacing, and enclosure by both metals, in nanometres.
+        The name is empty for the highest metal.
+    """
+
+    name: str
+    layer: Layer
+    text: Layer
+    width: int
+    space: int
+    sheet: float
+    area: int = 0
+    current: float | None = None
+    via: str = ""
+    via_layer: Layer = (0, 0)
+    via_size: int = 0
+    via_space: int = 0
+    via_enclosure: int = 0
+
+
+@dataclass(frozen=True)
+class Cover:
+    """A layer that covers resistors.
+
+    `name`: name of the layer in the process; `layer`: the layer; `beside`, `beyond`: overlap across and along the
+    current; `width`, `space`: smallest width and spacing, 0 without a rule; lengths are in nanometres.
+    """
+
+    name: str
+    layer: Layer
+    beside: int
+    beyond: int
+    width: int
+    space: int
+
+
+@dataclass(frozen=True)
+class LayoutRules:
+    """Rules for drawing an array of resistors in a process; lengths are in nanometres.
+
+    Attributes
+    ----------
+    process : str
+        Name of the process and its resistor, such as ``"ihp-sg13g2:rppd"``.
+    resistor : Resistor
+        Electrical figures of the resistor.
+    grid : int
+        Manufacturing grid.
+    body, ends : mapping of str to (int, int)
+        Layers drawn on the bodies and on the ends of resistors, by name.
+    contact : (int, int)
+        Layer of the contacts.
+    width, body_length, space : int
+        Smallest width and length of the body, and spacing of resistors.
+    width_offset : int
+        Electrical width of the body minus its drawn width.
+    head : int
+        Smallest length of an end.
+    body_covers, covers : tuple of Cover
+        Layers that cover only bodies, and layers that cover the whole array.
+    contact_size, contact_space, contact_enclosure, contact_distance : int
+        Edge length and spacing of contacts, enclosure by the end, and distance of a contact from the body.
+    contact_metal : int
+        Enclosure of a contact by the lowest metal.
+    metals : tuple of MetalRules
+        The metals, from the lowest one, at least three.
+    pad, pad_space, pad_opening : int
+        Edge length and spacing of pads, and enclosure of the opening of the passivation by the pad.
+    pad_layers : tuple of (int, int)
+        Layers of a pad without its metal.
+    passivation : (int, int) or None
+        Layer of the openings of pads, if there is one.
+    outline : (int, int)
+        Layer of the outline of the block.
+    """
+
+    process: str
+    resistor: Resistor
+    grid: int
+    body: Mapping[str, Layer]
+    ends: Mapping[str, Layer]
+    contact: Layer
+    width: int
+    body_length: int
+    space: int
+    width_offset: int
+    head: int
+    body_covers: tuple[Cover, ...]
+    covers: tuple[Cover, ...]
+    contact_size: int
+    contact_space: int
+    contact_enclosure: int
+    contact_distance: int
+    contact_metal: int
+    metals: tuple[MetalRules, ...]
+    pad: int
+    pad_space: int
+    pad_opening: int
+    pad_layers: tuple[Layer, ...]
+    passivation: Layer | None
+    outline: Layer
+
+    @property
+    def overlap(self) -> int:
+        """Largest overlap of a cover of bodies, across the current."""
+        return max((cover.beside for cover in self.body_covers), default=0)
+
+    @property
+    def cover_space(self) -> int:
+        """Largest spacing of a cover of bodies."""
+        return max((cover.space for cover in self.body_covers), default=0)
+
+    def up(self, length: float) -> int:
+        """Return the smallest multiple of the manufacturing grid that is at least `length` nanometres."""
+        return -int(-length // self.grid) * self.grid
+
+    def even(self, length: float) -> int:
+        """Return the smallest multiple of twice the grid that is at least `length`, so that its half is on the grid."""
+        return -int(-length // (2 * self.grid)) * 2 * self.grid
+
+    def resistance(self, area: int, width: int, corners: int) -> float:
+        """Return the resistance of a drawn body, in ohms.
+
+        ``R = sheet * (straight / (width + width_offset) + corners * bend_squares) + 2 * end_resistance / width`` with
+        ``straight = area / width - corners * width``.  `area`: area of the body in nm^2; `width`: its width in nm;
+        `corners`: number of its right-angled corners.
+        """
+        straight = (area - corners * width * width) / width
+        squares = straight / (width + self.width_offset) + corners * self.resistor.bend_squares
+        return self.resistor.sheet_resistance * squares + 2e9 * self.resistor.end_resistance / width
+
+    def length(self, resistance: float, width: int, corners: int) -> float:
+        """Return the length of a body along its centre line, in nanometres, from a corner's centre to the next one's.
+
+        `resistance`: resistance in ohms; `width`: width in nm; `corners`: number of right-angled corners.
+        """
+        body = resistance - 2e9 * self.resistor.end_resistance / width
+        squares = body / self.resistor.sheet_resistance - corners * self.resistor.bend_squares
+        return squares * (width + self.width_offset) + corners * width
+
+
+Box = tuple[Layer, int, int, int, int]
+"""A rectangle: its layer and its lower left and upper right corners x0, y0, x1, y1, in nanometres."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A cell placed once or as a regular array; lengths are in nanometres.
+
+    `cell`: name of the placed cell; `x`, `y`: origin of its first copy; `columns`, `rows`: numbers of copies along x
+    and y; `dx`, `dy`: distances between copies.
+    """
+
+    cell: str
+    x: int
+    y: int
+    columns: int = 1
+    rows: int = 1
+    dx: int = 0
+    dy: int = 0
+
+
+@dataclass(frozen=True)
+class Label:
+    """A text at a place, in nanometres, on a layer."""
+
+    text: str
+    x: int
+    y: int
+    layer: Layer
+
+
+@dataclass(frozen=True)
+class DrawnCell:
+    """A cell of a layout: rectangles, placed cells and labels."""
+
+    name: str
+    boxes: tuple[Box, ...] = ()
+    placements: tuple[Placement, ...] = ()
+    labels: tuple[Label, ...] = ()
+
+
+def fill_vias(metal: MetalRules, x0: int, y0: int, x1: int, y1: int, grid: int) -> Placement:
+    """Return an array of vias from a metal to the next one that fills a rectangle, centred in it; at least one via.
+
+    `x0`, `y0`, `x1`, `y1`: rectangle of both metals, in nanometres; `grid`: manufacturing grid.
+    """
+    pitch, margin = metal.via_size + metal.via_space, 2 * metal.via_enclosure
+    counts, starts = [], []
+    for low, high in ((x0, x1), (y0, y1)):
+        count = max(1, (high - low - margin + metal.via_space) // pitch)
+        first = low + (high - low - (count * pitch - metal.via_space)) // 2
+        counts.append(count)
+        starts.append(first - first % grid)
+    return Placement(metal.via, starts[0], starts[1], counts[0], counts[1], pitch, pitch)

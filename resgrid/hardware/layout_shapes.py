@@ -1,0 +1,54 @@
+"""Rectangles of a layout after its placed cells are expanded, for pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.hardware.layout import Layout
+from resgrid.hardware.layout_rules import DrawnCell, Layer
+
+Window = tuple[float, float, float, float]
+"""A rectangle x0, y0, x1, y1, in nanometres."""
+
+
+def expanded_shapes(
+    layout: Layout, window: Window | None = None, layers: set[Layer] | None = None
+) -> dict[Layer, NDArray[np.float64]]:
+    """Return the rectangles of a layout by layer, shape (rectangles, 4): x0, y0, x1, y1 in nanometres.
+
+    `window`: only rectangles that touch it; `layers`: only these layers.
+    """
+    cells = {cell.name: cell for cell in layout.cells}
+    found: dict[Layer, list[NDArray[np.float64]]] = {}
+    _expand(cells, layout.cells[-1], np.zeros((1, 2)), window, layers, found)
+    return {layer: np.concatenate(boxes) for layer, boxes in found.items()}
+
+
+def _expand(
+    cells: Mapping[str, DrawnCell],
+    cell: DrawnCell,
+    origins: NDArray[np.float64],
+    window: Window | None,
+    layers: set[Layer] | None,
+    found: dict[Layer, list[NDArray[np.float64]]],
+) -> None:
+    """Add the rectangles of a cell at several origins to `found`.
+
+    `cells`: all cells by name; `origins` (n, 2): places of the cell; `window`, `layers`: as in `expanded_shapes`.
+    """
+    for layer, *corners in cell.boxes:
+        if layers is None or layer in layers:
+            boxes = np.tile(origins, 2) + np.array(corners, dtype=np.float64)
+            if window is not None:
+                x0, y0, x1, y1 = window
+                boxes = boxes[(boxes[:, 2] >= x0) & (boxes[:, 0] <= x1) & (boxes[:, 3] >= y0) & (boxes[:, 1] <= y1)]
+            if len(boxes):
+                found.setdefault(layer, []).append(boxes)
+    for placed in cell.placements:
+        columns, rows = np.meshgrid(np.arange(placed.columns), np.arange(placed.rows), indexing="ij")
+        steps = np.stack((placed.x + columns.ravel() * placed.dx, placed.y + rows.ravel() * placed.dy), axis=1)
+        places = (origins[:, np.newaxis] + steps).reshape(-1, 2)
+        _expand(cells, cells[placed.cell], places, window, layers, found)
