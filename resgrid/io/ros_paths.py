@@ -69,15 +69,21 @@ def to_ros_path(path: Timed, *, frame_id: str = "map", heading: float | None = N
       frame_id: odom
     poses
     """
-    space, points = path.space, points_of(path)
-    require_plane(space)
+    require_plane(path.space)
     require_reached(path)
-    places, own = points[:, :2], (space.robot or PointRobot()).heading(points)
+    places, yaws = poses_of(path, heading)
+    times = path.times if isinstance(path, Trajectory) else np.zeros(len(places))
+    return _message(times.tolist(), places.tolist(), yaws.tolist(), frame_id)
+
+
+def poses_of(path: Timed, heading: float | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return places (n, 2) and headings (n,) in radians of the poses of a path; `heading`: as in `to_ros_path`."""
+    points = points_of(path)
+    places, own = points[:, :2], (path.space.robot or PointRobot()).heading(points)
     yaws = headings(places) if own is None else own
     if heading is not None and own is None:
         yaws[-1] = heading
-    times = path.times if isinstance(path, Trajectory) else np.zeros(len(points))
-    return _message(times.tolist(), places.tolist(), yaws.tolist(), frame_id)
+    return places, yaws
 
 
 def require_reached(path: Timed) -> None:
