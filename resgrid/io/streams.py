@@ -229,7 +229,7 @@ def _row(number: int, result: StreamedPath) -> tuple[Any, ...]:
     changed = 0
     if result.solved and result.planner is not None:
         changed = result.planner.space.cell.size if report is None else report.changed
-    x, y = result.path.points[0][:2].tolist() if result.path is not None else (snapshot.start or (nan, nan))[:2]
+    x, y = (result.start or snapshot.start or (nan, nan))[:2]
     return (
         number, snapshot.stamp, snapshot.received, snapshot.kind, changed, method,
         NOT_PLANNED if result.outcome is None else str(result.outcome), result.certified,

@@ -25,6 +25,7 @@ from resgrid.planning.trace import start_cell
 from resgrid.robots import Robot
 from resgrid.scene import Scene, build_space
 from resgrid.scene.goals import GoalPoint
+from resgrid.scene.maps.formats import map_options
 from resgrid.scene.overrides import build_changed
 from resgrid.scene.reading import Document
 from resgrid.scene.recordings.scenes import MAP_KEYS, UnusableMapError, cells_of_snapshot, check_map_table
@@ -60,6 +61,9 @@ class StreamedPath:
         Solved space of this snapshot, or, if nothing was solved, of the last one before.
     scene : Scene or None
         Scene of the snapshot, with its map and the goals of the options; None before the first usable map.
+    start : tuple of float or None
+        Start in world coordinates (x, y), for a robot that turns also the heading times its turning length; None if it
+        is unknown.
     solved : bool
         Whether the space of this snapshot was solved.
     reached : bool
@@ -89,6 +93,7 @@ class StreamedPath:
     seconds: float = 0.0
     planner: Planner | None = field(default=None, repr=False)
     scene: Scene | None = field(default=None, repr=False)
+    start: Point | None = None
     solved: bool = False
     _maker: StreamPlanner | None = field(default=None, repr=False)
     _frame_id: str | None = field(default=None, repr=False)
@@ -159,7 +164,7 @@ class StreamPlanner:
     """
 
     def __init__(self, *, goal_tolerance: float = 0.0, **options: Any) -> None:
-        table = {key: options.pop(key) for key in MAP_KEYS if key in options}
+        table = {key: options.pop(key) for key in (*MAP_KEYS, *map_options()) if key in options}
         check_attributes(options, *MAP_KEYS)
         for key in _FIXED:
             if key in options:
@@ -271,6 +276,7 @@ class StreamPlanner:
         if start is None or not goals:
             unknown = snapshot.note or "the place of the robot is unknown"
             return replace(base, reason=unknown if start is None else "there is no goal yet")
+        base = replace(base, start=start)
         space, outcome, reason = _space(replace(scene, goals=goals, starts=()), start)
         if outcome is not None:
             return replace(base, outcome=outcome, reason=reason)

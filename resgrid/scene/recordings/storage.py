@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -57,6 +58,7 @@ def require_rosbags() -> None:
         ) from None
 
 
+@cache
 def type_store(ros: Literal[1, 2]) -> Typestore:
     """Return the message types of a version of ROS, with those that rosbags lacks."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -139,7 +141,7 @@ class Bag:
     def _require_known(self, connection: Connection) -> None:
         """Raise InputError if the definition of a message type in the recording is not the usual one."""
         from rosbags.interfaces import MessageDefinitionFormat
-        from rosbags.typesys import TypesysError, get_types_from_msg
+        from rosbags.typesys import get_types_from_msg
 
         name, place = connection.msgtype, f"{self.path}: topic {connection.topic}"
         if name not in READ:
@@ -147,12 +149,15 @@ class Bag:
         if connection.msgdef.format != MessageDefinitionFormat.MSG:
             return
         try:
-            self._store.register(get_types_from_msg(connection.msgdef.data, name))
-        except TypesysError as error:
+            found = get_types_from_msg(connection.msgdef.data, name)
+            other = next((each for each in found if found[each][1] != self._store.fielddefs[each][1]), None)
+        except Exception:  # the parser raises errors of several types for a damaged text, and KeyError is a new type
+            other = name
+        if other is not None:
             raise InputError(
-                f"{place}: the type {_short(name)} has another definition in this recording than in ROS ({error}); "
-                "convert the recording to the usual definition"
-            ) from None
+                f"{place}: the type {_short(other)} has another definition in this recording than in ROS; convert the "
+                "recording to the usual definition"
+            )
 
 
 @contextmanager
