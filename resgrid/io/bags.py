@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from resgrid._internal.files import temporary_place
 from resgrid.errors import InputError
-from resgrid.io.ros_paths import poses_of
+from resgrid.io.ros_paths import path_poses
 from resgrid.planning.stream_planner import StreamedPath
 from resgrid.scene.recordings.recording import BASE_FRAMES
 from resgrid.scene.recordings.snapshot import MapSnapshot
@@ -98,10 +98,9 @@ class BagWriter:
         header = self.header(snapshot.stamp or snapshot.received, snapshot.frame_id)
         poses = []
         if result.reached and result.path is not None:
-            places, yaws = poses_of(result.path, result.heading)
             poses = [
-                self.new("geometry_msgs/msg/PoseStamped", header=header, pose=self.pose(x, y, yaw))
-                for (x, y), yaw in zip(places.tolist(), yaws.tolist(), strict=True)
+                self.new("geometry_msgs/msg/PoseStamped", header=header, pose=self.pose(*pose))
+                for pose in path_poses(result.path, heading=result.heading).tolist()
             ]
         return self.new(PATH, header=header, poses=poses)
 

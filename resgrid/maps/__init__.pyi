@@ -1,7 +1,7 @@
 """Public names of `resgrid.maps`."""
 
 from resgrid.io.bags import write_bag as write_bag
-from resgrid.io.ros_paths import to_ros_path as to_ros_path
+from resgrid.io.ros_paths import path_poses as path_poses, to_ros_path as to_ros_path
 from resgrid.io.ros_trajectories import to_ros_trajectory as to_ros_trajectory
 from resgrid.io.streams import StreamReport as StreamReport, stream_bag as stream_bag
 from resgrid.planning.stream_planner import StreamedPath as StreamedPath, StreamPlanner as StreamPlanner

@@ -182,6 +182,35 @@ class MapSnapshot:
         values[rows, message.x : message.x + message.width] = _rows(message.data, message.height, message.width)
         return replace(moved, occupancy=values)
 
+    def placed(self, start: Any = None, goal: Any = None) -> MapSnapshot:
+        """Return the snapshot with the places of the robot and of its goal from messages.
+
+        Parameters
+        ----------
+        start, goal : geometry_msgs.msg.Pose or geometry_msgs.msg.Transform, optional
+            Messages of rclpy or of rosbags, or objects with the same attributes, in the frame of the map.
+
+        Returns
+        -------
+        MapSnapshot
+            The snapshot, with None in place of a missing message.
+
+        Raises
+        ------
+        InputError
+            If a number is not finite.
+
+        Examples
+        --------
+        >>> from types import SimpleNamespace as Message
+        >>> turn = Message(x=0.0, y=0.0, z=1.0, w=0.0)
+        >>> transform = Message(translation=Message(x=0.2, y=0.4, z=0.0), rotation=turn)
+        >>> rg.maps.MapSnapshot(np.zeros((2, 3)), resolution=0.5).placed(transform).start
+        (0.2, 0.4, 3.141592653589793)
+        """
+        poses = (None if message is None else pose_of(message) for message in (start, goal))
+        return replace(self, **dict(zip(("start", "goal"), poses, strict=True)))
+
     def _why_ignored(self, message: Any) -> str | None:
         """Return the reason why an update cannot be applied; None if it can."""
         if not self.has_map:
@@ -250,8 +279,9 @@ def yaw_of(quaternion: tuple[float, float, float, float]) -> tuple[float, float]
 
 
 def pose_of(pose: Any) -> Pose:
-    """Return the place and the heading of a ``geometry_msgs/Pose`` message; raise InputError if it is not finite."""
-    place, turn = pose.position, pose.orientation
+    """Return place and heading of a ``geometry_msgs`` Pose or Transform; raise InputError if it is not finite."""
+    place = pose.position if hasattr(pose, "position") else pose.translation
+    turn = pose.orientation if hasattr(pose, "orientation") else pose.rotation
     yaw, _ = yaw_of((turn.x, turn.y, turn.z, turn.w))
     if not (isfinite(place.x) and isfinite(place.y)):
         raise InputError(f"the position ({place.x}, {place.y}) is not finite")
