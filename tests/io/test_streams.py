@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import re
+import sys
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -311,3 +314,75 @@ def test_wrong_options_of_the_subcommand_give_one_message(
     assert result.exit_code == 2 and part in result.stderr, result.stderr
     assert "Traceback" not in result.stderr and len(result.stderr.strip().splitlines()) == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
+
+
+def _node() -> str:
+    """Return the text of the node in the how-to page, without the last two lines, which start it."""
+    page = (Path(__file__).parents[2] / "docs" / "howto" / "recordings.md").read_text()
+    (text,) = re.findall(r"```python\n(import numpy as np\nimport rclpy.*?)```", page, re.DOTALL)
+    return text.partition("rclpy.init()")[0]
+
+
+def test_the_node_of_the_page_plans_with_stand_ins_of_ros(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The node itself needs ROS 2; here simple objects replace its modules."""
+
+    class Node:
+        def __init__(self, _name: str) -> None:
+            self.published = list[Any]()
+
+        def create_subscription(self, *_words: object) -> None:
+            pass
+
+        def create_publisher(self, *_words: object) -> Any:
+            return SimpleNamespace(publish=self.published.append)
+
+        def get_logger(self) -> Any:
+            return SimpleNamespace(warning=self.published.append)
+
+    def message(header: Any = None) -> Any:
+        pose = SimpleNamespace(position=SimpleNamespace(), orientation=SimpleNamespace())
+        return SimpleNamespace(header=header, pose=pose, poses=[])
+
+    turn = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
+    place = SimpleNamespace(transform=SimpleNamespace(translation=SimpleNamespace(x=0.7, y=0.7, z=0.0), rotation=turn))
+    known: list[Any] = []
+
+    class MissingError(Exception):
+        pass
+
+    def lookup(frame: str, base: str, _time: object) -> Any:
+        assert (frame, base) == ("map", "base_link")
+        if not known:
+            raise MissingError("no transform")
+        return known[0]
+
+    fakes = {
+        "rclpy": {}, "rclpy.node": {"Node": Node}, "rclpy.time": {"Time": object},
+        "rclpy.qos": {"QoSProfile": SimpleNamespace, "DurabilityPolicy": SimpleNamespace(TRANSIENT_LOCAL=1)},
+        "geometry_msgs.msg": {"PoseStamped": message}, "map_msgs.msg": {"OccupancyGridUpdate": None},
+        "nav_msgs.msg": {"OccupancyGrid": None, "Path": message},
+        "tf2_ros": {"Buffer": lambda: SimpleNamespace(lookup_transform=lookup), "TransformException": MissingError,
+                    "TransformListener": lambda *_words: None},
+    }  # fmt: skip
+    for name, values in fakes.items():
+        module = ModuleType(name)
+        vars(module).update(values)
+        monkeypatch.setitem(sys.modules, name, module)
+    scope: dict[str, Any] = {}
+    exec(_node(), scope)
+    node = scope["Replanner"]()
+    made = Messages()
+    made.grid(S, np.zeros((8, 8)))
+    made.update(2 * S, 4, 0, np.full((5, 1), 100))
+    made.goal(3 * S, 3.2, 0.7, 1.0)
+    grid, update, goal = (entry[3] for entry in made.entries)
+    node.on_map(grid)
+    known.append(place)
+    node.on_map(grid)
+    node.on_goal(goal)
+    node.on_update(update)
+    warning, empty, straight, around = node.published
+    assert warning == "no transform" and not empty.poses and around.header.stamp.sec == 2
+    ends = [(path.poses[0].pose.position, path.poses[-1].pose.position) for path in (straight, around)]
+    assert all((first.x, first.y, last.x, last.y) == pytest.approx((0.7, 0.7, 3.2, 0.7)) for first, last in ends)
+    assert max(pose.pose.position.y for pose in around.poses) > 2.5

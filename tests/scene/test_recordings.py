@@ -1,4 +1,7 @@
-"""Recordings: formats, topics, updates, transforms, damaged files."""
+"""Recordings: formats, topics, updates, transforms, damaged files.
+
+Tests internals: `resgrid.scene.recordings.transforms`, whose rules are those of tf2.
+"""
 
 from __future__ import annotations
 
