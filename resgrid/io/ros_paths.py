@@ -100,8 +100,8 @@ def path_poses(path: Timed, *, heading: float | None = None) -> NDArray[np.float
     --------
     >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
     >>> rg.maps.path_poses(path, heading=0.5)[[0, -1]].round(2)
-    array([[ 5.5 ,  2.5 , -0.79],
-           [ 7.5 ,  0.5 ,  0.5 ]])
+    array([[ 5.5 ,  2.5 , -0.73],
+           [ 6.01,  2.  ,  0.5 ]])
     """
     require_plane(path.space)
     points = points_of(path)

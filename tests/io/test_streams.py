@@ -183,7 +183,7 @@ def test_options_of_maps_apply_as_to_map_files(tmp_path: Path) -> None:
         with pytest.raises(rg.InputError, match=words):
             rg.maps.StreamPlanner(**wrong)  # type: ignore[arg-type]
     for options, words in (
-        ({"drive": "start", "boundary": "neumann"}, "drive = 'uniform'"),
+        ({"drive": "start", "boundary": "neumann"}, "drive = "),
         ({"start": [(0.1, 0.1), (0.2, 0.2)]}, "2 starts"),
     ):  # fmt: skip
         with pytest.raises(rg.InputError, match=words):
