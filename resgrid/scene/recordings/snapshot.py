@@ -73,7 +73,7 @@ class MapSnapshot:
     note: str | None = None
 
     def __post_init__(self) -> None:
-        values = np.array(self.occupancy)
+        values = np.asarray(self.occupancy)
         if values.ndim != 2 or values.dtype.kind not in "biuf":
             raise InputError(
                 f"occupancy has shape {values.shape} and dtype {values.dtype}; give numbers (height, width)"
@@ -85,7 +85,8 @@ class MapSnapshot:
         for name, pose in (("origin", self.origin), ("start", self.start), ("goal", self.goal)):
             if pose is not None and not (len(pose) == 3 and all(map(isfinite, pose))):
                 raise InputError(f"{name} = {tuple(pose)} must be three finite numbers: x, y and yaw")
-        values = np.where((values >= -1) & (values <= 100), values, -1).astype(np.int8)
+        if not _is_clean(values):
+            values = np.where((values >= -1) & (values <= 100), values, -1).astype(np.int8)
         object.__setattr__(self, "occupancy", values)
 
     def __repr__(self) -> str:
@@ -208,8 +209,8 @@ class MapSnapshot:
         >>> rg.maps.MapSnapshot(np.zeros((2, 3)), resolution=0.5).placed(transform).start
         (0.2, 0.4, 3.141592653589793)
         """
-        poses = (None if message is None else pose_of(message) for message in (start, goal))
-        return replace(self, **dict(zip(("start", "goal"), poses, strict=True)))
+        first, last = (None if message is None else pose_of(message) for message in (start, goal))
+        return replace(self, start=first, goal=last)
 
     def _why_ignored(self, message: Any) -> str | None:
         """Return the reason why an update cannot be applied; None if it can."""
@@ -227,6 +228,13 @@ class MapSnapshot:
         if len(message.data) != message.width * message.height:
             return f"it has {len(message.data)} values for {message.width} x {message.height} cells"
         return None
+
+
+def _is_clean(values: NDArray[Any]) -> bool:
+    """Return whether an array can be kept without a copy: read-only occupancies from -1 to 100, as of a snapshot."""
+    if values.dtype != np.int8 or values.flags.writeable or not values.flags.owndata:
+        return False
+    return not values.size or (int(values.min()) >= -1 and int(values.max()) <= 100)
 
 
 def _plain(resolution: float) -> float:
