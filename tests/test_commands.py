@@ -76,10 +76,19 @@ def _map(folder: Path) -> None:
     (folder / "map.yaml").write_text(f"image: map.png\n{keys}")
 
 
+def _recording(folder: Path) -> None:
+    """Write a recording of an empty room of 14 x 10 m around the origin, with three maps."""
+    pytest.importorskip("rosbags", reason="rosbags reads recordings; it is in the extra 'bags'")
+    rows, place = np.zeros((20, 28)), (-6.2, -4.2, 0.0)
+    maps = [rg.maps.MapSnapshot(rows, 0.5, (-7.0, -5.0, 0.0), start=place, received=second) for second in range(3)]
+    rg.maps.write_bag(maps, folder / "in.mcap")
+
+
 @pytest.fixture
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the files of the shown commands; shipped scenes are found by name."""
     _map(tmp_path)
+    _recording(tmp_path)
     (tmp_path / "examples").symlink_to(PROJECT / "examples")
     for name in ("theirs.sp", "power_grid.sp"):
         (tmp_path / name).write_text(DECK)
@@ -141,7 +150,7 @@ def _run_all(pieces: list[Piece]) -> None:
     """Run pieces in order: commands in this process, other lines in a shell."""
     for piece in pieces:
         if piece.kind == "python":
-            if re.search(r"write_text\(|\.save\(|np\.save", piece.text):
+            if re.search(r"write_text\(|\.save\(|np\.save|write_bag\(", piece.text):
                 exec(compile(piece.text, piece.place, "exec"), {"__name__": "page"})
             continue
         lines = list(_lines(piece))

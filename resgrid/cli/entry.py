@@ -37,6 +37,7 @@ SUBCOMMANDS = {
     "compile": "Write a scene's chip as a SPICE deck.",
     "solve": "Solve a scene's resistor grid, or a resistive deck.",
     "path": "Compute paths along the current from starts to a goal.",
+    "stream": "Plan a path for every map of a recording (a bag).",
     "plot": "Draw a scene, its potential, currents, paths or circuit.",
     "check": "Check electrical rules, and compare with a circuit simulator.",
     "chip": "Analyse a chip with its imperfections; write a report and decks.",

@@ -69,15 +69,47 @@ def to_ros_path(path: Timed, *, frame_id: str = "map", heading: float | None = N
       frame_id: odom
     poses
     """
-    space, points = path.space, points_of(path)
-    require_plane(space)
+    require_plane(path.space)
     require_reached(path)
-    places, own = points[:, :2], (space.robot or PointRobot()).heading(points)
+    poses = path_poses(path, heading=heading)
+    times = path.times if isinstance(path, Trajectory) else np.zeros(len(poses))
+    return _message(times.tolist(), poses[:, :2].tolist(), poses[:, 2].tolist(), frame_id)
+
+
+def path_poses(path: Timed, *, heading: float | None = None) -> NDArray[np.float64]:
+    """Return the poses of a path in the plane, as in its ``nav_msgs/Path`` message.
+
+    Parameters
+    ----------
+    path : Streamline, ShortPath, Polyline or Trajectory
+        In a space of two axes with the same unit, or of a turning polygon.
+    heading : float, optional
+        Heading of the last pose in radians, for a robot without a heading of its own.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3)
+        World coordinates x and y, and the heading in radians: towards the next point, or that of a turning robot.
+
+    Raises
+    ------
+    InputError
+        If the robot does not move in the plane.
+
+    Examples
+    --------
+    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((5.5, 2.5))
+    >>> rg.maps.path_poses(path, heading=0.5)[[0, -1]].round(2)
+    array([[ 5.5 ,  2.5 , -0.73],
+           [ 6.01,  2.  ,  0.5 ]])
+    """
+    require_plane(path.space)
+    points = points_of(path)
+    places, own = points[:, :2], (path.space.robot or PointRobot()).heading(points)
     yaws = headings(places) if own is None else own
     if heading is not None and own is None:
         yaws[-1] = heading
-    times = path.times if isinstance(path, Trajectory) else np.zeros(len(points))
-    return _message(times.tolist(), places.tolist(), yaws.tolist(), frame_id)
+    return np.column_stack([places, yaws])
 
 
 def require_reached(path: Timed) -> None:

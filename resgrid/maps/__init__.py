@@ -1,7 +1,7 @@
-"""Files of robots and benchmarks: ROS occupancy grids and paths, MovingAI scenarios, meshes, point clouds and OctoMaps.
+"""Files of robots and benchmarks: ROS occupancy grids and paths, MovingAI scenarios, recordings, meshes and voxels.
 
 >>> [name for name in dir(rg.maps) if name.startswith("read")]
-['read_mesh', 'read_movingai_scenarios', 'read_octomap', 'read_point_cloud']
+['read_bag', 'read_mesh', 'read_movingai_scenarios', 'read_octomap', 'read_point_cloud']
 """
 
 from resgrid._internal.public import attach

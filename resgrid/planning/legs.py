@@ -203,11 +203,11 @@ def plan_legs(
     free = build_space(replace(scene, goals=(), map=_without_goals(scene)), require_goal=False)
     blocked = free.cell == Cell.OBSTACLE
     stops = [
-        _with_goals(free, goal_cells(scene, GoalPoint(tuple(place)), blocked, f"via[{number}]"))
+        with_goals(free, goal_cells(scene, GoalPoint(tuple(place)), blocked, f"via[{number}]"))
         for number, place in enumerate(via)
     ]
-    goals, problems = _final_goals(scene, blocked, skip_blocked=approximate)
-    final = _with_goals(free, goals)
+    goals, problems = final_goals(scene, blocked, skip_blocked=approximate)
+    final = with_goals(free, goals)
     chain = _Chain(scene, free, k, tuple(np.asarray(start, dtype=np.float64).tolist()))
     if escape and free.cell[start_cell(free, chain.at)] == Cell.OBSTACLE:
         targets = (stops or [final])[0]
@@ -274,7 +274,7 @@ class _Chain:
         cell, point, distance = _nearest(self.space, reachable, goals)
         mask = np.zeros(self.space.shape, dtype=bool)
         mask[tuple(cell)] = True
-        self.follow(_with_goals(self.space, GoalCells(mask, point[np.newaxis])), "approximate")
+        self.follow(with_goals(self.space, GoalCells(mask, point[np.newaxis])), "approximate")
         self.outcome, self.reason, self.distance = outcome, reason, distance
 
     def result(self) -> LegPath:
@@ -293,7 +293,7 @@ def _without_goals(scene: Scene) -> MapCells | None:
     return replace(scene.map, cell=np.where(scene.map.cell == Cell.GOAL, np.uint8(Cell.FREE), scene.map.cell))
 
 
-def _with_goals(space: ConfigurationSpace, goals: GoalCells) -> ConfigurationSpace:
+def with_goals(space: ConfigurationSpace, goals: GoalCells) -> ConfigurationSpace:
     """Return a space without goals with the given free cells as its goals."""
     cell = np.where(goals.cells, np.uint8(Cell.GOAL), space.cell)
     return ConfigurationSpace(
@@ -302,7 +302,7 @@ def _with_goals(space: ConfigurationSpace, goals: GoalCells) -> ConfigurationSpa
     )  # fmt: skip
 
 
-def _final_goals(scene: Scene, blocked: NDArray[np.bool_], *, skip_blocked: bool) -> tuple[GoalCells, list[str]]:
+def final_goals(scene: Scene, blocked: NDArray[np.bool_], *, skip_blocked: bool) -> tuple[GoalCells, list[str]]:
     """Return the free goal cells of a scene, and the problems of goals without a free cell.
 
     `skip_blocked`: whether goals without a free cell are left out; otherwise the first one raises InputError.

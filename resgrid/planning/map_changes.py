@@ -14,9 +14,7 @@ from resgrid.errors import InputError
 from resgrid.planning.trace import cell_indices
 from resgrid.scene import Scene, build_space
 from resgrid.scene.maps.arrays import MapCells
-
-_OCCUPIED, _FREE = 65, 25
-"""Smallest occupancy of an occupied cell and largest one of a free cell, in percent, as map_server has them."""
+from resgrid.scene.maps.occupancies import cells_of_occupancies
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +92,6 @@ def _from_occupancy(old: MapCells, occupancy: ArrayLike | None) -> MapCells:
             f"occupancy has shape {values.shape}, but the map has {old.cell.shape[-1]} rows and {old.cell.shape[0]} "
             "columns; row 0 is the bottom row"
         )
-    values = values.T
-    occupied, free = (values >= _OCCUPIED) & (values <= 100), (values >= 0) & (values <= _FREE)
-    unknown = ~(occupied | free)
-    blocked = occupied | unknown if old.table.get("unknown", "obstacle") == "obstacle" else occupied
-    cell = np.where(blocked, Cell.OBSTACLE, np.where(old.cell == Cell.GOAL, Cell.GOAL, Cell.FREE)).astype(np.uint8)
+    cell, unknown = cells_of_occupancies(values, old.table.get("unknown", "obstacle"))
+    cell[(old.cell == Cell.GOAL) & (cell == Cell.FREE)] = Cell.GOAL
     return replace(old, cell=cell, unknown=unknown)

@@ -11,7 +11,7 @@ from typing import Any
 from resgrid.errors import InputError
 from resgrid.robots import ROBOTS, Mesh, Robot, Voxels
 from resgrid.scene.goals import CostArea, GoalJoints, GoalPoint
-from resgrid.scene.reading import Document, build_scene, with_axes, with_footprint
+from resgrid.scene.reading import Document, MapReader, build_scene, with_axes, with_footprint
 from resgrid.scene.scene import IN_FILES, LISTS, Scene
 from resgrid.scene.table_models import plain
 from resgrid.scene.toml_lines import Path as KeyPath
@@ -91,14 +91,14 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     return build_scene(document, scene.source or "scene", Path(), known=scene.map if is_same_map else None)
 
 
-def build_changed(document: Document, changes: Mapping[str, Any]) -> Scene:
+def build_changed(document: Document, changes: Mapping[str, Any], known: MapReader | None = None) -> Scene:
     """Return the validated scene of a document with some keys changed.
 
-    `changes`: new values by key path, in the form that `apply_overrides` describes.  Only the changed document is
-    validated, so the unchanged document may be incomplete.
+    `changes`: new values by key path, in the form that `apply_overrides` describes; `known`: function that reads the
+    map, None for a map file.  Only the changed document is validated, so the unchanged document may be incomplete.
     """
     lines = _lines_of_file(document.lines, changes)
-    return build_scene(_apply(document.raw, changes), document.source, document.folder, lines)
+    return build_scene(_apply(document.raw, changes), document.source, document.folder, lines, known)
 
 
 def _lines_of_file(lines: Mapping[KeyPath, int], changes: Mapping[str, Any]) -> dict[KeyPath, int]:

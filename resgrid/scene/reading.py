@@ -9,7 +9,7 @@ import os
 import re
 import tomllib
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import chain, repeat
 from math import isclose
 from pathlib import Path
@@ -35,6 +35,11 @@ _LINK = re.compile(r"https?://\S*#(?:\S*&)?s=(?P<code>[^&\s]+)")
 
 _MAX_DOCUMENT_BYTES = 1 << 26
 """Largest size of the document in a link, in bytes, after decompression."""
+
+
+MapReader = Callable[[Mapping[str, Any], float], MapCells]
+"""Function that returns the map for a ``[map]`` table and the largest distance of a robot's point from its reference.
+"""
 
 
 class Document(NamedTuple):
@@ -212,13 +217,13 @@ def build_scene(
     source: str,
     folder: Path,
     lines: dict[KeyPath, int] | None = None,
-    known: MapCells | None = None,
+    known: MapCells | MapReader | None = None,
 ) -> Scene:
     """Return the validated scene of a document; raise one InputError that lists all problems.
 
     `raw`: keys and tables of the document; `source`: name of the document, for messages; `folder`: folder to which
     names of map files are relative; `lines`: line numbers by key path, None for a document without lines; `known`:
-    cells of the scene's map, None if the map file must be read.
+    cells of the scene's map, or the function that reads them, None if the map file must be read.
     """
     from resgrid.scene.schema import robot_of, validate
 
@@ -256,13 +261,13 @@ def build_scene(
 
 
 def _axes_of(
-    document: Any, robot: Robot | None, folder: Path, known: MapCells | None
+    document: Any, robot: Robot | None, folder: Path, known: MapCells | MapReader | None
 ) -> tuple[tuple[Axis, ...] | None, Frame, MapCells | None]:
     """Return axes and frame of the configuration space, and the cells of the map (None without a map).
 
     `document`: typed document; `robot`: None for a document with errors; then the map is not read, and the axes are
     those of the table ``[grid]``, or None without this table; `folder`: folder to which names of map files are
-    relative; `known`: cells of the map, None if the map file must be read.
+    relative; `known`: cells of the map, or the function that reads them, None if the map file must be read.
     """
     grid = None if document.grid is None else tuple(document.grid.axes)
     if document.map is None or robot is None:
@@ -271,7 +276,10 @@ def _axes_of(
     if grid is not None and table.get("crop") is not None:
         raise InputError(f"{table['file']}: map.crop would lose obstacles in the reach of this robot; remove crop")
     extent = robot.extent if grid is None else 0.0
-    cells = known if known is not None and (grid is not None or extent <= known.extent) else read_map(table, extent)
+    if isinstance(known, MapCells):
+        cells = known if grid is not None or extent <= known.extent else read_map(table, extent)
+    else:
+        cells = (known or read_map)(table, extent)
     if grid is None:
         return (*cells.space_of(robot), cells)
     if not cells.frame.is_world:

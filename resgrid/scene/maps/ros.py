@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -116,7 +117,8 @@ def open_ros(path: Path, dialect: Dialect = NEWEST, **options: Any) -> RosParts:
         _warn_of_palette(name, picture, dialect)
     else:
         _warn_of_palette(name, picture.part(slice(0, 1), slice(0, 1)), dialect)
-    return RosParts(path, header, picture, dialect, options, *_place(header, picture.shape))
+    place = place_of_map(header.origin, header.resolution, picture.shape)
+    return RosParts(path, header, picture, dialect, options, *place)
 
 
 def _cells(
@@ -222,11 +224,15 @@ def _warn_of_palette(picture: Path, raster: Raster, dialect: Dialect) -> None:
         )
 
 
-def _place(header: RosHeader, shape: tuple[int, ...]) -> tuple[tuple[Axis, ...], Frame]:
-    """Return axes and frame of a map with pixels of shape (height, width); `header`: keys of the ``map.yaml``."""
+def place_of_map(origin: Sequence[float], resolution: float, shape: tuple[int, ...]) -> tuple[tuple[Axis, ...], Frame]:
+    """Return axes and frame of a ROS map.
+
+    `origin`: x, y and yaw of the lower left corner in metres and radians; `resolution`: width of a cell in metres;
+    `shape`: (height, width) in cells.
+    """
     height, width = shape
-    x, y, yaw = header.origin
+    x, y, yaw = origin
     frame = Frame(x, y, yaw) if yaw else Frame()
     x, y = (0.0, 0.0) if yaw else (x, y)
-    step = header.resolution
-    return (Axis("x", x, x + width * step, width), Axis("y", y, y + height * step, height)), frame
+    axes = (("x", x, width), ("y", y, height))
+    return tuple(Axis(name, low, low + cells * resolution, cells, unit="m") for name, low, cells in axes), frame

@@ -1,0 +1,256 @@
+"""Writers of recordings: maps and paths as bags of ROS 1 and ROS 2, with the package rosbags."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from math import cos, sin
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+from resgrid._internal.files import temporary_place
+from resgrid.errors import InputError
+from resgrid.io.ros_paths import path_poses
+from resgrid.planning.stream_planner import StreamedPath
+from resgrid.scene.recordings.recording import BASE_FRAMES
+from resgrid.scene.recordings.snapshot import MapSnapshot
+from resgrid.scene.recordings.storage import GRID, PATH, TRANSFORMS, Storage, require_rosbags, type_store
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+
+class _File(Protocol):
+    """An open writer of rosbags."""
+
+    def add_connection(self, topic: str, msgtype: str, **options: Any) -> Any:
+        """Add a topic."""
+
+    def write(self, connection: Any, timestamp: int, data: Any) -> None:
+        """Write a message."""
+
+
+class BagWriter:
+    """Messages of an open bag.
+
+    `file`: writer of rosbags; `ros`: version of ROS.  Transient-local topics of ROS 2 and latched ones of ROS 1 serve
+    subscribers that come later.
+    """
+
+    def __init__(self, file: _File, ros: Literal[1, 2]) -> None:
+        self._file, self._ros, self._store = file, ros, type_store(ros)
+        self._connections: dict[str, tuple[Any, str]] = {}
+
+    @property
+    def store(self) -> Typestore:
+        """Message types of the bag."""
+        return self._store
+
+    def add(self, topic: str, kind: str, *, is_latched: bool = False) -> None:
+        """Add a topic of a message type."""
+        options: dict[str, Any] = {"typestore": self._store}
+        if is_latched and self._ros == 1:
+            options["latching"] = 1
+        elif is_latched:
+            options["offered_qos_profiles"] = [_latched_profile()]
+        self._connections[topic] = self._file.add_connection(topic, kind, **options), kind
+
+    def write(self, topic: str, received: int, message: Any) -> None:
+        """Write a message; `received`: time of arrival in nanoseconds."""
+        connection, kind = self._connections[topic]
+        encode = self._store.serialize_ros1 if self._ros == 1 else self._store.serialize_cdr
+        self._file.write(connection, received, encode(message, kind))
+
+    def header(self, stamp: int, frame_id: str) -> Any:
+        """Return a header; `stamp`: time in nanoseconds."""
+        time = self.new("builtin_interfaces/msg/Time", sec=stamp // 10**9, nanosec=stamp % 10**9)
+        sequence = {"seq": 0} if self._ros == 1 else {}
+        return self.new("std_msgs/msg/Header", **sequence, stamp=time, frame_id=frame_id)
+
+    def pose(self, x: float, y: float, yaw: float) -> Any:
+        """Return a ``geometry_msgs/Pose`` in the plane."""
+        place = self.new("geometry_msgs/msg/Point", x=x, y=y, z=0.0)
+        return self.new("geometry_msgs/msg/Pose", position=place, orientation=self.turn(yaw))
+
+    def turn(self, yaw: float) -> Any:
+        """Return the quaternion of a heading in radians."""
+        return self.new("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=sin(yaw / 2), w=cos(yaw / 2))
+
+    def new(self, kind: str, **values: Any) -> Any:
+        """Return a message of a type with the given values."""
+        return self._store.types[kind](**values)
+
+    def grid(self, snapshot: MapSnapshot) -> Any:
+        """Return the ``nav_msgs/OccupancyGrid`` message of a snapshot."""
+        height, width = snapshot.occupancy.shape
+        header = self.header(snapshot.stamp, snapshot.frame_id)
+        info = self.new(
+            "nav_msgs/msg/MapMetaData", map_load_time=header.stamp, resolution=snapshot.resolution, width=width,
+            height=height, origin=self.pose(*snapshot.origin),
+        )  # fmt: skip
+        return self.new(GRID, header=header, info=info, data=snapshot.occupancy.ravel())
+
+    def path(self, result: StreamedPath) -> Any:
+        """Return the ``nav_msgs/Path`` message of a result; without poses if it has no certified path to a goal."""
+        snapshot = result.snapshot
+        header = self.header(snapshot.stamp or snapshot.received, snapshot.frame_id)
+        poses = []
+        if result.reached and result.path is not None:
+            poses = [
+                self.new("geometry_msgs/msg/PoseStamped", header=header, pose=self.pose(*pose))
+                for pose in path_poses(result.path, heading=result.heading).tolist()
+            ]
+        return self.new(PATH, header=header, poses=poses)
+
+    def transform(self, snapshot: MapSnapshot, child: str) -> Any:
+        """Return the transforms message with the place of the robot in a snapshot; `child`: frame of the robot."""
+        assert snapshot.start is not None
+        x, y, yaw = snapshot.start
+        shift = self.new("geometry_msgs/msg/Vector3", x=x, y=y, z=0.0)
+        motion = self.new("geometry_msgs/msg/Transform", translation=shift, rotation=self.turn(yaw))
+        header = self.header(snapshot.stamp, snapshot.frame_id)
+        item = self.new("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=motion)
+        return self.new(TRANSFORMS[0], transforms=[item])
+
+
+def _latched_profile() -> Any:
+    """Return the quality of service of topics for subscribers that come later: reliable, transient local, depth 1."""
+    from rosbags.interfaces import (
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime,
+    )
+
+    endless = QosTime(9223372036, 854775807)
+    return Qos(
+        QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, endless, endless,
+        QosLiveliness.AUTOMATIC, endless, False,
+    )  # fmt: skip
+
+
+def output_storage(file: str | os.PathLike[str], source: Storage | None = None) -> tuple[Storage, bool]:
+    """Return the kind of a new recording, and whether it is a folder.
+
+    `file`: name of the recording; `source`: kind of the recording from which it is made, None for none.  A name that
+    ends in ``.bag`` has the format of the source, and ROS 1 without a source; ``.mcap`` and ``.db3`` are single files
+    of ROS 2; other names are folders of ROS 2 with the storage of the source, or sqlite3.
+    """
+    suffix = Path(file).suffix
+    if suffix in {".mcap", ".db3"}:
+        return ("mcap" if suffix == ".mcap" else "sqlite3"), False
+    if suffix == ".bag" and source in (None, "bag"):
+        return "bag", False
+    return ("mcap" if source == "mcap" else "sqlite3"), True
+
+
+def check_bag_output(file: str | os.PathLike[str], source: Storage | None = None) -> Path:
+    """Return the target of a new recording; raise InputError if it cannot be written or would replace other data.
+
+    An existing recording of the same kind, a file or a folder with a ``metadata.yaml``, is replaced.  `source`: kind of
+    the recording from which it is made.
+    """
+    if os.fspath(file) == "-":
+        raise InputError("-o -: a recording cannot be written to standard output; name a file or a folder")
+    target, (_, is_folder) = Path(file), output_storage(file, source)
+    if not target.absolute().parent.is_dir():
+        raise InputError(f"cannot write {target}: there is no folder {target.absolute().parent}; make it first")
+    if target.is_dir() and not is_folder:
+        raise InputError(f"cannot write {target}: it is a directory; name a file")
+    if target.exists() and is_folder and not target.is_dir():
+        raise InputError(f"cannot write {target}: it is a file, and a recording of ROS 2 is a folder; name another")
+    if target.is_dir() and any(target.iterdir()) and not (target / "metadata.yaml").exists():
+        raise InputError(f"cannot write {target}: this folder is no recording; name another, or remove it first")
+    return target
+
+
+@contextmanager
+def whole_bag(file: str | os.PathLike[str], source: Storage | None = None) -> Iterator[BagWriter]:
+    """Yield the writer of a recording that replaces `file` if the block succeeds, and is removed otherwise.
+
+    `source`: kind of the recording from which it is made, see `output_storage`.
+    """
+    target = check_bag_output(file, source).resolve()
+    require_rosbags()
+    storage, is_folder = output_storage(file, source)
+    temporary = temporary_place(target.parent, target.name)
+    try:
+        temporary.mkdir()
+        inside = temporary / (target.name if is_folder or storage == "bag" else "recording")
+        with _open(inside, storage) as opened:
+            yield BagWriter(opened, 1 if storage == "bag" else 2)
+        if not is_folder and storage != "bag":  # rosbags writes the file into a folder
+            inside = next(file for file in inside.iterdir() if file.suffix in {".mcap", ".db3"})
+        _exchange(inside, target, temporary / "replaced")
+    except OSError as error:
+        remedy = "check the path, its permissions and the free space"
+        raise InputError(f"cannot write {str(target)!r}: {error.strerror or error}; {remedy}") from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _exchange(new: Path, target: Path, old: Path) -> None:
+    """Move a file or folder to `target`, after an existing folder was moved to `old`, which comes back on failure."""
+    if target.is_dir():
+        target.rename(old)
+    try:
+        new.replace(target)
+    except BaseException:
+        if old.exists():
+            old.rename(target)
+        raise
+
+
+def _open(path: Path, storage: Storage) -> Any:
+    """Return the writer of rosbags for a new file or folder."""
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin, Writer as Writer2
+
+    if storage == "bag":
+        return Writer1(path)
+    plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
+    return Writer2(path, version=9, storage_plugin=plugin)
+
+
+def write_bag(snapshots: Iterable[MapSnapshot], file: str | os.PathLike[str], *, map_topic: str = "/map") -> Path:
+    """Write maps as a recording, with the package rosbags; the recording is complete or not there.
+
+    Parameters
+    ----------
+    snapshots : iterable of MapSnapshot
+        Maps with the places of the robot; places are written as transforms from the frame of the map to ``base_link``.
+    file : path-like
+        ``.bag``: a file of ROS 1; ``.mcap`` or ``.db3``: a file of ROS 2; otherwise a folder of ROS 2.  An existing
+        recording is replaced.
+    map_topic : str
+        Topic of the maps.
+
+    Returns
+    -------
+    pathlib.Path
+        The file or folder.
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be written.
+    ToolMissingError
+        If the package rosbags is not installed.
+
+    Examples
+    --------
+    >>> rg.maps.write_bag([rg.maps.MapSnapshot(np.zeros((2, 3)), 0.5)], "maps.mcap").name
+    'maps.mcap'
+    """
+    with whole_bag(file) as bag:
+        bag.add(map_topic, GRID, is_latched=True)
+        bag.add("/tf", TRANSFORMS[0])
+        for snapshot in snapshots:
+            if snapshot.start is not None:
+                bag.write("/tf", snapshot.received, bag.transform(snapshot, BASE_FRAMES[0]))
+            bag.write(map_topic, snapshot.received, bag.grid(snapshot))
+    return Path(file)

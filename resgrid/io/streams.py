@@ -1,0 +1,243 @@
+"""Replanning of a whole recording: paths to a new recording, and a table of latencies."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from resgrid._internal.values import frozen
+from resgrid.errors import InputError
+from resgrid.io.bags import BagWriter, check_bag_output, whole_bag
+from resgrid.io.tables import Views, suffix_of, write
+from resgrid.planning.stream_planner import StreamedPath, StreamPlanner
+from resgrid.scene.recordings.recording import Recording
+from resgrid.scene.recordings.storage import PATH
+
+_VIEWS = ("table", "record", "arrays")
+
+NOT_PLANNED = "not_planned"
+"""Outcome in tables of a frame without a plan, because the map, the start or the goal is missing."""
+
+
+@frozen
+@dataclass(frozen=True, eq=False)
+class StreamReport:
+    """Results for all frames of a recording.  Returned by `resgrid.maps.stream_bag`.
+
+    Attributes
+    ----------
+    table : dict of list
+        One column per name, with one entry per frame: ``frame`` (index), ``stamp`` and ``received`` (nanoseconds),
+        ``kind`` (map, update, goal), ``changed`` (number of cells whose code changed in the planning space), ``method``
+        (fresh, elimination, unchanged; none if nothing was solved), ``outcome`` (``not_planned`` if map, start or goal
+        are missing), ``certified``, ``length`` and ``clearance`` in metres (NaN without a path), ``x``, ``y`` (start),
+        ``milliseconds`` (processor time from the occupancies to the certified path), ``reason``, ``note``.
+    last : StreamedPath or None
+        Result for the last frame; None for no frame.
+    frames : int
+        Number of frames.
+    reached : int
+        Number of frames with a certified path to a goal.
+    median, percentile_95 : float
+        Median and 95th percentile of the processor time of the solved frames in milliseconds, without the first one
+        unless it is the only one; NaN if no frame was solved.
+
+    Examples
+    --------
+    >>> maps = [rg.maps.MapSnapshot(np.zeros((4, 6)), 0.5, start=(0.2, 0.2, 0.0), stamp=k) for k in range(3)]
+    >>> recording = rg.maps.read_bag(rg.maps.write_bag(maps, "in.mcap"))
+    >>> report = rg.maps.stream_bag(recording, rg.maps.StreamPlanner(goal=(2.75, 1.75)))
+    >>> report
+    <StreamReport of 3 frames: 3 with a path>
+    >>> report.table["method"]
+    ['fresh', 'elimination', 'elimination']
+    """
+
+    table: dict[str, list[Any]]
+    last: StreamedPath | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        return f"<StreamReport of {self.frames} frames: {self.reached} with a path>"
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.table["frame"])
+
+    @property
+    def reached(self) -> int:
+        """Number of frames with a certified path to a goal."""
+        pairs = zip(self.table["outcome"], self.table["certified"], strict=True)
+        return sum(outcome == "reached" and certified for outcome, certified in pairs)
+
+    @cached_property
+    def _times(self) -> list[float]:
+        pairs = zip(self.table["method"], self.table["milliseconds"], strict=True)
+        times = [milliseconds for method, milliseconds in pairs if method != "none"]
+        return times[1:] or times
+
+    @property
+    def median(self) -> float:
+        """Median of the processor time per solved frame in milliseconds."""
+        return float(np.median(self._times)) if self._times else float("nan")
+
+    @property
+    def percentile_95(self) -> float:
+        """95th percentile of the processor time per solved frame in milliseconds."""
+        return float(np.percentile(self._times, 95)) if self._times else float("nan")
+
+    def summary(self) -> dict[str, Any]:
+        """Return counts and times as a dictionary for JSON.
+
+        Returns
+        -------
+        dict
+            ``frames``, ``reached``, ``outcomes`` and ``methods`` (numbers by name), ``median_ms``,
+            ``percentile_95_ms``.
+        """
+        counts = {
+            name: {value: self.table[column].count(value) for value in dict.fromkeys(self.table[column])}
+            for name, column in (("outcomes", "outcome"), ("methods", "method"))
+        }
+        times = {"median_ms": self.median, "percentile_95_ms": self.percentile_95}
+        return {"frames": self.frames, "reached": self.reached, **counts, **times}
+
+    def save(self, file: str | os.PathLike[str]) -> Path:
+        """Write the table to a file, atomically.
+
+        Parameters
+        ----------
+        file : path-like
+            ``.csv``, ``.json`` or ``.npz``.
+
+        Returns
+        -------
+        pathlib.Path
+            The file.
+
+        Raises
+        ------
+        InputError
+            If the suffix is unknown or the file cannot be written.
+        """
+        views: Views = {
+            "table": lambda: self.table,
+            "record": lambda: {**self.summary(), "columns": self.table},
+            "arrays": lambda: {name: np.array(_without_none(column)) for name, column in self.table.items()},
+        }
+        return write(file, views, "a table of latencies")
+
+
+def check_latency_file(file: str) -> None:
+    """Raise InputError unless the suffix of a file is that of a table of latencies."""
+    suffix_of(file, _VIEWS, "a table of latencies")
+
+
+def stream_bag(
+    recording: Recording,
+    planner: StreamPlanner,
+    file: str | os.PathLike[str] | None = None,
+    *,
+    topic: str = "/plan",
+    progress: Callable[[int, int], object] | None = None,
+) -> StreamReport:
+    """Plan every frame of a recording, write the paths to a new recording, and report the latencies.
+
+    For every map, update and goal, one ``nav_msgs/Path`` is written, with the time of arrival and the time stamp of the
+    message, in the frame of the map.  It has no poses if there is no certified path, so that no outdated path remains.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording, from `read_bag`.
+    planner : StreamPlanner
+        Planner with the options of the scene.
+    file : path-like, optional
+        New recording, which is complete or not there; an existing recording is replaced.  A name that ends in ``.bag``
+        has the format of the input; ``.mcap`` and ``.db3`` are files of ROS 2; other names are folders of ROS 2.
+    topic : str
+        Topic of the paths.
+    progress : callable, optional
+        Called as ``progress(done, total)`` after every frame.
+
+    Returns
+    -------
+    StreamReport
+        One row per frame.
+
+    Raises
+    ------
+    InputError
+        If the recording is damaged, the new one cannot be written, or an option does not fit the map.
+
+    Examples
+    --------
+    >>> maps = [rg.maps.MapSnapshot(np.zeros((4, 6)), 0.5, start=(0.2, 0.2, 0.0), stamp=k) for k in range(3)]
+    >>> recording = rg.maps.read_bag(rg.maps.write_bag(maps, "in.bag"))
+    >>> report = rg.maps.stream_bag(recording, rg.maps.StreamPlanner(goal=(2.75, 1.75)), "out.bag")
+    >>> report.reached, report.table["outcome"]
+    (3, ['reached', 'reached', 'reached'])
+    """
+    table: dict[str, list[Any]] = {name: [] for name in _COLUMNS}
+    total, last = len(recording), None
+    if file is not None:
+        _require_other(recording, check_bag_output(file, recording.storage))
+    with nullcontext() if file is None else _paths_bag(file, recording, topic) as bag:
+        for done, result in enumerate(planner.paths(recording)):
+            if bag is not None:
+                bag.write(topic, result.snapshot.received, bag.path(result))
+            for name, value in zip(_COLUMNS, _row(done, result), strict=True):
+                table[name].append(value)
+            last = result
+            if progress is not None:
+                progress(done + 1, total)
+    return StreamReport(table, last)
+
+
+def _require_other(recording: Recording, target: Path) -> None:
+    """Raise InputError if a new recording would replace the one from which it is made."""
+    if target.exists() and (target.samefile(recording.file) or target.samefile(recording.file.absolute().parent)):
+        raise InputError(f"cannot write {target}: this is the input; name another recording")
+
+
+@contextmanager
+def _paths_bag(file: str | os.PathLike[str], recording: Recording, topic: str) -> Iterator[BagWriter]:
+    """Yield the writer of a recording of paths, see `whole_bag`."""
+    with whole_bag(file, recording.storage) as bag:
+        bag.add(topic, PATH)
+        yield bag
+
+
+_COLUMNS = (
+    "frame", "stamp", "received", "kind", "changed", "method", "outcome", "certified", "length", "clearance", "x", "y",
+    "milliseconds", "reason", "note",
+)  # fmt: skip
+"""Names of the columns of the table of latencies."""
+
+
+def _row(number: int, result: StreamedPath) -> tuple[Any, ...]:
+    """Return the entries of the table for one frame; `number`: its index."""
+    snapshot, nan, report = result.snapshot, float("nan"), result.replanning
+    method = "none" if not result.solved else "fresh" if report is None else report.method
+    changed = 0
+    if result.solved and result.planner is not None:
+        changed = result.planner.space.cell.size if report is None else report.changed
+    x, y = (result.start or snapshot.start or (nan, nan))[:2]
+    return (
+        number, snapshot.stamp, snapshot.received, snapshot.kind, changed, method,
+        NOT_PLANNED if result.outcome is None else str(result.outcome), result.certified,
+        nan if result.length is None else result.length, nan if result.clearance is None else result.clearance, x, y,
+        round(1e3 * result.seconds, 3), result.reason, snapshot.note,
+    )  # fmt: skip
+
+
+def _without_none(column: list[Any]) -> list[Any]:
+    """Return a column with empty texts in place of None."""
+    return ["" if value is None else value for value in column]

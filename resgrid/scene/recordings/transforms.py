@@ -1,0 +1,241 @@
+"""Transforms between coordinate frames over time, with the rules of tf2.
+
+Rules: between two samples, translations are interpolated linearly and rotations on the shortest arc (slerp); there is
+no extrapolation; static transforms hold at any time; of several samples with one time stamp, the first one counts; if
+the parent changes between two samples, the older sample holds until the newer one.
+"""
+
+from __future__ import annotations
+
+from array import array
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from math import acos, hypot, isfinite, sin
+
+from resgrid.scene.recordings.snapshot import Pose, frame_name, yaw_of
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+_LONG_GAP = 10 * 10**9
+"""Interval between two samples, in nanoseconds, beyond which an interpolated pose is reported; tf2 keeps 10 s."""
+
+_MAX_DEPTH = 1000
+"""Largest number of frames between a frame and the root, to end at a cycle of frames; tf2 has the same number."""
+
+
+class UncoveredError(Exception):
+    """Transforms that do not connect two frames at a time; the message gives the reason."""
+
+
+@dataclass(frozen=True)
+class Transform:
+    """Rigid motion: the pose of a child frame in its parent frame.
+
+    `shift`: translation in metres; `turn`: rotation as a unit quaternion (x, y, z, w).
+    """
+
+    shift: Vector = (0.0, 0.0, 0.0)
+    turn: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+    def after(self, inner: Transform) -> Transform:
+        """Return the composition: first `inner`, then this transform."""
+        x, y, z = _rotated(self.turn, inner.shift)
+        a, b, c = self.shift
+        return Transform((a + x, b + y, c + z), _product(self.turn, inner.turn))
+
+    def inverse(self) -> Transform:
+        """Return the inverse transform."""
+        x, y, z, w = self.turn
+        back = (-x, -y, -z, w)
+        a, b, c = _rotated(back, self.shift)
+        return Transform((-a, -b, -c), back)
+
+    def towards(self, other: Transform, fraction: float) -> Transform:
+        """Return the transform at a `fraction` of the way to another one, by linear interpolation and slerp."""
+        shift = tuple(a + fraction * (b - a) for a, b in zip(self.shift, other.shift, strict=True))
+        return Transform(shift, _slerp(self.turn, other.turn, fraction))  # type: ignore[arg-type]
+
+    @property
+    def pose(self) -> Pose:
+        """Place and heading in the plane."""
+        return self.shift[0], self.shift[1], yaw_of(self.turn)[0]
+
+
+def _product(one: Quaternion, two: Quaternion) -> Quaternion:
+    x, y, z, w = one
+    a, b, c, d = two
+    return (
+        w * a + x * d + y * c - z * b, w * b - x * c + y * d + z * a,
+        w * c + x * b - y * a + z * d, w * d - x * a - y * b - z * c,
+    )  # fmt: skip
+
+
+def _rotated(turn: Quaternion, vector: Vector) -> Vector:
+    x, y, z, w = turn
+    return _product(_product(turn, (*vector, 0.0)), (-x, -y, -z, w))[:3]
+
+
+def _slerp(one: Quaternion, two: Quaternion, fraction: float) -> Quaternion:
+    """Return the rotation at a `fraction` of the shortest arc between two rotations."""
+    cosine = sum(a * b for a, b in zip(one, two, strict=True))
+    if cosine < 0:
+        two, cosine = tuple(-part for part in two), -cosine  # type: ignore[assignment]
+    angle = acos(min(cosine, 1.0))
+    lead, rest = 1 - fraction, fraction
+    if angle > 1e-8:  # below, slerp is linear interpolation to rounding error
+        lead, rest = sin(lead * angle) / sin(angle), sin(rest * angle) / sin(angle)
+    mixed = [lead * a + rest * b for a, b in zip(one, two, strict=True)]
+    norm = hypot(*mixed)
+    return tuple(part / norm for part in mixed)  # type: ignore[return-value]
+
+
+@dataclass(eq=False)
+class Track:
+    """Samples of the pose of one frame in its parent; `is_static`: whether they come from static transforms."""
+
+    is_static: bool
+    stamps: array[int] = field(default_factory=lambda: array("q"))
+    values: array[float] = field(default_factory=lambda: array("d"))
+    parents: list[str] = field(default_factory=list)
+    _order: list[int] | None = None
+
+    def add(self, stamp: int, parent: str, transform: Transform) -> None:
+        """Append a sample; `stamp`: its time, of a static transform the time of its arrival, in nanoseconds."""
+        self.stamps.append(stamp)
+        self.values.extend((*transform.shift, *transform.turn))
+        self.parents.append(parent)
+        self._order = None
+
+    @property
+    def order(self) -> list[int]:
+        """Indices of the samples in the order of their time stamps, without repeated time stamps."""
+        if self._order is None:
+            first: dict[int, int] = {}
+            for index, stamp in enumerate(self.stamps):
+                first.setdefault(stamp, index)
+            self._order = [first[stamp] for stamp in sorted(first)]
+            self._sorted = [self.stamps[index] for index in self._order]
+        return self._order
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """First and last time at which the pose is known, in nanoseconds."""
+        order = self.order
+        return self.stamps[order[0]], self.stamps[order[-1]]
+
+    def at(self, stamp: int, *, nearest: bool = False) -> tuple[str, Transform, int]:
+        """Return parent, pose at a time, and the interval between the samples around this time in nanoseconds.
+
+        `nearest`: whether a time outside the samples stands for the first or the last one.  Raise UncoveredError for
+        such a time otherwise.
+        """
+        order = self.order
+        position = bisect_right(self._sorted, stamp) - 1
+        if self.is_static or nearest:
+            position = max(position, 0)
+        elif position < 0 or stamp > self._sorted[-1]:
+            raise UncoveredError("the time lies outside the transforms")
+        older = order[position]
+        if self.is_static or position + 1 == len(order) or self._sorted[position] >= stamp:
+            return self.parents[older], self._transform(older), 0
+        newer, begin, end = order[position + 1], self._sorted[position], self._sorted[position + 1]
+        if self.parents[newer] != self.parents[older]:
+            return self.parents[older], self._transform(older), end - begin
+        fraction = (stamp - begin) / (end - begin)
+        pose = self._transform(older).towards(self._transform(newer), fraction)
+        return self.parents[older], pose, end - begin
+
+    def _transform(self, index: int) -> Transform:
+        values = self.values[7 * index : 7 * index + 7]
+        return Transform(tuple(values[:3]), tuple(values[3:]))  # type: ignore[arg-type]
+
+
+class TransformBuffer:
+    """All transforms of a recording, by child frame."""
+
+    def __init__(self) -> None:
+        self.tracks: dict[str, Track] = {}
+
+    def add(
+        self, parent: str, child: str, stamp: int, shift: Vector, turn: Quaternion, *, is_static: bool = False
+    ) -> None:
+        """Add a sample; transforms that are not finite, or whose child is its own parent, are left out, as in tf2.
+
+        `stamp`: time in nanoseconds; `shift`: translation in metres; `turn`: quaternion (x, y, z, w), (0, 0, 0, 0) for
+        no rotation; `is_static`: whether the transform comes from a static topic.
+        """
+        parent, child, norm = frame_name(parent), frame_name(child), hypot(*turn)
+        if not (isfinite(norm) and all(map(isfinite, shift))) or parent == child or not parent or not child:
+            return
+        unit = (0.0, 0.0, 0.0, 1.0) if norm == 0 else tuple(part / norm for part in turn)
+        track = self.tracks.setdefault(child, Track(is_static))
+        track.add(stamp, parent, Transform(shift, unit))  # type: ignore[arg-type]
+
+    @property
+    def frames(self) -> list[str]:
+        """Names of all frames, sorted."""
+        return sorted({*self.tracks, *(parent for track in self.tracks.values() for parent in track.parents)})
+
+    def pose(self, frame: str, base: str, stamp: int) -> tuple[Pose, str | None]:
+        """Return the pose of the frame `base` in the frame `frame` at a time, and a note on deviations.
+
+        If the transforms do not cover the time, the nearest time that they cover is used, and the note gives the
+        difference.  Raise UncoveredError if the frames are not connected at any time.
+        """
+        try:
+            transform, gap, _ = self._lookup(frame, base, stamp, nearest=False)
+            apart = 0
+        except UncoveredError:
+            _, _, spans = self._lookup(frame, base, stamp, nearest=True)
+            first, last = max(span[0] for span in spans), min(span[1] for span in spans)
+            if first > last:
+                raise UncoveredError(f"the transforms between {frame!r} and {base!r} never exist together") from None
+            nearest = min(max(stamp, first), last)
+            transform, gap, _ = self._lookup(frame, base, nearest, nearest=False)
+            apart = nearest - stamp
+        notes = []
+        if apart:
+            word = "later" if apart > 0 else "earlier"
+            notes.append(f"the pose of the robot is {abs(apart) / 1e9:.3g} s {word} than the message")
+        if gap > _LONG_GAP:
+            notes.append(f"the pose of the robot is interpolated over {gap / 1e9:.3g} s")
+        return transform.pose, "; ".join(notes) or None
+
+    def _lookup(
+        self, frame: str, base: str, stamp: int, *, nearest: bool
+    ) -> tuple[Transform, int, list[tuple[int, int]]]:
+        """Return the pose of `base` in `frame`, the longest gap between samples, and the spans of all samples used.
+
+        `stamp`: time in nanoseconds; `nearest`: as in `Track.at`.  Raise UncoveredError without a connection.
+        """
+        up = self._ancestors(base, stamp, nearest, until={frame})
+        down = self._ancestors(frame, stamp, nearest, until=set(up))
+        common = next((name for name in down if name in up), None)
+        if common is None:
+            raise UncoveredError(f"no transforms connect {frame!r} and {base!r}")
+        inner, outer = up[common], down[common]
+        spans = [*inner[2], *outer[2]] or [(stamp, stamp)]
+        return outer[0].inverse().after(inner[0]), max(inner[1], outer[1]), spans
+
+    def _ancestors(
+        self, frame: str, stamp: int, nearest: bool, until: set[str]
+    ) -> dict[str, tuple[Transform, int, list[tuple[int, int]]]]:
+        """Return frame and ancestors by name, with the pose of the frame in each, the longest gap and the spans.
+
+        The walk ends at a frame of `until`, at the root, or where a transform does not cover the time.
+        """
+        pose, gap, spans = Transform(), 0, list[tuple[int, int]]()
+        found = {frame: (pose, gap, spans)}
+        while frame not in until and frame in self.tracks and len(found) < _MAX_DEPTH:
+            track = self.tracks[frame]
+            try:
+                parent, step, between = track.at(stamp, nearest=nearest)
+            except UncoveredError:
+                break
+            if parent in found:  # a cycle of frames
+                break
+            frame, pose, gap = parent, step.after(pose), max(gap, between)
+            spans = spans if track.is_static else [*spans, track.span]
+            found[frame] = (pose, gap, spans)
+        return found
