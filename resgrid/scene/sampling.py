@@ -99,7 +99,7 @@ def adding(scene: Scene, key: str, option: str) -> str:
 
     `key`: key of the scene file, such as "a [[goal]]"; `option`: option of the command line, such as "--goal".
     """
-    by_option = f"give {option} X,Y"
+    by_option = f"give {option} {'X,Y,Z' if scene.ndim == 3 else 'X,Y'}"
     is_map = scene.map is not None and scene.source is not None and Path(scene.source).suffix.lower() != ".toml"
     return by_option if is_map else f"add {key} to the scene, or {by_option}"
 
