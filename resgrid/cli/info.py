@@ -110,10 +110,12 @@ def _cost(job: Job) -> dict[str, Any]:
     ``no_circuit`` holds the reason.
     """
     from resgrid.circuit.equations import assemble
+    from resgrid.scene.sampling import with_coordinates
     from resgrid.solvers.method_choice import choose_method
 
     if not job.space.goal_count:
-        return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": "no goal; give --goal X,Y"}
+        reason = f"no goal; give {with_coordinates('--goal', job.space.ndim)}"
+        return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": reason}
     try:
         netlist = job.compile(job.problem.only_wiring()[1], ideal=True, scaled=False)
         system = assemble(netlist)
