@@ -100,6 +100,11 @@ def height_map() -> Colormap:
     return LinearSegmentedColormap.from_list("height", HEIGHT, N=256)
 
 
+def surface_map() -> Colormap:
+    """Return the colour map of the height of an obstacle's surface in space: dark grey-blue below, pale above."""
+    return LinearSegmentedColormap.from_list("surface", ("#7890a8", "#a9b4c0", "#d8d3c8", "#f3ecdc"), N=256)
+
+
 def strength_map() -> Colormap:
     """Return the colour map of a magnitude on white ground, from pale blue (small) to dark purple (large)."""
     return LinearSegmentedColormap.from_list("strength", mpl.colormaps["BuPu"](np.linspace(0.3, 1.0, 64)), N=256)
