@@ -20,7 +20,8 @@ from resgrid.plot.plane import Cut, plane_of, unknown_cells
 from resgrid.plot.slices import slice_title
 from resgrid.plot.space_view import subdivided
 from resgrid.plot.style import TEXT
-from resgrid.plot.voxels import draw_voxels, is_voxel_world, points_of
+from resgrid.plot.voxels import draw_voxels, points_of
+from resgrid.robots.voxel_surfaces import is_voxel_world
 
 _SLICES = 3
 """Largest number of horizontal slices below the picture of the surface."""

@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import ArrayLike
 
-from resgrid._internal.colours import GOAL, HEIGHT
+from resgrid._internal.colours import GOAL, HEIGHT, SURFACE
 from resgrid.core.axis import Axis
 
 OBSTACLE = "#3d3d3d"
@@ -102,7 +102,7 @@ def height_map() -> Colormap:
 
 def surface_map() -> Colormap:
     """Return the colour map of the height of an obstacle's surface in space: dark grey-blue below, pale above."""
-    return LinearSegmentedColormap.from_list("surface", ("#7890a8", "#a9b4c0", "#d8d3c8", "#f3ecdc"), N=256)
+    return LinearSegmentedColormap.from_list("surface", SURFACE, N=256)
 
 
 def strength_map() -> Colormap:

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from resgrid._internal.colours import GOAL
+from resgrid._internal.colours import GOAL, SURFACE
 from resgrid.core.axis import Axis
 from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
@@ -21,29 +21,25 @@ from resgrid.plot.plane import cells_with_path
 from resgrid.plot.raster import Camera, Layer, render
 from resgrid.plot.space_view import SpaceView, subdivided, window_around
 from resgrid.plot.style import OBSTACLE, PATHS, SMALL, add_swatch, mark, refresh_legend, surface_map
-from resgrid.robots.voxel_surfaces import DIRECTIONS, coarse_cells, faces_between
+from resgrid.robots.voxel_surfaces import (
+    DIRECTIONS,
+    block_of,
+    coarse_axis,
+    coarse_cells,
+    faces_between,
+    is_voxel_world,
+    wider,
+    with_open_sides,
+)
 
 _SIDE = 1500
 """Number of pixels along the longer side of a picture before it is reduced to half this size."""
 
-_MOST_CELLS = 200
-"""Largest number of drawn cells along an axis; larger grids are drawn in blocks of cells."""
-
 _HIDDEN = 0.4
 """Fraction of the paths behind obstacles from which the obstacles above the paths are left out."""
 
-_CLOSED = 0.5
-"""Fraction of obstacle cells from which a side of the grid is a wall, whose outside is not drawn."""
-
 _PIECES = 24
 """Number of pieces into which each segment of a path is divided to decide which of them are hidden."""
-
-
-def is_voxel_world(space: ConfigurationSpace) -> bool:
-    """Return whether a space has the axes of space, without rings, for a point or a ball."""
-    units = {axis.unit for axis in space.axes}
-    moves = space.robot is None or space.robot.moves_in_workspace
-    return space.ndim == 3 and moves and len(units) == 1 and not any(space.periodic)
 
 
 class VoxelView(SpaceView):
@@ -80,12 +76,12 @@ class VoxelView(SpaceView):
             replace(axis, lower=axis.edges[own.start], upper=axis.edges[own.stop], cells=own.stop - own.start)
             for axis, own in zip(space.axes, part, strict=True)
         ]
-        block = -(-max(axis.cells for axis in axes) // _MOST_CELLS)
+        block = block_of(axes)
         solid = blocked[part] if unknown is None else (blocked & ~unknown)[part]
         self.goal = coarse_cells((space.cell == Cell.GOAL)[part], block)
         self.solid, self.air = coarse_cells(solid, block), coarse_cells(air[part], block)
         self.air &= ~self.solid
-        self.axes = [_coarse_axis(axis, block) for axis in axes]
+        self.axes = [coarse_axis(axis, block) for axis in axes]
         self.top = top
         heights = self.axes[2].edges
         if top is not None:
@@ -105,7 +101,7 @@ class VoxelView(SpaceView):
     def layers(self) -> list[Layer]:
         """Return the images of obstacles, of cut obstacles and of goal cells."""
         facing = [(axis, sign) for axis, sign in DIRECTIONS if sign * self.camera.rotation[2, axis] < -1e-9]
-        faces = faces_between(*self._with_open_sides(), _wider(self.axes), facing)
+        faces = faces_between(*with_open_sides(self.solid, self.air), wider(self.axes), facing)
         height = faces.corners[:, :, 2].mean(axis=1)
         (_, _, low), (_, _, high) = self.box
         colours = surface_map()((height - low) / max(high - low, 1e-300))[:, :3]
@@ -116,22 +112,9 @@ class VoxelView(SpaceView):
             above = faces_between(lid, ~lid, top, [(2, 1)])
             layers.append(self._render(above.triangles, np.zeros(2 * len(above.plane), dtype=np.int64), OBSTACLE))
         padded = np.pad(self.goal, 1)
-        goals = faces_between(padded, ~padded, _wider(self.axes), facing)
+        goals = faces_between(padded, ~padded, wider(self.axes), facing)
         layers.append(self._render(goals.triangles, np.tile(goals.plane, 2), GOAL, 0.7))
         return layers
-
-    def _with_open_sides(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return the masks of solid cells and of air with one more layer of cells on every side.
-
-        The layer is air on sides that few obstacles reach, so that these obstacles have a face there.
-        """
-        solid, air = np.pad(self.solid, 1), np.pad(self.air, 1)
-        for axis in range(3):
-            for own, beyond in ((1, 0), (-2, -1)):
-                side = np.take(solid, own, axis=axis)
-                if side[1:-1, 1:-1].mean() < _CLOSED:
-                    np.moveaxis(air, axis, 0)[beyond] = True
-        return solid, air
 
     def _render(
         self, triangles: NDArray[np.float64], owner: NDArray[np.int64], colour: str | NDArray[np.float64],
@@ -241,7 +224,7 @@ def draw_voxels(
     axes.set(xlim=(window.left, window.right), ylim=(window.bottom, window.top), aspect="equal")
     view.label_edges(axes)
     view.show(layers, axes)
-    add_swatch(axes, "surface of obstacles", "#a9b4c0")
+    add_swatch(axes, "surface of obstacles", SURFACE[1])
     if view.cut is not None:
         add_swatch(axes, f"obstacles cut at {space.axes[2].name} = {view.box[1, 2]:.4g} {space.axes[2].unit}", OBSTACLE)
     if view.goal.any():
@@ -275,16 +258,3 @@ def _part_around(mask: NDArray[np.bool_], cells: NDArray[np.int64]) -> tuple[sli
         own = np.concatenate([used, cells[:, axis]])
         ends.append(slice(max(int(own.min()) - 1, 0), min(int(own.max()) + 2, size)) if len(own) else slice(0, size))
     return tuple(ends)
-
-
-def _wider(axes: Sequence[Axis]) -> list[Axis]:
-    """Return axes with one more cell at both ends."""
-    return [
-        replace(axis, lower=axis.lower - axis.spacing, upper=axis.upper + axis.spacing, cells=axis.cells + 2)
-        for axis in axes
-    ]
-
-
-def _coarse_axis(axis: Axis, block: int) -> Axis:
-    cells = -(-axis.cells // block)
-    return replace(axis, upper=axis.lower + cells * block * axis.spacing, cells=cells)

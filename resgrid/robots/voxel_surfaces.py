@@ -3,15 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.core.axis import Axis
+from resgrid.core.space import ConfigurationSpace
 
 DIRECTIONS = tuple((axis, sign) for axis in range(3) for sign in (-1, 1))
 """Directions of faces: number of the axis, and -1 or 1 for the lower or the upper face of a solid cell."""
+
+
+_CLOSED = 0.5
+"""Fraction of obstacle cells from which a side of the grid is a wall, whose outside is not drawn."""
+
+_MOST_CELLS = 200
+"""Largest number of drawn cells along an axis; larger grids are drawn in blocks of cells."""
+
+
+def is_voxel_world(space: ConfigurationSpace) -> bool:
+    """Return whether a space has the axes of space, without rings, for a point or a ball."""
+    units = {axis.unit for axis in space.axes}
+    moves = space.robot is None or space.robot.moves_in_workspace
+    return space.ndim == 3 and moves and len(units) == 1 and not any(space.periodic)
 
 
 class Faces(NamedTuple):
@@ -100,3 +116,36 @@ def coarse_cells(mask: NDArray[np.bool_], block: int, *, every: bool = False) ->
     for axis in range(mask.ndim):
         mask = combine.reduceat(mask, np.arange(0, mask.shape[axis], block), axis=axis)
     return mask
+
+
+def coarse_axis(axis: Axis, block: int) -> Axis:
+    """Return the axis of blocks of `block` cells."""
+    cells = -(-axis.cells // block)
+    return replace(axis, upper=axis.lower + cells * block * axis.spacing, cells=cells)
+
+
+def block_of(axes: Sequence[Axis]) -> int:
+    """Return the number of cells along each axis that are drawn as one."""
+    return -(-max(axis.cells for axis in axes) // _MOST_CELLS)
+
+
+def with_open_sides(solid: NDArray[np.bool_], air: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the masks of solid cells and of air with one more layer of cells on every side (`wider`).
+
+    The layer is air on sides that few obstacles reach, so that these obstacles have a face there.
+    """
+    solid, air = np.pad(solid, 1), np.pad(air, 1)
+    for axis in range(3):
+        for own, beyond in ((1, 0), (-2, -1)):
+            side = np.take(solid, own, axis=axis)
+            if side[1:-1, 1:-1].mean() < _CLOSED:
+                np.moveaxis(air, axis, 0)[beyond] = True
+    return solid, air
+
+
+def wider(axes: Sequence[Axis]) -> list[Axis]:
+    """Return axes with one more cell at both ends."""
+    return [
+        replace(axis, lower=axis.lower - axis.spacing, upper=axis.upper + axis.spacing, cells=axis.cells + 2)
+        for axis in axes
+    ]

@@ -15,8 +15,8 @@ from support.cli import call
 import resgrid as rg
 from resgrid.plot.figures import figure_of
 from resgrid.plot.raster import Camera
-from resgrid.plot.voxels import VoxelView, is_voxel_world
-from resgrid.robots.voxel_surfaces import coarse_cells, faces_between
+from resgrid.plot.voxels import VoxelView
+from resgrid.robots.voxel_surfaces import coarse_cells, faces_between, is_voxel_world
 
 AXES = tuple(rg.Axis(name, -1.0, 4.0, 5) for name in "xyz")
 
@@ -105,7 +105,7 @@ def test_a_blocked_start_is_a_cross(planner: rg.planning.Planner) -> None:
 
 
 def test_a_large_grid_is_drawn_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("resgrid.plot.voxels._MOST_CELLS", 5)
+    monkeypatch.setattr("resgrid.robots.voxel_surfaces._MOST_CELLS", 5)
     view = VoxelView(room(), Camera(), None, None, np.empty((0, 3)))
     assert view.solid.shape == (4, 4, 3) and view.box[1].tolist() == [6.0, 6.0, 4.5]
 
